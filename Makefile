@@ -1,0 +1,40 @@
+# Daily work. `make` alone lists the targets.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+EXTRAS := ros,fast,matlab73,tdms,parquet,cluster,test,colcon
+
+help:  ## list the targets
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 24
+
+$(VENV)/installed: setup.py
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' \
+	  || { echo '$(PYTHON): Python 3.10 or newer is needed (try: make PYTHON=python3.12)'; exit 2; }
+	@$(PYTHON) -m venv $(VENV) \
+	  || { echo '$(PYTHON) -m venv failed: install the venv module (apt install python3-venv)'; exit 2; }
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade 'setuptools<80' wheel
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[$(EXTRAS)]'
+	@touch $@
+
+install: $(VENV)/installed  ## make .venv with the package, real rclpy, compiled kernels, test tools
+
+demo: $(VENV)/installed  ## sweep the simulated rig through hunting and back; refit it; 3 minutes
+	$(BIN)/hunt demo
+
+test: $(VENV)/installed check  ## all checks and tests
+	$(BIN)/python -m pytest
+
+check: $(VENV)/installed  ## ruff, mypy, import directions
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache
+	$(BIN)/codespell hunt_ros test docs config launch README.md CHANGELOG.rst CONTRIBUTING.md
+
+format: $(VENV)/installed  ## let ruff mend what it can
+	$(BIN)/ruff check --fix . ; $(BIN)/ruff format .
+
+clean:  ## remove what these targets made
+	rm -rf $(VENV) build install log *.egg-info
+
+.PHONY: help install demo test check format clean

@@ -1,0 +1,1 @@
+"""Recordings: columns in, messages out, repair, import and export."""

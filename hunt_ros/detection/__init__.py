@@ -1,0 +1,1 @@
+"""From estimates to region, state and alarm."""

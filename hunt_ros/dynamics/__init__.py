@@ -1,0 +1,1 @@
+"""The paper's theory: wheelset, linear stability, centre manifold, normal form, simulation."""

@@ -1,0 +1,174 @@
+"""
+An identified normal form: the form, its covariance, and the parameter file they live in.
+
+The parameter file is a ROS 2 parameter file: what `hunt identify --out` writes,
+what `ros2 run ... --params-file` reads, and the text on `hunting/normal_form`
+are the same.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from hunt_ros.dynamics.normal_form import COEFFICIENTS, NormalForm
+from hunt_ros.errors import ConfigError
+
+#: Order of the identified parameters in `IdentifiedNormalForm.covariance`.
+PARAMETERS: tuple[str, ...] = ('v_c', *COEFFICIENTS)
+
+_SCALES = ('length_scale', 'time_scale', 'frequency_hz')
+
+
+@dataclass(frozen=True, eq=False)
+class IdentifiedNormalForm:
+    """
+    A normal form with the uncertainty it was identified with.
+
+    Parameters
+    ----------
+    form : NormalForm
+        In the amplitude coordinate.
+    covariance : ndarray, shape (6, 6)
+        Of (v_c, D1, D4, D7, D10, D15), in their units; zeros for a form taken as exact.
+    provenance : mapping of str to str
+        Where it comes from: recordings, method, date as given by the caller.
+    """
+
+    form: NormalForm
+    covariance: NDArray[np.float64] = field(default_factory=lambda: np.zeros((6, 6)))
+    provenance: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        covariance = np.asarray(self.covariance, dtype=np.float64)
+        if covariance.shape != (6, 6) or not np.isfinite(covariance).all():
+            raise ConfigError('normal form: covariance must be 6 x 6 finite numbers')
+        object.__setattr__(self, 'covariance', 0.5 * (covariance + covariance.T))
+
+    @property
+    def vector(self) -> NDArray[np.float64]:
+        """(v_c, D1, D4, D7, D10, D15), shape (6,)."""
+        form = self.form
+        return np.array([form.critical_speed, *(getattr(form, name) for name in COEFFICIENTS)])
+
+    def draws(self, count: int, seed: int = 0) -> list[NormalForm]:
+        """
+        Draw normal forms from the covariance; draws with v_c <= 0 are left out.
+
+        Parameters
+        ----------
+        count : int
+            Number of draws.
+        seed : int
+            Of the generator: the same seed gives the same draws.
+        """
+        values, vectors = np.linalg.eigh(self.covariance)
+        root = vectors * np.sqrt(np.clip(values, 0.0, None))
+        normal = np.random.default_rng(seed).standard_normal((count, len(PARAMETERS)))
+        forms = []
+        for row in self.vector + normal @ root.T:
+            if row[0] > 0.0:
+                forms.append(
+                    NormalForm(
+                        *map(float, row),
+                        length_scale=self.form.length_scale,
+                        time_scale=self.form.time_scale,
+                        frequency_hz=self.form.frequency_hz,
+                    )
+                )
+        return forms
+
+    def to_yaml(self) -> str:
+        """
+        Return the parameter file: a ROS 2 parameter file with a `normal_form` group.
+
+        The covariance stands as the 21 numbers of its lower triangle, row by row.
+        """
+        group: dict[str, Any] = {'v_c': float(self.form.critical_speed)}
+        group |= {name: float(getattr(self.form, name)) for name in COEFFICIENTS + _SCALES}
+        group['covariance'] = [float(x) for x in self.covariance[np.tril_indices(6)]]
+        group['provenance'] = [f'{key}: {value}' for key, value in self.provenance.items()] or ['']
+        document = {'/**': {'ros__parameters': {'normal_form': group}}}
+        return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=99)
+
+    @classmethod
+    def from_yaml(cls, text: str, source: str = 'normal form') -> IdentifiedNormalForm:
+        """
+        Read a parameter file.
+
+        Parameters
+        ----------
+        text : str
+            YAML, as written by `to_yaml`; `normal_form` may stand under any node name.
+        source : str
+            Named in messages.
+
+        Raises
+        ------
+        ConfigError
+            If the text is not YAML, or a value is missing or impossible.
+        """
+        try:
+            document = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise ConfigError(f'{source}: not YAML ({str(error).splitlines()[0]})') from error
+        return cls.from_parameters(_find_group(document, source), source)
+
+    @classmethod
+    def from_parameters(
+        cls, group: Mapping[str, Any], source: str = 'normal form'
+    ) -> IdentifiedNormalForm:
+        """
+        Build from the values of the `normal_form` parameter group.
+
+        Raises
+        ------
+        ConfigError
+            Naming the key that is missing or impossible.
+        """
+        numbers: dict[str, float] = {}
+        for name in PARAMETERS + _SCALES:
+            if name not in group:
+                if name in _SCALES:
+                    continue
+                raise ConfigError(f'{source}: {name} is missing, expected {", ".join(PARAMETERS)}')
+            value = group[name]
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise ConfigError(f'{source}: {name} must be a number, got {value!r}')
+            numbers[name] = float(value)
+        form = NormalForm(critical_speed=numbers.pop('v_c'), **numbers)
+        covariance = np.zeros((6, 6))
+        triangle = np.asarray(group.get('covariance') or np.zeros(21), dtype=np.float64)
+        if triangle.shape != (21,):
+            raise ConfigError(f'{source}: covariance must be 21 numbers, got {triangle.size}')
+        covariance[np.tril_indices(6)] = triangle
+        covariance = covariance + np.tril(covariance, -1).T
+        if np.any(np.diag(covariance) < 0.0):
+            raise ConfigError(f'{source}: covariance has a negative variance')
+        lines = (str(line).partition(': ') for line in group.get('provenance') or () if line)
+        return cls(form, covariance, {key: value for key, _, value in lines})
+
+    def std(self, name: str) -> float:
+        """Return the standard deviation of one of `PARAMETERS`."""
+        index = PARAMETERS.index(name)
+        return math.sqrt(max(0.0, float(self.covariance[index, index])))
+
+
+def _find_group(document: object, source: str) -> Mapping[str, Any]:
+    """Find the `normal_form` group: bare, or under any node name of a ROS parameter file."""
+    if isinstance(document, Mapping):
+        if 'normal_form' in document and isinstance(document['normal_form'], Mapping):
+            return document['normal_form']
+        for value in document.values():
+            if isinstance(value, Mapping):
+                try:
+                    return _find_group(value, source)
+                except ConfigError:
+                    continue
+    raise ConfigError(f'{source}: no normal_form group in it')

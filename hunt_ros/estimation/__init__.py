@@ -1,0 +1,1 @@
+"""Streaming estimators: Kalman filter, Hilbert envelope, growth rate."""

@@ -1,0 +1,178 @@
+"""
+The dataclasses every room shares: what was measured, and a number with its uncertainty.
+
+All are frozen. Values are SI (m, rad, m/s, s, Hz); stamps are integer
+nanoseconds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.errors import HuntError
+
+#: Measured channels: y (m), psi (rad), continuous roller angle (rad), running speed v (m/s).
+CHANNELS: tuple[str, ...] = ('lateral', 'yaw', 'roller', 'speed')
+
+NANOSECONDS = 1_000_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """
+    The samples of one channel, in the order in which they were recorded.
+
+    Parameters
+    ----------
+    stamps_ns : array_like of int64, shape (n,)
+        Header stamps. Neither their spacing nor their order is taken for granted.
+    values : array_like of float64, shape (n,)
+        Values in SI units. NaN is kept: whoever uses it says what becomes of it.
+
+    Raises
+    ------
+    HuntError
+        If the two are not one-dimensional and of one length.
+    """
+
+    stamps_ns: NDArray[np.int64]
+    values: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        stamps = np.asarray(self.stamps_ns, dtype=np.int64)
+        values = np.asarray(self.values, dtype=np.float64)
+        if stamps.ndim != 1 or stamps.shape != values.shape:
+            raise HuntError(
+                f'a series needs one stamp a value, got {stamps.shape} stamps'
+                f' and {values.shape} values'
+            )
+        object.__setattr__(self, 'stamps_ns', stamps)
+        object.__setattr__(self, 'values', values)
+
+    def __len__(self) -> int:
+        return int(self.values.size)
+
+    def seconds(self, origin_ns: int | None = None) -> NDArray[np.float64]:
+        """
+        Stamps as seconds since `origin_ns` (default: the first stamp).
+
+        Returns
+        -------
+        ndarray of float64, shape (n,)
+        """
+        if not len(self):
+            return np.zeros(0)
+        origin = int(self.stamps_ns[0]) if origin_ns is None else origin_ns
+        seconds: NDArray[np.float64] = (self.stamps_ns - origin) / NANOSECONDS
+        return seconds
+
+    def between(self, start_ns: int, end_ns: int) -> Series:
+        """Return the samples with start_ns <= stamp < end_ns, in their order."""
+        inside = (self.stamps_ns >= start_ns) & (self.stamps_ns < end_ns)
+        return Series(self.stamps_ns[inside], self.values[inside])
+
+    @property
+    def rate_hz(self) -> float:
+        """Sample rate from the median spacing, Hz; NaN for fewer than two samples."""
+        if len(self) < 2:
+            return math.nan
+        step = float(np.median(np.diff(self.stamps_ns)))
+        return NANOSECONDS / step if step > 0 else math.nan
+
+
+@dataclass(frozen=True, eq=False)
+class Record(Mapping[str, Series]):
+    """
+    One recording of the rig: a series for each channel that was recorded.
+
+    Parameters
+    ----------
+    channels : mapping of str to Series
+        Keys out of `CHANNELS`; a channel that was not recorded is absent.
+    source : str
+        Where it comes from, for messages (a path, a seed).
+    notes : mapping of str to str
+        Rig, operator, remarks, as recorded.
+    """
+
+    channels: Mapping[str, Series]
+    source: str = ''
+    notes: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        unknown = sorted(set(self.channels) - set(CHANNELS))
+        if unknown:
+            raise HuntError(f'{self.source}: unknown channel {unknown[0]!r}, expected {CHANNELS}')
+
+    def __getitem__(self, channel: str) -> Series:
+        return self.channels[channel]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.channels)
+
+    def __len__(self) -> int:
+        return len(self.channels)
+
+    @property
+    def start_ns(self) -> int:
+        """First stamp over all channels, ns; 0 for an empty record."""
+        firsts = [int(series.stamps_ns.min()) for series in self.values() if len(series)]
+        return min(firsts, default=0)
+
+    @property
+    def end_ns(self) -> int:
+        """Last stamp over all channels, ns; 0 for an empty record."""
+        lasts = [int(series.stamps_ns.max()) for series in self.values() if len(series)]
+        return max(lasts, default=0)
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first stamp to the last, s."""
+        return (self.end_ns - self.start_ns) / NANOSECONDS
+
+    def between(self, start_ns: int, end_ns: int) -> Record:
+        """Return the part of the record with start_ns <= stamp < end_ns."""
+        parts = {name: series.between(start_ns, end_ns) for name, series in self.items()}
+        return Record(parts, self.source, self.notes)
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """
+    A number with its uncertainty.
+
+    Parameters
+    ----------
+    value, std : float
+        Estimate and its standard deviation, in the unit of the quantity.
+    low, high : float, optional
+        95 % interval; value -/+ 1.96 std where it is not given (a bootstrap gives
+        its own, which need not be symmetric).
+    """
+
+    value: float
+    std: float
+    low: float = math.nan
+    high: float = math.nan
+
+    def __post_init__(self) -> None:
+        if math.isnan(self.low):
+            object.__setattr__(self, 'low', self.value - 1.959964 * self.std)
+        if math.isnan(self.high):
+            object.__setattr__(self, 'high', self.value + 1.959964 * self.std)
+
+    def to_json(self) -> dict[str, Any] | None:
+        """Return {value, std, ci95}, or None where the value is not finite."""
+        if not math.isfinite(self.value):
+            return None
+        return {
+            'value': self.value,
+            'std': self.std if math.isfinite(self.std) else None,
+            'ci95': [self.low, self.high] if math.isfinite(self.low + self.high) else None,
+        }

@@ -1,0 +1,78 @@
+"""Install hunt_ros: with colcon as an ament_python package, or with pip into a plain venv."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = 'hunt_ros'
+
+# Exactly the Jazzy line: without the pins pip takes Kilted.
+ROS = [
+    'ros-rclpy[fastrtps]==7.1.6',
+    'ros-std-msgs==5.3.6',
+    'ros-geometry-msgs==5.3.6',
+    'ros-sensor-msgs==5.3.6',
+    'ros-diagnostic-msgs==5.3.6',
+    'ros-std-srvs==5.3.6',
+    'ros-lifecycle-msgs==2.0.3',
+    'ros-rosgraph-msgs==2.0.3',
+]
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='Live monitoring of hunting motion on a railway roller rig',
+    maintainer='hunt_ros maintainers',
+    maintainer_email='maintainers@example.org',
+    license='Apache-2.0',
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    python_requires='>=3.10',
+    install_requires=[
+        'setuptools',
+        'numpy>=1.24',
+        'scipy>=1.10',
+        'PyYAML>=6.0',
+        'rich>=13',
+        'matplotlib>=3.6',
+        'mcap>=1.2',
+        'rosbags>=0.10',
+        'filterpy>=1.4.5',
+    ],
+    extras_require={
+        'ros': ROS,
+        'fast': ['numba>=0.59'],
+        'matlab73': ['pymatreader>=1.0'],
+        'tdms': ['npTDMS>=1.9'],
+        'parquet': ['pyarrow>=15'],
+        'cluster': ['distributed>=2024.1'],
+        'bench': ['pysindy>=2.0'],
+        'test': [
+            'pytest>=8',
+            'hypothesis>=6.100',
+            'ruff>=0.6',
+            'mypy>=1.11',
+            'import-linter>=2.1',
+            'codespell>=2.3',
+        ],
+        'colcon': ['colcon-common-extensions', 'colcon-ros', 'setuptools<80'],
+    },
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        (f'share/{NAME}/config', sorted(glob('config/*'))),
+        (f'share/{NAME}/launch', sorted(glob('launch/*.launch.py'))),
+    ],
+    zip_safe=True,
+    entry_points={
+        'console_scripts': [
+            'hunt = hunt_ros.cli.main:main',
+            'lateral_sensor = hunt_ros.nodes.lateral_sensor:main',
+            'yaw_sensor = hunt_ros.nodes.yaw_sensor:main',
+            'roller_speed = hunt_ros.nodes.roller_speed:main',
+            'rig_simulator = hunt_ros.nodes.rig_simulator:main',
+            'hunting_detector = hunt_ros.nodes.hunting_detector:main',
+            'normal_form_identifier = hunt_ros.nodes.normal_form_identifier:main',
+            'bag_recorder = hunt_ros.nodes.bag_recorder:main',
+        ],
+    },
+)
