@@ -10,17 +10,13 @@ rounding.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from importlib.util import find_spec
+from typing import Any, TypeVar, cast
 
 _Function = TypeVar('_Function', bound=Callable[..., Any])
 
-try:
-    import numba
-except ImportError:
-    numba = None
-
 #: True where numba is installed and kernels run as machine code.
-HAVE_COMPILER: bool = numba is not None
+HAVE_COMPILER: bool = find_spec('numba') is not None
 
 
 def compiled(function: _Function) -> _Function:
@@ -40,7 +36,8 @@ def compiled(function: _Function) -> _Function:
     callable
         The compiled kernel, or `function` itself where numba is missing.
     """
-    if numba is None:
+    if not HAVE_COMPILER:
         return function
-    kernel: _Function = numba.njit(cache=True, nogil=True)(function)
-    return kernel
+    import numba  # here, because it takes half a second and not every command needs it
+
+    return cast(_Function, numba.njit(cache=True, nogil=True)(function))

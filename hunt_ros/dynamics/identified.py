@@ -23,6 +23,7 @@ from hunt_ros.errors import ConfigError
 #: Order of the identified parameters in `IdentifiedNormalForm.covariance`.
 PARAMETERS: tuple[str, ...] = ('v_c', *COEFFICIENTS)
 
+_FORM_FIELDS = ('critical_speed', *COEFFICIENTS)
 _SCALES = ('length_scale', 'time_scale', 'frequency_hz')
 
 
@@ -76,7 +77,7 @@ class IdentifiedNormalForm:
             if row[0] > 0.0:
                 forms.append(
                     NormalForm(
-                        *map(float, row),
+                        **dict(zip(_FORM_FIELDS, map(float, row), strict=True)),
                         length_scale=self.form.length_scale,
                         time_scale=self.form.time_scale,
                         frequency_hz=self.form.frequency_hz,
@@ -95,7 +96,8 @@ class IdentifiedNormalForm:
         group['covariance'] = [float(x) for x in self.covariance[np.tril_indices(6)]]
         group['provenance'] = [f'{key}: {value}' for key, value in self.provenance.items()] or ['']
         document = {'/**': {'ros__parameters': {'normal_form': group}}}
-        return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=99)
+        text: str = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=99)
+        return text
 
     @classmethod
     def from_yaml(cls, text: str, source: str = 'normal form') -> IdentifiedNormalForm:
