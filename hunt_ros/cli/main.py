@@ -1,0 +1,101 @@
+"""
+The program `hunt`: finds the verb, runs it, turns an error into one line and an exit code.
+
+Exit codes: 0 done, 1 the work found a failure that it reports, 2 bad usage or
+bad input, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from typing import NoReturn
+
+from hunt_ros import __version__
+from hunt_ros.errors import HuntError
+
+#: Verb -> module of `hunt_ros.cli`, in the order of the help text.
+VERBS: dict[str, str] = {
+    'demo': 'demo',
+    'run': 'run',
+    'simulate': 'simulate',
+    'replay': 'replay',
+    'identify': 'identify',
+    'report': 'report',
+    'normal-form': 'normal_form',
+    'info': 'info',
+    'import': 'import_',
+    'export': 'export',
+}
+
+
+class _OneLineParser(argparse.ArgumentParser):
+    """An argument parser whose complaint is one line, without the usage block."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f'{self.prog}: {message} (see {self.prog} --help)\n')
+
+
+def _parser(verb: str | None) -> argparse.ArgumentParser:
+    """Build the parser; only the verb that is asked for is imported in full."""
+    parser = _OneLineParser(
+        prog='hunt',
+        description='Live monitoring of hunting motion on a railway roller rig.',
+        epilog='Each verb has its own help: hunt VERB --help',
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument('--version', action='version', version=f'hunt_ros {__version__}')
+    verbs = parser.add_subparsers(
+        dest='verb', metavar='VERB', required=True, parser_class=_OneLineParser
+    )
+    for name, module_name in VERBS.items():
+        if verb in VERBS and name != verb:
+            continue
+        module = import_module(f'hunt_ros.cli.{module_name}')
+        subparser = verbs.add_parser(
+            name,
+            help=module.SUMMARY,
+            description=module.SUMMARY,
+            epilog=f'example:\n  {module.EXAMPLE}',
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        module.configure(subparser)
+        subparser.set_defaults(run=module.run)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """
+    Run the command line.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Words after the program's name; those of the process by default.
+
+    Returns
+    -------
+    int
+        Exit code.
+    """
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    parsed = _parser(words[0] if words else None).parse_args(words)
+    try:
+        code: int = parsed.run(parsed)
+    except HuntError as error:
+        print(f'hunt {parsed.verb}: {error}', file=sys.stderr)
+        return 2
+    except BrokenPipeError:
+        # The reader went away (`hunt ... | head`): not our failure.
+        sys.stderr.close()
+        return 0
+    except KeyboardInterrupt:
+        print(f'hunt {parsed.verb}: interrupted', file=sys.stderr)
+        return 130
+    return code
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,93 @@
+"""What every verb shares in what it prints: JSON for machines, progress for people."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Protocol
+
+from hunt_ros.errors import HuntError
+
+
+class Advance(Protocol):
+    """Tell the progress bar how far the work is."""
+
+    def __call__(self, fraction: float) -> None:
+        """Set the bar to `fraction` of the work, 0 to 1."""
+
+
+def write_json(document: Mapping[str, Any], target: str) -> None:
+    """
+    Write a result for machines.
+
+    Parameters
+    ----------
+    document : mapping
+        JSON types and numpy numbers; no NaN and no inf: what is not known is None.
+    target : str
+        Path of a file, or '-' for standard output.
+
+    Raises
+    ------
+    HuntError
+        If the file cannot be written.
+    ValueError
+        If a number is not finite (a fault of the caller).
+    """
+    text = json.dumps(document, indent=2, allow_nan=False, default=_plain) + '\n'
+    if target == '-':
+        sys.stdout.write(text)
+        sys.stdout.flush()
+        return
+    try:
+        Path(target).write_text(text, encoding='utf-8')
+    except OSError as error:
+        raise HuntError(f'{target}: cannot write the result ({error.strerror})') from error
+
+
+def known(value: float | None) -> float | None:
+    """Return the number, or None where it is not finite: what JSON holds for 'not known'."""
+    return None if value is None or not math.isfinite(value) else float(value)
+
+
+def _plain(value: Any) -> Any:
+    """Turn numpy scalars and arrays into plain Python."""
+    if hasattr(value, 'tolist'):
+        return value.tolist()
+    raise TypeError(f'{type(value).__name__} is no JSON type')
+
+
+@contextmanager
+def progress(title: str) -> Iterator[Advance]:
+    """
+    Show a progress bar with the time remaining on standard error, if that is a terminal.
+
+    Parameters
+    ----------
+    title : str
+        What is being done.
+
+    Yields
+    ------
+    Advance
+        Call it with the fraction that is done.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda fraction: None
+        return
+    columns = (TextColumn('{task.description}'), BarColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task(title, total=1.0)
+
+        def advance(fraction: float) -> None:
+            bar.update(task, completed=fraction)
+
+        yield advance
