@@ -1,0 +1,100 @@
+"""
+Settings: frozen dataclasses whose fields carry a unit, a range and a description.
+
+The nodes declare their ROS parameters from these fields, the documentation
+lists them, and `Settings` itself refuses a value out of range, so that a bad
+value is named the same way wherever it comes from.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from hunt_ros.errors import ConfigError
+
+
+def setting(
+    default: Any,
+    description: str,
+    *,
+    unit: str = '',
+    low: float | None = None,
+    high: float | None = None,
+    choices: tuple[str, ...] = (),
+    fixed: bool = False,
+) -> Any:
+    """
+    Declare a field of a `Settings` dataclass.
+
+    Parameters
+    ----------
+    default : bool, int, float, str or tuple
+        Its default; the type is the field's type.
+    description : str
+        What it does, for the operator.
+    unit : str
+        SI unit, e.g. 'm/s'.
+    low, high : float, optional
+        Range, both ends included.
+    choices : tuple of str
+        The values a text may take.
+    fixed : bool
+        True where a running node cannot take a new value.
+    """
+    metadata = {
+        'description': description,
+        'unit': unit,
+        'low': low,
+        'high': high,
+        'choices': choices,
+        'fixed': fixed,
+    }
+    return field(default=default, metadata=metadata)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """
+    Base of every settings dataclass: checks each field on construction.
+
+    Raises
+    ------
+    ConfigError
+        Naming the field, its value, and what was expected.
+    """
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(item.default, float) and isinstance(value, int):
+                object.__setattr__(self, item.name, float(value))
+            problem = _problem(value, item.default, item.metadata)
+            if problem:
+                raise ConfigError(f'{item.name}: {value!r} is {problem}')
+
+
+def _problem(value: Any, default: Any, metadata: Any) -> str:
+    """Say what is wrong with a value, or nothing."""
+    for kind, name in ((bool, 'true or false'), (int, 'a whole number'), (str, 'a text')):
+        if isinstance(default, kind) and not isinstance(value, kind):
+            return f'not {name}'
+        if isinstance(default, kind):
+            break
+    if isinstance(default, float) and (
+        isinstance(value, bool) or not isinstance(value, float | int)
+    ):
+        return 'not a number'
+    if isinstance(value, float) and math.isnan(value) and not math.isnan(default):
+        return 'not a number'
+    choices = metadata.get('choices') or ()
+    if choices and value not in choices:
+        return f'unknown, expected one of {", ".join(choices)}'
+    low, high = metadata.get('low'), metadata.get('high')
+    if isinstance(value, float | int) and not isinstance(value, bool):
+        if low is not None and value < low:
+            return f'below {low:g} {metadata.get("unit", "")}'.rstrip()
+        if high is not None and value > high:
+            return f'above {high:g} {metadata.get("unit", "")}'.rstrip()
+    return ''
