@@ -68,33 +68,30 @@ class Settings:
     def __post_init__(self) -> None:
         for item in fields(self):
             value = getattr(self, item.name)
-            if isinstance(item.default, float) and isinstance(value, int):
+            if type(item.default) is float and type(value) is int:
                 object.__setattr__(self, item.name, float(value))
             problem = _problem(value, item.default, item.metadata)
             if problem:
                 raise ConfigError(f'{item.name}: {value!r} is {problem}')
 
 
+_KINDS = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}
+
+
 def _problem(value: Any, default: Any, metadata: Any) -> str:
     """Say what is wrong with a value, or nothing."""
-    for kind, name in ((bool, 'true or false'), (int, 'a whole number'), (str, 'a text')):
-        if isinstance(default, kind) and not isinstance(value, kind):
-            return f'not {name}'
-        if isinstance(default, kind):
-            break
-    if isinstance(default, float) and (
-        isinstance(value, bool) or not isinstance(value, float | int)
-    ):
-        return 'not a number'
-    if isinstance(value, float) and math.isnan(value) and not math.isnan(default):
+    kind = type(default)
+    if kind in _KINDS and type(value) is not kind:
+        return f'not {_KINDS[kind]}'
+    if kind is float and math.isnan(value) and not math.isnan(default):
         return 'not a number'
     choices = metadata.get('choices') or ()
     if choices and value not in choices:
         return f'unknown, expected one of {", ".join(choices)}'
-    low, high = metadata.get('low'), metadata.get('high')
-    if isinstance(value, float | int) and not isinstance(value, bool):
+    low, high, unit = metadata.get('low'), metadata.get('high'), metadata.get('unit', '')
+    if kind in (int, float):
         if low is not None and value < low:
-            return f'below {low:g} {metadata.get("unit", "")}'.rstrip()
+            return f'below {low:g} {unit}'.rstrip()
         if high is not None and value > high:
-            return f'above {high:g} {metadata.get("unit", "")}'.rstrip()
+            return f'above {high:g} {unit}'.rstrip()
     return ''

@@ -1,0 +1,154 @@
+"""Drivers whose hardware is the rig simulator on the other end of a loopback socket."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+from hunt_ros.drivers.base import DriveBlock, SensorBlock
+from hunt_ros.drivers.simulator_protocol import Channel, Decoder, Frame, Kind, encode
+from hunt_ros.errors import DriverError
+
+_RECEIVE_BYTES = 1 << 16
+
+
+class _Connection:
+    """A subscription to one channel of the simulator."""
+
+    def __init__(self, host: str, port: int, channel: Channel) -> None:
+        self._address = (host, port)
+        self._channel = channel
+        self._socket: socket.socket | None = None
+        self._decoder = Decoder()
+        self._received = 0
+
+    def open(self, patience_s: float) -> None:
+        """Connect; a simulator that is still starting is waited for."""
+        deadline = time.monotonic() + patience_s
+        while True:
+            try:
+                connection = socket.create_connection(self._address, timeout=1.0)
+                break
+            except OSError as error:
+                if time.monotonic() >= deadline:
+                    raise DriverError(f'{self}: cannot connect ({error})') from error
+                time.sleep(0.05)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._socket, self._decoder, self._received = connection, Decoder(), 0
+        self.send(encode(Kind.SUBSCRIBE, 0, float(self._channel)))
+
+    def frames(self, timeout_s: float) -> Iterator[tuple[Frame, int]]:
+        """Iterate over the frames of one receive, each with the records lost before it."""
+        if self._socket is None:
+            raise DriverError(f'{self}: not open')
+        self._socket.settimeout(max(timeout_s, 1e-3))
+        try:
+            data = self._socket.recv(_RECEIVE_BYTES)
+        except TimeoutError:
+            return
+        except OSError as error:
+            raise DriverError(f'{self}: connection lost ({error})') from error
+        if not data:
+            raise DriverError(f'{self}: the simulator closed the connection')
+        for frame in self._decoder.feed(data):
+            lost = frame.sequence - self._received
+            self._received = frame.sequence + frame.records.size
+            yield frame, lost
+
+    def send(self, data: bytes) -> None:
+        """Send a frame."""
+        if self._socket is None:
+            raise DriverError(f'{self}: not open')
+        try:
+            self._socket.sendall(data)
+        except OSError as error:
+            raise DriverError(f'{self}: connection lost ({error})') from error
+
+    def close(self) -> None:
+        """Close the socket; a read under way in another thread ends."""
+        if self._socket is not None:
+            connection, self._socket = self._socket, None
+            with contextlib.suppress(OSError):  # the other end may have gone first
+                connection.shutdown(socket.SHUT_RDWR)
+            connection.close()
+
+    def __str__(self) -> str:
+        host, port = self._address
+        return f'rig simulator {self._channel.name.lower()} at {host}:{port}'
+
+
+class SimulatedSensor:
+    """
+    A sensor of the simulated rig (a `SensorDriver`).
+
+    Parameters
+    ----------
+    host, port : str, int
+        Where the simulator listens.
+    channel : Channel
+        LATERAL or YAW.
+    patience_s : float
+        How long `open` waits for a simulator that is not there yet.
+    """
+
+    def __init__(self, host: str, port: int, channel: Channel, patience_s: float = 10.0) -> None:
+        self._connection = _Connection(host, port, channel)
+        self._patience_s = patience_s
+
+    def open(self) -> None:
+        """Connect; raises DriverError where nobody answers."""
+        self._connection.open(self._patience_s)
+
+    def read(self, timeout_s: float) -> SensorBlock:
+        """Wait for samples; raises DriverError when the connection is lost."""
+        received = list(self._connection.frames(timeout_s))
+        if not received:
+            return SensorBlock()
+        records = np.concatenate([frame.records for frame, _ in received])
+        lost = sum(lost for _, lost in received)
+        return SensorBlock(records['stamp_ns'], records['value'], lost)
+
+    def close(self) -> None:
+        """Disconnect."""
+        self._connection.close()
+
+
+class SimulatedDrive:
+    """
+    The drive of the simulated rig (a `DriveDriver`).
+
+    Parameters
+    ----------
+    host, port : str, int
+        Where the simulator listens.
+    patience_s : float
+        How long `open` waits for a simulator that is not there yet.
+    """
+
+    def __init__(self, host: str, port: int, patience_s: float = 10.0) -> None:
+        self._connection = _Connection(host, port, Channel.DRIVE)
+        self._patience_s = patience_s
+
+    def open(self) -> None:
+        """Connect; raises DriverError where nobody answers."""
+        self._connection.open(self._patience_s)
+
+    def read(self, timeout_s: float) -> DriveBlock:
+        """Wait for readings; raises DriverError when the connection is lost."""
+        received = [frame.records for frame, _ in self._connection.frames(timeout_s)]
+        if not received:
+            return DriveBlock()
+        records = np.concatenate(received)
+        return DriveBlock(records['stamp_ns'], records['angle'], records['speed'])
+
+    def set_speed(self, speed_mps: float) -> None:
+        """Command a running speed, m/s; raises DriverError when the connection is lost."""
+        self._connection.send(encode(Kind.SET_SPEED, 0, speed_mps))
+
+    def close(self) -> None:
+        """Disconnect."""
+        self._connection.close()
