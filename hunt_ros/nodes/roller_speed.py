@@ -1,0 +1,265 @@
+"""
+The speed node: publishes roller angle and running speed, and commands the drive.
+
+The set point follows a profile, or whoever holds the profile's services. Every
+set point that goes to the drive is published on `speed/target`.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from geometry_msgs.msg import TwistStamped
+from rclpy.lifecycle import LifecycleNode, State, TransitionCallbackReturn
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from hunt_ros.drivers.base import DriveDriver
+from hunt_ros.drivers.profile import ProfileRunner
+from hunt_ros.drivers.simulated import SimulatedDrive
+from hunt_ros.errors import DriverError, HuntError
+from hunt_ros.nodes.conversions import joint_layout, twist
+from hunt_ros.nodes.diagnostics import Diagnostics, Health, steady_clock
+from hunt_ros.nodes.parameters import declare, warn_unknown
+from hunt_ros.nodes.qos import stream
+from hunt_ros.nodes.runtime import run
+from hunt_ros.settings import Settings, setting
+
+_READ_S = 0.2
+_REOPEN_S = 1.0
+_SET_POINT_S = 0.05
+
+
+@dataclass(frozen=True)
+class SpeedConfig(Settings):
+    """Parameters of the speed node."""
+
+    driver: str = setting('simulated', 'The drive.', choices=('simulated',), fixed=True)
+    host: str = setting('127.0.0.1', 'Address of the rig simulator.', fixed=True)
+    port: int = setting(47100, 'TCP port of the rig simulator.', low=1, high=65535, fixed=True)
+    frame_id: str = setting('roller_rig', 'frame_id of the messages.', fixed=True)
+    roller_diameter_m: float = setting(
+        0.3, 'Roller diameter: roller rate = 2 v / D.', unit='m', low=0.01, high=10.0, fixed=True
+    )
+    profile_times_s: tuple[float, ...] = setting(
+        (0.0,), 'Corner times of the speed profile, from its start.', unit='s', fixed=True
+    )
+    profile_speeds_mps: tuple[float, ...] = setting(
+        (0.0,), 'Speeds at the corners of the profile.', unit='m/s', fixed=True
+    )
+    profile_autostart: bool = setting(False, 'Start the profile at activation.', fixed=True)
+    emergency_speed_mps: float = setting(
+        0.0, 'Set point of speed/emergency_stop.', unit='m/s', low=0.0, high=100.0
+    )
+    autostart: bool = setting(True, 'Configure and activate without being told.', fixed=True)
+
+
+class RollerSpeedNode(LifecycleNode):
+    """Publishes `roller` and `speed`; runs the profile; commands the drive."""
+
+    def __init__(self) -> None:
+        super().__init__('roller_speed')
+        self.failure = ''
+        self._config = declare(self, SpeedConfig)
+        warn_unknown(self)
+        self._profile = ProfileRunner(
+            self._config.profile_times_s, self._config.profile_speeds_mps
+        )
+        self._began = False  # a profile was started: before that the drive is left alone
+        self._stopped = False  # emergency stop: stays until rearmed
+        self._driver: DriveDriver | None = None
+        self._thread: threading.Thread | None = None
+        self._active = threading.Event()
+        self._trouble = ''
+        self._target_mps = float('nan')
+        self._speed_mps = float('nan')
+        self._published = 0
+        self._last_count = 0
+        self._layout = joint_layout('roller', self._config.frame_id, velocity=True)
+        self._roller = self.create_publisher(JointState, 'roller', stream(100))
+        self._speed = self.create_publisher(TwistStamped, 'speed', stream(100))
+        self._target = self.create_publisher(TwistStamped, 'speed/target', stream(20))
+        for name, action in (
+            ('emergency_stop', self._emergency_stop),
+            ('rearm', self._rearm),
+            ('start_profile', self._start_profile),
+            ('stop_profile', self._stop_profile),
+            ('resume_profile', self._resume_profile),
+        ):
+            self.create_service(Trigger, f'speed/{name}', self._answer(action))
+        self._timer = self.create_timer(_SET_POINT_S, self._command, clock=steady_clock())
+        self._diagnostics = Diagnostics(self, self._health)
+
+    def on_configure(self, state: State) -> TransitionCallbackReturn:
+        """Connect to the drive."""
+        self._driver = SimulatedDrive(self._config.host, self._config.port)
+        try:
+            self._driver.open()
+        except HuntError as error:
+            self.failure = str(error)
+            self.get_logger().error(str(error))
+            return TransitionCallbackReturn.FAILURE
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_activate(self, state: State) -> TransitionCallbackReturn:
+        """Publish, and command the drive if the profile starts by itself."""
+        self._active.set()
+        self._thread = threading.Thread(target=self._work, name='drive', daemon=True)
+        self._thread.start()
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: State) -> TransitionCallbackReturn:
+        """Stop publishing and commanding."""
+        self._end_thread()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: State) -> TransitionCallbackReturn:
+        """Disconnect from the drive."""
+        self.close()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, state: State) -> TransitionCallbackReturn:
+        """Disconnect from the drive."""
+        self.close()
+        return TransitionCallbackReturn.SUCCESS
+
+    def close(self) -> None:
+        """Stop the thread and let go of the drive."""
+        self._end_thread()
+        if self._driver is not None:
+            self._driver.close()
+            self._driver = None
+
+    def _end_thread(self) -> None:
+        self._active.clear()
+        if self._thread is not None:
+            self._thread.join(timeout=2.0)
+            self._thread = None
+
+    def _work(self) -> None:
+        """Read the drive and publish until deactivated; a lost connection is opened again."""
+        while self._active.is_set():
+            try:
+                self._publish_block()
+                self._trouble = ''
+            except DriverError as error:
+                if self._active.is_set():
+                    self._reopen(error)
+
+    def _publish_block(self) -> None:
+        block = self._driver.read(_READ_S)
+        readings = zip(
+            block.stamps_ns.tolist(),
+            block.angle_rad.tolist(),
+            block.speed_mps.tolist(),
+            strict=True,
+        )
+        for stamp_ns, angle_rad, speed_mps in readings:
+            rate = 2.0 * speed_mps / self._config.roller_diameter_m
+            self._roller.publish(self._layout.encode(stamp_ns, angle_rad, rate))
+            self._speed.publish(twist(stamp_ns, speed_mps, self._config.frame_id))
+            self._speed_mps = speed_mps
+        self._published += block.stamps_ns.size
+
+    def _reopen(self, error: DriverError) -> None:
+        if not self._trouble:
+            self.get_logger().error(f'{error}; trying again every {_REOPEN_S:g} s')
+        self._trouble = str(error)
+        self._driver.close()
+        time.sleep(_REOPEN_S)
+        try:
+            self._driver = SimulatedDrive(self._config.host, self._config.port)
+            self._driver.open()
+        except DriverError as again:
+            self._trouble = str(again)
+
+    def _command(self) -> None:
+        """Send the set point that holds now, if there is one."""
+        if not self._active.is_set():
+            return
+        now_ns = self.get_clock().now().nanoseconds
+        if now_ns == 0:
+            return  # simulated time has not begun
+        if self._config.profile_autostart and not self._began:
+            self._began = True
+            self._profile.start(now_ns)
+        if self._stopped:
+            self._send(now_ns, self._config.emergency_speed_mps)
+        elif self._began:
+            self._send(now_ns, self._profile.set_point(now_ns))
+
+    def _send(self, now_ns: int, speed_mps: float) -> None:
+        try:
+            self._driver.set_speed(speed_mps)
+        except DriverError as error:
+            self._trouble = str(error)
+            return
+        self._target_mps = speed_mps
+        self._target.publish(twist(now_ns, speed_mps, self._config.frame_id))
+
+    def _answer(self, action: Callable[[int], str]) -> Callable[..., Trigger.Response]:
+        """Make a service callback of an action that returns '' or the reason of a refusal."""
+
+        def callback(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            refusal = action(self.get_clock().now().nanoseconds)
+            response.success, response.message = not refusal, refusal
+            return response
+
+        return callback
+
+    def _emergency_stop(self, now_ns: int) -> str:
+        self._stopped = True
+        self._profile.stop(now_ns)
+        self.get_logger().warning('emergency stop: set point held until speed/rearm')
+        self._command()
+        return ''
+
+    def _rearm(self, now_ns: int) -> str:
+        self._stopped = False
+        return ''
+
+    def _start_profile(self, now_ns: int) -> str:
+        if self._stopped:
+            return 'emergency stop is in force: call speed/rearm first'
+        self._began = True
+        self._profile.start(now_ns)
+        return ''
+
+    def _stop_profile(self, now_ns: int) -> str:
+        self._profile.stop(now_ns)
+        return ''
+
+    def _resume_profile(self, now_ns: int) -> str:
+        if self._stopped:
+            return 'emergency stop is in force: call speed/rearm first'
+        if not self._began:
+            return 'no profile was started'
+        self._profile.resume(now_ns)
+        return ''
+
+    def _health(self) -> Health:
+        fresh = self._published - self._last_count
+        self._last_count = self._published
+        values = {'speed_mps': self._speed_mps, 'target_mps': self._target_mps, 'readings': fresh}
+        if self._trouble:
+            return 'ERROR', self._trouble, values
+        if not self._active.is_set():
+            return 'OK', 'inactive', values
+        if self._stopped:
+            return 'WARN', 'emergency stop is in force', values
+        if not fresh:
+            return 'STALE', 'the drive sends nothing', values
+        return 'OK', f'{self._speed_mps:.2f} m/s', values
+
+
+def main() -> int:
+    """Run the node."""
+    return run(RollerSpeedNode)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

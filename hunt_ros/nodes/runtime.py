@@ -1,0 +1,98 @@
+"""
+How a node process starts, spins and ends.
+
+Signals only ask the loop to end, so a node closes its files and publishes its
+last words while the ROS context is still alive.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from types import FrameType
+
+import rclpy
+from rclpy.exceptions import InvalidParameterValueException, ParameterException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleNode
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from hunt_ros.errors import HuntError
+
+_SPIN_S = 0.05
+
+
+def _executor():
+    """Return the executor that costs least; Humble has no EventsExecutor."""
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:
+        return SingleThreadedExecutor()
+    return EventsExecutor()
+
+
+def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
+    """
+    Run one node until it is asked to end.
+
+    A lifecycle node with the parameter `autostart` is configured and activated.
+    A node may have a method `close()`, called before its publishers are gone.
+
+    Parameters
+    ----------
+    make_node : callable
+        Makes the node; a HuntError or a refused parameter ends the process.
+    arguments : sequence of str, optional
+        Command line, with `--ros-args`.
+
+    Returns
+    -------
+    int
+        0 after a clean end, 2 for bad parameters or hardware that is not there.
+    """
+    stopping = False
+
+    def stop(signum: int, frame: FrameType | None) -> None:
+        nonlocal stopping
+        stopping = True
+
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    signal.signal(signal.SIGINT, stop)
+    signal.signal(signal.SIGTERM, stop)
+    node: Node | None = None
+    try:
+        node = make_node()
+        _start(node)
+        executor = _executor()
+        executor.add_node(node)
+        # spin() of the EventsExecutor in these wheels burns a core and runs nothing.
+        while rclpy.ok() and not stopping:
+            executor.spin_once(timeout_sec=_SPIN_S)
+    except (HuntError, InvalidParameterValueException, ParameterException) as error:
+        print(f'{_name(node)}: {" ".join(str(error).split())}', file=sys.stderr, flush=True)
+        return 2
+    except (ExternalShutdownException, KeyboardInterrupt):
+        pass
+    finally:
+        if node is not None:
+            if hasattr(node, 'close'):
+                node.close()
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+def _name(node: Node | None) -> str:
+    return sys.argv[0].rsplit('/', 1)[-1].removesuffix('.py') if node is None else node.get_name()
+
+
+def _start(node: Node) -> None:
+    """Configure and activate a lifecycle node that wants to start by itself."""
+    if not isinstance(node, LifecycleNode):
+        return
+    if node.get_parameter('autostart').value:
+        for trigger in (node.trigger_configure, node.trigger_activate):
+            if trigger().name != 'SUCCESS':
+                raise HuntError(getattr(node, 'failure', '') or f'{trigger.__name__} failed')
