@@ -9,7 +9,8 @@ are the same.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from array import array
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -69,8 +70,12 @@ class IdentifiedNormalForm:
         seed : int
             Of the generator: the same seed gives the same draws.
         """
-        values, vectors = np.linalg.eigh(self.covariance)
-        root = vectors * np.sqrt(np.clip(values, 0.0, None))
+        # Of the correlations, not of the covariance: the variances span twenty powers of
+        # ten, and the eigenvectors of the small ones would be lost in rounding.
+        std = np.sqrt(np.clip(np.diag(self.covariance), 0.0, None))
+        scale = np.where(std > 0.0, std, 1.0)
+        values, vectors = np.linalg.eigh(self.covariance / np.outer(scale, scale))
+        root = std[:, None] * vectors * np.sqrt(np.clip(values, 0.0, None))
         normal = np.random.default_rng(seed).standard_normal((count, len(PARAMETERS)))
         forms = []
         for row in self.vector + normal @ root.T:
@@ -143,23 +148,52 @@ class IdentifiedNormalForm:
             value = group[name]
             if isinstance(value, bool) or not isinstance(value, int | float):
                 raise ConfigError(f'{source}: {name} must be a number, got {value!r}')
-            numbers[name] = float(value)
-        form = NormalForm(critical_speed=numbers.pop('v_c'), **numbers)
-        covariance = np.zeros((6, 6))
-        triangle = np.asarray(group.get('covariance') or np.zeros(21), dtype=np.float64)
-        if triangle.shape != (21,):
-            raise ConfigError(f'{source}: covariance must be 21 numbers, got {triangle.size}')
-        covariance[np.tril_indices(6)] = triangle
-        covariance = covariance + np.tril(covariance, -1).T
-        if np.any(np.diag(covariance) < 0.0):
-            raise ConfigError(f'{source}: covariance has a negative variance')
-        lines = (str(line).partition(': ') for line in group.get('provenance') or () if line)
-        return cls(form, covariance, {key: value for key, _, value in lines})
+            numbers[name] = _finite(value, name, source)
+        try:
+            form = NormalForm(critical_speed=numbers.pop('v_c'), **numbers)
+        except ConfigError as error:
+            raise ConfigError(f'{source}: {error}') from error
+        covariance = _unfold(group.get('covariance'), source)
+        provenance = group.get('provenance')
+        # Remarks for people: whatever stands there never stops a detector.
+        lines = provenance if isinstance(provenance, list | tuple) else ()
+        parts = (str(line).partition(': ') for line in lines if line)
+        return cls(form, covariance, {key: value for key, _, value in parts})
 
     def std(self, name: str) -> float:
         """Return the standard deviation of one of `PARAMETERS`."""
         index = PARAMETERS.index(name)
         return math.sqrt(max(0.0, float(self.covariance[index, index])))
+
+
+def _finite(value: int | float, name: str, source: str) -> float:
+    """Return a number of the file as a float, or name the one that is none."""
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise ConfigError(f'{source}: {name} must be a finite number, got {number}')
+    return number
+
+
+def _unfold(triangle: object, source: str) -> NDArray[np.float64]:
+    """Return the covariance, shape (6, 6), of its lower triangle; zeros where there is none."""
+    # A list from YAML, an array.array from rclpy: any sequence of numbers will do.
+    entries: list[Any] = list(triangle) if isinstance(triangle, Sequence | array) else [triangle]
+    if triangle is None or not entries:
+        return np.zeros((6, 6))
+    if isinstance(triangle, str | bytes) or len(entries) != 21:
+        raise ConfigError(f'{source}: covariance must be 21 numbers, got {str(triangle)[:40]!r}')
+    for entry in entries:
+        if isinstance(entry, bool) or not isinstance(entry, int | float):
+            raise ConfigError(f'{source}: covariance must be 21 numbers, got {entry!r} in it')
+    lower = np.zeros((6, 6))
+    lower[np.tril_indices(6)] = [_finite(entry, 'covariance', source) for entry in entries]
+    covariance: NDArray[np.float64] = lower + np.tril(lower, -1).T
+    if np.any(np.diag(covariance) < 0.0):
+        raise ConfigError(f'{source}: covariance has a negative variance')
+    return covariance
 
 
 def _find_group(document: object, source: str) -> Mapping[str, Any]:

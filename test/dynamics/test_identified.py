@@ -1,0 +1,189 @@
+"""The parameter file of a normal form: it comes back as it went, and bad values are named."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hunt_ros.dynamics.identified import PARAMETERS, IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM, NormalForm
+from hunt_ros.errors import ConfigError
+
+positive = st.floats(1e-6, 1e6)
+coefficient = st.floats(-1e9, 1e9)
+words = st.text(st.characters(codec='ascii', categories=('L', 'N')), min_size=1, max_size=12)
+
+
+@st.composite
+def identified(draw: st.DrawFn) -> IdentifiedNormalForm:
+    form = NormalForm(
+        critical_speed=draw(positive),
+        **{name: draw(coefficient) for name in COEFFICIENTS},
+        length_scale=draw(positive),
+        time_scale=draw(positive),
+        frequency_hz=draw(positive),
+    )
+    root = np.array(draw(st.lists(st.floats(-1e3, 1e3), min_size=36, max_size=36))).reshape(6, 6)
+    return IdentifiedNormalForm(
+        form, root @ root.T, draw(st.dictionaries(words, words, max_size=3))
+    )
+
+
+def group_of(text: str) -> dict[str, Any]:
+    group: dict[str, Any] = yaml.safe_load(text)['/**']['ros__parameters']['normal_form']
+    return group
+
+
+def with_group(group: dict[str, Any], node: str = '/**') -> str:
+    text: str = yaml.safe_dump({node: {'ros__parameters': {'normal_form': group}}})
+    return text
+
+
+@given(identified())
+def test_a_parameter_file_comes_back_as_it_went_to_the_last_bit(one: IdentifiedNormalForm) -> None:
+    again = IdentifiedNormalForm.from_yaml(one.to_yaml())
+    assert again.form == one.form
+    np.testing.assert_array_equal(again.covariance, one.covariance)
+    assert dict(again.provenance) == dict(one.provenance)
+    assert again.to_yaml() == one.to_yaml()
+
+
+@given(identified())
+def test_the_file_is_one_a_ros_node_can_load(one: IdentifiedNormalForm) -> None:
+    # rcl takes scalars and lists of one type each; a float written '4e7' would be a string.
+    group = group_of(one.to_yaml())
+    for name in (*PARAMETERS, 'length_scale', 'time_scale', 'frequency_hz'):
+        assert type(group[name]) is float
+    assert {type(x) for x in group['covariance']} == {float}
+    assert {type(x) for x in group['provenance']} == {str}
+
+
+@pytest.mark.parametrize('node', ['hunting_detector', '/rig/hunting_detector', '/**'])
+def test_the_group_is_found_under_any_node_name(node: str) -> None:
+    group = group_of(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml())
+    assert IdentifiedNormalForm.from_yaml(with_group(group, node)).form == PAPER_NORMAL_FORM
+    bare = yaml.safe_dump({'normal_form': group})
+    assert IdentifiedNormalForm.from_yaml(bare).form == PAPER_NORMAL_FORM
+
+
+def test_scales_covariance_and_provenance_may_be_left_out() -> None:
+    paper = PAPER_NORMAL_FORM
+    short = {'v_c': paper.critical_speed, **{k: getattr(paper, k) for k in COEFFICIENTS}}
+    one = IdentifiedNormalForm.from_yaml(with_group(short))
+    assert one.form == paper
+    assert not one.covariance.any()
+    assert one.provenance == {}
+
+
+def test_the_covariance_may_come_as_the_array_that_rclpy_hands_out() -> None:
+    one = IdentifiedNormalForm(PAPER_NORMAL_FORM, np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]))
+    group = group_of(one.to_yaml())
+    group['covariance'] = array('d', group['covariance'])
+    again = IdentifiedNormalForm.from_parameters(group)
+    np.testing.assert_array_equal(again.covariance, one.covariance)
+
+
+@pytest.mark.parametrize('name', PARAMETERS)
+@pytest.mark.parametrize('value', ['fast', None, True, [1.0], {}, math.nan, math.inf, 10**400])
+def test_a_bad_number_is_named_with_the_file(name: str, value: object) -> None:
+    group = group_of(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml())
+    group[name] = value
+    with pytest.raises(ConfigError) as caught:
+        IdentifiedNormalForm.from_yaml(with_group(group), 'form.yaml')
+    message = str(caught.value)
+    assert name in message
+    assert 'form.yaml' in message
+    assert '\n' not in message
+
+
+@pytest.mark.parametrize('name', PARAMETERS)
+def test_a_missing_number_is_named_with_the_file(name: str) -> None:
+    group = group_of(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml())
+    del group[name]
+    with pytest.raises(ConfigError, match=f'form.yaml: {name} is missing'):
+        IdentifiedNormalForm.from_yaml(with_group(group), 'form.yaml')
+
+
+@pytest.mark.parametrize(
+    ('covariance', 'complaint'),
+    [
+        ([1.0] * 20, '21 numbers'),
+        ([[1.0] * 6] * 6, '21 numbers'),
+        ([-1.0] + [0.0] * 20, 'negative variance'),
+        ([math.nan] * 21, 'finite'),
+        ([math.inf] + [0.0] * 20, 'finite'),
+        (['wide'] * 21, '21 numbers'),
+        ('wide', '21 numbers'),
+        ({'D1': 1.0}, '21 numbers'),
+        ([[1.0], [1.0, 2.0]], '21 numbers'),
+    ],
+)
+def test_a_bad_covariance_is_refused_in_one_line(covariance: object, complaint: str) -> None:
+    group = group_of(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml())
+    group['covariance'] = covariance
+    with pytest.raises(ConfigError, match=complaint) as caught:
+        IdentifiedNormalForm.from_yaml(with_group(group), 'form.yaml')
+    assert '\n' not in str(caught.value)
+
+
+@pytest.mark.parametrize('provenance', ['a line', 7, {'bags': 'a'}, [None, 3], None])
+def test_an_odd_provenance_never_stops_a_detector(provenance: object) -> None:
+    group = group_of(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml())
+    group['provenance'] = provenance
+    assert IdentifiedNormalForm.from_yaml(with_group(group)).form == PAPER_NORMAL_FORM
+
+
+@given(st.text(max_size=80))
+@settings(max_examples=300)
+def test_any_text_that_is_no_parameter_file_is_a_config_error_in_one_line(text: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        IdentifiedNormalForm.from_yaml(text, 'form.yaml')
+    assert 'form.yaml' in str(caught.value)
+    assert '\n' not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    'covariance', [np.zeros((5, 5)), np.full((6, 6), np.nan), np.zeros(36), 1.0]
+)
+def test_a_form_refuses_a_covariance_of_another_shape(covariance: Any) -> None:
+    with pytest.raises(ConfigError, match='6 x 6'):
+        IdentifiedNormalForm(PAPER_NORMAL_FORM, covariance)
+
+
+def test_draws_have_the_covariance_they_come_from() -> None:
+    std = np.array([0.05, 0.004, 60.0, 0.02, 90.0, 1.0e6])
+    correlation = np.eye(6)
+    correlation[2, 5] = correlation[5, 2] = -0.8
+    one = IdentifiedNormalForm(PAPER_NORMAL_FORM, correlation * np.outer(std, std))
+    draws = np.array([IdentifiedNormalForm(form).vector for form in one.draws(20000, seed=3)])
+    # Of each parameter on its own scale: their variances span sixteen powers of ten.
+    assert np.abs((draws.mean(0) - one.vector) / std).max() < 4.0 / 141.0
+    np.testing.assert_allclose(draws.std(0), std, rtol=0.02)
+    assert np.corrcoef(draws.T)[2, 5] == pytest.approx(-0.8, abs=0.02)
+
+
+def test_draws_follow_the_seed_and_never_run_backwards() -> None:
+    wide = np.zeros((6, 6))
+    wide[0, 0] = 8.0**2  # every sixth draw of v_c would be negative
+    one = IdentifiedNormalForm(PAPER_NORMAL_FORM, wide)
+    draws = one.draws(500, seed=1)
+    assert draws == one.draws(500, seed=1)
+    assert draws != one.draws(500, seed=2)
+    assert 380 < len(draws) < 460
+    assert all(form.critical_speed > 0.0 for form in draws)
+
+
+def test_a_form_taken_as_exact_draws_itself() -> None:
+    assert IdentifiedNormalForm(PAPER_NORMAL_FORM).draws(3) == [PAPER_NORMAL_FORM] * 3
+
+
+def test_std_is_the_root_of_the_diagonal() -> None:
+    one = IdentifiedNormalForm(PAPER_NORMAL_FORM, np.diag([4.0, 9.0, 16.0, 25.0, 36.0, 49.0]))
+    assert [one.std(name) for name in PARAMETERS] == [2.0, 3.0, 4.0, 5.0, 6.0, 7.0]
