@@ -71,6 +71,9 @@ class RollerSpeedNode(LifecycleNode):
         )
         self._began = False  # a profile was started: before that the drive is left alone
         self._stopped = False  # emergency stop: stays until rearmed
+        self._held_mps: float | None = (
+            None  # instead of the profile, until it is started or resumed
+        )
         self._driver: DriveDriver | None = None
         self._thread: threading.Thread | None = None
         self._active = threading.Event()
@@ -187,8 +190,8 @@ class RollerSpeedNode(LifecycleNode):
         if self._config.profile_autostart and not self._began:
             self._began = True
             self._profile.start(now_ns)
-        if self._stopped:
-            self._send(now_ns, self._config.emergency_speed_mps)
+        if self._held_mps is not None:
+            self._send(now_ns, self._held_mps)
         elif self._began:
             self._send(now_ns, self._profile.set_point(now_ns))
 
@@ -212,20 +215,21 @@ class RollerSpeedNode(LifecycleNode):
         return callback
 
     def _emergency_stop(self, now_ns: int) -> str:
-        self._stopped = True
+        self._stopped, self._held_mps = True, self._config.emergency_speed_mps
         self._profile.stop(now_ns)
         self.get_logger().warning('emergency stop: set point held until speed/rearm')
         self._command()
         return ''
 
     def _rearm(self, now_ns: int) -> str:
+        # The roller stays where it is: only starting or resuming a profile moves it again.
         self._stopped = False
         return ''
 
     def _start_profile(self, now_ns: int) -> str:
         if self._stopped:
             return 'emergency stop is in force: call speed/rearm first'
-        self._began = True
+        self._began, self._held_mps = True, None
         self._profile.start(now_ns)
         return ''
 
@@ -238,6 +242,7 @@ class RollerSpeedNode(LifecycleNode):
             return 'emergency stop is in force: call speed/rearm first'
         if not self._began:
             return 'no profile was started'
+        self._held_mps = None
         self._profile.resume(now_ns)
         return ''
 

@@ -1,0 +1,203 @@
+"""
+Starting the nodes as processes of their own, and ending every one of them again.
+
+Each process gets a session of its own, so that Ctrl-C on the terminal reaches
+only this program, which then ends them in order: what records is ended last.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+
+from hunt_ros.errors import HuntError
+
+_PR_SET_PDEATHSIG = 1
+_GRACE_S = {signal.SIGINT: 8.0, signal.SIGTERM: 2.0, signal.SIGKILL: 2.0}
+
+
+@dataclass(frozen=True)
+class NodeSpec:
+    """
+    One node to start.
+
+    Parameters
+    ----------
+    module : str
+        Module of `hunt_ros.nodes`.
+    parameters : mapping
+        ROS parameters; values as YAML takes them.
+    parameter_files : sequence of Path
+        ROS parameter files, read before `parameters`.
+    piped : bool
+        True for the console: its standard streams are ours.
+    """
+
+    module: str
+    parameters: Mapping[str, object] = field(default_factory=dict)
+    parameter_files: Sequence[Path] = ()
+    piped: bool = False
+
+    def command(self, namespace: str) -> list[str]:
+        """Return the command line of the process."""
+        words = [sys.executable, '-m', f'hunt_ros.nodes.{self.module}', '--ros-args']
+        words += ['-r', f'__ns:=/{namespace.strip("/")}']
+        for path in self.parameter_files:
+            words += ['--params-file', str(path)]
+        for name, value in self.parameters.items():
+            words += ['-p', f'{name}:={_yaml(value)}']
+        return words
+
+
+class Processes:
+    """
+    The processes of one run; a context manager that leaves none behind.
+
+    Parameters
+    ----------
+    namespace : str
+        ROS namespace of all nodes.
+    log_directory : Path
+        Where each node's output goes, a file each.
+    private : bool
+        True for a ROS graph of this run alone, on this machine only (a demo must not
+        meet a real rig); False to use the user's ROS environment as it is.
+
+    Raises
+    ------
+    HuntError
+        If ROS is not installed.
+    """
+
+    def __init__(self, namespace: str, log_directory: Path, private: bool) -> None:
+        _require_ros()
+        self._namespace = namespace
+        self._logs = log_directory
+        self._environment = dict(os.environ)
+        if private:
+            self._environment['ROS_DOMAIN_ID'] = str(random.SystemRandom().randint(1, 100))
+            self._environment['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+            self._environment['ROS_LOCALHOST_ONLY'] = '1'
+        self._running: dict[str, subprocess.Popen[str]] = {}
+
+    def start(self, spec: NodeSpec) -> subprocess.Popen[str]:
+        """Start a node; its output goes to a log file unless it is piped."""
+        self._logs.mkdir(parents=True, exist_ok=True)
+        with (self._logs / f'{spec.module}.log').open('w') as log:
+            process = subprocess.Popen(
+                spec.command(self._namespace),
+                stdin=subprocess.PIPE if spec.piped else subprocess.DEVNULL,
+                stdout=subprocess.PIPE if spec.piped else log,
+                stderr=log,
+                text=True,
+                env=self._environment,
+                start_new_session=True,
+                preexec_fn=_end_with_parent if sys.platform == 'linux' else None,
+            )
+        self._running[spec.module] = process
+        return process
+
+    def failed(self) -> str | None:
+        """Return one line on a process that ended by itself, or None while all run."""
+        for module, process in self._running.items():
+            code = process.poll()
+            if code is not None:
+                return f'{module} ended with exit code {code}: {self.last_line(module)}'
+        return None
+
+    def last_line(self, module: str) -> str:
+        """Return the last line a node has written, for messages."""
+        path = self._logs / f'{module}.log'
+        lines = path.read_text(errors='replace').strip().splitlines() if path.exists() else []
+        return lines[-1] if lines else f'(see {path})'
+
+    def stop(self, module: str) -> None:
+        """End one node, and wait for it."""
+        process = self._running.pop(module, None)
+        if process is not None:
+            _end([process])
+
+    def close(self) -> None:
+        """End every node: the recorder last, so that it records the end of the others."""
+        recorder = self._running.pop('bag_recorder', None)
+        _end(list(self._running.values()))
+        self._running.clear()
+        if recorder is not None:
+            _end([recorder])
+
+    def __enter__(self) -> Processes:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        with _deaf_to_interrupts():
+            self.close()
+
+
+def _require_ros() -> None:
+    from importlib.util import find_spec
+
+    if find_spec('rclpy') is None:
+        raise HuntError(
+            'rclpy is not installed: source a ROS 2 set-up, or pip install "hunt_ros[ros]"'
+        )
+
+
+def _end(processes: Sequence[subprocess.Popen[str]]) -> None:
+    """Ask politely, then firmly, then not at all."""
+    for number, grace_s in _GRACE_S.items():
+        waiting = [process for process in processes if process.poll() is None]
+        for process in waiting:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, number)
+        deadline = time.monotonic() + grace_s
+        for process in waiting:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(timeout=max(0.0, deadline - time.monotonic()))
+
+
+@contextlib.contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Let a second Ctrl-C not leave processes behind."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _end_with_parent() -> None:
+    """In the child: be interrupted when the parent dies without saying goodbye."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
+
+
+def _yaml(value: object) -> str:
+    """Write a parameter value the way ROS reads it from a command line."""
+    if isinstance(value, bool):
+        return 'true' if value else 'false'
+    if isinstance(value, list | tuple):
+        return '[' + ', '.join(_yaml(each) for each in value) + ']'
+    if isinstance(value, float):
+        # ROS reads 7 as an integer and then refuses it for a float parameter.
+        text = repr(value)
+        return text if any(mark in text for mark in '.einf') else f'{text}.0'
+    return json.dumps(value) if isinstance(value, str) else str(value)
