@@ -57,12 +57,16 @@ class SimulatorServer:
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._listener, selectors.EVENT_READ)
         self._clients: list[_Client] = []
-        self.target_speed: float | None = None
 
     @property
     def port(self) -> int:
         """TCP port the server listens on."""
         return int(self._listener.getsockname()[1])
+
+    @property
+    def readers(self) -> int:
+        """Drivers that have subscribed to a channel."""
+        return sum(client.channel is not None for client in self._clients)
 
     def poll(self) -> float | None:
         """

@@ -1,0 +1,231 @@
+"""
+The rig that is not there: simulates wheelset, roller and sensors, and serves them as hardware.
+
+The sensor and speed nodes read it through the same drivers' interface as real
+hardware. With `time_scale` above 1 it runs that much faster than real time and
+publishes `/clock`, which the other nodes follow with `use_sim_time`.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger
+
+from hunt_ros.drivers.simulator_protocol import Channel
+from hunt_ros.drivers.simulator_server import SimulatorServer
+from hunt_ros.dynamics.parameters import RigParameters, paper_rig
+from hunt_ros.dynamics.simulation import RollerRig, Roughness, SensorModel, SimulationSettings
+from hunt_ros.errors import ConfigError
+from hunt_ros.nodes.conversions import to_time
+from hunt_ros.nodes.diagnostics import Diagnostics, Health
+from hunt_ros.nodes.parameters import declare, warn_unknown
+from hunt_ros.nodes.qos import stream
+from hunt_ros.nodes.runtime import run
+from hunt_ros.samples import NANOSECONDS
+from hunt_ros.settings import Settings, setting
+
+_DRIVE_HZ = 100.0
+#: Simulated time begins here, so that no stamp is 0, which ROS takes for 'not set'.
+_FIRST_STAMP_NS = NANOSECONDS
+#: After a pause of the machine, at most this much is caught up at once.
+_MOST_BEHIND_S = 0.5
+
+
+@dataclass(frozen=True)
+class SimulatorConfig(Settings):
+    """Parameters of the rig simulator."""
+
+    host: str = setting('127.0.0.1', 'Address to serve on.', fixed=True)
+    port: int = setting(47100, 'TCP port to serve on.', low=1, high=65535, fixed=True)
+    sample_rate_hz: float = setting(
+        500.0, 'Rate of both sensors.', unit='Hz', low=100.0, high=2000.0, fixed=True
+    )
+    time_scale: float = setting(
+        1.0,
+        'Simulated seconds in a second; above 0, not 1, /clock is published.',
+        low=0.01,
+        high=50.0,
+        fixed=True,
+    )
+    rig: str = setting('', 'YAML file of the rig; empty: the default rig.', fixed=True)
+    initial_speed_mps: float = setting(
+        6.0, 'Running speed at the start.', unit='m/s', low=0.1, high=100.0, fixed=True
+    )
+    roughness_m: float = setting(
+        20e-6,
+        'Amplitude of the roughness line of the roller.',
+        unit='m',
+        low=0.0,
+        high=1e-3,
+        fixed=True,
+    )
+    broadband: float = setting(
+        8e-6,
+        'Strength of the white yaw forcing, dimensionless equation (3).',
+        low=0.0,
+        high=1e-2,
+        fixed=True,
+    )
+    lateral_noise_m: float = setting(
+        5e-6, 'Noise of the lateral sensor.', unit='m', low=0.0, high=1e-3, fixed=True
+    )
+    yaw_noise_rad: float = setting(
+        2e-5, 'Noise of the yaw sensor.', unit='rad', low=0.0, high=1e-2, fixed=True
+    )
+    kick_m: float = setting(
+        0.3e-3, 'Size of the bump of the service kick.', unit='m', low=0.0, high=0.02
+    )
+    kick_times_s: tuple[float, ...] = setting(
+        (-1.0,), 'Times of bumps by themselves; negative: none.', unit='s', fixed=True
+    )
+    kick_sizes_m: tuple[float, ...] = setting(
+        (0.0,), 'Sizes of these bumps.', unit='m', fixed=True
+    )
+    seed: int = setting(0, 'Of everything random.', low=0, fixed=True)
+    start_with_readers: int = setting(
+        0, 'Hold the simulated time until so many drivers are connected.', low=0, fixed=True
+    )
+
+
+class RigSimulatorNode(Node):
+    """Runs the simulation in real time, in a thread of its own."""
+
+    def __init__(self) -> None:
+        super().__init__('rig_simulator')
+        self._config = config = declare(self, SimulatorConfig)
+        warn_unknown(self)
+        self._kicks = _kick_plan(config)
+        self._rig = RollerRig(_read_rig(config.rig), _settings(config), seed=config.seed)
+        self._server = SimulatorServer(config.host, config.port)
+        self._clock = None
+        if config.time_scale != 1.0:
+            self._clock = self.create_publisher(Clock, '/clock', stream(10))
+        self._origin_ns = _FIRST_STAMP_NS
+        self._samples = 0
+        self._behind_s = 0.0
+        self._pending_kicks: list[float] = []
+        self.create_service(Trigger, 'simulator/kick', self._on_kick)
+        self._diagnostics = Diagnostics(self, self._health)
+        self._running = threading.Event()
+        self._running.set()
+        self._thread = threading.Thread(target=self._work, name='simulation', daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop simulating and disconnect the drivers."""
+        self._running.clear()
+        self._thread.join(timeout=2.0)
+        self._server.close()
+
+    def _work(self) -> None:
+        """Advance the simulation with real time, a block every few milliseconds."""
+        rate = self._config.sample_rate_hz * self._config.time_scale
+        pause_s = max(1e-3, 1.0 / rate)
+        self._rig.advance(0)  # compile before the clock starts
+        while self._running.is_set() and self._server.readers < self._config.start_with_readers:
+            self._server.poll()
+            time.sleep(0.01)
+        if self._clock is None:
+            self._origin_ns = self.get_clock().now().nanoseconds
+        begin, done = time.monotonic(), 0
+        next_wake = begin
+        while self._running.is_set():
+            due = int((time.monotonic() - begin) * rate) - done
+            self._behind_s = due / rate
+            if due > _MOST_BEHIND_S * rate:
+                begin, done = time.monotonic(), 0  # do not run after lost time
+                continue
+            target = self._server.poll()
+            if target is not None:
+                self._rig.target_speed = target
+            if due:
+                self._advance(due)
+                done += due
+            next_wake = max(next_wake + pause_s, time.monotonic())
+            time.sleep(max(0.0, next_wake - time.monotonic()))
+
+    def _advance(self, count: int) -> None:
+        self._kick_if_due()
+        block = self._rig.advance(count)
+        stamps_ns = self._origin_ns + block.stamps_ns
+        valid = ~np.isnan(block.lateral)
+        self._server.send_sensor(Channel.LATERAL, stamps_ns[valid], block.lateral[valid])
+        valid = ~np.isnan(block.yaw)
+        self._server.send_sensor(Channel.YAW, stamps_ns[valid], block.yaw[valid])
+        every = max(1, round(self._config.sample_rate_hz / _DRIVE_HZ))
+        drive = (self._samples + np.arange(count)) % every == 0
+        self._server.send_drive(stamps_ns[drive], block.roller_angle[drive], block.speed[drive])
+        self._samples += count
+        if self._clock is not None:
+            self._clock.publish(Clock(clock=to_time(int(stamps_ns[-1]))))
+
+    def _kick_if_due(self) -> None:
+        elapsed_s = self._samples / self._config.sample_rate_hz
+        while self._kicks and self._kicks[0][0] <= elapsed_s:
+            self._pending_kicks.append(self._kicks.pop(0)[1])
+        while self._pending_kicks:
+            self._rig.kick(self._pending_kicks.pop(0))
+
+    def _on_kick(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._pending_kicks.append(self.get_parameter('kick_m').value)
+        response.success, response.message = True, 'the wheelset was hit'
+        return response
+
+    def _health(self) -> Health:
+        values = {
+            'port': self._server.port,
+            'drivers': self._server.readers,
+            'samples': self._samples,
+            'behind_s': round(self._behind_s, 4),
+        }
+        if self._behind_s > 0.1:
+            return 'WARN', f'{self._behind_s:.2f} s behind real time', values
+        return 'OK', f'{self._server.readers} drivers connected', values
+
+
+def _read_rig(path: str) -> RigParameters:
+    if not path:
+        return paper_rig()
+    try:
+        text = Path(path).read_text(encoding='utf-8')
+    except OSError as error:
+        raise ConfigError(f'rig {path!r}: cannot read it ({error.strerror})') from error
+    return RigParameters.from_yaml(text, path)
+
+
+def _settings(config: SimulatorConfig) -> SimulationSettings:
+    return SimulationSettings(
+        sample_rate_hz=config.sample_rate_hz,
+        initial_speed=config.initial_speed_mps,
+        roughness=Roughness(amplitudes=(config.roughness_m,)),
+        broadband=config.broadband,
+        lateral_sensor=SensorModel(noise=config.lateral_noise_m),
+        yaw_sensor=SensorModel(noise=config.yaw_noise_rad),
+    )
+
+
+def _kick_plan(config: SimulatorConfig) -> list[tuple[float, float]]:
+    if len(config.kick_times_s) != len(config.kick_sizes_m):
+        raise ConfigError(
+            f'kick_times_s has {len(config.kick_times_s)} values and kick_sizes_m'
+            f' {len(config.kick_sizes_m)}, expected one size a time'
+        )
+    plan = zip(config.kick_times_s, config.kick_sizes_m, strict=True)
+    return sorted(kick for kick in plan if kick[0] >= 0.0)
+
+
+def main() -> int:
+    """Run the node."""
+    return run(RigSimulatorNode)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
