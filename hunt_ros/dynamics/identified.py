@@ -25,7 +25,8 @@ from hunt_ros.errors import ConfigError
 PARAMETERS: tuple[str, ...] = ('v_c', *COEFFICIENTS)
 
 _FORM_FIELDS = ('critical_speed', *COEFFICIENTS)
-_SCALES = ('length_scale', 'time_scale', 'frequency_hz')
+#: Units of the form, with defaults where a file does not give them.
+SCALES = ('length_scale', 'time_scale', 'frequency_hz')
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +98,7 @@ class IdentifiedNormalForm:
         The covariance stands as the 21 numbers of its lower triangle, row by row.
         """
         group: dict[str, Any] = {'v_c': float(self.form.critical_speed)}
-        group |= {name: float(getattr(self.form, name)) for name in COEFFICIENTS + _SCALES}
+        group |= {name: float(getattr(self.form, name)) for name in COEFFICIENTS + SCALES}
         group['covariance'] = [float(x) for x in self.covariance[np.tril_indices(6)]]
         group['provenance'] = [f'{key}: {value}' for key, value in self.provenance.items()] or ['']
         document = {'/**': {'ros__parameters': {'normal_form': group}}}
@@ -140,9 +141,9 @@ class IdentifiedNormalForm:
             Naming the key that is missing or impossible.
         """
         numbers: dict[str, float] = {}
-        for name in PARAMETERS + _SCALES:
+        for name in PARAMETERS + SCALES:
             if name not in group:
-                if name in _SCALES:
+                if name in SCALES:
                     continue
                 raise ConfigError(f'{source}: {name} is missing, expected {", ".join(PARAMETERS)}')
             value = group[name]

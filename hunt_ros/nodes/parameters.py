@@ -15,6 +15,7 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from hunt_ros.dynamics.identified import PARAMETERS, SCALES, IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
 from hunt_ros.settings import Settings
 
@@ -129,3 +130,38 @@ def _descriptor(metadata: Any, default: Any) -> ParameterDescriptor:
         )
         descriptor.integer_range = [bounds]
     return descriptor
+
+
+def declare_normal_form(node: Node) -> IdentifiedNormalForm | None:
+    """
+    Declare the parameters `normal_form.*`, and read the normal form given in them.
+
+    Parameters
+    ----------
+    node : Node
+        Started with a parameter file of `hunt identify --out`, or without one.
+
+    Returns
+    -------
+    IdentifiedNormalForm or None
+        None where no `normal_form.v_c` was given.
+
+    Raises
+    ------
+    ConfigError
+        Naming the value that is missing or impossible.
+    """
+    given: dict[str, Any] = {}
+    kinds = dict.fromkeys((*PARAMETERS, *SCALES), Parameter.Type.DOUBLE)
+    kinds['covariance'] = Parameter.Type.DOUBLE_ARRAY
+    kinds['provenance'] = Parameter.Type.STRING_ARRAY
+    for name, kind in kinds.items():
+        full = f'normal_form.{name}'
+        descriptor = ParameterDescriptor(description=f'Identified normal form: {name}.')
+        node.declare_parameter(full, kind, descriptor)
+        value = node.get_parameter_or(full).value
+        if value is not None:
+            given[name] = _frozen(value)
+    if 'v_c' not in given:
+        return None
+    return IdentifiedNormalForm.from_parameters(given, 'parameters normal_form')
