@@ -45,6 +45,8 @@ class ConsoleNode(Node):
         self.create_subscription(DiagnosticArray, 'hunting/status', self._on_status, STATUS)
         for topic in ('hunting/normal_form', 'recording/closed'):
             self.create_subscription(String, topic, self._text_printer(topic), latched())
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_health, STATUS)
+        self._health: dict[str, str] = {}
         threading.Thread(target=self._read_commands, daemon=True).start()
 
     def _on_event(self, message: DiagnosticArray) -> None:
@@ -54,6 +56,14 @@ class ConsoleNode(Node):
         self._count += 1
         if self._count % self._every == 0:
             self._print('hunting/status', message)
+
+    def _on_health(self, message: DiagnosticArray) -> None:
+        """Print a node's health when it changes."""
+        health = read_diagnostic(message)
+        name, level = health.get('name', ''), health.get('level', '')
+        if self._health.get(name) != level:
+            self._health[name] = level
+            self._print('/diagnostics', message)
 
     def _print(self, topic: str, message: DiagnosticArray) -> None:
         stamp_ns = to_ns(message.header.stamp)

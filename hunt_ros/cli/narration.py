@@ -1,0 +1,84 @@
+"""What an operator reads while the rig runs: events as sentences, the status as one line."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+_SENTENCES: dict[str, str] = {
+    'hysteresis_entered': 'entered the hysteresis region: a bump can now start hunting',
+    'hysteresis_left': 'left the hysteresis region',
+    'unstable_entered': 'above the critical speed: the quiet state is unstable',
+    'unstable_left': 'below the critical speed again',
+    'escaping': 'ESCAPING: the motion is growing towards the limit cycle',
+    'limit_cycle': 'LIMIT CYCLE: full hunting',
+    'decaying': 'hunting is dying out',
+    'quiet': 'quiet',
+    'disturbed': 'disturbed, inside the basin of the quiet state',
+    'margin_low': 'margin is low',
+    'margin_restored': 'margin is restored',
+    'sensor_fault': 'SENSOR FAULT',
+    'sensor_recovered': 'sensor recovered',
+    'input_stale': 'INPUT STALE: the estimates cannot be trusted',
+    'input_recovered': 'input recovered',
+    'interlock_tripped': 'INTERLOCK TRIPPED',
+    'interlock_armed': 'interlock armed',
+    'interlock_disarmed': 'INTERLOCK DISARMED',
+    'acknowledged': 'alarm acknowledged',
+}
+
+#: Colour of a level on a terminal.
+STYLES: dict[str, str] = {'OK': 'green', 'WARN': 'yellow', 'ERROR': 'bold red', 'STALE': 'magenta'}
+
+
+def length(metres: float) -> str:
+    """Return a length with the unit that makes it readable."""
+    if not math.isfinite(metres):
+        return '-'
+    if abs(metres) >= 9.95e-3:
+        return f'{metres * 1e3:.1f} mm'
+    return f'{metres * 1e3:.3f} mm'
+
+
+def event_line(event: Mapping[str, str], origin_ns: int) -> str:
+    """
+    Return an event as one line.
+
+    Parameters
+    ----------
+    event : mapping
+        As printed by the console: stamp_ns, event, level, speed_mps, amplitude_m, message.
+    origin_ns : int
+        Time zero of the first column.
+    """
+    seconds = (int(event['stamp_ns']) - origin_ns) / 1e9
+    name = event.get('event', event.get('name', ''))
+    sentence = _SENTENCES.get(name, name.replace('_', ' '))
+    reason = event.get('reason', '')
+    speed, amplitude = _number(event, 'speed_mps'), _number(event, 'amplitude_m')
+    text = f'{seconds:8.1f} s  {speed:6.2f} m/s  {length(amplitude):>9}  {sentence}'
+    return f'{text} ({reason})' if reason else text
+
+
+def status_line(status: Mapping[str, str]) -> str:
+    """Return the present status as one line: level, state, speed, amplitude, what is known."""
+    parts = [
+        f'{status.get("level", "STALE"):5}',
+        f'{status.get("state", "?"):11}',
+        f'v {_number(status, "speed_mps"):5.2f} m/s',
+        f'A {length(_number(status, "amplitude_m")):>9}',
+    ]
+    growth = _number(status, 'growth_rate_per_s')
+    if math.isfinite(growth):
+        parts.append(f'growth {growth:+.2f} /s')
+    threshold = _number(status, 'unstable_amplitude_m')
+    if math.isfinite(threshold):
+        parts.append(f'threshold {length(threshold)}')
+    return '  '.join(parts)
+
+
+def _number(values: Mapping[str, str], key: str) -> float:
+    try:
+        return float(values[key])
+    except (KeyError, ValueError):
+        return math.nan

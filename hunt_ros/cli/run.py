@@ -1,0 +1,66 @@
+"""`hunt run`: the whole suite on this machine, until Ctrl-C."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+SUMMARY = 'start every node of the suite on this machine and show what they see'
+EXAMPLE = 'hunt run --simulated --normal-form recordings/normal_form.yaml'
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument('--simulated', action='store_true', help='simulate the rig')
+    parser.add_argument(
+        '--params', type=Path, metavar='FILE', help='ROS parameter file of the rig'
+    )
+    parser.add_argument(
+        '--normal-form', type=Path, metavar='FILE', help='parameter file of hunt identify --out'
+    )
+    parser.add_argument(
+        '--directory',
+        type=Path,
+        default=Path('recordings'),
+        help='recordings (default: %(default)s)',
+    )
+    parser.add_argument('--namespace', default='rig', help='ROS namespace (default: %(default)s)')
+    parser.add_argument(
+        '--duration', type=float, metavar='S', help='end after S seconds instead of at Ctrl-C'
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run until interrupted, or for the duration asked for."""
+    from hunt_ros.cli import suite
+    from hunt_ros.cli.processes import Processes
+    from hunt_ros.cli.view import View
+    from hunt_ros.errors import ConfigError
+
+    files = [path for path in (arguments.params, arguments.normal_form) if path is not None]
+    for path in files:
+        if not path.is_file():
+            raise ConfigError(f'{path}: no such parameter file')
+    names = (*suite.LISTENERS, *suite.SOURCES)
+    parameters: dict[str, dict[str, object]] = {
+        'bag_recorder': {'directory': str(arguments.directory)},
+        'normal_form_identifier': {'directory': str(arguments.directory)},
+    }
+    if arguments.simulated:
+        names = (suite.SIMULATOR, *names)
+    began = time.monotonic()
+    with Processes(arguments.namespace, arguments.directory / 'logs', private=False) as processes:
+        link = suite.start_console(processes, {})
+        suite.start_nodes(processes, names, {}, parameters, files)
+        print(
+            f'{len(names)} nodes under /{arguments.namespace}; logs in {arguments.directory}/logs'
+        )
+        with View() as view:
+            try:
+                while arguments.duration is None or time.monotonic() - began < arguments.duration:
+                    for line in link.lines(1.0):
+                        view.show(line)
+            except KeyboardInterrupt:
+                view.say('ending every node')
+    return 0

@@ -1,0 +1,80 @@
+"""Which nodes make the suite, and how they are started, told apart by what they need."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from hunt_ros.cli.console_link import ConsoleLink
+from hunt_ros.cli.processes import NodeSpec, Processes
+from hunt_ros.errors import HuntError
+
+#: Nodes that only listen: started first, so that no sample is missed.
+LISTENERS = ('bag_recorder', 'hunting_detector', 'normal_form_identifier')
+#: Nodes that talk to the rig.
+SOURCES = ('lateral_sensor', 'yaw_sensor', 'roller_speed')
+SIMULATOR = 'rig_simulator'
+
+_READY_S = 60.0
+
+Parameters = Mapping[str, Mapping[str, object]]
+
+
+def free_port() -> int:
+    """Return a TCP port of the loopback interface that nobody uses now."""
+    with socket.socket() as probe:
+        probe.bind(('127.0.0.1', 0))
+        return int(probe.getsockname()[1])
+
+
+def start_console(processes: Processes, parameters: Mapping[str, object]) -> ConsoleLink:
+    """Start the console node, and return our end of it."""
+    spec = NodeSpec('console', parameters, piped=True)
+    return ConsoleLink(processes.start(spec), processes)
+
+
+def start_nodes(
+    processes: Processes,
+    names: Sequence[str],
+    common: Mapping[str, object],
+    parameters: Parameters,
+    files: Sequence[Path] = (),
+) -> None:
+    """
+    Start nodes by name.
+
+    Parameters
+    ----------
+    processes : Processes
+        The run.
+    names : sequence of str
+        Executables.
+    common : mapping
+        Parameters of all of them.
+    parameters : mapping of str to mapping
+        Parameters of each, by node name.
+    files : sequence of Path
+        ROS parameter files for all of them.
+    """
+    for name in names:
+        values = {**common, **parameters.get(name, {})}
+        processes.start(NodeSpec(name, values, files))
+
+
+def wait_until_up(link: ConsoleLink, names: Sequence[str]) -> None:
+    """
+    Wait until each node has reported its health.
+
+    Raises
+    ------
+    HuntError
+        Naming the nodes that did not come up, or the one that ended.
+    """
+    missing = set(names)
+    for line in link.lines(_READY_S):
+        if line['topic'] == '/diagnostics':
+            missing.discard(str(line['name']).rsplit('/', 1)[-1])
+        if not missing:
+            return
+    raise HuntError(f'not up after {_READY_S:.0f} s: {", ".join(sorted(missing))}')
