@@ -128,6 +128,17 @@ def frame(axes: Axes, xlabel: str, ylabel: str) -> None:
     axes.spines[['top', 'right']].set_visible(False)
 
 
+def legend_above(axes: Axes, columns: int = 2) -> None:
+    """Put the legend above the axes, where no rig's data can lie under it."""
+    axes.legend(
+        loc='lower left',
+        bbox_to_anchor=(0.0, 1.0),
+        ncol=columns,
+        borderaxespad=0.2,
+        columnspacing=1.2,
+    )
+
+
 def svg(figure: Figure, salt: str = 'hunt') -> str:
     """
     Return the figure as a standalone SVG document on white.

@@ -1,0 +1,125 @@
+"""
+Fig. 6: the steady amplitudes as measured, speed up and speed down, and nothing else.
+
+No model stands in this figure: the two critical speeds are those read off the jumps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from hunt_ros.report import style
+from hunt_ros.report.result import Result
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def hysteresis_loop(
+    result: Result, marks: Mapping[str, tuple[float, float]] | None = None
+) -> Figure:
+    """
+    Draw the hysteresis loop.
+
+    Parameters
+    ----------
+    result : Result
+        Its `steady_states` and `observed` are shown.
+    marks : mapping of str to (speed, amplitude), optional
+        Letters to put beside points, m/s and m: the panels of Fig. 5.
+
+    Returns
+    -------
+    Figure
+        One column wide.
+
+    References
+    ----------
+    The paper, Fig. 6 and Sect. 2.4.
+    """
+    with style.journal_style():
+        figure = style.new_figure()
+        axes = figure.subplots()
+        style.frame(axes, style.SPEED_LABEL, style.AMPLITUDE_LABEL)
+        for direction in style.DIRECTIONS:
+            measured_points(axes, result.steady_states(direction), direction, joined=True)
+        axes.margins(x=0.06)
+        # Room above the loop for the names of the critical speeds.
+        axes.set_ylim(0.0, 1.24 * axes.get_ylim()[1])
+        _observed_speeds(axes, result)
+        for letter, (speed, amplitude) in (marks or {}).items():
+            axes.annotate(
+                f'({letter})',
+                (speed, style.MILLIMETRES * amplitude),
+                xytext=(0, 5),
+                textcoords='offset points',
+                ha='center',
+                color=style.INK,
+            )
+        if axes.get_legend_handles_labels()[0]:
+            style.legend_above(axes)
+        return figure
+
+
+def measured_points(
+    axes: Axes, states: list[Mapping[str, Any]], direction: str, joined: bool = False
+) -> None:
+    """
+    Plot measured steady amplitudes with their standard deviations.
+
+    Parameters
+    ----------
+    axes : Axes
+        Speed in m/s, amplitude in mm.
+    states : list of mapping
+        Entries of `steady_states`.
+    direction : str
+        Key of `style.DIRECTIONS`.
+    joined : bool
+        Join neighbours by a thin line, to follow the direction by eye.
+    """
+    if not states:
+        return
+    marker, colour, words = style.DIRECTIONS[direction]
+    amplitudes = [style.MILLIMETRES * float(state['amplitude_m']) for state in states]
+    spread = [style.MILLIMETRES * float(state.get('amplitude_std_m') or 0.0) for state in states]
+    axes.errorbar(
+        [float(state['speed_mps']) for state in states],
+        amplitudes,
+        yerr=spread if any(spread) else None,
+        fmt=marker,
+        color=colour,
+        markerfacecolor='none',
+        markeredgewidth=0.9,
+        elinewidth=0.6,
+        linestyle=(0, (1, 1.5)) if joined else 'none',
+        linewidth=0.6,
+        label=words,
+        zorder=3,
+    )
+
+
+def _observed_speeds(axes: Axes, result: Result) -> None:
+    """Mark the critical speeds as read off the jumps, with half a speed step either side."""
+    step = result.value('observed.step_mps') or 0.0
+    for key, words in (('v_n', r'$v_n$ observed'), ('v_c', r'$v_c$ observed')):
+        speed = result.value(f'observed.{key}')
+        if speed is None:
+            continue
+        if step:
+            axes.axvspan(speed - step / 2, speed + step / 2, color=style.GRID, lw=0, zorder=0)
+        axes.axvline(speed, color=style.MUTED, linewidth=0.6, linestyle=(0, (4, 2)), zorder=1)
+        axes.annotate(
+            f'{words}\n{speed:.2f} m/s',
+            (speed, 1.0),
+            xycoords=('data', 'axes fraction'),
+            xytext=(0, -1),
+            textcoords='offset points',
+            ha='center',
+            backgroundcolor=style.PAPER,
+            va='top',
+            fontsize=6.5,
+            color=style.MUTED,
+        )

@@ -1,0 +1,145 @@
+"""
+How the report reads an identification: by the public JSON keys, and never past a null.
+
+Everything shown comes from the document that `hunt identify --json` writes, so the
+page and the JSON cannot disagree. What is null there is 'not known', and is shown with
+the reason that the warnings give for it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+#: What a warning must speak of to be the reason of a null, by the start of its key. The
+#: first that matches counts, so the narrow ones stand first.
+_SUBJECTS: tuple[tuple[str, str], ...] = (
+    (r'(?:.*\.)?(?:std|ci95|amplitude_std_m)$', r'interval|bootstrap|uncertain|\bstd\b|runs?\b'),
+    (r'observed\.v_n', r'observed|jump|\bdown\b|\bv_n\b'),
+    (r'observed\.v_c', r'observed|jump|\bup\b|\bv_c\b'),
+    (r'observed', r'observed|jump|plateau|sweep|hysteresis'),
+    (r'v_c', r'\bv_c\b|Hopf|linear critical'),
+    (r'v_n', r'\bv_n\b|fold|saddle|unstable branch'),
+    (r'hysteresis_width', r'hysteresis|width|\bv_n\b|fold|saddle'),
+    (r'coefficients\.(?P<name>D\d+)', r'\b{name}\b|coefficient|normal form'),
+    (r'coefficients|criticality', r'coefficient|normal form|critical'),
+    (r'disturbance', r'disturbance|Appendix A|roughness'),
+    (r'four_point', r'four.point'),
+    (r'branches', r'branch|steady state|normal form'),
+    (r'fit', r'\bfit|residual|trajector|segment'),
+)
+
+_NO_REASON = 'the identification gave no reason'
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A null of the document: where it stands, and why it is not known."""
+
+    path: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Result:
+    """
+    The document of an identification, read by path.
+
+    Parameters
+    ----------
+    document : mapping
+        As `hunt identify --json` writes it.
+    """
+
+    document: Mapping[str, Any]
+
+    def get(self, path: str) -> Any:
+        """Return the entry at a path such as 'coefficients.D4'; None where it is not known."""
+        entry: Any = self.document
+        for key in path.split('.'):
+            if not isinstance(entry, Mapping):
+                return None
+            entry = entry.get(key)
+        return entry
+
+    def value(self, path: str) -> float | None:
+        """Return the number at a path: of a plain number, or the value of an uncertain one."""
+        entry = self.get(path)
+        if isinstance(entry, Mapping):
+            entry = entry.get('value')
+        return None if entry is None else float(entry)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The warnings, in their order."""
+        return tuple(str(line) for line in self.document.get('warnings') or ())
+
+    def steady_states(self, direction: str | None = None) -> list[Mapping[str, Any]]:
+        """Return the measured steady states, all or of one direction, by speed."""
+        entries: Sequence[Mapping[str, Any]] = self.document.get('steady_states') or ()
+        chosen = [x for x in entries if direction is None or x.get('direction') == direction]
+        return sorted(chosen, key=lambda entry: float(entry['speed_mps']))
+
+    def branches(self) -> list[Mapping[str, Any]]:
+        """Return the branches of the model, by speed."""
+        entries: Sequence[Mapping[str, Any]] = self.document.get('branches') or ()
+        return sorted(entries, key=lambda entry: float(entry['speed_mps']))
+
+    def unknowns(self) -> list[Unknown]:
+        """Return every null of the document with its reason, in the order of the document."""
+        return [Unknown(path, self.reason(path)) for path in _nulls(self.document)]
+
+    def reason(self, path: str) -> str:
+        """
+        Say why the entry at a path is null.
+
+        The warnings that speak of it; for a branch, on which side of the model's
+        critical speeds its speed lies; and if nothing gives a reason, that.
+        """
+        branch = self._branch_reason(path)
+        if branch:
+            return branch
+        for key, subject in _SUBJECTS:
+            found = re.match(key, path)
+            if not found:
+                continue
+            words = subject.format(**found.groupdict()) if found.groupdict() else subject
+            lines = [line for line in self.warnings if re.search(words, line, re.IGNORECASE)]
+            if lines:
+                return '; '.join(line.rstrip('.') for line in lines[:2])
+        if path in ('v_n', 'hysteresis_width') and self.get('criticality') == 'supercritical':
+            return 'no fold: the bifurcation is supercritical'
+        if len(self.warnings) == 1:
+            return self.warnings[0]
+        return _NO_REASON
+
+    def _branch_reason(self, path: str) -> str:
+        """Reason of a missing branch point from the model's own critical speeds, or ''."""
+        found = re.fullmatch(r'branches\.(\d+)\.(un)?stable_amplitude_m', path)
+        if not found:
+            return ''
+        speed = float(self.document['branches'][int(found.group(1))]['speed_mps'])
+        v_c, v_n = self.value('v_c'), self.value('v_n')
+        if v_n is not None and speed < v_n:
+            return 'the model has none below v_n'
+        if v_n is None and v_c is not None and speed < v_c and not found.group(2):
+            return 'the model has none below v_c'
+        if found.group(2) and v_c is not None and speed >= v_c:
+            return 'the model has none at or above v_c'
+        if found.group(2) and self.get('criticality') == 'supercritical':
+            return 'a supercritical rig has none'
+        return ''
+
+
+def _nulls(entry: Any, path: str = '') -> Iterator[str]:
+    """Paths of the nulls below an entry; elements of lists are counted from 0."""
+    if entry is None:
+        yield path
+    elif isinstance(entry, Mapping):
+        for key, below in entry.items():
+            yield from _nulls(below, f'{path}.{key}' if path else str(key))
+    elif isinstance(entry, Sequence) and not isinstance(entry, str):
+        for index, below in enumerate(entry):
+            yield from _nulls(below, f'{path}.{index}')

@@ -1,0 +1,268 @@
+"""
+The tables of the report, as HTML: every number rounded to its uncertainty.
+
+A number carries its unrounded value in its `data` element, under the path it has in
+the JSON document; a null is shown as 'not known' with its reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Any
+
+from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM
+from hunt_ros.report.numbers import plain, rounded, rounded_json
+from hunt_ros.report.result import Result
+
+_MEANING = {
+    'D1': 'growth rate per detuning',
+    'D4': 'cubic',
+    'D7': 'growth rate, second order',
+    'D10': 'cubic per detuning',
+    'D15': 'quintic',
+}
+
+#: How the symbols are set.
+SYMBOLS = {
+    'v_c': '<var>v</var><sub>c</sub>',
+    'v_n': '<var>v</var><sub>n</sub>',
+    'hysteresis_width': '<var>v</var><sub>c</sub> − <var>v</var><sub>n</sub>',
+    'D1': '<var>D</var><sub>1</sub>',
+    'D4': '<var>D</var><sub>4</sub>',
+    'D7': '<var>D</var>′<sub>7</sub>',
+    'D10': '<var>D</var>′<sub>10</sub>',
+    'D15': '<var>D</var>′<sub>15</sub>',
+}
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], caption: str) -> str:
+    """Return an HTML table of cells that are HTML already; it scrolls by itself if too wide."""
+    head = ''.join(f'<th scope="col">{cell}</th>' for cell in header)
+    body = ''.join(
+        '<tr>'
+        + f'<th scope="row">{row[0]}</th>'
+        + ''.join(f'<td>{cell}</td>' for cell in row[1:])
+        + '</tr>'
+        for row in rows
+    )
+    return (
+        f'<div class="wide"><table><caption>{caption}</caption>'
+        f'<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+    )
+
+
+def number(result: Result, path: str, scale: float = 1.0, digits: int = 4) -> str:
+    """
+    Return the number at a path as HTML, or 'not known' with its reason.
+
+    Parameters
+    ----------
+    result : Result
+        What is shown.
+    path : str
+        Of a plain number or of a `{value, std, ci95}`.
+    scale : float
+        Of the unit printed; the `data` element keeps the SI value.
+    digits : int
+        Significant digits where there is no uncertainty.
+    """
+    entry = result.get(path)
+    if entry is None or (isinstance(entry, Mapping) and entry.get('value') is None):
+        return not_known(result, path)
+    if isinstance(entry, Mapping):
+        shown = rounded_json(entry, scale).html()
+        if entry.get('std') is None:
+            shown += ' (uncertainty ' + not_known(result, f'{path}.std') + ')'
+        return _data(f'{path}.value', float(entry['value']), shown)
+    value = float(entry)
+    return _data(path, value, rounded(scale * value, digits=digits).html())
+
+
+def interval(result: Result, path: str, scale: float = 1.0) -> str:
+    """Return the 95 % interval of the number at a path as HTML, or 'not known'."""
+    entry = result.get(path)
+    if not isinstance(entry, Mapping) or entry.get('value') is None:
+        return not_known(result, path)
+    if entry.get('ci95') is None:
+        return not_known(result, f'{path}.ci95')
+    return rounded_json(entry, scale).interval_html()
+
+
+def not_known(result: Result, path: str) -> str:
+    """Return 'not known' with its reason, as HTML."""
+    return (
+        f'<span class="unknown" data-key="{escape(path)}">not known: '
+        f'{escape(result.reason(path))}</span>'
+    )
+
+
+def critical_speeds(result: Result) -> str:
+    """Table of v_c, v_n and the width: from the model, as observed, and the paper's."""
+    paper = PAPER_NORMAL_FORM
+    published = {
+        'v_c': paper.critical_speed,
+        'v_n': paper.nonlinear_critical_speed,
+        'hysteresis_width': paper.hysteresis_width,
+    }
+    names = {
+        'v_c': 'linear critical speed',
+        'v_n': 'nonlinear critical speed',
+        'hysteresis_width': 'hysteresis width',
+    }
+    rows = [
+        [
+            f'{names[key]} {SYMBOLS[key]} (m/s)',
+            number(result, key),
+            interval(result, key),
+            number(result, f'observed.{key}', digits=3),
+            plain(value) if value is not None else '',
+        ]
+        for key, value in published.items()
+    ]
+    step = number(result, 'observed.step_mps', digits=2)
+    return table(
+        ['', 'normal form', '95 % interval', 'read off the jumps', 'paper, Eq. (33)'],
+        rows,
+        f'Critical speeds. The jumps were passed in steps of {step} m/s.',
+    )
+
+
+def coefficients(result: Result) -> str:
+    """Table of the coefficients with intervals, the four-point recipe, and the paper's."""
+    rows = [
+        [
+            f'{SYMBOLS[name]} ({_MEANING[name]})',
+            number(result, f'coefficients.{name}'),
+            interval(result, f'coefficients.{name}'),
+            _four_point(result, name),
+            rounded(getattr(PAPER_NORMAL_FORM, name), digits=2).html(),
+        ]
+        for name in COEFFICIENTS
+    ]
+    caption = (
+        'Coefficients of the normal form, dimensionless, in the amplitude coordinate. '
+        '<var>D</var>′<sub>7</sub>, <var>D</var>′<sub>10</sub> and <var>D</var>′<sub>15</sub> '
+        'are effective: they hold for the speeds and amplitudes measured.'
+    )
+    header = ['', 'identified', '95 % interval', 'four-point recipe (3.3)', 'paper, Eq. (33)']
+    return table(header, rows, caption)
+
+
+def _four_point(result: Result, name: str) -> str:
+    if result.get('four_point') is None:
+        return not_known(result, 'four_point')
+    return 'taken as known' if name == 'D1' else number(result, f'four_point.{name}')
+
+
+def fit_quality(result: Result) -> str:
+    """Table of how the normal form was fitted, and how well it fits."""
+    fit = result.get('fit') or {}
+    lack = fit.get('lack_of_fit')
+    verdict = {True: 'yes: the form does not describe these data', False: 'none found'}
+    rows = [
+        ['criticality', _word(result, 'criticality')],
+        ['method', _word(result, 'fit.method')],
+        ['segments used', number(result, 'fit.segments')],
+        ['residual, rms (µm)', number(result, 'fit.residual_rms_m', 1e6, 2)],
+        [
+            'lack of fit',
+            not_known(result, 'fit.lack_of_fit') if lack is None else verdict[bool(lack)],
+        ],
+        ['condition number', number(result, 'fit.condition_number', digits=2)],
+        [
+            'condition number of the four-point recipe',
+            not_known(result, 'four_point')
+            if result.get('four_point') is None
+            else number(result, 'four_point.condition_number', digits=2),
+        ],
+        ['disturbance, from the width (mm)', number(result, 'disturbance_m', 1e3)],
+        ['length scale <var>d</var><sub>0</sub> (m)', number(result, 'length_scale_m')],
+        ['time scale 1/<var>ω</var><sub>ψ</sub> (s)', number(result, 'time_scale_s')],
+        ['coordinate', _word(result, 'coordinate')],
+    ]
+    return table(['', ''], rows, 'The fit.')
+
+
+def steady_states(result: Result) -> str:
+    """Table of the measured steady amplitudes."""
+    entries: Sequence[Mapping[str, Any]] = result.get('steady_states') or ()
+    order = sorted(range(len(entries)), key=lambda k: float(entries[k]['speed_mps']))
+    rows = []
+    for k in order:
+        path = f'steady_states.{k}'
+        cycles = entries[k].get('cycles')
+        rows.append(
+            [
+                f'{float(entries[k]["speed_mps"]):.3f}',
+                escape(str(entries[k].get('direction'))),
+                _amplitude(result, entries[k], path),
+                not_known(result, f'{path}.cycles') if cycles is None else str(cycles),
+            ]
+        )
+    header = ['speed (m/s)', 'speed was', 'amplitude (mm)', 'cycles']
+    return table(header, rows, 'Steady amplitudes as measured.')
+
+
+def _amplitude(result: Result, state: Mapping[str, Any], path: str) -> str:
+    """Amplitude of a steady state with its standard deviation, in mm."""
+    value, std = state.get('amplitude_m'), state.get('amplitude_std_m')
+    if value is None:
+        return not_known(result, f'{path}.amplitude_m')
+    shown = rounded(1e3 * float(value), None if std is None else 1e3 * float(std)).html()
+    if std is None:
+        shown += ' (' + not_known(result, f'{path}.amplitude_std_m') + ')'
+    return _data(f'{path}.amplitude_m', float(value), shown)
+
+
+def branches(result: Result, count: int = 16) -> str:
+    """Table of the branches of the model, thinned evenly to at most about `count` speeds."""
+    entries: Sequence[Mapping[str, Any]] = result.get('branches') or ()
+    stride = max(1, -(-len(entries) // count))
+    rows = []
+    for k in range(0, len(entries), stride):
+        cells = [f'{float(entries[k]["speed_mps"]):.3f}']
+        for key in ('unstable_amplitude_m', 'stable_amplitude_m'):
+            path, value = f'branches.{k}.{key}', entries[k].get(key)
+            cells.append(
+                not_known(result, path)
+                if value is None
+                else _data(path, float(value), rounded(1e3 * float(value), digits=3).html())
+            )
+        rows.append(cells)
+    header = ['speed (m/s)', 'unstable amplitude (mm)', 'stable amplitude (mm)']
+    return table(header, rows, 'Branches of the identified normal form.')
+
+
+def unknowns(result: Result) -> str:
+    """List everything that is null in the document with its reason; branches by reason."""
+    groups: dict[str, list[str]] = {}
+    for unknown in result.unknowns():
+        groups.setdefault(unknown.reason, []).append(unknown.path)
+    if not groups:
+        return '<p>Nothing: every quantity of the result is known.</p>'
+    items = ''.join(
+        f'<li>not known: {_paths(paths)}<br><span class="reason">{escape(reason)}</span></li>'
+        for reason, paths in groups.items()
+    )
+    return f'<ul class="unknowns">{items}</ul>'
+
+
+def _paths(paths: Sequence[str]) -> str:
+    """Return the paths as code; a long list is folded, with its first and its count in sight."""
+    codes = [f'<code>{escape(path)}</code>' for path in paths]
+    if len(codes) <= 6:
+        return ', '.join(codes)
+    return (
+        f'<details><summary>{codes[0]} and {len(codes) - 1} more</summary>'
+        f'{", ".join(codes)}</details>'
+    )
+
+
+def _word(result: Result, path: str) -> str:
+    entry = result.get(path)
+    return not_known(result, path) if entry is None else escape(str(entry))
+
+
+def _data(path: str, value: float, shown: str) -> str:
+    return f'<data value="{value!r}" data-key="{escape(path)}">{shown}</data>'
