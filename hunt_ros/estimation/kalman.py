@@ -1,0 +1,246 @@
+"""
+The hunting tracker: what the rest of the package calls.
+
+The filter itself, and the model behind it, is in `hunt_ros.estimation.kernel`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hunt_ros.errors import HuntError
+from hunt_ros.estimation import kernel
+from hunt_ros.estimation.tracker_config import ModePoint, TrackerConfig
+
+__all__ = ['TRACK_DTYPE', 'HuntingTracker', 'ModePoint', 'TrackerConfig']
+
+_NUMBERS = (
+    'lateral_amplitude',
+    'lateral_amplitude_std',
+    'lateral_amplitude_rate',
+    'lateral_amplitude_rate_std',
+    'yaw_amplitude',
+    'yaw_amplitude_std',
+    'yaw_amplitude_rate',
+    'yaw_amplitude_rate_std',
+    'phase',
+    'phase_std',
+    'frequency_hz',
+    'frequency_hz_std',
+    'growth_rate',
+    'growth_rate_std',
+    'lateral_roughness',
+    'lateral_roughness_std',
+    'lateral_roughness_second',
+    'yaw_roughness',
+    'yaw_roughness_std',
+    'yaw_roughness_second',
+    'lateral_bias',
+    'yaw_bias',
+    'lateral_residual',
+    'yaw_residual',
+    'lateral_nis',
+    'yaw_nis',
+    'lateral_clean',
+    'yaw_clean',
+    'lateral_noise_std',
+    'yaw_noise_std',
+    'yaw_ratio',
+    'yaw_ratio_std',
+    'yaw_lag',
+    'bandwidth',
+    'second_mode_amplitude',
+    'since_kick',
+)
+
+#: One estimate. Amplitudes, biases, residuals in the unit of the sensor (m, rad); rates per
+#: second; phase and yaw_lag in rad (y = amplitude cos(phase)); bandwidth in 1/s.
+TRACK_DTYPE: np.dtype[np.void] = np.dtype(
+    [('stamp_ns', np.int64), *((name, np.float64) for name in _NUMBERS)]
+)
+
+_NEVER = np.iinfo(np.int64).min // 2
+
+
+class HuntingTracker:
+    """
+    Amplitude, frequency, growth rate of the hunting motion, live.
+
+    An extended Kalman filter over both sensors that splits the signals into the
+    hunting phasor, a fast-decaying second mode, the roughness line at the roller's
+    angle and twice that, and a bias, and that finds its own noise levels.
+
+    Parameters
+    ----------
+    config : TrackerConfig, optional
+
+    Notes
+    -----
+    Answers to bad input: a value that is not finite, a stamp behind the last one of the
+    same or another sensor, a repeated stamp of one sensor, a value that has not changed for
+    `stuck_s` and a single outlier are left out of the estimate and counted in `dropped`.
+    Feeding the same samples and output stamps in other blocks gives the same numbers,
+    bit for bit, as long as each call holds all samples up to its last output stamp.
+    """
+
+    def __init__(self, config: TrackerConfig | None = None) -> None:
+        self.config = config or TrackerConfig()
+        c = self.config
+        nominal = 2.0 * math.pi * c.frequency_hz
+        self._modes = c.mode_table()
+        settings = np.zeros(kernel.N_CONFIG)
+        settings[kernel.C_BIN] = round(c.bin_s * 1e9) * 1e-9
+        settings[kernel.C_OMEGA_MIN] = 2.0 * math.pi * c.frequency_min_hz
+        settings[kernel.C_OMEGA_MAX] = 2.0 * math.pi * c.frequency_max_hz
+        settings[kernel.C_OMEGA_STD] = c.frequency_std * nominal
+        settings[kernel.C_OMEGA_DRIFT] = c.frequency_drift * nominal
+        settings[kernel.C_GROWTH_STD] = c.growth_rate_std
+        settings[kernel.C_GROWTH_DRIFT] = c.growth_rate_drift
+        settings[kernel.C_RATIO_STD] = c.yaw_ratio_std
+        settings[kernel.C_RATIO_FLOOR] = c.yaw_ratio_floor
+        settings[kernel.C_GATE] = c.surprise
+        settings[kernel.C_NOISE_TIME] = c.noise_time
+        settings[kernel.C_BANDWIDTH_TIME] = c.bandwidth_time
+        settings[kernel.C_STUCK] = c.stuck_s
+        settings[kernel.C_GAP] = c.gap_s
+        self._settings = settings
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything seen."""
+        self._x = np.zeros(kernel.N)
+        self._P = np.zeros((kernel.N, kernel.N))
+        self._memory = np.zeros(kernel.N_MEMORY)
+        self._memory[kernel.M_KICK] = -math.inf
+        self._memory[kernel.M_SPEED] = math.nan
+        if math.isnan(self._modes[0, 2]):
+            self._memory[kernel.M_RATIO_VAR] = 1.0
+        else:
+            self._memory[kernel.M_RATIO_RE] = 1.0
+            self._memory[kernel.M_RATIO_VAR] = self.config.yaw_ratio_std**2
+        self._sensors = np.zeros((2, kernel.N_SENSOR))
+        self._sensors[:, kernel.S_VALUE] = math.nan
+        self._sums = np.zeros((2, kernel.N_ACCUMULATOR))
+        self._counters = np.zeros(kernel.N_COUNTER, dtype=np.int64)
+        self._counters[kernel.I_LAST : kernel.I_OUTPUT + 1] = _NEVER
+
+    def update(
+        self,
+        stamps_ns: ArrayLike,
+        sensor: ArrayLike,
+        values: ArrayLike,
+        roller_angle: ArrayLike,
+        speed: ArrayLike,
+        output_ns: ArrayLike,
+    ) -> NDArray[np.void]:
+        """
+        Take a block of samples, and give the estimates at the stamps asked for.
+
+        Parameters
+        ----------
+        stamps_ns : array_like of int64, shape (n,)
+            Stamps of the samples of both sensors, sorted.
+        sensor : array_like of int8, shape (n,)
+            0 lateral, 1 yaw.
+        values : array_like, shape (n,)
+            m or rad, or any unit that stays the same.
+        roller_angle : array_like, shape (n,)
+            Continuous roller angle at each sample, rad; NaN: no roller, no roughness line.
+        speed : array_like, shape (n,)
+            Running speed at each sample, m/s; NaN: as before.
+        output_ns : array_like of int64, shape (m,)
+            Stamps at which estimates are wanted, increasing, also from call to call.
+
+        Returns
+        -------
+        ndarray of TRACK_DTYPE, shape (m,)
+            Row k is the estimate at output_ns[k] from all samples up to that stamp;
+            NaN where nothing is known.
+
+        Raises
+        ------
+        HuntError
+            If the arrays differ in length, a sensor is neither 0 nor 1, or output stamps
+            do not increase; nothing has been taken in then.
+        """
+        stamps = np.ascontiguousarray(stamps_ns, dtype=np.int64)
+        sensors = np.ascontiguousarray(sensor, dtype=np.int8)
+        measured = np.ascontiguousarray(values, dtype=np.float64)
+        angles = np.ascontiguousarray(roller_angle, dtype=np.float64)
+        speeds = np.ascontiguousarray(speed, dtype=np.float64)
+        outputs = np.ascontiguousarray(output_ns, dtype=np.int64)
+        shape = stamps.shape
+        if len(shape) != 1 or any(a.shape != shape for a in (sensors, measured, angles, speeds)):
+            raise HuntError(
+                f'tracker: {shape} stamps, {sensors.shape} sensors, {measured.shape} values,'
+                f' {angles.shape} angles and {speeds.shape} speeds, expected one of each a sample'
+            )
+        if shape[0] and (sensors.min() < 0 or sensors.max() > 1):
+            raise HuntError('tracker: a sensor number must be 0 (lateral) or 1 (yaw)')
+        if outputs.size and (
+            outputs[0] <= self._counters[kernel.I_OUTPUT]
+            or (outputs.size > 1 and bool(np.any(outputs[1:] <= outputs[:-1])))
+        ):
+            raise HuntError(f'tracker: output stamps must increase, got {outputs[0]} first')
+        rows = np.full((outputs.size, kernel.N_OUTPUT), math.nan)
+        self._run(stamps, sensors, measured, angles, speeds, outputs, rows)
+        track = np.empty(outputs.size, dtype=TRACK_DTYPE)
+        track['stamp_ns'] = outputs
+        track.view(np.float64).reshape(outputs.size, -1)[:, 1:] = rows
+        return track
+
+    def _run(
+        self,
+        stamps: NDArray[np.int64],
+        sensors: NDArray[np.int8],
+        values: NDArray[np.float64],
+        angles: NDArray[np.float64],
+        speeds: NDArray[np.float64],
+        outputs: NDArray[np.int64],
+        rows: NDArray[np.float64],
+    ) -> None:
+        kernel.track_block(
+            stamps,
+            sensors,
+            values,
+            angles,
+            speeds,
+            outputs,
+            rows,
+            self._x,
+            self._P,
+            self._memory,
+            self._sensors,
+            self._sums,
+            self._counters,
+            self._settings,
+            self._modes,
+        )
+
+    @property
+    def state(self) -> NDArray[np.float64]:
+        """Copy of the state vector, shape (20,), in the order of `kernel`."""
+        return self._x.copy()
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """Copy of the covariance of `state`, shape (20, 20)."""
+        return self._P.copy()
+
+    @property
+    def kicks(self) -> int:
+        """Kicks seen since the start."""
+        return int(self._counters[kernel.I_KICKS])
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """Samples left out since the start, by reason."""
+        return {
+            'not_finite': int(self._counters[kernel.I_NOT_FINITE]),
+            'backwards': int(self._counters[kernel.I_BACKWARDS]),
+            'stuck': int(self._counters[kernel.I_STUCK]),
+            'glitches': int(self._counters[kernel.I_GLITCHES]),
+        }

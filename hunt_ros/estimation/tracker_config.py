@@ -1,0 +1,190 @@
+"""
+Settings of the hunting tracker, and how they reach the compiled kernel.
+
+Nothing here has a length in it: the tracker finds the scale of the signals and
+of their noise by itself, so metres, millimetres and volts are treated alike.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class ModePoint:
+    """
+    What linear theory says of the rig's two modes at one speed.
+
+    Parameters
+    ----------
+    speed : float
+        Running speed, m/s.
+    frequency_hz : float
+        Frequency of the hunting mode, Hz.
+    second_frequency_hz, second_decay : float
+        Frequency (Hz) and decay rate (1/s, positive) of the second mode.
+    yaw_ratio : complex, optional
+        Yaw phasor over lateral phasor of the hunting mode, in the units of the two
+        sensors (rad/m in SI). None: unknown, learnt from the data.
+    second_yaw_ratio : complex, optional
+        The same for the second mode. None: the two sensors see it independently.
+
+    Raises
+    ------
+    ConfigError
+        For a value that is not finite, or a frequency or decay that is not positive.
+    """
+
+    speed: float
+    frequency_hz: float
+    second_frequency_hz: float
+    second_decay: float
+    yaw_ratio: complex | None = None
+    second_yaw_ratio: complex | None = None
+
+    def __post_init__(self) -> None:
+        for name in ('frequency_hz', 'second_frequency_hz', 'second_decay'):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ConfigError(f'mode point: {name} must be positive, got {value}')
+        if not math.isfinite(self.speed):
+            raise ConfigError(f'mode point: speed must be finite, got {self.speed}')
+
+
+def _positive(name: str, value: float) -> None:
+    if not (math.isfinite(value) and value > 0.0):
+        raise ConfigError(f'tracker: {name} must be positive, got {value}')
+
+
+@dataclass(frozen=True)
+class TrackerConfig:
+    """
+    Settings of `HuntingTracker`; the defaults suit any rig that hunts at 1 to 6 Hz.
+
+    Parameters
+    ----------
+    frequency_hz : float
+        Nominal hunting frequency, Hz. 30 % off costs nothing once there is a signal.
+    frequency_min_hz, frequency_max_hz : float
+        Range the frequency state is kept in, Hz.
+    frequency_std : float
+        Prior standard deviation of the frequency, as a fraction of the nominal one.
+    frequency_drift : float
+        Random walk of the frequency, fraction of nominal per square root of a second.
+    growth_rate_std : float
+        Prior standard deviation of the growth rate, 1/s.
+    growth_rate_drift : float
+        Random walk of the growth rate, (1/s) per square root of a second.
+    second_frequency_hz, second_decay : float
+        Frequency (Hz) and decay rate (1/s) of the second, fast-decaying mode.
+    yaw_ratio, second_yaw_ratio : complex, optional
+        Yaw over lateral phasor of the two modes; None: learnt, or left free.
+    yaw_ratio_std : float
+        Prior relative standard deviation of a `yaw_ratio` that is given.
+    yaw_ratio_floor : float
+        Relative accuracy with which one ratio describes all amplitudes and speeds.
+    modes : tuple of ModePoint
+        The same by speed, replacing the constants above; interpolated, held at its ends.
+    bin_s : float
+        Samples of one sensor are averaged over bins of this length, s, before they
+        enter the filter (0: every sample by itself). See `hunt_ros.estimation.kernel`.
+    surprise : float
+        Innovation, in its standard deviations, that two samples running must exceed
+        to be taken for a kick.
+    noise_time, bandwidth_time : float
+        Time constants, s, of the self-tuned sensor noise and process noise.
+    stuck_s : float
+        A sensor whose value does not change for this long, s, is not measuring.
+    gap_s : float
+        After silence longer than this, s, the hunting phasor is known no more.
+
+    Raises
+    ------
+    ConfigError
+        For a value outside its range.
+    """
+
+    frequency_hz: float = 2.84
+    frequency_min_hz: float = 1.0
+    frequency_max_hz: float = 6.0
+    frequency_std: float = 0.2
+    frequency_drift: float = 0.015
+    growth_rate_std: float = 1.0
+    growth_rate_drift: float = 0.2
+    second_frequency_hz: float = 3.3
+    second_decay: float = 9.4
+    yaw_ratio: complex | None = None
+    second_yaw_ratio: complex | None = None
+    yaw_ratio_std: float = 0.1
+    yaw_ratio_floor: float = 0.03
+    modes: tuple[ModePoint, ...] = ()
+    bin_s: float = 0.005
+    surprise: float = 4.0
+    noise_time: float = 2.0
+    bandwidth_time: float = 2.0
+    stuck_s: float = 0.1
+    gap_s: float = 2.0
+
+    def __post_init__(self) -> None:
+        free = ('yaw_ratio', 'second_yaw_ratio', 'modes', 'bin_s')
+        for setting in fields(self):
+            if setting.name not in free:
+                _positive(setting.name, getattr(self, setting.name))
+        if not 0.0 <= self.bin_s <= 0.02:
+            raise ConfigError(f'tracker: bin_s must be within 0..0.02 s, got {self.bin_s}')
+        if not self.frequency_min_hz < self.frequency_hz < self.frequency_max_hz:
+            raise ConfigError(
+                f'tracker: frequency_hz {self.frequency_hz} must lie between frequency_min_hz'
+                f' {self.frequency_min_hz} and frequency_max_hz {self.frequency_max_hz}'
+            )
+        speeds = [point.speed for point in self.modes]
+        if any(b <= a for a, b in zip(speeds, speeds[1:], strict=False)):
+            raise ConfigError(f'tracker: speeds of modes must increase, got {speeds}')
+        known = {point.yaw_ratio is None for point in self.modes}
+        if len(known) > 1:
+            raise ConfigError('tracker: yaw_ratio must be given at every speed or at none')
+
+    def mode_table(self) -> NDArray[np.float64]:
+        """
+        Return the modes as the kernel reads them.
+
+        Returns
+        -------
+        ndarray of float64, shape (n, 8)
+            Speed; hunting frequency, rad/s; ratio, real and imaginary (NaN: unknown);
+            second frequency, rad/s; second decay, 1/s; its ratio, real and imaginary.
+        """
+        points = self.modes or (
+            ModePoint(
+                0.0,
+                self.frequency_hz,
+                self.second_frequency_hz,
+                self.second_decay,
+                self.yaw_ratio,
+                self.second_yaw_ratio,
+            ),
+        )
+        unknown = complex(math.nan, math.nan)
+        rows = []
+        for point in points:
+            ratio = unknown if point.yaw_ratio is None else complex(point.yaw_ratio)
+            second = unknown if point.second_yaw_ratio is None else complex(point.second_yaw_ratio)
+            rows.append(
+                (
+                    point.speed,
+                    2.0 * math.pi * point.frequency_hz,
+                    ratio.real,
+                    ratio.imag,
+                    2.0 * math.pi * point.second_frequency_hz,
+                    point.second_decay,
+                    second.real,
+                    second.imag,
+                )
+            )
+        return np.array(rows, dtype=np.float64)
