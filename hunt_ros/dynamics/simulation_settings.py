@@ -1,0 +1,188 @@
+"""
+What the simulated rig is made of besides the wheelset: roughness, drive, sensors, rates.
+
+All are frozen and know nothing of each other; `simulation` puts them together.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from hunt_ros.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class Roughness:
+    """
+    Run-out of the rolling surfaces, tied to the angle of the roller.
+
+    A surface that wanders sideways by u(x) turns the direction of rolling by
+    du/dx, which adds to psi in the lateral creep force of Eq. (2). Its lines lie
+    at the multiples of f_r = v / (pi D), Eq. (1).
+
+    Parameters
+    ----------
+    amplitudes : tuple of float
+        Amplitude, m, of the line in y at roller orders 1, 2, ... at
+        `reference_speed`, as the quiet wheelset shows it. The surface that makes
+        it is derived from the linear response, and stays the same at all speeds.
+    phases : tuple of float
+        Phases of the surface at roller angle 0, rad; zeros where not given.
+    wheel_amplitudes : tuple of float
+        The same for orders of the wheel, which turns D / (2 r0) times as fast
+        (28 Hz at 6.4 m/s on the paper's rig: above its hunting, but it may alias).
+    reference_speed : float
+        m/s.
+
+    Raises
+    ------
+    ConfigError
+        For a negative or non-finite amplitude.
+    """
+
+    amplitudes: tuple[float, ...] = ()
+    phases: tuple[float, ...] = ()
+    wheel_amplitudes: tuple[float, ...] = ()
+    reference_speed: float = 7.2
+
+    def __post_init__(self) -> None:
+        for value in (*self.amplitudes, *self.wheel_amplitudes):
+            _at_least_zero('roughness amplitude', value)
+        for value in self.phases:
+            if not math.isfinite(value):
+                raise ConfigError(f'roughness phase must be finite, got {value}')
+        if len(self.phases) > len(self.amplitudes):
+            raise ConfigError(
+                f'roughness has {len(self.phases)} phases for {len(self.amplitudes)} amplitudes'
+            )
+        _above_zero('roughness reference_speed', self.reference_speed)
+
+
+@dataclass(frozen=True)
+class SensorModel:
+    """
+    A sensor: gain, offset, noise, then range, then resolution; drop-outs; its own clock.
+
+    Parameters
+    ----------
+    gain : float
+        Reading over true value.
+    offset, noise : float
+        Bias and standard deviation of the white noise of a sample, m or rad.
+    resolution : float
+        Step of the converter, m or rad; 0: none.
+    full_scale : float
+        Readings saturate at +/- this value, m or rad.
+    dropouts_per_s : float
+        Mean number of drop-outs a second; readings in one are NaN.
+    dropout_s : float
+        Length of a drop-out, s.
+    clock_drift : float
+        Relative error of the clock that stamps the samples (1e-5 = 10 ppm fast).
+
+    Raises
+    ------
+    ConfigError
+        Naming the value that is impossible.
+    """
+
+    gain: float = 1.0
+    offset: float = 0.0
+    noise: float = 0.0
+    resolution: float = 0.0
+    full_scale: float = math.inf
+    dropouts_per_s: float = 0.0
+    dropout_s: float = 0.02
+    clock_drift: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ('gain', 'offset', 'clock_drift'):
+            if not math.isfinite(getattr(self, name)):
+                raise ConfigError(f'sensor: {name} must be finite, got {getattr(self, name)}')
+        for name in ('noise', 'resolution', 'dropouts_per_s', 'dropout_s'):
+            _at_least_zero(f'sensor: {name}', getattr(self, name))
+        if not self.full_scale > 0.0:
+            raise ConfigError(f'sensor: full_scale must be positive, got {self.full_scale}')
+        if not abs(self.clock_drift) < 0.1:
+            raise ConfigError(f'sensor: clock_drift must be below 0.1, got {self.clock_drift}')
+
+
+@dataclass(frozen=True)
+class DriveModel:
+    """
+    The motor: the speed follows its set point with a lag and a limited acceleration.
+
+    Parameters
+    ----------
+    time_constant_s : float
+        Of the first-order lag; 0: none.
+    acceleration_limit : float
+        m/s^2, both ways.
+    speed_gain : float
+        Measured over true speed (an encoder diameter taken wrong).
+    speed_noise : float
+        Standard deviation of a measured speed, m/s.
+    """
+
+    time_constant_s: float = 0.3
+    acceleration_limit: float = 1.0
+    speed_gain: float = 1.0
+    speed_noise: float = 0.0
+
+    def __post_init__(self) -> None:
+        _at_least_zero('drive: time_constant_s', self.time_constant_s)
+        _above_zero('drive: acceleration_limit', self.acceleration_limit)
+        _above_zero('drive: speed_gain', self.speed_gain)
+        _at_least_zero('drive: speed_noise', self.speed_noise)
+
+
+@dataclass(frozen=True)
+class SimulationSettings:
+    """
+    How the rig is run and measured.
+
+    Parameters
+    ----------
+    sample_rate_hz : float
+        Of both sensors.
+    initial_speed : float
+        m/s.
+    roughness : Roughness
+    broadband : float
+        Strength wn of the white yaw forcing in the dimensionless equation (3):
+        dpsi' gets wn dW, with W a Wiener process in t*.
+    lateral_sensor, yaw_sensor : SensorModel
+    drive : DriveModel
+    drive_rate_hz : float
+        Rate of speed and roller angle in a `Record`.
+
+    Raises
+    ------
+    ConfigError
+        Naming the value that is impossible.
+    """
+
+    sample_rate_hz: float = 500.0
+    initial_speed: float = 6.0
+    roughness: Roughness = field(default_factory=Roughness)
+    broadband: float = 0.0
+    lateral_sensor: SensorModel = field(default_factory=SensorModel)
+    yaw_sensor: SensorModel = field(default_factory=SensorModel)
+    drive: DriveModel = field(default_factory=DriveModel)
+    drive_rate_hz: float = 100.0
+
+    def __post_init__(self) -> None:
+        for name in ('sample_rate_hz', 'initial_speed', 'drive_rate_hz'):
+            _above_zero(f'simulation: {name}', getattr(self, name))
+        _at_least_zero('simulation: broadband', self.broadband)
+
+
+def _above_zero(name: str, value: float) -> None:
+    if not (math.isfinite(value) and value > 0.0):
+        raise ConfigError(f'{name} must be positive, got {value}')
+
+
+def _at_least_zero(name: str, value: float) -> None:
+    if not (math.isfinite(value) and value >= 0.0):
+        raise ConfigError(f'{name} must not be negative, got {value}')
