@@ -89,7 +89,8 @@ class Processes:
         if private:
             self._environment['ROS_DOMAIN_ID'] = str(random.SystemRandom().randint(1, 100))
             self._environment['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-            self._environment['ROS_LOCALHOST_ONLY'] = '1'
+            if os.environ.get('ROS_DISTRO') == 'humble':
+                self._environment['ROS_LOCALHOST_ONLY'] = '1'  # newer ones warn about it
         self._running: dict[str, subprocess.Popen[str]] = {}
 
     def start(self, spec: NodeSpec) -> subprocess.Popen[str]:

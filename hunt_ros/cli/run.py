@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     for path in files:
         if not path.is_file():
             raise ConfigError(f'{path}: no such parameter file')
-    names = (*suite.LISTENERS, *suite.SOURCES)
+    names: tuple[str, ...] = (*suite.LISTENERS, *suite.SOURCES)
     parameters: dict[str, dict[str, object]] = {
         'bag_recorder': {'directory': str(arguments.directory)},
         'normal_form_identifier': {'directory': str(arguments.directory)},

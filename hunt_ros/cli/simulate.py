@@ -1,0 +1,148 @@
+"""`hunt simulate OUT`: a recording of a simulated rig, as fast as the machine computes it."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hunt_ros.errors import ConfigError
+
+if TYPE_CHECKING:
+    from hunt_ros.dynamics.parameters import RigParameters
+    from hunt_ros.dynamics.simulation import SimulationSettings, SpeedProfile
+
+SUMMARY = 'simulate the rig over a speed profile and write the recording as a bag'
+EXAMPLE = 'hunt simulate sweep --sweep 6 8.8 0.02 --kick 60:0.0001 --seed 3'
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument('out', type=Path, help='folder of the bag; must not exist')
+    speed = parser.add_mutually_exclusive_group()
+    speed.add_argument(
+        '--sweep',
+        nargs=3,
+        type=float,
+        metavar=('LOW', 'HIGH', 'RATE'),
+        help='up and back, m/s, m/s and m/s^2 (default: 6 8.8 0.02)',
+    )
+    speed.add_argument(
+        '--staircase',
+        nargs=4,
+        type=float,
+        metavar=('LOW', 'HIGH', 'STEP', 'HOLD'),
+        help='up and back in steps, m/s, each held HOLD seconds',
+    )
+    speed.add_argument(
+        '--profile', type=_corners, metavar='T:V,...', help='corners: seconds and m/s'
+    )
+    parser.add_argument('--duration', type=float, metavar='S', help='default: the whole profile')
+    parser.add_argument(
+        '--kick',
+        type=_pair,
+        action='append',
+        default=[],
+        metavar='T:SIZE',
+        help='bump at T seconds, lateral amplitude SIZE in m; repeatable',
+    )
+    parser.add_argument('--rig', type=Path, metavar='FILE', help='rig as YAML (default: built in)')
+    parser.add_argument('--rate', type=float, default=500.0, help='sensors, Hz (%(default)s)')
+    parser.add_argument(
+        '--roughness',
+        type=float,
+        default=20e-6,
+        metavar='M',
+        help='roughness line (%(default)s m)',
+    )
+    parser.add_argument(
+        '--broadband', type=float, default=8e-6, help='white yaw forcing wn (%(default)s)'
+    )
+    parser.add_argument(
+        '--noise', type=float, default=5e-6, metavar='M', help='lateral sensor (%(default)s m)'
+    )
+    parser.add_argument(
+        '--yaw-noise', type=float, default=2e-5, metavar='RAD', help='yaw sensor (%(default)s rad)'
+    )
+    parser.add_argument('--seed', type=int, default=0, help='of everything random (%(default)s)')
+    parser.add_argument('--json', metavar='PATH', help="what was written, as JSON; '-': stdout")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Simulate, write the bag, say where it is."""
+    from hunt_ros.bag.writer import write_record
+    from hunt_ros.cli.output import write_json
+    from hunt_ros.dynamics.simulation import simulate
+
+    if arguments.out.exists():
+        raise ConfigError(f'{arguments.out}: exists already, expected the name of a new folder')
+    rig, settings, profile = _rig(arguments.rig), _settings(arguments), _profile(arguments)
+    duration_s = profile.duration_s if arguments.duration is None else arguments.duration
+    if not 0.0 < duration_s <= 864_000.0:
+        raise ConfigError(f'--duration: {duration_s:g} s is not within 0 to 864000 s')
+    record = simulate(
+        rig, settings, profile, duration_s, kicks=tuple(arguments.kick), seed=arguments.seed
+    )
+    notes = {'source': 'hunt simulate', 'seed': str(arguments.seed)}
+    path = write_record(arguments.out, record, notes=notes)
+    samples = sum(len(series) for series in record.values())
+    if arguments.json != '-':
+        print(f'{path}: {record.duration_s:.1f} s, {samples} samples')
+    if arguments.json:
+        document = {'bag': str(path), 'duration_s': record.duration_s, 'samples': samples}
+        write_json(document, arguments.json)
+    return 0
+
+
+def _rig(path: Path | None) -> RigParameters:
+    from hunt_ros.dynamics.parameters import RigParameters, paper_rig
+
+    if path is None:
+        return paper_rig()
+    try:
+        return RigParameters.from_yaml(path.read_text(encoding='utf-8'), str(path))
+    except OSError as error:
+        raise ConfigError(f'{path}: cannot read the rig ({error.strerror})') from error
+
+
+def _profile(arguments: argparse.Namespace) -> SpeedProfile:
+    import numpy as np
+
+    from hunt_ros.dynamics.simulation import SpeedProfile
+
+    if arguments.profile:
+        times, speeds = zip(*arguments.profile, strict=True)
+        return SpeedProfile(tuple(times), tuple(speeds))
+    if arguments.staircase:
+        low, high, step, hold_s = arguments.staircase
+        if step <= 0.0 or high < low:
+            raise ConfigError(f'--staircase: no steps of {step:g} from {low:g} to {high:g} m/s')
+        up = np.append(np.arange(low, high - 0.5 * step, step), high).tolist()
+        return SpeedProfile.staircase(*up, *up[-2::-1], hold_s=hold_s)
+    low, high, rate = arguments.sweep or (6.0, 8.8, 0.02)
+    return SpeedProfile.sweep(low, high, rate)
+
+
+def _settings(arguments: argparse.Namespace) -> SimulationSettings:
+    from hunt_ros.dynamics.simulation import Roughness, SensorModel, SimulationSettings
+
+    return SimulationSettings(
+        sample_rate_hz=arguments.rate,
+        initial_speed=float(_profile(arguments)(0.0)),
+        roughness=Roughness((arguments.roughness,)) if arguments.roughness else Roughness(),
+        broadband=arguments.broadband,
+        lateral_sensor=SensorModel(noise=arguments.noise),
+        yaw_sensor=SensorModel(noise=arguments.yaw_noise),
+    )
+
+
+def _pair(text: str) -> tuple[float, float]:
+    first, _, second = text.partition(':')
+    try:
+        return float(first), float(second)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'{text!r} is not two numbers T:VALUE') from None
+
+
+def _corners(text: str) -> list[tuple[float, float]]:
+    return [_pair(part) for part in text.split(',')]

@@ -1,0 +1,119 @@
+"""Real nodes in processes of their own, on a ROS graph nobody else is in."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+rclpy = pytest.importorskip('rclpy', reason='the extra ros is not installed')
+
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
+
+
+class Graph:
+    """One ROS graph: starts nodes, listens to topics, calls services."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.port = _free_port()
+        self._processes: dict[str, subprocess.Popen[str]] = {}
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context)
+        self.node = rclpy.create_node('probe', namespace='rig', context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+
+    def start(self, module: str, *files: Path, **parameters: object) -> subprocess.Popen[str]:
+        words = [sys.executable, '-m', f'hunt_ros.nodes.{module}', '--ros-args']
+        words += ['-r', '__ns:=/rig']
+        for path in files:
+            words += ['--params-file', str(path)]
+        for name, value in parameters.items():
+            text = str(value).lower() if isinstance(value, bool) else str(value)
+            words += ['-p', f'{name}:={text}']
+        with self.log(module).open('w') as log:
+            process = subprocess.Popen(
+                words,
+                stdin=subprocess.PIPE,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                text=True,
+                cwd=self.folder,
+            )
+        self._processes[module] = process
+        return process
+
+    def log(self, module: str) -> Path:
+        return self.folder / f'{module}.log'
+
+    def collect(self, kind: type, topic: str, qos: object = 1000) -> list:
+        """Return a list that fills with the messages of a topic while the graph spins."""
+        messages: list = []
+        self.node.create_subscription(kind, topic, messages.append, qos)
+        return messages
+
+    def spin(self, seconds: float) -> None:
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def spin_until(self, done: Callable[[], object], timeout_s: float = 30.0) -> None:
+        deadline = time.monotonic() + timeout_s
+        while not done():
+            assert time.monotonic() < deadline, f'waited {timeout_s} s in vain; {self.tails()}'
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def call(self, service: str, timeout_s: float = 15.0) -> Trigger.Response:
+        client = self.node.create_client(Trigger, service)
+        self.spin_until(client.service_is_ready, timeout_s)
+        future = client.call_async(Trigger.Request())
+        self.spin_until(future.done, timeout_s)
+        return future.result()
+
+    def end(self, module: str, number: int = signal.SIGINT, timeout_s: float = 15.0) -> int:
+        process = self._processes.pop(module)
+        process.send_signal(number)
+        return process.wait(timeout=timeout_s)
+
+    def tails(self) -> str:
+        """Return the last lines of every node, for a failing assertion."""
+        logs = (self.log(module) for module in self._processes)
+        return '; '.join(f'{log.name}: {log.read_text()[-300:]!r}' for log in logs)
+
+    def close(self) -> None:
+        for process in self._processes.values():
+            process.terminate()
+        for process in self._processes.values():
+            try:
+                process.wait(timeout=10.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(('127.0.0.1', 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.fixture
+def graph(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Graph]:
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(random.SystemRandom().randint(1, 100)))
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    monkeypatch.setenv('PYTHONPATH', os.getcwd())
+    graph = Graph(tmp_path)
+    yield graph
+    graph.close()
