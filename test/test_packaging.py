@@ -1,0 +1,181 @@
+"""
+The package as an ament_python package: colcon builds it, tests it, and its programs run.
+
+Everything happens in a scratch copy of the files under version control, so that what
+builds is what a clone holds, and nothing is left behind in the work tree.
+"""
+
+from __future__ import annotations
+
+import ast
+import configparser
+import os
+import re
+import shutil
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+COLCON = Path(sys.executable).with_name('colcon')
+NAME = 'hunt_ros'
+
+
+def console_scripts() -> dict[str, str]:
+    """Name and target of each console script, as setup.py declares them, without running it."""
+    for node in ast.walk(ast.parse((ROOT / 'setup.py').read_text())):
+        if isinstance(node, ast.Dict):
+            for key, value in zip(node.keys, node.values, strict=True):
+                if isinstance(key, ast.Constant) and key.value == 'console_scripts':
+                    parts = (entry.partition('=') for entry in ast.literal_eval(value))
+                    return {name.strip(): target.strip() for name, _, target in parts}
+    raise AssertionError('setup.py declares no console scripts')
+
+
+def package() -> ElementTree.Element:
+    return ElementTree.parse(ROOT / 'package.xml').getroot()
+
+
+def test_the_manifest_has_what_colcon_and_rosdep_need() -> None:
+    manifest = package()
+    assert manifest.get('format') == '3'
+    assert manifest.findtext('name') == NAME
+    assert manifest.findtext('export/build_type') == 'ament_python'
+    assert manifest.findtext('license') == 'Apache-2.0'
+    maintainer = manifest.find('maintainer')
+    assert maintainer is not None
+    # With an invalid address colcon takes the package for plain Python, with a warning only.
+    assert re.fullmatch(r'[\w.+-]+@[\w-]+(\.[\w-]+)+', maintainer.get('email', ''))
+    depends = [node.text for node in manifest if node.tag.endswith('depend')]
+    assert len(depends) == len(set(depends)), 'a dependency stands twice'
+
+
+def test_manifest_setup_and_package_agree_on_the_version() -> None:
+    import hunt_ros
+
+    versions = {package().findtext('version'), hunt_ros.__version__}
+    found = re.search(r"version='([^']+)'", (ROOT / 'setup.py').read_text())
+    assert found
+    versions.add(found.group(1))
+    changelog = (ROOT / 'CHANGELOG.rst').read_text()
+    assert len(versions) == 1, versions
+    assert versions.pop() in changelog
+
+
+def test_scripts_go_where_ros2_run_looks() -> None:
+    config = configparser.ConfigParser()
+    config.read(ROOT / 'setup.cfg')
+    assert config['install']['install_scripts'] == f'$base/lib/{NAME}'
+    assert config['develop']['script_dir'] == f'$base/lib/{NAME}'
+    assert (ROOT / 'resource' / NAME).is_file()
+
+
+@pytest.mark.parametrize('script', sorted(console_scripts()))
+def test_every_console_script_points_at_a_function_that_is_there(script: str) -> None:
+    module, _, function = console_scripts()[script].partition(':')
+    path = ROOT / Path(*module.split('.')).with_suffix('.py')
+    assert path.is_file(), f'{script}: {module} is missing'
+    names = [node.name for node in ast.parse(path.read_text()).body if hasattr(node, 'name')]
+    assert function in names
+
+
+def clean_environment() -> dict[str, str]:
+    """Environment without what the ROS wheels put into this process (they re-execute Python)."""
+    hidden = {'LD_LIBRARY_PATH', '_ROS_WHEELS_BOOTSTRAP_COMPLETE', 'PYTHONPATH'}
+    environment = {key: value for key, value in os.environ.items() if key not in hidden}
+    environment['PATH'] = f'{COLCON.parent}{os.pathsep}{environment["PATH"]}'
+    environment['OMP_NUM_THREADS'] = '1'
+    return environment
+
+
+def call(*words: str, where: Path, timeout: float = 600.0) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        words,
+        cwd=where,
+        env=clean_environment(),
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+    )
+
+
+@pytest.fixture(scope='module')
+def workspace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Make a colcon workspace holding the tracked files, built."""
+    if not COLCON.exists():
+        pytest.skip('colcon is not installed (extra colcon)')
+    if shutil.which('git') is None or not (ROOT / '.git').exists():
+        pytest.skip('not a git clone: what is tracked cannot be known')
+    workspace = tmp_path_factory.mktemp('workspace')
+    copy = workspace / 'src' / NAME
+    listed = subprocess.run(
+        ['git', 'ls-files', '-z'], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    for name in filter(None, listed.stdout.split('\0')):
+        # A golden bag is a megabyte, and no build looks at it.
+        if name.startswith('bags/') or not (ROOT / name).is_file():
+            continue
+        (copy / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(ROOT / name, copy / name)
+    built = call('colcon', 'build', '--event-handlers', 'console_direct+', where=workspace)
+    assert built.returncode == 0, built.stdout + built.stderr
+    assert 'WARNING' not in built.stderr, built.stderr
+    yield workspace
+    shutil.rmtree(workspace, ignore_errors=True)
+
+
+@pytest.mark.packaging
+def test_colcon_takes_it_for_an_ament_package_and_installs_every_part(workspace: Path) -> None:
+    listed = call('colcon', 'list', where=workspace)
+    assert listed.stdout.split() == [NAME, f'src/{NAME}', '(ros.ament_python)']
+    share = workspace / 'install' / NAME / 'share'
+    assert (share / 'ament_index/resource_index/packages' / NAME).is_file()
+    assert (share / NAME / 'package.xml').is_file()
+    tracked = workspace / 'src' / NAME
+    for folder, pattern in (('config', '*'), ('launch', '*.launch.py')):
+        for path in (tracked / folder).glob(pattern):
+            assert (share / NAME / folder / path.name).is_file(), path.name
+
+
+@pytest.mark.packaging
+def test_every_executable_is_where_ros2_run_looks(workspace: Path) -> None:
+    programs = workspace / 'install' / NAME / 'lib' / NAME
+    for script in console_scripts():
+        assert os.access(programs / script, os.X_OK), script
+
+
+@pytest.mark.packaging
+def test_the_installed_program_runs_from_the_installed_package(workspace: Path) -> None:
+    program = workspace / 'install' / NAME / 'lib' / NAME / 'hunt'
+    where_is_it = f"python -c 'import {NAME}; print({NAME}.__file__)'"
+    script = f'. install/setup.sh && {program} --version && {where_is_it}'
+    done = call('sh', '-c', script, where=workspace)
+    assert done.returncode == 0, done.stderr
+    version, where = done.stdout.split('\n')[:2]
+    assert version == f'{NAME} {package().findtext("version")}'
+    assert Path(where).resolve().is_relative_to((workspace / 'install').resolve())
+
+
+@pytest.mark.packaging
+@pytest.mark.slow
+def test_colcon_test_finds_and_passes_the_tests(workspace: Path) -> None:
+    # A cut through the suite: colcon must find pytest, the files and the package. The
+    # whole suite is what runs this very test.
+    done = call(
+        'colcon',
+        'test',
+        '--return-code-on-test-failure',
+        '--pytest-args',
+        'test/test_samples.py',
+        'test/dynamics/test_identified.py',
+        where=workspace,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    results = call('colcon', 'test-result', '--all', where=workspace)
+    found = re.search(r'(\d+) tests?, 0 errors?, 0 failures?', results.stdout)
+    assert found, results.stdout
+    assert int(found.group(1)) > 50
