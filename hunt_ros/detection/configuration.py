@@ -1,0 +1,267 @@
+"""
+The settings of the detector: every threshold, with its unit, range and meaning.
+
+The ROS parameters of the detector node are declared from these fields.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hunt_ros.errors import ConfigError
+from hunt_ros.samples import CHANNELS
+from hunt_ros.settings import Settings, setting
+
+
+@dataclass(frozen=True)
+class DetectorConfig(Settings):
+    """
+    Settings of `HuntingDetector`, SI throughout.
+
+    Amplitudes are compared with the noise floor the detector has learnt, and with
+    the branches of the normal form where there is one, so that the defaults suit a
+    wheelset that moves tenths of a millimetre and a rig that moves decimetres.
+
+    Raises
+    ------
+    ConfigError
+        For a value out of range or a threshold pair in the wrong order.
+    """
+
+    channels: tuple[str, ...] = setting(
+        CHANNELS, 'channels the rig has; one that is listed and silent is a fault', fixed=True
+    )
+    roughness: bool = setting(
+        True, 'separate the roughness line of the roller (needs the roller channel)', fixed=True
+    )
+    constant_speed_mps: float = setting(
+        0.0,
+        'running speed where there is no speed channel (0: from the channel)',
+        unit='m/s',
+        low=0.0,
+        fixed=True,
+    )
+    output_rate_hz: float = setting(
+        100.0, 'rate of the estimates', unit='Hz', low=1.0, high=1000.0, fixed=True
+    )
+    hunting_frequency_hz: float = setting(
+        2.84,
+        'nominal hunting frequency; 30 % off costs nothing',
+        unit='Hz',
+        low=0.1,
+        high=50.0,
+        fixed=True,
+    )
+    hunting_frequency_min_hz: float = setting(
+        1.0, 'lowest hunting frequency considered', unit='Hz', low=0.05, high=50.0, fixed=True
+    )
+    hunting_frequency_max_hz: float = setting(
+        6.0, 'highest hunting frequency considered', unit='Hz', low=0.1, high=100.0, fixed=True
+    )
+
+    critical_speed_mps: float = setting(
+        0.0, 'v_c, where no normal form gives it (0: unknown)', unit='m/s', low=0.0
+    )
+    nonlinear_critical_speed_mps: float = setting(
+        0.0,
+        'v_n, where no normal form gives it (0: unknown, or no hysteresis)',
+        unit='m/s',
+        low=0.0,
+    )
+    region_band_mps: float = setting(
+        0.02, 'a region is left this far beyond its boundary', unit='m/s', low=0.0, high=10.0
+    )
+    region_hold_s: float = setting(
+        0.2, 'a region is changed after this time', unit='s', low=0.0, high=60.0
+    )
+
+    sensor_timeout_s: float = setting(
+        0.2, 'lateral or yaw silent for longer is stale', unit='s', low=0.01, high=60.0
+    )
+    roller_timeout_s: float = setting(
+        0.2, 'roller angle silent for longer is stale', unit='s', low=0.01, high=60.0
+    )
+    speed_timeout_s: float = setting(
+        0.5, 'speed silent for longer is stale', unit='s', low=0.01, high=60.0
+    )
+    stamp_jump_s: float = setting(
+        1.0,
+        'a stamp further ahead than this waits for the next one to confirm it',
+        unit='s',
+        low=0.01,
+        high=3600.0,
+    )
+    clock_reset_s: float = setting(
+        1.0,
+        'stamps that stay behind by more than this are a clock that was set back',
+        unit='s',
+        low=0.01,
+        high=3600.0,
+    )
+    fault_hold_s: float = setting(
+        1.0, 'a fault is reported for this long after its last sign', unit='s', low=0.0, high=600.0
+    )
+    stuck_time_s: float = setting(
+        0.25,
+        'a sensor that repeats one value for this long is stuck',
+        unit='s',
+        low=0.01,
+        high=60.0,
+    )
+    lateral_range_m: float = setting(
+        0.0,
+        'lateral readings of this size and more are saturated (0: no limit)',
+        unit='m',
+        low=0.0,
+    )
+    yaw_range_rad: float = setting(
+        0.0, 'yaw readings of this size and more are saturated (0: no limit)', unit='rad', low=0.0
+    )
+    standstill_mps: float = setting(
+        0.05, 'below this speed the rig stands still', unit='m/s', low=0.0, high=10.0
+    )
+
+    noise_floor_m: float = setting(
+        0.0,
+        'quiet amplitude (r.m.s.) below which nothing is looked at (0: learnt)',
+        unit='m',
+        low=0.0,
+    )
+    floor_time_s: float = setting(
+        20.0, 'time constant of the learnt noise floor', unit='s', low=1.0, high=3600.0
+    )
+    disturbed_in: float = setting(
+        3.0, 'disturbed above this many noise floors', low=1.0, high=100.0
+    )
+    disturbed_out: float = setting(
+        2.0, 'quiet again below this many noise floors', low=0.5, high=100.0
+    )
+    disturbed_hold_s: float = setting(
+        0.02, 'disturbed after this time above', unit='s', low=0.0, high=60.0
+    )
+    quiet_hold_s: float = setting(
+        0.5, 'quiet after this time below', unit='s', low=0.0, high=600.0
+    )
+
+    escape_probability_in: float = setting(
+        0.95, 'escaping above this probability of ending on the limit cycle', low=0.5, high=1.0
+    )
+    escape_probability_out: float = setting(
+        0.5, 'no longer escaping below this probability', low=0.0, high=1.0
+    )
+    escape_hold_s: float = setting(
+        0.1, 'escaping after this time above', unit='s', low=0.0, high=60.0
+    )
+    growth_sigma: float = setting(
+        3.0,
+        'growing (decaying) for sure: growth rate this many standard deviations off zero',
+        low=1.0,
+        high=10.0,
+    )
+    growth_floor: float = setting(
+        6.0,
+        'without a normal form, escaping only above this many noise floors',
+        low=1.0,
+        high=1000.0,
+    )
+    growth_hold_s: float = setting(
+        1.0,
+        'without a normal form, escaping after growing for this time',
+        unit='s',
+        low=0.0,
+        high=60.0,
+    )
+
+    limit_cycle_fraction: float = setting(
+        0.85, 'limit cycle from this fraction of the stable branch', low=0.1, high=1.0
+    )
+    limit_cycle_floor: float = setting(
+        12.0,
+        'without a normal form, limit cycle only above this many noise floors',
+        low=2.0,
+        high=1000.0,
+    )
+    limit_cycle_growth_per_s: float = setting(
+        0.15,
+        'without a normal form, a limit cycle grows or decays by less',
+        unit='1/s',
+        low=0.001,
+        high=10.0,
+    )
+    limit_cycle_amplitude_m: float = setting(
+        0.0, 'amplitude that is a limit cycle whatever else is known (0: none)', unit='m', low=0.0
+    )
+    limit_cycle_hold_s: float = setting(
+        1.0, 'limit cycle after this time', unit='s', low=0.0, high=60.0
+    )
+    decay_fraction: float = setting(
+        0.7,
+        'decaying below this fraction of the amplitude it had in the limit cycle',
+        low=0.05,
+        high=1.0,
+    )
+    decay_rate_per_s: float = setting(
+        0.3,
+        'decaying also when it falls faster than this, for sure',
+        unit='1/s',
+        low=0.001,
+        high=100.0,
+    )
+    decay_hold_s: float = setting(0.3, 'decaying after this time', unit='s', low=0.0, high=60.0)
+
+    margin_in: float = setting(
+        2.0, 'WARN below this ratio of unstable amplitude to amplitude', low=1.0, high=100.0
+    )
+    margin_out: float = setting(3.0, 'no longer WARN above this ratio', low=1.0, high=100.0)
+    margin_hold_s: float = setting(
+        0.1, 'margin low (restored) after this time', unit='s', low=0.0, high=60.0
+    )
+    agreement_sigma: float = setting(
+        4.0,
+        'the two amplitude estimates disagree beyond this many standard deviations',
+        low=1.0,
+        high=20.0,
+    )
+    agreement_fraction: float = setting(
+        0.15, 'and beyond this fraction of the amplitude', low=0.01, high=1.0
+    )
+    agreement_hold_s: float = setting(1.0, 'and for this time', unit='s', low=0.0, high=60.0)
+    outlook_s: float = setting(
+        60.0,
+        'horizon of the chance of being thrown out of the quiet basin',
+        unit='s',
+        low=1.0,
+        high=86400.0,
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        unknown = sorted(set(self.channels) - set(CHANNELS))
+        if unknown:
+            raise ConfigError(f'channels: unknown {unknown[0]!r}, expected some of {CHANNELS}')
+        if not set(self.channels) & {'lateral', 'yaw'}:
+            raise ConfigError(f'channels: need lateral or yaw, got {self.channels}')
+        for high, low in (
+            ('disturbed_in', 'disturbed_out'),
+            ('escape_probability_in', 'escape_probability_out'),
+            ('margin_out', 'margin_in'),
+            ('hunting_frequency_max_hz', 'hunting_frequency_hz'),
+            ('hunting_frequency_hz', 'hunting_frequency_min_hz'),
+        ):
+            if getattr(self, high) < getattr(self, low):
+                raise ConfigError(
+                    f'{high}: {getattr(self, high)} must not be below {low} ({getattr(self, low)})'
+                )
+        v_n, v_c = self.nonlinear_critical_speed_mps, self.critical_speed_mps
+        if v_n > 0.0 and not v_n < v_c:
+            raise ConfigError(f'nonlinear_critical_speed_mps: {v_n} must lie below v_c ({v_c})')
+
+    @property
+    def period_ns(self) -> int:
+        """Spacing of the estimates, ns."""
+        return round(1e9 / self.output_rate_hz)
+
+    def timeout_ns(self, channel: str) -> int:
+        """Timeout of a channel, ns."""
+        names = {'roller': 'roller_timeout_s', 'speed': 'speed_timeout_s'}
+        return round(1e9 * float(getattr(self, names.get(channel, 'sensor_timeout_s'))))
