@@ -1,0 +1,251 @@
+"""
+Steady-state amplitudes against speed (Fig. 6), and the critical speeds read off them.
+
+Two amplitudes stand side by side: the paper's, the mean of the maxima of the time
+history (Sect. 2.4), which holds the roughness line and the noise; and that of the
+hunting component alone, which the normal form speaks of.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Direction = Literal['up', 'down', 'hold']
+
+
+@dataclass(frozen=True)
+class SteadyState:
+    """
+    One steady (or, along a slow ramp, nearly steady) amplitude.
+
+    Parameters
+    ----------
+    speed : float
+        m/s.
+    amplitude, amplitude_std : float
+        Of the hunting component, m; the deviation is that of the mean.
+    direction : 'up', 'down' or 'hold'
+        Which way the speed was going.
+    cycles : int
+        Hunting cycles behind the number.
+    maxima, maxima_std : float
+        The paper's amplitude (mean of the maxima), m; NaN where not worked out.
+    noise : float
+        Amplitude that noise alone would show, m.
+    kind : 'plateau' or 'ramp'
+    source : str
+    start_ns, end_ns : int
+    """
+
+    speed: float
+    amplitude: float
+    amplitude_std: float
+    direction: Direction
+    cycles: int
+    maxima: float = math.nan
+    maxima_std: float = math.nan
+    noise: float = 0.0
+    kind: Literal['plateau', 'ramp'] = 'plateau'
+    source: str = ''
+    start_ns: int = 0
+    end_ns: int = 0
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the entry of `steady_states`; what is not known is None."""
+        return {
+            'speed_mps': self.speed,
+            'amplitude_m': self.amplitude,
+            'amplitude_std_m': self.amplitude_std if math.isfinite(self.amplitude_std) else None,
+            'direction': self.direction,
+            'cycles': self.cycles,
+            'maxima_m': self.maxima if math.isfinite(self.maxima) else None,
+            'maxima_std_m': self.maxima_std if math.isfinite(self.maxima_std) else None,
+            'kind': self.kind,
+            'source': self.source,
+        }
+
+
+def mean_of_maxima(
+    values: NDArray[np.float64], rate_hz: float, frequency_hz: float
+) -> tuple[float, float, int]:
+    """
+    Amplitude as the paper takes it: the mean of the maxima of the time history.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Lateral displacement at an even rate, m; NaN is left out.
+    rate_hz, frequency_hz : float
+        Sample rate and hunting frequency, Hz: one maximum is taken a cycle.
+
+    Returns
+    -------
+    mean, std : float
+        Of the maxima above the mean displacement, and the deviation of that mean, m.
+    count : int
+        Number of cycles; with fewer than two, mean and std are NaN.
+
+    References
+    ----------
+    The paper, Sect. 2.4: "the average value of the maximum amplitude of the
+    oscillation in the time history".
+    """
+    period = max(round(rate_hz / frequency_hz), 1)
+    count = values.size // period
+    if count < 2:
+        return math.nan, math.nan, count
+    cycles = values[: count * period].reshape(count, period)
+    cycles = cycles[np.isfinite(cycles).all(axis=1)]
+    if len(cycles) < 2:
+        return math.nan, math.nan, len(cycles)
+    maxima = cycles.max(axis=1) - float(np.mean(cycles))
+    return float(maxima.mean()), standard_error(maxima), len(cycles)
+
+
+def standard_error(values: NDArray[np.float64]) -> float:
+    """
+    Standard deviation of the mean of a correlated series.
+
+    The integrated autocorrelation is summed up to its first negative value; a mean of
+    correlated amplitudes is worth fewer values than were recorded.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        In the order of time.
+
+    Returns
+    -------
+    float
+        In the unit of the values; NaN for fewer than two.
+
+    References
+    ----------
+    Sokal, A. (1997), Monte Carlo methods in statistical mechanics, Sect. 3.
+    """
+    n = values.size
+    if n < 2:
+        return math.nan
+    centred = values - values.mean()
+    variance = float(np.mean(centred**2))
+    if variance <= 0.0:
+        return 0.0
+    total = 1.0
+    for lag in range(1, max(2, n // 3)):
+        correlation = float(np.mean(centred[lag:] * centred[:-lag])) / variance
+        if correlation <= 0.0:
+            break
+        total += 2.0 * correlation
+    return math.sqrt(variance * min(total, n) / max(n - 1, 1))
+
+
+@dataclass(frozen=True)
+class ObservedCriticalSpeeds:
+    """
+    Critical speeds as read off the jumps, Sects. 2.3 and 2.4; None where there is no jump.
+
+    Parameters
+    ----------
+    v_c, v_n : float or None
+        Middle between the last state before and the first after the jump on the way up,
+        and down, m/s.
+    step : float or None
+        Distance of those two states, the larger of the two, m/s.
+    threshold : float or None
+        Amplitude that parts quiet from hunting states, m.
+    """
+
+    v_c: float | None = None
+    v_n: float | None = None
+    step: float | None = None
+    threshold: float | None = None
+
+    @property
+    def hysteresis_width(self) -> float | None:
+        """v_c - v_n, m/s."""
+        return None if self.v_c is None or self.v_n is None else self.v_c - self.v_n
+
+    def to_json(self) -> dict[str, float | None]:
+        """Return the entry `observed`."""
+        return {
+            'v_c': self.v_c,
+            'v_n': self.v_n,
+            'hysteresis_width': self.hysteresis_width,
+            'step_mps': self.step,
+        }
+
+
+def hunting_threshold(amplitudes: NDArray[np.float64]) -> float | None:
+    """
+    Amplitude that parts quiet from hunting, m: the split that parts the logarithms best.
+
+    Parameters
+    ----------
+    amplitudes : ndarray, shape (n,)
+        Amplitudes of steady states or of instants, m.
+
+    Returns
+    -------
+    float or None
+        None where they are all of one kind (means less than a factor 2.5 apart).
+
+    References
+    ----------
+    Otsu, N. (1979), IEEE Trans. Systems, Man, and Cybernetics 9, 62-66.
+    """
+    logs = np.sort(np.log(amplitudes[np.isfinite(amplitudes) & (amplitudes > 0.0)]))
+    if logs.size < 2:
+        return None
+    below = np.arange(1, logs.size)
+    sums = np.cumsum(logs)
+    low = sums[:-1] / below
+    high = (sums[-1] - sums[:-1]) / (logs.size - below)
+    best = int(np.argmax(below * (logs.size - below) * (high - low) ** 2))
+    if high[best] - low[best] < math.log(2.5):
+        return None
+    return float(math.exp(0.5 * (low[best] + high[best])))
+
+
+def observed_critical_speeds(states: Sequence[SteadyState]) -> ObservedCriticalSpeeds:
+    """
+    Read the critical speeds off the jumps of the amplitude.
+
+    Parameters
+    ----------
+    states : sequence of SteadyState
+        In the order in which they were recorded, run after run.
+
+    Returns
+    -------
+    ObservedCriticalSpeeds
+        Means over the runs where several show the jump. These are observations: noise
+        throws a rig out before v_c, and a sweep overshoots both.
+    """
+    threshold = hunting_threshold(np.array([state.amplitude for state in states]))
+    if threshold is None:
+        return ObservedCriticalSpeeds()
+    ups: list[tuple[float, float]] = []
+    downs: list[tuple[float, float]] = []
+    for before, after in pairwise(states):
+        if before.source != after.source:
+            continue
+        middle = 0.5 * (before.speed + after.speed)
+        distance = abs(after.speed - before.speed)
+        if before.amplitude < threshold <= after.amplitude and after.direction == 'up':
+            ups.append((middle, distance))
+        if before.amplitude >= threshold > after.amplitude and after.direction == 'down':
+            downs.append((middle, distance))
+    steps = [step for _, step in ups + downs]
+    return ObservedCriticalSpeeds(
+        float(np.mean([speed for speed, _ in ups])) if ups else None,
+        float(np.mean([speed for speed, _ in downs])) if downs else None,
+        max(steps) if steps else None,
+        threshold,
+    )

@@ -1,0 +1,163 @@
+"""The verb `identify`: recordings in, normal form with intervals out."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hunt_ros.errors import HuntError
+
+if TYPE_CHECKING:
+    from hunt_ros.identification import Identification, IdentificationSettings
+    from hunt_ros.samples import Uncertain
+
+SUMMARY = 'identify the normal form, with intervals, from recordings'
+EXAMPLE = 'hunt identify bags/2024-05-14/*.mcap --out normal_form.yaml --json -'
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the verb."""
+    parser.add_argument('bags', nargs='+', metavar='BAG', help='recordings: runs, days')
+    parser.add_argument(
+        '--channel',
+        action='append',
+        default=[],
+        metavar='NAME=SOURCE',
+        help='where a channel stands: lateral=/daq/ch0.data[3]*0.001, or speed=16.3',
+    )
+    parser.add_argument('--mapping', metavar='FILE', help='the same as a YAML file')
+    parser.add_argument('--out', metavar='FILE', help='write the ROS parameter file here')
+    parser.add_argument('--json', metavar='PATH|-', help='write the whole result as JSON')
+    parser.add_argument('--prior-v-c', metavar='V[:STD]', help='known v_c, m/s (STD: 1 %%)')
+    parser.add_argument('--prior-D1', metavar='D[:STD]', help='known D1 (STD: 10 %%)')
+    parser.add_argument('--length-scale', type=float, metavar='M', help='d0, m (0.0485)')
+    parser.add_argument('--time-scale', type=float, metavar='S', help='1/omega_psi, s (1/25.91)')
+    parser.add_argument('--frequency', type=float, metavar='HZ', help='hunting frequency')
+    parser.add_argument(
+        '--speed-resolution', type=float, metavar='MPS', help='smallest step of the speed reading'
+    )
+    parser.add_argument(
+        '--speed-scale-std', type=float, metavar='SHARE', help='scale error of the speed reading'
+    )
+    parser.add_argument(
+        '--bootstrap', type=int, metavar='N', help='intervals from N replications (0: linearised)'
+    )
+    parser.add_argument('--seed', type=int, help='of the bootstrap')
+    parser.add_argument('--jobs', type=int, metavar='N', help='processes (0: one a core)')
+    parser.add_argument('--cluster', metavar='ADDRESS', help='Dask scheduler, tcp://host:8786')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Identify, and say what was found; 1 where the data carry no normal form."""
+    from hunt_ros.bag.columns import read_record
+    from hunt_ros.cli.output import progress, write_json
+    from hunt_ros.identification import identify
+
+    settings = _settings(arguments)
+    mapping = _mapping(arguments)
+    with progress('reading') as advance:
+        records = []
+        for count, path in enumerate(arguments.bags):
+            records.append(read_record(path, mapping))
+            advance((count + 1) / len(arguments.bags))
+    with progress('identifying') as advance:
+        result = identify(records, settings, advance)
+    if arguments.out:
+        if result.normal_form is None:
+            print(
+                f'hunt identify: {arguments.out} is not written: no normal form', file=sys.stderr
+            )
+        else:
+            _write(arguments.out, result.normal_form.to_yaml())
+    if arguments.json:
+        write_json(result.to_json(), arguments.json)
+    if arguments.json != '-':
+        print(describe(result))
+    return 0 if result.normal_form is not None else 1
+
+
+def _settings(arguments: argparse.Namespace) -> IdentificationSettings:
+    from hunt_ros.identification import IdentificationSettings
+
+    given = {
+        'length_scale': arguments.length_scale,
+        'time_scale': arguments.time_scale,
+        'frequency_hz': arguments.frequency,
+        'speed_resolution': arguments.speed_resolution,
+        'speed_scale_std': arguments.speed_scale_std,
+        'bootstrap': arguments.bootstrap,
+        'seed': arguments.seed,
+        'jobs': arguments.jobs,
+        'cluster': arguments.cluster,
+        'prior_v_c': _prior('--prior-v-c', arguments.prior_v_c, 0.01),
+        'prior_D1': _prior('--prior-D1', arguments.prior_D1, 0.1),
+    }
+    known = {name: value for name, value in given.items() if value is not None}
+    return IdentificationSettings(**known)
+
+
+def _prior(option: str, text: str | None, share: float) -> tuple[float, float] | None:
+    """Read VALUE or VALUE:STD."""
+    if text is None:
+        return None
+    value, _, std = text.partition(':')
+    try:
+        return float(value), float(std) if std else share * abs(float(value))
+    except ValueError:
+        raise HuntError(f'{option}: expected VALUE or VALUE:STD, got {text!r}') from None
+
+
+def _mapping(arguments: argparse.Namespace) -> list[str] | None:
+    """Collect where the channels stand; None to find them by their names."""
+    texts: list[str] = []
+    if arguments.mapping:
+        import yaml
+
+        try:
+            document = yaml.safe_load(Path(arguments.mapping).read_text(encoding='utf-8'))
+        except (OSError, yaml.YAMLError) as error:
+            reason = str(error).splitlines()[0]
+            raise HuntError(f'{arguments.mapping}: cannot be read as YAML ({reason})') from error
+        if not isinstance(document, dict):
+            raise HuntError(f'{arguments.mapping}: expected lines of channel: source')
+        texts += [f'{name}={source}' for name, source in document.items()]
+    return [*texts, *arguments.channel] or None
+
+
+def _write(path: str, text: str) -> None:
+    try:
+        Path(path).write_text(text, encoding='utf-8')
+    except OSError as error:
+        raise HuntError(f'{path}: cannot write the parameter file ({error.strerror})') from error
+
+
+def describe(result: Identification) -> str:
+    """Return the result as a few lines for a person."""
+    lines = []
+
+    def line(name: str, number: Uncertain | None, unit: str) -> None:
+        if number is None:
+            lines.append(f'{name:18s}not known')
+        else:
+            lines.append(
+                f'{name:18s}{number.value:.5g} {unit}'
+                f'  (95 %: {number.low:.5g} .. {number.high:.5g})'
+            )
+
+    line('v_c', result.v_c, 'm/s')
+    line('v_n', result.v_n, 'm/s')
+    line('hysteresis width', result.hysteresis_width, 'm/s')
+    for name, number in result.coefficients.items():
+        line(name, number, '')
+    used = sum(segment.used for segment in result.segments)
+    lines.append(
+        f'{result.criticality or "criticality not known"}; law: {result.fit.law};'
+        f' {used} of {len(result.segments)} segments used'
+    )
+    observed = result.observed
+    seen: list[tuple[str, float | None]] = [('v_c', observed.v_c), ('v_n', observed.v_n)]
+    lines += [f'observed jump, {name}: {x:.4g} m/s' for name, x in seen if x is not None]
+    lines += [f'warning: {warning}' for warning in result.warnings]
+    return '\n'.join(lines)

@@ -1,0 +1,297 @@
+"""
+From samples to the complex envelope of the hunting mode: local least squares.
+
+In a window of three cycles around each output instant the lateral signal is fitted
+with bias + hunting phasor + roughness phasors at the roller's own angle, so that the
+roughness line (Eq. 1) is removed by its phase and not by its frequency, and a
+missing, late or unevenly sampled value costs only its weight. What comes out is the
+amplitude and phase against time that the amplitude equation (24) speaks of.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.compiled import compiled
+from hunt_ros.errors import IdentificationError
+from hunt_ros.identification.settings import IdentificationSettings
+from hunt_ros.samples import NANOSECONDS, Record, Series
+
+#: Length of the window and distance of the outputs, in cycles of the hunting mode.
+#: With a Blackman window twice as long as the step the noise of neighbours is nearly
+#: independent (correlation 0.1), and nothing of the signal is left unused.
+WINDOW_CYCLES = 3.0
+STEP_CYCLES = 1.5
+
+#: A window with less of its weight on samples than this gives no value.
+LEAST_WEIGHT = 0.6
+
+
+@dataclass(frozen=True, eq=False)
+class Envelope:
+    """
+    The hunting component of one record on an even grid of instants.
+
+    Parameters
+    ----------
+    source : str
+        Of the record.
+    start_ns : int
+        Stamp of time zero.
+    time : ndarray, shape (n,)
+        s since `start_ns`.
+    phasor : ndarray of complex, shape (n,)
+        Amplitude (m) and phase against the frame that turns at `frequency`; NaN where the
+        window was not filled.
+    speed : ndarray, shape (n,)
+        Running speed averaged over the window, m/s.
+    roughness : ndarray, shape (n,)
+        Amplitude of the roughness line, m; NaN without a roller channel.
+    noise : ndarray, shape (n,)
+        Standard deviation of the phasor's parts by what the window leaves over, m.
+    frequency : ndarray, shape (n,)
+        Of the frame, Hz.
+    residual : ndarray, shape (n,)
+        RMS of what the window leaves over, m: noise, and the trace of a kick.
+    """
+
+    source: str
+    start_ns: int
+    time: NDArray[np.float64]
+    phasor: NDArray[np.complex128]
+    speed: NDArray[np.float64]
+    roughness: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    frequency: NDArray[np.float64]
+    residual: NDArray[np.float64]
+
+    @property
+    def amplitude(self) -> NDArray[np.float64]:
+        """Amplitude of the hunting component, m, shape (n,)."""
+        amplitude: NDArray[np.float64] = np.abs(self.phasor)
+        return amplitude
+
+    @property
+    def step(self) -> float:
+        """Distance of the instants, s."""
+        return float(self.time[1] - self.time[0]) if self.time.size > 1 else math.nan
+
+
+@compiled
+def _local_phasors(
+    time: NDArray[np.float64],
+    values: NDArray[np.float64],
+    phase: NDArray[np.float64],
+    roller: NDArray[np.float64],
+    harmonics: int,
+    centres: NDArray[np.float64],
+    half: float,
+    out: NDArray[np.float64],
+) -> None:
+    """Fit each window; out rows: re, im, roughness amplitude, noise, weight, residual."""
+    count = 5 + 2 * harmonics
+    basis = np.zeros(count)
+    matrix = np.zeros((count, count))
+    right = np.zeros(count)
+    spread = np.zeros((count, count))
+    first = 0
+    for k in range(centres.size):
+        centre = centres[k]
+        while first < time.size and time[first] < centre - half:
+            first += 1
+        matrix[:, :] = 0.0
+        spread[:, :] = 0.0
+        right[:] = 0.0
+        power = 0.0
+        total = 0.0
+        seen = 0.0
+        i = first
+        while i < time.size and time[i] <= centre + half:
+            x = (time[i] - centre) / half
+            weight = 0.42 + 0.5 * math.cos(math.pi * x) + 0.08 * math.cos(2.0 * math.pi * x)
+            # The even share of time this sample stands for: missing ones leave a hole.
+            total += weight
+            y = values[i]
+            if math.isfinite(y):
+                basis[0] = 1.0
+                basis[1] = math.cos(phase[i])
+                basis[2] = -math.sin(phase[i])
+                # Growth and turning within the window, so that only a jump is left over.
+                basis[3] = x * basis[1]
+                basis[4] = x * basis[2]
+                for h in range(harmonics):
+                    basis[5 + 2 * h] = math.cos((h + 1) * roller[i])
+                    basis[6 + 2 * h] = math.sin((h + 1) * roller[i])
+                for a in range(count):
+                    right[a] += weight * basis[a] * y
+                    for b in range(a + 1):
+                        matrix[a, b] += weight * basis[a] * basis[b]
+                        spread[a, b] += weight * weight * basis[a] * basis[b]
+                power += weight * y * y
+                seen += weight
+            i += 1
+        for j in range(6):
+            out[k, j] = math.nan
+        out[k, 4] = seen
+        if seen <= 0.0 or i - first < 2 * count:
+            continue
+        # Cholesky, in place: a window that cannot tell its lines apart gives no value.
+        singular = False
+        for a in range(count):
+            for b in range(a + 1):
+                value = matrix[a, b]
+                for c in range(b):
+                    value -= matrix[a, c] * matrix[b, c]
+                if a == b:
+                    if value <= (2e-3 if a == 3 or a == 4 else 2e-2) * seen:
+                        singular = True
+                        break
+                    matrix[a, a] = math.sqrt(value)
+                else:
+                    matrix[a, b] = value / matrix[b, b]
+            if singular:
+                break
+        if singular:
+            continue
+        explained = 0.0
+        for a in range(count):
+            value = right[a]
+            for c in range(a):
+                value -= matrix[a, c] * basis[c]
+            basis[a] = value / matrix[a, a]
+            explained += basis[a] * basis[a]
+        for a in range(count - 1, -1, -1):
+            value = basis[a]
+            for c in range(a + 1, count):
+                value -= matrix[c, a] * basis[c]
+            basis[a] = value / matrix[a, a]
+        out[k, 0] = basis[1]
+        out[k, 1] = basis[2]
+        if harmonics > 0:
+            out[k, 2] = math.sqrt(basis[5] * basis[5] + basis[6] * basis[6])
+        left = max(power - explained, 0.0) / seen
+        out[k, 3] = math.sqrt(left * (spread[1, 1] + spread[2, 2])) / (0.5 * seen) / math.sqrt(2.0)
+        out[k, 5] = math.sqrt(left)
+
+
+def _sorted(series: Series, start_ns: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return time (s) in order without repeats, and the values with it."""
+    time, first = np.unique((series.stamps_ns - start_ns) / NANOSECONDS, return_index=True)
+    return time, series.values[first]
+
+
+@dataclass(frozen=True, eq=False)
+class Channels:
+    """
+    One record on the time of its lateral samples.
+
+    Parameters
+    ----------
+    time, lateral, speed, roller : ndarray, shape (n,)
+        s, m, m/s, rad; lateral NaN where a sample dropped out, roller empty without roller.
+    rate_hz : float
+        Sample rate by the median spacing.
+    """
+
+    source: str
+    start_ns: int
+    time: NDArray[np.float64]
+    lateral: NDArray[np.float64]
+    speed: NDArray[np.float64]
+    roller: NDArray[np.float64]
+    rate_hz: float
+
+
+def channels_of(record: Record) -> Channels:
+    """
+    Bring a record onto the time of its lateral samples.
+
+    Raises
+    ------
+    IdentificationError
+        Where lateral or speed is missing, has no finite sample, or is too short.
+    """
+    name = record.source or 'record'
+    for channel in ('lateral', 'speed'):
+        if channel not in record or not len(record[channel]):
+            raise IdentificationError(f'{name}: no channel {channel!r}, identification needs it')
+        if not np.isfinite(record[channel].values).any():
+            raise IdentificationError(
+                f'{name}: channel {channel!r} has no finite sample among {len(record[channel])}'
+            )
+    start_ns = int(record['lateral'].stamps_ns.min())
+    time, lateral = _sorted(record['lateral'], start_ns)
+    if time.size < 50 or time[-1] < 3.0:
+        raise IdentificationError(
+            f'{name}: {time.size} lateral samples over {time[-1] - time[0]:.1f} s are too few,'
+            f' expected at least 50 over 3 s'
+        )
+    speed_time, speed = _sorted(record['speed'], start_ns)
+    known = np.isfinite(speed)
+    on_time = np.interp(time, speed_time[known], speed[known])
+    roller = np.zeros(0)
+    if 'roller' in record and np.isfinite(record['roller'].values).sum() > 10:
+        roller_time, angle = _sorted(record['roller'], start_ns)
+        known = np.isfinite(angle)
+        roller = np.interp(time, roller_time[known], angle[known])
+        # Beyond the encoder's own samples the angle is not known, and neither is the line.
+        outside = (time < roller_time[known][0]) | (time > roller_time[known][-1])
+        lateral = np.where(outside, np.nan, lateral)
+    rate = 1.0 / float(np.median(np.diff(time)))
+    return Channels(name, start_ns, time, lateral, on_time, roller, rate)
+
+
+def envelope_of(
+    channels: Channels,
+    frequency: NDArray[np.float64],
+    settings: IdentificationSettings,
+) -> Envelope:
+    """
+    Complex envelope of the hunting mode along one record.
+
+    Parameters
+    ----------
+    channels : Channels
+        The record.
+    frequency : ndarray, shape (n,)
+        Of the turning frame at each lateral sample, Hz.
+    settings : IdentificationSettings
+        Says how many roughness lines are removed.
+
+    Returns
+    -------
+    Envelope
+    """
+    time = channels.time
+    centre_hz = float(np.median(frequency))
+    half = 0.5 * WINDOW_CYCLES / centre_hz
+    step = STEP_CYCLES / centre_hz
+    centres = np.arange(time[0] + half, time[-1] - half + 1e-9, step)
+    increments = np.diff(time, prepend=time[0]) * frequency
+    phase = 2.0 * np.pi * np.cumsum(increments)
+    harmonics = settings.roughness_harmonics if channels.roller.size else 0
+    roller = channels.roller if harmonics else np.zeros(1)
+    out = np.empty((centres.size, 6))
+    _local_phasors(time, channels.lateral, phase, roller, harmonics, centres, half, out)
+    # Weight of a full window, by the nominal rate: what is missing is missing from this.
+    full = 0.42 * 2.0 * half * channels.rate_hz
+    out[out[:, 4] < LEAST_WEIGHT * full] = np.nan
+    edges = np.searchsorted(time, np.stack([centres - 0.5 * half, centres + 0.5 * half]))
+    summed = np.concatenate([[0.0], np.cumsum(channels.speed)])
+    spans = np.maximum(edges[1] - edges[0], 1)
+    speed = (summed[np.minimum(edges[0] + spans, time.size)] - summed[edges[0]]) / spans
+    return Envelope(
+        channels.source,
+        channels.start_ns,
+        centres,
+        out[:, 0] + 1j * out[:, 1],
+        speed,
+        out[:, 2],
+        out[:, 3],
+        np.interp(centres, time, frequency),
+        out[:, 5],
+    )

@@ -1,0 +1,116 @@
+"""
+The paper's four-point recipe, Sect. 3.3: four steady amplitudes, one linear solve.
+
+It is the paper's result and stands beside the fit for comparison. With D1 taken as
+known the four unknowns D4, D7, D10, D15 follow from four points of the stable branch;
+the system is so badly conditioned that errors of 0.5 % in the amplitudes can change the
+sign of the unstable branch. Its condition number is part of the answer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.dynamics.normal_form import NormalForm
+from hunt_ros.errors import IdentificationError
+
+#: Detunings at which the paper takes its four amplitudes.
+PAPER_DETUNINGS: tuple[float, ...] = (-0.2, -0.1, 0.0, 0.1)
+
+
+@dataclass(frozen=True)
+class FourPoint:
+    """
+    Coefficients from four steady amplitudes.
+
+    Parameters
+    ----------
+    D4, D7, D10, D15 : float
+        As in Eq. (33).
+    condition_number : float
+        Of the system with its columns brought to one length: relative errors of the
+        amplitudes grow by up to about this.
+    warnings : tuple of str
+        Points at which the coefficients themselves have no real steady state.
+    """
+
+    D4: float
+    D7: float
+    D10: float
+    D15: float
+    condition_number: float
+    warnings: tuple[str, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the entry `four_point`."""
+        return {
+            'D4': self.D4,
+            'D7': self.D7,
+            'D10': self.D10,
+            'D15': self.D15,
+            'condition_number': self.condition_number,
+        }
+
+
+def four_point(detunings: NDArray[np.float64], radii: NDArray[np.float64], D1: float) -> FourPoint:
+    """
+    Solve Eq. (28) for D4, D7, D10, D15 at four points.
+
+    Parameters
+    ----------
+    detunings : ndarray, shape (4,)
+        eps = v / v_c - 1, Eq. (5).
+    radii : ndarray, shape (4,)
+        r = y_amp / (2 d0), Eq. (32).
+    D1 : float
+        Real part of the linear coefficient, taken as known.
+
+    Returns
+    -------
+    FourPoint
+
+    Raises
+    ------
+    IdentificationError
+        For other than four different detunings or a radius that is not positive.
+
+    References
+    ----------
+    The paper, Sect. 3.3, Eqs. (26)-(33).
+    """
+    eps = np.asarray(detunings, dtype=np.float64)
+    r = np.asarray(radii, dtype=np.float64)
+    if eps.shape != (4,) or r.shape != (4,) or np.unique(eps).size < 4:
+        raise IdentificationError(
+            f'the four-point recipe needs four amplitudes at four speeds, got {r.size}'
+            f' at {np.unique(eps).size}'
+        )
+    if not (np.isfinite(r).all() and (r > 0.0).all()):
+        raise IdentificationError('the four-point recipe needs four positive amplitudes')
+    matrix = np.stack([r**2, eps**2, eps * r**2, r**4], axis=1)
+    lengths = np.linalg.norm(matrix, axis=0)
+    condition = float(np.linalg.cond(matrix / lengths))
+    D4, D7, D10, D15 = (float(x) for x in np.linalg.solve(matrix, -D1 * eps))
+    form = NormalForm(critical_speed=1.0, D1=D1, D4=D4, D7=D7, D10=D10, D15=D15)
+    warnings = []
+    for x, radius in zip(eps, r, strict=True):
+        roots = np.concatenate([np.atleast_1d(b) for b in form.steady_amplitudes(1.0 + x)])
+        size = roots / (2.0 * form.length_scale)
+        if not np.any(np.isfinite(size) & (np.abs(size - radius) < 1e-3 * radius)):
+            warnings.append(
+                f'four-point recipe: at eps = {x:.4g} the coefficients have no real steady'
+                f' state of r = {radius:.4g}'
+            )
+        elif not np.any(
+            np.abs(form.stable_amplitude(1.0 + x) / (2.0 * form.length_scale) - radius)
+            < 1e-3 * radius
+        ):
+            warnings.append(
+                f'four-point recipe: at eps = {x:.4g} the measured amplitude comes out on the'
+                f' unstable branch'
+            )
+    return FourPoint(D4, D7, D10, D15, condition, tuple(warnings))

@@ -1,0 +1,143 @@
+"""Where the hunting line is: the frequency of the frame in which the envelope is slow."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.errors import IdentificationError
+from hunt_ros.identification.envelope import Channels, Envelope, envelope_of
+from hunt_ros.identification.settings import IdentificationSettings
+
+#: Length of a piece of the search, s: fine enough to tell lines 0.1 Hz apart.
+_PIECE_S = 10.24
+
+
+def find_frequency(records: Sequence[Channels], settings: IdentificationSettings) -> float:
+    """
+    Frequency of the strongest line that is not the roller's, Hz.
+
+    Each piece is freed from its trend and, where the roller is known, from the lines
+    at its own angle; the power of the pieces is added up, so that the limit cycle
+    decides where there is one, and the noise-driven mode where there is none.
+
+    Raises
+    ------
+    IdentificationError
+        If no piece is long enough, or the sampling is too slow for the range.
+    """
+    if settings.frequency_hz is not None:
+        return settings.frequency_hz
+    low, high = settings.frequency_range_hz
+    best: tuple[float, float] | None = None
+    grid = np.arange(low, high, 0.02)
+    power = np.zeros(grid.size)
+    pieces = 0
+    for record in records:
+        rate = min(record.rate_hz, 8.0 * high)
+        if rate < 4.0 * low:
+            raise IdentificationError(
+                f'{record.source}: {record.rate_hz:.3g} samples a second are too few for a mode'
+                f' of {low:g} Hz'
+            )
+        length = min(_PIECE_S, 0.9 * float(record.time[-1] - record.time[0]))
+        even = np.arange(length * rate) / rate
+        window = np.hanning(even.size)
+        known = np.isfinite(record.lateral)
+        for start in np.arange(record.time[0], record.time[-1] - length + 1e-6, 0.5 * length):
+            inside = (record.time >= start) & (record.time < start + length)
+            if known[inside].sum() < 0.6 * inside.sum() or known[inside].sum() < 30:
+                continue
+            piece = np.interp(start + even, record.time[known], record.lateral[known])
+            columns = [np.ones_like(even), even]
+            if record.roller.size:
+                angle = np.interp(start + even, record.time, record.roller)
+                for harmonic in range(1, settings.roughness_harmonics + 1):
+                    columns += [np.cos(harmonic * angle), np.sin(harmonic * angle)]
+            basis = np.stack(columns, axis=1)
+            weighted = basis * window[:, None]
+            solution = np.linalg.lstsq(weighted, piece * window, rcond=None)[0]
+            left = (piece - basis @ solution) * window
+            size = 1 << (math.ceil(math.log2(left.size)) + 2)
+            spectrum = np.abs(np.fft.rfft(left, size)) ** 2
+            line = np.interp(grid, np.fft.rfftfreq(size, 1.0 / rate), spectrum, right=0.0)
+            power += line / left.size**2
+            pieces += 1
+    if not pieces:
+        raise IdentificationError('no stretch of the lateral channel is free of drop-outs')
+    top = int(np.argmax(power))
+    best = (float(grid[top]), float(power[top]))
+    return best[0]
+
+
+def tracked_envelope(
+    record: Channels, frequency_hz: float, settings: IdentificationSettings
+) -> Envelope:
+    """
+    Envelope in a frame that follows the mode's own frequency.
+
+    The frequency moves with speed and amplitude, Eq. (25). A first pass in a frame of
+    constant frequency shows by how much; a second one turns with it, so that the
+    window does not weigh the amplitude down.
+
+    Parameters
+    ----------
+    record : Channels
+        The record.
+    frequency_hz : float
+        First guess.
+    settings : IdentificationSettings
+        Says how many roughness lines are removed.
+
+    Returns
+    -------
+    Envelope
+    """
+    constant = np.full(record.time.size, frequency_hz)
+    first = envelope_of(record, constant, settings)
+    offset = _frequency_offset(first)
+    if offset is None:
+        return first
+    # Never beyond what the first pass could have seen without folding.
+    limit = 0.3 / first.step
+    along = frequency_hz + np.clip(np.interp(record.time, first.time, offset), -limit, limit)
+    return envelope_of(record, along, settings)
+
+
+def _frequency_offset(envelope: Envelope) -> NDArray[np.float64] | None:
+    """Frequency against the frame, Hz, by regression on speed and amplitude squared; (n,)."""
+    if envelope.time.size < 4:
+        return None
+    z, step = envelope.phasor, envelope.step
+    turned = z[1:] * np.conj(z[:-1])
+    good = np.isfinite(turned)
+    if good.sum() < 6:
+        return None
+    angle = np.angle(turned[good])
+    weight = np.abs(turned[good])
+    # One global turn first, so that the rest does not wrap.
+    common = np.angle(np.sum(turned[good]))
+    angle = np.angle(np.exp(1j * (angle - common)))
+    speed = envelope.speed
+    u = (speed - np.mean(speed)) / max(float(np.ptp(speed)), 1e-9)
+    power = np.where(np.isfinite(z), np.abs(z) ** 2, 0.0)
+    w = power / max(float(power.max()), 1e-300)
+    columns = [np.ones_like(u)]
+    if np.ptp(speed) > 1e-3 * np.mean(np.abs(speed)):
+        columns += [u, u**2]
+    columns += [w]
+    basis = np.stack(columns, axis=1)
+    middle = 0.5 * (basis[1:] + basis[:-1])[good]
+    root = np.sqrt(weight)
+    # The ridge keeps columns the record does not move from inventing a frequency.
+    ridge = 1e-3 * root.sum() / root.size * np.sqrt(root.size)
+    solution = np.linalg.lstsq(
+        np.concatenate([middle * root[:, None], ridge * np.eye(basis.shape[1])]),
+        np.concatenate([angle * root, np.zeros(basis.shape[1])]),
+        rcond=None,
+    )[0]
+    offset: NDArray[np.float64] = (common + basis @ solution) / (2.0 * np.pi * step)
+    return offset

@@ -1,0 +1,184 @@
+"""What an identification hands back, and its public JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds, SteadyState
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import COEFFICIENTS, Criticality
+from hunt_ros.identification.envelope import Envelope
+from hunt_ros.identification.four_point import FourPoint
+from hunt_ros.identification.plateaus import Segment
+from hunt_ros.samples import Record, Uncertain
+
+
+@dataclass(frozen=True)
+class BranchPoint:
+    """
+    The two limit cycles at one speed, with their intervals; None where there is none.
+
+    Parameters
+    ----------
+    speed : float
+        m/s.
+    stable, unstable : Uncertain or None
+        m.
+    """
+
+    speed: float
+    stable: Uncertain | None
+    unstable: Uncertain | None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the entry of `branches`."""
+        entry: dict[str, Any] = {'speed_mps': self.speed}
+        for name, number in (('stable', self.stable), ('unstable', self.unstable)):
+            known = None if number is None else number.to_json()
+            entry[f'{name}_amplitude_m'] = None if known is None else known['value']
+            entry[f'{name}_std_m'] = None if known is None else known['std']
+            entry[f'{name}_ci95_m'] = None if known is None else known['ci95']
+        return entry
+
+
+@dataclass(frozen=True)
+class FitSummary:
+    """
+    How the fit went.
+
+    Parameters
+    ----------
+    method : str
+    law : str
+        Growth law that was chosen: 'quintic', 'quintic + eps r^5', 'equivalent conicity'.
+    why : str
+        Why this law.
+    segments : int
+        Segments with an initial amplitude of their own.
+    clusters : int
+        Independent runs or blocks behind the intervals.
+    residual_rms : float
+        Of the one-step prediction of the amplitude, m.
+    lack_of_fit : bool
+    lack_of_fit_p : float
+        Probability of a discrepancy this large if the law were right.
+    condition_number : float
+        Of the information, scaled to unit diagonal.
+    """
+
+    method: str
+    law: str
+    why: str
+    segments: int
+    clusters: int
+    residual_rms: float
+    lack_of_fit: bool
+    lack_of_fit_p: float
+    condition_number: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the entry `fit`."""
+        return {
+            'method': self.method,
+            'law': self.law,
+            'why': self.why,
+            'segments': self.segments,
+            'clusters': self.clusters,
+            'residual_rms_m': _known(self.residual_rms),
+            'lack_of_fit': self.lack_of_fit,
+            'lack_of_fit_p': _known(self.lack_of_fit_p),
+            'condition_number': _known(self.condition_number),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """
+    A normal form identified from recordings, and everything it rests on.
+
+    Parameters
+    ----------
+    normal_form : IdentifiedNormalForm or None
+        None where the data do not carry one; `warnings` says why.
+    v_c, v_n, hysteresis_width : Uncertain or None
+        m/s.
+    coefficients : mapping of str to Uncertain or None
+        D1, D4, D7, D10, D15, effective ones in the amplitude coordinate.
+    criticality : 'subcritical', 'supercritical' or None
+    length_scale, time_scale : float
+        Units of the coefficients, m and s.
+    branches : sequence of BranchPoint
+    steady_states : sequence of SteadyState
+    observed : ObservedCriticalSpeeds
+    disturbance : Uncertain or None
+        Amplitude of the disturbance that explains the observed jump up (Appendix A), m.
+    four_point : FourPoint or None
+    fit : FitSummary
+    warnings : sequence of str
+    segments : sequence of Segment
+    envelopes : sequence of Envelope
+    records : sequence of Record
+        What it was identified from, for `update`.
+    frequency_hz : Uncertain or None
+        Hunting frequency at v_c.
+    """
+
+    normal_form: IdentifiedNormalForm | None
+    v_c: Uncertain | None
+    v_n: Uncertain | None
+    hysteresis_width: Uncertain | None
+    coefficients: Mapping[str, Uncertain | None]
+    criticality: Criticality | None
+    length_scale: float
+    time_scale: float
+    branches: Sequence[BranchPoint]
+    steady_states: Sequence[SteadyState]
+    observed: ObservedCriticalSpeeds
+    disturbance: Uncertain | None
+    four_point: FourPoint | None
+    fit: FitSummary
+    warnings: Sequence[str]
+    segments: Sequence[Segment] = ()
+    envelopes: Sequence[Envelope] = ()
+    records: Sequence[Record] = field(default=(), repr=False)
+    frequency_hz: Uncertain | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """
+        Return the public result: JSON types only, None for what is not known.
+
+        Returns
+        -------
+        dict
+            With the keys of `hunt identify --json`.
+        """
+        return {
+            'v_c': _number(self.v_c),
+            'v_n': _number(self.v_n),
+            'hysteresis_width': _number(self.hysteresis_width),
+            'coefficients': {name: _number(self.coefficients.get(name)) for name in COEFFICIENTS},
+            'criticality': self.criticality,
+            'length_scale_m': self.length_scale,
+            'time_scale_s': self.time_scale,
+            'coordinate': 'amplitude',
+            'frequency_hz': _number(self.frequency_hz),
+            'branches': [point.to_json() for point in self.branches],
+            'steady_states': [state.to_json() for state in self.steady_states],
+            'observed': self.observed.to_json(),
+            'disturbance_m': _number(self.disturbance),
+            'four_point': None if self.four_point is None else self.four_point.to_json(),
+            'fit': self.fit.to_json(),
+            'segments': [segment.to_json() for segment in self.segments],
+            'warnings': list(self.warnings),
+        }
+
+
+def _number(value: Uncertain | None) -> dict[str, Any] | None:
+    return None if value is None else value.to_json()
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None

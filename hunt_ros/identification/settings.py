@@ -1,0 +1,97 @@
+"""What the user may say about a rig and about how to identify it; everything has a default."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from hunt_ros.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class IdentificationSettings:
+    """
+    Settings of an identification.
+
+    Parameters
+    ----------
+    length_scale : float
+        d0, m: the unit of amplitude of the coefficients, Eq. (32).
+    time_scale : float
+        1 / omega_psi, s: the unit of time of the coefficients.
+    frequency_hz : float, optional
+        Hunting frequency, where it is known better than the recording shows it.
+    frequency_range_hz : tuple of float
+        Where the hunting frequency is looked for.
+    roughness_harmonics : int
+        Lines of the roller's own frequency that are removed, 0 to 3; they need the
+        channel `roller`.
+    prior_v_c, prior_D1 : tuple of (float, float), optional
+        Value and standard deviation known from elsewhere (linear theory, an earlier run).
+    speed_resolution : float
+        Smallest step of the speed reading, m/s (0.2 on the paper's rig, Sect. 2.4).
+        A resolution r enters every speed as a standard error r / sqrt(12).
+    speed_scale_std : float
+        Relative standard deviation of the scale of the speed reading.
+    minimum_hold_s : float
+        Shortest stretch at one speed that counts as a plateau.
+    bootstrap : int
+        Replications for the intervals; 0 takes the linearised cluster-robust ones.
+    seed : int
+        Of the bootstrap and of the draws.
+    jobs : int
+        Processes for the bootstrap; 0 for as many as there are cores.
+    cluster : str
+        Address of a Dask scheduler that runs the bootstrap instead ('' for none).
+
+    Raises
+    ------
+    ConfigError
+        For a value out of its range.
+    """
+
+    length_scale: float = 0.0485
+    time_scale: float = 1.0 / 25.91
+    frequency_hz: float | None = None
+    frequency_range_hz: tuple[float, float] = (0.5, 20.0)
+    roughness_harmonics: int = 2
+    prior_v_c: tuple[float, float] | None = None
+    prior_D1: tuple[float, float] | None = None
+    speed_resolution: float = 0.0
+    speed_scale_std: float = 0.0
+    minimum_hold_s: float = 8.0
+    bootstrap: int = 0
+    seed: int = 0
+    jobs: int = 0
+    cluster: str = ''
+
+    def __post_init__(self) -> None:
+        for name in ('length_scale', 'time_scale', 'minimum_hold_s'):
+            _require(name, getattr(self, name), getattr(self, name) > 0.0, 'a positive number')
+        for name in ('speed_resolution', 'speed_scale_std', 'bootstrap', 'jobs'):
+            _require(name, getattr(self, name), getattr(self, name) >= 0, 'zero or more')
+        low, high = self.frequency_range_hz
+        _require('frequency_range_hz', self.frequency_range_hz, 0.0 < low < high, '0 < low < high')
+        if self.frequency_hz is not None:
+            _require('frequency_hz', self.frequency_hz, self.frequency_hz > 0.0, 'positive')
+        _require(
+            'roughness_harmonics',
+            self.roughness_harmonics,
+            self.roughness_harmonics in range(4),
+            '0 to 3',
+        )
+        for name in ('prior_v_c', 'prior_D1'):
+            prior = getattr(self, name)
+            if prior is not None:
+                fine = math.isfinite(prior[0]) and prior[0] > 0.0 and prior[1] > 0.0
+                _require(name, prior, fine, 'a positive value and a positive standard deviation')
+
+    @property
+    def amplitude_unit(self) -> float:
+        """2 d0, m: amplitude for which r = 1."""
+        return 2.0 * self.length_scale
+
+
+def _require(name: str, value: object, fine: bool, expected: str) -> None:
+    if not fine:
+        raise ConfigError(f'identification: {name} must be {expected}, got {value}')
