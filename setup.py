@@ -36,6 +36,8 @@ setup(
         'matplotlib>=3.6',
         'mcap>=1.2',
         'rosbags>=0.10',
+        'lz4>=4.3',
+        'zstandard>=0.22',
         'filterpy>=1.4.5',
     ],
     extras_require={

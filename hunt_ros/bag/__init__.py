@@ -1,1 +1,17 @@
 """Recordings: columns in, messages out, repair, import and export."""
+
+from hunt_ros.bag.channels import ChannelSource, channel_map, read_channel_file
+from hunt_ros.bag.columns import read_columns, read_record
+from hunt_ros.bag.reader import Bag
+from hunt_ros.bag.writer import BagWriter, write_record
+
+__all__ = [
+    'Bag',
+    'BagWriter',
+    'ChannelSource',
+    'channel_map',
+    'read_channel_file',
+    'read_columns',
+    'read_record',
+    'write_record',
+]

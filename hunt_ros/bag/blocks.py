@@ -1,0 +1,141 @@
+"""
+A block: some megabytes of a recording as bytes, with the place of every message in it.
+
+Every storage (MCAP, SQLite, compressed or not) hands out blocks, and everything
+above works on blocks: the columns gather from them in numpy, the texts are cut
+out of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.bag.compression import LARGEST_CHUNK, expand_zstd
+from hunt_ros.errors import BagError
+
+
+class Topic(NamedTuple):
+    """
+    One topic in one file.
+
+    `encoding` is that of the messages ('cdr'), `definition` the text of the message
+    type in `definition_encoding` ('ros2msg', 'ros2idl' or '' for none).
+    """
+
+    id: int
+    name: str
+    type: str
+    encoding: str
+    definition_encoding: str
+    definition: str
+
+
+class Places(NamedTuple):
+    """Where the messages of one topic lie in a block: arrays of shape (n,)."""
+
+    log_ns: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    lengths: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """
+    Bytes, and where the messages of each topic lie in them.
+
+    Parameters
+    ----------
+    data : ndarray of uint8, shape (bytes,)
+    places : dict of int to Places
+        By topic id; in the order in which the messages were written. Every place
+        lies within `data`.
+    """
+
+    data: NDArray[np.uint8]
+    places: dict[int, Places]
+
+
+class Storage(Protocol):
+    """One file of a recording, opened."""
+
+    path: str
+    topics: list[Topic]
+    problems: list[str]
+    counts: dict[int, int]
+    metadata: list[tuple[str, dict[str, str]]]
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """First and last log time, ns; None for a file with no message."""
+
+    def blocks(
+        self, wanted: Collection[int], start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[Block]:
+        """Yield the messages of these topics with start_ns <= log time < end_ns."""
+
+    def close(self) -> None:
+        """Let go of the file."""
+
+
+def within(places: Places, start_ns: int | None, end_ns: int | None) -> Places:
+    """Return the places with start_ns <= log time < end_ns."""
+    if start_ns is None and end_ns is None:
+        return places
+    inside = np.ones(places.log_ns.size, dtype=bool)
+    if start_ns is not None:
+        inside &= places.log_ns >= start_ns
+    if end_ns is not None:
+        inside &= places.log_ns < end_ns
+    return places if inside.all() else Places(*(part[inside] for part in places))
+
+
+def pack_messages(messages: dict[int, list[tuple[int, bytes]]]) -> Block:
+    """Make a block of loose messages: (log time, bytes) by topic."""
+    data: list[bytes] = []
+    position = 0
+    places: dict[int, Places] = {}
+    for topic, rows in messages.items():
+        lengths = np.fromiter((len(raw) for _, raw in rows), np.int64, len(rows))
+        starts = position + np.cumsum(lengths) - lengths
+        places[topic] = Places(
+            np.fromiter((stamp for stamp, _ in rows), np.int64, len(rows)), starts, lengths
+        )
+        data.extend(raw for _, raw in rows)
+        position += int(lengths.sum())
+    return Block(np.frombuffer(b''.join(data), dtype=np.uint8), places)
+
+
+def expand_messages(block: Block, path: str) -> Block:
+    """
+    Expand messages that were compressed one by one (rosbag2 compression mode MESSAGE).
+
+    Parameters
+    ----------
+    block : Block
+        As the file holds it.
+    path : str
+        Of the file, for messages.
+
+    Raises
+    ------
+    BagError
+        If a message cannot be expanded.
+    """
+    messages: dict[int, list[tuple[int, bytes]]] = {}
+    budget = LARGEST_CHUNK
+    for topic, places in block.places.items():
+        rows: list[tuple[int, bytes]] = []
+        for stamp, start, length in zip(*(part.tolist() for part in places), strict=True):
+            try:
+                raw = expand_zstd(block.data[start : start + length].tobytes(), budget)
+            except ValueError as error:
+                raise BagError(f'{path}: a message at {stamp} ns: {error}') from error
+            budget -= len(raw)
+            rows.append((stamp, raw))
+        messages[topic] = rows
+    return pack_messages(messages)

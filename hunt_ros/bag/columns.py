@@ -1,0 +1,287 @@
+"""
+Columns out of a recording.
+
+Stamps and values of any numeric field as arrays, and the record of a rig.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.bag.blocks import Topic
+from hunt_ros.bag.cdr_layout import USUAL_FIELDS, check_path, parse_path, stamp_path
+from hunt_ros.bag.channels import ChannelMap, ChannelSource, channel_map
+from hunt_ros.bag.gather import Wanted, gather
+from hunt_ros.bag.message_types import definitions_of
+from hunt_ros.bag.reader import Bag
+from hunt_ros.errors import BagError
+from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series
+
+#: Which stamp a column has: that in the message's header (log time where it has none
+#: or left it zero), or the time it was recorded at.
+Stamps = Literal['header', 'log']
+
+#: Spacing of the samples that stand for a constant channel, ns.
+CONSTANT_STEP_NS = NANOSECONDS // 100
+
+
+def read_columns(
+    bag: str | Path | Bag,
+    channels: ChannelMap | Sequence[ChannelSource | str],
+    *,
+    start_ns: int | None = None,
+    end_ns: int | None = None,
+    stamps: Stamps = 'header',
+) -> dict[str, Series]:
+    """
+    Read numeric fields of a recording as arrays.
+
+    Parameters
+    ----------
+    bag : str, Path or Bag
+        Folder, file, or an opened recording.
+    channels : mapping or sequence of ChannelSource
+        Any names; `['a=/imu.linear_acceleration.y', 'b=/daq.data[3]*0.001']`.
+    start_ns, end_ns : int, optional
+        Only messages with start_ns <= log time < end_ns; the rest is not read.
+    stamps : str
+        'header' (default) or 'log': see `Stamps`.
+
+    Returns
+    -------
+    dict of str to Series
+        Values in SI by the sources' scales, in the order of log time (file after
+        file, as rosbags reads them). A constant has two samples, at the ends of the
+        others.
+
+    Raises
+    ------
+    BagError
+        If a topic or a field is not there, is no number, or the recording is damaged
+        where it is read.
+    """
+    sources = _as_map(channels)
+    if not isinstance(bag, Bag):
+        with Bag(bag) as opened:
+            return read_columns(opened, sources, start_ns=start_ns, end_ns=end_ns, stamps=stamps)
+    fields = {name: source for name, source in sources.items() if source.constant is None}
+    topics = {name: find_topic(bag, source) for name, source in fields.items()}
+    parts: dict[str, list[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]]]
+    parts = {name: [] for name in fields}
+    plans: dict[tuple[str, str, str, str], Wanted] = {}
+    for described, block in bag.blocks(set(topics.values()), start_ns, end_ns):
+        for key, places in block.places.items():
+            topic = described[key]
+            for name in (name for name, wanted in topics.items() if wanted == topic.name):
+                plan_key = (name, topic.type, topic.definition_encoding, topic.definition)
+                if plan_key not in plans:
+                    plans[plan_key] = _plan(topic, fields[name], bag)
+                try:
+                    found = gather(block, places, plans[plan_key])
+                except ValueError as error:
+                    raise BagError(f'{bag.path}: topic {topic.name}: {error}') from error
+                chosen = places.log_ns if stamps == 'log' else found.stamps_ns
+                parts[name].append((places.log_ns, chosen, found.values))
+    columns = {name: _column(several, fields[name]) for name, several in parts.items()}
+    return columns | _constants(sources, columns, bag)
+
+
+def read_record(
+    path: str | Path | Bag,
+    mapping: ChannelMap | Sequence[ChannelSource | str] | None = None,
+    *,
+    start_ns: int | None = None,
+    end_ns: int | None = None,
+    require: Collection[str] = (),
+    namespace: str | None = None,
+) -> Record:
+    """
+    Read the measurements of a rig out of a recording.
+
+    Without a mapping, the topics named `lateral`, `yaw`, `roller` and `speed` under
+    any namespace are taken. A mapping replaces or adds channels one by one; the
+    others are still found by name.
+
+    Parameters
+    ----------
+    path : str or Path or Bag
+        Folder, file, or an opened recording.
+    mapping : mapping or sequence, optional
+        Of ChannelSource, or as typed: `['lateral=/daq/ch0.data[3]*0.001', 'speed=16.3']`.
+    start_ns, end_ns : int, optional
+        As `read_columns`.
+    require : collection of str
+        Channels without which the record is of no use.
+    namespace : str, optional
+        Of the rig, where the recording holds several.
+
+    Returns
+    -------
+    Record
+        Stamps are those of the headers. `notes` holds rig, operator and remarks, and
+        under 'problems' what opening showed to be wrong with the recording. A constant
+        channel is sampled at 100 Hz over the time of the others.
+
+    Raises
+    ------
+    BagError
+        If nothing or not what is required is found, or as `read_columns`.
+    """
+    if not isinstance(path, Bag):
+        with Bag(path) as opened:
+            return read_record(
+                opened, mapping, start_ns=start_ns, end_ns=end_ns, require=require,
+                namespace=namespace,
+            )  # fmt: skip
+    given = channel_map(_as_map(mapping).values()) if mapping is not None else {}
+    sources = {**_named_channels(path, set(CHANNELS) - given.keys(), namespace), **given}
+    measured = [name for name, source in sources.items() if source.constant is None]
+    if not measured:
+        raise BagError(
+            f'{path.path}: no channel found, expected topics named {", ".join(CHANNELS)}'
+            f' or a mapping such as --channel lateral=/topic.field; it has {_listed(path)}'
+        )
+    columns = read_columns(path, sources, start_ns=start_ns, end_ns=end_ns)
+    filled = {name: columns[name] for name in CHANNELS if name in columns and len(columns[name])}
+    for name in require:
+        if name not in filled:
+            raise BagError(
+                f'{path.path}: channel {name} is not in it, expected a topic named {name}'
+                f' or --channel {name}=...; it has {_listed(path)}'
+            )
+    if not filled:
+        raise BagError(f'{path.path}: its topics {", ".join(measured)} hold no messages')
+    record = Record(filled, str(path.path), _notes(path))
+    return _sampled(record, sources)
+
+
+def find_topic(bag: Bag, source: ChannelSource, namespace: str | None = None) -> str:
+    """
+    Find the topic that a source means: by its full name, or by its last one.
+
+    Raises
+    ------
+    BagError
+        If there is none, or several.
+    """
+    if source.topic in bag.topics:
+        return source.topic
+    wanted = source.topic.strip('/')
+    found = [
+        name
+        for name in bag.topics
+        if name.endswith('/' + wanted)
+        and not source.topic.startswith('/')
+        and (namespace is None or name.strip('/') == f'{namespace.strip("/")}/{wanted}'.strip('/'))
+    ]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise BagError(
+            f'{bag.path}: channel {source.channel}: several topics end in {wanted!r}'
+            f' ({", ".join(sorted(found))}), name the one'
+        )
+    raise BagError(
+        f'{bag.path}: channel {source.channel}: no topic {source.topic!r}, it has {_listed(bag)}'
+    )
+
+
+def _as_map(
+    channels: ChannelMap | Sequence[ChannelSource | str] | None,
+) -> dict[str, ChannelSource]:
+    if channels is None:
+        return {}
+    items = channels.values() if isinstance(channels, Mapping) else channels
+    return channel_map(items, allowed=None)
+
+
+def _plan(topic: Topic, source: ChannelSource, bag: Bag) -> Wanted:
+    definitions = definitions_of(topic, str(bag.path))
+    text = source.field or USUAL_FIELDS.get(topic.type, '')
+    try:
+        path = parse_path(text)
+        check_path(definitions, topic.type, path)
+    except ValueError as error:
+        raise BagError(f'{bag.path}: topic {topic.name} ({topic.type}): {error}') from error
+    return Wanted(definitions, topic.type, path, stamp_path(definitions, topic.type))
+
+
+def _column(
+    parts: list[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]],
+    source: ChannelSource,
+) -> Series:
+    if not parts:
+        return Series(np.zeros(0, np.int64), np.zeros(0))
+    log_ns, stamps, values = (np.concatenate(several) for several in zip(*parts, strict=True))
+    # Headers that nobody filled say nothing: the log time stands in.
+    chosen = stamps if stamps.any() else log_ns
+    if log_ns.size > 1 and (log_ns[1:] < log_ns[:-1]).any():
+        order = np.argsort(log_ns, kind='stable')
+        chosen, values = chosen[order], values[order]
+    if source.scale != 1.0:
+        values = values * source.scale
+    if source.offset:
+        values = values + source.offset
+    return Series(chosen, values)
+
+
+def _constants(
+    sources: Mapping[str, ChannelSource], columns: Mapping[str, Series], bag: Bag
+) -> dict[str, Series]:
+    constants = {
+        name: source.constant for name, source in sources.items() if source.constant is not None
+    }
+    if not constants:
+        return {}
+    filled = [series.stamps_ns for series in columns.values() if len(series)]
+    ends = [min(int(s.min()) for s in filled), max(int(s.max()) for s in filled)] if filled else []
+    stamps = np.array(ends, dtype=np.int64)
+    return {name: Series(stamps, np.full(stamps.size, value)) for name, value in constants.items()}
+
+
+def _sampled(record: Record, sources: Mapping[str, ChannelSource]) -> Record:
+    """Sample the constant channels at their own spacing."""
+    constant = {name for name in record if sources[name].constant is not None}
+    if not constant:
+        return record
+    stamps = constant_stamps(record.start_ns, record.end_ns)
+    channels = dict(record)
+    for name in constant:
+        channels[name] = Series(stamps, np.full(stamps.size, sources[name].constant))
+    return Record(channels, record.source, record.notes)
+
+
+def constant_stamps(start_ns: int, end_ns: int) -> NDArray[np.int64]:
+    """Return the stamps at which a constant channel is sampled, both ends included, ns."""
+    stamps = np.arange(start_ns, end_ns + 1, CONSTANT_STEP_NS, dtype=np.int64)
+    return stamps if stamps[-1] == end_ns else np.append(stamps, np.int64(end_ns))
+
+
+def _named_channels(
+    bag: Bag, wanted: Collection[str], namespace: str | None
+) -> dict[str, ChannelSource]:
+    found: dict[str, ChannelSource] = {}
+    for channel in CHANNELS:
+        ends = [name for name in bag.topics if name.rpartition('/')[2] == channel]
+        if channel in wanted and ends:
+            topic = find_topic(bag, ChannelSource(channel, channel), namespace)
+            found[channel] = ChannelSource(channel, topic)
+    return found
+
+
+def _notes(bag: Bag) -> dict[str, str]:
+    notes = dict(bag.notes)
+    if bag.problems:
+        notes['problems'] = '; '.join(bag.problems)
+    return notes
+
+
+def _listed(bag: Bag) -> str:
+    names = sorted(bag.topics)
+    shown = ', '.join(names[:12]) or 'no topics'
+    return f'{shown} and {len(names) - 12} more' if len(names) > 12 else shown

@@ -1,0 +1,191 @@
+"""
+One MCAP file, opened: its topics, its chunks, and its messages as blocks.
+
+A complete file is read through its summary; a file that was cut short (a recorder
+that was killed) or has no summary is walked from the front, record by record,
+and everything complete in it is there.
+"""
+
+from __future__ import annotations
+
+import mmap
+import zlib
+from collections.abc import Collection, Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.bag import mcap_format as fmt
+from hunt_ros.bag.blocks import Block, Places, within
+from hunt_ros.bag.compression import expand
+from hunt_ros.bag.mcap_walk import Walk, chunk_places, read_summary, walk_file
+from hunt_ros.errors import BagError
+
+#: Chunks are gathered together up to this many expanded bytes, so that small ones cost little.
+BLOCK_BYTES = 1 << 22
+
+
+class McapFile:
+    """
+    An MCAP file opened for reading.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Attributes
+    ----------
+    topics : list of Topic
+    counts : dict of int to int
+        Messages by topic id.
+    metadata : list of (name, strings)
+    problems : list of str
+        What is wrong with the file as far as opening it shows; empty for a sound file.
+
+    Raises
+    ------
+    BagError
+        If it cannot be opened, is no MCAP file, or is empty.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = str(path)
+        try:
+            with open(path, 'rb') as file:
+                self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        except ValueError as error:  # mmap refuses an empty file
+            raise BagError(f'{path}: the file is empty, expected an MCAP recording') from error
+        except OSError as error:
+            raise BagError(f'{path}: cannot open it ({error.strerror})') from error
+        if self._map[: len(fmt.MAGIC)] != fmt.MAGIC:
+            self._map.close()
+            raise BagError(f'{path}: not an MCAP file, it does not begin with its magic bytes')
+        self.problems: list[str] = []
+        try:
+            self._layout = self._open()
+        except BaseException:
+            self._map.close()
+            raise
+        self.topics = self._layout.topics()
+        self.counts = dict(self._layout.counts)
+        self.metadata = self._layout.metadata
+
+    def _open(self) -> Walk:
+        try:
+            return read_summary(memoryview(self._map))
+        except ValueError as error:
+            self.problems.append(f'no usable summary: {error}')
+        layout = walk_file(memoryview(self._map))
+        if layout.problem:
+            self.problems.append(layout.problem)
+        return layout
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """First and last log time, ns; None for a file with no message."""
+        return self._layout.span_ns
+
+    def close(self) -> None:
+        """Let go of the file; blocks still held keep the map open until they are gone."""
+        # An array may still look into the map: it then closes with the last of them.
+        with suppress(BufferError):
+            self._map.close()
+
+    def blocks(
+        self, wanted: Collection[int], start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[Block]:
+        """
+        Yield the messages of these topics with start_ns <= log time < end_ns.
+
+        Raises
+        ------
+        BagError
+            If a chunk is damaged, with its place in the file.
+        """
+        whole = np.frombuffer(self._map, dtype=np.uint8)
+        topics = set(wanted)
+        group: list[fmt.Chunk] = []
+        size = 0
+        for chunk in self._layout.chunks:
+            if not self._concerns(chunk, topics, start_ns, end_ns):
+                continue
+            if group and size + chunk.size > BLOCK_BYTES:
+                yield self._block(whole, group, topics, start_ns, end_ns)
+                group, size = [], 0
+            group.append(chunk)
+            size += chunk.size
+        if group:
+            yield self._block(whole, group, topics, start_ns, end_ns)
+        loose = {key: places for key, places in self._layout.loose.items() if key in topics}
+        if loose:
+            parts = {key: within(places, start_ns, end_ns) for key, places in loose.items()}
+            yield Block(whole, parts)
+
+    def _concerns(
+        self, chunk: fmt.Chunk, topics: set[int], start_ns: int | None, end_ns: int | None
+    ) -> bool:
+        if start_ns is not None and chunk.last_ns < start_ns:
+            return False
+        if end_ns is not None and chunk.first_ns >= end_ns:
+            return False
+        index = self._layout.indexes.get(chunk.offset)
+        return index is None or not topics.isdisjoint(index)
+
+    def _block(
+        self,
+        whole: NDArray[np.uint8],
+        group: list[fmt.Chunk],
+        topics: set[int],
+        start_ns: int | None,
+        end_ns: int | None,
+    ) -> Block:
+        parts = [self._expanded(whole, chunk) for chunk in group]
+        found: dict[int, list[Places]] = {}
+        base = 0
+        if all(chunk.compression == '' for chunk in group):
+            # The map itself is the buffer: nothing is copied.
+            data = whole[group[0].data : group[-1].end]
+            bases = [chunk.data - group[0].data for chunk in group]
+        else:
+            data = np.concatenate(parts) if len(parts) > 1 else parts[0]
+            bases = []
+            for part in parts:
+                bases.append(base)
+                base += part.size
+        for chunk, part, base in zip(group, parts, bases, strict=True):
+            try:
+                entries = chunk_places(part, self._layout.indexes.get(chunk.offset), whole, topics)
+            except ValueError as error:
+                raise self._damage(chunk, str(error)) from error
+            for key, places in entries.items():
+                moved = Places(places.log_ns, places.starts + base, places.lengths)
+                found.setdefault(key, []).append(moved)
+        joined = {key: within(_join(part), start_ns, end_ns) for key, part in found.items()}
+        return Block(data, joined)
+
+    def _expanded(self, whole: NDArray[np.uint8], chunk: fmt.Chunk) -> NDArray[np.uint8]:
+        stored = whole[chunk.data : chunk.end]
+        try:
+            data = np.frombuffer(
+                expand(stored.data, chunk.compression, chunk.size), dtype=np.uint8
+            )
+        except ValueError as error:
+            raise self._damage(chunk, str(error)) from error
+        if chunk.crc and zlib.crc32(data.data) != chunk.crc:
+            raise self._damage(chunk, 'its CRC does not fit its bytes')
+        return data
+
+    def _damage(self, chunk: fmt.Chunk, reason: str) -> BagError:
+        return BagError(
+            f'{self.path}: chunk at byte {chunk.offset}: {reason};'
+            ' "hunt info --repair OUT" saves what is sound'
+        )
+
+
+def _join(several: list[Places]) -> Places:
+    if len(several) == 1:
+        return several[0]
+    return Places(*(np.concatenate(parts) for parts in zip(*several, strict=True)))

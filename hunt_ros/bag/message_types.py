@@ -1,0 +1,91 @@
+"""
+What a message type is made of.
+
+The definition in the bag comes first, then the types of ROS 2 itself.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from hunt_ros.bag.blocks import Topic
+from hunt_ros.errors import BagError
+
+#: Type name -> list of (field name, description), as rosbags describes fields.
+Definitions = dict[str, list[tuple[str, Any]]]
+
+#: A definition longer than this is not one (bytes).
+LONGEST_DEFINITION = 1 << 20
+
+
+@lru_cache(maxsize=1)
+def standard_types() -> Typestore:
+    """Return the message types of ROS 2 Jazzy."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+@lru_cache(maxsize=256)
+def _parsed(name: str, encoding: str, text: str) -> Definitions:
+    parse = get_types_from_idl if encoding == 'ros2idl' else None
+    types = parse(text) if parse else get_types_from_msg(text, name)
+    return {key: list(fields) for key, (_, fields) in types.items()}
+
+
+@lru_cache(maxsize=1)
+def _standard_definitions() -> Definitions:
+    return {key: list(fields) for key, (_, fields) in standard_types().fielddefs.items()}
+
+
+def definitions_of(topic: Topic, source: str = 'bag') -> Definitions:
+    """
+    Return the definitions that a topic's messages are read by.
+
+    The text that the bag carries comes first; a bag without it (SQLite bags before
+    Iron) is read by the types of ROS 2 Jazzy.
+
+    Raises
+    ------
+    BagError
+        If the topic is not CDR, its definition cannot be read, or its type is unknown.
+    """
+    where = f'{source}: topic {topic.name} ({topic.type or "no type"})'
+    if topic.encoding != 'cdr':
+        raise BagError(f'{where}: encoding {topic.encoding!r}, expected cdr')
+    if topic.definition and topic.definition_encoding in ('ros2msg', 'ros2idl'):
+        if len(topic.definition) > LONGEST_DEFINITION:
+            raise BagError(f'{where}: its definition has {len(topic.definition)} characters')
+        try:
+            found = _parsed(topic.type, topic.definition_encoding, topic.definition)
+        except Exception as error:  # the parser raises what its grammar meets
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise BagError(f'{where}: its definition cannot be read ({reason:.80})') from error
+        if topic.type in found:
+            return {**_standard_definitions(), **found}
+    if topic.type not in _standard_definitions():
+        raise BagError(f'{where}: the bag holds no definition of this type')
+    return _standard_definitions()
+
+
+def definition_text(message_type: str) -> tuple[str, str]:
+    """
+    Return (text, type hash) of a standard message type, as bags carry it.
+
+    Returns
+    -------
+    tuple of str
+        Two empty strings for a type that is not a standard one.
+    """
+    store = standard_types()
+    if message_type not in store.fielddefs:
+        return '', ''
+    text, _ = store.generate_msgdef(message_type, ros_version=2)
+    return text, store.hash_rihs01(message_type)
+
+
+def topic_of_type(message_type: str) -> Topic:
+    """Return a nameless topic of a standard type, for reading messages made here."""
+    return Topic(0, '', message_type, 'cdr', '', '')

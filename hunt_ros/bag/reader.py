@@ -1,0 +1,290 @@
+"""
+A recording, whatever it is: a rosbag2 folder, one of its files, or what a recorder left.
+
+`Bag(path)` opens a folder with `metadata.yaml` (versions 1 to 9), a folder without
+it (`.active`, left by a recorder that was killed), a bare `.mcap` or `.db3`, and
+files compressed as a whole (`.zstd`).
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import tempfile
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple
+
+import yaml
+import zstandard
+
+from hunt_ros.bag.blocks import Block, Storage, Topic, expand_messages
+from hunt_ros.bag.mcap_file import McapFile
+from hunt_ros.bag.sqlite_file import SqliteFile
+from hunt_ros.errors import BagError
+
+#: A recording has this ending until it is closed properly.
+ACTIVE = '.active'
+#: MCAP metadata record and metadata.yaml key under which rig, operator and notes stand.
+NOTES = 'hunt_ros'
+NEWEST_VERSION = 9
+
+_STORAGES: dict[str, type[McapFile] | type[SqliteFile]] = {'.mcap': McapFile, '.db3': SqliteFile}
+_LARGEST_METADATA = 1 << 24
+_Loader: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+
+
+class TopicSummary(NamedTuple):
+    """A topic over all files: its name, its type and its number of messages."""
+
+    name: str
+    type: str
+    messages: int
+
+
+class Bag:
+    """
+    A recording opened for reading; a context manager.
+
+    Parameters
+    ----------
+    path : str or Path
+        Folder or file. A recording that is not closed yet is found under its final
+        name as well.
+
+    Attributes
+    ----------
+    path : Path
+    files : list of Storage
+        In the order in which they were recorded.
+    topics : dict of str to TopicSummary
+    notes : dict of str to str
+        Rig, operator, remarks, as recorded.
+    problems : list of str
+        What is wrong with it as far as opening shows; empty for a sound recording.
+
+    Raises
+    ------
+    BagError
+        If there is nothing there, or it is no recording.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = _existing(Path(path))
+        self.files: list[Storage] = []
+        self.problems: list[str] = []
+        self.metadata: dict[str, Any] = {}
+        self._messages_compressed = False
+        self._expanded: tempfile.TemporaryDirectory[str] | None = None
+        try:
+            self._open()
+        except BaseException:
+            self.close()
+            raise
+        self.notes = self._collect_notes()
+        self.topics = self._collect_topics()
+
+    def _open(self) -> None:
+        names = self._open_folder() if self.path.is_dir() else [self.path]
+        for name in names:
+            file = self._open_file(name)
+            if file is None:
+                continue
+            self.files.append(file)
+            self.problems += [f'{name.name}: {problem}' for problem in file.problems]
+        if not self.files:
+            raise BagError(f'{self.path}: no recording in it, expected .mcap or .db3 files')
+
+    def _open_folder(self) -> list[Path]:
+        description = self.path / 'metadata.yaml'
+        present = sorted(
+            (name for name in self.path.iterdir() if _kind(name) in _STORAGES), key=_natural
+        )
+        if not description.exists():
+            if not present:
+                raise BagError(f'{self.path}: an empty folder, expected a rosbag2 recording')
+            self.problems.append('it was not closed: there is no metadata.yaml')
+            return present
+        try:
+            self.metadata = read_metadata(description)
+            return self._listed(present)
+        except BagError as error:
+            if not present:
+                raise
+            self.problems.append(str(error))
+            return present
+
+    def _listed(self, present: list[Path]) -> list[Path]:
+        mode = str(self.metadata.get('compression_mode') or '').lower()
+        self._messages_compressed = mode == 'message'
+        if mode in ('file', 'message'):
+            form = str(self.metadata.get('compression_format') or '')
+            if form != 'zstd':
+                raise BagError(f'{self.path}: compression {form!r} is not known, expected zstd')
+        names = self.metadata.get('relative_file_paths')
+        if not isinstance(names, list) or not names:
+            raise BagError(f'{self.path}/metadata.yaml: relative_file_paths is missing')
+        # Versions before 4 put the folder's name in front: the last part always holds.
+        listed = [self.path / Path(str(name)).name for name in names]
+        missing = [name.name for name in listed if not name.exists()]
+        if missing:
+            raise BagError(f'{self.path}: {missing[0]} is named in metadata.yaml and missing')
+        del present
+        return listed
+
+    def _open_file(self, name: Path) -> Storage | None:
+        kind = _kind(name)
+        if kind not in _STORAGES:
+            raise BagError(f'{name}: not a recording, expected a folder, .mcap or .db3')
+        try:
+            if name.suffix == '.zstd':
+                opened: Storage = _STORAGES[kind](self._expand(name))
+                opened.path = str(name)
+                return opened
+            return _STORAGES[kind](name)
+        except BagError as error:
+            # A recorder killed in its first moment leaves a file without a byte.
+            if self.path.is_dir() and name.stat().st_size == 0:
+                self.problems.append(str(error))
+                return None
+            raise
+
+    def _expand(self, name: Path) -> Path:
+        if self._expanded is None:
+            self._expanded = tempfile.TemporaryDirectory(prefix='hunt_ros_bag_')
+        target = Path(self._expanded.name) / name.stem
+        free = shutil.disk_usage(target.parent).free - (1 << 28)
+        try:
+            with (
+                open(name, 'rb') as packed,
+                open(target, 'wb') as out,
+                zstandard.ZstdDecompressor().stream_reader(packed) as stream,
+            ):
+                while part := stream.read(1 << 20):
+                    free -= len(part)
+                    if free < 0:
+                        raise BagError(f'{name}: no space in {target.parent} to expand it')
+                    out.write(part)
+        except (OSError, zstandard.ZstdError) as error:
+            raise BagError(f'{name}: cannot expand it ({error})') from error
+        return target
+
+    def _collect_notes(self) -> dict[str, str]:
+        notes: dict[str, str] = {}
+        custom = self.metadata.get('custom_data')
+        if isinstance(custom, dict):
+            notes |= {str(key): str(value) for key, value in custom.items()}
+        for file in self.files:
+            for name, strings in file.metadata:
+                if name == NOTES:
+                    notes |= strings
+        return notes
+
+    def _collect_topics(self) -> dict[str, TopicSummary]:
+        topics: dict[str, TopicSummary] = {}
+        for file in self.files:
+            for topic in file.topics:
+                before = topics.get(topic.name)
+                count = file.counts.get(topic.id, 0) + (before.messages if before else 0)
+                topics[topic.name] = TopicSummary(topic.name, topic.type, count)
+        return topics
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """First and last log time over all files, ns; None for an empty recording."""
+        spans = [span for file in self.files if (span := file.span_ns) is not None]
+        if not spans:
+            return None
+        return min(first for first, _ in spans), max(last for _, last in spans)
+
+    def blocks(
+        self,
+        names: Collection[str],
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+    ) -> Iterator[tuple[dict[int, Topic], Block]]:
+        """
+        Yield the messages of topics with start_ns <= log time < end_ns.
+
+        Yields
+        ------
+        topics : dict of int to Topic
+            What the ids in the block mean; they differ from file to file.
+        block : Block
+
+        Raises
+        ------
+        BagError
+            If a part of the recording that is asked for is damaged.
+        """
+        for file in self.files:
+            topics = {topic.id: topic for topic in file.topics if topic.name in names}
+            if not topics:
+                continue
+            for block in file.blocks(topics.keys(), start_ns, end_ns):
+                if self._messages_compressed:
+                    block = expand_messages(block, file.path)
+                yield topics, block
+
+    def close(self) -> None:
+        """Let go of the files."""
+        for file in self.files:
+            file.close()
+        if self._expanded is not None:
+            self._expanded.cleanup()
+            self._expanded = None
+
+    def __enter__(self) -> Bag:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def read_metadata(path: Path) -> dict[str, Any]:
+    """
+    Read a rosbag2 `metadata.yaml`.
+
+    Raises
+    ------
+    BagError
+        If it cannot be read, or is of a version newer than this reader.
+    """
+    try:
+        if path.stat().st_size > _LARGEST_METADATA:
+            raise BagError(f'{path}: {path.stat().st_size} bytes, too large for a description')
+        document = yaml.load(path.read_text(encoding='utf-8'), Loader=_Loader)
+        info = document['rosbag2_bagfile_information']
+        version = int(info['version'])
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
+        raise BagError(f'{path}: cannot be read ({str(error).splitlines()[0]})') from error
+    except (KeyError, TypeError, ValueError) as error:
+        raise BagError(f'{path}: not a rosbag2 description, or without a version') from error
+    if version > NEWEST_VERSION:
+        raise BagError(f'{path}: version {version}, expected at most {NEWEST_VERSION}')
+    return dict(info)
+
+
+def _existing(path: Path) -> Path:
+    if path.exists():
+        return path
+    active = path.with_name(path.name + ACTIVE)
+    if active.is_dir():
+        return active
+    raise BagError(f'{path}: no such recording, expected a bag folder, .mcap or .db3')
+
+
+def _kind(name: Path) -> str:
+    return Path(name.stem).suffix if name.suffix == '.zstd' else name.suffix
+
+
+def _natural(name: Path) -> list[tuple[int, str]]:
+    """Sort bag_2 before bag_10."""
+    parts = re.split(r'(\d+)', name.name)
+    return [(int(part), '') if part.isdigit() else (0, part) for part in parts]

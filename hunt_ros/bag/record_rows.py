@@ -1,0 +1,114 @@
+"""
+A record as serialised messages, a whole column at once.
+
+One message of each topic is serialised by rosbags; all others differ from it in
+stamp and value only, and are made by putting these into copies of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.bag.cdr_layout import locate, parse_path
+from hunt_ros.bag.mcap_writer import CHUNK_BYTES, Rows
+from hunt_ros.bag.message_types import definitions_of, standard_types, topic_of_type
+from hunt_ros.samples import NANOSECONDS, Record, Series
+
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+TWIST_STAMPED = 'geometry_msgs/msg/TwistStamped'
+
+#: Type and field of each channel, as the design names them.
+CHANNEL_FIELDS: dict[str, tuple[str, str]] = {
+    'lateral': (JOINT_STATE, 'position[0]'),
+    'yaw': (JOINT_STATE, 'position[0]'),
+    'roller': (JOINT_STATE, 'position[0]'),
+    'speed': (TWIST_STAMPED, 'twist.linear.x'),
+}
+
+
+def record_rows(
+    record: Record, topic: Callable[[str, str], int], namespace: str
+) -> Iterator[list[Rows]]:
+    """
+    Yield a record chunk by chunk.
+
+    Parameters
+    ----------
+    record : Record
+        In SI.
+    topic : callable
+        Gives the number of a topic from its name and type.
+    namespace : str
+        In front of the topics' names.
+    """
+    prefix = f'/{namespace.strip("/")}' if namespace.strip('/') else ''
+    series = {name: record[name] for name in CHANNEL_FIELDS if name in record}
+    keys = {name: topic(f'{prefix}/{name}', CHANNEL_FIELDS[name][0]) for name in series}
+    total = sum(len(part) for part in series.values())
+    sizes = {name: 31 + len(_template(name)) for name in series}
+    volume = sum(len(part) * sizes[name] for name, part in series.items())
+    if not total:
+        return
+    # Chunks of equal time, of about CHUNK_BYTES.
+    count = max(1, volume // CHUNK_BYTES)
+    edges = np.linspace(record.start_ns, record.end_ns + 1, count + 1).astype(np.int64)
+    edges[0], edges[-1] = record.start_ns, record.end_ns + 1
+    for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        rows = []
+        for name, whole in series.items():
+            part = _between(whole, first, last)
+            rows.append(Rows(keys[name], part.stamps_ns, serialise(name, part)))
+        yield rows
+
+
+def serialise(channel: str, series: Series) -> NDArray[np.uint8]:
+    """
+    Serialise every sample of a channel.
+
+    Returns
+    -------
+    ndarray of uint8, shape (n, bytes)
+        Messages of equal length.
+    """
+    kind, field = CHANNEL_FIELDS[channel]
+    template = _template(channel)
+    rows = np.tile(np.frombuffer(template, dtype=np.uint8), (len(series), 1))
+    definitions = definitions_of(topic_of_type(kind))
+    seconds, rest = np.divmod(series.stamps_ns, NANOSECONDS)
+    columns = {'header.stamp.sec': seconds, 'header.stamp.nanosec': rest, field: series.values}
+    for path, values in columns.items():
+        place = locate(definitions, kind, template, parse_path(path))
+        raw = values.astype(place.kind).view(np.uint8).reshape(-1, place.size)
+        rows[:, place.offset : place.offset + place.size] = raw
+    return rows
+
+
+def _template(channel: str) -> bytes:
+    kind, _ = CHANNEL_FIELDS[channel]
+    store = standard_types()
+    types = store.types
+    stamp = types['builtin_interfaces/msg/Time'](sec=0, nanosec=0)
+    header = types['std_msgs/msg/Header'](stamp=stamp, frame_id='')
+    if kind == JOINT_STATE:
+        one, none = np.zeros(1), np.zeros(0)
+        message = types[kind](
+            header=header, name=[channel], position=one, velocity=none, effort=none
+        )
+    else:
+        vector = types['geometry_msgs/msg/Vector3']
+        twist = types['geometry_msgs/msg/Twist'](
+            linear=vector(x=0.0, y=0.0, z=0.0), angular=vector(x=0.0, y=0.0, z=0.0)
+        )
+        message = types[kind](header=header, twist=twist)
+    return bytes(store.serialize_cdr(message, kind, little_endian=True))
+
+
+def _between(series: Series, first: int, last: int) -> Series:
+    stamps = series.stamps_ns
+    if (stamps[1:] >= stamps[:-1]).all():
+        begin, end = np.searchsorted(stamps, [first, last])
+        return Series(stamps[begin:end], series.values[begin:end])
+    return series.between(first, last)

@@ -1,0 +1,123 @@
+"""
+One SQLite file of a rosbag2 recording (`.db3`), opened.
+
+Its messages come as blocks, as those of an MCAP file do.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Collection, Iterator
+from pathlib import Path
+
+from hunt_ros.bag.blocks import Block, Topic, pack_messages
+from hunt_ros.errors import BagError
+
+_ROWS = 20_000
+_BYTES = 1 << 22
+
+
+class SqliteFile:
+    """
+    A `.db3` file opened for reading, read-only and without locking out its recorder.
+
+    Raises
+    ------
+    BagError
+        If it is no SQLite file, or not one of a recording.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = str(path)
+        self.problems: list[str] = []
+        self.metadata: list[tuple[str, dict[str, str]]] = []
+        if not Path(path).is_file():
+            raise BagError(f'{path}: no such file, expected a .db3 recording')
+        try:
+            self._base = sqlite3.connect(f'{Path(path).resolve().as_uri()}?mode=ro', uri=True)
+            self._base.text_factory = lambda raw: raw.decode('utf-8', 'replace')
+        except sqlite3.Error as error:
+            raise self._damage(error) from error
+        try:
+            self.topics = self._read_topics()
+            self.counts = self._read_counts()
+        except (sqlite3.Error, TypeError, ValueError) as error:
+            self._base.close()
+            raise self._damage(error) from error
+
+    def _read_topics(self) -> list[Topic]:
+        tables = {row[0] for row in self._base.execute('SELECT name FROM sqlite_master')}
+        if not {'topics', 'messages'} <= tables:
+            raise BagError(f'{self.path}: no topics and messages in it, expected a rosbag2 file')
+        texts: dict[str, tuple[str, str]] = {}
+        if 'message_definitions' in tables:
+            query = 'SELECT topic_type, encoding, encoded_message_definition'
+            for name, encoding, text in self._base.execute(f'{query} FROM message_definitions'):
+                texts[str(name)] = (str(encoding), str(text))
+        topics = []
+        query = 'SELECT id, name, type, serialization_format FROM topics'
+        for key, name, kind, encoding in self._base.execute(query):
+            definition_encoding, text = texts.get(str(kind), ('', ''))
+            topics.append(
+                Topic(int(key), str(name), str(kind), str(encoding), definition_encoding, text)
+            )
+        return topics
+
+    def _read_counts(self) -> dict[int, int]:
+        query = 'SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id'
+        return {int(key): int(count) for key, count in self._base.execute(query)}
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """First and last log time, ns; None for a file with no message."""
+        try:
+            query = 'SELECT MIN(timestamp), MAX(timestamp) FROM messages'
+            first, last = self._base.execute(query).fetchone()
+            return None if first is None else (int(first), int(last))
+        except (sqlite3.Error, TypeError, ValueError) as error:
+            raise self._damage(error) from error
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._base.close()
+
+    def blocks(
+        self, wanted: Collection[int], start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[Block]:
+        """
+        Yield the messages of these topics with start_ns <= log time < end_ns, in log order.
+
+        Raises
+        ------
+        BagError
+            If the file is damaged.
+        """
+        marks = ','.join('?' * len(wanted))
+        query = f'SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})'
+        values: list[int] = list(wanted)
+        if start_ns is not None:
+            query, values = f'{query} AND timestamp >= ?', [*values, start_ns]
+        if end_ns is not None:
+            query, values = f'{query} AND timestamp < ?', [*values, end_ns]
+        try:
+            cursor = self._base.execute(f'{query} ORDER BY timestamp, id', values)
+            while True:
+                messages: dict[int, list[tuple[int, bytes]]] = {}
+                count = size = 0
+                while count < _ROWS and size < _BYTES and (row := cursor.fetchone()) is not None:
+                    key, stamp, raw = row
+                    raw = bytes(raw) if isinstance(raw, bytes | memoryview) else _refuse(raw)
+                    messages.setdefault(int(key), []).append((int(stamp), raw))
+                    count, size = count + 1, size + len(raw)
+                if not count:
+                    return
+                yield pack_messages(messages)
+        except (sqlite3.Error, TypeError, ValueError, OverflowError) as error:
+            raise self._damage(error) from error
+
+    def _damage(self, error: Exception) -> BagError:
+        return BagError(f'{self.path}: not a sound SQLite recording ({error})')
+
+
+def _refuse(value: object) -> bytes:
+    raise ValueError(f'a message is a {type(value).__name__}, expected bytes')
