@@ -111,21 +111,29 @@ class HuntingTracker:
 
     def reset(self) -> None:
         """Forget everything seen."""
-        self._x = np.zeros(kernel.N)
-        self._P = np.zeros((kernel.N, kernel.N))
-        self._memory = np.zeros(kernel.N_MEMORY)
-        self._memory[kernel.M_KICK] = -math.inf
-        self._memory[kernel.M_SPEED] = math.nan
+        memory = np.zeros(kernel.N_MEMORY)
+        memory[kernel.M_KICK] = -math.inf
+        memory[[kernel.M_SPEED, kernel.M_SPEED_SEEN]] = math.nan
         if math.isnan(self._modes[0, 2]):
-            self._memory[kernel.M_RATIO_VAR] = 1.0
+            memory[kernel.M_RATIO_VAR] = 1.0
         else:
-            self._memory[kernel.M_RATIO_RE] = 1.0
-            self._memory[kernel.M_RATIO_VAR] = self.config.yaw_ratio_std**2
-        self._sensors = np.zeros((2, kernel.N_SENSOR))
-        self._sensors[:, kernel.S_VALUE] = math.nan
-        self._sums = np.zeros((2, kernel.N_ACCUMULATOR))
-        self._counters = np.zeros(kernel.N_COUNTER, dtype=np.int64)
-        self._counters[kernel.I_LAST : kernel.I_OUTPUT + 1] = _NEVER
+            memory[kernel.M_RATIO_RE] = 1.0
+            memory[kernel.M_RATIO_VAR] = self.config.yaw_ratio_std**2
+        sensors = np.zeros((2, kernel.N_SENSOR))
+        sensors[:, kernel.S_VALUE] = math.nan
+        counters = np.zeros(kernel.N_COUNTER, dtype=np.int64)
+        counters[kernel.I_LAST : kernel.I_OUTPUT + 1] = _NEVER
+        self._filter = kernel.Filter(
+            x=np.zeros(kernel.N),
+            P=np.zeros((kernel.N, kernel.N)),
+            m=memory,
+            sensors=sensors,
+            sums=np.zeros((2, kernel.N_ACCUMULATOR)),
+            counters=counters,
+            cfg=self._settings,
+            modes=self._modes,
+            g=np.zeros(kernel.N),
+        )
 
     def update(
         self,
@@ -181,7 +189,7 @@ class HuntingTracker:
         if shape[0] and (sensors.min() < 0 or sensors.max() > 1):
             raise HuntError('tracker: a sensor number must be 0 (lateral) or 1 (yaw)')
         if outputs.size and (
-            outputs[0] <= self._counters[kernel.I_OUTPUT]
+            outputs[0] <= self._filter.counters[kernel.I_OUTPUT]
             or (outputs.size > 1 and bool(np.any(outputs[1:] <= outputs[:-1])))
         ):
             raise HuntError(f'tracker: output stamps must increase, got {outputs[0]} first')
@@ -202,45 +210,29 @@ class HuntingTracker:
         outputs: NDArray[np.int64],
         rows: NDArray[np.float64],
     ) -> None:
-        kernel.track_block(
-            stamps,
-            sensors,
-            values,
-            angles,
-            speeds,
-            outputs,
-            rows,
-            self._x,
-            self._P,
-            self._memory,
-            self._sensors,
-            self._sums,
-            self._counters,
-            self._settings,
-            self._modes,
-        )
+        kernel.track_block(self._filter, stamps, sensors, values, angles, speeds, outputs, rows)
 
     @property
     def state(self) -> NDArray[np.float64]:
         """Copy of the state vector, shape (20,), in the order of `kernel`."""
-        return self._x.copy()
+        return self._filter.x.copy()
 
     @property
     def covariance(self) -> NDArray[np.float64]:
         """Copy of the covariance of `state`, shape (20, 20)."""
-        return self._P.copy()
+        return self._filter.P.copy()
 
     @property
     def kicks(self) -> int:
         """Kicks seen since the start."""
-        return int(self._counters[kernel.I_KICKS])
+        return int(self._filter.counters[kernel.I_KICKS])
 
     @property
     def dropped(self) -> dict[str, int]:
         """Samples left out since the start, by reason."""
         return {
-            'not_finite': int(self._counters[kernel.I_NOT_FINITE]),
-            'backwards': int(self._counters[kernel.I_BACKWARDS]),
-            'stuck': int(self._counters[kernel.I_STUCK]),
-            'glitches': int(self._counters[kernel.I_GLITCHES]),
+            'not_finite': int(self._filter.counters[kernel.I_NOT_FINITE]),
+            'backwards': int(self._filter.counters[kernel.I_BACKWARDS]),
+            'stuck': int(self._filter.counters[kernel.I_STUCK]),
+            'glitches': int(self._filter.counters[kernel.I_GLITCHES]),
         }

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,7 +81,7 @@ class TrackerConfig:
     growth_rate_std : float
         Prior standard deviation of the growth rate, 1/s.
     growth_rate_drift : float
-        Random walk of the growth rate, (1/s) per square root of a second.
+        Random walk of a growth rate near zero, (1/s) per square root of a second.
     second_frequency_hz, second_decay : float
         Frequency (Hz) and decay rate (1/s) of the second, fast-decaying mode.
     yaw_ratio, second_yaw_ratio : complex, optional
@@ -116,7 +117,7 @@ class TrackerConfig:
     frequency_std: float = 0.2
     frequency_drift: float = 0.015
     growth_rate_std: float = 1.0
-    growth_rate_drift: float = 0.2
+    growth_rate_drift: float = 0.03
     second_frequency_hz: float = 3.3
     second_decay: float = 9.4
     yaw_ratio: complex | None = None
@@ -127,7 +128,7 @@ class TrackerConfig:
     bin_s: float = 0.005
     surprise: float = 4.0
     noise_time: float = 2.0
-    bandwidth_time: float = 2.0
+    bandwidth_time: float = 1.0
     stuck_s: float = 0.1
     gap_s: float = 2.0
 
@@ -144,7 +145,7 @@ class TrackerConfig:
                 f' {self.frequency_min_hz} and frequency_max_hz {self.frequency_max_hz}'
             )
         speeds = [point.speed for point in self.modes]
-        if any(b <= a for a, b in zip(speeds, speeds[1:], strict=False)):
+        if any(b <= a for a, b in pairwise(speeds)):
             raise ConfigError(f'tracker: speeds of modes must increase, got {speeds}')
         known = {point.yaw_ratio is None for point in self.modes}
         if len(known) > 1:
