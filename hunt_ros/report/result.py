@@ -16,7 +16,10 @@ from typing import Any
 #: What a warning must speak of to be the reason of a null, by the start of its key. The
 #: first that matches counts, so the narrow ones stand first.
 _SUBJECTS: tuple[tuple[str, str], ...] = (
-    (r'(?:.*\.)?(?:std|ci95|amplitude_std_m)$', r'interval|bootstrap|uncertain|\bstd\b|runs?\b'),
+    (
+        r'(?:.*\.)?(?:std|ci95|amplitude_std_m|maxima_std_m|std_m|ci95_m)$',
+        r'interval|bootstrap|uncertain|\bstd\b|runs?\b',
+    ),
     (r'observed\.v_n', r'observed|jump|\bdown\b|\bv_n\b'),
     (r'observed\.v_c', r'observed|jump|\bup\b|\bv_c\b'),
     (r'observed', r'observed|jump|plateau|sweep|hysteresis'),
@@ -117,7 +120,7 @@ class Result:
 
     def _branch_reason(self, path: str) -> str:
         """Reason of a missing branch point from the model's own critical speeds, or ''."""
-        found = re.fullmatch(r'branches\.(\d+)\.(un)?stable_amplitude_m', path)
+        found = re.fullmatch(r'branches\.(\d+)\.(un)?stable_(?:amplitude|std|ci95)_m', path)
         if not found:
             return ''
         speed = float(self.document['branches'][int(found.group(1))]['speed_mps'])

@@ -51,9 +51,9 @@ ROUGHNESS = COLOURS['roughness'][0]
 
 #: Direction of the speed -> marker, colour, words for the legend.
 DIRECTIONS: dict[str, tuple[str, str, str]] = {
-    'up': ('o', COLOURS['up'][0], 'measured, speed up'),
-    'down': ('x', COLOURS['down'][0], 'measured, speed down'),
-    'hold': ('s', COLOURS['hold'][0], 'measured, speed held'),
+    'up': ('o', COLOURS['up'][0], 'speed up'),
+    'down': ('x', COLOURS['down'][0], 'speed down'),
+    'hold': ('s', COLOURS['hold'][0], 'speed held'),
 }
 
 SPEED_LABEL = r'Running speed $v$ (m/s)'

@@ -1,0 +1,160 @@
+"""The run at a glance: speed and hunting amplitude against time, with the events on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.report import style
+from hunt_ros.samples import NANOSECONDS, Record
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: Points of a curve: more than a printed line can show are left out by taking extremes.
+_POINTS = 1500
+
+#: Events that get a mark in the picture; the table has all of them.
+_MARKED = {
+    'escaping': 'v',
+    'limit_cycle': 's',
+    'quiet': 'o',
+    'sensor_fault': 'x',
+    'input_stale': 'x',
+}
+
+
+@dataclass(frozen=True)
+class RunEvent:
+    """
+    An event of a run, for the figure and the table.
+
+    Parameters
+    ----------
+    seconds : float
+        Since the first stamp of the recording.
+    event, level : str
+        Words of the JSON of `hunt replay`.
+    speed, amplitude, growth_rate : float or None
+        m/s, m, 1/s; None where not known.
+    source : str
+        Recording it belongs to.
+    """
+
+    seconds: float
+    event: str
+    level: str
+    speed: float | None
+    amplitude: float | None
+    growth_rate: float | None
+    source: str = ''
+
+
+def run_overview(
+    record: Record,
+    amplitude: tuple[NDArray[np.float64], NDArray[np.float64]],
+    events: Sequence[RunEvent] = (),
+    critical_speeds: tuple[float | None, float | None] = (None, None),
+) -> Figure:
+    """
+    Draw a run against time.
+
+    Parameters
+    ----------
+    record : Record
+        Its speed is shown.
+    amplitude : (time, amplitude)
+        Of the hunting component: seconds since the first stamp of the record, and m.
+    events : sequence of RunEvent
+        Of this record.
+    critical_speeds : (v_n, v_c)
+        Of the identified form, m/s; None where not known.
+
+    Returns
+    -------
+    Figure
+        One page wide.
+    """
+    with style.journal_style():
+        figure = style.new_figure(style.PAGE, 0.44 * style.PAGE)
+        above, below = figure.subplots(2, 1, sharex=True)
+        speed = record.get('speed')
+        if speed is not None and len(speed):
+            time, values = thinned(speed.seconds(record.start_ns), speed.values)
+            above.plot(time, values, color=style.INK, linewidth=0.9)
+        for value, words in zip(critical_speeds, (r'$v_n$', r'$v_c$'), strict=True):
+            if value is not None:
+                above.axhline(value, color=style.MUTED, linewidth=0.6, linestyle=(0, (4, 2)))
+                above.annotate(
+                    words,
+                    (1.0, value),
+                    xycoords=('axes fraction', 'data'),
+                    xytext=(3, 0),
+                    textcoords='offset points',
+                    va='center',
+                )
+        time, values = thinned(*amplitude)
+        below.plot(time, style.MILLIMETRES * values, color=style.STABLE, linewidth=0.9)
+        _mark_events(below, events)
+        style.frame(above, '', r'Speed $v$ (m/s)')
+        style.frame(below, 'Time (s)', 'Hunting\namplitude (mm)')
+        below.set_xlim(0.0, max((record.end_ns - record.start_ns) / NANOSECONDS, 1e-3))
+        below.set_ylim(bottom=0.0)
+        return figure
+
+
+def _mark_events(axes: Axes, events: Sequence[RunEvent]) -> None:
+    """Mark the events at their amplitude; each kind once in the legend."""
+    for kind, marker in _MARKED.items():
+        chosen = [one for one in events if one.event == kind]
+        if chosen:
+            axes.plot(
+                [one.seconds for one in chosen],
+                [style.MILLIMETRES * (one.amplitude or 0.0) for one in chosen],
+                marker,
+                color=style.UNSTABLE,
+                markerfacecolor='none',
+                clip_on=False,
+                label=kind.replace('_', ' '),
+            )
+    if axes.get_legend_handles_labels()[0]:
+        style.legend_above(axes, columns=5)
+
+
+def thinned(
+    time: NDArray[np.float64], values: NDArray[np.float64], points: int = _POINTS
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """
+    Thin a curve without losing its extremes: of each stretch its lowest and highest point.
+
+    Parameters
+    ----------
+    time, values : ndarray, shape (n,)
+        NaN in the values breaks the line, and is kept as one NaN a stretch.
+    points : int
+        At most about so many are left.
+
+    Returns
+    -------
+    time, values : ndarray
+        In the order of time.
+    """
+    if time.size <= points:
+        return time, values
+    stretch = -(-time.size // (points // 2))
+    kept: list[int] = []
+    for start in range(0, time.size, stretch):
+        part = values[start : start + stretch]
+        known = np.flatnonzero(np.isfinite(part))
+        if known.size == 0:
+            kept.append(start)
+            continue
+        inside = part[known]
+        kept += sorted({start + int(known[inside.argmin()]), start + int(known[inside.argmax()])})
+    index = np.array(kept)
+    return time[index], values[index]
