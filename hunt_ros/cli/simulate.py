@@ -44,7 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='T:SIZE',
-        help='bump at T seconds, lateral amplitude SIZE in m; repeatable',
+        help='blow at T seconds that moves the wheelset sideways by SIZE m; repeatable',
     )
     parser.add_argument('--rig', type=Path, metavar='FILE', help='rig as YAML (default: built in)')
     parser.add_argument('--rate', type=float, default=500.0, help='sensors, Hz (%(default)s)')
@@ -72,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Simulate, write the bag, say where it is."""
     from hunt_ros.bag.writer import write_record
     from hunt_ros.cli.output import write_json
-    from hunt_ros.dynamics.simulation import simulate
+    from hunt_ros.dynamics.simulation import Kick, simulate
 
     if arguments.out.exists():
         raise ConfigError(f'{arguments.out}: exists already, expected the name of a new folder')
@@ -80,9 +80,8 @@ def run(arguments: argparse.Namespace) -> int:
     duration_s = profile.duration_s if arguments.duration is None else arguments.duration
     if not 0.0 < duration_s <= 864_000.0:
         raise ConfigError(f'--duration: {duration_s:g} s is not within 0 to 864000 s')
-    record = simulate(
-        rig, settings, profile, duration_s, kicks=tuple(arguments.kick), seed=arguments.seed
-    )
+    kicks = [Kick(time_s, lateral_m=size) for time_s, size in arguments.kick]
+    record = simulate(rig, settings, profile, duration_s, kicks=kicks, seed=arguments.seed)
     notes = {'source': 'hunt simulate', 'seed': str(arguments.seed)}
     path = write_record(arguments.out, record, notes=notes)
     samples = sum(len(series) for series in record.values())

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import TwistStamped, Vector3Stamped
+from geometry_msgs.msg import TwistStamped
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
@@ -83,47 +83,72 @@ class FixedLayout:
         return seconds * NANOSECONDS + nanoseconds, values
 
 
-def _aligned(offset: int, size: int) -> int:
-    """Next offset of CDR for a number of `size` bytes; the 4-byte prefix does not count."""
-    return 4 + -(-(offset - 4) // size) * size
+class _Wire:
+    """Builds the CDR bytes of a message with a header, field by field."""
+
+    def __init__(self, frame: str) -> None:
+        self.data = bytearray(b'\x00\x01\x00\x00' + bytes(8))
+        self.offsets: list[int] = []
+        self.text(frame)
+
+    def number(self, value: int) -> None:
+        self._align(4)
+        self.data += struct.pack('<I', value)
+
+    def text(self, value: str) -> None:
+        raw = value.encode() + b'\x00'
+        self.number(len(raw))
+        self.data += raw
+
+    def floats(self, count: int) -> None:
+        for _ in range(count):
+            self._align(8)
+            self.offsets.append(len(self.data))
+            self.data += bytes(8)
+
+    def layout(self) -> FixedLayout:
+        return FixedLayout(bytes(self.data), self.offsets)
+
+    def _align(self, size: int) -> None:
+        """Pad to a multiple of `size`; the 4-byte prefix does not count."""
+        self.data += bytes(-(len(self.data) - 4) % size)
 
 
-def joint_layout(name: str, frame: str, velocity: bool = False) -> FixedLayout:
+def joint_layout(names: Sequence[str], frame: str, velocity: bool = False) -> FixedLayout:
     """
-    Layout of a JointState of one joint: position, and velocity if wanted.
+    Layout of a JointState: the positions of its joints, then their velocities if wanted.
 
     Parameters
     ----------
-    name, frame : str
-        Joint name and frame_id.
+    names : sequence of str
+        Joints.
+    frame : str
+        frame_id.
     velocity : bool
-        Whether it carries a velocity.
+        Whether it carries velocities.
     """
-    wire = bytearray(b'\x00\x01\x00\x00' + bytes(8))
+    wire = _Wire(frame)
+    wire.number(len(names))
+    for name in names:
+        wire.text(name)
+    for count in (len(names), len(names) if velocity else 0, 0):
+        wire.number(count)
+        wire.floats(count)
+    return wire.layout()
 
-    def number(value: int) -> None:
-        wire.extend(bytes(_aligned(len(wire), 4) - len(wire)) + struct.pack('<I', value))
 
-    def text(value: str) -> None:
-        raw = value.encode() + b'\x00'
-        number(len(raw))
-        wire.extend(raw)
+def vector_layout(frame: str) -> FixedLayout:
+    """Layout of a Vector3Stamped (3 values)."""
+    wire = _Wire(frame)
+    wire.floats(3)
+    return wire.layout()
 
-    def values(count: int) -> None:
-        number(count)
-        if count:
-            wire.extend(bytes(_aligned(len(wire), 8) - len(wire)))
-            offsets.append(len(wire))
-            wire.extend(bytes(8))
 
-    offsets: list[int] = []
-    text(frame)
-    number(1)
-    text(name)
-    values(1)
-    values(int(velocity))
-    values(0)
-    return FixedLayout(bytes(wire), offsets)
+def twist_layout(frame: str) -> FixedLayout:
+    """Layout of a TwistStamped (6 values, linear before angular)."""
+    wire = _Wire(frame)
+    wire.floats(6)
+    return wire.layout()
 
 
 class JointReader:
@@ -157,24 +182,31 @@ class JointReader:
         return to_ns(message.header.stamp), message.position[index]
 
     def _learn(self, message: JointState, wire: bytes) -> None:
-        layout = joint_layout(self._name, message.header.frame_id, bool(len(message.velocity)))
-        stamp = to_ns(message.header.stamp)
-        values = [message.position[0], *list(message.velocity)[:1]]
-        self._layout = layout if layout.encode(stamp, *values) == wire else None
+        """Take the layout of this message for the next ones, if the bytes confirm it."""
+        if len(message.effort) or len(message.velocity) > 1:
+            return
+        moving = bool(len(message.velocity))
+        layout = joint_layout([self._name], message.header.frame_id, moving)
+        values = [message.position[0], *message.velocity]
+        confirmed = layout.encode(to_ns(message.header.stamp), *values) == wire
+        self._layout = layout if confirmed else None
 
 
-def joint_state(
-    stamp_ns: int,
-    names: Sequence[str],
-    positions: Sequence[float],
-    velocities: Sequence[float] = (),
-    frame: str = '',
-) -> JointState:
-    """Return a JointState message."""
-    message = JointState(name=list(names), position=list(positions), velocity=list(velocities))
-    message.header.stamp = to_time(stamp_ns)
-    message.header.frame_id = frame
-    return message
+class SpeedReader:
+    """Reads raw TwistStamped messages: the running speed in linear.x."""
+
+    def __init__(self) -> None:
+        self._layout: FixedLayout | None = None
+
+    def read(self, wire: bytes) -> tuple[int, float]:
+        """Return (stamp in ns, speed in m/s)."""
+        if self._layout is not None:
+            found = self._layout.decode(wire)
+            if found is not None:
+                return found[0], found[1][0]
+        message = deserialize_message(wire, TwistStamped)
+        self._layout = twist_layout(message.header.frame_id)
+        return to_ns(message.header.stamp), message.twist.linear.x
 
 
 def twist(stamp_ns: int, speed_mps: float, frame: str = '') -> TwistStamped:
@@ -183,14 +215,6 @@ def twist(stamp_ns: int, speed_mps: float, frame: str = '') -> TwistStamped:
     message.header.stamp = to_time(stamp_ns)
     message.header.frame_id = frame
     message.twist.linear.x = float(speed_mps)
-    return message
-
-
-def number(stamp_ns: int, value: float) -> Vector3Stamped:
-    """Return a single number as a Vector3Stamped, in x."""
-    message = Vector3Stamped()
-    message.header.stamp = to_time(stamp_ns)
-    message.vector.x = float(value)
     return message
 
 

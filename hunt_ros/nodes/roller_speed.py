@@ -82,7 +82,7 @@ class RollerSpeedNode(LifecycleNode):
         self._speed_mps = float('nan')
         self._published = 0
         self._last_count = 0
-        self._layout = joint_layout('roller', self._config.frame_id, velocity=True)
+        self._layout = joint_layout(['roller'], self._config.frame_id, velocity=True)
         self._roller = self.create_publisher(JointState, 'roller', stream(100))
         self._speed = self.create_publisher(TwistStamped, 'speed', stream(100))
         self._target = self.create_publisher(TwistStamped, 'speed/target', stream(20))

@@ -67,7 +67,7 @@ class SensorNode(LifecycleNode):
         warn_unknown(self)
         depth = int(self._config.sample_rate_hz)
         self._publisher = self.create_publisher(JointState, channel, stream(depth))
-        self._layout = joint_layout(channel, self._config.frame_id)
+        self._layout = joint_layout([channel], self._config.frame_id)
         self._driver: SensorDriver | None = None
         self._thread: threading.Thread | None = None
         self._active = threading.Event()

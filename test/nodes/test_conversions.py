@@ -1,0 +1,88 @@
+"""Wire bytes written and read by layout are those of ROS itself."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+pytest.importorskip('rclpy', reason='the extra ros is not installed')
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistStamped, Vector3Stamped
+from hypothesis import given
+from hypothesis import strategies as st
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import JointState
+
+from hunt_ros.nodes.conversions import (
+    JointReader,
+    SpeedReader,
+    diagnostic,
+    joint_layout,
+    read_diagnostic,
+    to_ns,
+    to_time,
+    twist,
+    vector_layout,
+)
+
+stamps = st.integers(0, 2**31 * 10**9 - 1)
+numbers = st.floats(allow_nan=False)
+
+
+@given(stamp=stamps, values=st.tuples(numbers, numbers), frame=st.text(max_size=9))
+def test_a_written_joint_state_is_read_by_ros(stamp, values, frame) -> None:
+    frame = frame.replace('\x00', '')
+    wire = joint_layout(['lateral_amplitude', 'yaw_amplitude'], frame).encode(stamp, *values)
+    message = deserialize_message(wire, JointState)
+    assert to_ns(message.header.stamp) == stamp
+    assert message.header.frame_id == frame
+    assert tuple(message.position) == values
+    assert len(message.velocity) == len(message.effort) == 0
+
+
+@given(stamp=stamps, value=numbers, rate=numbers)
+def test_a_joint_state_of_ros_is_read_fast_and_right(stamp, value, rate) -> None:
+    message = JointState(name=['roller'], position=[value], velocity=[rate])
+    message.header.stamp = to_time(stamp)
+    wire = joint_layout(['roller'], '', velocity=True).encode(stamp, value, rate)
+    reader = JointReader('roller')
+    assert reader.read(wire) == (stamp, value)
+    assert reader._layout is not None
+    assert reader.read(wire) == (stamp, value)
+
+
+def test_a_joint_is_found_among_others_and_its_absence_is_noticed() -> None:
+    message = JointState(name=['a', 'lateral'], position=[1.0, 2.0], velocity=[0.0], effort=[0.0])
+    wire = serialize_message(message)
+    assert JointReader('lateral').read(wire) == (0, 2.0)
+    assert JointReader('yaw').read(wire) is None
+
+
+def test_another_layout_in_between_is_read_too() -> None:
+    reader = JointReader('lateral')
+    first = joint_layout(['lateral'], 'rig').encode(1, 0.5)
+    other = joint_layout(['lateral'], 'another_frame').encode(2, 0.75)
+    assert [reader.read(wire) for wire in (first, other, first)] == [(1, 0.5), (2, 0.75), (1, 0.5)]
+
+
+def test_a_speed_is_read_from_the_wire() -> None:
+    reader = SpeedReader()
+    for stamp, speed in ((5, 7.25), (2_000_000_005, -0.5)):
+        assert reader.read(serialize_message(twist(stamp, speed, 'rig'))) == (stamp, speed)
+    assert deserialize_message(serialize_message(twist(5, 7.25)), TwistStamped).twist.linear.x
+
+
+def test_a_written_vector_is_read_by_ros() -> None:
+    message = deserialize_message(vector_layout('rig').encode(7, 1.5, 0.0, 0.0), Vector3Stamped)
+    assert (to_ns(message.header.stamp), message.vector.x) == (7, 1.5)
+
+
+def test_a_diagnostic_keeps_every_digit() -> None:
+    array = diagnostic(3, 'rig/hunting', 'WARN', 'why', {'amplitude_m': 1 / 3, 'bad': math.nan})
+    message = deserialize_message(serialize_message(array), DiagnosticArray)
+    texts = read_diagnostic(message)
+    assert (texts['level'], texts['message']) == ('WARN', 'why')
+    assert float(texts['amplitude_m']) == 1 / 3
+    assert math.isnan(float(texts['bad']))
