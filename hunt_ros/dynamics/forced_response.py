@@ -39,8 +39,7 @@ def direction_response(
     matrix = 1j * frequency[..., None, None] * np.eye(4) - Wheelset(rig).linear_matrix(v)
     push = np.zeros((*v.shape, 4, 1), dtype=np.complex128)
     push[..., 1, 0] = rig.d11
-    response: NDArray[np.complex128] = np.linalg.solve(matrix, push)[..., 0]
-    return response
+    return np.asarray(np.linalg.solve(matrix, push)[..., 0], dtype=np.complex128)
 
 
 def quiet_covariance(rig: RigParameters, speed: float, broadband: float) -> NDArray[np.float64]:
@@ -73,5 +72,6 @@ def quiet_covariance(rig: RigParameters, speed: float, broadband: float) -> NDAr
         raise ConfigError(f'{rig.name}: no stationary state at {speed} m/s, it is unstable there')
     drive = np.zeros((4, 4))
     drive[3, 3] = -(broadband**2)
-    covariance: NDArray[np.float64] = solve_continuous_lyapunov(matrix, drive)
-    return 0.5 * (covariance + covariance.T)
+    covariance = np.asarray(solve_continuous_lyapunov(matrix, drive), dtype=np.float64)
+    symmetric: NDArray[np.float64] = 0.5 * (covariance + covariance.T)
+    return symmetric

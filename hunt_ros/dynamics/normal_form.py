@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.integrate import quad
 
 from hunt_ros.errors import ConfigError
 
@@ -21,6 +22,28 @@ Criticality = Literal['subcritical', 'supercritical']
 
 #: Names of the real coefficients, in the order used for vectors and covariances.
 COEFFICIENTS: tuple[str, ...] = ('D1', 'D4', 'D7', 'D10', 'D15')
+
+
+@dataclass(frozen=True)
+class SteadyState:
+    """
+    A steady amplitude of the normal form.
+
+    Parameters
+    ----------
+    amplitude : float
+        Of y, m.
+    exponent : float
+        Rate at which a disturbance of it grows, 1/s.
+    """
+
+    amplitude: float
+    exponent: float
+
+    @property
+    def stable(self) -> bool:
+        """Whether disturbances die out."""
+        return self.exponent < 0.0
 
 
 @dataclass(frozen=True)
@@ -81,6 +104,18 @@ class NormalForm:
         """Return eps = v / v_c - 1, Eq. (5), for speeds in m/s, any shape."""
         return np.asarray(speed, dtype=np.float64) / self.critical_speed - 1.0
 
+    def speed(self, detuning: ArrayLike) -> NDArray[np.float64]:
+        """Return v = v_c (1 + eps), m/s, Eq. (5), for detunings of any shape."""
+        return self.critical_speed * (1.0 + np.asarray(detuning, dtype=np.float64))
+
+    def amplitude(self, radius: ArrayLike) -> NDArray[np.float64]:
+        """Return the amplitude of y = 2 d0 r, m, Eq. (32), for radii of any shape."""
+        return 2.0 * self.length_scale * np.asarray(radius, dtype=np.float64)
+
+    def radius(self, amplitude: ArrayLike) -> NDArray[np.float64]:
+        """Return r = A / (2 d0), Eq. (32), for amplitudes in m, any shape."""
+        return np.asarray(amplitude, dtype=np.float64) / (2.0 * self.length_scale)
+
     def growth_rate(self, speed: ArrayLike, amplitude: ArrayLike = 0.0) -> NDArray[np.float64]:
         """
         Growth rate d ln A / dt of the amplitude, Eq. (24) divided by r.
@@ -139,6 +174,90 @@ class NormalForm:
         stable = np.where(exists & (slope < 0.0), amplitude, math.nan)
         unstable = np.where(exists & (slope > 0.0), amplitude, math.nan)
         return np.fmax(unstable[0], unstable[1]), np.fmax(stable[0], stable[1])
+
+    def steady_states(self, speed: float) -> tuple[SteadyState, ...]:
+        """
+        All steady states at one speed, the trivial one first: Eqs. (26)-(28).
+
+        Parameters
+        ----------
+        speed : float
+            m/s.
+        """
+        amplitudes = (0.0, *(float(x) for x in self.steady_amplitudes(speed)))
+        states = (
+            SteadyState(amplitude, float(self.floquet_exponent(speed, amplitude)))
+            for amplitude in amplitudes
+            if not math.isnan(amplitude)
+        )
+        return tuple(sorted(states, key=lambda state: state.amplitude))
+
+    def floquet_exponent(self, speed: ArrayLike, amplitude: ArrayLike) -> NDArray[np.float64]:
+        """
+        d(dA/dt)/dA: at a steady state, the rate at which a disturbance of it grows.
+
+        Parameters
+        ----------
+        speed, amplitude : array_like
+            m/s and m; broadcast.
+
+        Returns
+        -------
+        ndarray
+            1/s.
+        """
+        eps = self.detuning(speed)
+        r2 = self.radius(amplitude) ** 2
+        rate: NDArray[np.float64] = (
+            self.D1 * eps
+            + self.D7 * eps**2
+            + 3.0 * (self.D4 + self.D10 * eps) * r2
+            + 5.0 * self.D15 * r2**2
+        ) / self.time_scale
+        return rate
+
+    def time_between(self, speed: float, start: float, end: float) -> float:
+        """
+        Time the amplitude takes from one value to another, without noise.
+
+        The integral of dA / (A s(v, A)), along ln A.
+
+        Parameters
+        ----------
+        speed : float
+            m/s.
+        start, end : float
+            Amplitudes, m, positive.
+
+        Returns
+        -------
+        float
+            s; inf where a steady state lies between (or at an end), or the
+            amplitude moves the other way.
+
+        Raises
+        ------
+        ConfigError
+            For an amplitude that is not positive: nothing grows from zero.
+        """
+        if not (start > 0.0 and end > 0.0):
+            raise ConfigError(f'amplitudes must be positive, got {start} and {end} m')
+        if start == end:
+            return 0.0
+        low, high = sorted((start, end))
+        steady = [x for x in map(float, self.steady_amplitudes(speed)) if low <= x <= high]
+        rate = float(self.growth_rate(speed, 0.5 * (start + end)))
+        if steady or rate * (end - start) <= 0.0:
+            return math.inf
+        time, _ = quad(
+            lambda log_amplitude: 1.0 / float(self.growth_rate(speed, math.exp(log_amplitude))),
+            math.log(start),
+            math.log(end),
+            epsabs=0.0,
+            epsrel=1e-10,
+            limit=200,
+        )
+        return float(time)
 
     def unstable_amplitude(self, speed: ArrayLike) -> NDArray[np.float64]:
         """Amplitude of the unstable limit cycle, m: the edge of the quiet basin; NaN if none."""

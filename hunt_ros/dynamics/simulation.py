@@ -17,6 +17,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -252,9 +253,15 @@ class RollerRig:
         stamps = np.arange(self._count, self._count + count) * self._period_ns
         self._count += count
         true_ns = np.rint(stamps).astype(np.int64)
+        lateral, yaw, speed, angle, true_lateral, true_yaw = out
         return SimulatedBlock(
             true_ns,
-            *out,
+            lateral,
+            yaw,
+            speed,
+            angle,
+            true_lateral,
+            true_yaw,
             lateral_stamps_ns=_drifted(stamps, true_ns, self.settings.lateral_sensor.clock_drift),
             yaw_stamps_ns=_drifted(stamps, true_ns, self.settings.yaw_sensor.clock_drift),
         )
@@ -358,7 +365,7 @@ def simulate(
 
 
 def _record(blocks: Sequence[SimulatedBlock], settings: SimulationSettings, source: str) -> Record:
-    def joined(name: str) -> NDArray[np.float64]:
+    def joined(name: str) -> NDArray[Any]:
         return np.concatenate([getattr(block, name) for block in blocks])
 
     stamps = joined('stamps_ns')
@@ -375,7 +382,9 @@ def _record(blocks: Sequence[SimulatedBlock], settings: SimulationSettings, sour
     )
 
 
-def _drifted(stamps: Array, true_ns: NDArray[np.int64], clock_drift: float) -> NDArray[np.int64]:
+def _drifted(
+    stamps: NDArray[Any], true_ns: NDArray[np.int64], clock_drift: float
+) -> NDArray[np.int64]:
     return np.rint(stamps * (1.0 + clock_drift)).astype(np.int64) if clock_drift else true_ns
 
 

@@ -53,8 +53,8 @@ LATERAL, YAW, MEASURED_SPEED, ROLLER_ANGLE, TRUE_LATERAL, TRUE_YAW = range(6)
 def _power_terms(y: float, p: float, c: Array) -> float:
     """Cubic and quintic terms; c: 30, 21, 12, 03, 50, 41, 32, 23, 14, 05."""
     p2 = p * p
-    third = ((c[0] * y + c[1] * p) * y + c[2] * p2) * y + c[3] * p * p2
-    fifth = ((c[4] * y + c[5] * p) * y + c[6] * p2) * y + c[7] * p * p2
+    third: float = ((c[0] * y + c[1] * p) * y + c[2] * p2) * y + c[3] * p * p2
+    fifth: float = ((c[4] * y + c[5] * p) * y + c[6] * p2) * y + c[7] * p * p2
     return third + (fifth * y + c[8] * p2 * p2) * y + c[9] * p * p2 * p2
 
 
@@ -144,7 +144,7 @@ def _step(
 @compiled
 def _reading(value: float, normal: float, sensor: Array) -> float:
     """One reading of a sensor that is not in a drop-out."""
-    reading = sensor[GAIN] * value + sensor[OFFSET] + sensor[NOISE] * normal
+    reading: float = sensor[GAIN] * value + sensor[OFFSET] + sensor[NOISE] * normal
     reading = min(max(reading, -sensor[FULL_SCALE]), sensor[FULL_SCALE])
     if sensor[RESOLUTION] > 0.0:
         reading = math.floor(reading / sensor[RESOLUTION] + 0.5) * sensor[RESOLUTION]

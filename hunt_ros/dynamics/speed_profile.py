@@ -54,7 +54,8 @@ class SpeedProfile:
 
     def __call__(self, time_s: ArrayLike) -> NDArray[np.float64]:
         """Return the set point, m/s, at times in s, any shape."""
-        return np.asarray(np.interp(time_s, self.times_s, self.speeds), dtype=np.float64)
+        times = np.asarray(time_s, dtype=np.float64)
+        return np.asarray(np.interp(times, self.times_s, self.speeds), dtype=np.float64)
 
     @classmethod
     def constant(cls, speed: float) -> SpeedProfile:

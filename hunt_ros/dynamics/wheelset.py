@@ -113,7 +113,7 @@ class Wheelset:
             Per unit of dimensionless time.
         """
         x = np.asarray(state, dtype=np.float64)
-        result = np.einsum('...ij,...j->...i', self.linear_matrix(speed), x)
+        result: Array = np.einsum('...ij,...j->...i', self.linear_matrix(speed), x)
         result[..., 1::2] -= self.nonlinear_forces(x[..., 0], x[..., 2])
         return result
 
@@ -135,7 +135,7 @@ class Wheelset:
         x = np.asarray(state, dtype=np.float64)
         y, psi = x[..., 0], x[..., 2]
         shape = np.broadcast_shapes(y.shape, np.shape(speed))
-        matrix = np.broadcast_to(self.linear_matrix(speed), (*shape, 4, 4)).copy()
+        matrix: Array = np.broadcast_to(self.linear_matrix(speed), (*shape, 4, 4)).copy()
         for order, table in ((3, self.cubic), (5, self.quintic)):
             for j in range(order + 1):
                 i = order - j
