@@ -1,0 +1,46 @@
+"""A new normal form is taken over when it makes the alarm earlier or sharper, not otherwise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hunt_ros.detection.acceptance import AcceptanceConfig, objections
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+
+CONFIG = AcceptanceConfig()
+
+
+def _identified(std_v_c: float = 0.05, **changes: float) -> IdentifiedNormalForm:
+    covariance = np.zeros((6, 6))
+    covariance[0, 0] = std_v_c**2
+    return IdentifiedNormalForm(replace(PAPER_NORMAL_FORM, **changes), covariance)
+
+
+def test_the_first_form_is_taken_over() -> None:
+    assert objections(_identified(), None, CONFIG) == []
+
+
+def test_the_same_form_sharper_is_taken_over() -> None:
+    assert objections(_identified(0.01), _identified(0.05), CONFIG) == []
+
+
+def test_a_form_that_alarms_earlier_is_taken_over() -> None:
+    assert objections(_identified(D4=2600.0, critical_speed=7.8), _identified(), CONFIG) == []
+
+
+@pytest.mark.parametrize(
+    ('new', 'word'),
+    [
+        (_identified(D4=1400.0), 'unstable amplitude'),
+        (_identified(critical_speed=8.4), 'v_c'),
+        (_identified(D15=-9e7), 'v_n'),
+        (_identified(std_v_c=0.2), 'widens'),
+        (_identified(D4=-2000.0), 'unstable amplitude'),
+    ],
+)
+def test_a_form_that_alarms_later_or_is_less_sure_waits(new, word) -> None:
+    assert any(word in line for line in objections(new, _identified(), CONFIG))
