@@ -1,10 +1,12 @@
-"""An identification of a known rig, as a document: what the drawing tests draw."""
+"""An identification of a known rig, as a document: what the tests of the report draw."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import pytest
 
 from hunt_ros.dynamics.identified import PARAMETERS, IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
@@ -14,7 +16,7 @@ from hunt_ros.samples import Uncertain
 _STD = np.array([0.04, 0.0016, 24.0, 0.011, 75.0, 5.2e5])
 
 
-def identified(form: NormalForm = PAPER_NORMAL_FORM) -> IdentifiedNormalForm:
+def identified_form(form: NormalForm = PAPER_NORMAL_FORM) -> IdentifiedNormalForm:
     """Return a form with a covariance in which D4 and D15 hang together."""
     correlation = np.eye(6)
     correlation[2, 5] = correlation[5, 2] = -0.95
@@ -22,9 +24,11 @@ def identified(form: NormalForm = PAPER_NORMAL_FORM) -> IdentifiedNormalForm:
     return IdentifiedNormalForm(form, covariance, {'recordings': 'run_a.mcap'})
 
 
-def document(one: IdentifiedNormalForm | None = None, seed: int = 1) -> dict[str, Any]:
+def identification_document(
+    one: IdentifiedNormalForm | None = None, seed: int = 1
+) -> dict[str, Any]:
     """Return the JSON document of an identification of that form, with measured points."""
-    one = identified() if one is None else one
+    one = identified_form() if one is None else one
     form = one.form
     random = np.random.default_rng(seed)
     v_n, v_c = form.nonlinear_critical_speed, form.critical_speed
@@ -100,3 +104,15 @@ def document(one: IdentifiedNormalForm | None = None, seed: int = 1) -> dict[str
         },
         'warnings': ['v_n: the last hunting plateau and the first quiet one are 0.2 m/s apart'],
     }
+
+
+@pytest.fixture
+def identified() -> Callable[..., IdentifiedNormalForm]:
+    """Make an identified form with a covariance; of the paper's by default."""
+    return identified_form
+
+
+@pytest.fixture
+def document() -> Callable[..., dict[str, Any]]:
+    """Make the JSON document of an identification; of the paper's form by default."""
+    return identification_document

@@ -1,0 +1,105 @@
+"""Every null of a document is found, and gets the best reason there is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+from hunt_ros.report.result import Result
+
+Document = Callable[..., dict[str, Any]]
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.text(max_size=3),
+    lambda below: (
+        st.lists(below, max_size=3)
+        | st.dictionaries(st.text('abc', min_size=1, max_size=3), below, max_size=3)
+    ),
+    max_leaves=12,
+)
+
+
+def count_nulls(entry: Any) -> int:
+    if isinstance(entry, dict):
+        return sum(map(count_nulls, entry.values()))
+    if isinstance(entry, list):
+        return sum(map(count_nulls, entry))
+    return entry is None
+
+
+@given(st.dictionaries(st.sampled_from(['x', 'fit', 'v_n']), json_values))
+def test_every_null_is_found_once_and_has_a_reason(entries: dict[str, Any]) -> None:
+    unknowns = Result(entries).unknowns()
+    assert len(unknowns) == count_nulls(entries)
+    assert len({unknown.path for unknown in unknowns}) == len(unknowns)
+    assert all(unknown.reason for unknown in unknowns)
+
+
+def test_the_warning_that_speaks_of_a_quantity_is_its_reason(document: Document) -> None:
+    entries = document()
+    entries['v_n'] = entries['hysteresis_width'] = None
+    entries['coefficients']['D7'] = None
+    entries['four_point'] = None
+    entries['warnings'] = [
+        'roller: 3 % of the samples are missing',
+        'D7: not separable from D10 over this range of speeds',
+        'four-point recipe: no four hunting speeds',
+        'no fold within the range of the data: v_n is not known',
+    ]
+    result = Result(entries)
+    assert result.reason('coefficients.D7').startswith('D7: not separable')
+    assert result.reason('four_point').startswith('four-point recipe')
+    assert result.reason('v_n').startswith('no fold within')
+    assert result.reason('hysteresis_width').startswith('no fold within')
+    # D1 has no warning of its own and must not take that of D10 or D15.
+    assert 'D7' not in result.reason('coefficients.D1')
+
+
+def test_a_supercritical_rig_needs_no_warning_to_have_no_fold(
+    document: Document, identified: Callable[..., IdentifiedNormalForm]
+) -> None:
+    form = replace(PAPER_NORMAL_FORM, D4=-2030.0)
+    entries = document(identified(form)) | {'warnings': []}
+    result = Result(entries)
+    assert result.reason('v_n') == 'no fold: the bifurcation is supercritical'
+    below = next(k for k, x in enumerate(entries['branches']) if x['speed_mps'] < 8.0)
+    assert result.reason(f'branches.{below}.stable_amplitude_m') == 'the model has none below v_c'
+
+
+@pytest.mark.parametrize(
+    ('speed', 'branch', 'words'),
+    [
+        (6.0, 'stable', 'below v_n'),
+        (6.0, 'unstable', 'below v_n'),
+        (8.4, 'unstable', 'at or above v_c'),
+    ],
+)
+def test_a_branch_that_does_not_exist_says_where_it_does(
+    document: Document, speed: float, branch: str, words: str
+) -> None:
+    entries = document()
+    index = min(
+        range(len(entries['branches'])),
+        key=lambda k: abs(entries['branches'][k]['speed_mps'] - speed),
+    )
+    assert words in Result(entries).reason(f'branches.{index}.{branch}_amplitude_m')
+
+
+def test_without_any_reason_the_report_says_so() -> None:
+    assert 'no reason' in Result({'v_c': None, 'warnings': []}).reason('v_c')
+
+
+def test_paths_past_a_null_are_not_known_either() -> None:
+    result = Result({'v_n': None, 'fit': {'segments': 3}})
+    assert result.get('v_n.value') is None
+    assert result.value('v_n') is None
+    assert result.value('fit.segments') == 3.0
+    assert result.value('nothing.like.it') is None
+    assert result.steady_states() == []

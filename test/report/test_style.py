@@ -1,0 +1,105 @@
+"""Figures become SVG that fits into a page: by itself, unique, and in the page's colours."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import matplotlib
+import pytest
+from matplotlib.figure import Figure
+
+from hunt_ros.errors import HuntError
+from hunt_ros.report import style
+
+
+def drawing() -> Figure:
+    with style.journal_style():
+        figure = style.new_figure()
+        axes = figure.subplots()
+        style.frame(axes, style.SPEED_LABEL, style.AMPLITUDE_LABEL)
+        for direction, (marker, colour, words) in style.DIRECTIONS.items():
+            axes.plot([1, 2, 3], [1, len(direction), 2], marker, color=colour, label=words)
+        axes.plot([1, 3], [1, 2], color=style.STABLE)
+        axes.axvspan(1.5, 2.0, color=style.GRID)
+        style.legend_above(axes)
+        return figure
+
+
+def test_an_inline_figure_is_well_formed_and_carries_no_address() -> None:
+    text = style.inline_svg(drawing(), 'fig06', 'Loop of <amplitude> & "speed"')
+    root = ElementTree.fromstring(text)
+    assert root.get('aria-label') == 'Loop of <amplitude> & "speed"'
+    assert root.get('role') == 'img'
+    assert 'http' not in text
+    assert 'xlink' not in text
+    assert '<style' not in text or '@import' not in text
+
+
+def test_every_reference_inside_a_figure_is_to_itself() -> None:
+    text = style.inline_svg(drawing(), 'fig06', 'a loop')
+    identifiers = re.findall(r'\bid="([^"]+)"', text)
+    assert len(identifiers) == len(set(identifiers))
+    assert all(name.startswith('fig06-') for name in identifiers)
+    wanted = set(re.findall(r'href="#([^"]+)"', text)) | set(re.findall(r'url\(#([^)]+)\)', text))
+    assert wanted
+    assert wanted <= set(identifiers)
+
+
+def test_two_figures_of_a_page_share_no_identifier() -> None:
+    first, second = (
+        set(re.findall(r'\bid="([^"]+)"', style.inline_svg(drawing(), name, 'x')))
+        for name in ('fig06', 'fig10')
+    )
+    assert not first & second
+
+
+def test_the_colours_of_an_inline_figure_follow_the_page() -> None:
+    text = style.inline_svg(drawing(), 'fig06', 'a loop')
+    left = set(re.findall(r'#[0-9a-fA-F]{6}\b', text))
+    # What matplotlib adds on its own (black, white) may stay only where it is not seen.
+    assert left <= {'#ffffff', '#000000'}, left
+    for role in ('ink', 'stable', 'up', 'down', 'grid'):
+        assert f'var(--{role})' in text
+    assert 'patch_1' not in text  # the white background
+
+
+@pytest.mark.parametrize('dark', [False, True])
+def test_every_colour_can_be_read_on_its_background(dark: bool) -> None:
+    # WCAG 2.1, 1.4.11: graphical objects need a contrast of 3 to 1.
+    def luminance(colour: str) -> float:
+        parts = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+        linear = [x / 12.92 if x <= 0.03928 else ((x + 0.055) / 1.055) ** 2.4 for x in parts]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    paper = luminance(style.COLOURS['paper'][dark])
+    for role, pair in style.COLOURS.items():
+        if role in ('paper', 'grid'):
+            continue
+        other = luminance(pair[dark])
+        contrast = (max(paper, other) + 0.05) / (min(paper, other) + 0.05)
+        assert contrast >= (4.5 if role in ('ink', 'muted') else 3.0), (role, contrast)
+
+
+def test_the_same_figure_gives_the_same_text() -> None:
+    assert style.svg(drawing(), 'a') == style.svg(drawing(), 'a')
+
+
+def test_drawing_leaves_the_settings_of_the_process_alone() -> None:
+    before = dict(matplotlib.rcParams)
+    style.inline_svg(drawing(), 'fig06', 'a loop')
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_figures_are_written_as_svg_and_png(tmp_path: Path) -> None:
+    written = style.save_figures({'fig06': drawing()}, tmp_path / 'new' / 'folder', dpi=80)
+    assert [path.name for path in written] == ['fig06.svg', 'fig06.png']
+    assert ElementTree.parse(written[0]).getroot().tag.endswith('svg')
+    assert written[1].read_bytes().startswith(b'\x89PNG')
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+    (tmp_path / 'file').write_text('in the way')
+    with pytest.raises(HuntError, match='file'):
+        style.save_figures({'fig06': drawing()}, tmp_path / 'file' / 'below')
