@@ -1,0 +1,150 @@
+"""
+Maximum of a Whittle likelihood with priors, by Fisher scoring.
+
+The bins of a periodogram are nearly independent and exponentially distributed
+about the spectrum; their likelihood needs the spectrum alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.detection.response_spectrum import ResponseLaw, Spectra
+
+_STEP = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class WhittleFit:
+    """
+    Where the likelihood is largest, and how sharply.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (p,)
+    covariance : ndarray, shape (p, p)
+        Inverse of Fisher information and prior together.
+    cost : float
+        Negative logarithm of likelihood times prior.
+    misfit : float
+        Mean square of the standardised residuals of groups of bins; 1 for the right law.
+    expected : ndarray, shape (bins,)
+        The spectrum fitted, m^2 s.
+    """
+
+    theta: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    cost: float
+    misfit: float
+    expected: NDArray[np.float64]
+
+
+def _cost(
+    law: ResponseLaw, spectra: Spectra, theta: NDArray[np.float64]
+) -> tuple[float, NDArray[np.float64]]:
+    expected = law.spectrum(spectra, theta)
+    if expected is None or not np.all(np.isfinite(expected)):
+        return np.inf, np.zeros(0)
+    fit = float(np.sum(spectra.weight * (np.log(expected) + spectra.power / expected)))
+    away = (theta - law.prior_mean) / law.prior_std
+    return fit + 0.5 * float(away @ away), expected
+
+
+def information(
+    law: ResponseLaw,
+    spectra: Spectra,
+    theta: NDArray[np.float64],
+    expected: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """
+    Fisher information of a law with its prior, and the derivatives of ln S.
+
+    Returns
+    -------
+    information : ndarray, shape (p, p)
+        sum over bins of d ln S/d theta_i d ln S/d theta_j, plus the prior's.
+    derivatives : ndarray, shape (bins, p)
+
+    References
+    ----------
+    Whittle 1953, Estimation and information in stationary time series.
+    """
+    derivatives = np.zeros((expected.size, theta.size))
+    for k in range(theta.size):
+        for step in (_STEP, -_STEP):
+            moved = theta.copy()
+            moved[k] += step
+            there = law.spectrum(spectra, moved)
+            if there is not None:
+                derivatives[:, k] = np.log(there / expected) / step
+                break
+    fisher = (derivatives * spectra.weight[:, None]).T @ derivatives
+    return fisher + np.diag(law.prior_std**-2.0), derivatives
+
+
+def maximise(
+    law: ResponseLaw,
+    spectra: Spectra,
+    start: NDArray[np.float64],
+    evaluations: int = 60,
+) -> WhittleFit | None:
+    """
+    Climb the likelihood from `start` (Levenberg-Marquardt on the Fisher information).
+
+    Returns
+    -------
+    WhittleFit or None
+        None where the start makes no stationary response.
+    """
+    theta = start.copy()
+    cost, expected = _cost(law, spectra, theta)
+    if not np.isfinite(cost):
+        return None
+    damping = 1e-2
+    while True:
+        fisher, derivatives = information(law, spectra, theta, expected)
+        pull = derivatives.T @ (spectra.weight * (spectra.power / expected - 1.0))
+        pull -= (theta - law.prior_mean) / law.prior_std**2
+        better = False
+        while not better and damping < 1e8 and evaluations > 0:
+            step = np.linalg.solve(fisher + damping * np.diag(np.diag(fisher)), pull)
+            moved = theta + np.clip(step, -0.5, 0.5)
+            new_cost, there = _cost(law, spectra, moved)
+            evaluations -= 1
+            better = new_cost < cost
+            damping = max(damping / 5.0, 1e-9) if better else max(damping * 5.0, 1e-6)
+        gain = cost - new_cost if better else 0.0
+        if better:
+            theta, cost, expected = moved, new_cost, there
+        if gain < 1e-4 or evaluations <= 0:
+            break
+    fisher, _ = information(law, spectra, theta, expected)
+    return WhittleFit(theta, np.linalg.inv(fisher), cost, _misfit(spectra, expected), expected)
+
+
+def best_fit(
+    law: ResponseLaw, spectra: Spectra, before: NDArray[np.float64] | None = None
+) -> WhittleFit | None:
+    """Return the best of the fits from all starts of the law, and from the fit `before`."""
+    starts = law.starts(spectra)
+    fits = [maximise(law, spectra, start) for start in starts]
+    if before is not None:
+        fits.append(maximise(law, spectra, before))
+    found = [fit for fit in fits if fit is not None]
+    return min(found, key=lambda fit: fit.cost) if found else None
+
+
+def _misfit(spectra: Spectra, expected: NDArray[np.float64], group: int = 24) -> float:
+    """Mean square of (mean of power/expected - 1) in groups of bins, in its own deviations."""
+    squares = []
+    ratio = spectra.power / expected - 1.0
+    for level in range(spectra.speed.size):
+        inside = np.flatnonzero(spectra.level == level)
+        for part in np.array_split(inside, max(inside.size // group, 1)):
+            if part.size:
+                weight = spectra.weight[part]
+                squares.append(float((weight * ratio[part]).sum() ** 2 / weight.sum()))
+    return float(np.mean(squares)) if squares else 0.0
