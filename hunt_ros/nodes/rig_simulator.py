@@ -105,9 +105,9 @@ class RigSimulatorNode(Node):
         self._kicks = _kick_plan(config)
         self._rig = RollerRig(_read_rig(config.rig), _settings(config), seed=config.seed)
         self._server = SimulatorServer(config.host, config.port)
-        self._clock = None
+        self._clock_publisher = None
         if config.time_scale != 1.0:
-            self._clock = self.create_publisher(Clock, '/clock', stream(10))
+            self._clock_publisher = self.create_publisher(Clock, '/clock', stream(10))
         self._origin_ns = _FIRST_STAMP_NS
         self._samples = 0
         self._behind_s = 0.0
@@ -133,7 +133,7 @@ class RigSimulatorNode(Node):
         while self._running.is_set() and self._server.readers < self._config.start_with_readers:
             self._server.poll()
             time.sleep(0.01)
-        if self._clock is None:
+        if self._clock_publisher is None:
             self._origin_ns = self.get_clock().now().nanoseconds
         begin, done = time.monotonic(), 0
         next_wake = begin
@@ -162,8 +162,8 @@ class RigSimulatorNode(Node):
         drive = (self._samples + np.arange(count)) % every == 0
         self._server.send_drive(stamps_ns[drive], block.roller_angle[drive], block.speed[drive])
         self._samples += count
-        if self._clock is not None:
-            self._clock.publish(Clock(clock=to_time(int(stamps_ns[-1]))))
+        if self._clock_publisher is not None:
+            self._clock_publisher.publish(Clock(clock=to_time(int(stamps_ns[-1]))))
 
     def _kick_if_due(self) -> None:
         elapsed_s = self._samples / self._config.sample_rate_hz

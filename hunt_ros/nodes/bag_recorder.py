@@ -1,0 +1,334 @@
+"""
+The node that records: everything the rig says, its parameters, and the operator's marks.
+
+Messages are taken from raw subscriptions and stored as they were on the wire.
+The topics of the design are subscribed from the start; others are picked up as
+they appear.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections import deque
+from dataclasses import dataclass, fields
+from datetime import datetime
+from importlib import import_module
+from pathlib import Path
+
+from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from hunt_ros.bag.recording import Recording, RecordingLimits, RecordingState
+from hunt_ros.bag.recovery import finalise_left
+from hunt_ros.errors import BagError, HuntError
+from hunt_ros.nodes.conversions import parameter_text
+from hunt_ros.nodes.diagnostics import Diagnostics, Health, steady_clock
+from hunt_ros.nodes.parameters import declare, warn_unknown
+from hunt_ros.nodes.qos import latched, stream
+from hunt_ros.nodes.runtime import run
+from hunt_ros.settings import Settings, setting
+
+_JOINT, _VALUE = 'sensor_msgs/msg/JointState', 'geometry_msgs/msg/Vector3Stamped'
+_TWIST, _TEXT = 'geometry_msgs/msg/TwistStamped', 'std_msgs/msg/String'
+_DIAGNOSTIC = 'diagnostic_msgs/msg/DiagnosticArray'
+
+#: Subscribed before their publishers appear, so that their first message is in the bag.
+DESIGN_TOPICS: dict[str, str] = {
+    'lateral': _JOINT,
+    'yaw': _JOINT,
+    'roller': _JOINT,
+    'speed': _TWIST,
+    'speed/target': _TWIST,
+    'hunting/events': _DIAGNOSTIC,
+    'hunting/status': _DIAGNOSTIC,
+    'recording/mark': _TEXT,
+    '/diagnostics': _DIAGNOSTIC,
+}
+#: What they offer that are latched; a late look at the graph corrects a wrong guess.
+LATCHED_TOPICS: dict[str, str] = {'hunting/normal_form': _TEXT}
+#: Of the whole graph, recorded beside the namespace of the rig.
+GLOBAL_TOPICS = ('/diagnostics', '/parameter_events', '/rosout')
+#: Not recorded: it would name the recording in itself.
+OWN_TOPIC = 'recording/closed'
+
+_DEPTH = 4000
+_WITHOUT_CLOCK = 2000
+
+
+@dataclass(frozen=True)
+class RecorderConfig(RecordingLimits):
+    """Parameters of the recorder."""
+
+    directory: str = setting('./recordings', 'Where the recordings go.', fixed=True)
+    rig: str = setting('', 'Name of the rig, for the recording.')
+    operator: str = setting('', 'Who runs it, for the recording.')
+    notes: str = setting('', 'Remarks, for the recording.')
+    autostart: bool = setting(True, 'Record from the start.', fixed=True)
+    prefix: str = setting('hunt', 'Beginning of the names of recordings.')
+    compression: str = setting(
+        'zstd', 'Of the chunks.', choices=('none', 'lz4', 'zstd'), fixed=True
+    )
+    extra_topics: tuple[str, ...] = setting(
+        ('',), 'Full names of topics outside of the namespace to record as well.', fixed=True
+    )
+
+
+class BagRecorderNode(Node):
+    """Subscribes to what there is, and hands it to a `Recording`."""
+
+    def __init__(self) -> None:
+        super().__init__('bag_recorder')
+        self._config = declare(self, RecorderConfig)
+        warn_unknown(self)
+        self._recording: Recording | None = None
+        self._subscribed: dict[str, tuple[object, tuple[bool, bool]]] = {}
+        self._early: deque[tuple[int, bytes]] = deque(maxlen=_WITHOUT_CLOCK)
+        self._asked: set[str] = set()
+        self._refused: set[str] = set()
+        self._last = ('OK', 'no recording')
+        self._closed = self.create_publisher(String, OWN_TOPIC, latched())
+        self._mark = self.create_publisher(String, 'recording/mark', stream(10))
+        for name in ('start', 'stop', 'split', 'mark'):
+            answer = getattr(self, f'_on_{name}')
+            self.create_service(Trigger, f'recording/{name}', answer)
+        self._diagnostics = Diagnostics(self, self._health)
+        self.create_timer(0.25, self._look_around, clock=steady_clock())
+        # A long repair of an earlier recording must not keep this one from beginning.
+        directory = Path(self._config.directory)
+        threading.Thread(target=self._finalise, args=(directory,), daemon=True).start()
+        if self._config.autostart:
+            self._begin()
+
+    def close(self) -> None:
+        """Close the recording."""
+        if self._recording is not None:
+            try:
+                self._end()
+            except BagError as error:
+                self.get_logger().error(str(error))
+
+    def _begin(self) -> Path:
+        """Start a recording, and subscribe anew, so that latched topics speak again."""
+        limits = {item.name: getattr(self._config, item.name) for item in fields(RecordingLimits)}
+        notes = {name: getattr(self._config, name) for name in ('rig', 'operator', 'notes')}
+        notes['started'] = f'{datetime.now().astimezone():%Y-%m-%dT%H:%M:%S%z}'
+        notes['namespace'] = self.get_namespace()
+        path = self._new_path()
+        compression = self._config.compression.removeprefix('none')
+        self._recording = Recording(
+            path, RecordingLimits(**limits), notes=notes, compression=compression
+        )
+        self._asked.clear()
+        for names, is_latched in ((DESIGN_TOPICS, False), (LATCHED_TOPICS, True)):
+            for name, kind in names.items():
+                self._subscribe(self._full(name), kind, reliable=True, is_latched=is_latched)
+        self._look_around()
+        self.get_logger().info(f'recording {path}')
+        return path
+
+    def _end(self) -> Path:
+        recording, self._recording = self._recording, None
+        for subscription, _ in self._subscribed.values():
+            self.destroy_subscription(subscription)
+        self._subscribed.clear()
+        self._early.clear()
+        try:
+            path = recording.stop()
+        except BagError as error:
+            self._last = ('ERROR', str(error))
+            raise
+        state = recording.state
+        self._last = ('OK', f'closed {path.name}: {state.messages} messages')
+        self._closed.publish(String(data=str(path.resolve())))
+        self.get_logger().info(f'closed {path}')
+        return path
+
+    def _new_path(self) -> Path:
+        base = Path(self._config.directory) / f'{self._config.prefix}_{datetime.now():%Y%m%d_%H%M%S}'
+        path, number = base, 1
+        while path.exists() or path.with_name(path.name + '.active').exists():
+            path, number = base.with_name(f'{base.name}_{number}'), number + 1
+        return path
+
+    def _full(self, name: str) -> str:
+        return name if name.startswith('/') else f'{self.get_namespace().rstrip("/")}/{name}'
+
+    def _wants(self, name: str) -> bool:
+        if name == self._full(OWN_TOPIC):
+            return False
+        inside = name.startswith(self.get_namespace().rstrip('/') + '/')
+        alone = self.get_namespace() == '/'
+        return (
+            (inside and not alone)
+            or (alone and name != '/clock')
+            or name in GLOBAL_TOPICS
+            or name in self._config.extra_topics
+        )
+
+    def _look_around(self) -> None:
+        """Pick up new topics, and ask new nodes for their parameters."""
+        if self._recording is None:
+            return
+        for name, kinds in self.get_topic_names_and_types():
+            if not self._wants(name):
+                continue
+            publishers = self.get_publishers_info_by_topic(name)
+            if not publishers:
+                continue
+            offers = [info.qos_profile for info in publishers]
+            reliable = all(qos.reliability != ReliabilityPolicy.BEST_EFFORT for qos in offers)
+            is_latched = all(
+                qos.durability == DurabilityPolicy.TRANSIENT_LOCAL for qos in offers
+            )
+            self._subscribe(name, kinds[0], reliable=reliable, is_latched=is_latched)
+        for name, namespace in self.get_node_names_and_namespaces():
+            self._ask_parameters(f'{namespace.rstrip("/")}/{name}')
+
+    def _subscribe(self, name: str, kind: str, *, reliable: bool, is_latched: bool) -> None:
+        before = self._subscribed.get(name)
+        if name in self._refused or (before is not None and before[1] == (reliable, is_latched)):
+            return
+        message_class = _message_class(kind)
+        if message_class is None:
+            self._refused.add(name)
+            self.get_logger().warning(f'{name}: type {kind} is not installed, not recorded')
+            return
+        if before is not None:
+            self.destroy_subscription(before[0])
+        qos = stream(_DEPTH)
+        if not reliable:
+            qos.reliability = ReliabilityPolicy.BEST_EFFORT
+        if is_latched:
+            qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
+        key = self._recording.topic(name, kind, latched=is_latched)
+        subscription = self.create_subscription(
+            message_class, name, lambda raw: self._take(key, raw), qos, raw=True
+        )
+        self._subscribed[name] = (subscription, (reliable, is_latched))
+
+    def _take(self, key: int, raw: bytes) -> None:
+        """Hand a message over; with simulated time, not before there is a time."""
+        if self._recording is None:
+            return
+        now_ns = self.get_clock().now().nanoseconds
+        if now_ns <= 0:
+            self._early.append((key, raw))
+            return
+        while self._early:
+            early_key, early = self._early.popleft()
+            self._recording.offer(early_key, now_ns, early)
+        self._recording.offer(key, now_ns, raw)
+
+    def _ask_parameters(self, node: str) -> None:
+        """Ask a node for all its parameters; the answer goes into the recording."""
+        if node in self._asked or node.rpartition('/')[2].startswith('_'):
+            return
+        lister = self.create_client(ListParameters, f'{node}/list_parameters')
+        getter = self.create_client(GetParameters, f'{node}/get_parameters')
+        if not (lister.service_is_ready() and getter.service_is_ready()):
+            self.destroy_client(lister)
+            self.destroy_client(getter)
+            return
+        self._asked.add(node)
+
+        def listed(future) -> None:
+            names = list(future.result().result.names)
+            request = GetParameters.Request(names=names)
+            getter.call_async(request).add_done_callback(lambda reply: got(names, reply))
+            self.destroy_client(lister)
+
+        def got(names: list[str], future) -> None:
+            text = parameter_text(node, names, future.result().values)
+            if self._recording is not None:
+                self._recording.note('parameters', {node: text})
+            self.destroy_client(getter)
+
+        lister.call_async(ListParameters.Request()).add_done_callback(listed)
+
+    def _finalise(self, directory: Path) -> None:
+        """Close what a killed recorder left."""
+        for done in finalise_left(directory):
+            self.get_logger().warning(done)
+
+    def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._recording is not None:
+            return _answer(response, False, f'already recording {self._recording.path}')
+        try:
+            return _answer(response, True, str(self._begin()))
+        except HuntError as error:
+            self._last = ('ERROR', str(error))
+            return _answer(response, False, str(error))
+
+    def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._recording is None:
+            return _answer(response, False, 'no recording is running')
+        try:
+            return _answer(response, True, str(self._end()))
+        except BagError as error:
+            return _answer(response, False, str(error))
+
+    def _on_split(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._recording is None:
+            return _answer(response, False, 'no recording is running')
+        self._recording.split()
+        return _answer(response, True, 'going on in a new file')
+
+    def _on_mark(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Mark this moment; a mark with words is published on the topic recording/mark."""
+        if self._recording is None:
+            return _answer(response, False, 'no recording is running')
+        self._mark.publish(String(data='mark'))
+        return _answer(response, True, 'marked')
+
+    def _health(self) -> Health:
+        if self._recording is None:
+            return *self._last, {}
+        state = self._recording.state
+        values = {
+            'path': state.path,
+            'messages': state.messages,
+            'bytes': state.bytes,
+            'files': state.files,
+            'waiting_bytes': state.waiting_bytes,
+            'dropped': state.dropped_count,
+            'topics': len(self._subscribed),
+        }
+        return *_judged(state), values
+
+
+def _judged(state: RecordingState) -> tuple[str, str]:
+    if state.problem:
+        return 'ERROR', state.problem
+    if not state.running:
+        return 'ERROR', 'the recording has ended'
+    if state.dropped_count:
+        worst = max(state.dropped, key=lambda name: state.dropped[name])
+        return 'WARN', f'{state.dropped_count} messages dropped, most of them on {worst}'
+    return 'OK', f'recording {state.path.name}: {state.messages} messages'
+
+
+def _answer(response: Trigger.Response, success: bool, text: str) -> Trigger.Response:
+    response.success, response.message = success, text
+    return response
+
+
+def _message_class(kind: str) -> type | None:
+    """Import a message type by its name; None where its package is not installed."""
+    package, _, name = kind.partition('/msg/')
+    try:
+        return getattr(import_module(f'{package}.msg'), name)
+    except (ImportError, AttributeError):
+        return None
+
+
+def main() -> int:
+    """Run the node."""
+    return run(BagRecorderNode)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

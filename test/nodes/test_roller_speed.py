@@ -1,0 +1,60 @@
+"""The simulated rig and its speed node: profile, emergency stop, rearm, over the real drive link."""
+
+from __future__ import annotations
+
+import pytest
+from geometry_msgs.msg import TwistStamped
+from sensor_msgs.msg import JointState
+
+from hunt_ros.nodes.conversions import to_ns
+
+pytestmark = pytest.mark.ros
+
+
+def test_the_roller_follows_the_profile_and_the_angle_follows_the_roller(graph) -> None:
+    speeds = graph.collect(TwistStamped, 'speed')
+    targets = graph.collect(TwistStamped, 'speed/target')
+    angles = graph.collect(JointState, 'roller')
+    graph.start('rig_simulator', port=graph.port, initial_speed_mps=6.0)
+    graph.start(
+        'roller_speed',
+        port=graph.port,
+        profile_times_s=[0.0, 1.0],
+        profile_speeds_mps=[6.0, 6.5],
+    )
+    graph.spin_until(lambda: len(speeds) > 20)
+    assert not targets, 'the drive must be left alone until a profile starts'
+    assert graph.call('speed/start_profile').success
+    graph.spin_until(lambda: speeds[-1].twist.linear.x > 6.49)
+    seconds = (to_ns(angles[-1].header.stamp) - to_ns(angles[0].header.stamp)) / 1e9
+    assert len(angles) == pytest.approx(100.0 * seconds, abs=2)
+    turned = angles[-1].position[0] - angles[0].position[0]
+    travelled = sum(m.twist.linear.x for m in speeds) / 100.0
+    assert turned == pytest.approx(travelled / 0.15, rel=0.01)
+
+
+def test_an_emergency_stop_holds_until_it_is_rearmed_and_then_nothing_moves_by_itself(
+    graph,
+) -> None:
+    speeds = graph.collect(TwistStamped, 'speed')
+    graph.start('rig_simulator', port=graph.port, initial_speed_mps=2.0)
+    graph.start('roller_speed', port=graph.port, profile_speeds_mps=[2.0])
+    graph.spin_until(lambda: speeds)
+    assert not graph.call('speed/resume_profile').success
+    assert graph.call('speed/start_profile').success
+    assert graph.call('speed/emergency_stop').success
+    graph.spin_until(lambda: speeds[-1].twist.linear.x < 0.05)
+    refused = graph.call('speed/start_profile')
+    assert not refused.success
+    assert 'rearm' in refused.message
+    assert graph.call('speed/rearm').success
+    graph.spin(1.0)
+    assert speeds[-1].twist.linear.x < 0.05
+    assert graph.call('speed/resume_profile').success
+    graph.spin_until(lambda: speeds[-1].twist.linear.x > 1.9)
+
+
+def test_a_profile_that_is_none_ends_the_node_with_one_line(graph) -> None:
+    process = graph.start('roller_speed', profile_times_s=[0.0, 1.0], profile_speeds_mps=[6.0])
+    assert process.wait(timeout=30) == 2
+    assert '2 times and 1 speeds' in graph.log('roller_speed').read_text()
