@@ -14,6 +14,7 @@ import numpy as np
 
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.report import style
+from hunt_ros.report.branch_lines import plot_form
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,7 +30,7 @@ def disturbance_from_width(
     Parameters
     ----------
     form : NormalForm
-        Subcritical, with a fold; without one only what exists is drawn.
+        Subcritical, with a fold: without one there is no width to speak of.
     observed : (v_n, v_c)
         As read off the jumps, m/s; None where there was no jump.
     disturbance : float or None
@@ -52,6 +53,8 @@ def disturbance_from_width(
             _branches(axes, form)
             style.frame(axes, style.SPEED_LABEL, style.AMPLITUDE_LABEL)
             axes.set_title(title)
+        top = left.get_ylim()[1]
+        left.set_ylim(-0.04 * top, 1.25 * top)  # shared: room above for the width
         right.set_ylabel('')
         left.legend(loc='center right')
         _width(left, fold, v_c, r'$\Delta v_\mathrm{cr}$')
@@ -76,24 +79,11 @@ def disturbance_from_width(
 
 
 def _branches(axes: Axes, form: NormalForm) -> None:
-    """Plot the quiet state, the stable and the unstable branch around the hysteresis region."""
-    v_c = form.critical_speed
-    fold = form.saddle_node()
-    low = v_c - 1.45 * (v_c - fold[0]) if fold else 0.8 * v_c
+    """Plot the branches around the hysteresis region."""
+    v_c, fold = form.critical_speed, form.nonlinear_critical_speed
+    low = v_c - 1.45 * (v_c - fold) if fold else 0.8 * v_c
     high = v_c + 0.6 * (v_c - low)
-    speed = np.unique(np.append(np.linspace(low, high, 801), fold[0] if fold else v_c))
-    unstable, stable = form.steady_amplitudes(speed)
-    if fold:  # both branches end in the same point, which rounding would open
-        at = np.searchsorted(speed, fold[0])
-        unstable[at] = stable[at] = fold[1]
-    mm = style.MILLIMETRES
-    axes.plot(speed, mm * stable, color=style.STABLE, label='stable')
-    axes.plot(speed, mm * unstable, color=style.UNSTABLE, linestyle='--', label='unstable')
-    axes.plot([low, v_c], [0.0, 0.0], color=style.STABLE)
-    axes.plot([v_c, high], [0.0, 0.0], color=style.UNSTABLE, linestyle='--')
-    top = float(np.nanmax(stable)) if np.isfinite(stable).any() else float(np.nanmax(unstable))
-    axes.set_xlim(low, high)
-    axes.set_ylim(-0.04 * mm * top, 1.32 * mm * top)
+    plot_form(axes, form, low, high)
 
 
 def _width(axes: Axes, low: float | None, high: float | None, symbol: str) -> None:
