@@ -34,7 +34,10 @@ check: $(VENV)/installed  ## ruff, mypy, import directions
 format: $(VENV)/installed  ## let ruff mend what it can
 	$(BIN)/ruff check --fix . ; $(BIN)/ruff format .
 
+bench-live: $(VENV)/installed  ## what the live suite costs: CPU, latency, losses
+	$(BIN)/python test/benchmark/bench_live.py
+
 clean:  ## remove what these targets made
 	rm -rf $(VENV) build install log *.egg-info
 
-.PHONY: help install demo test check format clean
+.PHONY: help install demo test check format clean bench-live

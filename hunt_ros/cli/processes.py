@@ -85,12 +85,12 @@ class Processes:
         _require_ros()
         self._namespace = namespace
         self._logs = log_directory
-        self._environment = dict(os.environ)
+        self.environment = dict(os.environ)
         if private:
-            self._environment['ROS_DOMAIN_ID'] = str(random.SystemRandom().randint(1, 100))
-            self._environment['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+            self.environment['ROS_DOMAIN_ID'] = str(random.SystemRandom().randint(1, 100))
+            self.environment['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
             if os.environ.get('ROS_DISTRO') == 'humble':
-                self._environment['ROS_LOCALHOST_ONLY'] = '1'  # newer ones warn about it
+                self.environment['ROS_LOCALHOST_ONLY'] = '1'  # newer ones warn about it
         self._running: dict[str, subprocess.Popen[str]] = {}
 
     def start(self, spec: NodeSpec) -> subprocess.Popen[str]:
@@ -103,12 +103,16 @@ class Processes:
                 stdout=subprocess.PIPE if spec.piped else log,
                 stderr=log,
                 text=True,
-                env=self._environment,
+                env=self.environment,
                 start_new_session=True,
                 preexec_fn=_end_with_parent if sys.platform == 'linux' else None,
             )
         self._running[spec.module] = process
         return process
+
+    def pids(self) -> dict[str, int]:
+        """Return the process id of each node."""
+        return {module: process.pid for module, process in self._running.items()}
 
     def failed(self) -> str | None:
         """Return one line on a process that ended by itself, or None while all run."""

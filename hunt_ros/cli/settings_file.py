@@ -1,0 +1,75 @@
+"""Settings from a ROS 2 parameter file and from `--param NAME=VALUE`, without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+
+from hunt_ros.errors import ConfigError
+from hunt_ros.settings import Settings
+
+_Kind = TypeVar('_Kind', bound=Settings)
+
+
+def read_settings(
+    kind: type[_Kind], node: str, files: Sequence[Path], words: Sequence[str] = ()
+) -> _Kind:
+    """
+    Build the settings of a node the way ROS would.
+
+    Parameters
+    ----------
+    kind : type of Settings
+        Which settings.
+    node : str
+        Name of the node: the sections of the files that are taken.
+    files : sequence of Path
+        ROS 2 parameter files; a later one wins.
+    words : sequence of str
+        NAME=VALUE, value as YAML; these win over the files.
+
+    Raises
+    ------
+    ConfigError
+        Naming the file or word, and what was expected.
+    """
+    known = {item.name: item.default for item in fields(kind)}
+    values: dict[str, Any] = {}
+    for path in files:
+        values |= {k: v for k, v in _section(path, node).items() if k in known}
+    for word in words:
+        name, equals, text = word.partition('=')
+        if not equals or name not in known:
+            raise ConfigError(f'--param {word}: expected NAME=VALUE with one of {_listed(known)}')
+        values[name] = yaml.safe_load(text)
+    return kind(**{name: _like(known[name], value) for name, value in values.items()})
+
+
+def _section(path: Path, node: str) -> dict[str, Any]:
+    """Return the parameters of a file that are meant for a node, under any namespace."""
+    try:
+        document = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except OSError as error:
+        raise ConfigError(f'{path}: cannot read the parameter file ({error.strerror})') from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f'{path}: not YAML ({str(error).splitlines()[0]})') from error
+    if not isinstance(document, Mapping):
+        raise ConfigError(f'{path}: no parameter file, expected NODE: ros__parameters: ...')
+    values: dict[str, Any] = {}
+    for name, section in document.items():
+        meant = str(name) == '/**' or str(name).rsplit('/', 1)[-1] == node
+        if meant and isinstance(section, Mapping):
+            values |= section.get('ros__parameters') or {}
+    return values
+
+
+def _like(default: Any, value: Any) -> Any:
+    return tuple(value) if isinstance(default, tuple) and isinstance(value, list) else value
+
+
+def _listed(names: Mapping[str, object]) -> str:
+    return ', '.join(sorted(names))
