@@ -55,7 +55,8 @@ def _power_terms(y: float, p: float, c: Array) -> float:
     p2 = p * p
     third: float = ((c[0] * y + c[1] * p) * y + c[2] * p2) * y + c[3] * p * p2
     fifth: float = ((c[4] * y + c[5] * p) * y + c[6] * p2) * y + c[7] * p * p2
-    return third + (fifth * y + c[8] * p2 * p2) * y + c[9] * p * p2 * p2
+    total: float = third + (fifth * y + c[8] * p2 * p2) * y + c[9] * p * p2 * p2
+    return total
 
 
 @compiled

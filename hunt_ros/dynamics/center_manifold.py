@@ -1,0 +1,307 @@
+"""
+Centre manifold and normal form, Eqs. (8)-(25) and Appendix C, by the parametrisation method.
+
+The paper reduces in two steps, z3, z4 = h(z1, z2, eps) and then zeta = eta + q(eta).
+Both are one map x = W(eta, conj(eta), eps) with dynamics deta/dt* = R(eta, conj(eta), eps),
+and substituting it into Eq. (6) gives the cohomological equation
+
+    dW/deta R + dW/dconj(eta) conj(R) = A(eps) W + N(W),
+
+solved here monomial by monomial, eta^a conj(eta)^b eps^c, in the grading of Eq. (C-1) on
+(eps counts as two). It needs none of the printed formulas (C-7) to (C-12), some of
+which are misprinted.
+
+Where a - b = 1 the equation is singular: solvability gives the coefficient of R, and the
+part of W along the eigenvector is set to zero, which is Gamma_1 = Gamma_4 = Gamma_7 =
+Gamma_10 = Gamma_15 = 0 of (C-5), (C-10).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hunt_ros.dynamics.linear_stability import critical_frequency, critical_speed
+from hunt_ros.dynamics.normal_form import NormalForm
+from hunt_ros.dynamics.parameters import RigParameters
+from hunt_ros.dynamics.wheelset import Wheelset
+from hunt_ros.errors import ConfigError
+
+Complex = NDArray[np.complex128]
+Monomial = tuple[int, int, int]
+Series = dict[Monomial, Complex]
+
+#: Resonant monomials, in the order of Eq. (22): D1, D4, D7', D10', D15'.
+RESONANT: tuple[Monomial, ...] = ((1, 0, 1), (2, 1, 0), (1, 0, 2), (2, 1, 1), (3, 2, 0))
+
+_HIGHEST_GRADE = 5
+#: Least damping of the second pair, and least |l . v| of unit vectors, taken as regular.
+_SMALLEST = 1e-6
+
+
+@dataclass(frozen=True)
+class ComplexNormalForm:
+    """
+    Eq. (22) with complex coefficients, in the paper's coordinate.
+
+    deta/dt* = i omega eta + D1 eps eta + D4 eta^2 conj(eta) + D7 eps^2 eta
+    + D10 eps eta^2 conj(eta) + D15 eta^3 conj(eta)^2, with eta = r exp(i theta),
+    and y* = 2 r cos(theta) at first order.
+
+    Parameters
+    ----------
+    critical_speed : float
+        v_c, m/s.
+    omega : float
+        Eq. (B-1), dimensionless.
+    D1, D4, D7, D10, D15 : complex
+        Dimensionless; D7, D10, D15 are the primed ones.
+    w101, w210 : complex
+        y* components of the resonant part of W: the fundamental amplitude of y*
+        is 2 r |1 + w101 eps + w210 r^2 + ...|.
+    length_scale, time_scale : float
+        d0, m, and 1 / omega_psi, s.
+    """
+
+    critical_speed: float
+    omega: float
+    D1: complex
+    D4: complex
+    D7: complex
+    D10: complex
+    D15: complex
+    w101: complex
+    w210: complex
+    length_scale: float
+    time_scale: float
+
+    @property
+    def paper_coordinate(self) -> NormalForm:
+        """The real form (24) in r of Eq. (23): exact in eta, but 2 d0 r is not quite y_amp."""
+        return self._real(self.D10.real, self.D15.real)
+
+    @property
+    def amplitude_coordinate(self) -> NormalForm:
+        """
+        The real form in r = (fundamental amplitude of y) / (2 d0): compare this with measurements.
+
+        With rho = r (1 + p eps + q r^2), p = Re w101 and q = Re w210, the growth
+        rate of rho has D10 - 2 p D4 + 2 q D1 in place of D10. D1, D4, D7 and, at
+        this order, Re D15 stay what they were.
+        """
+        p, q = self.w101.real, self.w210.real
+        d10 = self.D10.real - 2.0 * p * self.D4.real + 2.0 * q * self.D1.real
+        return self._real(d10, self.D15.real)
+
+    def frequency_hz(self, speed: ArrayLike, amplitude: ArrayLike) -> NDArray[np.float64]:
+        """
+        Hunting frequency, Eq. (25), at a fundamental amplitude of y.
+
+        Parameters
+        ----------
+        speed, amplitude : array_like
+            m/s and m; broadcast.
+
+        Returns
+        -------
+        ndarray
+            Hz.
+        """
+        eps = np.asarray(speed, dtype=np.float64) / self.critical_speed - 1.0
+        rho2 = (np.asarray(amplitude, dtype=np.float64) / (2.0 * self.length_scale)) ** 2
+        r2 = rho2 * (1.0 - 2.0 * self.w101.real * eps - 2.0 * self.w210.real * rho2)
+        rate: NDArray[np.float64] = (
+            self.omega
+            + self.D1.imag * eps
+            + self.D4.imag * r2
+            + self.D7.imag * eps**2
+            + self.D10.imag * eps * rho2
+            + self.D15.imag * rho2**2
+        ) / (2.0 * math.pi * self.time_scale)
+        return rate
+
+    def _real(self, d10: float, d15: float) -> NormalForm:
+        return NormalForm(
+            critical_speed=self.critical_speed,
+            D1=self.D1.real,
+            D4=self.D4.real,
+            D7=self.D7.real,
+            D10=d10,
+            D15=d15,
+            length_scale=self.length_scale,
+            time_scale=self.time_scale,
+            frequency_hz=self.omega / (2.0 * math.pi * self.time_scale),
+        )
+
+
+def normal_form_of(rig: RigParameters) -> ComplexNormalForm:
+    """
+    Normal form of a rig, from Eqs. (2), (3) to Eq. (22).
+
+    Raises
+    ------
+    ConfigError
+        Without a Hopf point, or where the second pair of eigenvalues is critical
+        too or the critical pair degenerate.
+    """
+    return normal_forms_of([rig])[0]
+
+
+def normal_forms_of(rigs: Sequence[RigParameters]) -> list[ComplexNormalForm]:
+    """
+    Normal forms of many rigs at once: one pass of array operations.
+
+    Raises
+    ------
+    ConfigError
+        As `normal_form_of`, naming the first rig that is at fault.
+    """
+    if not rigs:
+        return []
+    speeds = np.array([critical_speed(rig) for rig in rigs])
+    omega = np.array([critical_frequency(rig) for rig in rigs])
+    matrices = np.stack(
+        [Wheelset(rig).linear_matrix(v) for rig, v in zip(rigs, speeds, strict=True)]
+    )
+    right, left = _critical_vectors(rigs, matrices, omega)
+    terms = np.stack([np.hstack([Wheelset(rig).cubic, Wheelset(rig).quintic]) for rig in rigs])
+    w, r = _parametrise(matrices, omega, right, left, terms)
+    return [
+        ComplexNormalForm(
+            float(speeds[n]),
+            float(omega[n]),
+            *(complex(r[m][n]) for m in RESONANT),
+            w101=complex(w[1, 0, 1][n, 0]),
+            w210=complex(w[2, 1, 0][n, 0]),
+            length_scale=rig.length_scale,
+            time_scale=rig.time_scale,
+        )
+        for n, rig in enumerate(rigs)
+    ]
+
+
+def _critical_vectors(
+    rigs: Sequence[RigParameters], matrices: NDArray[np.float64], omega: NDArray[np.float64]
+) -> tuple[Complex, Complex]:
+    """Right vectors with y* = 1 and left vectors with l . v = 1, shapes (n, 4)."""
+    values, vectors = np.linalg.eig(matrices.astype(np.complex128))
+    inverse = np.linalg.inv(vectors)
+    place = np.argmin(np.abs(values - 1j * omega[:, None]), axis=1)
+    rows = np.arange(len(rigs))
+    lowest = np.sort(values.real, axis=1)[:, 1]  # the more damped pair
+    norm = np.linalg.norm(inverse[rows, place], axis=1)
+    for n, rig in enumerate(rigs):
+        if lowest[n] > -_SMALLEST or norm[n] > 1.0 / _SMALLEST:
+            found = ', '.join(f'{value:.4g}' for value in values[n])
+            raise ConfigError(f'{rig.name}: degenerate critical eigenvalues ({found})')
+    right = vectors[rows, :, place]
+    scale = right[:, :1]
+    return right / scale, inverse[rows, place] * scale
+
+
+def _parametrise(
+    matrices: NDArray[np.float64],
+    omega: NDArray[np.float64],
+    right: Complex,
+    left: Complex,
+    terms: NDArray[np.float64],
+) -> tuple[Series, Series]:
+    """Solve the cohomological equation to grade 5; return the coefficients of W and R."""
+    damping = np.zeros_like(matrices)
+    damping[:, 1, 1], damping[:, 3, 3] = matrices[:, 1, 1], matrices[:, 3, 3]
+    w: Series = {(1, 0, 0): right, (0, 1, 0): right.conj()}
+    r: Series = {(1, 0, 0): 1j * omega.astype(np.complex128)}
+    for grade in range(3, _HIGHEST_GRADE + 1, 2):
+        forces = _forces(w, terms, grade)
+        for monomial in _monomials(grade):
+            a, b, c = monomial
+            if a < b:  # W is real: the rest are conjugates
+                continue
+            known = forces.get(monomial, np.zeros_like(right))
+            known = known - _transported(w, r, monomial)
+            # A(eps) = A + damping (1 / (1 + eps) - 1), Eq. (5)
+            for power in range(1, c + 1):
+                lower = w.get((a, b, c - power))
+                if lower is not None:
+                    known = known + (-1) ** power * np.einsum('nij,nj->ni', damping, lower)
+            shifted = 1j * omega[:, None, None] * (a - b) * np.eye(4) - matrices
+            if a - b == 1:
+                solution = _solve_bordered(shifted, right, left, known)
+                w[monomial], r[monomial] = solution[:, :4], solution[:, 4]
+            else:
+                w[monomial] = np.linalg.solve(shifted, known[..., None])[..., 0]
+            w[b, a, c] = w[monomial].conj()
+    return w, r
+
+
+def _monomials(grade: int) -> list[Monomial]:
+    """All (a, b, c) with a + b + 2 c = grade and a + b > 0."""
+    return [
+        (grade - 2 * c - b, b, c)
+        for c in range(grade // 2, -1, -1)
+        for b in range(grade - 2 * c + 1)
+    ]
+
+
+def _transported(w: Series, r: Series, target: Monomial) -> Complex:
+    """Part of dW/deta R + dW/dconj(eta) conj(R) at one monomial that is known already."""
+    total = np.zeros_like(w[1, 0, 0])
+    for (a, b, c), rate in r.items():
+        if (a, b, c) == (1, 0, 0):
+            continue
+        # eta^i conj(eta)^j times the rate of eta, then of conj(eta)
+        i, j, k = target[0] - a + 1, target[1] - b, target[2] - c
+        if i > 0 and i + j > 0 and (i, j, k) in w and (i, j, k) != (1, 0, 0):
+            total = total + i * rate[:, None] * w[i, j, k]
+        i, j, k = target[0] - b, target[1] - a + 1, target[2] - c
+        if j > 0 and (i, j, k) in w and (i, j, k) != (0, 1, 0):
+            total = total + j * rate.conj()[:, None] * w[i, j, k]
+    return total
+
+
+def _forces(w: Series, terms: NDArray[np.float64], grade: int) -> Series:
+    """Coefficients of N(W) at one grade: minus the cubic and quintic terms of (2), (3)."""
+    y = {m: value[:, 0] for m, value in w.items()}
+    psi = {m: value[:, 2] for m, value in w.items()}
+    result: Series = {}
+    column = 0
+    for order in (3, 5):
+        for j in range(order + 1):
+            if order <= grade and terms[:, :, column].any():
+                product = _power_product([y] * (order - j) + [psi] * j, grade)
+                for monomial, value in product.items():
+                    if sum(monomial) + monomial[2] == grade:
+                        force = result.setdefault(monomial, np.zeros_like(w[1, 0, 0]))
+                        force[:, 1::2] -= value[:, None] * terms[:, :, column]
+            column += 1
+    return result
+
+
+def _power_product(factors: list[Series], grade: int) -> Series:
+    """Product of scalar series, truncated above a grade."""
+    product = factors[0]
+    for left_over, factor in zip(range(len(factors) - 2, -1, -1), factors[1:], strict=True):
+        result: Series = {}
+        for (a, b, c), x in product.items():
+            for (i, j, k), z in factor.items():
+                # each factor still to come has grade 1 at least
+                if a + b + i + j + 2 * (c + k) + left_over <= grade:
+                    key = (a + i, b + j, c + k)
+                    result[key] = result[key] + x * z if key in result else x * z
+        product = result
+    return product
+
+
+def _solve_bordered(matrix: Complex, right: Complex, left: Complex, known: Complex) -> Complex:
+    """Solve M W + R v = known with l . W = 0; columns 0-3 are W, column 4 is R."""
+    count = len(matrix)
+    bordered = np.zeros((count, 5, 5), dtype=np.complex128)
+    bordered[:, :4, :4] = matrix
+    bordered[:, :4, 4] = right
+    bordered[:, 4, :4] = left
+    vector = np.concatenate([known, np.zeros((count, 1))], axis=1)
+    return np.asarray(np.linalg.solve(bordered, vector[..., None])[..., 0], dtype=np.complex128)

@@ -1,0 +1,282 @@
+"""
+Linear stability, Appendix B: eigenvalues, critical speed, hunting frequency, and the inverse.
+
+The hunting mode is the least damped oscillation of the wheelset about its centre.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
+
+from hunt_ros.dynamics.parameters import RigParameters
+from hunt_ros.dynamics.wheelset import Wheelset
+from hunt_ros.errors import ConfigError
+
+Complex = NDArray[np.complex128]
+
+#: Ratios d22 / d11 searched by `creep_coefficients`.
+_RATIOS = np.geomspace(1e-3, 1e3, 1201)
+
+
+def eigenvalues(rig: RigParameters, speed: ArrayLike) -> Complex:
+    """
+    Eigenvalues of A, Eq. (6), the least damped first.
+
+    Parameters
+    ----------
+    rig : RigParameters
+        The rig.
+    speed : array_like, shape (...)
+        m/s.
+
+    Returns
+    -------
+    ndarray, shape (..., 4)
+        1/s and rad/s; of a pair the one with positive imaginary part comes first.
+
+    Raises
+    ------
+    ConfigError
+        For a speed that is not positive.
+    """
+    values = np.linalg.eigvals(Wheelset(rig).linear_matrix(speed)).astype(np.complex128)
+    order = np.lexsort((-values.imag, -np.round(values.real, 12)), axis=-1)
+    sorted_values: Complex = np.take_along_axis(values, order, axis=-1) / rig.time_scale
+    return sorted_values
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """
+    The hunting mode at one speed.
+
+    Parameters
+    ----------
+    eigenvalue : complex
+        Growth rate (1/s) and angular frequency (rad/s).
+    shape : ndarray, shape (4,)
+        Right eigenvector in (y*, dy*/dt*, psi, dpsi/dt*), its y* component 1.
+    adjoint : ndarray, shape (4,)
+        Left eigenvector l with l . shape = 1 (no conjugation).
+    """
+
+    eigenvalue: complex
+    shape: Complex
+    adjoint: Complex
+
+    @property
+    def growth_rate(self) -> float:
+        """1/s."""
+        return self.eigenvalue.real
+
+    @property
+    def frequency_hz(self) -> float:
+        """Hz."""
+        return self.eigenvalue.imag / (2.0 * math.pi)
+
+    @property
+    def damping_ratio(self) -> float:
+        """Share of critical damping; negative where the mode grows."""
+        return -self.eigenvalue.real / abs(self.eigenvalue)
+
+    @property
+    def yaw_per_lateral(self) -> complex:
+        """Yaw over lateral, psi / y*: a phasor whose angle is the lead of yaw, rad."""
+        return complex(self.shape[2])
+
+
+def hunting_mode(rig: RigParameters, speed: float) -> Mode:
+    """
+    Eigenvalue and eigenvectors of the least damped oscillation at a speed in m/s.
+
+    Raises
+    ------
+    ConfigError
+        Where nothing oscillates (creep damping at very low speed), or the
+        eigenvalue is a double one, which has no pair of eigenvectors.
+    """
+    matrix = Wheelset(rig).linear_matrix(speed)
+    values, vectors = np.linalg.eig(matrix)
+    if not (values.imag > 1e-12).any():
+        raise ConfigError(f'{rig.name}: no oscillating mode at {speed} m/s')
+    place = int(np.argmax(np.where(values.imag > 1e-12, values.real, -np.inf)))
+    shape = vectors[:, place] / vectors[0, place]
+    adjoint = np.linalg.inv(vectors)[place] * vectors[0, place]
+    others = np.delete(values, place)
+    if np.abs(others - values[place]).min() < 1e-7:
+        raise ConfigError(f'{rig.name}: eigenvalue {values[place]:.6g} is double at {speed} m/s')
+    return Mode(complex(values[place]) / rig.time_scale, shape, adjoint)
+
+
+def critical_frequency(rig: RigParameters) -> float:
+    """Dimensionless hunting frequency at the critical speed, omega of Eq. (B-1)."""
+    return math.sqrt((rig.d11 * rig.k22 + rig.d22 * rig.k11) / (rig.d11 + rig.d22))
+
+
+def critical_speed(rig: RigParameters, within: tuple[float, float] = (0.0, math.inf)) -> float:
+    """
+    Linear critical speed v_c, m/s: where the hunting mode stops being damped.
+
+    With i omega of Eq. (B-1) in the characteristic polynomial,
+    d11 d22 / v_c*^2 = omega^2 + (k11 k22 - k12 k21) / omega^2 - k11 - k22.
+
+    Parameters
+    ----------
+    rig : RigParameters
+        The rig.
+    within : (float, float)
+        Speeds, m/s, in which the Hopf point must lie.
+
+    Raises
+    ------
+    ConfigError
+        If there is none at all (the rig is stable at every speed), or none in
+        the range.
+    """
+    omega2 = critical_frequency(rig) ** 2
+    stiffness = rig.k11 * rig.k22 - rig.k12 * rig.k21
+    damping = omega2 + stiffness / omega2 - rig.k11 - rig.k22
+    if damping <= 0.0:
+        raise ConfigError(
+            f'{rig.name}: no Hopf point, the wheelset is stable at every speed'
+            f' (tread_angle = {rig.tread_angle:g}, d11 d22 / v_c^2 would be {damping:.3g})'
+        )
+    speed = rig.speed_scale * math.sqrt(rig.d11 * rig.d22 / damping)
+    if not within[0] <= speed <= within[1]:
+        raise ConfigError(
+            f'{rig.name}: no Hopf point between {within[0]:g} and {within[1]:g} m/s,'
+            f' it is at {speed:.4g} m/s'
+        )
+    return speed
+
+
+def second_pair(rig: RigParameters) -> complex:
+    """Return lambda_R + i lambda_I of Eqs. (B-2), (B-3): the damped mode at v_c, dimensionless."""
+    v = critical_speed(rig) / rig.speed_scale
+    total = rig.d11 + rig.d22
+    c = total / v
+    d = rig.d11 * rig.d22 / v**2 + (rig.k11 * rig.d11 + rig.k22 * rig.d22) / total
+    return complex(-0.5 * c + 0.5 * np.emath.sqrt(c * c - 4.0 * d))
+
+
+def speed_derivatives(rig: RigParameters) -> tuple[complex, complex]:
+    """
+    D1 and D7' as derivatives of the hunting eigenvalue: lambda = i omega + D1 eps + D7' eps^2.
+
+    From the characteristic polynomial P(lambda, s), s = v_c / v, by implicit
+    differentiation; dimensionless.
+
+    Raises
+    ------
+    ConfigError
+        If the critical eigenvalue is a double root of P.
+    """
+    v = critical_speed(rig) / rig.speed_scale
+    z = 1j * critical_frequency(rig)
+    # P = z^4 + s p3 z^3 + (k + s^2 q) z^2 + s p1 z + p0
+    p3, p1 = (rig.d11 + rig.d22) / v, (rig.d11 * rig.k22 + rig.d22 * rig.k11) / v
+    q, k = rig.d11 * rig.d22 / v**2, rig.k11 + rig.k22
+    by_z = 4.0 * z**3 + 3.0 * p3 * z**2 + 2.0 * (k + q) * z + p1
+    by_s = p3 * z**3 + 2.0 * q * z**2 + p1 * z
+    if abs(by_z) < 1e-12:
+        raise ConfigError(f'{rig.name}: the critical eigenvalue is a double one')
+    by_zz = 12.0 * z**2 + 6.0 * p3 * z + 2.0 * (k + q)
+    by_zs = 3.0 * p3 * z**2 + 4.0 * q * z + p1
+    by_ss = 2.0 * q * z**2
+    first = -by_s / by_z
+    second = -(by_ss + 2.0 * by_zs * first + by_zz * first**2) / by_z
+    # s = 1 / (1 + eps) = 1 - eps + eps^2
+    return -first, first + 0.5 * second
+
+
+@dataclass(frozen=True)
+class CreepSolution:
+    """
+    A pair of creep coefficients that gives a measured v_c and D1.
+
+    Parameters
+    ----------
+    name : str
+        'balanced' for the solution with d22 / d11 nearest to one, as creep theory
+        expects of two nearly equal coefficients; else 'lateral' (d11 > d22) or
+        'longitudinal'.
+    rig : RigParameters
+        The rig with these coefficients.
+    """
+
+    name: str
+    rig: RigParameters
+
+
+def creep_coefficients(
+    rig: RigParameters, measured_critical_speed: float, measured_d1: float
+) -> tuple[CreepSolution, ...]:
+    """
+    Inverse problem: creep coefficients from v_c and Re D1.
+
+    For a ratio d22 / d11 Eq. (B-1) gives omega, the Hopf condition the product
+    d11 d22; the ratio then follows from D1. On Table 1 with 8.0 m/s and 0.12
+    there are two solutions, (1.745, 2.566) and about (3.46, 1.27).
+
+    Parameters
+    ----------
+    rig : RigParameters
+        Its creep coefficients are not used.
+    measured_critical_speed : float
+        m/s.
+    measured_d1 : float
+        Real part of D1, dimensionless.
+
+    Returns
+    -------
+    tuple of CreepSolution
+        'balanced' first.
+
+    Raises
+    ------
+    ConfigError
+        If no pair gives these values.
+    """
+
+    def candidate(log_ratio: float) -> RigParameters | None:
+        return _rig_with_ratio(rig, math.exp(log_ratio), measured_critical_speed)
+
+    def mismatch(log_ratio: float) -> float:
+        found = candidate(log_ratio)
+        return math.nan if found is None else speed_derivatives(found)[0].real - measured_d1
+
+    logs = np.log(_RATIOS)
+    values = np.array([mismatch(x) for x in logs])
+    crossings = np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0.0)
+    roots = [brentq(mismatch, logs[i], logs[i + 1], xtol=1e-14) for i in crossings]
+    solutions = []
+    for root in sorted(roots, key=abs):
+        found = candidate(root)
+        if found is not None:
+            other = 'lateral' if found.d11 > found.d22 else 'longitudinal'
+            solutions.append(CreepSolution(other if solutions else 'balanced', found))
+    if not solutions:
+        raise ConfigError(
+            f'{rig.name}: no creep coefficients give v_c = {measured_critical_speed:g} m/s'
+            f' with D1 = {measured_d1:g}'
+        )
+    return tuple(solutions)
+
+
+def _rig_with_ratio(rig: RigParameters, ratio: float, speed: float) -> RigParameters | None:
+    """Creep coefficients with d22 / d11 = ratio and the Hopf point at `speed`, or None."""
+    v = speed / rig.speed_scale
+    omega2 = (rig.k22 + ratio * rig.k11) / (1.0 + ratio)
+    coupling = rig.k21 / rig.d22  # d0 gamma_0 / r0
+    deficit = coupling / omega2 - 1.0 / v**2
+    if deficit <= 0.0:
+        return None
+    product = (rig.k22 - omega2) * (omega2 - rig.k11) / omega2 / deficit
+    if product <= 0.0:
+        return None
+    return rig.with_linear(math.sqrt(product / ratio), math.sqrt(product * ratio))
