@@ -95,6 +95,7 @@ ROUGH = 12  # cos, sin, cos 2, sin 2: lateral 12..15, yaw 16..19
     M_RHO_VAR,
     M_RATIO_TIME,  # when it was last learnt
     M_KICK,  # time of the last kick
+    M_CHAIN,  # when the chain of kicks it belongs to began
     M_SPEED,
     M_SPEED_SEEN,  # where the growth rate was last opened for a change of speed
     M_OMEGA0,  # from here, the modes in force
@@ -105,7 +106,7 @@ ROUGH = 12  # cos, sin, cos 2, sin 2: lateral 12..15, yaw 16..19
     M_RHO2_RE,
     M_RHO2_IM,
     N_MEMORY,
-) = range(20)
+) = range(21)
 
 # --- memory of each sensor ------------------------------------------------------------
 (
@@ -119,10 +120,13 @@ ROUGH = 12  # cos, sin, cos 2, sin 2: lateral 12..15, yaw 16..19
     S_D1,  # last innovations
     S_D2,
     S_D3,
+    S_DOUBT,  # since when bins have been left out
     S_PENDING,  # 1: the last bin was surprising and was left out
     S_NIS,  # recent mean of nu^2/S
     S_RESIDUAL,  # recent mean of the squared residual of a sample
-    S_H_RE,  # innovations demodulated at hunting, slow and quick
+    S_H1_RE,  # innovations demodulated at hunting: first stage, second stage, quick
+    S_H1_IM,
+    S_H_RE,
     S_H_IM,
     S_K_RE,
     S_K_IM,
@@ -142,7 +146,7 @@ ROUGH = 12  # cos, sin, cos 2, sin 2: lateral 12..15, yaw 16..19
     S_BOOT_REF,
     S_ROLLER,  # 1 where the roller angle is known
     N_SENSOR,
-) = range(33)
+) = range(36)
 
 # --- running sums of the bin that is open ----------------------------------------------
 A_COUNT, A_VALUE, A_TIME, A_TIME2, A_C1, A_S1, A_C2, A_S2, A_ANGLES, N_ACCUMULATOR = range(10)
@@ -210,7 +214,9 @@ A_COUNT, A_VALUE, A_TIME, A_TIME2, A_C1, A_S1, A_C2, A_S2, A_ANGLES, N_ACCUMULAT
 KICK_QUICK = 0.08  # s, time constant of the in-band burst detector
 IN_BAND = 0.3  # s, of the whiteness measures
 BURST = 20.0  # power over that of white noise taken for a kick
+ABSURD = 60.0  # standard deviations beyond which a kick must last 20 ms to be believed
 KICK_SCALE = 5.0  # the covariance opens to this multiple of the innovation
+REVERSION = 30.0  # s in which frequency and growth rate fall back to the nominal ones
 SETTLING = 0.3  # s after a kick in which nothing is tuned
 
 _F = NDArray[np.float64]
@@ -250,8 +256,7 @@ def predict(f: Filter, dt: float) -> None:
         scale2 * math.cos(f.m[M_OMEGA2] * dt),
         scale2 * math.sin(f.m[M_OMEGA2] * dt),
     )
-    keep_omega = math.exp(-0.5 * dt * (f.cfg[C_OMEGA_DRIFT] / f.cfg[C_OMEGA_STD]) ** 2)
-    keep_growth = math.exp(-0.5 * dt * (f.cfg[C_GROWTH_DRIFT] / f.cfg[C_GROWTH_STD]) ** 2)
+    keep_omega = keep_growth = math.exp(-dt / REVERSION)
 
     for k in range(2):
         i = Z + 2 * k
@@ -544,10 +549,10 @@ def learn_ratio(f: Filter) -> None:
     Refine the yaw ratio from the two phasors, as a scalar complex Kalman filter.
 
     The phasors at successive calls share most of their error, so that each counts
-    for the fraction of the time (half a second) in which it is renewed.
+    for the fraction of a second that has gone by.
     """
     elapsed = f.m[M_TIME] - f.m[M_RATIO_TIME]
-    if elapsed < 0.1:
+    if elapsed < 0.1 or f.m[M_TIME] - f.m[M_KICK] < SETTLING:
         return
     f.m[M_RATIO_TIME] = f.m[M_TIME]
     a, b, p, q = f.x[0], f.x[1], f.x[2], f.x[3]
@@ -558,8 +563,10 @@ def learn_ratio(f: Filter) -> None:
     size = re * re + im * im
     cross = re * (f.P[0, 2] + f.P[1, 3]) + im * (f.P[0, 3] - f.P[1, 2])
     variance = 0.5 * (f.P[2, 2] + f.P[3, 3] + size * (f.P[0, 0] + f.P[1, 1])) - cross
-    variance = max(variance, 0.0) / power * max(0.5 / min(elapsed, 0.5), 1.0)
     seen_re, seen_im = (p * a + q * b) / power, (q * a - p * b) / power
+    # No single second is believed to better than a tenth.
+    variance = max(variance / power, 0.005 * (seen_re * seen_re + seen_im * seen_im))
+    variance /= min(elapsed, 1.0)
     floor = f.cfg[C_RATIO_FLOOR] ** 2 * 0.5 * (seen_re * seen_re + seen_im * seen_im)
     drifted = f.m[M_RHO_VAR] + floor * min(elapsed, 1.0)
     gain = drifted / (drifted + variance + floor)
@@ -590,12 +597,14 @@ def tune(
     row: _F,
     dt: float,
     count: float,
+    surprise: float,
 ) -> None:
     """
     Self-tuning after one bin of sensor k; see the module's docstring.
 
     `residual` and `left` are v - H x and H P H' after the update, `dt` the time since
-    the sensor's last bin, `count` the samples in this one.
+    the sensor's last bin, `count` the samples in this one, `surprise`
+    its nu^2/S before the covariance was opened.
     """
     dt = min(dt, 0.05)
     noise = f.sensors[k, S_NOISE]
@@ -606,15 +615,14 @@ def tune(
     share = 1.0 - math.exp(-dt / 0.5)
     quick = count * third * third / 20.0
     f.sensors[k, S_QUICK] += share * (min(quick, 9.0 * noise) - f.sensors[k, S_QUICK])
-    ratio = innovation * innovation / S
-    f.sensors[k, S_NIS] += share * (min(ratio, 100.0) - f.sensors[k, S_NIS])
+    f.sensors[k, S_NIS] += share * (min(surprise, 25.0) - f.sensors[k, S_NIS])
     explained = count * (residual * residual + left)
     f.sensors[k, S_RESIDUAL] += share * (count * residual * residual - f.sensors[k, S_RESIDUAL])
     settled = f.m[M_TIME] - f.m[M_KICK] > SETTLING
-    if settled:
-        age = f.m[M_TIME] - f.sensors[k, S_BOOT_START]
-        share = 1.0 - math.exp(-dt / min(f.cfg[C_NOISE_TIME], 0.3 * age))
-        noise += share * (min(explained, 16.0 * noise) - noise)
+    span = min(f.cfg[C_NOISE_TIME], max(0.3 * (f.m[M_TIME] - f.sensors[k, S_BOOT_START]), 0.1))
+    if not 0.5 < f.sensors[k, S_NIS] < 2.0:
+        span = max(0.25 * span, 0.1)  # far off: be quick
+    noise += (1.0 - math.exp(-dt / span)) * (min(explained, 9.0 * noise) - noise)
     f.sensors[k, S_NOISE] = max(
         noise, 0.5 * f.sensors[k, S_QUICK], 1e-12 * f.sensors[k, S_BOOT_SQUARE]
     )
@@ -624,9 +632,17 @@ def tune(
     decay = math.exp(-dt / IN_BAND)
     turn_c, turn_s = math.cos(f.x[OMEGA] * dt), math.sin(f.x[OMEGA] * dt)
     step = math.sqrt(1.0 - decay * decay)
-    re, im = f.sensors[k, S_H_RE], f.sensors[k, S_H_IM]
-    f.sensors[k, S_H_RE] = decay * (turn_c * re - turn_s * im) + step * unit
-    f.sensors[k, S_H_IM] = decay * (turn_s * re + turn_c * im)
+    # Two stages, so that harmonics of the limit cycle do not leak into the band.
+    re, im = f.sensors[k, S_H1_RE], f.sensors[k, S_H1_IM]
+    re, im = (
+        decay * (turn_c * re - turn_s * im) + unit,
+        decay * (turn_s * re + turn_c * im),
+    )
+    f.sensors[k, S_H1_RE], f.sensors[k, S_H1_IM] = re, im
+    old_re, old_im = f.sensors[k, S_H_RE], f.sensors[k, S_H_IM]
+    gain = math.sqrt((1.0 - decay * decay) ** 3 / (1.0 + decay * decay))
+    f.sensors[k, S_H_RE] = decay * (turn_c * old_re - turn_s * old_im) + gain * re
+    f.sensors[k, S_H_IM] = decay * (turn_s * old_re + turn_c * old_im) + gain * im
     f.sensors[k, S_B] = decay * f.sensors[k, S_B] + step * unit
     if row[1] != 0.0 or row[2] != 0.0:
         size = 1.0 / math.sqrt(row[1] * row[1] + row[2] * row[2])
@@ -661,21 +677,38 @@ def kicked(f: Filter, k: int, innovation: float, S: float, dt: float) -> int:
     re, im = f.sensors[k, S_K_RE], f.sensors[k, S_K_IM]
     moved_re = decay * (turn_c * re - turn_s * im) + step * unit
     moved_im = decay * (turn_s * re + turn_c * im)
-    surprising = abs(unit) > f.cfg[C_GATE]
+    # What surprises all the time is no surprise: harmonics, a mode that is not modelled.
+    usual = max(f.sensors[k, S_NIS], 1.0)
+    surprising = unit * unit > f.cfg[C_GATE] ** 2 * usual
+    # The further off, the longer it must last: an encoder that wraps is not a kick.
+    patience = 0.0 if abs(unit) < ABSURD else 0.02
     recent = f.m[M_TIME] - f.m[M_KICK] < 0.1
-    if surprising and f.sensors[k, S_PENDING] == 0.0 and not recent:
-        f.sensors[k, S_PENDING] = 1.0
-        return 2
+    if surprising and not (recent and patience == 0.0):
+        if f.sensors[k, S_PENDING] == 0.0:
+            f.sensors[k, S_PENDING] = 1.0
+            f.sensors[k, S_DOUBT] = f.m[M_TIME]
+            return 2
+        if f.m[M_TIME] - f.sensors[k, S_DOUBT] < patience:
+            return 2
     if not surprising and f.sensors[k, S_PENDING] == 1.0:
         f.counters[I_GLITCHES] += 1
     f.sensors[k, S_PENDING] = 0.0
     f.sensors[k, S_K_RE], f.sensors[k, S_K_IM] = moved_re, moved_im
     burst = moved_re * moved_re + moved_im * moved_im
-    return 1 if surprising or burst > BURST else 0
+    return 1 if surprising or burst > BURST * usual else 0
 
 
 @compiled
-def handle_kick(f: Filter, k: int, innovation: float) -> None:
+def loosen(f: Filter, factor: float) -> None:
+    """Doubt the ratio that ties the sensors: its variance grows by a factor, up to its square."""
+    size = f.m[M_RATIO_RE] ** 2 + f.m[M_RATIO_IM] ** 2
+    if f.m[M_RATIO_VAR] < size:
+        f.m[M_RATIO_VAR] *= factor
+        ratio_in_force(f)
+
+
+@compiled
+def handle_kick(f: Filter, k: int, innovation: float, dt: float) -> None:
     """Open the covariance after a kick seen by sensor k."""
     size = 1.0
     if k == 1:
@@ -687,10 +720,22 @@ def handle_kick(f: Filter, k: int, innovation: float) -> None:
     since = f.m[M_TIME] - f.m[M_KICK]
     if since > SETTLING:
         f.counters[I_KICKS] += 1
-        if since < 2.0:
-            # Kicks that follow one another are process noise: be quicker from now on.
-            f.m[M_LAMBDA] = min(f.m[M_LAMBDA] + 0.3, math.log(100.0))
-            f.P[OMEGA, OMEGA] = max(f.P[OMEGA, OMEGA], (0.5 * f.cfg[C_OMEGA_STD]) ** 2)
+        f.m[M_CHAIN] = f.m[M_TIME]
+    # A kick is over in a quarter of a period. What goes on, or comes again at once, is noise
+    # or motion outside the model.
+    if f.m[M_TIME] - f.m[M_CHAIN] > 0.2:
+        f.sensors[k, S_NOISE] *= math.exp(5.0 * dt)
+        loosen(f, 1.1)  # or the two sensors are tied by a wrong ratio
+    elif SETTLING < since < 2.0:
+        f.sensors[k, S_NOISE] *= 1.25
+        f.m[M_LAMBDA] = min(f.m[M_LAMBDA] + 0.2, math.log(100.0))
+        loosen(f, 1.5)
+    power = f.x[0] * f.x[0] + f.x[1] * f.x[1]
+    if scale > 9.0 * power * size:
+        # A motion much larger than before: what was learnt from noise is worth little.
+        off = f.x[OMEGA] - f.m[M_OMEGA0]
+        f.P[OMEGA, OMEGA] = max(f.P[OMEGA, OMEGA], off * off)
+        f.x[GROWTH] = min(max(f.x[GROWTH], -f.cfg[C_GROWTH_STD]), f.cfg[C_GROWTH_STD])
     f.m[M_KICK] = f.m[M_TIME]
     for i in range(2):
         f.sensors[i, S_K_RE] = 0.0
@@ -735,11 +780,12 @@ def absorb(f: Filter, k: int, t: float, mean: float, count: float, row: _F) -> N
                 f.P[i, j] = 0.0
             f.P[i, i] = scale if scale < 1e30 else noise
         S = project(f, k, row) + noise
+    surprise = innovation * innovation / S
     verdict = kicked(f, k, innovation, S, dt)
     if verdict == 2:
         return
     if verdict == 1:
-        handle_kick(f, k, innovation)
+        handle_kick(f, k, innovation, min(dt, 0.05))
         S = project(f, k, row) + noise
     f.sensors[k, S_LAST] = t
     correct(f, innovation, S)
@@ -747,7 +793,7 @@ def absorb(f: Filter, k: int, t: float, mean: float, count: float, row: _F) -> N
     f.x[GROWTH] = min(max(f.x[GROWTH], -5.0 * f.cfg[C_GROWTH_STD]), 5.0 * f.cfg[C_GROWTH_STD])
     left = noise * (1.0 - noise / S)
     residual = innovation * noise / S
-    tune(f, k, residual, innovation, S, left, row, dt, count)
+    tune(f, k, residual, innovation, S, left, row, dt, count, surprise)
     f.sensors[k, S_STEP] += 0.02 * (min(dt, 0.1) / count - f.sensors[k, S_STEP])
     r = ROUGH + 4 * k
     rough = row[1] * f.x[r] + row[2] * f.x[r + 1] + row[3] * f.x[r + 2] + row[4] * f.x[r + 3]
