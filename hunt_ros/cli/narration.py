@@ -54,7 +54,7 @@ def event_line(event: Mapping[str, str], origin_ns: int) -> str:
     seconds = (int(event['stamp_ns']) - origin_ns) / 1e9
     name = event.get('event', event.get('name', ''))
     sentence = _SENTENCES.get(name, name.replace('_', ' '))
-    reason = event.get('reason', '')
+    reason = event.get('message', '')
     speed, amplitude = _number(event, 'speed_mps'), _number(event, 'amplitude_m')
     text = f'{seconds:8.1f} s  {speed:6.2f} m/s  {length(amplitude):>9}  {sentence}'
     return f'{text} ({reason})' if reason else text

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from geometry_msgs.msg import Vector3Stamped
 from rclpy.node import Node
@@ -10,37 +12,48 @@ from sensor_msgs.msg import JointState
 from hunt_ros.nodes.conversions import FixedLayout, joint_layout, vector_layout
 from hunt_ros.nodes.qos import stream
 
+_Column = str | Callable[[np.ndarray], np.ndarray]
+
+
+def _angular_frequency(rows: np.ndarray) -> np.ndarray:
+    """Return 2 pi f, rad/s."""
+    return 2.0 * np.pi * rows['frequency_hz']
+
+
+def _margin_std(rows: np.ndarray) -> np.ndarray:
+    """Return the standard deviation that a normal 95 % interval of this width would have."""
+    return (rows['margin_high'] - rows['margin_low']) / (2.0 * 1.959964)
+
+
+_AMPLITUDES = ('lateral_amplitude', 'yaw_amplitude')
+_ENVELOPES = ('lateral_envelope', 'yaw_envelope')
+_ROUGHNESS = ('lateral_roughness', 'yaw_roughness')
+
 #: topic -> (joint names, columns of the positions, columns of the velocities)
-_JOINTS: dict[str, tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]] = {
+_JOINTS: dict[str, tuple[tuple[str, ...], tuple[_Column, ...], tuple[_Column, ...]]] = {
     'hunting/amplitude': (
-        ('lateral_amplitude', 'yaw_amplitude'),
-        ('lateral_amplitude', 'yaw_amplitude'),
+        _AMPLITUDES,
+        _AMPLITUDES,
         ('lateral_amplitude_rate', 'yaw_amplitude_rate'),
     ),
     'hunting/amplitude_std': (
-        ('lateral_amplitude', 'yaw_amplitude'),
+        _AMPLITUDES,
         ('lateral_amplitude_std', 'yaw_amplitude_std'),
         ('lateral_amplitude_rate_std', 'yaw_amplitude_rate_std'),
     ),
-    'hunting/envelope': (
-        ('lateral_envelope', 'yaw_envelope'),
-        ('lateral_envelope', 'yaw_envelope'),
-        (),
-    ),
-    'hunting/roughness': (
-        ('lateral_roughness', 'yaw_roughness'),
-        ('lateral_roughness', 'yaw_roughness'),
-        (),
-    ),
-    'hunting/phase': (('hunting_phase',), ('phase',), ('angular_frequency',)),
+    'hunting/envelope': (_ENVELOPES, _ENVELOPES, ()),
+    'hunting/roughness': (_ROUGHNESS, _ROUGHNESS, ()),
+    'hunting/phase': (('hunting_phase',), ('phase',), (_angular_frequency,)),
 }
 
-#: topic -> column, each with its standard deviation on a topic of its own
-_NUMBERS: dict[str, str] = {
+#: topic -> column
+_NUMBERS: dict[str, _Column] = {
     'hunting/growth_rate': 'growth_rate',
+    'hunting/growth_rate_std': 'growth_rate_std',
     'hunting/margin': 'margin',
+    'hunting/margin_std': _margin_std,
     'hunting/unstable_amplitude': 'unstable_amplitude',
-    'hunting/critical_speed': 'critical_speed',
+    'hunting/unstable_amplitude_std': 'unstable_amplitude_std',
 }
 
 
@@ -60,21 +73,26 @@ class EstimatePublishers:
 
     def __init__(self, node: Node, rate_hz: float, frame: str) -> None:
         qos = stream(int(rate_hz))
-        self._outputs: list[tuple[object, FixedLayout, tuple[str, ...], int]] = []
+        self._outputs: list[tuple[object, FixedLayout, tuple[_Column, ...], int]] = []
         for topic, (names, positions, velocities) in _JOINTS.items():
             publisher = node.create_publisher(JointState, topic, qos)
             layout = joint_layout(names, frame, velocity=bool(velocities))
             self._outputs.append((publisher, layout, positions + velocities, 0))
         for topic, column in _NUMBERS.items():
-            for suffix in ('', '_std'):
-                publisher = node.create_publisher(Vector3Stamped, topic + suffix, qos)
-                # value in x; y and z are zero
-                self._outputs.append((publisher, vector_layout(frame), (column + suffix,), 2))
+            publisher = node.create_publisher(Vector3Stamped, topic, qos)
+            # the value stands in x; y and z are zero
+            self._outputs.append((publisher, vector_layout(frame), (column,), 2))
 
     def publish(self, rows: np.ndarray) -> None:
-        """Publish every row, a structured array with `stamp_ns` and the columns above."""
+        """Publish every row of the detector's estimates (`ESTIMATE_DTYPE`)."""
         stamps = rows['stamp_ns'].tolist()
-        for publisher, layout, columns, zeros in self._outputs:
-            values = [rows[column].tolist() for column in columns] + [[0.0] * len(rows)] * zeros
+        zeros = [0.0] * len(stamps)
+        for publisher, layout, columns, padding in self._outputs:
+            values = [_values(rows, column) for column in columns] + [zeros] * padding
             for stamp_ns, *numbers in zip(stamps, *values, strict=True):
                 publisher.publish(layout.encode(stamp_ns, *numbers))
+
+
+def _values(rows: np.ndarray, column: _Column) -> list[float]:
+    values = rows[column] if isinstance(column, str) else column(rows)
+    return values.tolist()

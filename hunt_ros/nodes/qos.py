@@ -20,11 +20,11 @@ def stream(depth: int) -> QoSProfile:
     )
 
 
-def latched() -> QoSProfile:
-    """Reliable, transient local: whoever comes late gets the last message."""
+def latched(depth: int = 1) -> QoSProfile:
+    """Reliable, transient local: whoever comes late gets the last `depth` messages."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
-        depth=1,
+        depth=depth,
         reliability=ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.TRANSIENT_LOCAL,
     )

@@ -1,0 +1,237 @@
+"""
+The detector node: measurements in, estimates, status, events and alarm out.
+
+Callbacks only take messages apart; every few milliseconds what has come is
+handed to the `HuntingDetector`, and what it says is published. Silence enters
+through its `tick`, on the node's clock.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistStamped, Vector3Stamped
+from rclpy.lifecycle import LifecycleNode, State, TransitionCallbackReturn
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from hunt_ros.detection.acceptance import AcceptanceConfig, objections
+from hunt_ros.detection.configuration import DetectorConfig
+from hunt_ros.detection.detector import HuntingDetector
+from hunt_ros.detection.output import Output
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.errors import ConfigError
+from hunt_ros.nodes.conversions import JointReader, SpeedReader, vector_layout
+from hunt_ros.nodes.detector_messages import event_message, status_message
+from hunt_ros.nodes.diagnostics import Diagnostics, Health, steady_clock
+from hunt_ros.nodes.estimate_publishers import EstimatePublishers
+from hunt_ros.nodes.parameters import declare, declare_normal_form, on_change, warn_unknown
+from hunt_ros.nodes.qos import EVENTS, STATUS, latched, stream
+from hunt_ros.nodes.runtime import run
+from hunt_ros.settings import Settings, setting
+
+_DRAIN_S = 0.005
+_TICK_S = 0.05
+_STATUS_S = 0.05
+#: One second of the fastest sensor.
+_DEPTH = 2000
+
+
+@dataclass(frozen=True)
+class DetectorNodeConfig(Settings):
+    """Parameters of the node itself; those of the detector are `DetectorConfig`."""
+
+    frame_id: str = setting('roller_rig', 'frame_id of the messages.', fixed=True)
+    autostart: bool = setting(True, 'Configure and activate without being told.', fixed=True)
+
+
+class HuntingDetectorNode(LifecycleNode):
+    """Feeds a `HuntingDetector` from the topics, and publishes what it says."""
+
+    def __init__(self) -> None:
+        super().__init__('hunting_detector')
+        self.failure = ''
+        self._settings = declare(self, DetectorNodeConfig)
+        self._config = declare(self, DetectorConfig)
+        self._bounds = declare(self, AcceptanceConfig)
+        self._form = declare_normal_form(self)
+        self._waiting: IdentifiedNormalForm | None = None
+        warn_unknown(self)
+        self._detector = HuntingDetector(self._config, self._form)
+        self._inbox: dict[str, tuple[list[int], list[float]]] = {
+            name: ([], []) for name in self._config.channels
+        }
+        self._active = False
+        self._received = 0
+        self._unreadable = 0
+        self._estimates = EstimatePublishers(
+            self, self._config.output_rate_hz, self._settings.frame_id
+        )
+        self._status = self.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
+        self._events = self.create_publisher(DiagnosticArray, 'hunting/events', EVENTS)
+        self._journal = self.create_publisher(String, 'hunting/journal', latched(1000))
+        self._critical_speed = self.create_publisher(
+            Vector3Stamped, 'hunting/critical_speed', STATUS
+        )
+        self._critical_speed_std = self.create_publisher(
+            Vector3Stamped, 'hunting/critical_speed_std', STATUS
+        )
+        self._vector = vector_layout(self._settings.frame_id)
+        self._subscribe()
+        self.create_subscription(String, 'hunting/normal_form', self._on_form, latched())
+        self.create_service(Trigger, 'hunting/acknowledge_alarm', self._on_acknowledge)
+        self.create_service(Trigger, 'hunting/accept_normal_form', self._on_accept)
+        self.create_timer(_DRAIN_S, self._drain, clock=steady_clock())
+        self.create_timer(_TICK_S, self._tick)
+        self.create_timer(_STATUS_S, self._publish_status, clock=steady_clock())
+        on_change(self, self._config, self._reconfigure)
+        self._diagnostics = Diagnostics(self, self._health)
+
+    def on_activate(self, state: State) -> TransitionCallbackReturn:
+        """Begin with a fresh detector."""
+        self._detector.reset()
+        for stamps, values in self._inbox.values():
+            stamps.clear()
+            values.clear()
+        self._active = True
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: State) -> TransitionCallbackReturn:
+        """Stop listening and publishing: the status goes silent, which counts as STALE."""
+        self._active = False
+        return super().on_deactivate(state)
+
+    def _subscribe(self) -> None:
+        """Subscribe to the channels the rig has, as bytes."""
+        for channel in self._config.channels:
+            if channel == 'speed':
+                kind, reader = TwistStamped, SpeedReader()
+            else:
+                kind, reader = JointState, JointReader(channel)
+            callback = self._receiver(channel, reader)
+            self.create_subscription(kind, channel, callback, stream(_DEPTH), raw=True)
+
+    def _receiver(self, channel: str, reader: JointReader | SpeedReader):
+        stamps, values = self._inbox[channel]
+
+        def receive(wire: bytes) -> None:
+            found = reader.read(wire)
+            if found is None:
+                self._unreadable += 1
+                return
+            stamps.append(found[0])
+            values.append(found[1])
+
+        return receive
+
+    def _drain(self) -> None:
+        """Hand what has come to the detector, and publish what it says."""
+        if not self._active:
+            return
+        for channel, (stamps, values) in self._inbox.items():
+            if stamps:
+                block = np.array(stamps, dtype=np.int64), np.array(values)
+                self._received += len(stamps)
+                stamps.clear()
+                values.clear()
+                self._publish(self._detector.update(channel, *block))
+
+    def _tick(self) -> None:
+        now_ns = self.get_clock().now().nanoseconds
+        if self._active and now_ns > 0:
+            self._drain()
+            self._publish(self._detector.tick(now_ns))
+
+    def _publish(self, output: Output) -> None:
+        if len(output.estimates):
+            self._estimates.publish(output.estimates)
+        for event in output.events:
+            self._events.publish(event_message(event))
+        for entry in output.journal:
+            self._journal.publish(String(data=entry.to_text()))
+
+    def _publish_status(self) -> None:
+        if self._active:
+            self._status.publish(status_message(self._detector.status))
+            self._publish_critical_speed()
+
+    def _publish_critical_speed(self) -> None:
+        """Publish v_c of the normal form in force, or of the parameters."""
+        value, std = self._config.critical_speed_mps or math.nan, math.nan
+        if self._form is not None:
+            value, std = self._form.form.critical_speed, self._form.std('v_c')
+        stamp_ns = self._detector.status.stamp_ns
+        for publisher, number in ((self._critical_speed, value), (self._critical_speed_std, std)):
+            publisher.publish(self._vector.encode(stamp_ns, number, 0.0, 0.0))
+
+    def _reconfigure(self, config: DetectorConfig) -> None:
+        self._config = config
+        self._publish(self._detector.reconfigure(config))
+
+    def _on_form(self, message: String) -> None:
+        """Take a new normal form over, or let it wait where it would alarm later."""
+        try:
+            form = IdentifiedNormalForm.from_yaml(message.data, 'hunting/normal_form')
+        except ConfigError as error:
+            self.get_logger().error(f'{error}; the form in force stays')
+            return
+        against = objections(form, self._form, self._bounds)
+        if against:
+            self._waiting = form
+            self.get_logger().warning(
+                f'the new normal form {"; ".join(against)}:'
+                ' it waits for hunting/accept_normal_form'
+            )
+            return
+        self._take_over(form)
+
+    def _take_over(self, form: IdentifiedNormalForm) -> None:
+        self._form, self._waiting = form, None
+        self._drain()
+        self._publish(self._detector.set_normal_form(form))
+        self.get_logger().info('a new normal form is in force')
+
+    def _on_accept(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self._waiting is not None
+        if self._waiting is None:
+            response.message = 'no normal form is waiting'
+        else:
+            self._take_over(self._waiting)
+        return response
+
+    def _on_acknowledge(
+        self, request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        self._drain()
+        self._publish(self._detector.acknowledge(self.get_clock().now().nanoseconds))
+        response.success = True
+        return response
+
+    def _health(self) -> Health:
+        status = self._detector.status
+        values = {
+            'received': self._received,
+            'unreadable': self._unreadable,
+            'dropped': sum(status.dropped.values()),
+        }
+        if not self._active:
+            return 'OK', 'inactive', values
+        if self._unreadable:
+            return 'WARN', f'{self._unreadable} messages without the expected joint', values
+        if self._waiting is not None:
+            return 'WARN', 'a normal form waits for hunting/accept_normal_form', values
+        return 'OK', f'{status.state.label}, region {status.region.label}', values
+
+
+def main() -> int:
+    """Run the node."""
+    return run(HuntingDetectorNode)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
