@@ -14,9 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hunt_ros.detection.quiet_levels import QuietLevels, SpeedLevel
+from hunt_ros.detection.level_spectrum import SpeedLevel
+from hunt_ros.detection.quiet_levels import QuietLevels
 from hunt_ros.detection.response_spectrum import ResponseLaw, SmoothLaw, Spectra, WheelsetLaw
-from hunt_ros.detection.whittle import WhittleFit, best_fit
+from hunt_ros.detection.whittle import WhittleFit, best_fit, critical_interval
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.samples import NANOSECONDS, Uncertain
 from hunt_ros.settings import Settings, setting
@@ -272,7 +273,7 @@ class CriticalSpeedForecast:
             return NO_EXCITATION, None
         if fit.misfit > self.settings.worst_misfit:
             return NO_FIT, None
-        critical = _interval(law, fit, float(np.max(spectra.speed)))
+        critical = critical_interval(law, fit, float(np.max(spectra.speed)))
         half = 0.5 * (critical.high - critical.low)
         beyond = critical.value / float(np.max(spectra.speed)) - 1.0
         if not (
@@ -280,29 +281,3 @@ class CriticalSpeedForecast:
         ):
             return NOT_FALLING, None
         return '', critical
-
-
-def _interval(law: ResponseLaw, fit: WhittleFit, fastest: float) -> Uncertain:
-    """
-    v_c with its 95 % interval.
-
-    The interval is symmetric in ln(v_c / v' - 1) with v' = 0.9 times the highest speed
-    seen: the further the extrapolation, the more it is open towards high speeds.
-    """
-    value = law.critical_speed(fit.theta)
-    if not math.isfinite(value):
-        return Uncertain(value, math.inf, 0.0, math.inf)
-    reference = 0.9 * fastest
-    slope = np.empty(fit.theta.size)
-    for k in range(slope.size):
-        moved = fit.theta.copy()
-        moved[k] += 1e-4
-        slope[k] = math.log(law.critical_speed(moved) / value) / 1e-4
-    spread = math.sqrt(max(float(slope @ fit.covariance @ slope), 0.0) * max(fit.misfit, 1.0))
-    beyond = value / reference - 1.0
-    scaled = spread * value / (reference * beyond)
-    low, high = (
-        reference * (1.0 + beyond * math.exp(sign * min(1.959964 * scaled, 30.0)))
-        for sign in (-1.0, 1.0)
-    )
-    return Uncertain(value, spread * value, low, high)

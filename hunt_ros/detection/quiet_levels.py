@@ -3,85 +3,33 @@ From a running record to spectra of the quiet response, one for each speed level
 
 A *level* is a stretch of nearly constant speed. Samples are averaged into cells
 of equal length, cells are gathered into blocks of a second, and blocks into a
-level while the speed stays. A closed level is reduced to its periodogram with the
-roughness lines of Eq. (1) taken out, so that hours of running stay small.
+level while the speed stays. A closed level is reduced to its periodogram, so that
+hours of running stay small.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled
+from hunt_ros.detection.level_spectrum import COLUMNS, HARMONICS, SpeedLevel, level_spectrum
 from hunt_ros.samples import NANOSECONDS
-
-#: Harmonics of the roller's frequency that are fitted and removed.
-HARMONICS = 3
 
 #: A block whose rms exceeds this many times the level's median was disturbed.
 DISTURBED = 4.0
 
-#: Columns of a cell: count, sum of y, sum of v, then sums of cos and sin of each harmonic.
-COLUMNS = 3 + 2 * HARMONICS
+#: A level this many times the rms of one within NEIGHBOUR of its speed is not quiet: the
+#: quiet response grows with speed, but not by a factor between neighbours.
+HUNTING = 8.0
+NEIGHBOUR = 0.1
 
 #: Cells in a block, and what part of them must hold data.
 BLOCK = 50
 FILLED = 0.8
-
-
-@dataclass(frozen=True, eq=False)
-class SpeedLevel:
-    """
-    Periodogram of the quiet response at one speed.
-
-    Parameters
-    ----------
-    speed : float
-        Mean running speed, m/s.
-    duration_s : float
-        T, length of the window, s.
-    omega : ndarray, shape (k,)
-        Fourier frequencies, rad/s.
-    periodogram : ndarray, shape (k,)
-        |integral of y exp(-i omega t) dt|^2 / T, m^2 s (two-sided).
-    weight : ndarray, shape (k,)
-        Windows averaged in each bin; 0 where a roughness line lies.
-    gain : ndarray, shape (k,)
-        Power response of the averaging into cells.
-    floor : float
-        White level above the band, m^2 s.
-    rms : float
-        Of the response in the band, m.
-    """
-
-    speed: float
-    duration_s: float
-    omega: NDArray[np.float64]
-    periodogram: NDArray[np.float64]
-    weight: NDArray[np.float64]
-    gain: NDArray[np.float64]
-    floor: float
-    rms: float
-
-    def merged(self, other: SpeedLevel) -> SpeedLevel:
-        """Return the average with a level of the same length at (nearly) the same speed."""
-        weight = self.weight + other.weight
-        total = self.periodogram * self.weight + other.periodogram * other.weight
-        share = float(other.weight.max() / max(weight.max(), 1.0))
-        return SpeedLevel(
-            self.speed + share * (other.speed - self.speed),
-            self.duration_s,
-            self.omega,
-            np.divide(total, weight, out=self.periodogram.copy(), where=weight > 0.0),
-            weight,
-            self.gain,
-            self.floor + share * (other.floor - self.floor),
-            math.sqrt(self.rms**2 + share * (other.rms**2 - self.rms**2)),
-        )
 
 
 @compiled
@@ -279,7 +227,7 @@ class QuietLevels:
         self._blocks = []
         self._speed = 0.0
         self._skip = 0
-        if level is None:
+        if level is None or not self._is_quiet(level):
             return
         self.closed_s += level.duration_s
         for k, other in enumerate(self.levels):
@@ -288,6 +236,16 @@ class QuietLevels:
                 self.levels[k] = other.merged(level)
                 return
         self.levels.append(level)
+
+    def _is_quiet(self, level: SpeedLevel) -> bool:
+        """Tell a level in a limit cycle by its neighbour in speed; forget one found so late."""
+        near = [x for x in self.levels if abs(x.speed - level.speed) < NEIGHBOUR * level.speed]
+        if not near:
+            return True
+        nearest = min(near, key=lambda other: abs(other.speed - level.speed))
+        if level.rms * HUNTING < nearest.rms:
+            self.levels.remove(nearest)
+        return level.rms < HUNTING * nearest.rms
 
     def _quiet_blocks(self) -> list[NDArray[np.float64]]:
         """Return the longest run of blocks without a disturbance."""
@@ -305,49 +263,9 @@ class QuietLevels:
         return self._blocks[begin:end] if end - begin >= self._fewest else []
 
     def _reduce(self) -> SpeedLevel | None:
-        """Periodogram of the open level without trend and roughness lines."""
+        """Reduce the open level; None while too little of it is quiet."""
         blocks = self._quiet_blocks()
         if not blocks:
             return None
-        cells = np.concatenate(blocks)
-        held = cells[:, 0] > 0.0
-        place = np.arange(cells.shape[0], dtype=np.float64)
-        mean = cells[held] / cells[held, :1]
-        columns = np.stack(
-            [np.interp(place, place[held], mean[:, k]) for k in range(1, COLUMNS)], axis=1
-        )
-        y, speed, lines = columns[:, 0], float(columns[:, 1].mean()), columns[:, 2:]
-        trend = np.stack([np.ones_like(place), place / place.size], axis=1)
-        known = bool(np.isfinite(lines).all())
-        regressors = np.concatenate([trend, lines], axis=1) if known else trend
-        y = y - regressors @ np.linalg.lstsq(regressors, y, rcond=None)[0]
-        return self._periodogram(y, speed, known)
-
-    def _periodogram(
-        self, y: NDArray[np.float64], speed: float, lines_removed: bool
-    ) -> SpeedLevel:
-        duration = y.size * self._cell_s
-        frequency: NDArray[np.float64] = np.fft.rfftfreq(y.size, self._cell_s)
-        power: NDArray[np.float64] = np.abs(np.fft.rfft(y)) ** 2 * self._cell_s / y.size
-        weight = np.ones_like(frequency)
-        for harmonic in range(1, HARMONICS + 1):
-            line = harmonic * speed / (math.pi * self._diameter)
-            # A fitted line takes its own bins with it; one that is only known from the
-            # speed is as wide as the speed is uncertain.
-            width = 1.5 / duration if lines_removed else max(3.0 / duration, 0.02 * line)
-            weight[np.abs(frequency - line) <= width] = 0.0
-        above = (frequency > 1.5 * self._band[1]) & (frequency < 2.7 * self._band[1])
-        floor = float(np.median(power[above & (weight > 0.0)])) / math.log(2.0)
-        inside = (frequency >= self._band[0]) & (frequency <= self._band[1])
-        gain = np.sinc(frequency[inside] * self._cell_s) ** 2
-        rms = math.sqrt(2.0 / duration * float((power * weight)[inside].sum()))
-        return SpeedLevel(
-            speed,
-            duration,
-            2.0 * np.pi * frequency[inside],
-            power[inside],
-            weight[inside],
-            gain,
-            floor,
-            rms,
-        )
+        level = level_spectrum(np.concatenate(blocks), self._cell_s, self._band, self._diameter)
+        return level if level.floor > 0.0 else None  # a stuck sensor has no noise at all

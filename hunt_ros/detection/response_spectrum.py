@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.detection.quiet_levels import SpeedLevel
+from hunt_ros.detection.level_spectrum import SpeedLevel
 from hunt_ros.dynamics.parameters import RigParameters
 
 

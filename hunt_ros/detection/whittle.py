@@ -7,12 +7,14 @@ about the spectrum; their likelihood needs the spectrum alone.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.detection.response_spectrum import ResponseLaw, Spectra
+from hunt_ros.samples import Uncertain
 
 _STEP = 1e-4
 
@@ -122,7 +124,8 @@ def maximise(
         if gain < 1e-4 or evaluations <= 0:
             break
     fisher, _ = information(law, spectra, theta, expected)
-    return WhittleFit(theta, np.linalg.inv(fisher), cost, _misfit(spectra, expected), expected)
+    covariance = np.asarray(np.linalg.inv(fisher), dtype=np.float64)
+    return WhittleFit(theta, covariance, cost, _misfit(spectra, expected), expected)
 
 
 def best_fit(
@@ -148,3 +151,29 @@ def _misfit(spectra: Spectra, expected: NDArray[np.float64], group: int = 24) ->
                 weight = spectra.weight[part]
                 squares.append(float((weight * ratio[part]).sum() ** 2 / weight.sum()))
     return float(np.mean(squares)) if squares else 0.0
+
+
+def critical_interval(law: ResponseLaw, fit: WhittleFit, fastest: float) -> Uncertain:
+    """
+    v_c with its 95 % interval.
+
+    The interval is symmetric in ln(v_c / v' - 1) with v' = 0.9 times the highest speed
+    seen: the further the extrapolation, the more it is open towards high speeds.
+    """
+    value = law.critical_speed(fit.theta)
+    if not math.isfinite(value):
+        return Uncertain(value, math.inf, 0.0, math.inf)
+    reference = 0.9 * fastest
+    slope = np.empty(fit.theta.size)
+    for k in range(slope.size):
+        moved = fit.theta.copy()
+        moved[k] += 1e-4
+        slope[k] = math.log(law.critical_speed(moved) / value) / 1e-4
+    spread = math.sqrt(max(float(slope @ fit.covariance @ slope), 0.0) * max(fit.misfit, 1.0))
+    beyond = value / reference - 1.0
+    scaled = spread * value / (reference * beyond)
+    low, high = (
+        reference * (1.0 + beyond * math.exp(sign * min(1.959964 * scaled, 30.0)))
+        for sign in (-1.0, 1.0)
+    )
+    return Uncertain(value, spread * value, low, high)

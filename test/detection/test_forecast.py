@@ -1,0 +1,162 @@
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hunt_ros.detection.forecast import (
+    COLLECTING,
+    NO_EXCITATION,
+    CriticalSpeedForecast,
+    ForecastSettings,
+)
+from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.simulation import (
+    RollerRig,
+    Roughness,
+    SensorModel,
+    SimulationSettings,
+    SpeedProfile,
+)
+from hunt_ros.errors import ConfigError
+
+RATE = 200.0
+TRUTH = 8.0
+
+
+def staircase(broadband: float, noise: float = 5e-6, seed: int = 0, top: float = 7.2):
+    """Columns stamps, lateral, speed, angle of a staircase 4.0 to `top` with 30 s holds."""
+    speeds = np.round(np.arange(4.0, top + 0.01, 0.4), 2)
+    profile = SpeedProfile.staircase(*speeds, hold_s=30.0)
+    rig = RollerRig(
+        paper_rig(),
+        SimulationSettings(
+            sample_rate_hz=RATE,
+            initial_speed=4.0,
+            broadband=broadband,
+            roughness=Roughness(amplitudes=(40e-6, 10e-6)),
+            lateral_sensor=SensorModel(noise=noise),
+        ),
+        seed,
+    )
+    count = round(profile.duration_s * RATE)
+    block = rig.advance(count, profile(np.arange(count) / RATE))
+    return block.stamps_ns, block.lateral, block.speed, block.roller_angle
+
+
+@pytest.fixture(scope='module')
+def climb():
+    return staircase(2e-5)
+
+
+def rough_guess():
+    """Return the rig with creep coefficients that are far off."""
+    rig = paper_rig()
+    return rig.with_linear(1.6 * rig.d11, 0.6 * rig.d22)
+
+
+@pytest.mark.parametrize('law', ['wheelset', 'smooth'])
+def test_v_c_is_forecast_before_it_is_reached(climb, law):
+    forecast = CriticalSpeedForecast(rig=rough_guess() if law == 'wheelset' else None)
+    forecast.update(*climb)
+    found = forecast.finish()
+    assert found.law == law
+    assert found.critical_speed is not None
+    assert found.critical_speed.low < TRUTH < found.critical_speed.high
+    assert found.critical_speed.value == pytest.approx(TRUTH, rel=0.12)
+    # The interval says something: it does not reach from here to the stars.
+    assert found.critical_speed.high - found.critical_speed.low < 0.4 * TRUTH
+    assert np.all(np.array(found.growth_rates) < 0.0)
+    order = np.argsort(found.speeds)
+    assert np.all(np.diff(np.array(found.growth_rates)[order]) > 0.0)
+    assert found.frequencies[-1] == pytest.approx(2.8, rel=0.05)
+
+
+def test_without_excitation_there_is_no_number():
+    columns = staircase(0.0)
+    for rig in (rough_guess(), None):
+        forecast = CriticalSpeedForecast(rig=rig)
+        forecast.update(*columns)
+        found = forecast.finish()
+        assert found.critical_speed is None
+        assert found.reason == NO_EXCITATION
+
+
+def test_one_speed_tells_nothing_of_how_damping_goes_with_speed(climb):
+    stamps, lateral, speed, angle = (column[: round(28 * RATE)] for column in climb)
+    forecast = CriticalSpeedForecast(ForecastSettings(refresh_s=5.0))
+    found = forecast.update(stamps, lateral, speed, angle)
+    assert found.critical_speed is None
+    assert found.reason == COLLECTING
+    assert found.stamp_ns > 0
+
+
+@settings(max_examples=4, deadline=None)
+@given(cuts=st.lists(st.integers(1, round(300 * RATE)), max_size=5))
+def test_blocks_give_the_forecasts_of_the_whole(climb, cuts):
+    columns = [column[: round(100 * RATE)] for column in climb]
+    columns[1] = columns[1].copy()
+    columns[1][5000:5300] = math.nan
+    choices = ForecastSettings(refresh_s=20.0, fewest_levels=2, span=0.05)
+    whole = CriticalSpeedForecast(choices)
+    whole.update(*columns)
+    split = CriticalSpeedForecast(choices)
+    edges = sorted({0, *(cut for cut in cuts if cut < columns[0].size), columns[0].size})
+    for begin, end in pairwise(edges):
+        split.update(*(column[begin:end] for column in columns))
+    assert repr(split.forecast) == repr(whole.forecast)
+    assert split.finish().speeds == whole.finish().speeds
+    split.reset()
+    assert repr(split.forecast) == repr(CriticalSpeedForecast(choices).forecast)
+    split.update(*columns)
+    assert repr(split.finish()) == repr(whole.forecast)
+
+
+def test_bad_samples_are_left_out_and_late_ones_dropped(climb):
+    stamps, lateral, speed, angle = (column[: round(120 * RATE)] for column in climb)
+    clean = CriticalSpeedForecast()
+    clean.update(stamps, lateral, speed, angle)
+    dirty = lateral.copy()
+    dirty[::40] = math.nan
+    dirty[7::400] = math.inf
+    forecast = CriticalSpeedForecast()
+    half = stamps.size // 2
+    forecast.update(stamps[:half], dirty[:half], speed[:half], angle[:half])
+    forecast.update(stamps[half - 50 : half], np.ones(50), 5.0)  # late: dropped
+    forecast.update(stamps[half:], dirty[half:], speed[half:], angle[half:])
+    assert [level.speed for level in forecast.levels] == pytest.approx(
+        [level.speed for level in clean.levels]
+    )
+    for ours, theirs in zip(forecast.levels, clean.levels, strict=True):
+        assert ours.rms == pytest.approx(theirs.rms, rel=0.05)
+
+
+def test_hunting_says_nothing_of_the_quiet_response(climb):
+    stamps, lateral, speed, angle = (column[: round(62 * RATE)] for column in climb)
+    violent = lateral + 0.6e-3 * np.sin(2 * np.pi * 2.8 * stamps * 1e-9) * (stamps > 32e9)
+    forecast = CriticalSpeedForecast()
+    forecast.update(stamps, violent, speed, angle)
+    forecast.finish()
+    forecast.update(stamps[-1:] + 10**10, violent[-1:], 4.4)  # closes the last level
+    assert len(forecast.levels) == 1
+    assert forecast.levels[0].rms < 20e-6
+    marked = CriticalSpeedForecast()
+    marked.update(stamps, violent, speed, angle, quiet=False)
+    assert marked.finish().levels == 0
+
+
+def test_a_stuck_sensor_gives_no_level():
+    stamps = np.arange(20_000) * 5_000_000
+    forecast = CriticalSpeedForecast()
+    forecast.update(stamps, np.full(stamps.size, 1e-4), np.repeat([4.0, 5.0], 10_000))
+    assert forecast.finish().critical_speed is None
+    assert forecast.levels == ()
+
+
+def test_impossible_settings_are_named():
+    with pytest.raises(ConfigError, match='refresh_s'):
+        ForecastSettings(refresh_s=0.0)

@@ -1,0 +1,67 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hunt_ros.detection.quiet_levels import QuietLevels
+
+RATE = 200.0
+
+
+def collect(values: np.ndarray, speeds: np.ndarray, angles: np.ndarray | None = None):
+    """Levels of a record that begins at stamp 0."""
+    stamps = np.round(np.arange(values.size) / RATE * 1e9).astype(np.int64)
+    levels = QuietLevels(0.8, 8.0)
+    angles = np.full(values.size, np.nan) if angles is None else angles
+    for _ in levels.update(stamps, values, speeds, angles):
+        pass
+    levels.mark_disturbed()
+    return levels.levels
+
+
+def noise(duration: float, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).normal(0.0, 5e-6, round(duration * RATE))
+
+
+def test_a_level_is_a_stretch_of_one_speed():
+    speeds = np.repeat([4.0, 4.5, 4.0], round(40 * RATE))
+    levels = collect(noise(120.0), speeds)
+    assert [level.speed for level in levels] == pytest.approx([4.0, 4.5])
+    assert [level.weight.max() for level in levels] == [2.0, 1.0]
+
+
+def test_a_long_hold_is_cut_and_averaged():
+    levels = collect(noise(200.0), np.full(round(200 * RATE), 5.0))
+    assert levels[0].weight.max() == 3.0
+    assert levels[0].duration_s == pytest.approx(60.0, abs=1.1)
+
+
+def test_a_ramp_gives_no_level():
+    assert collect(noise(60.0), np.linspace(4.0, 7.0, round(60 * RATE))) == []
+
+
+def test_white_noise_gives_its_level_in_every_bin():
+    level = collect(noise(200.0), np.full(round(200 * RATE), 5.0))[0]
+    density = 5e-6**2 / RATE
+    kept = level.weight > 0.0
+    assert level.periodogram[kept].mean() == pytest.approx(density, rel=0.1)
+    assert level.floor == pytest.approx(density, rel=0.2)
+
+
+def test_roughness_goes_with_the_encoder_angle():
+    count = round(60 * RATE)
+    angle = np.cumsum(np.full(count, 2 * 5.0 / 0.3 / RATE)) + 0.05 * np.sin(np.arange(count) / 99)
+    rough = 100e-6 * np.cos(angle + 0.3) + 40e-6 * np.sin(2 * angle)
+    plain = collect(noise(60.0), np.full(count, 5.0), angle)[0]
+    level = collect(noise(60.0) + rough, np.full(count, 5.0), angle)[0]
+    kept = level.weight > 0.0
+    assert level.periodogram[kept] == pytest.approx(plain.periodogram[kept], rel=0.05, abs=1e-15)
+
+
+def test_a_blow_is_cut_out():
+    count = round(58 * RATE)
+    time = np.arange(count) / RATE
+    ringing = 1e-3 * np.exp(-np.maximum(time - 40.0, 0.0)) * np.sin(18.0 * time) * (time > 40.0)
+    level = collect(noise(58.0) + ringing, np.full(count, 5.0))[0]
+    assert 35.0 < level.duration_s < 40.0
+    assert level.rms < 3e-6

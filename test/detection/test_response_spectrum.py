@@ -1,0 +1,94 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import trapezoid
+
+from hunt_ros.detection.level_spectrum import SpeedLevel
+from hunt_ros.detection.response_spectrum import SmoothLaw, Spectra, WheelsetLaw
+from hunt_ros.detection.whittle import best_fit, information
+from hunt_ros.dynamics.forced_response import quiet_covariance
+from hunt_ros.dynamics.parameters import paper_rig
+
+
+def flat_levels(speeds, duration=60.0):
+    """Levels whose periodogram is still to be filled in."""
+    omega = 2.0 * np.pi * np.arange(math.ceil(0.8 * duration), 8.0 * duration) / duration
+    ones = np.ones(omega.size)
+    return [SpeedLevel(speed, duration, omega, ones, ones, ones, 5e-14, 1e-5) for speed in speeds]
+
+
+def test_the_expected_periodogram_is_the_fourier_transform_of_the_windowed_covariance():
+    levels = flat_levels([7.0], 20.0)
+    spectra = Spectra(levels, 1.0, 6.0)
+    rate = np.array([[-0.2 + 17.0j, -0.2 - 17.0j, -3.0 + 0j]])
+    residue = np.array([[2.0 - 0.3j, 2.0 + 0.3j, 1.0 + 0j]])
+    found = spectra.of_modes(rate, residue)
+    lag = np.linspace(0.0, 20.0, 400_001)
+    covariance = np.real(np.exp(np.outer(lag, rate[0])) @ residue[0]) * (1.0 - lag / 20.0)
+    for k in (0, 33, 57, 99):
+        expected = 2.0 * trapezoid(covariance * np.cos(spectra.omega[k] * lag), lag)
+        assert found[k] == pytest.approx(expected, rel=1e-4, abs=1e-5)
+
+
+def test_the_power_of_the_wheelset_law_is_the_variance_of_the_response():
+    # Against the Lyapunov equation, which knows nothing of spectra.
+    rig, speed, strength = paper_rig(), 6.0, 2e-5
+    law = WheelsetLaw(rig)
+    theta = law.prior_mean.copy()
+    theta[4], theta[6] = math.log(strength), -80.0
+    theta[5] = 0.0
+    omega = 2.0 * np.pi * np.arange(1, 12_000) / 600.0
+    ones = np.ones(omega.size)
+    spectra = Spectra([SpeedLevel(speed, 600.0, omega, ones, ones, ones, 1e-14, 1e-5)], 0.0, 99.0)
+    power = law.spectrum(spectra, theta)
+    variance = quiet_covariance(rig, speed, strength)[0, 0] * rig.length_scale**2
+    assert 2.0 * np.sum(power) / 600.0 == pytest.approx(variance, rel=0.01)
+
+
+@settings(max_examples=40, deadline=None)
+@given(d11=st.floats(0.5, 6.0), d22=st.floats(0.5, 6.0), tread=st.floats(0.02, 0.15))
+def test_the_growth_rate_changes_sign_at_the_critical_speed(d11, d22, tread):
+    law = WheelsetLaw(replace(paper_rig(), tread_angle=tread).with_linear(d11, d22))
+    critical = law.critical_speed(law.prior_mean)
+    if not math.isfinite(critical):
+        assert law.eigenvalue(law.prior_mean, 500.0).real < 0.0
+        return
+    scale = abs(law.eigenvalue(law.prior_mean, critical))
+    assert abs(law.eigenvalue(law.prior_mean, critical).real) < 1e-6 * scale
+    assert law.eigenvalue(law.prior_mean, 0.97 * critical).real < 0.0
+    assert law.eigenvalue(law.prior_mean, 1.03 * critical).real > 0.0
+
+
+@pytest.mark.parametrize('law', [WheelsetLaw(paper_rig()), SmoothLaw()])
+def test_the_fit_returns_the_parameters_that_made_the_spectrum(law):
+    levels = flat_levels(np.arange(4.0, 7.3, 0.4))
+    spectra = Spectra(levels, 1.7, 3.9)
+    theta = law.prior_mean.copy()
+    if isinstance(law, WheelsetLaw):
+        theta[0] += 0.2
+        theta[1] -= 0.1
+        theta[4], theta[6] = math.log(2e-5), math.log(5e-14)
+    else:
+        law.starts(spectra)
+        theta[:4] = math.log(8.0), math.log(3.0), 0.0, math.log(17.8)
+        theta[6], theta[10] = math.log(1e-10), math.log(5e-14)
+    spectra.power = law.spectrum(spectra, theta)
+    fit = best_fit(law, spectra)
+    assert law.critical_speed(fit.theta) == pytest.approx(law.critical_speed(theta), rel=2e-3)
+    assert fit.misfit < 1e-3
+
+
+def test_the_information_is_that_of_an_exponential_distribution():
+    # Of the level of white noise alone: each bin gives one unit.
+    law = WheelsetLaw(paper_rig())
+    spectra = Spectra(flat_levels([6.0]), 1.0, 6.0)
+    theta = law.prior_mean.copy()
+    theta[4] = -60.0
+    matrix, _ = information(law, spectra, theta, law.spectrum(spectra, theta))
+    assert matrix[6, 6] == pytest.approx(spectra.omega.size + law.prior_std[6] ** -2, rel=1e-3)
