@@ -8,11 +8,13 @@ index and CRC.
 
 from __future__ import annotations
 
+import fcntl
 import os
 import struct
 import zlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -70,6 +72,10 @@ class McapWriter:
         self.first_ns: int | None = None
         self.last_ns = 0
         self._file = open(self.path, 'xb', buffering=0)  # noqa: SIM115 - closed by close()
+        # Held while the file is written, and let go by the system when the process dies:
+        # so a later start can tell what a dead recorder left from what a live one writes.
+        with suppress(OSError):
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._schemas: dict[str, fmt.Schema] = {}
         self._channels: dict[int, fmt.Channel] = {}
         self._chunks: list[fmt.ChunkIndex] = []
@@ -81,17 +87,25 @@ class McapWriter:
         self._put(fmt.MAGIC + fmt.record(fmt.HEADER, fmt.text('ros2'), fmt.text('hunt_ros')))
 
     def add_topic(
-        self, key: int, topic: str, message_type: str, definition: str, metadata: Mapping[str, str]
+        self,
+        key: int,
+        topic: str,
+        message_type: str,
+        definition: str,
+        metadata: Mapping[str, str],
+        *,
+        encoding: str = 'cdr',
+        definition_encoding: str = 'ros2msg',
     ) -> None:
         """Describe a topic, before its first message; `key` is its number in this file."""
         head = b''
         if message_type not in self._schemas:
-            encoding = 'ros2msg' if definition else ''
-            schema = fmt.Schema(len(self._schemas) + 1, message_type, encoding, definition)
+            form = definition_encoding if definition else ''
+            schema = fmt.Schema(len(self._schemas) + 1, message_type, form, definition)
             self._schemas[message_type] = schema
             head = fmt.schema_record(schema)
         schema = self._schemas[message_type]
-        channel = fmt.Channel(key, schema.id, topic, 'cdr', dict(metadata))
+        channel = fmt.Channel(key, schema.id, topic, encoding, dict(metadata))
         self._channels[key] = channel
         self._put(head + fmt.channel_record(channel))
 
@@ -201,6 +215,17 @@ class McapWriter:
     def pending_bytes(self) -> int:
         """Bytes that are in the chunk at hand and not yet in the file."""
         return self._filled
+
+    @property
+    def span_ns(self) -> int:
+        """Log time from the first message to the last, the chunk at hand included, ns."""
+        firsts = [value for value in (self.first_ns, self._span and self._span[0]) if value]
+        last = max(self.last_ns, self._span[1] if self._span else 0)
+        return last - min(firsts) if firsts else 0
+
+    def sync(self) -> None:
+        """See what is in the file on the disk."""
+        os.fsync(self._file.fileno())
 
     def close(self) -> None:
         """Write what is left, the summary and the footer, and see them on the disk."""

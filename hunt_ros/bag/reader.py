@@ -8,8 +8,6 @@ files compressed as a whole (`.zstd`).
 
 from __future__ import annotations
 
-import re
-import shutil
 import tempfile
 from collections.abc import Collection, Iterator
 from pathlib import Path
@@ -17,11 +15,9 @@ from types import TracebackType
 from typing import Any, NamedTuple
 
 import yaml
-import zstandard
 
 from hunt_ros.bag.blocks import Block, Storage, Topic, expand_messages
-from hunt_ros.bag.mcap_file import McapFile
-from hunt_ros.bag.sqlite_file import SqliteFile
+from hunt_ros.bag.storage_files import folder_files, open_storage
 from hunt_ros.errors import BagError
 
 #: A recording has this ending until it is closed properly.
@@ -30,7 +26,6 @@ ACTIVE = '.active'
 NOTES = 'hunt_ros'
 NEWEST_VERSION = 9
 
-_STORAGES: dict[str, type[McapFile] | type[SqliteFile]] = {'.mcap': McapFile, '.db3': SqliteFile}
 _LARGEST_METADATA = 1 << 24
 _Loader: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
@@ -76,7 +71,7 @@ class Bag:
         self.problems: list[str] = []
         self.metadata: dict[str, Any] = {}
         self._messages_compressed = False
-        self._expanded: tempfile.TemporaryDirectory[str] | None = None
+        self._scratch: tempfile.TemporaryDirectory[str] | None = None
         try:
             self._open()
         except BaseException:
@@ -98,9 +93,7 @@ class Bag:
 
     def _open_folder(self) -> list[Path]:
         description = self.path / 'metadata.yaml'
-        present = sorted(
-            (name for name in self.path.iterdir() if _kind(name) in _STORAGES), key=_natural
-        )
+        present = folder_files(self.path)
         if not description.exists():
             if not present:
                 raise BagError(f'{self.path}: an empty folder, expected a rosbag2 recording')
@@ -108,14 +101,14 @@ class Bag:
             return present
         try:
             self.metadata = read_metadata(description)
-            return self._listed(present)
+            return self._listed()
         except BagError as error:
             if not present:
                 raise
             self.problems.append(str(error))
             return present
 
-    def _listed(self, present: list[Path]) -> list[Path]:
+    def _listed(self) -> list[Path]:
         mode = str(self.metadata.get('compression_mode') or '').lower()
         self._messages_compressed = mode == 'message'
         if mode in ('file', 'message'):
@@ -130,45 +123,19 @@ class Bag:
         missing = [name.name for name in listed if not name.exists()]
         if missing:
             raise BagError(f'{self.path}: {missing[0]} is named in metadata.yaml and missing')
-        del present
         return listed
 
     def _open_file(self, name: Path) -> Storage | None:
-        kind = _kind(name)
-        if kind not in _STORAGES:
-            raise BagError(f'{name}: not a recording, expected a folder, .mcap or .db3')
         try:
-            if name.suffix == '.zstd':
-                opened: Storage = _STORAGES[kind](self._expand(name))
-                opened.path = str(name)
-                return opened
-            return _STORAGES[kind](name)
+            if name.suffix == '.zstd' and self._scratch is None:
+                self._scratch = tempfile.TemporaryDirectory(prefix='hunt_ros_bag_')
+            return open_storage(name, Path(self._scratch.name if self._scratch else '.'))
         except BagError as error:
             # A recorder killed in its first moment leaves a file without a byte.
             if self.path.is_dir() and name.stat().st_size == 0:
                 self.problems.append(str(error))
                 return None
             raise
-
-    def _expand(self, name: Path) -> Path:
-        if self._expanded is None:
-            self._expanded = tempfile.TemporaryDirectory(prefix='hunt_ros_bag_')
-        target = Path(self._expanded.name) / name.stem
-        free = shutil.disk_usage(target.parent).free - (1 << 28)
-        try:
-            with (
-                open(name, 'rb') as packed,
-                open(target, 'wb') as out,
-                zstandard.ZstdDecompressor().stream_reader(packed) as stream,
-            ):
-                while part := stream.read(1 << 20):
-                    free -= len(part)
-                    if free < 0:
-                        raise BagError(f'{name}: no space in {target.parent} to expand it')
-                    out.write(part)
-        except (OSError, zstandard.ZstdError) as error:
-            raise BagError(f'{name}: cannot expand it ({error})') from error
-        return target
 
     def _collect_notes(self) -> dict[str, str]:
         notes: dict[str, str] = {}
@@ -197,6 +164,19 @@ class Bag:
         if not spans:
             return None
         return min(first for first, _ in spans), max(last for _, last in spans)
+
+    def strings(self, name: str) -> dict[str, str]:
+        """
+        Return the strings that were written beside the messages under a name.
+
+        'parameters' holds the parameter file of each node, by its name.
+        """
+        found: dict[str, str] = {}
+        for file in self.files:
+            for written, strings in file.metadata:
+                if written == name:
+                    found |= strings
+        return found
 
     def blocks(
         self,
@@ -231,9 +211,9 @@ class Bag:
         """Let go of the files."""
         for file in self.files:
             file.close()
-        if self._expanded is not None:
-            self._expanded.cleanup()
-            self._expanded = None
+        if self._scratch is not None:
+            self._scratch.cleanup()
+            self._scratch = None
 
     def __enter__(self) -> Bag:
         return self
@@ -278,13 +258,3 @@ def _existing(path: Path) -> Path:
     if active.is_dir():
         return active
     raise BagError(f'{path}: no such recording, expected a bag folder, .mcap or .db3')
-
-
-def _kind(name: Path) -> str:
-    return Path(name.stem).suffix if name.suffix == '.zstd' else name.suffix
-
-
-def _natural(name: Path) -> list[tuple[int, str]]:
-    """Sort bag_2 before bag_10."""
-    parts = re.split(r'(\d+)', name.name)
-    return [(int(part), '') if part.isdigit() else (0, part) for part in parts]

@@ -232,6 +232,25 @@ class BagWriter:
         """Size of the file at hand, with what is still to be flushed."""
         return self._file.size + self._file.pending_bytes
 
+    def sync(self) -> None:
+        """
+        See what was flushed on the disk itself: it survives a power cut.
+
+        Raises
+        ------
+        BagError
+            If the disk refuses.
+        """
+        try:
+            self._file.sync()
+        except OSError as error:
+            raise self._refused(error) from error
+
+    @property
+    def file_ns(self) -> int:
+        """Log time that the file at hand spans, ns."""
+        return self._file.span_ns
+
     @property
     def file_count(self) -> int:
         """Number of files begun."""

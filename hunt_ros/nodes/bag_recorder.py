@@ -25,12 +25,12 @@ from std_srvs.srv import Trigger
 from hunt_ros.bag.recording import Recording, RecordingLimits, RecordingState
 from hunt_ros.bag.recovery import finalise_left
 from hunt_ros.errors import BagError, HuntError
-from hunt_ros.nodes.conversions import parameter_text
 from hunt_ros.nodes.diagnostics import Diagnostics, Health, steady_clock
+from hunt_ros.nodes.parameter_text import parameter_text
 from hunt_ros.nodes.parameters import declare, warn_unknown
 from hunt_ros.nodes.qos import latched, stream
 from hunt_ros.nodes.runtime import run
-from hunt_ros.settings import Settings, setting
+from hunt_ros.settings import setting
 
 _JOINT, _VALUE = 'sensor_msgs/msg/JointState', 'geometry_msgs/msg/Vector3Stamped'
 _TWIST, _TEXT = 'geometry_msgs/msg/TwistStamped', 'std_msgs/msg/String'
@@ -49,7 +49,7 @@ DESIGN_TOPICS: dict[str, str] = {
     '/diagnostics': _DIAGNOSTIC,
 }
 #: What they offer that are latched; a late look at the graph corrects a wrong guess.
-LATCHED_TOPICS: dict[str, str] = {'hunting/normal_form': _TEXT}
+LATCHED_TOPICS: dict[str, str] = {'hunting/normal_form': _TEXT, 'hunting/journal': _TEXT}
 #: Of the whole graph, recorded beside the namespace of the rig.
 GLOBAL_TOPICS = ('/diagnostics', '/parameter_events', '/rosout')
 #: Not recorded: it would name the recording in itself.
@@ -148,7 +148,9 @@ class BagRecorderNode(Node):
         return path
 
     def _new_path(self) -> Path:
-        base = Path(self._config.directory) / f'{self._config.prefix}_{datetime.now():%Y%m%d_%H%M%S}'
+        base = (
+            Path(self._config.directory) / f'{self._config.prefix}_{datetime.now():%Y%m%d_%H%M%S}'
+        )
         path, number = base, 1
         while path.exists() or path.with_name(path.name + '.active').exists():
             path, number = base.with_name(f'{base.name}_{number}'), number + 1
@@ -181,9 +183,7 @@ class BagRecorderNode(Node):
                 continue
             offers = [info.qos_profile for info in publishers]
             reliable = all(qos.reliability != ReliabilityPolicy.BEST_EFFORT for qos in offers)
-            is_latched = all(
-                qos.durability == DurabilityPolicy.TRANSIENT_LOCAL for qos in offers
-            )
+            is_latched = all(qos.durability == DurabilityPolicy.TRANSIENT_LOCAL for qos in offers)
             self._subscribe(name, kinds[0], reliable=reliable, is_latched=is_latched)
         for name, namespace in self.get_node_names_and_namespaces():
             self._ask_parameters(f'{namespace.rstrip("/")}/{name}')

@@ -1,0 +1,277 @@
+"""
+A live recording: takes messages without ever waiting, and writes them in a thread.
+
+Between the two is a buffer with a bound. What does not fit is counted, never
+waited for. Chunks are short, so that a kill, a crash or a full disk loses no more
+than the last moment.
+"""
+
+from __future__ import annotations
+
+import shutil
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+from hunt_ros.bag.writer import BagWriter
+from hunt_ros.errors import BagError
+from hunt_ros.samples import NANOSECONDS
+from hunt_ros.settings import Settings, setting
+
+#: Something the writer thread is to do with the recording.
+_Order: TypeAlias = Callable[[BagWriter], object]
+_Message: TypeAlias = tuple[int, int, bytes]
+
+_MEBIBYTE = 1 << 20
+
+
+@dataclass(frozen=True)
+class RecordingLimits(Settings):
+    """Bounds of a live recording."""
+
+    split_s: float = setting(
+        3600.0, 'Begin a new file after so long; 0 never.', unit='s', low=0.0, high=864000.0
+    )
+    split_mib: float = setting(
+        2048.0, 'Begin a new file at this size; 0 never.', unit='MiB', low=0.0, high=1e6
+    )
+    buffer_mib: float = setting(
+        64.0, 'What may wait for the disk; more is dropped and counted.', unit='MiB', low=0.1,
+        high=8192.0,
+    )  # fmt: skip
+    chunk_s: float = setting(
+        0.25, 'Longest time a message waits for its chunk to be written.', unit='s', low=0.02,
+        high=0.9,
+    )  # fmt: skip
+    least_free_mib: float = setting(
+        512.0, 'Stop and close when the disk has less than this.', unit='MiB', low=1.0, high=1e7
+    )
+
+
+@dataclass(frozen=True)
+class RecordingState:
+    """
+    What a recording has done so far.
+
+    `problem` is '' while all is well; a recording that ended by itself (disk) has
+    `running` False and says there why.
+    """
+
+    path: Path
+    running: bool
+    messages: int
+    bytes: int
+    files: int
+    dropped: Mapping[str, int]
+    waiting_bytes: int
+    problem: str
+
+    @property
+    def dropped_count(self) -> int:
+        """Messages dropped on all topics."""
+        return sum(self.dropped.values())
+
+
+class Recording:
+    """
+    A recording that is running.
+
+    Every method may be called from any thread, and none waits for the disk, but for
+    `stop`.
+
+    Parameters
+    ----------
+    path : str or Path
+        Folder to make; `<path>.active` until `stop`.
+    limits : RecordingLimits
+    notes : mapping of str to str
+        Rig, operator, remarks.
+    compression : '', 'lz4' or 'zstd'
+
+    Raises
+    ------
+    BagError
+        If the folder exists or cannot be made, or the disk is too full to begin.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        limits: RecordingLimits | None = None,
+        *,
+        notes: Mapping[str, str] | None = None,
+        compression: str = 'zstd',
+    ) -> None:
+        self.limits = limits or RecordingLimits()
+        self.path = Path(path)
+        self._bag = BagWriter(path, notes=notes, compression=compression)
+        self._names: dict[int, str] = {}
+        self._keys: dict[str, int] = {}
+        self._lock = threading.Lock()
+        self._queue: list[_Message | _Order] = []
+        self._waiting = 0
+        self._dropped: Counter[str] = Counter()
+        self._messages = 0
+        self._bytes = 0
+        self._problem = ''
+        self._ending = False
+        self._closed: Path | None = None
+        self._wake = threading.Event()
+        try:
+            self._check_disk()
+        except BagError:
+            self._bag.abandon()
+            shutil.rmtree(self._bag.active, ignore_errors=True)
+            raise
+        self._thread = threading.Thread(target=self._work, name='recording', daemon=True)
+        self._thread.start()
+
+    def topic(
+        self, name: str, message_type: str, *, latched: bool = False, definition: str = ''
+    ) -> int:
+        """Describe a topic; returns its number for `offer`. Asking again is harmless."""
+        with self._lock:
+            if name in self._keys:
+                return self._keys[name]
+            key = len(self._keys) + 1
+            self._keys[name], self._names[key] = key, name
+            self._queue.append(
+                lambda bag: bag.topic(
+                    name, message_type, latched=latched, definition=definition or None
+                )
+            )
+        return key
+
+    def offer(self, topic: int, log_ns: int, message: bytes) -> bool:
+        """
+        Hand over one message as it was on the wire.
+
+        Returns
+        -------
+        bool
+            False where it was dropped (and counted): the buffer is full, or the
+            recording has ended.
+        """
+        with self._lock:
+            full = self._waiting + len(message) > self.limits.buffer_mib * _MEBIBYTE
+            if full or self._ending or self._problem:
+                self._dropped[self._names[topic]] += 1
+                return False
+            self._queue.append((topic, log_ns, message))
+            self._waiting += len(message)
+        return True
+
+    def note(self, name: str, strings: Mapping[str, str]) -> None:
+        """Write named strings beside the messages: parameters, the normal form in force."""
+        copy = dict(strings)
+        with self._lock:
+            self._queue.append(lambda bag: bag.note(name, copy))
+
+    def split(self) -> None:
+        """Go on in a new file."""
+        with self._lock:
+            self._queue.append(lambda bag: bag.split())
+        self._wake.set()
+
+    @property
+    def state(self) -> RecordingState:
+        """What it has done so far."""
+        with self._lock:
+            return RecordingState(
+                self._closed or self.path,
+                self._thread.is_alive() and not self._problem,
+                self._messages,
+                self._bytes,
+                self._bag.file_count,
+                dict(self._dropped),
+                self._waiting,
+                self._problem,
+            )
+
+    def stop(self, timeout_s: float = 60.0) -> Path:
+        """
+        Write what is waiting, close the recording and give it its final name.
+
+        Returns
+        -------
+        Path
+            The folder.
+
+        Raises
+        ------
+        BagError
+            If it could not be closed: what is written stays under the `.active` name.
+        """
+        with self._lock:
+            self._ending = True
+        self._wake.set()
+        self._thread.join(timeout_s)
+        if self._closed is None:
+            reason = self._problem or f'the disk has not answered for {timeout_s:.0f} s'
+            raise BagError(f'{self.path}: not closed ({reason})')
+        return self._closed
+
+    def _work(self) -> None:
+        period = min(0.1, self.limits.chunk_s / 2)
+        flushed = checked = time.monotonic()
+        try:
+            while True:
+                self._wake.wait(period)
+                self._wake.clear()
+                ending = self._ending  # read before the queue: what came before it is written
+                self._drain()
+                now = time.monotonic()
+                if now - flushed >= self.limits.chunk_s - period:
+                    self._bag.flush()
+                    flushed = now
+                if now - checked >= 1.0:
+                    self._check_disk()
+                    self._bag.sync()
+                    checked = now
+                if ending:
+                    break
+        except (BagError, OSError) as error:
+            self._problem = str(error)
+        self._finish()
+
+    def _drain(self) -> None:
+        with self._lock:
+            queue, self._queue = self._queue, []
+        for item in queue:
+            if not isinstance(item, tuple):
+                item(self._bag)
+                continue
+            self._bag.write(*item)
+            size = len(item[2])
+            with self._lock:
+                self._waiting -= size
+                self._messages += 1
+                self._bytes += size
+            if self._is_due():
+                self._bag.split()
+
+    def _is_due(self) -> bool:
+        size, time_ns = self.limits.split_mib * _MEBIBYTE, self.limits.split_s * NANOSECONDS
+        return bool(
+            (size and self._bag.file_bytes >= size) or (time_ns and self._bag.file_ns >= time_ns)
+        )
+
+    def _check_disk(self) -> None:
+        free = shutil.disk_usage(self._bag.active).free
+        least = self.limits.least_free_mib * _MEBIBYTE
+        if free < least:
+            raise BagError(
+                f'{self._bag.active}: {free // _MEBIBYTE} MiB are free on the disk, expected at'
+                f' least {self.limits.least_free_mib:g}'
+            )
+
+    def _finish(self) -> None:
+        try:
+            self._closed = self._bag.close()
+        except BagError as error:
+            self._problem = self._problem or str(error)
+            self._bag.abandon()

@@ -1,0 +1,287 @@
+"""
+Recordings that were not closed, or that are damaged.
+
+The first are closed after the fact, of the others a sound copy is made.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import shutil
+import tempfile
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from hunt_ros.bag.bag_metadata import FileEntry, TopicEntry, folder_metadata
+from hunt_ros.bag.blocks import Storage, expand_messages
+from hunt_ros.bag.mcap_file import McapFile
+from hunt_ros.bag.mcap_writer import McapWriter
+from hunt_ros.bag.message_types import definition_text
+from hunt_ros.bag.reader import ACTIVE, read_metadata
+from hunt_ros.bag.salvage import Salvage, salvage_mcap
+from hunt_ros.bag.sqlite_file import SqliteFile
+from hunt_ros.bag.storage_files import expand_file, folder_files
+from hunt_ros.errors import BagError
+
+
+class BeingRecorded(BagError):
+    """The recording is not left over: its recorder is alive."""
+
+
+@dataclass
+class Repair:
+    """
+    What a repair did.
+
+    Attributes
+    ----------
+    path : Path
+        The sound recording.
+    saved : Counter of str
+        Messages by topic.
+    lost_bytes : int
+        Bytes of the damaged recording that hold nothing provable.
+    lost_spans_ns : list of (int, int)
+        Log times that lost chunks claim to have held.
+    problems : list of str
+        What was wrong, file by file.
+    """
+
+    path: Path
+    saved: Counter[str] = field(default_factory=Counter)
+    lost_bytes: int = 0
+    lost_spans_ns: list[tuple[int, int]] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
+
+    @property
+    def messages(self) -> int:
+        """Messages saved on all topics."""
+        return sum(self.saved.values())
+
+    def __str__(self) -> str:
+        lost = sum(last - first for first, last in self.lost_spans_ns) / 1e9
+        text = f'{self.path}: {self.messages} messages saved, {self.lost_bytes} bytes lost'
+        return f'{text} ({lost:.2f} s in lost chunks)' if lost else text
+
+
+def repair(path: str | Path, out: str | Path) -> Repair:
+    """
+    Copy what is sound of a recording into a new rosbag2 folder.
+
+    Parameters
+    ----------
+    path : str or Path
+        Folder or file, damaged in any way; it is not touched.
+    out : str or Path
+        Folder to make.
+
+    Raises
+    ------
+    BagError
+        If there is nothing to save, or `out` exists or cannot be written.
+    """
+    source, target = Path(path), Path(out)
+    if not source.exists() and source.with_name(source.name + ACTIVE).exists():
+        source = source.with_name(source.name + ACTIVE)
+    active = target.with_name(target.name + ACTIVE)
+    for name in (target, active):
+        if name.exists():
+            raise BagError(f'{name}: exists already, expected a name for the repaired recording')
+    files = folder_files(source) if source.is_dir() else [source]
+    if not source.exists() or not files:
+        raise BagError(f'{source}: no recording there, expected .mcap or .db3 files')
+    compressed = _messages_compressed(source)
+    try:
+        active.mkdir(parents=True)
+    except OSError as error:
+        raise BagError(f'{active}: cannot be made ({error.strerror})') from error
+    try:
+        report = _repair_files(files, active, target, compressed)
+        if not report.messages:
+            reason = report.problems[0] if report.problems else 'no message is whole'
+            raise BagError(f'{source}: nothing to save ({reason})')
+        active.rename(target)
+    except BaseException:
+        shutil.rmtree(active, ignore_errors=True)
+        raise
+    return report
+
+
+def _repair_files(files: Sequence[Path], active: Path, target: Path, compressed: bool) -> Repair:
+    report = Repair(target)
+    parts: list[tuple[str, Salvage]] = []
+    for number, file in enumerate(files):
+        name = f'{target.name}_{number}.mcap'
+        try:
+            part = _salvage(file, active / name, compressed)
+        except BagError as error:
+            report.problems.append(str(error))
+            (active / name).unlink(missing_ok=True)
+            continue
+        parts.append((name, part))
+        report.saved.update(part.saved)
+        report.lost_bytes += part.lost_bytes
+        report.lost_spans_ns += part.lost_spans_ns
+        report.problems += [f'{file.name}: {problem}' for problem in part.problems]
+    (active / 'metadata.yaml').write_text(_description(parts), encoding='utf-8')
+    return report
+
+
+def _salvage(file: Path, target: Path, compressed: bool) -> Salvage:
+    with tempfile.TemporaryDirectory(prefix='hunt_ros_repair_') as scratch:
+        if file.suffix == '.zstd':
+            file = expand_file(file, Path(scratch), partial=True)
+        if file.suffix == '.mcap':
+            return salvage_mcap(file, target, messages_compressed=compressed)
+        if file.suffix != '.db3':
+            raise BagError(f'{file}: not a recording, expected .mcap or .db3')
+        storage = SqliteFile(file)
+        try:
+            return _copy(storage, target, compressed)
+        finally:
+            storage.close()
+
+
+def _copy(storage: Storage, target: Path, compressed: bool) -> Salvage:
+    """Copy the messages of an SQLite file, as far as it can be read."""
+    result = Salvage()
+    try:
+        writer = McapWriter(target)
+        topics = {topic.id: topic for topic in storage.topics}
+        for topic in topics.values():
+            writer.add_topic(
+                topic.id, topic.name, topic.type, topic.definition, {},
+                encoding=topic.encoding, definition_encoding=topic.definition_encoding,
+            )  # fmt: skip
+            result.types[topic.name] = topic.type
+        try:
+            for block in storage.blocks(topics.keys()):
+                whole = expand_messages(block, storage.path) if compressed else block
+                for key, places in whole.places.items():
+                    for log_ns, start, length in zip(*(p.tolist() for p in places), strict=True):
+                        writer.add(key, log_ns, whole.data[start : start + length].tobytes())
+                        result.saved[topics[key].name] += 1
+        except BagError as error:
+            result.problems.append(str(error))
+        writer.close()
+    except OSError as error:
+        raise BagError(f'{target}: cannot write the recording ({error.strerror})') from error
+    result.first_ns, result.last_ns = writer.first_ns, writer.last_ns
+    return result
+
+
+def _messages_compressed(source: Path) -> bool:
+    try:
+        description = read_metadata(source / 'metadata.yaml')
+    except BagError:
+        return False
+    return str(description.get('compression_mode') or '').lower() == 'message'
+
+
+def _description(parts: Sequence[tuple[str, Salvage]]) -> str:
+    counts: Counter[str] = Counter()
+    types: dict[str, str] = {}
+    latched: set[str] = set()
+    notes: dict[str, str] = {}
+    for _, part in parts:
+        counts.update(part.saved)
+        types |= part.types
+        latched |= part.latched
+        notes |= part.notes
+    topics = [
+        TopicEntry(name, kind, definition_text(kind)[1], name in latched, counts[name])
+        for name, kind in types.items()
+    ]
+    files = [FileEntry(name, part.first_ns, part.last_ns, part.messages) for name, part in parts]
+    return folder_metadata(topics, files, notes)
+
+
+def finalise(active: Path) -> Path:
+    """
+    Close a recording whose recorder died: index, description, final name.
+
+    Nothing is lost that is in the folder whole; files that are complete stay as they
+    are.
+
+    Parameters
+    ----------
+    active : Path
+        A folder ending in `.active`.
+
+    Returns
+    -------
+    Path
+        The closed recording.
+
+    Raises
+    ------
+    BagError
+        If its recorder is still alive, nothing in it can be saved, or the disk refuses.
+    """
+    target = final = active.with_name(active.name.removesuffix(ACTIVE))
+    number = 1
+    while target.exists():
+        target, number = final.with_name(f'{final.name}_{number}'), number + 1
+    files = [name for name in folder_files(active) if name.suffix == '.mcap']
+    if any(_is_held(name) for name in files):
+        raise BeingRecorded(f'{active}: is being recorded')
+    parts = [(name.name, _finish_file(name)) for name in files if name.stat().st_size]
+    if not any(part.messages for _, part in parts):
+        raise BagError(f'{active}: holds no whole message, nothing to close')
+    try:
+        (active / 'metadata.yaml').write_text(_description(parts), encoding='utf-8')
+        active.rename(target)
+    except OSError as error:
+        raise BagError(f'{active}: cannot be closed ({error.strerror})') from error
+    return target
+
+
+def _is_held(file: Path) -> bool:
+    """Whether a living process writes the file: it holds a lock on it."""
+    with open(file, 'rb') as held:
+        try:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            return True
+    return False
+
+
+def _finish_file(file: Path) -> Salvage:
+    """Give a file its index; a complete one is only described."""
+    opened = McapFile(file)
+    sound = not opened.problems
+    opened.close()
+    repaired = file.with_suffix('.mcap.part')
+    repaired.unlink(missing_ok=True)
+    result = salvage_mcap(file, repaired)
+    try:
+        if sound:
+            repaired.unlink()
+        else:
+            repaired.replace(file)
+    except OSError as error:
+        raise BagError(f'{file}: cannot be replaced ({error.strerror})') from error
+    return result
+
+
+def finalise_left(directory: Path) -> list[str]:
+    """
+    Close every recording in a directory whose recorder died.
+
+    Returns
+    -------
+    list of str
+        One line for each, on what was done or why not; recordings that are running
+        are passed over in silence.
+    """
+    lines = []
+    for active in sorted(directory.glob(f'*{ACTIVE}')):
+        try:
+            lines.append(f'{finalise(active)}: closed, its recorder had ended without doing so')
+        except BeingRecorded:
+            continue
+        except BagError as error:
+            lines.append(str(error))
+    return lines

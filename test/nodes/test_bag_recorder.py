@@ -1,0 +1,137 @@
+"""The recorder as a process: what is on the topics is in the bag, also after kill -9."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='the extra ros is not installed')
+
+from geometry_msgs.msg import TwistStamped  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
+from sensor_msgs.msg import Imu, JointState  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
+
+from hunt_ros.bag import Bag, read_columns, read_record  # noqa: E402
+from hunt_ros.bag.messages import read_texts  # noqa: E402
+from hunt_ros.nodes.conversions import to_time  # noqa: E402
+
+pytestmark = pytest.mark.ros
+
+BEGIN_NS = 1_700_000_000_000_000_000
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def joint(name: str, stamp_ns: int, value: float) -> JointState:
+    message = JointState(name=[name], position=[value])
+    message.header.stamp = to_time(stamp_ns)
+    return message
+
+
+def start(graph, **parameters: object) -> Path:
+    graph.start('bag_recorder', directory=str(graph.folder), **parameters)
+    closed = graph.folder
+    graph.spin_until(lambda: list(closed.glob('*.active')))
+    return closed
+
+
+def test_everything_published_is_in_the_closed_bag_bit_for_bit(graph) -> None:
+    lateral = graph.node.create_publisher(JointState, 'lateral', 1000)
+    speed = graph.node.create_publisher(TwistStamped, 'speed', 1000)
+    form = graph.node.create_publisher(String, 'hunting/normal_form', LATCHED)
+    form.publish(String(data='v_c: 8.0'))
+    graph.node.declare_parameter('answer', Parameter.Type.INTEGER)
+    graph.node.set_parameters([Parameter('answer', value=42)])
+    closed = graph.collect(String, 'recording/closed', LATCHED)
+    start(graph, rig='the rig', operator='the operator', notes='second wheelset')
+    graph.spin_until(lambda: lateral.get_subscription_count() and speed.get_subscription_count())
+    values = np.random.default_rng(5).normal(size=500)
+    for index, value in enumerate(values):
+        lateral.publish(joint('lateral', BEGIN_NS + index, float(value)))
+        twist = TwistStamped()
+        twist.header.stamp = to_time(BEGIN_NS + index)
+        twist.twist.linear.x = float(index)
+        speed.publish(twist)
+    # A topic that nobody announced.
+    late = graph.node.create_publisher(Imu, 'frame/imu', 10)
+    graph.spin_until(late.get_subscription_count)
+    late.publish(Imu())
+    mark = graph.node.create_publisher(String, 'recording/mark', 10)
+    graph.spin_until(mark.get_subscription_count)
+    mark.publish(String(data='bump at joint 3'))
+    graph.spin(1.0)
+    answer = graph.call('recording/stop')
+    assert answer.success, answer.message
+    graph.spin_until(lambda: closed)
+
+    bag = Path(closed[-1].data)
+    record = read_record(bag)
+    np.testing.assert_array_equal(record['lateral'].values, values)
+    np.testing.assert_array_equal(record['lateral'].stamps_ns, BEGIN_NS + np.arange(500))
+    np.testing.assert_array_equal(record['speed'].values, np.arange(500.0))
+    assert record.notes['rig'] == 'the rig'
+    assert record.notes['operator'] == 'the operator'
+    assert record.notes['notes'] == 'second wheelset'
+    assert [text for _, text in read_texts(bag, 'hunting/normal_form')] == ['v_c: 8.0']
+    assert [text for _, text in read_texts(bag, 'recording/mark')] == ['bump at joint 3']
+    assert len(read_columns(bag, ['x=/rig/frame/imu.linear_acceleration.x'])['x']) == 1
+    with Bag(bag) as opened:
+        assert not opened.problems
+        parameters = dict(opened.strings('parameters'))
+        assert 'answer: 42' in parameters['/rig/probe']
+        assert 'operator: the operator' in parameters['/rig/bag_recorder']
+
+
+def test_kill_loses_at_most_a_second_and_the_next_start_closes_the_rest(graph) -> None:
+    lateral = graph.node.create_publisher(JointState, 'lateral', 1000)
+    process = graph.start('bag_recorder', directory=str(graph.folder))
+    graph.spin_until(lateral.get_subscription_count)
+    sent: list[float] = []
+    begin = time.monotonic()
+    while time.monotonic() - begin < 2.5:
+        lateral.publish(joint('lateral', BEGIN_NS + len(sent), float(len(sent))))
+        sent.append(time.monotonic())
+        graph.spin(0.002)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    killed = time.monotonic()
+    (left,) = graph.folder.glob('*.active')
+    values = read_record(left)['lateral'].values
+    np.testing.assert_array_equal(values, np.arange(float(values.size)))
+    assert killed - sent[values.size - 1] < 1.0
+
+    graph.start('bag_recorder', directory=str(graph.folder), autostart=False)
+    final = left.with_suffix('')
+    graph.spin_until(final.exists)
+    np.testing.assert_array_equal(read_record(final)['lateral'].values, values)
+
+
+def test_start_split_and_stop_by_service(graph) -> None:
+    graph.start('bag_recorder', directory=str(graph.folder), autostart=False, prefix='run')
+    assert not graph.call('recording/stop').success
+    assert graph.call('recording/start').success
+    assert not graph.call('recording/start').success
+    graph.spin(1.5)
+    assert graph.call('recording/split').success
+    graph.spin(1.5)
+    answer = graph.call('recording/stop')
+    assert answer.success
+    path = Path(answer.message)
+    assert path.name.startswith('run_')
+    assert len(list(path.glob('*.mcap'))) == 2
+    with Bag(path) as bag:
+        assert not bag.problems
+        assert bag.topics['/diagnostics'].messages >= 2
+
+
+def test_bad_parameter_ends_with_one_line(graph) -> None:
+    process = graph.start('bag_recorder', directory=str(graph.folder), chunk_s=5.0)
+    assert process.wait(timeout=30) == 2
+    lines = graph.log('bag_recorder').read_text().strip().splitlines()
+    assert 'chunk_s' in lines[-1]
