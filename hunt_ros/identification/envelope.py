@@ -26,6 +26,10 @@ from hunt_ros.samples import NANOSECONDS, Record, Series
 #: independent (correlation 0.1), and nothing of the signal is left unused.
 WINDOW_CYCLES = 3.0
 STEP_CYCLES = 1.5
+#: Variance of a Blackman window of half-length one.
+WINDOW_VARIANCE = 0.1017
+#: Mean distance of two instants drawn from it.
+WINDOW_REACH = 0.3629
 
 #: A window with less of its weight on samples than this gives no value.
 LEAST_WEIGHT = 0.6
@@ -57,6 +61,8 @@ class Envelope:
         Of the frame, Hz.
     residual : ndarray, shape (n,)
         RMS of what the window leaves over, m: noise, and the trace of a kick.
+    phase, roller : ndarray, shape (n,)
+        Angle of the frame and of the roller, rad; NaN without a roller channel.
     """
 
     source: str
@@ -68,6 +74,8 @@ class Envelope:
     noise: NDArray[np.float64]
     frequency: NDArray[np.float64]
     residual: NDArray[np.float64]
+    phase: NDArray[np.float64]
+    roller: NDArray[np.float64]
 
     @property
     def amplitude(self) -> NDArray[np.float64]:
@@ -294,4 +302,6 @@ def envelope_of(
         out[:, 3],
         np.interp(centres, time, frequency),
         out[:, 5],
+        np.interp(centres, time, phase),
+        np.interp(centres, time, roller) if harmonics else np.full(centres.size, np.nan),
     )

@@ -128,7 +128,7 @@ def _frequency_offset(envelope: Envelope) -> NDArray[np.float64] | None:
     columns = [np.ones_like(u)]
     if np.ptp(speed) > 1e-3 * np.mean(np.abs(speed)):
         columns += [u, u**2]
-    columns += [w]
+    columns += [w, w**2]
     basis = np.stack(columns, axis=1)
     middle = 0.5 * (basis[1:] + basis[:-1])[good]
     root = np.sqrt(weight)

@@ -18,11 +18,19 @@ from hunt_ros.analysis.steady_state import (
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, NormalForm
 from hunt_ros.errors import IdentificationError
-from hunt_ros.identification.envelope import Envelope, channels_of
+from hunt_ros.identification.beat import without_beat
+from hunt_ros.identification.envelope import (
+    WINDOW_CYCLES,
+    WINDOW_REACH,
+    WINDOW_VARIANCE,
+    Envelope,
+    channels_of,
+)
 from hunt_ros.identification.four_point import PAPER_DETUNINGS, FourPoint, four_point
 from hunt_ros.identification.growth_law import (
     QUINTIC,
     GrowthScales,
+    from_normal_form,
     to_normal_form,
 )
 from hunt_ros.identification.hunting_frequency import find_frequency, tracked_envelope
@@ -110,7 +118,7 @@ def identify(
 
     observed = observed_critical_speeds(states)
     path, scales = _path(envelopes, frequency, settings)
-    fit, path = _fit(path, scales, settings)
+    fit, path = _fit(path, scales, settings, observed)
     return _conclude(
         fit, path, scales, settings, envelopes, segments, states, observed, warnings, records
     )
@@ -121,7 +129,7 @@ def _path(
 ) -> tuple[Path, GrowthScales]:
     """Put all envelopes in a row, in the units of the fit."""
     speed = np.concatenate([envelope.speed for envelope in envelopes])
-    phasor: NDArray[np.complex128] = np.concatenate([e.phasor for e in envelopes])
+    phasor: NDArray[np.complex128] = np.concatenate([without_beat(e).phasor for e in envelopes])
     scales = GrowthScales(
         speed=float(np.median(speed)),
         amplitude=float(np.nanpercentile(np.abs(phasor), 95.0)),
@@ -149,6 +157,8 @@ def _path(
         np.asarray(phasor / scales.amplitude, dtype=np.complex128),
         np.concatenate(restart),
         np.concatenate(clusters),
+        WINDOW_VARIANCE * (0.5 * WINDOW_CYCLES / frequency) ** 2,
+        WINDOW_REACH * 0.5 * WINDOW_CYCLES / frequency,
     )
     return path, scales
 
@@ -178,7 +188,10 @@ def _priors(scales: GrowthScales, settings: IdentificationSettings) -> list[Prio
 
 
 def _fit(
-    path: Path, scales: GrowthScales, settings: IdentificationSettings
+    path: Path,
+    scales: GrowthScales,
+    settings: IdentificationSettings,
+    observed: ObservedCriticalSpeeds,
 ) -> tuple[TrajectoryFit, Path]:
     """Start from integral least squares, and fit the paths."""
     amplitude = np.abs(path.phasor)
@@ -187,14 +200,18 @@ def _fit(
     quiet = known[known <= threshold]
     floor = 2.0 * float(np.median(quiet)) if quiet.size else 0.1
     fastest = 2.0 * math.pi * scales.frequency_hz
-    law = integral_start(path, floor, fastest, QUINTIC)
     step = float(np.median(np.diff(path.time)))
     change = np.abs(np.diff(path.phasor))
     usual = float(np.nanmedian(change)) ** 2
     noise = np.log([max(0.3 * usual / step, 1e-12), max(0.3 * usual, 1e-12), 1e-3])
-    start = np.concatenate([law, noise])
     priors = _priors(scales, settings)
-    fit = fit_path(path, start, fastest, priors)
+    laws = [integral_start(path, floor, fastest, QUINTIC), *_templates(path, scales, observed)]
+    starts = [
+        fit_path(path, np.concatenate([law, noise]), fastest, priors, None, 8) for law in laws
+    ]
+    starts = [fit for fit in starts if math.isfinite(fit.log_likelihood)]
+    best = max(starts, key=lambda fit: fit.log_likelihood)
+    fit = fit_path(path, best.theta, fastest, priors)
     # A kick too small to be seen in its window shows as a jump of the path: start anew there.
     for _ in range(_GATES):
         jumps = _jumps(fit)
@@ -203,6 +220,32 @@ def _fit(
         path = path.broken_at(jumps)
         fit = fit_path(path, fit.theta, fastest, priors)
     return fit, path
+
+
+def _templates(
+    path: Path, scales: GrowthScales, observed: ObservedCriticalSpeeds
+) -> list[NDArray[np.float64]]:
+    """
+    Laws of the usual shapes at the observed speeds, as further starts.
+
+    The likelihood has more than one hill; which is the highest, the data decide.
+    """
+    speeds = scales.speed * (1.0 + np.quantile(path.u, [0.25, 0.5, 0.75]))
+    v_c = observed.v_c or float(speeds[2])
+    common = {
+        'critical_speed': v_c,
+        'length_scale': scales.length_scale,
+        'time_scale': scales.time_scale,
+        'frequency_hz': scales.frequency_hz,
+    }
+    # Growth by a third of a cycle's share over the range of speeds; amplitudes of order A_ref.
+    rate = 0.2 * scales.frequency_hz * scales.time_scale * 5.0
+    big = rate / scales.ratio
+    forms = [
+        NormalForm(**common, D1=rate, D4=big, D7=0.0, D10=0.0, D15=-big / scales.ratio),
+        NormalForm(**common, D1=rate, D4=-big, D7=0.0, D10=0.0, D15=0.0),
+    ]
+    return [from_normal_form(form, scales) for form in forms]
 
 
 def _jumps(fit: TrajectoryFit) -> NDArray[np.bool_]:

@@ -29,12 +29,21 @@ _LARGEST = 25.0
 
 @compiled
 def _rate(p: NDArray[np.float64], u: float, w: float) -> float:
-    return p[0] + (p[1] + p[2] * u) * u + (p[3] + p[4] * u) * w + (p[5] + p[6] * u) * w * w
+    """Growth rate; p[7] tells the conicity law (1) from the polynomial (0)."""
+    linear = p[0] + (p[1] + p[2] * u) * u
+    if p[7] > 0.5:
+        conicity = w * (1.0 + p[5] * w)
+        return linear + (p[3] + p[4] * u + p[6] * conicity) * conicity
+    return linear + (p[3] + p[4] * u) * w + (p[5] + p[6] * u) * w * w
 
 
 @compiled
 def _slope(p: NDArray[np.float64], u: float, w: float) -> float:
     """Derivative of the growth rate by ln A."""
+    if p[7] > 0.5:
+        conicity = w * (1.0 + p[5] * w)
+        steep = 2.0 * w * (1.0 + 2.0 * p[5] * w)
+        return (p[3] + p[4] * u + 2.0 * p[6] * conicity) * steep
     return 2.0 * w * (p[3] + p[4] * u + 2.0 * (p[5] + p[6] * u) * w)
 
 
@@ -78,6 +87,8 @@ def _innovations(
     real: NDArray[np.float64],
     imag: NDArray[np.float64],
     restart: NDArray[np.bool_],
+    blur: float,
+    reach: float,
     out: NDArray[np.float64],
 ) -> None:
     """Fill out[k] = whitened radial and tangential innovation, and the log of their variances."""
@@ -98,8 +109,11 @@ def _innovations(
             continue
         if not started:
             started = True
-            a_re = real[k]
-            a_im = imag[k]
+            seen = max(math.sqrt(real[k] * real[k] + imag[k] * imag[k]), 1e-9)
+            sharp = 1.0 / _blurred(p, u[k], seen, blur)
+            sharp = 1.0 / _blurred(p, u[k], seen * sharp, blur)
+            a_re = real[k] * sharp
+            a_im = imag[k] * sharp
             p_r = r
             p_t = r
             last = k
@@ -117,11 +131,17 @@ def _innovations(
         amplitude = math.exp(x)
         p_r = math.exp(2.0 * log_r) * p_r + q * dt * _mean_exp(2.0 * log_r)
         p_t = math.exp(2.0 * log_t) * p_t + q * dt * _mean_exp(2.0 * log_t)
-        p_t += jitter * dt * amplitude * amplitude
-        e_r = c * real[k] + s * imag[k] - amplitude
+        turning = jitter * amplitude * amplitude
+        p_t += turning * dt
+        gain = _blurred(p, u[k], amplitude, blur)
+        e_r = c * real[k] + s * imag[k] - gain * amplitude
         e_t = c * imag[k] - s * real[k]
-        s_r = p_r + r
-        s_t = p_t + r
+        # A window smooths the random motion inside it: the variance it takes away counts
+        # as noise below zero (exact for a random walk, and in the limit of fast return).
+        r_r = r - 0.5 * reach * q / (1.0 + reach * max(-log_r / dt, 0.0))
+        r_t = r - 0.5 * reach * (q + turning) / (1.0 + reach * max(-log_t / dt, 0.0))
+        s_r = max(p_r + r_r, 0.1 * p_r + 0.01 * r)
+        s_t = max(p_t + r_t, 0.1 * p_t + 0.01 * r)
         out[k, 0] = e_r / math.sqrt(s_r)
         out[k, 1] = e_t / math.sqrt(s_t)
         out[k, 2] = math.log(s_r)
@@ -130,9 +150,18 @@ def _innovations(
         across = p_t / s_t * e_t
         a_re = c * along - s * across
         a_im = s * along + c * across
-        p_r = p_r * r / s_r
-        p_t = p_t * r / s_t
+        p_r = p_r * (1.0 - p_r / s_r)
+        p_t = p_t * (1.0 - p_t / s_t)
         last = k
+
+
+@compiled
+def _blurred(p: NDArray[np.float64], u: float, amplitude: float, blur: float) -> float:
+    """How much larger a window shows an amplitude that bends: 1 + sigma^2 A'' / 2 A."""
+    w = min(amplitude * amplitude, _LARGEST)
+    rate = _rate(p, u, w)
+    bend = 0.5 * blur * rate * (rate + _slope(p, u, w))
+    return 1.0 + max(min(bend, 0.5), -0.3)
 
 
 @compiled
@@ -160,6 +189,12 @@ class Path:
         True where a segment begins: the amplitude there is free.
     cluster : ndarray of int, shape (n,)
         Run or block each instant belongs to, 0-based, for robust variances.
+    blur : float
+        Variance of the window in which each phasor was measured, s^2.
+    reach : float
+        Mean distance of two instants of such a window, s.
+    conicity : bool
+        Whether the law is that of the equivalent conicity.
     """
 
     time: NDArray[np.float64]
@@ -167,6 +202,9 @@ class Path:
     phasor: NDArray[np.complex128]
     restart: NDArray[np.bool_]
     cluster: NDArray[np.int64]
+    blur: float = 0.0
+    reach: float = 0.0
+    conicity: bool = False
 
     @property
     def clusters(self) -> int:
@@ -201,8 +239,9 @@ def innovations(theta: NDArray[np.float64], path: Path) -> NDArray[np.float64]:
         Radial and tangential innovation over its standard deviation, then the two log
         variances; zeros where a sample carries no information.
     """
-    law = np.zeros(7)
+    law = np.zeros(8)
     law[: theta.size - 3] = theta[:-3]
+    law[7] = float(path.conicity)
     out = np.empty((path.time.size, 4))
     _innovations(
         law,
@@ -212,6 +251,8 @@ def innovations(theta: NDArray[np.float64], path: Path) -> NDArray[np.float64]:
         np.ascontiguousarray(path.phasor.real),
         np.ascontiguousarray(path.phasor.imag),
         path.restart,
+        path.blur,
+        path.reach,
         out,
     )
     return out
