@@ -241,6 +241,8 @@ class DetectorConfig(Settings):
             raise ConfigError(f'channels: unknown {unknown[0]!r}, expected some of {CHANNELS}')
         if not set(self.channels) & {'lateral', 'yaw'}:
             raise ConfigError(f'channels: need lateral or yaw, got {self.channels}')
+        if self.roughness and 'roller' not in self.channels:
+            raise ConfigError('roughness: needs the roller channel; set it to false without one')
         for high, low in (
             ('disturbed_in', 'disturbed_out'),
             ('escape_probability_in', 'escape_probability_out'),

@@ -1,0 +1,286 @@
+"""
+Is a channel measuring? Silence, NaN, stuck and saturated readings, impossible stamps.
+
+One kernel walks the samples of a channel and says, for each row of the estimates,
+what is wrong with it and, for each sample, whether it may be used.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.compiled import compiled
+from hunt_ros.detection.merge import MergedBlock
+
+# What can be wrong with a channel, one bit each. The first four are those of `intake`.
+REPEATED_STAMP = 1
+BACKWARD_STAMP = 2
+AHEAD_STAMP = 4
+LATE = 8
+INVALID = 16
+STANDSTILL = 32
+WAITING = 64
+SILENT = 128
+NO_VALUE = 256
+STUCK = 512
+SATURATED = 1024
+NEGATIVE = 2048
+_BITS = 12
+
+#: Told in the status, but the channel is still believed.
+MILD = REPEATED_STAMP | BACKWARD_STAMP | AHEAD_STAMP | LATE | INVALID | STANDSTILL
+#: The channel cannot be trusted.
+SEVERE = WAITING | SILENT | NO_VALUE | STUCK | SATURATED | NEGATIVE
+#: Of these, the ones that are a fault of the sensor rather than missing input.
+FAULTS = NO_VALUE | STUCK | SATURATED | NEGATIVE
+
+WORDS: dict[int, str] = {
+    REPEATED_STAMP: 'repeated stamps',
+    BACKWARD_STAMP: 'stamps that jump back',
+    AHEAD_STAMP: 'stamps that jump ahead',
+    LATE: 'samples that came too late',
+    INVALID: 'NaN or infinite values',
+    STANDSTILL: 'zero: the rig stands still',
+    WAITING: 'no sample yet',
+    SILENT: 'silent',
+    NO_VALUE: 'only NaN or infinite values',
+    STUCK: 'stuck at one value',
+    SATURATED: 'saturated',
+    NEGATIVE: 'negative',
+}
+
+_MOTION, _ROLLER, _SPEED = 0, 1, 2
+_KINDS = {'lateral': _MOTION, 'yaw': _MOTION, 'roller': _ROLLER, 'speed': _SPEED}
+
+# Integer memory: stamps, ns, and counts.
+_I_ANY, _I_VALID, _I_RUN_START, _I_RUN, _I_START, _I_WINDOW, _I_SEEN = 0, 1, 2, 3, 4, 5, 6
+# Float memory: last value, extremes of this window and of the one before, smallest step,
+# mean length of a run of equal values.
+_F_VALUE, _F_HIGH, _F_LOW, _F_HIGH0, _F_LOW0, _F_STEP, _F_RUN = 0, 1, 2, 3, 4, 5, 6
+# Settings.
+_S_KIND, _S_RANGE, _S_STUCK, _S_HOLD, _S_TIMEOUT, _S_OMEGA, _S_STANDSTILL = 0, 1, 2, 3, 4, 5, 6
+
+_NEVER = -(2**62)
+
+_Ints = NDArray[np.int64]
+_Floats = NDArray[np.float64]
+
+_WINDOW_NS = 4_000_000_000
+#: A run of equal readings at the extreme counts as clipping from this many samples.
+_FLAT_SAMPLES = 5
+#: ... and from this many times the flat top that rounding alone gives a sine.
+_FLAT_EXCESS = 3.0
+#: The motion must span this many steps of the converter before clipping is looked for.
+_SPAN_STEPS = 16.0
+
+
+class ChannelHealth:
+    """
+    Watches one channel.
+
+    Parameters
+    ----------
+    channel : str
+        'lateral', 'yaw', 'roller' or 'speed'.
+    timeout_ns : int
+        Silence that counts.
+    hold_ns : int
+        A fault is reported for this long after its last sign.
+    stuck_ns : int
+        A reading that stays the same to the last bit for this long is stuck.
+    value_range : float
+        Readings of this size and more are saturated; 0: no such limit.
+    frequency_hz : float
+        Of the motion: what a flat top is measured against.
+    standstill : float
+        For the speed: standing still below this.
+    """
+
+    def __init__(
+        self,
+        channel: str,
+        timeout_ns: int,
+        hold_ns: int,
+        stuck_ns: int,
+        value_range: float,
+        frequency_hz: float,
+        standstill: float,
+    ) -> None:
+        self._settings = np.array(
+            [
+                _KINDS[channel],
+                value_range,
+                stuck_ns,
+                hold_ns,
+                timeout_ns,
+                2.0 * np.pi * frequency_hz,
+                standstill,
+            ],
+            dtype=np.float64,
+        )
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every sample."""
+        self._whole = np.full(_I_SEEN + _BITS, _NEVER, dtype=np.int64)
+        self._whole[_I_RUN] = 0
+        self._real = np.array([np.nan, -np.inf, np.inf, -np.inf, np.inf, np.inf, 0.0])
+
+    def update(
+        self, block: MergedBlock, rows_ns: NDArray[np.int64]
+    ) -> tuple[NDArray[np.uint32], NDArray[np.bool_]]:
+        """
+        Watch the samples up to the last row.
+
+        Parameters
+        ----------
+        block : MergedBlock
+            n samples, none after the last row.
+        rows_ns : ndarray of int64, shape (m,)
+            Stamps of the rows.
+
+        Returns
+        -------
+        wrong : ndarray of uint32, shape (m,)
+            Bits set at each row.
+        usable : ndarray of bool, shape (n,)
+            Samples that may be used.
+        """
+        wrong = np.zeros(rows_ns.size, dtype=np.uint32)
+        usable = np.zeros(block.stamps_ns.size, dtype=np.bool_)
+        watch(
+            block.stamps_ns,
+            block.values,
+            block.marks,
+            rows_ns,
+            self._settings,
+            self._whole,
+            self._real,
+            wrong,
+            usable,
+        )
+        return wrong, usable
+
+
+@compiled
+def watch(
+    stamps: _Ints,
+    values: _Floats,
+    marks: NDArray[np.uint8],
+    rows: _Ints,
+    settings: _Floats,
+    whole: _Ints,
+    real: _Floats,
+    wrong: NDArray[np.uint32],
+    usable: NDArray[np.bool_],
+) -> None:
+    """Run `ChannelHealth.update` with its memory in `whole` and `real`."""
+    n = 0
+    for k in range(rows.size):
+        row = rows[k]
+        if whole[_I_START] == _NEVER:
+            whole[_I_START] = row
+        while n < stamps.size and stamps[n] <= row:
+            usable[n] = _sample(stamps[n], values[n], marks[n], settings, whole, real)
+            n += 1
+        wrong[k] = _row(row, settings, whole)
+    while n < stamps.size:  # behind the last row only where rows were left out
+        usable[n] = _sample(stamps[n], values[n], marks[n], settings, whole, real)
+        n += 1
+
+
+@compiled
+def _sample(
+    stamp: int, value: float, mark: int, settings: _Floats, whole: _Ints, real: _Floats
+) -> bool:
+    """Take one sample; return whether it may be used."""
+    whole[_I_ANY] = stamp
+    for bit in range(4):
+        if mark & (1 << bit):
+            whole[_I_SEEN + bit] = stamp
+    if not np.isfinite(value):
+        whole[_I_SEEN + 4] = stamp
+        return False
+    kind = settings[_S_KIND]
+    if kind == _SPEED:
+        whole[_I_VALID] = stamp
+        if value < -settings[_S_STANDSTILL]:
+            whole[_I_SEEN + 11] = stamp
+            return False
+        if value <= settings[_S_STANDSTILL]:
+            whole[_I_SEEN + 5] = stamp
+        return True
+    whole[_I_VALID] = stamp
+    if settings[_S_RANGE] > 0.0 and abs(value) >= settings[_S_RANGE]:
+        whole[_I_SEEN + 10] = stamp
+    if value == real[_F_VALUE]:
+        whole[_I_RUN] += 1
+        length = stamp - whole[_I_RUN_START]
+        if whole[_I_RUN] >= _FLAT_SAMPLES and length >= settings[_S_STUCK]:
+            whole[_I_SEEN + 9] = stamp
+            return False
+        if kind == _MOTION and _clipped(value, length, settings, whole, real):
+            whole[_I_SEEN + 10] = stamp
+    else:
+        _new_value(stamp, value, whole, real)
+    return True
+
+
+@compiled
+def _new_value(stamp: int, value: float, whole: _Ints, real: _Floats) -> None:
+    """Close the run of equal values, and widen the extremes."""
+    if whole[_I_RUN] > 0:
+        length = float(stamp - whole[_I_RUN_START])
+        real[_F_RUN] += 0.05 * (min(length, 4.0 * real[_F_RUN] + 1e6) - real[_F_RUN])
+        step = abs(value - real[_F_VALUE])
+        if step < real[_F_STEP]:
+            real[_F_STEP] = step
+    whole[_I_RUN] = 1
+    whole[_I_RUN_START] = stamp
+    real[_F_VALUE] = value
+    if stamp - whole[_I_WINDOW] > _WINDOW_NS:
+        whole[_I_WINDOW] = stamp
+        real[_F_HIGH0] = real[_F_HIGH]
+        real[_F_LOW0] = real[_F_LOW]
+        real[_F_HIGH] = value
+        real[_F_LOW] = value
+    real[_F_HIGH] = max(real[_F_HIGH], value)
+    real[_F_LOW] = min(real[_F_LOW], value)
+
+
+@compiled
+def _clipped(value: float, length: int, settings: _Floats, whole: _Ints, real: _Floats) -> bool:
+    """Tell a flat top at the extreme from what rounding makes of a sine."""
+    high = max(real[_F_HIGH], real[_F_HIGH0])
+    low = min(real[_F_LOW], real[_F_LOW0])
+    if value < high and value > low:
+        return False
+    span = high - low
+    if whole[_I_RUN] < _FLAT_SAMPLES or not span > _SPAN_STEPS * real[_F_STEP]:
+        return False
+    # A sine of amplitude a stays within one step q of its top for 2 sqrt(2 q / a) / omega.
+    rounding = 2.0 * np.sqrt(4.0 * real[_F_STEP] / span) / settings[_S_OMEGA] * 1e9
+    return length > _FLAT_EXCESS * max(rounding, real[_F_RUN])
+
+
+@compiled
+def _row(row: int, settings: _Floats, whole: _Ints) -> int:
+    """Return the bits of one row."""
+    timeout = settings[_S_TIMEOUT]
+    since = whole[_I_START] if whole[_I_ANY] == _NEVER else whole[_I_ANY]
+    if row - since > timeout:
+        whole[_I_SEEN + 7] = row
+    elif whole[_I_ANY] == _NEVER:
+        whole[_I_SEEN + 6] = row
+    else:
+        valid = whole[_I_START] if whole[_I_VALID] == _NEVER else whole[_I_VALID]
+        if row - valid > timeout:
+            whole[_I_SEEN + 8] = row
+    bits = 0
+    for bit in range(_BITS):
+        seen = whole[_I_SEEN + bit]
+        held = settings[_S_HOLD] if bit != 6 else 0.0
+        if seen != _NEVER and row - seen <= held:
+            bits |= 1 << bit
+    return bits

@@ -1,0 +1,77 @@
+"""
+What happened to a live detector beside its samples, so that a replay can repeat it.
+
+The samples and their stamps are in the recording. What is not: when a silent
+channel was let go and came back, which samples came too late, when the operator
+acknowledged or a new normal form arrived. Each is an entry with the *position*
+at which it acted, that is the last row made before it.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+
+from hunt_ros.errors import HuntError
+
+KINDS = (
+    'start',  # of the detector, or after reset(): everything begins anew
+    'released',  # tick: `channels` were silent and are not waited for any more
+    'resumed',  # `channels` speak again and are waited for
+    'late',  # samples of `channels` with these stamps came behind the position: dropped
+    'clock',  # tick: the epoch was left because the clocks were set back
+    'normal_form',  # set_normal_form: `text` is its parameter file, empty for none
+    'acknowledged',  # acknowledge
+    'finished',  # finish
+)
+
+
+@dataclass(frozen=True)
+class JournalEntry:
+    """
+    One entry.
+
+    Parameters
+    ----------
+    kind : str
+        One of `KINDS`.
+    position_ns : int or None
+        Last row before it acted; None before the first row of an epoch.
+    epoch : int
+        Number of clock resets before it.
+    now_ns : int
+        The time given with the call; 0 where none is.
+    channels : mapping of str to int or None
+        Channel and stamp: the newest stamp when released or resumed, the stamp dropped.
+    text : str
+        For 'normal_form'.
+    """
+
+    kind: str
+    position_ns: int | None
+    epoch: int = 0
+    now_ns: int = 0
+    channels: dict[str, int | None] = field(default_factory=dict)
+    text: str = ''
+
+    def to_text(self) -> str:
+        """Return the entry as one line of JSON."""
+        return json.dumps(self.__dict__, separators=(',', ':'))
+
+    @classmethod
+    def from_text(cls, text: str) -> JournalEntry:
+        """
+        Read what `to_text` wrote.
+
+        Raises
+        ------
+        HuntError
+            If it is something else.
+        """
+        try:
+            entry = cls(**json.loads(text))
+        except (ValueError, TypeError) as error:
+            raise HuntError(f'journal entry {text[:60]!r} cannot be read: {error}') from error
+        if entry.kind not in KINDS:
+            raise HuntError(f'journal entry of kind {entry.kind!r}, expected one of {KINDS}')
+        return entry

@@ -1,0 +1,188 @@
+"""What the detector says: estimates, events, and the status that is published."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.detection.journal import JournalEntry
+from hunt_ros.detection.regions import Level, Region, State
+
+#: One row of the estimates. Amplitudes in m (yaw: rad), rates per second, unknown as NaN.
+#: The first block is taken from the tracker, the second is the detector's own.
+_FROM_TRACKER = (
+    'lateral_amplitude',
+    'lateral_amplitude_std',
+    'lateral_amplitude_rate',
+    'lateral_amplitude_rate_std',
+    'yaw_amplitude',
+    'yaw_amplitude_std',
+    'yaw_amplitude_rate',
+    'yaw_amplitude_rate_std',
+    'phase',
+    'phase_std',
+    'frequency_hz',
+    'frequency_hz_std',
+    'growth_rate',
+    'growth_rate_std',
+    'lateral_roughness',
+    'lateral_roughness_std',
+    'yaw_roughness',
+    'yaw_roughness_std',
+    'lateral_bias',
+    'yaw_bias',
+    'lateral_noise_std',
+    'yaw_noise_std',
+)
+_OWN = (
+    'speed',
+    'lateral_envelope',
+    'yaw_envelope',
+    'noise_floor',
+    'noise_intensity',
+    'unstable_amplitude',
+    'unstable_amplitude_std',
+    'stable_amplitude',
+    'margin',
+    'margin_low',
+    'margin_high',
+    'escape_probability',
+    'outlook',
+    'time_to_limit_cycle',
+)
+
+ESTIMATE_DTYPE: np.dtype[np.void] = np.dtype(
+    [
+        ('stamp_ns', np.int64),
+        *((name, np.float64) for name in (*_FROM_TRACKER, *_OWN)),
+        ('region', np.int8),
+        ('state', np.int8),
+        ('level', np.int8),
+        ('alarm', np.bool_),
+        ('doubts', np.uint32),
+        ('lateral_wrong', np.uint32),
+        ('yaw_wrong', np.uint32),
+        ('roller_wrong', np.uint32),
+        ('speed_wrong', np.uint32),
+    ]
+)
+
+TRACKER_FIELDS: tuple[str, ...] = _FROM_TRACKER
+
+#: The numbers of the status, in the order in which they are published.
+NUMBERS: tuple[str, ...] = (*_FROM_TRACKER, *_OWN)
+
+
+@dataclass(frozen=True)
+class Event:
+    """
+    One transition.
+
+    Parameters
+    ----------
+    stamp_ns : int
+        Row at which it was decided.
+    event : str
+        One of the words of the design: 'hysteresis_entered', 'escaping', ...
+    speed_mps, amplitude_m, growth_rate_per_s : float
+        Estimates at that row; NaN where unknown.
+    level : Level
+        In force from then on.
+    detail : str
+        Which channel, and what is wrong with it; empty where the event says it all.
+    """
+
+    stamp_ns: int
+    event: str
+    speed_mps: float
+    amplitude_m: float
+    growth_rate_per_s: float
+    level: Level
+    detail: str = ''
+
+
+@dataclass(frozen=True, eq=False)
+class Output:
+    """
+    What one call added.
+
+    Parameters
+    ----------
+    estimates : ndarray of ESTIMATE_DTYPE, shape (m,)
+        Rows on the output grid, in order.
+    events : tuple of Event
+        Transitions, in order.
+    journal : tuple of JournalEntry
+        What a replay needs beside the samples.
+    """
+
+    estimates: NDArray[np.void]
+    events: tuple[Event, ...] = ()
+    journal: tuple[JournalEntry, ...] = ()
+
+    @classmethod
+    def joined(cls, outputs: list[Output]) -> Output:
+        """Return several outputs as one."""
+        full = [output for output in outputs if output is not EMPTY]
+        if not full:
+            return EMPTY
+        if len(full) == 1:
+            return full[0]
+        return cls(
+            np.concatenate([output.estimates for output in full]),
+            tuple(event for output in full for event in output.events),
+            tuple(entry for output in full for entry in output.journal),
+        )
+
+
+#: Nothing new.
+EMPTY = Output(np.zeros(0, dtype=ESTIMATE_DTYPE))
+
+
+@dataclass(frozen=True)
+class DetectorStatus:
+    """
+    The detector's present view.
+
+    Parameters
+    ----------
+    stamp_ns : int
+        Row it was taken at; 0 before the first.
+    level : Level
+    region : Region
+    state : State
+    reasons : tuple of str
+        Why the level is what it is: one short sentence each, empty when OK.
+    alarm : bool
+        Latched: hunting was seen and has not been acknowledged.
+    sequence : int
+        Number of rows so far.
+    inputs_until_ns : int
+        Stamp up to which all inputs are known; 0 before that.
+    numbers : mapping of str to float
+        Every number of `NUMBERS`; NaN where unknown.
+    dropped : mapping of str to int
+        Refused samples, 'channel reason' to count.
+    """
+
+    stamp_ns: int = 0
+    level: Level = Level.STALE
+    region: Region = Region.UNKNOWN
+    state: State = State.QUIET
+    reasons: tuple[str, ...] = ('no data yet',)
+    alarm: bool = False
+    sequence: int = 0
+    inputs_until_ns: int = 0
+    numbers: Mapping[str, float] = field(default_factory=lambda: dict.fromkeys(NUMBERS, math.nan))
+    dropped: Mapping[str, int] = field(default_factory=dict)
+
+    def __getattr__(self, name: str) -> float:
+        """Return one of the numbers by its name."""
+        numbers = self.__dict__.get('numbers', {})
+        if name in numbers:
+            return float(numbers[name])
+        raise AttributeError(name)
