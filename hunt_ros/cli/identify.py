@@ -19,6 +19,13 @@ EXAMPLE = 'hunt identify bags/2024-05-14/*.mcap --out normal_form.yaml --json -'
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
+    add_settings(parser)
+    parser.add_argument('--out', metavar='FILE', help='write the ROS parameter file here')
+    parser.add_argument('--json', metavar='PATH|-', help='write the whole result as JSON')
+
+
+def add_settings(parser: argparse.ArgumentParser) -> None:
+    """Add what to read and how to identify: what `hunt report` shares with `hunt identify`."""
     parser.add_argument('bags', nargs='+', metavar='BAG', help='recordings: runs, days')
     parser.add_argument(
         '--channel',
@@ -28,8 +35,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help='where a channel stands: lateral=/daq/ch0.data[3]*0.001, or speed=16.3',
     )
     parser.add_argument('--mapping', metavar='FILE', help='the same as a YAML file')
-    parser.add_argument('--out', metavar='FILE', help='write the ROS parameter file here')
-    parser.add_argument('--json', metavar='PATH|-', help='write the whole result as JSON')
     parser.add_argument('--prior-v-c', metavar='V[:STD]', help='known v_c, m/s (STD: 1 %%)')
     parser.add_argument('--prior-D1', metavar='D[:STD]', help='known D1 (STD: 10 %%)')
     parser.add_argument('--length-scale', type=float, metavar='M', help='d0, m (0.0485)')
@@ -55,8 +60,8 @@ def run(arguments: argparse.Namespace) -> int:
     from hunt_ros.cli.output import progress, write_json
     from hunt_ros.identification import identify
 
-    settings = _settings(arguments)
-    mapping = _mapping(arguments)
+    settings = settings_of(arguments)
+    mapping = mapping_of(arguments)
     with progress('reading') as advance:
         records = []
         for count, path in enumerate(arguments.bags):
@@ -78,7 +83,8 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if result.normal_form is not None else 1
 
 
-def _settings(arguments: argparse.Namespace) -> IdentificationSettings:
+def settings_of(arguments: argparse.Namespace) -> IdentificationSettings:
+    """Return the settings that the options of `add_settings` ask for."""
     from hunt_ros.identification import IdentificationSettings
 
     given = {
@@ -109,7 +115,7 @@ def _prior(option: str, text: str | None, share: float) -> tuple[float, float] |
         raise HuntError(f'{option}: expected VALUE or VALUE:STD, got {text!r}') from None
 
 
-def _mapping(arguments: argparse.Namespace) -> list[str] | None:
+def mapping_of(arguments: argparse.Namespace) -> list[str] | None:
     """Collect where the channels stand; None to find them by their names."""
     texts: list[str] = []
     if arguments.mapping:
