@@ -1,0 +1,188 @@
+"""
+Power spectrum with the hunting and the roughness lines named (Fig. 5, Eq. (1)).
+
+The paper's upper line is the roughness of the roller, at f_r = v / (pi D) (a
+frequency in Hz); the lower one is hunting.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import signal
+
+from hunt_ros.analysis.uniform import checked
+
+#: A line must stand above the spectrum around it by this factor (in power) to be named.
+PROMINENCE = 8.0
+
+#: Half the width of the main lobe of the Hann window, in bins.
+LOBE = 2
+
+
+@dataclass(frozen=True)
+class Line:
+    """
+    A named line of a spectrum.
+
+    Parameters
+    ----------
+    name : str
+        'hunting', 'roughness', 'roughness 2', ... (order of the roller).
+    frequency_hz, frequency_std : float
+        Hz. The deviation of a line the window resolves; for a broad peak, its own width.
+    amplitude : float
+        Of the sinusoid of the same power, in the unit of the signal.
+    prominence : float
+        Power over that around the line.
+    """
+
+    name: str
+    frequency_hz: float
+    frequency_std: float
+    amplitude: float
+    prominence: float
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """
+    One-sided power spectral density and its named lines.
+
+    Parameters
+    ----------
+    frequency_hz, density : ndarray, shape (k,)
+        Hz; unit of the signal squared per Hz.
+    resolution_hz : float
+        Spacing of the bins, Hz.
+    lines : tuple of Line
+        By frequency.
+    """
+
+    frequency_hz: NDArray[np.float64]
+    density: NDArray[np.float64]
+    resolution_hz: float
+    lines: tuple[Line, ...]
+
+    def line(self, name: str) -> Line | None:
+        """Return the line of that name; None where the spectrum has none."""
+        return next((line for line in self.lines if line.name == name), None)
+
+
+def roughness_frequency(speed: float, roller_diameter_m: float = 0.3, order: int = 1) -> float:
+    """Return order times v / (pi D), Hz, Eq. (1): the paper's omega_r is a frequency in Hz."""
+    return order * speed / (math.pi * roller_diameter_m)
+
+
+def power_spectrum(
+    values: ArrayLike,
+    rate_hz: float,
+    speed: float = math.nan,
+    roller_diameter_m: float = 0.3,
+    hunting_band_hz: tuple[float, float] = (1.0, 5.0),
+    segment_s: float = 20.0,
+    orders: int = 3,
+) -> Spectrum:
+    """
+    Power spectrum by Welch's method, with hunting and roughness named.
+
+    Parameters
+    ----------
+    values : array_like, shape (n,)
+        Uniform samples of y (m) or psi (rad).
+    rate_hz : float
+        Sample rate, Hz.
+    speed : float
+        Mean running speed, m/s; NaN: no line is called roughness.
+    roller_diameter_m : float
+        D of Eq. (1), m.
+    hunting_band_hz : (float, float)
+        Where hunting is looked for; (B-1) puts it between the natural frequencies.
+    segment_s : float
+        Length of the segments averaged, s (shorter records: the whole).
+    orders : int
+        Roughness lines looked for.
+
+    Returns
+    -------
+    Spectrum
+
+    Raises
+    ------
+    IdentificationError
+        For fewer than 64 values, or one that is not finite.
+
+    References
+    ----------
+    Welch 1967, IEEE Trans. Audio Electroacoust. 15, 70-73. The paper, Eq. (1), Fig. 5.
+    """
+    array = checked(values, 64, 'spectrum')
+    size = min(array.size, max(round(segment_s * rate_hz), 64))
+    frequency, density = signal.welch(
+        array - array.mean(), rate_hz, 'hann', size, detrend='linear', scaling='density'
+    )
+    segments = max(array.size / size, 1.0)
+    found = []
+    if math.isfinite(speed) and speed > 0.0:
+        for order in range(1, orders + 1):
+            expected = roughness_frequency(speed, roller_diameter_m, order)
+            name = 'roughness' if order == 1 else f'roughness {order}'
+            near = np.abs(frequency - expected) <= max(0.02 * expected, 2.0 * rate_hz / size)
+            line = _line(name, frequency, density, near, segments)
+            if line is not None:
+                found.append(line)
+    near = (frequency >= hunting_band_hz[0]) & (frequency <= hunting_band_hz[1])
+    for line in found:
+        near &= np.abs(frequency - line.frequency_hz) > (LOBE + 1) * rate_hz / size
+    hunting = _line('hunting', frequency, density, near, segments, broad=True)
+    if hunting is not None:
+        found.append(hunting)
+    found.sort(key=lambda line: line.frequency_hz)
+    return Spectrum(frequency, density, rate_hz / size, tuple(found))
+
+
+def _line(
+    name: str,
+    frequency: NDArray[np.float64],
+    density: NDArray[np.float64],
+    near: NDArray[np.bool_],
+    segments: float,
+    broad: bool = False,
+) -> Line | None:
+    """Measure the strongest line where `near` holds; None where none stands out."""
+    places = np.flatnonzero(near)
+    if not places.size:
+        return None
+    step = float(frequency[1])
+    top = int(places[np.argmax(density[places])])
+    # The spectrum around: past the lobe, within half an octave.
+    around = np.abs(frequency - frequency[top]) > (LOBE + 1) * step
+    around &= (frequency > 0.7 * frequency[top]) & (frequency < 1.4 * frequency[top])
+    if broad:
+        # The hunting peak of a quiet wheelset is wide: its surroundings lie further out.
+        around = (frequency > 1.6 * frequency[top]) & (frequency < 3.0 * frequency[top])
+    floor = float(np.median(density[around])) if around.any() else 0.0
+    if not density[top] > 0.0 or density[top] <= PROMINENCE * floor:
+        return None
+    lobe = slice(max(top - LOBE, 0), top + LOBE + 1)
+    if broad:
+        low = high = top
+        while low > 1 and density[low - 1] > max(0.1 * density[top], 2.0 * floor):
+            low -= 1
+        while high + 2 < density.size and density[high + 1] > max(0.1 * density[top], 2.0 * floor):
+            high += 1
+        lobe = slice(min(low, top - LOBE), max(high, top + LOBE) + 1)
+    excess = np.maximum(density[lobe] - floor, 0.0)
+    power = float(excess.sum()) * step
+    centre = float(excess @ frequency[lobe]) / float(excess.sum())
+    width = math.sqrt(float(excess @ (frequency[lobe] - centre) ** 2) / float(excess.sum()))
+    return Line(
+        name,
+        centre,
+        width / math.sqrt(segments * max(density[top] / max(floor, 1e-300), 1.0) ** 0.5),
+        math.sqrt(2.0 * power),
+        float(density[top]) / floor if floor > 0.0 else math.inf,
+    )
