@@ -12,15 +12,15 @@ import pytest
 
 pytest.importorskip('rclpy', reason='the extra ros is not installed')
 
-from geometry_msgs.msg import TwistStamped  # noqa: E402
-from rclpy.parameter import Parameter  # noqa: E402
-from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
-from sensor_msgs.msg import Imu, JointState  # noqa: E402
-from std_msgs.msg import String  # noqa: E402
+from geometry_msgs.msg import TwistStamped
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import String
 
-from hunt_ros.bag import Bag, read_columns, read_record  # noqa: E402
-from hunt_ros.bag.messages import read_texts  # noqa: E402
-from hunt_ros.nodes.conversions import to_time  # noqa: E402
+from hunt_ros.bag import Bag, read_columns, read_record
+from hunt_ros.bag.messages import read_texts
+from hunt_ros.nodes.conversions import to_time
 
 pytestmark = pytest.mark.ros
 

@@ -1,0 +1,193 @@
+"""Recordings for other programs: one table on the union of the channels' stamps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.bag.channels import ChannelMap, ChannelSource
+from hunt_ros.bag.columns import read_columns, read_record
+from hunt_ros.bag.reader import Bag
+from hunt_ros.errors import BagError
+from hunt_ros.samples import CHANNELS, Series
+
+#: Column names of the measured channels: the unit is in the name.
+COLUMN_NAMES: dict[str, str] = {
+    'lateral': 'lateral_m',
+    'yaw': 'yaw_rad',
+    'roller': 'roller_rad',
+    'speed': 'speed_mps',
+}
+_ROWS = 100_000
+
+#: Values where there are some; masked where a channel has no sample.
+Column: TypeAlias = Any
+
+
+def export_file(
+    path: str | Path,
+    out: str | Path,
+    channels: ChannelMap | Sequence[ChannelSource | str] = (),
+    *,
+    start_ns: int | None = None,
+    end_ns: int | None = None,
+) -> int:
+    """
+    Write channels of a recording as CSV, Parquet or NumPy arrays.
+
+    A row a stamp; a channel that has no sample at a stamp leaves its cell empty, a
+    sample that is not a number is written as nan.
+    Stamps are whole nanoseconds (`stamp_ns`), numbers are written with all the digits
+    that make them exact.
+
+    Parameters
+    ----------
+    path : str or Path
+        The recording.
+    out : str or Path
+        File to make: .csv, .parquet or .npz. It has its name only when complete.
+    channels : mapping or sequence
+        Any names and fields: `['a=/rig/hunting/amplitude.position[0]']`. Without any,
+        the measurements of the rig.
+    start_ns, end_ns : int, optional
+        Only start_ns <= log time < end_ns.
+
+    Returns
+    -------
+    int
+        Rows written.
+
+    Raises
+    ------
+    BagError
+        If the format is unknown, the file exists or cannot be written, or the
+        channels cannot be read.
+    """
+    target = Path(out)
+    writer = _WRITERS.get(target.suffix.lower())
+    if writer is None:
+        raise BagError(f'{out}: unknown format {target.suffix!r}, expected {", ".join(_WRITERS)}')
+    if target.exists():
+        raise BagError(f'{out}: exists already, expected the name of a new file')
+    series: Mapping[str, Series]
+    if channels:
+        series = read_columns(path, channels, start_ns=start_ns, end_ns=end_ns)
+    else:
+        record = read_record(path, start_ns=start_ns, end_ns=end_ns)
+        series = {COLUMN_NAMES[name]: record[name] for name in CHANNELS if name in record}
+    stamps, columns = aligned(series)
+    if not stamps.size:
+        raise BagError(f'{path}: no samples in this time')
+    partial = target.with_name(target.name + '.part')
+    try:
+        writer(partial, stamps, columns)
+        partial.rename(target)
+    except OSError as error:
+        raise BagError(f'{out}: cannot be written ({error.strerror})') from error
+    except ImportError as error:
+        raise BagError(
+            f'{out}: {error.name} is not installed (pip install "hunt_ros[parquet]")'
+        ) from error
+    finally:
+        partial.unlink(missing_ok=True)
+    return int(stamps.size)
+
+
+def aligned(
+    series: Mapping[str, Series],
+) -> tuple[NDArray[np.int64], dict[str, Column]]:
+    """
+    Put series on the union of their stamps.
+
+    Returns
+    -------
+    stamps : ndarray of int64, shape (n,)
+        Increasing; a stamp that a series has twice is there twice.
+    columns : dict of str to masked array, shape (n,)
+        Masked where a series has no sample.
+    """
+    keys = {name: _repeats(part.stamps_ns) for name, part in series.items()}
+    if not keys:
+        return np.zeros(0, np.int64), {}
+    union = np.unique(np.concatenate(list(keys.values())))
+    columns = {}
+    for name, part in series.items():
+        values, absent = np.full(union.size, np.nan), np.ones(union.size, dtype=bool)
+        places = np.searchsorted(union, keys[name])
+        values[places], absent[places] = part.values, False
+        columns[name] = np.ma.MaskedArray(values, absent)
+    return union['stamp'], columns
+
+
+def _repeats(stamps: NDArray[np.int64]) -> NDArray[Any]:
+    """Number the samples of one stamp, so that each has a row of its own."""
+    keys = np.zeros(stamps.size, dtype=[('stamp', np.int64), ('repeat', np.int64)])
+    keys['stamp'] = stamps
+    order = np.argsort(stamps, kind='stable')
+    in_order = stamps[order]
+    index = np.arange(stamps.size)
+    new = np.ones(stamps.size, dtype=bool)
+    new[1:] = in_order[1:] != in_order[:-1]
+    keys['repeat'][order] = index - np.maximum.accumulate(np.where(new, index, 0))
+    return keys
+
+
+def _write_csv(path: Path, stamps: NDArray[np.int64], columns: Mapping[str, Column]) -> None:
+    with open(path, 'w', encoding='utf-8', newline='') as file:
+        file.write(','.join(['stamp_ns', *map(_quoted, columns)]) + '\n')
+        for begin in range(0, stamps.size, _ROWS):
+            part = slice(begin, begin + _ROWS)
+            cells = [list(map(str, stamps[part].tolist()))]
+            cells += [list(map(_cell, column[part].tolist())) for column in columns.values()]
+            file.writelines(','.join(row) + '\n' for row in zip(*cells, strict=True))
+
+
+def _cell(value: float | None) -> str:
+    return '' if value is None else repr(value)
+
+
+def _quoted(name: str) -> str:
+    return '"' + name.replace('"', '""') + '"' if set(name) & set(',"\n') else name
+
+
+def _write_parquet(path: Path, stamps: NDArray[np.int64], columns: Mapping[str, Column]) -> None:
+    import pyarrow
+    from pyarrow import parquet
+
+    data = {'stamp_ns': pyarrow.array(stamps)}
+    for name, column in columns.items():
+        data[name] = pyarrow.array(column.data, mask=np.ma.getmaskarray(column))
+    parquet.write_table(pyarrow.table(data), path)
+
+
+def _write_numpy(path: Path, stamps: NDArray[np.int64], columns: Mapping[str, Column]) -> None:
+    with open(path, 'wb') as file:
+        arrays: dict[str, Any] = {name: column.filled() for name, column in columns.items()}
+        np.savez_compressed(file, stamp_ns=stamps, **arrays)
+
+
+_WRITERS: dict[str, Callable[[Path, NDArray[np.int64], Mapping[str, Column]], None]] = {
+    '.csv': _write_csv,
+    '.parquet': _write_parquet,
+    '.npz': _write_numpy,
+}
+
+
+def log_span(path: str | Path) -> tuple[int, int]:
+    """
+    Return the first and the last log time of a recording, ns.
+
+    Raises
+    ------
+    BagError
+        If it holds no message.
+    """
+    with Bag(path) as bag:
+        span = bag.span_ns
+    if span is None:
+        raise BagError(f'{path}: holds no messages')
+    return span
