@@ -21,6 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -170,18 +171,26 @@ def normal_forms_of(rigs: Sequence[RigParameters]) -> list[ComplexNormalForm]:
     right, left = _critical_vectors(rigs, matrices, omega)
     terms = np.stack([np.hstack([Wheelset(rig).cubic, Wheelset(rig).quintic]) for rig in rigs])
     w, r = _parametrise(matrices, omega, right, left, terms)
-    return [
-        ComplexNormalForm(
-            float(speeds[n]),
-            float(omega[n]),
-            *(complex(r[m][n]) for m in RESONANT),
-            w101=complex(w[1, 0, 1][n, 0]),
-            w210=complex(w[2, 1, 0][n, 0]),
-            length_scale=rig.length_scale,
-            time_scale=rig.time_scale,
-        )
-        for n, rig in enumerate(rigs)
-    ]
+    return [_assembled(rig, speeds[n], omega[n], w, r, n) for n, rig in enumerate(rigs)]
+
+
+def _assembled(
+    rig: RigParameters, speed: float, omega: float, w: Series, r: Series, n: int
+) -> ComplexNormalForm:
+    d1, d4, d7, d10, d15 = (complex(r[monomial][n]) for monomial in RESONANT)
+    return ComplexNormalForm(
+        float(speed),
+        float(omega),
+        D1=d1,
+        D4=d4,
+        D7=d7,
+        D10=d10,
+        D15=d15,
+        w101=complex(w[1, 0, 1][n, 0]),
+        w210=complex(w[2, 1, 0][n, 0]),
+        length_scale=rig.length_scale,
+        time_scale=rig.time_scale,
+    )
 
 
 def _critical_vectors(
@@ -221,19 +230,20 @@ def _parametrise(
             a, b, c = monomial
             if a < b:  # W is real: the rest are conjugates
                 continue
-            known = forces.get(monomial, np.zeros_like(right))
+            known: NDArray[Any] = forces.get(monomial, np.zeros_like(right))
             known = known - _transported(w, r, monomial)
             # A(eps) = A + damping (1 / (1 + eps) - 1), Eq. (5)
             for power in range(1, c + 1):
                 lower = w.get((a, b, c - power))
                 if lower is not None:
                     known = known + (-1) ** power * np.einsum('nij,nj->ni', damping, lower)
-            shifted = 1j * omega[:, None, None] * (a - b) * np.eye(4) - matrices
+            shifted = (1j * (a - b)) * omega[:, None, None] * np.eye(4) - matrices
             if a - b == 1:
-                solution = _solve_bordered(shifted, right, left, known)
+                solution: NDArray[Any] = _solve_bordered(shifted, right, left, known)
                 w[monomial], r[monomial] = solution[:, :4], solution[:, 4]
             else:
-                w[monomial] = np.linalg.solve(shifted, known[..., None])[..., 0]
+                solution = np.linalg.solve(shifted, known[..., None])
+                w[monomial] = solution[..., 0].astype(np.complex128)
             w[b, a, c] = w[monomial].conj()
     return w, r
 
@@ -296,7 +306,9 @@ def _power_product(factors: list[Series], grade: int) -> Series:
     return product
 
 
-def _solve_bordered(matrix: Complex, right: Complex, left: Complex, known: Complex) -> Complex:
+def _solve_bordered(
+    matrix: NDArray[Any], right: Complex, left: Complex, known: Complex
+) -> Complex:
     """Solve M W + R v = known with l . W = 0; columns 0-3 are W, column 4 is R."""
     count = len(matrix)
     bordered = np.zeros((count, 5, 5), dtype=np.complex128)

@@ -1,0 +1,131 @@
+"""
+How far the quintic normal form can be trusted: against the limit cycles of the full model.
+
+The Taylor form of `center_manifold` is exact at the Hopf point and may be far off at
+the fold. `fitted_form` is the quintic form nearest to the whole branch: what an
+identification from measured amplitudes can hope for.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.dynamics.center_manifold import ComplexNormalForm
+from hunt_ros.dynamics.limit_cycle import Branch
+from hunt_ros.dynamics.normal_form import NormalForm
+from hunt_ros.errors import ConfigError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """
+    Difference of a normal form from the full model.
+
+    Parameters
+    ----------
+    nonlinear_critical_speed : float
+        v_n of the form minus that of the full model, m/s; NaN where one has none.
+    unstable, stable : float
+        Largest relative difference of the amplitude on each branch; NaN where
+        nothing can be compared.
+    """
+
+    nonlinear_critical_speed: float
+    unstable: float
+    stable: float
+
+
+def misfit(form: NormalForm, branch: Branch, speeds: tuple[float, float]) -> Misfit:
+    """
+    Compare a normal form with the full model over a range of speeds.
+
+    Parameters
+    ----------
+    form : NormalForm
+        In the amplitude coordinate.
+    branch : Branch
+        Of the full model.
+    speeds : (float, float)
+        m/s.
+
+    Returns
+    -------
+    Misfit
+    """
+    inside = (branch.speed >= speeds[0]) & (branch.speed <= speeds[1])
+    unstable, stable = form.steady_amplitudes(branch.speed)
+    worst = []
+    for computed, wanted in ((unstable, ~branch.stable), (stable, branch.stable)):
+        use = inside & wanted & np.isfinite(computed)
+        error = np.abs(computed[use] / branch.amplitude[use] - 1.0)
+        worst.append(float(error.max()) if error.size else math.nan)
+    own, full = form.nonlinear_critical_speed, branch.nonlinear_critical_speed
+    shift = math.nan if own is None or full is None else own - full
+    return Misfit(shift, *worst)
+
+
+def fitted_form(
+    theory: ComplexNormalForm, branch: Branch, speeds: tuple[float, float]
+) -> NormalForm:
+    """
+    Quintic form in the amplitude coordinate that fits the limit cycles of the full model best.
+
+    D1 is that of linear theory, which sets the time scale; D4, D7, D10 and D15
+    minimise the difference of speed at given amplitude, which unlike that of
+    amplitude at given speed is smooth through the fold.
+
+    Parameters
+    ----------
+    theory : ComplexNormalForm
+        Gives v_c, D1 and the scales.
+    branch : Branch
+        Of the full model.
+    speeds : (float, float)
+        Speeds that count, m/s.
+
+    Returns
+    -------
+    NormalForm
+
+    Raises
+    ------
+    ConfigError
+        With fewer than eight cycles in the range.
+    """
+    inside = (branch.speed >= speeds[0]) & (branch.speed <= speeds[1])
+    if inside.sum() < 8:
+        raise ConfigError(f'{inside.sum()} limit cycles between {speeds[0]} and {speeds[1]} m/s')
+    start = theory.amplitude_coordinate
+    eps = branch.speed[inside] / theory.critical_speed - 1.0
+    r2 = (branch.amplitude[inside] / (2.0 * theory.length_scale)) ** 2
+    # An arclength step counts once: continuation crowds its points at the start.
+    weight = np.sqrt(np.gradient(_arclength(eps, np.sqrt(r2 / r2.max()))))
+    columns = np.stack([r2, eps**2, eps * r2, r2**2], axis=1)
+    slope = np.full_like(eps, start.D1)  # d(growth)/d(eps): turns the equation into a speed
+    for _ in range(20):
+        rows = columns * (weight / slope)[:, None]
+        scale = np.linalg.norm(rows, axis=0)
+        solution, *_ = np.linalg.lstsq(rows / scale, -start.D1 * eps * weight / slope, rcond=None)
+        d4, d7, d10, d15 = (float(x) for x in solution / scale)
+        slope = np.maximum(start.D1 + 2.0 * d7 * eps + d10 * r2, 0.1 * start.D1)
+    return NormalForm(
+        critical_speed=theory.critical_speed,
+        D1=start.D1,
+        D4=d4,
+        D7=d7,
+        D10=d10,
+        D15=d15,
+        length_scale=start.length_scale,
+        time_scale=start.time_scale,
+        frequency_hz=start.frequency_hz,
+    )
+
+
+def _arclength(x: Array, y: Array) -> Array:
+    return np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
