@@ -197,7 +197,7 @@ class HuntingTracker:
         self._run(stamps, sensors, measured, angles, speeds, outputs, rows)
         track = np.empty(outputs.size, dtype=TRACK_DTYPE)
         track['stamp_ns'] = outputs
-        track.view(np.float64).reshape(outputs.size, -1)[:, 1:] = rows
+        track.view(np.float64).reshape(outputs.size, len(_NUMBERS) + 1)[:, 1:] = rows
         return track
 
     def _run(
@@ -215,12 +215,14 @@ class HuntingTracker:
     @property
     def state(self) -> NDArray[np.float64]:
         """Copy of the state vector, shape (20,), in the order of `kernel`."""
-        return self._filter.x.copy()
+        state: NDArray[np.float64] = self._filter.x.copy()
+        return state
 
     @property
     def covariance(self) -> NDArray[np.float64]:
         """Copy of the covariance of `state`, shape (20, 20)."""
-        return self._filter.P.copy()
+        covariance: NDArray[np.float64] = self._filter.P.copy()
+        return covariance
 
     @property
     def kicks(self) -> int:

@@ -346,7 +346,7 @@ def add_pair(f: Filter, first: int, variance: float, re: float, im: float, sprea
 @compiled
 def density(f: Filter, k: int) -> float:
     """Noise density R dt of sensor k, units^2 s."""
-    return f.sensors[k, S_NOISE] * f.sensors[k, S_STEP]
+    return float(f.sensors[k, S_NOISE] * f.sensors[k, S_STEP])
 
 
 @compiled
