@@ -3,7 +3,8 @@ The node that records: everything the rig says, its parameters, and the operator
 
 Messages are taken from raw subscriptions and stored as they were on the wire.
 The topics of the design are subscribed from the start; others are picked up as
-they appear.
+they appear. No subscription and no client is destroyed while the node spins: the
+EventsExecutor can crash on what is gone (ros2/rclpy #1644).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from importlib import import_module
 from pathlib import Path
 
 from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from std_msgs.msg import String
@@ -57,6 +59,7 @@ OWN_TOPIC = 'recording/closed'
 
 _DEPTH = 4000
 _WITHOUT_CLOCK = 2000
+_LATCHED_KEPT = 1000
 
 
 @dataclass(frozen=True)
@@ -85,8 +88,14 @@ class BagRecorderNode(Node):
         self._config = declare(self, RecorderConfig)
         warn_unknown(self)
         self._recording: Recording | None = None
-        self._subscribed: dict[str, tuple[object, tuple[bool, bool]]] = {}
-        self._early: deque[tuple[int, bytes]] = deque(maxlen=_WITHOUT_CLOCK)
+        #: Ways in which a topic is subscribed: (reliable, latched).
+        self._subscribed: dict[str, set[tuple[bool, bool]]] = {}
+        self._kinds: dict[str, tuple[str, bool]] = {}
+        self._keys: dict[str, int] = {}
+        #: What latched topics have said, for the recordings that begin later.
+        self._said: dict[str, deque[bytes]] = {}
+        self._early: deque[tuple[str, bytes]] = deque(maxlen=_WITHOUT_CLOCK)
+        self._clients_of: dict[str, tuple[Client, Client]] = {}
         self._asked: set[str] = set()
         self._refused: set[str] = set()
         self._last = ('OK', 'no recording')
@@ -112,7 +121,7 @@ class BagRecorderNode(Node):
                 self.get_logger().error(str(error))
 
     def _begin(self) -> Path:
-        """Start a recording, and subscribe anew, so that latched topics speak again."""
+        """Start a recording; what latched topics have said stands at its beginning."""
         limits = {item.name: getattr(self._config, item.name) for item in fields(RecordingLimits)}
         notes = {name: getattr(self._config, name) for name in ('rig', 'operator', 'notes')}
         notes['started'] = f'{datetime.now().astimezone():%Y-%m-%dT%H:%M:%S%z}'
@@ -123,6 +132,13 @@ class BagRecorderNode(Node):
             path, RecordingLimits(**limits), notes=notes, compression=compression
         )
         self._asked.clear()
+        self._keys = {
+            name: self._recording.topic(name, kind, latched=is_latched)
+            for name, (kind, is_latched) in self._kinds.items()
+        }
+        for name, wires in self._said.items():
+            for raw in wires:
+                self._take(name, raw)
         for names, is_latched in ((DESIGN_TOPICS, False), (LATCHED_TOPICS, True)):
             for name, kind in names.items():
                 self._subscribe(self._full(name), kind, reliable=True, is_latched=is_latched)
@@ -132,9 +148,6 @@ class BagRecorderNode(Node):
 
     def _end(self) -> Path:
         recording, self._recording = self._recording, None
-        for subscription, _ in self._subscribed.values():
-            self.destroy_subscription(subscription)
-        self._subscribed.clear()
         self._early.clear()
         try:
             path = recording.stop()
@@ -189,49 +202,59 @@ class BagRecorderNode(Node):
             self._ask_parameters(f'{namespace.rstrip("/")}/{name}')
 
     def _subscribe(self, name: str, kind: str, *, reliable: bool, is_latched: bool) -> None:
-        before = self._subscribed.get(name)
-        if name in self._refused or (before is not None and before[1] == (reliable, is_latched)):
+        ways = self._subscribed.setdefault(name, set())
+        if name in self._refused or (reliable, is_latched) in ways:
             return
         message_class = _message_class(kind)
         if message_class is None:
             self._refused.add(name)
             self.get_logger().warning(f'{name}: type {kind} is not installed, not recorded')
             return
-        if before is not None:
-            self.destroy_subscription(before[0])
+        if ways and (reliable, is_latched) != (False, False):
+            return  # an earlier subscription hears this publisher as well
+        ways.add((reliable, is_latched))
         qos = stream(_DEPTH)
         if not reliable:
             qos.reliability = ReliabilityPolicy.BEST_EFFORT
         if is_latched:
             qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
-        key = self._recording.topic(name, kind, latched=is_latched)
-        subscription = self.create_subscription(
-            message_class, name, lambda raw: self._take(key, raw), qos, raw=True
+            self._said.setdefault(name, deque(maxlen=_LATCHED_KEPT))
+        if name not in self._kinds:
+            self._kinds[name] = (kind, is_latched)
+            self._keys[name] = self._recording.topic(name, kind, latched=is_latched)
+        self.create_subscription(
+            message_class, name, lambda raw: self._hear(name, raw), qos, raw=True
         )
-        self._subscribed[name] = (subscription, (reliable, is_latched))
 
-    def _take(self, key: int, raw: bytes) -> None:
+    def _hear(self, name: str, raw: bytes) -> None:
+        if name in self._said:
+            self._said[name].append(raw)
+        self._take(name, raw)
+
+    def _take(self, name: str, raw: bytes) -> None:
         """Hand a message over; with simulated time, not before there is a time."""
         if self._recording is None:
             return
         now_ns = self.get_clock().now().nanoseconds
         if now_ns <= 0:
-            self._early.append((key, raw))
+            self._early.append((name, raw))
             return
         while self._early:
-            early_key, early = self._early.popleft()
-            self._recording.offer(early_key, now_ns, early)
-        self._recording.offer(key, now_ns, raw)
+            early_name, early = self._early.popleft()
+            self._recording.offer(self._keys[early_name], now_ns, early)
+        self._recording.offer(self._keys[name], now_ns, raw)
 
     def _ask_parameters(self, node: str) -> None:
         """Ask a node for all its parameters; the answer goes into the recording."""
         if node in self._asked or node.rpartition('/')[2].startswith('_'):
             return
-        lister = self.create_client(ListParameters, f'{node}/list_parameters')
-        getter = self.create_client(GetParameters, f'{node}/get_parameters')
+        if node not in self._clients_of:
+            self._clients_of[node] = (
+                self.create_client(ListParameters, f'{node}/list_parameters'),
+                self.create_client(GetParameters, f'{node}/get_parameters'),
+            )
+        lister, getter = self._clients_of[node]
         if not (lister.service_is_ready() and getter.service_is_ready()):
-            self.destroy_client(lister)
-            self.destroy_client(getter)
             return
         self._asked.add(node)
 
@@ -239,13 +262,11 @@ class BagRecorderNode(Node):
             names = list(future.result().result.names)
             request = GetParameters.Request(names=names)
             getter.call_async(request).add_done_callback(lambda reply: got(names, reply))
-            self.destroy_client(lister)
 
         def got(names: list[str], future) -> None:
             text = parameter_text(node, names, future.result().values)
             if self._recording is not None:
                 self._recording.note('parameters', {node: text})
-            self.destroy_client(getter)
 
         lister.call_async(ListParameters.Request()).add_done_callback(listed)
 

@@ -170,8 +170,11 @@ class HuntingDetectorNode(LifecycleNode):
             publisher.publish(self._vector.encode(stamp_ns, number, 0.0, 0.0))
 
     def _reconfigure(self, config: DetectorConfig) -> None:
+        """Take new settings between two runs: a change within one could not be replayed."""
+        if self._active:
+            raise ConfigError('the detector is active: deactivate the node first')
         self._config = config
-        self._publish(self._detector.reconfigure(config))
+        self._detector = HuntingDetector(config, self._form)
 
     def _on_form(self, message: String) -> None:
         """Take a new normal form over, or let it wait where it would alarm later."""

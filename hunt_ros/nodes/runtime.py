@@ -2,7 +2,9 @@
 How a node process starts, spins and ends.
 
 Signals only ask the loop to end, so a node closes its files and publishes its
-last words while the ROS context is still alive.
+last words while the ROS context is still alive. The EventsExecutor can crash on
+entities that are destroyed while it spins (ros2/rclpy #1644): a node keeps what
+it has created until it ends.
 """
 
 from __future__ import annotations
@@ -62,10 +64,10 @@ def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -
     signal.signal(signal.SIGINT, stop)
     signal.signal(signal.SIGTERM, stop)
     node: Node | None = None
+    executor = _executor()
     try:
         node = make_node()
         _start(node)
-        executor = _executor()
         executor.add_node(node)
         # spin() of the EventsExecutor in these wheels burns a core and runs nothing.
         while rclpy.ok() and not stopping:
@@ -76,6 +78,7 @@ def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -
     except (ExternalShutdownException, KeyboardInterrupt):
         pass
     finally:
+        executor.shutdown()  # before anything it holds is destroyed
         if node is not None:
             if hasattr(node, 'close'):
                 node.close()

@@ -75,7 +75,7 @@ class SensorNode(LifecycleNode):
         self._lost = 0
         self._bad = 0
         self._trouble = ''
-        self._last_count, self._last_time = 0, time.monotonic()
+        self._last_count, self._last_time = 0, 0.0
         self._diagnostics = Diagnostics(self, self._health)
 
     def on_configure(self, state: State) -> TransitionCallbackReturn:
@@ -160,7 +160,8 @@ class SensorNode(LifecycleNode):
 
     def _health(self) -> Health:
         now = time.monotonic()
-        rate = (self._published - self._last_count) / max(now - self._last_time, 1e-3)
+        elapsed_s, begun = now - self._last_time, self._last_count > 0
+        rate = (self._published - self._last_count) / elapsed_s
         self._last_count, self._last_time = self._published, now
         values = {
             'rate_hz': round(rate, 1),
@@ -176,7 +177,7 @@ class SensorNode(LifecycleNode):
             return 'STALE', 'no samples', values
         expected = self._config.sample_rate_hz
         simulated_time = self.get_parameter('use_sim_time').value
-        if not simulated_time and abs(rate / expected - 1.0) > 0.05:
+        if begun and not simulated_time and abs(rate / expected - 1.0) > 0.05:
             return 'WARN', f'{rate:.0f} samples/s, expected {expected:.0f}', values
         if self._lost:
             return 'WARN', f'{self._lost} samples lost', values

@@ -1,0 +1,156 @@
+"""`hunt demo`: sweep a simulated rig through hunting and back, live, and refit it from its bag."""
+
+from __future__ import annotations
+
+import argparse
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hunt_ros.cli.console_link import ConsoleLink
+    from hunt_ros.cli.processes import Processes
+    from hunt_ros.cli.view import View
+
+SUMMARY = 'sweep the simulated rig through hunting and back, live, and refit it (3 minutes)'
+EXAMPLE = 'hunt demo --out recordings'
+
+_RATE_HZ = 200.0
+#: Corners of the sweep (s, m/s): up through v_n and v_c, and down again.
+_PROFILE = ((0.0, 6.0), (10.0, 6.0), (250.0, 8.8), (275.0, 8.8), (515.0, 6.0), (530.0, 6.0))
+#: Bumps on the way up, inside the basin: free decays tell the damping below v_c.
+_KICKS = ((60.0, 0.10e-3), (120.0, 0.10e-3), (160.0, 0.08e-3))
+_CLOSING_S = 60.0
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument(
+        '--out',
+        type=Path,
+        default=Path('recordings'),
+        metavar='DIR',
+        help='where the results go, in a folder of their own (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--time-scale',
+        type=float,
+        default=5.0,
+        metavar='X',
+        help='simulated seconds in a second, 0.1 to 10 (default: %(default)s)',
+    )
+    parser.add_argument('--seed', type=int, default=1, help='of everything random')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the demo from the start to the picture."""
+    from hunt_ros.cli.demo_report import show_results
+    from hunt_ros.cli.processes import Processes
+    from hunt_ros.cli.view import View
+    from hunt_ros.dynamics.identified import IdentifiedNormalForm
+    from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+    from hunt_ros.errors import ConfigError
+
+    if not 0.1 <= arguments.time_scale <= 10.0:
+        raise ConfigError(f'--time-scale: {arguments.time_scale:g} is not within 0.1 to 10')
+    folder = (arguments.out / f'demo_{datetime.now():%Y%m%d_%H%M%S}').resolve()
+    folder.mkdir(parents=True)
+    form = folder / 'paper_normal_form.yaml'
+    form.write_text(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml(), encoding='utf-8')
+
+    bag: Path | None = None
+    with View() as view:
+        try:
+            with Processes('rig', folder / 'logs', private=True) as processes:
+                link = _start(processes, view, arguments, folder, form)
+                _sweep(link, view)
+                bag = _close(link, view)
+        except KeyboardInterrupt:
+            view.say(f'stopped; what was recorded is in {folder}')
+            return 130
+    refitted = folder / 'normal_form.yaml'
+    if bag is None or not refitted.exists():
+        view.say(f'no refitted normal form: see {folder}/logs', 'bold red')
+        return 1
+    show_results(bag, refitted, folder, view)
+    return 0
+
+
+def _start(
+    processes: Processes, view: View, arguments: argparse.Namespace, folder: Path, form: Path
+) -> ConsoleLink:
+    """Start the listeners, then the rig; return when all are up."""
+    from hunt_ros.cli import suite
+
+    port = suite.free_port()
+    rate: dict[str, object] = {'sample_rate_hz': _RATE_HZ, 'port': port}
+    parameters: dict[str, dict[str, object]] = {
+        suite.SIMULATOR: {
+            **rate,
+            'time_scale': float(arguments.time_scale),
+            'initial_speed_mps': _PROFILE[0][1],
+            'kick_times_s': [time for time, _ in _KICKS],
+            'kick_sizes_m': [size for _, size in _KICKS],
+            'seed': arguments.seed,
+            'start_with_readers': len(suite.SOURCES),
+        },
+        'lateral_sensor': rate,
+        'yaw_sensor': rate,
+        'roller_speed': {
+            'port': port,
+            'profile_times_s': [time for time, _ in _PROFILE],
+            'profile_speeds_mps': [speed for _, speed in _PROFILE],
+            'profile_autostart': True,
+        },
+        # Fast simulated time: fewer estimates a simulated second keep the machine free.
+        'hunting_detector': {'output_rate_hz': 20.0},
+        'bag_recorder': {'directory': str(folder), 'operator': 'hunt demo', 'rig': 'simulated'},
+        'normal_form_identifier': {'directory': str(folder)},
+    }
+    view.say('Starting seven ROS 2 nodes on this machine (Ctrl-C ends them all) ...')
+    link = suite.start_console(processes, {})
+    common: dict[str, object] = {'use_sim_time': True}
+    suite.start_nodes(processes, suite.LISTENERS, common, parameters, [form])
+    suite.wait_until_up(link, suite.LISTENERS)
+    suite.start_nodes(processes, [suite.SIMULATOR], {}, parameters)
+    suite.start_nodes(processes, suite.SOURCES, common, parameters)
+    view.say(
+        f'Sweeping {_PROFILE[0][1]:g} -> {_PROFILE[2][1]:g} -> {_PROFILE[-1][1]:g} m/s in'
+        f' {_PROFILE[-1][0]:.0f} s, {arguments.time_scale:g} times as fast as real time.'
+        ' The alarm holds the coefficients (33) of the paper.'
+    )
+    return link
+
+
+def _sweep(link: ConsoleLink, view: View) -> None:
+    """Narrate until the profile has run."""
+    origin_ns: int | None = None
+    while True:
+        for line in link.lines(10.0):
+            view.show(line)
+            if line['topic'] != 'hunting/status' or int(line['stamp_ns']) == 0:
+                continue
+            origin_ns = int(line['stamp_ns']) if origin_ns is None else origin_ns
+            if int(line['stamp_ns']) - origin_ns > _PROFILE[-1][0] * 1e9:
+                return
+
+
+def _close(link: ConsoleLink, view: View) -> Path | None:
+    """Close the recording and wait for the identifier's word on it."""
+    bag: Path | None = None
+    link.call('recording/stop')
+    for line in link.lines(_CLOSING_S):
+        view.show(line)
+        if line['topic'] == 'recording/closed':
+            bag = Path(line['data'])
+        elif bag is not None and _last_word(line):
+            break
+    return bag
+
+
+def _last_word(line: dict[str, Any]) -> bool:
+    """Tell whether the identifier has said what it makes of the recording."""
+    if line['topic'] == '/diagnostics':
+        name: str = line['name']
+        return name.endswith('normal_form_identifier') and line['level'] == 'WARN'
+    return bool(line['topic'] == 'hunting/normal_form')
