@@ -14,6 +14,8 @@ from hunt_ros.analysis.steady_state import SteadyState
 #: Two states at one speed differ by no more than this, m/s; the paper's speed meter
 #: resolves 0.2 m/s.
 _SAME_SPEED = 0.1
+#: A state is settled where its amplitude is known to this share of itself.
+_SETTLED = 0.1
 #: Hunting on the way down is at least so many times the quiet motion on the way up.
 _HYSTERESIS_RATIO = 3.0
 
@@ -66,7 +68,8 @@ def either_side(
         return None
     usable = [state for state in _plateaus(states) if state.direction != 'down']
     below = [state for state in usable if state.speed < v_c]
-    above = [state for state in usable if state.speed >= v_c]
+    # A plateau on which the jump itself happened shows neither the one nor the other.
+    above = [x for x in usable if x.speed >= v_c and x.amplitude_std <= _SETTLED * x.amplitude]
     return (below[-1], above[0]) if below and above else None
 
 

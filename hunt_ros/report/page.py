@@ -42,7 +42,7 @@ figure.column { max-width: 34rem; }
 figcaption { margin-top: .4rem; max-width: 46rem; }
 figcaption b { color: var(--ink); }
 .grid { display: grid; gap: 1rem 1.6rem;
-  grid-template-columns: repeat(auto-fit, minmax(17rem, 1fr)); }
+  grid-template-columns: repeat(auto-fit, minmax(min(22rem, 100%), 1fr)); }
 .grid figure { margin: 0; min-width: 0; max-width: 34rem; }
 .wide { overflow-x: auto; margin: 1rem 0; }
 table { border-collapse: collapse; font-size: .88rem; font-variant-numeric: tabular-nums; }

@@ -13,6 +13,7 @@ from typing import Any
 
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM
 from hunt_ros.report.numbers import plain, rounded, rounded_json
+from hunt_ros.report.overview import RunEvent
 from hunt_ros.report.result import Result
 
 _MEANING = {
@@ -232,6 +233,45 @@ def branches(result: Result, count: int = 16) -> str:
         rows.append(cells)
     header = ['speed (m/s)', 'unstable amplitude (mm)', 'stable amplitude (mm)']
     return table(header, rows, 'Branches of the identified normal form.')
+
+
+def events(entries: Sequence[RunEvent]) -> str:
+    """Table of the events of the runs, in the order of time."""
+    if not entries:
+        return '<p>The detector reported none.</p>'
+    rows = [
+        [
+            escape(one.source),
+            f'{one.seconds:.2f}',
+            escape(one.event.replace('_', ' ')),
+            _plain_or_unknown(one.speed, 1.0),
+            _plain_or_unknown(one.amplitude, 1e3),
+            _plain_or_unknown(one.growth_rate, 1.0),
+            f'<span class="level-{escape(one.level)}">{escape(one.level)}</span>',
+        ]
+        for one in entries
+    ]
+    header = [
+        'recording',
+        'time (s)',
+        'event',
+        'speed (m/s)',
+        'amplitude (mm)',
+        'growth rate (1/s)',
+        'level',
+    ]
+    return table(header, rows, 'Events of the detector, time from the start of the recording.')
+
+
+def _plain_or_unknown(value: float | None, scale: float) -> str:
+    if value is None:
+        return '<span class="unknown">not known</span>'
+    return rounded(scale * value, digits=3).html()
+
+
+def folded(title: str, body: str) -> str:
+    """Return a long table folded under its title; unfolded on paper by the page's style."""
+    return f'<details><summary>{escape(title)}</summary>{body}</details>'
 
 
 def unknowns(result: Result) -> str:

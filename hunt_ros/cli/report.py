@@ -1,0 +1,94 @@
+"""The verb `report`: recordings in, one HTML page and the figures of a paper out."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hunt_ros.errors import HuntError
+
+if TYPE_CHECKING:
+    from hunt_ros.cli.output import Advance
+    from hunt_ros.identification import Identification
+    from hunt_ros.report.overview import RunEvent
+
+SUMMARY = 'write the report of recordings: one HTML page, and the figures as SVG and PNG'
+EXAMPLE = 'hunt report bags/hysteresis_loop --out report.html --figures figures'
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the verb."""
+    from hunt_ros.cli.identify import add_settings
+
+    add_settings(parser)
+    parser.add_argument(
+        '--out', metavar='FILE', default='report.html', help='the page (%(default)s)'
+    )
+    parser.add_argument('--figures', metavar='DIR', help='write each figure as SVG and PNG here')
+    parser.add_argument('--title', metavar='TEXT', help='of the page')
+    parser.add_argument('--json', metavar='PATH|-', help='write the identification as JSON too')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Identify, analyse, draw, write; 1 where the data carry no normal form."""
+    from hunt_ros.bag.columns import read_record
+    from hunt_ros.cli.identify import mapping_of, settings_of
+    from hunt_ros.cli.output import progress, write_json
+    from hunt_ros.identification import identify
+    from hunt_ros.report.compose import Report
+    from hunt_ros.report.style import save_figures
+
+    page = Path(arguments.out)
+    if not page.absolute().parent.is_dir():
+        raise HuntError(f'{page}: there is no folder {page.parent} to write the report into')
+    settings, mapping = settings_of(arguments), mapping_of(arguments)
+    with progress('reading') as advance:
+        records = []
+        for count, path in enumerate(arguments.bags):
+            records.append(read_record(path, mapping, require=('lateral', 'speed')))
+            advance((count + 1) / len(arguments.bags))
+    with progress('identifying') as advance:
+        identification = identify(records, settings, advance)
+    with progress('detecting') as advance:
+        events = _events(identification, advance)
+    with progress('drawing') as advance:
+        title = {} if arguments.title is None else {'title': arguments.title}
+        report = Report(identification, events, **title)
+        drawings = report.drawings()
+        advance(0.6)
+        written: list[Path] = []
+        if arguments.figures:
+            written = save_figures(report.figures(drawings), Path(arguments.figures))
+        advance(0.9)
+        _write(page, report.html(drawings))
+    if arguments.json:
+        write_json(report.document, arguments.json)
+    if arguments.json != '-':
+        print(page)
+        for path in written:
+            print(path)
+    return 0 if identification.normal_form is not None else 1
+
+
+def _events(identification: Identification, advance: Advance) -> Sequence[RunEvent]:
+    """Run the detector over every record, with the form just identified."""
+    from hunt_ros.report.events import events_of
+
+    events: list[RunEvent] = []
+    for count, record in enumerate(identification.records, start=1):
+        events += events_of(record, identification.normal_form)
+        advance(count / len(identification.records))
+    return events
+
+
+def _write(path: Path, text: str) -> None:
+    """Write the page under a temporary name first: a report is there whole, or not at all."""
+    partial = path.with_name(path.name + '.part')
+    try:
+        partial.write_text(text, encoding='utf-8')
+        partial.replace(path)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise HuntError(f'{path}: cannot write the report ({error.strerror})') from error

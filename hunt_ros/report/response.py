@@ -1,0 +1,132 @@
+"""
+The analysis of one steady state, as Figs. 5 and 7 show it.
+
+The analysis itself is in `hunt_ros.analysis`; here it is called with what the record
+has. What it refuses is left out, with its reason, and never replaced.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.analysis.lyapunov import LyapunovExponent, largest_lyapunov_exponent
+from hunt_ros.analysis.phase_portrait import PhasePortrait, phase_portrait
+from hunt_ros.analysis.poincare import PoincareSection, poincare_section
+from hunt_ros.analysis.spectrum import Spectrum, power_spectrum
+from hunt_ros.analysis.uniform import on_stamps, uniform
+from hunt_ros.errors import IdentificationError
+from hunt_ros.samples import NANOSECONDS, Record
+
+_Result = TypeVar('_Result')
+
+#: Rate at which neighbours are followed, Hz: enough for hunting and the roughness line.
+_LYAPUNOV_HZ = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """
+    What Fig. 5 shows of one speed; None where it cannot be known.
+
+    Parameters
+    ----------
+    speed : float
+        m/s.
+    time, lateral : ndarray, shape (n,)
+        s and m, without the mean; empty where the channel is not usable.
+    spectrum : Spectrum or None
+        With its lines named.
+    portrait : PhasePortrait or None
+        Displacement and velocity.
+    section : PoincareSection or None
+        Once a revolution of the roller.
+    lyapunov : LyapunovExponent or None
+        The largest one.
+    unknown : mapping of str to str
+        Panel -> why it is not known.
+    """
+
+    speed: float
+    time: NDArray[np.float64]
+    lateral: NDArray[np.float64]
+    spectrum: Spectrum | None
+    portrait: PhasePortrait | None
+    section: PoincareSection | None
+    lyapunov: LyapunovExponent | None
+    unknown: Mapping[str, str]
+
+    @property
+    def kind(self) -> str:
+        """What the section says, in words."""
+        if self.section is None:
+            return 'not known'
+        if self.section.kind == 'periodic' and self.section.period > 1:
+            return f'periodic, {self.section.period} revolutions'
+        return self.section.kind
+
+
+def response_of(record: Record, speed: float) -> Response:
+    """
+    Analyse a steady stretch of a record.
+
+    Parameters
+    ----------
+    record : Record
+        Cut to the stretch; `lateral`, and `roller` where there is one.
+    speed : float
+        Mean running speed there, m/s.
+
+    Returns
+    -------
+    Response
+    """
+    unknown: dict[str, str] = {}
+
+    def tried(panel: str, work: Callable[[], _Result]) -> _Result | None:
+        try:
+            return work()
+        except IdentificationError as error:
+            unknown[panel] = str(error)
+            return None
+
+    even = tried('time history', lambda: uniform(record['lateral']))
+    if even is None:
+        nothing = np.zeros(0)
+        return Response(speed, nothing, nothing, None, None, None, None, unknown)
+    stamps, lateral = even
+    rate = NANOSECONDS / float(np.median(np.diff(stamps)))
+    angle = on_stamps(record['roller'], stamps) if 'roller' in record else None
+    if angle is not None and not np.isfinite(angle).all():
+        angle = None
+    seconds: NDArray[np.float64] = (stamps - stamps[0]) / NANOSECONDS
+    diameter = _roller_diameter(seconds, angle, speed)
+    step = max(round(rate / _LYAPUNOV_HZ), 1)
+    return Response(
+        speed,
+        seconds,
+        lateral - lateral.mean(),
+        tried('power spectrum', lambda: power_spectrum(lateral, rate, speed, diameter)),
+        tried('phase portrait', lambda: phase_portrait(lateral, rate)),
+        tried('section', lambda: poincare_section(lateral, rate, angle, speed, diameter)),
+        tried(
+            'Lyapunov exponent', lambda: largest_lyapunov_exponent(lateral[::step], rate / step)
+        ),
+        unknown,
+    )
+
+
+def _roller_diameter(
+    seconds: NDArray[np.float64], angle: NDArray[np.float64] | None, speed: float
+) -> float:
+    """Diameter of the roller from its own rate, m; the paper's 0.3 m without an encoder."""
+    if angle is None or angle.size < 2:
+        return 0.3
+    rate = abs(float(angle[-1] - angle[0])) / float(seconds[-1])
+    diameter = 2.0 * speed / rate if rate > 0.0 else math.nan
+    return diameter if math.isfinite(diameter) and diameter > 0.0 else 0.3

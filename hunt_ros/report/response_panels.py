@@ -1,0 +1,202 @@
+"""Figs. 5 and 7: the panels of one speed, and Poincare maps either side of v_c."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.report import style
+from hunt_ros.report.numbers import rounded
+from hunt_ros.report.response import Response
+
+if TYPE_CHECKING:
+    from hunt_ros.analysis.phase_portrait import PhasePortrait
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: Length of the time history, s.
+_SHOWN_S = 4.0
+#: Points of the phase portrait: enough for a closed band, few enough for a small file.
+_PORTRAIT_POINTS = 3000
+#: Highest frequency shown in the spectrum, Hz, where the data reach it.
+_TOP_HZ = 15.0
+
+
+def response_panels(response: Response, letter: str = '') -> Figure:
+    """
+    Draw the five panels of one speed.
+
+    Parameters
+    ----------
+    response : Response
+        What is shown.
+    letter : str
+        Of the panel group, 'a' to 'd'.
+
+    Returns
+    -------
+    Figure
+        Half a page wide: four of them make the paper's Fig. 5.
+    """
+    with style.journal_style():
+        figure = style.new_figure(style.PAGE / 2, 0.58 * style.PAGE)
+        axes = figure.subplot_mosaic('hh;sp;ml')
+        head = f'({letter}) ' if letter else ''
+        axes['h'].set_title(f'{head}{response.speed:.2f} m/s')
+        _history(axes['h'], response)
+        _spectrum(axes['s'], response)
+        _portrait(axes['p'], response)
+        section(axes['m'], response)
+        _lyapunov(axes['l'], response)
+        return figure
+
+
+def poincare_pair(below: Response, above: Response) -> Figure:
+    """
+    Draw the Poincare maps either side of the critical speed, each on its own scale.
+
+    Parameters
+    ----------
+    below, above : Response
+        Neighbouring speeds.
+
+    Returns
+    -------
+    Figure
+        One page wide.
+
+    References
+    ----------
+    The paper, Fig. 7.
+    """
+    with style.journal_style():
+        figure = style.new_figure(style.PAGE, 0.42 * style.PAGE)
+        pair = figure.subplots(1, 2)
+        for axes, response, letter in zip(pair, (below, above), 'ab', strict=True):
+            section(axes, response)
+            axes.set_title(f'({letter}) {response.speed:.2f} m/s, {response.kind}')
+        return figure
+
+
+def section(axes: Axes, response: Response) -> None:
+    """Plot a Poincare section."""
+    style.frame(axes, r'$y$ (mm)', r'$\dot{y}$ (mm/s)')
+    if response.section is None:
+        _nothing(axes)
+        return
+    points = style.MILLIMETRES * np.column_stack(
+        [response.section.displacement, response.section.velocity]
+    )
+    axes.plot(points[:, 0], points[:, 1], '.', color=style.STABLE, markersize=2.5)
+    # On the scale of the whole orbit, or a point would look like a cloud.
+    _centred(axes, points if response.portrait is None else _orbit(response.portrait))
+
+
+def _history(axes: Axes, response: Response) -> None:
+    style.frame(axes, 'Time (s)', r'$y$ (mm)')
+    if not response.time.size:
+        _nothing(axes)
+        return
+    start = max(float(response.time[-1]) - _SHOWN_S, 0.0)
+    shown = response.time >= start
+    axes.plot(
+        response.time[shown] - start,
+        style.MILLIMETRES * response.lateral[shown],
+        color=style.INK,
+        linewidth=0.7,
+    )
+    axes.set_xlim(0.0, _SHOWN_S)
+
+
+def _spectrum(axes: Axes, response: Response) -> None:
+    style.frame(axes, 'Frequency (Hz)', r'PSD (mm$^2$/Hz)')
+    spectrum = response.spectrum
+    if spectrum is None:
+        _nothing(axes)
+        return
+    inside = (spectrum.frequency_hz > 0.0) & (spectrum.frequency_hz <= _TOP_HZ)
+    inside &= spectrum.density > 0.0
+    power = style.MILLIMETRES**2 * spectrum.density[inside]
+    axes.semilogy(spectrum.frequency_hz[inside], power, color=style.INK, linewidth=0.7)
+    axes.set_xlim(0.0, float(spectrum.frequency_hz[inside][-1]))
+    axes.set_ylim(max(power.min(), 1e-9 * power.max()), 30.0 * power.max())
+    for line in spectrum.lines:
+        if line.frequency_hz > axes.get_xlim()[1]:
+            continue
+        hunting = line.name == 'hunting'
+        colour = style.STABLE if hunting else style.ROUGHNESS
+        order = '' if hunting else line.name.removeprefix('roughness').strip()
+        axes.axvline(
+            line.frequency_hz, color=colour, linewidth=0.7, linestyle=(0, (3, 2)), zorder=0
+        )
+        axes.annotate(
+            r'$f_h$' if hunting else rf'${order}f_r$',
+            (line.frequency_hz, 1.0),
+            xycoords=('data', 'axes fraction'),
+            xytext=(1.5, 0),
+            textcoords='offset points',
+            va='top',
+            fontsize=6.5,
+            color=colour,
+        )
+
+
+def _portrait(axes: Axes, response: Response) -> None:
+    style.frame(axes, r'$y$ (mm)', r'$\dot{y}$ (mm/s)')
+    portrait = response.portrait
+    if portrait is None:
+        _nothing(axes)
+        return
+    points = _orbit(portrait)[-_PORTRAIT_POINTS:]
+    axes.plot(points[:, 0], points[:, 1], color=style.INK, linewidth=0.35)
+    _centred(axes, points)
+
+
+def _lyapunov(axes: Axes, response: Response) -> None:
+    """Plot how neighbours part, and the line whose slope is the exponent."""
+    style.frame(axes, 'Time (s)', 'ln distance')
+    largest = response.lyapunov
+    if largest is None:
+        _nothing(axes)
+        return
+    shift = float(largest.divergence[0])
+    axes.plot(largest.times_s, largest.divergence - shift, color=style.INK, linewidth=0.7)
+    first, last = largest.fitted
+    inside = (largest.times_s >= first) & (largest.times_s <= last)
+    middle = 0.5 * (first + last)
+    level = float(np.mean(largest.divergence[inside])) - shift
+    ends = np.array([first, last])
+    axes.plot(ends, level + largest.exponent.value * (ends - middle), color=style.UNSTABLE)
+    std = largest.exponent.std
+    shown = rounded(largest.exponent.value, std if math.isfinite(std) else None).text()
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + 0.3 * (high - low))
+    axes.text(
+        0.03,
+        0.97,
+        rf'$\lambda_1$ = {shown} s$^{{-1}}$',
+        transform=axes.transAxes,
+        va='top',
+        fontsize=6.5,
+    )
+
+
+def _orbit(portrait: PhasePortrait) -> NDArray[np.float64]:
+    """Displacement and velocity in mm and mm/s, shape (n, 2)."""
+    return style.MILLIMETRES * np.column_stack([portrait.displacement, portrait.velocity])
+
+
+def _centred(axes: Axes, points: NDArray[np.float64]) -> None:
+    """Centre the axes on zero, with the same margin on both."""
+    x, y = 1.15 * np.maximum(np.abs(points).max(axis=0), 1e-9)
+    axes.set_xlim(-x, x)
+    axes.set_ylim(-y, y)
+
+
+def _nothing(axes: Axes) -> None:
+    axes.text(0.5, 0.5, 'not known', transform=axes.transAxes, ha='center', va='center')
+    axes.set_xticks([])
+    axes.set_yticks([])
