@@ -26,8 +26,12 @@ _F = NDArray[np.float64]
     M_FLOOR_ROWS,  # rows it was learnt from
     M_NOISE,  # noise intensity D, m^2/s
     M_NOISE_ROWS,
-    M_MEAN,  # running mean of the amplitude, m, and of its square
-    M_SQUARE,
+    M_RECENT,  # mean square of the amplitude over a few seconds, m^2
+    M_FAST,  # running means of the well-known amplitude, m, over _FAST_S and _SLOW_S,
+    M_SLOW,
+    M_SQUARE,  # and of its square over _SLOW_S, m^2
+    M_STD,  # and of its standard deviation, m
+    M_SURE_ROWS,  # rows they were taken from
     M_ROWS,  # rows with an estimate since the start
     M_REFERENCE,  # amplitude in the limit cycle, m
     M_REGION,
@@ -48,7 +52,7 @@ _F = NDArray[np.float64]
     M_EDGE_WIDTH,
     M_EDGE_RATE,
     N_MEMORY,
-) = range(26)
+) = range(30)
 
 # Columns of the numbers given out.
 (
@@ -74,6 +78,18 @@ _QUIET, _DISTURBED, _ESCAPING, _LIMIT_CYCLE, _DECAYING = 0, 1, 2, 3, 4
 
 #: Rows of the quiet motion, s, from which the first noise floor is taken.
 _SETTLE_S = 2.0
+#: A motion that is large from the start, and not steady, is given this long, s, before it is
+#: taken for the quiet motion of a lively rig.
+_PATIENCE_S = 5.0
+#: The floor follows at once where the recent mean square lies below this part of it.
+_FALLEN = 0.1
+_RECENT_S = 3.0
+#: Means of the amplitude whose difference tells its trend.
+_FAST_S, _SLOW_S = 0.5, 1.5
+#: An amplitude is well known when its standard deviation is below this part of it.
+_SURE = 0.1
+#: Share of the rows in which the amplitude must be well known for it to be large.
+_MOSTLY = 0.5
 #: Without a floor yet, the standard deviation of the amplitude estimate stands in, so often.
 _STD_FLOORS = 1.5
 #: Relative fluctuation of the amplitude that a limit cycle may have (noise-driven motion: 0.52).
@@ -375,18 +391,31 @@ def _learn(rules: Rules, form: FormNumbers, memory: _F, v: float, a: float, s: f
     """Learn what quiet is: mean square of the amplitude, and the noise that keeps it up."""
     memory[M_ROWS] += 1.0
     rows = memory[M_ROWS]
-    weight = max(1.0 / rows, rules.period_s)  # about one second
-    memory[M_MEAN] += weight * (a - memory[M_MEAN])
-    memory[M_SQUARE] += weight * (a * a - memory[M_SQUARE])
+    square = a * a
+    weight = max(1.0 / rows, rules.period_s / _RECENT_S)
+    memory[M_RECENT] += weight * (square - memory[M_RECENT])
+    if s < _SURE * a:
+        memory[M_SURE_ROWS] += 1.0
+        sure = memory[M_SURE_ROWS]
+        memory[M_FAST] += max(1.0 / sure, rules.period_s / _FAST_S) * (a - memory[M_FAST])
+        weight = max(1.0 / sure, rules.period_s / _SLOW_S)
+        memory[M_SLOW] += weight * (a - memory[M_SLOW])
+        memory[M_STD] += weight * (s - memory[M_STD])
+        memory[M_SQUARE] += weight * (square - memory[M_SQUARE])
     state = int(memory[M_STATE])
     if state > _DISTURBED:
         return
-    square = a * a
-    if rows * rules.period_s < _SETTLE_S or math.isnan(memory[M_FLOOR2]):
-        if rows * rules.period_s >= _SETTLE_S and not _startling(rules, memory, a, s):
-            memory[M_FLOOR2] = max(memory[M_SQUARE], 1e-300)
+    if math.isnan(memory[M_FLOOR2]):
+        elapsed = rows * rules.period_s
+        large = memory[M_SURE_ROWS] > _MOSTLY * rows
+        patience = _PATIENCE_S if large else _SETTLE_S
+        if elapsed >= patience and not (large and _steady(rules, memory)):
+            memory[M_FLOOR2] = max(memory[M_RECENT], 1e-300)
             memory[M_FLOOR_ROWS] = _SETTLE_S / rules.period_s
         return
+    if memory[M_RECENT] < _FALLEN * memory[M_FLOOR2]:
+        weight = rules.period_s / _RECENT_S
+        memory[M_FLOOR2] += weight * (memory[M_RECENT] - memory[M_FLOOR2])
     limit = rules.disturbed_in**2 * memory[M_FLOOR2]
     pace = 1.0
     if square > limit:  # a disturbance, or a new level of the noise: give way slowly
@@ -408,11 +437,21 @@ def _learn(rules: Rules, form: FormNumbers, memory: _F, v: float, a: float, s: f
 
 
 @compiled
-def _startling(rules: Rules, memory: _F, a: float, s: float) -> bool:
-    """Tell a motion that may be a limit cycle from the start: large and steady."""
-    variance = memory[M_SQUARE] - memory[M_MEAN] ** 2
-    steady = variance < (_STEADY * memory[M_MEAN]) ** 2
-    return steady and a > rules.cycle_floor * _STD_FLOORS * s
+def _trend(rules: Rules, memory: _F) -> float:
+    """Relative rate of change of the well-known amplitude, 1/s; NaN before it is known."""
+    if memory[M_SURE_ROWS] * rules.period_s < _SLOW_S:
+        return np.nan
+    return (memory[M_FAST] - memory[M_SLOW]) / ((_SLOW_S - _FAST_S) * memory[M_SLOW])
+
+
+@compiled
+def _steady(rules: Rules, memory: _F) -> bool:
+    """Tell an amplitude that neither moves nor fluctuates, as that of a limit cycle."""
+    variance = memory[M_SQUARE] - memory[M_SLOW] ** 2
+    return (
+        abs(_trend(rules, memory)) < rules.cycle_growth
+        and variance < (_STEADY * memory[M_SLOW]) ** 2
+    )
 
 
 @compiled
@@ -422,7 +461,7 @@ def _floor(rules: Rules, memory: _F, s: float) -> float:
     if not math.isnan(memory[M_FLOOR2]):
         floor = max(floor, math.sqrt(memory[M_FLOOR2]))
     elif floor == 0.0 and memory[M_ROWS] * rules.period_s >= _SETTLE_S:
-        floor = _STD_FLOORS * s
+        floor = _STD_FLOORS * (memory[M_STD] if memory[M_SURE_ROWS] > 0.0 else s)
     return floor if floor > 0.0 else np.nan
 
 
@@ -440,8 +479,9 @@ def _wanted(
 ) -> tuple[int, int]:
     """Return the state the numbers ask for, and the rows it must be asked for."""
     state = int(memory[M_STATE])
-    grows = growth > rules.sigma * growth_std
-    falls = growth < -rules.sigma * growth_std
+    trend = _trend(rules, memory)
+    grows = growth > rules.sigma * growth_std and trend > 0.0
+    falls = growth < -rules.sigma * growth_std and trend < 0.0
     disturbed = switched(
         memory[M_DISTURBED] > 0.0, a, rules.disturbed_in * floor, rules.disturbed_out * floor
     )
@@ -464,12 +504,11 @@ def _wanted(
         growing = True
     memory[M_GROWING] = 1.0 if growing else 0.0
 
-    variance = memory[M_SQUARE] - memory[M_MEAN] ** 2
-    steady = (
-        abs(growth) < rules.cycle_growth
-        and variance < (_STEADY * memory[M_MEAN]) ** 2
-        and a > rules.cycle_floor * floor
-    )
+    # What has been seen to grow need not stand as far above the floor.
+    least = rules.cycle_floor * floor
+    if state in (_ESCAPING, _DECAYING):
+        least = max(rules.disturbed_in * floor, 0.5 * memory[M_REFERENCE])
+    steady = memory[M_SLOW] > least and _steady(rules, memory)
     edge = out[O_UNSTABLE]
     if not math.isnan(edge) and a < _LINGER_HIGH * edge:
         steady = False  # below the edge, or lingering near it
@@ -484,7 +523,8 @@ def _wanted(
     if reached:
         return _LIMIT_CYCLE, rules.cycle_hold
     if steady:
-        return _LIMIT_CYCLE, 2 * rules.cycle_hold
+        unlearnt = math.isnan(memory[M_FLOOR2])
+        return _LIMIT_CYCLE, (3 if unlearnt else 2) * rules.cycle_hold
     if escaping:
         return _ESCAPING, rules.escape_hold
     if growing and math.isnan(out[O_STABLE]):
