@@ -1,0 +1,141 @@
+"""`hunt normal-form WHEELSET.yaml`: from the equations of motion to the normal form."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hunt_ros.errors import ConfigError, HuntError
+
+if TYPE_CHECKING:
+    from hunt_ros.dynamics.center_manifold import ComplexNormalForm
+    from hunt_ros.dynamics.limit_cycle import Branch
+    from hunt_ros.dynamics.parameters import RigParameters
+
+SUMMARY = 'compute critical speed and normal form of a rig from its parameters'
+EXAMPLE = 'hunt normal-form wheelset.yaml --plot diagram.png'
+
+#: Speeds in the picture, as shares of v_c.
+_SHOWN = (0.75, 1.15)
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument(
+        'wheelset',
+        type=Path,
+        help='YAML file of the rig; a key left out is that of Table 1, so {} is the linear rig',
+    )
+    parser.add_argument('--json', metavar='PATH', help="the result as JSON; '-': stdout")
+    parser.add_argument('--plot', type=Path, metavar='PNG', help='bifurcation diagram')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Read the rig, compute, print."""
+    from hunt_ros.cli.output import write_json
+    from hunt_ros.dynamics.center_manifold import normal_form_of
+    from hunt_ros.dynamics.parameters import RigParameters
+
+    source = str(arguments.wheelset)
+    try:
+        text = arguments.wheelset.read_text(encoding='utf-8')
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else 'not UTF-8 text'
+        raise ConfigError(f'{source}: cannot read it ({reason})') from error
+    rig = RigParameters.from_yaml(text, source)
+    form = normal_form_of(rig)
+    branch = _full_model(rig)
+    result = document(form, branch)
+    if arguments.json != '-':
+        print(summary(rig, form, result))
+    if arguments.json:
+        write_json(result, arguments.json)
+    if arguments.plot:
+        _plot(form, branch, arguments.plot)
+    return 0
+
+
+def document(form: ComplexNormalForm, branch: Branch | None) -> dict[str, Any]:
+    """
+    The result as JSON types.
+
+    `v_n_mps` is the fold of the normal form, `full_model` that of the equations of
+    motion: their difference says how far the expansion about v_c reaches.
+    """
+    real = form.amplitude_coordinate
+    coefficients = {
+        name: [getattr(form, name).real, getattr(form, name).imag]
+        for name in ('D1', 'D4', 'D7', 'D10', 'D15')
+    }
+    return {
+        'v_c_mps': form.critical_speed,
+        'hunting_frequency_hz': real.frequency_hz,
+        **coefficients,
+        'amplitude_coordinate': {'D10': real.D10, 'D15': real.D15},
+        'v_n_mps': real.nonlinear_critical_speed,
+        'criticality': real.criticality if real.D4 != 0.0 else None,
+        'full_model': {'v_n_mps': branch.nonlinear_critical_speed if branch else None},
+    }
+
+
+def summary(rig: RigParameters, form: ComplexNormalForm, result: dict[str, Any]) -> str:
+    """Return the lines for a person."""
+    lines = [
+        f'{rig.name}: {result["criticality"] or "linear"} Hopf bifurcation at'
+        f' v_c = {form.critical_speed:.4f} m/s, {result["hunting_frequency_hz"]:.3f} Hz',
+        '',
+        f'{"":6}{"real":>14}{"imaginary":>14}{"amplitude coordinate":>24}',
+    ]
+    real = form.amplitude_coordinate
+    for name in ('D1', 'D4', 'D7', 'D10', 'D15'):
+        value = getattr(form, name)
+        lines.append(f'{name:6}{value.real:14.6g}{value.imag:14.6g}{getattr(real, name):24.6g}')
+    shown = {
+        'of the normal form': result['v_n_mps'],
+        'of the full model': result['full_model']['v_n_mps'],
+    }
+    lines.append('')
+    for what, speed in shown.items():
+        lines.append(f'fold {what}: ' + ('none' if speed is None else f'v_n = {speed:.3f} m/s'))
+    return '\n'.join(lines)
+
+
+def _full_model(rig: RigParameters) -> Branch | None:
+    """Limit cycles, or None where the full model has none to follow (a linear rig)."""
+    from hunt_ros.dynamics.limit_cycle import limit_cycles
+
+    if not any(rig.alpha.values()) and not any(rig.beta.values()):
+        return None
+    try:
+        return limit_cycles(rig)
+    except ConfigError:
+        return None
+
+
+def _plot(form: ComplexNormalForm, branch: Branch | None, path: Path) -> None:
+    from hunt_ros.dynamics.model_misfit import fitted_form
+    from hunt_ros.report import style
+    from hunt_ros.report.bifurcation import bifurcation_diagram, branch_curve, form_curve
+
+    low, high = (share * form.critical_speed for share in _SHOWN)
+    curves, highest = [], None
+    if branch is not None:
+        curves.append(branch_curve(branch, 'full model'))
+        inside = (branch.speed >= low) & (branch.speed <= high)
+        highest = 1.25 * float(branch.amplitude[inside].max())
+        try:
+            fitted = fitted_form(form, branch, (low, high))
+            curves.append(form_curve(fitted, low, high, 'quintic form fitted to it'))
+        except ConfigError:
+            pass  # too short a branch in the picture: nothing to fit
+    real = form.amplitude_coordinate
+    curves.append(form_curve(real, low, high, 'normal form at the Hopf point'))
+    figure = bifurcation_diagram(
+        curves, low, high, critical_speed=form.critical_speed, highest=highest
+    )
+    try:
+        with style.journal_style():
+            figure.savefig(path, dpi=200, facecolor='white')
+    except (OSError, ValueError) as error:
+        raise HuntError(f'{path}: cannot write the picture ({error})') from error
