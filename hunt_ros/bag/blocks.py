@@ -8,7 +8,7 @@ out of them.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -74,9 +74,18 @@ class Storage(Protocol):
         """First and last log time, ns; None for a file with no message."""
 
     def blocks(
-        self, wanted: Collection[int], start_ns: int | None = None, end_ns: int | None = None
+        self,
+        wanted: Collection[int],
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        damaged: Callable[[BagError], None] | None = None,
     ) -> Iterator[Block]:
-        """Yield the messages of these topics with start_ns <= log time < end_ns."""
+        """
+        Yield the messages of these topics with start_ns <= log time < end_ns.
+
+        `damaged` is told of a damaged part, which is passed over; without it the part
+        ends the reading with its error.
+        """
 
     def close(self) -> None:
         """Let go of the file."""

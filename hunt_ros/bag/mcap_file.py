@@ -8,11 +8,13 @@ and everything complete in it is there.
 
 from __future__ import annotations
 
+import itertools
 import mmap
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +27,14 @@ from hunt_ros.errors import BagError
 
 #: Chunks are gathered together up to this many expanded bytes, so that small ones cost little.
 BLOCK_BYTES = 1 << 22
+
+
+class _Opened(NamedTuple):
+    """A chunk, expanded and checked, and where its messages lie in it."""
+
+    chunk: fmt.Chunk
+    data: NDArray[np.uint8]
+    places: dict[int, Places]
 
 
 class McapFile:
@@ -95,10 +105,16 @@ class McapFile:
             self._map.close()
 
     def blocks(
-        self, wanted: Collection[int], start_ns: int | None = None, end_ns: int | None = None
+        self,
+        wanted: Collection[int],
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        damaged: Callable[[BagError], None] | None = None,
     ) -> Iterator[Block]:
         """
         Yield the messages of these topics with start_ns <= log time < end_ns.
+
+        `damaged` is told of each damaged chunk, which is passed over.
 
         Raises
         ------
@@ -107,18 +123,25 @@ class McapFile:
         """
         whole = np.frombuffer(self._map, dtype=np.uint8)
         topics = set(wanted)
-        group: list[fmt.Chunk] = []
+        group: list[_Opened] = []
         size = 0
         for chunk in self._layout.chunks:
             if not self._concerns(chunk, topics, start_ns, end_ns):
                 continue
+            try:
+                opened = self._opened(whole, chunk, topics)
+            except BagError as error:
+                if damaged is None:
+                    raise
+                damaged(error)
+                continue
             if group and size + chunk.size > BLOCK_BYTES:
-                yield self._block(whole, group, topics, start_ns, end_ns)
+                yield _block(whole, group, start_ns, end_ns)
                 group, size = [], 0
-            group.append(chunk)
+            group.append(opened)
             size += chunk.size
         if group:
-            yield self._block(whole, group, topics, start_ns, end_ns)
+            yield _block(whole, group, start_ns, end_ns)
         loose = {key: places for key, places in self._layout.loose.items() if key in topics}
         if loose:
             parts = {key: within(places, start_ns, end_ns) for key, places in loose.items()}
@@ -134,55 +157,45 @@ class McapFile:
         index = self._layout.indexes.get(chunk.offset)
         return index is None or not topics.isdisjoint(index)
 
-    def _block(
-        self,
-        whole: NDArray[np.uint8],
-        group: list[fmt.Chunk],
-        topics: set[int],
-        start_ns: int | None,
-        end_ns: int | None,
-    ) -> Block:
-        parts = [self._expanded(whole, chunk) for chunk in group]
-        found: dict[int, list[Places]] = {}
-        base = 0
-        if all(chunk.compression == '' for chunk in group):
-            # The map itself is the buffer: nothing is copied.
-            data = whole[group[0].data : group[-1].end]
-            bases = [chunk.data - group[0].data for chunk in group]
-        else:
-            data = np.concatenate(parts) if len(parts) > 1 else parts[0]
-            bases = []
-            for part in parts:
-                bases.append(base)
-                base += part.size
-        for chunk, part, base in zip(group, parts, bases, strict=True):
-            try:
-                entries = chunk_places(part, self._layout.indexes.get(chunk.offset), whole, topics)
-            except ValueError as error:
-                raise self._damage(chunk, str(error)) from error
-            for key, places in entries.items():
-                moved = Places(places.log_ns, places.starts + base, places.lengths)
-                found.setdefault(key, []).append(moved)
-        joined = {key: within(_join(part), start_ns, end_ns) for key, part in found.items()}
-        return Block(data, joined)
-
-    def _expanded(self, whole: NDArray[np.uint8], chunk: fmt.Chunk) -> NDArray[np.uint8]:
+    def _opened(self, whole: NDArray[np.uint8], chunk: fmt.Chunk, topics: set[int]) -> _Opened:
         stored = whole[chunk.data : chunk.end]
         try:
-            data = np.frombuffer(
-                expand(stored.data, chunk.compression, chunk.size), dtype=np.uint8
-            )
+            raw = expand(stored.data, chunk.compression, chunk.size)
+            if chunk.crc and zlib.crc32(raw) != chunk.crc:
+                raise ValueError('its CRC does not fit its bytes')
+            data = np.frombuffer(raw, dtype=np.uint8)
+            index = self._layout.indexes.get(chunk.offset)
+            return _Opened(chunk, data, chunk_places(data, index, whole, topics))
         except ValueError as error:
             raise self._damage(chunk, str(error)) from error
-        if chunk.crc and zlib.crc32(data.data) != chunk.crc:
-            raise self._damage(chunk, 'its CRC does not fit its bytes')
-        return data
 
     def _damage(self, chunk: fmt.Chunk, reason: str) -> BagError:
         return BagError(
             f'{self.path}: chunk at byte {chunk.offset}: {reason};'
             ' "hunt info --repair OUT" saves what is sound'
         )
+
+
+def _block(
+    whole: NDArray[np.uint8], group: list[_Opened], start_ns: int | None, end_ns: int | None
+) -> Block:
+    """Put opened chunks together."""
+    if all(opened.chunk.compression == '' for opened in group):
+        # The file itself is the buffer: nothing is copied.
+        begin = group[0].chunk.data
+        data = whole[begin : group[-1].chunk.end]
+        bases = [opened.chunk.data - begin for opened in group]
+    else:
+        data = np.concatenate([opened.data for opened in group])
+        sizes = [opened.data.size for opened in group]
+        bases = [0, *itertools.accumulate(sizes[:-1])]
+    found: dict[int, list[Places]] = {}
+    for opened, base in zip(group, bases, strict=True):
+        for key, places in opened.places.items():
+            moved = Places(places.log_ns, places.starts + base, places.lengths)
+            found.setdefault(key, []).append(moved)
+    joined = {key: within(_join(part), start_ns, end_ns) for key, part in found.items()}
+    return Block(data, joined)
 
 
 def _join(several: list[Places]) -> Places:

@@ -9,7 +9,7 @@ files compressed as a whole (`.zstd`).
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
@@ -183,9 +183,20 @@ class Bag:
         names: Collection[str],
         start_ns: int | None = None,
         end_ns: int | None = None,
+        damaged: Callable[[BagError], None] | None = None,
     ) -> Iterator[tuple[dict[int, Topic], Block]]:
         """
         Yield the messages of topics with start_ns <= log time < end_ns.
+
+        Parameters
+        ----------
+        names : collection of str
+            Full names.
+        start_ns, end_ns : int, optional
+            Bounds, ns.
+        damaged : callable, optional
+            Told of each damaged part, which is then passed over; without it the first
+            one ends the reading with its error.
 
         Yields
         ------
@@ -202,7 +213,7 @@ class Bag:
             topics = {topic.id: topic for topic in file.topics if topic.name in names}
             if not topics:
                 continue
-            for block in file.blocks(topics.keys(), start_ns, end_ns):
+            for block in file.blocks(topics.keys(), start_ns, end_ns, damaged):
                 if self._messages_compressed:
                     block = expand_messages(block, file.path)
                 yield topics, block

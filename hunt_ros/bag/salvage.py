@@ -139,12 +139,13 @@ class _Saver:
         if found is not None:
             self._lose(position, found, reason)
             return found
-        kept = self._save_cut_chunk(position)
-        lost = len(self.view) - position
+        end = len(self.view)
+        kept, left = self._save_cut_chunk(position)
         if kept:
             reason = f'{reason}; {kept} whole messages of the chunk that was cut are saved'
-        self._lose(position, position + lost, reason)
-        return len(self.view)
+        self._lose(position, end, reason)
+        self.result.lost_bytes -= end - position - left
+        return end
 
     def _lose(self, start: int, end: int, reason: str) -> None:
         self.result.lost_bytes += end - start
@@ -199,16 +200,21 @@ class _Saver:
             pass
         self._save_messages(raw)
 
-    def _save_cut_chunk(self, position: int) -> int:
-        """Save the whole messages of a chunk that reaches behind the end of the file."""
+    def _save_cut_chunk(self, position: int) -> tuple[int, int]:
+        """
+        Save the whole messages of a chunk that reaches behind the end of the file.
+
+        Returns how many, and how many bytes behind them are lost.
+        """
         before = self.result.messages
+        nothing = (0, len(self.view) - position)
         if position + 9 > len(self.view) or self.view[position] != fmt.CHUNK:
-            return 0
+            return nothing
         _, length = fmt.RECORD.unpack_from(self.view, position)
         try:
             chunk = fmt.parse_chunk(self.view[position + 9 : position + 73], position, length)
             if chunk.end <= len(self.view) or chunk.last_ns >= 1 << 63:
-                return 0
+                return nothing
             raw = expand_partial(self.view[chunk.data :], chunk.compression, chunk.size)
             whole = 0
             try:
@@ -218,8 +224,8 @@ class _Saver:
                 pass  # where it was cut
             self._save_messages(raw[:whole], (chunk.first_ns, chunk.last_ns))
         except ValueError:
-            return 0
-        return self.result.messages - before
+            return nothing
+        return self.result.messages - before, len(raw) - whole
 
     def _save_messages(
         self, raw: bytes | memoryview, span_ns: tuple[int, int] | None = None

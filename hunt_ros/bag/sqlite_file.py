@@ -7,7 +7,7 @@ Its messages come as blocks, as those of an MCAP file do.
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 
 from hunt_ros.bag.blocks import Block, Topic, pack_messages
@@ -82,10 +82,16 @@ class SqliteFile:
         self._base.close()
 
     def blocks(
-        self, wanted: Collection[int], start_ns: int | None = None, end_ns: int | None = None
+        self,
+        wanted: Collection[int],
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        damaged: Callable[[BagError], None] | None = None,
     ) -> Iterator[Block]:
         """
         Yield the messages of these topics with start_ns <= log time < end_ns, in log order.
+
+        `damaged` is told where the file cannot be read on.
 
         Raises
         ------
@@ -113,7 +119,9 @@ class SqliteFile:
                     return
                 yield pack_messages(messages)
         except (sqlite3.Error, TypeError, ValueError, OverflowError) as error:
-            raise self._damage(error) from error
+            if damaged is None:
+                raise self._damage(error) from error
+            damaged(self._damage(error))
 
     def _damage(self, error: Exception) -> BagError:
         return BagError(f'{self.path}: not a sound SQLite recording ({error})')

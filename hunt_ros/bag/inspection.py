@@ -1,0 +1,200 @@
+"""
+What is in a recording, and what is wrong with it.
+
+Opening a recording shows whether it was closed and has its index. The inspection
+goes on: it reads everything, checks every chunk, and looks at the time of every topic.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.bag.reader import Bag
+from hunt_ros.errors import BagError
+from hunt_ros.samples import CHANNELS, NANOSECONDS
+
+#: A pause longer than so many sample intervals, and than `GAP_S`, is a gap.
+GAP_STEPS = 20.0
+GAP_S = 0.1
+#: Of a topic with a steady rate: fewer messages than this say nothing about it.
+STEADY_COUNT = 50
+#: A steady topic that ends so long before the recording does has stopped.
+STOPPED_S = 2.0
+
+
+class Problem(NamedTuple):
+    """
+    One thing that is wrong.
+
+    `kind` is one of: not_closed, damaged_file, damaged_chunk, gap, stopped,
+    clock_jump, missing_channel. `time_s` counts from the recording's first stamp, or
+    is None where the problem has no place in time.
+    """
+
+    kind: str
+    text: str
+    time_s: float | None = None
+
+
+@dataclass
+class TopicReport:
+    """A topic: how many messages, how often, from when to when (s since the start)."""
+
+    name: str
+    type: str
+    messages: int
+    rate_hz: float | None
+    first_s: float | None
+    last_s: float | None
+
+
+@dataclass
+class Inspection:
+    """What `inspect` found."""
+
+    path: Path
+    size_bytes: int
+    files: list[str]
+    start_ns: int | None
+    duration_s: float
+    notes: dict[str, str]
+    topics: list[TopicReport] = field(default_factory=list)
+    problems: list[Problem] = field(default_factory=list)
+
+    @property
+    def messages(self) -> int:
+        """Readable messages on all topics."""
+        return sum(topic.messages for topic in self.topics)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it as JSON types."""
+        return {
+            'path': str(self.path),
+            'size_bytes': self.size_bytes,
+            'files': self.files,
+            'start_ns': self.start_ns,
+            'duration_s': self.duration_s,
+            'messages': self.messages,
+            'notes': self.notes,
+            'topics': [vars(topic) for topic in self.topics],
+            'problems': [problem._asdict() for problem in self.problems],
+        }
+
+
+def inspect(
+    path: str | Path, advance: Callable[[float], None] = lambda fraction: None
+) -> Inspection:
+    """
+    Read a recording from end to end, and say what is in it and what is wrong.
+
+    Parameters
+    ----------
+    path : str or Path
+        Folder or file.
+    advance : callable, optional
+        Told the fraction that is done.
+
+    Raises
+    ------
+    BagError
+        If it cannot be opened at all.
+    """
+    with Bag(path) as bag:
+        problems = [_opening(problem) for problem in bag.problems]
+        times = _read_times(bag, problems, advance)
+        filled = [stamps for stamps in times.values() if stamps.size]
+        start = min((int(stamps.min()) for stamps in filled), default=None)
+        end = max((int(stamps.max()) for stamps in filled), default=0)
+        report = Inspection(
+            bag.path,
+            sum(Path(file.path).stat().st_size for file in bag.files),
+            [Path(file.path).name for file in bag.files],
+            start,
+            0.0 if start is None else (end - start) / NANOSECONDS,
+            bag.notes,
+            problems=problems,
+        )
+        for name, summary in sorted(bag.topics.items()):
+            stamps = times.get(name, np.zeros(0, np.int64))
+            report.topics.append(_topic(name, summary.type, stamps, start))
+            if stamps.size and start is not None:
+                problems += _in_time(name, stamps, start, end)
+        names = {name.rpartition('/')[2] for name, stamps in times.items() if stamps.size}
+    if names & set(CHANNELS):
+        if 'speed' not in names:
+            problems.append(Problem('missing_channel', 'no topic speed with messages'))
+        if not names & {'lateral', 'yaw'}:
+            problems.append(Problem('missing_channel', 'no topic lateral or yaw with messages'))
+    return report
+
+
+def _opening(problem: str) -> Problem:
+    not_closed = 'not closed' in problem or 'does not end as' in problem
+    return Problem('not_closed' if not_closed else 'damaged_file', problem)
+
+
+def _read_times(
+    bag: Bag, problems: list[Problem], advance: Callable[[float], None]
+) -> dict[str, NDArray[np.int64]]:
+    """Log times of every topic in the order of the files; damaged chunks become problems."""
+    parts: dict[str, list[NDArray[np.int64]]] = {}
+    total = max(1, sum(topic.messages for topic in bag.topics.values()))
+    done = 0
+
+    def found(error: BagError) -> None:
+        problems.append(Problem('damaged_chunk', str(error)))
+
+    for topics, block in bag.blocks(bag.topics.keys(), damaged=found):
+        for key, places in block.places.items():
+            parts.setdefault(topics[key].name, []).append(places.log_ns)
+            done += places.log_ns.size
+        advance(min(1.0, done / total))
+    return {name: np.concatenate(several) for name, several in parts.items()}
+
+
+def _topic(name: str, kind: str, stamps: NDArray[np.int64], start: int | None) -> TopicReport:
+    if not stamps.size or start is None:
+        return TopicReport(name, kind, 0, None, None, None)
+    first, last = int(stamps.min()), int(stamps.max())
+    span = (last - first) / NANOSECONDS
+    return TopicReport(
+        name,
+        kind,
+        int(stamps.size),
+        (stamps.size - 1) / span if span > 0 else None,
+        (first - start) / NANOSECONDS,
+        (last - start) / NANOSECONDS,
+    )
+
+
+def _in_time(name: str, stamps: NDArray[np.int64], start: int, end: int) -> list[Problem]:
+    problems = []
+    steps = np.diff(stamps)
+    for row in np.flatnonzero(steps < 0)[:10].tolist():
+        at = (int(stamps[row]) - start) / NANOSECONDS
+        back = -int(steps[row]) / NANOSECONDS
+        problems.append(Problem('clock_jump', f'{name}: the clock jumps back by {back:.3f} s', at))
+    if stamps.size < STEADY_COUNT:
+        return problems
+    step = float(np.median(steps))
+    # A topic that comes in bursts or by chance has no gaps.
+    steady = step > 0 and float(np.percentile(steps, 90)) < 3.0 * step
+    if not steady:
+        return problems
+    longest = max(GAP_STEPS * step, GAP_S * NANOSECONDS)
+    for row in np.flatnonzero(steps > longest)[:10].tolist():
+        at = (int(stamps[row]) - start) / NANOSECONDS
+        text = f'{name}: nothing for {int(steps[row]) / NANOSECONDS:.3f} s'
+        problems.append(Problem('gap', text, at))
+    silent = end - int(stamps.max())
+    if silent > max(longest, STOPPED_S * NANOSECONDS):
+        at = (int(stamps.max()) - start) / NANOSECONDS
+        text = f'{name}: stops {silent / NANOSECONDS:.3f} s before the end'
+        problems.append(Problem('stopped', text, at))
+    return problems

@@ -1,0 +1,208 @@
+"""
+When each message of a recording is due in a live replay: rate, pause, seek, loop.
+
+Pure: the time is given with every call, in nanoseconds of any clock that does not
+jump. The node around it publishes what is due, and the replay's own clock.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hunt_ros.errors import ConfigError
+from hunt_ros.samples import NANOSECONDS
+
+SLOWEST, FASTEST = 0.1, 50.0
+
+
+class Due(NamedTuple):
+    """
+    Messages to publish now: those numbered begin <= i < end.
+
+    `restarted` says that the replay has begun anew before them: time has jumped back.
+    """
+
+    begin: int
+    end: int
+    restarted: bool
+
+
+class ReplaySchedule:
+    """
+    Paces a replay.
+
+    Parameters
+    ----------
+    stamps_ns : array_like of int64, shape (n,)
+        Recorded times, not decreasing.
+    rate : float
+        Recorded seconds in a second, 0.1 to 50.
+    from_s, to_s : float, optional
+        Part to play, in s since the first stamp; both ends included.
+    loop : bool
+        Begin anew at the end.
+
+    Raises
+    ------
+    ConfigError
+        If there is nothing to play, the stamps go backwards, or a value is out of range.
+    """
+
+    def __init__(
+        self,
+        stamps_ns: ArrayLike,
+        *,
+        rate: float = 1.0,
+        from_s: float = 0.0,
+        to_s: float | None = None,
+        loop: bool = False,
+    ) -> None:
+        stamps = np.asarray(stamps_ns, dtype=np.int64)
+        if not stamps.size:
+            raise ConfigError('replay: there is no message to play')
+        if (stamps[1:] < stamps[:-1]).any():
+            raise ConfigError('replay: the stamps go backwards, expected them sorted')
+        origin, last = int(stamps[0]), int(stamps[-1])
+        self._stamps = stamps
+        self._origin = origin
+        self._begin_ns = origin + round(from_s * NANOSECONDS)
+        self._end_ns = last if to_s is None else min(last, origin + round(to_s * NANOSECONDS))
+        length_s = (last - origin) / NANOSECONDS
+        if not 0.0 <= from_s <= length_s:
+            raise ConfigError(f'replay: from {from_s:g} s is not within 0 to {length_s:g} s')
+        if self._end_ns < self._begin_ns:
+            raise ConfigError(f'replay: to {to_s:g} s is before from {from_s:g} s')
+        self._first, self._last = (
+            int(np.searchsorted(stamps, self._begin_ns, 'left')),
+            int(np.searchsorted(stamps, self._end_ns, 'right')),
+        )
+        if self._first == self._last:
+            raise ConfigError(f'replay: no message from {from_s:g} s to {to_s:g} s')
+        self._loop = loop
+        self._rate = _checked(rate)
+        self._next = self._first
+        self._anchor_ns: int | None = None  # of the caller's clock; None while it stands
+        self._position_ns = self._begin_ns
+        self._restarted = False
+        self.loops = 0
+
+    @property
+    def rate(self) -> float:
+        """Recorded seconds in a second."""
+        return self._rate
+
+    @property
+    def playing(self) -> bool:
+        """Whether time goes on."""
+        return self._anchor_ns is not None
+
+    @property
+    def finished(self) -> bool:
+        """Whether everything was due, and it does not loop."""
+        return self._next >= self._last and not self._loop
+
+    def play(self, now_ns: int) -> None:
+        """Start, or go on after a pause."""
+        if self._anchor_ns is None:
+            self._anchor_ns = now_ns
+
+    def pause(self, now_ns: int) -> None:
+        """Stop the replay's time; nothing is due until `play`."""
+        self._position_ns = self.time_ns(now_ns)
+        self._anchor_ns = None
+
+    def set_rate(self, now_ns: int, rate: float) -> None:
+        """
+        Change the rate from now on.
+
+        Raises
+        ------
+        ConfigError
+            If it is not within 0.1 to 50.
+        """
+        rate = _checked(rate)
+        self._position_ns = self.time_ns(now_ns)
+        if self._anchor_ns is not None:
+            self._anchor_ns = now_ns
+        self._rate = rate
+
+    def seek(self, now_ns: int, position_s: float) -> None:
+        """
+        Go to a place; the messages between are not played.
+
+        Parameters
+        ----------
+        now_ns : int
+            Now.
+        position_s : float
+            In s since the first stamp; brought into the part that is played.
+        """
+        wanted = self._origin + round(position_s * NANOSECONDS)
+        before = self.time_ns(now_ns)
+        self._position_ns = min(max(wanted, self._begin_ns), self._end_ns)
+        self._restarted |= self._position_ns < before
+        if self._anchor_ns is not None:
+            self._anchor_ns = now_ns
+        place = int(np.searchsorted(self._stamps, self._position_ns, 'left'))
+        self._next = min(max(place, self._first), self._last)
+
+    def time_ns(self, now_ns: int) -> int:
+        """Recorded time that the replay has reached, ns: what `/clock` says."""
+        if self._anchor_ns is None:
+            return self._position_ns
+        passed = int((now_ns - self._anchor_ns) * self._rate)
+        return min(self._position_ns + max(0, passed), self._end_ns)
+
+    def due(self, now_ns: int) -> Due:
+        """
+        Return what is due and was not yet; at the end of a loop, the rest first.
+
+        Parameters
+        ----------
+        now_ns : int
+            Now; not before the last call's.
+        """
+        restarted = self._restarted
+        if self._loop and self._next >= self._last and self._anchor_ns is not None:
+            # The next round begins when this one ended, however late the call comes.
+            took = round((self._end_ns - self._position_ns) / self._rate)
+            self._anchor_ns += took
+            self._position_ns, self._next = self._begin_ns, self._first
+            self.loops += 1
+            restarted = True
+        begin = self._next
+        reached = self.time_ns(now_ns)
+        if self._anchor_ns is not None:
+            end = int(np.searchsorted(self._stamps, reached, 'right'))
+            self._next = min(max(end, begin), self._last)
+            if now_ns < self._anchor_ns:
+                self._next = begin
+        if self._next > begin:
+            self._restarted = False
+            return Due(begin, self._next, restarted)
+        self._restarted = restarted
+        return Due(begin, begin, False)
+
+    def wait_ns(self, now_ns: int) -> int | None:
+        """
+        Return how long until the next message is due, ns.
+
+        Returns
+        -------
+        int or None
+            None where nothing will be: paused, or finished.
+        """
+        if self._anchor_ns is None or self.finished:
+            return None
+        target = self._end_ns if self._next >= self._last else int(self._stamps[self._next])
+        ahead = (target - self._position_ns) / self._rate
+        return max(0, self._anchor_ns + int(np.ceil(ahead)) - now_ns)
+
+
+def _checked(rate: float) -> float:
+    if not SLOWEST <= rate <= FASTEST:
+        raise ConfigError(f'replay: rate {rate:g} is not within {SLOWEST:g} to {FASTEST:g}')
+    return float(rate)
