@@ -224,7 +224,7 @@ class Report:
                 f'Fig. 5{letter}',
                 f'{response.speed:.2f} m/s, speed {_going(state)}: time history, power spectrum '
                 'with the hunting and roughness lines, phase portrait, Poincaré section '
-                f'({escape(response.kind)}), and how neighbouring orbits part: the slope is the '
+                f'({escape(response.kind)}), and the distance of neighbouring orbits with the '
                 f'largest Lyapunov exponent. {_not_known(response)}',
                 f'Response at {response.speed:.2f} m/s',
             )
@@ -237,8 +237,8 @@ class Report:
                     poincare_pair(below, above),
                     'Fig. 7',
                     f'Poincaré maps below ({escape(below.kind)}) and above ({escape(above.kind)}) '
-                    'the linear critical speed, speed increasing, once a revolution of the roller; each '
-                    'is on the scale of its whole orbit.',
+                    'the linear critical speed, speed increasing: one point a revolution of the '
+                    'roller, on the scale of the whole orbit.',
                     'Poincaré maps either side of the critical speed',
                     wide=True,
                 )

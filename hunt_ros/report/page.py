@@ -39,6 +39,8 @@ a { color: var(--stable); }
 figure { margin: 1.2rem 0; break-inside: avoid; }
 figure svg { display: block; width: 100%; height: auto; }
 figure.column { max-width: 34rem; }
+.drawing { overflow-x: auto; }
+@media screen { figure.page svg { min-width: 34rem; } }
 figcaption { margin-top: .4rem; max-width: 46rem; }
 figcaption b { color: var(--ink); }
 .grid { display: grid; gap: 1rem 1.6rem;

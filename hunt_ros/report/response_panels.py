@@ -13,9 +13,10 @@ from hunt_ros.report.numbers import rounded
 from hunt_ros.report.response import Response
 
 if TYPE_CHECKING:
-    from hunt_ros.analysis.phase_portrait import PhasePortrait
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from hunt_ros.analysis.phase_portrait import PhasePortrait
 
 #: Length of the time history, s.
 _SHOWN_S = 4.0
@@ -156,24 +157,18 @@ def _portrait(axes: Axes, response: Response) -> None:
 
 
 def _lyapunov(axes: Axes, response: Response) -> None:
-    """Plot how neighbours part, and the line whose slope is the exponent."""
+    """Plot how far neighbours are apart after a time, with the exponent read from it."""
     style.frame(axes, 'Time (s)', 'ln distance')
     largest = response.lyapunov
     if largest is None:
         _nothing(axes)
         return
     shift = float(largest.divergence[0])
-    axes.plot(largest.times_s, largest.divergence - shift, color=style.INK, linewidth=0.7)
-    first, last = largest.fitted
-    inside = (largest.times_s >= first) & (largest.times_s <= last)
-    middle = 0.5 * (first + last)
-    level = float(np.mean(largest.divergence[inside])) - shift
-    ends = np.array([first, last])
-    axes.plot(ends, level + largest.exponent.value * (ends - middle), color=style.UNSTABLE)
-    std = largest.exponent.std
-    shown = rounded(largest.exponent.value, std if math.isfinite(std) else None).text()
+    axes.plot(largest.times_s, largest.divergence - shift, color=style.STABLE, linewidth=0.9)
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.3 * (high - low))
+    value, std = largest.exponent.value, largest.exponent.std
+    shown = rounded(value, std if math.isfinite(std) else None).text()
     axes.text(
         0.03,
         0.97,

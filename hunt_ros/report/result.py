@@ -112,10 +112,9 @@ class Result:
             lines = [line for line in self.warnings if re.search(words, line, re.IGNORECASE)]
             if lines:
                 return '; '.join(line.rstrip('.') for line in lines[:2])
-        if path in ('v_n', 'hysteresis_width') and self.get('criticality') == 'supercritical':
-            return 'no fold: the bifurcation is supercritical'
-        if len(self.warnings) == 1:
-            return self.warnings[0]
+        if re.match(r'v_n|hysteresis_width', path) and self.get('criticality'):
+            kind = str(self.get('criticality'))
+            return f'no fold below v_c: the identified form is {kind} without one'
         return _NO_REASON
 
     def _branch_reason(self, path: str) -> str:

@@ -8,6 +8,7 @@ the JSON document; a null is shown as 'not known' with its reason.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from decimal import Decimal
 from html import escape
 from typing import Any
 
@@ -23,6 +24,9 @@ _MEANING = {
     'D10': 'cubic per detuning',
     'D15': 'quintic',
 }
+
+#: Rows from which a table is folded at first.
+_LONG_TABLE = 60
 
 #: How the symbols are set.
 SYMBOLS = {
@@ -84,7 +88,7 @@ def interval(result: Result, path: str, scale: float = 1.0) -> str:
     """Return the 95 % interval of the number at a path as HTML, or 'not known'."""
     entry = result.get(path)
     if not isinstance(entry, Mapping) or entry.get('value') is None:
-        return not_known(result, path)
+        return '<span class="unknown">not known</span>'  # the reason stands with the value
     if entry.get('ci95') is None:
         return not_known(result, f'{path}.ci95')
     return rounded_json(entry, scale).interval_html()
@@ -137,7 +141,7 @@ def coefficients(result: Result) -> str:
             number(result, f'coefficients.{name}'),
             interval(result, f'coefficients.{name}'),
             _four_point(result, name),
-            rounded(getattr(PAPER_NORMAL_FORM, name), digits=2).html(),
+            _as_published(getattr(PAPER_NORMAL_FORM, name)),
         ]
         for name in COEFFICIENTS
     ]
@@ -148,6 +152,12 @@ def coefficients(result: Result) -> str:
     )
     header = ['', 'identified', '95 % interval', 'four-point recipe (3.3)', 'paper, Eq. (33)']
     return table(header, rows, caption)
+
+
+def _as_published(value: float) -> str:
+    """Return a number with the digits it was published with."""
+    digits = len(Decimal(repr(value)).normalize().as_tuple().digits)
+    return rounded(value, digits=digits).html()
 
 
 def _four_point(result: Result, name: str) -> str:
@@ -270,8 +280,9 @@ def _plain_or_unknown(value: float | None, scale: float) -> str:
 
 
 def folded(title: str, body: str) -> str:
-    """Return a long table folded under its title; unfolded on paper by the page's style."""
-    return f'<details><summary>{escape(title)}</summary>{body}</details>'
+    """Return a table under its title; folded where it is longer than a page."""
+    shown = ' open' if body.count('<tr>') <= _LONG_TABLE else ''
+    return f'<details{shown}><summary>{escape(title)}</summary>{body}</details>'
 
 
 def unknowns(result: Result) -> str:

@@ -56,7 +56,7 @@ def lead(result: Result) -> str:
 def _speed(result: Result, path: str) -> str:
     entry = result.get(path)
     if not isinstance(entry, dict) or entry.get('value') is None:
-        return not_known(result, path)
+        return '<a class="unknown" href="#unknown">not known</a>'
     return f'<b>{rounded_json(entry).html()} m/s</b>'
 
 
