@@ -2,8 +2,13 @@
 Largest Lyapunov exponent of a recorded signal, with its error (Fig. 5).
 
 No maintained library computes it that imports on all the Pythons supported here, so
-it is done here: nearby points of the delay-embedded orbit are followed, and the mean
-logarithm of their distance is fitted by a line where it grows like one.
+it is done here: nearby points of the delay-embedded orbit are followed on their way
+from near to far, and the growth of ln(distance) is divided by the time it takes.
+Fitting the mean curve instead, as is often done, mixes pairs that still grow with
+pairs that have saturated, and comes out 5 to 25 % low on the systems of the tests.
+
+Neighbours of a noisy signal separate at once and then no further; a response driven by
+broadband noise is no deterministic orbit, and its exponent means little.
 """
 
 from __future__ import annotations
@@ -13,11 +18,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import uniform_filter1d
 from scipy.spatial import cKDTree
 
 from hunt_ros.analysis.uniform import checked
 from hunt_ros.errors import IdentificationError
 from hunt_ros.samples import Uncertain
+
+#: Near is this many times the first distance of neighbours, far this part of the distance
+#: of points at random.
+NEAR, FAR = 2.0, 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,21 +41,18 @@ class LyapunovExponent:
         1/s. Its deviation is that between blocks of the record.
     times_s, divergence : ndarray, shape (k,)
         Mean logarithm of the distance of neighbours after a time, s.
-    fitted : (float, float)
-        Times between which the line was fitted, s.
     embedding : int
         Dimension.
     delay_s : float
         s.
     chaotic : bool
-        True where the exponent is positive beyond its 95 % interval and distances have
-        grown by more than a factor e in the fitted stretch.
+        True where neighbours separate exponentially, from near to far, and the exponent is
+        positive beyond its 95 % interval.
     """
 
     exponent: Uncertain
     times_s: NDArray[np.float64]
     divergence: NDArray[np.float64]
-    fitted: tuple[float, float]
     embedding: int
     delay_s: float
     chaotic: bool
@@ -59,10 +66,10 @@ def largest_lyapunov_exponent(
     follow: int | None = None,
     theiler: int | None = None,
     neighbours: int = 4,
-    most_points: int = 4000,
+    most_points: int = 2000,
 ) -> LyapunovExponent:
     """
-    Largest exponent by the divergence of neighbours.
+    Largest exponent by the time neighbours take from near to far.
 
     Parameters
     ----------
@@ -76,7 +83,8 @@ def largest_lyapunov_exponent(
         Delay, samples; default: the first at which the autocorrelation has fallen below
         1/e (1 for a map).
     follow : int, optional
-        How long neighbours are followed, samples; default: five mean periods.
+        How long neighbours are followed, samples; default: ten mean periods, or an eighth
+        of the record if that is shorter.
     theiler : int, optional
         Neighbours must lie further apart in time than this, samples; default: one mean
         period.
@@ -97,7 +105,8 @@ def largest_lyapunov_exponent(
     References
     ----------
     Rosenstein, Collins and De Luca 1993, Physica D 65, 117-134; Kantz 1994, Physics
-    Letters A 185, 77-87; Theiler 1986, Phys. Rev. A 34, 2427.
+    Letters A 185, 77-87; Aurell, Boffetta, Crisanti, Paladin and Vulpiani 1997, J. Phys. A
+    30, 1-26 (passage times); Theiler 1986, Phys. Rev. A 34, 2427.
     """
     array = checked(values, 200, 'Lyapunov exponent')
     if float(np.ptp(array)) == 0.0:
@@ -106,7 +115,8 @@ def largest_lyapunov_exponent(
     period = _mean_period(array)
     delay = _correlation_time(array) if delay is None else delay
     theiler = max(round(period), delay) if theiler is None else theiler
-    follow = max(round(5.0 * period), 8) if follow is None else follow
+    if follow is None:
+        follow = max(min(round(10.0 * period), array.size // 8), 20)
     size = array.size - (embedding - 1) * delay
     usable = size - follow
     if usable < 4 * (theiler + follow) or usable < 100:
@@ -121,28 +131,21 @@ def largest_lyapunov_exponent(
     if pairs.shape[0] < 50:
         raise IdentificationError('Lyapunov exponent: too few neighbours to follow')
     curves = _divergence(orbit, pairs, follow)
+    far = FAR * math.sqrt(2.0 * float(np.sum(np.var(orbit, axis=0))))
+    passages = _passages(curves, far, round(period) if period > 3.0 else 1)
     times = np.arange(follow + 1) / rate_hz
-    mean = _mean_of(curves, slice(None))
-    begin, end = _growing_stretch(mean, round(period) if period > 3.0 else 0)
-    slope = _slope(times, mean, begin, end)
-    blocks = np.array_split(np.arange(curves.shape[0]), 10)
-    slopes = np.array([_slope(times, _mean_of(curves, part), begin, end) for part in blocks])
-    deviation = float(np.std(slopes, ddof=1)) / math.sqrt(slopes.size)
-    # How far the line is from straight: the slopes of its two halves.
-    middle = (begin + end) // 2
-    if middle - begin >= 2 and end - middle >= 2:
-        halves = (_slope(times, mean, begin, middle), _slope(times, mean, middle, end))
-        deviation = math.hypot(deviation, 0.25 * (halves[1] - halves[0]))
-    exponent = Uncertain(slope, deviation)
-    grown = float(mean[end] - mean[begin])
+    mean = np.asarray(np.mean(curves, axis=0), dtype=np.float64)
+    if passages is None:
+        exponent = _by_slope(curves, times, round(period))
+    else:
+        exponent = _by_passages(*passages, rate_hz)
     return LyapunovExponent(
         exponent,
         times,
         mean,
-        (float(times[begin]), float(times[end])),
         embedding,
         delay / rate_hz,
-        exponent.low > 0.0 and grown > 1.0,
+        passages is not None and exponent.low > 0.0,
     )
 
 
@@ -186,38 +189,69 @@ def _divergence(
 ) -> NDArray[np.float64]:
     """Logarithm of the distance of each pair against time, shape (m, follow + 1)."""
     curves = np.empty((pairs.shape[0], follow + 1))
-    last = orbit[:, -1]
     for step in range(follow + 1):
-        # The newest coordinate alone, as Kantz does: the others repeat it later.
-        curves[:, step] = np.abs(last[pairs[:, 0] + step] - last[pairs[:, 1] + step])
-    with np.errstate(divide='ignore'):
-        return np.log(curves)
+        apart = orbit[pairs[:, 0] + step] - orbit[pairs[:, 1] + step]
+        curves[:, step] = np.einsum('ij,ij->i', apart, apart)
+    # Equal to rounding is as near as a recorded signal can tell.
+    least = max(float(curves.max()) * 1e-24, 1e-300)
+    return np.asarray(0.5 * np.log(np.maximum(curves, least)), dtype=np.float64)
 
 
-def _mean_of(curves: NDArray[np.float64], part: slice | NDArray[np.int64]) -> NDArray[np.float64]:
-    """Mean over pairs of the logarithms; a distance of exactly zero has none."""
-    chosen = curves[part]
-    finite = np.isfinite(chosen)
-    total = np.where(finite, chosen, 0.0).sum(axis=0)
-    return np.asarray(total / np.maximum(finite.sum(axis=0), 1), dtype=np.float64)
+def _passages(
+    curves: NDArray[np.float64], far: float, period: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """
+    Growth of ln(distance) and time taken (steps), of each pair on its way from near to far.
+
+    Near is `NEAR` times the median distance at which neighbours start: by then the
+    direction of growth has been found and noise is left behind. Distances swell and
+    shrink within an orbit; a mean over one period takes that out, or a pair would be
+    caught far while it swells and near while it does not. A pair that has not
+    come far when it is left counts as far as it came. None where distances do not span
+    a factor e from near to far, or most pairs never leave the near: nothing grows.
+    """
+    near = float(np.median(curves[:, 0])) + math.log(NEAR)
+    if 1 < period < curves.shape[1] // 2:
+        origin = (period - 1) // 2  # the mean of the period just past
+        curves = uniform_filter1d(curves, period, axis=1, origin=origin)[:, period:]
+    if math.log(far) - near < 1.0:
+        return None
+    left = curves >= near
+    came = left.any(axis=1)
+    if came.mean() < 0.5:
+        return None
+    rows = np.flatnonzero(came)
+    begin = left.argmax(axis=1)[rows]
+    arrived = curves[rows] >= math.log(far)
+    end = np.where(arrived.any(axis=1), arrived.argmax(axis=1), curves.shape[1] - 1)
+    taken = end - begin
+    used = taken > 0
+    rows, begin, end, taken = rows[used], begin[used], end[used], taken[used]
+    if rows.size < 50:
+        return None
+    growth = curves[rows, end] - curves[rows, begin]
+    return growth, taken.astype(np.float64)
 
 
-def _growing_stretch(mean: NDArray[np.float64], period: int) -> tuple[int, int]:
-    """Where the curve grows in a line: past its first rise, before it saturates."""
-    smooth = mean
-    if period > 1 and period < mean.size // 2:
-        kernel = np.ones(period) / period
-        smooth = np.convolve(np.pad(mean, (period // 2, period - 1 - period // 2), 'edge'), kernel)
-        smooth = smooth[period - 1 : period - 1 + mean.size]
-    end_level = float(np.mean(smooth[-max(smooth.size // 8, 1) :]))
-    rise = end_level - float(smooth[0])
-    if rise < 1.0:
-        return min(period, mean.size // 3), mean.size - 1
-    begin = int(np.flatnonzero(smooth >= smooth[0] + 0.15 * rise)[0])
-    end = int(np.flatnonzero(smooth >= smooth[0] + 0.7 * rise)[0])
-    begin = min(begin, max(end - 3, 0))
-    return begin, max(end, begin + 3) if begin + 3 < mean.size else mean.size - 1
+def _by_passages(
+    growth: NDArray[np.float64], taken: NDArray[np.float64], rate_hz: float
+) -> Uncertain:
+    """Growth over time, all pairs together; the deviation is that between ten blocks."""
+    value = float(growth.sum() / taken.sum()) * rate_hz
+    parts = np.array_split(np.arange(growth.size), 10)
+    each = np.array([growth[part].sum() / taken[part].sum() for part in parts]) * rate_hz
+    return Uncertain(value, float(np.std(each, ddof=1)) / math.sqrt(each.size))
 
 
-def _slope(times: NDArray[np.float64], mean: NDArray[np.float64], begin: int, end: int) -> float:
-    return float(np.polyfit(times[begin : end + 1], mean[begin : end + 1], 1)[0])
+def _by_slope(curves: NDArray[np.float64], times: NDArray[np.float64], period: int) -> Uncertain:
+    """Slope of the mean curve after its first period; for orbits that do not separate."""
+    begin = min(max(period, 1), curves.shape[1] // 3)
+
+    def slope(part: NDArray[np.int64]) -> float:
+        mean = curves[part].mean(axis=0)
+        return float(np.polyfit(times[begin:], mean[begin:], 1)[0])
+
+    parts = np.array_split(np.arange(curves.shape[0]), 10)
+    each = np.array([slope(part) for part in parts])
+    value = slope(np.arange(curves.shape[0]))
+    return Uncertain(value, float(np.std(each, ddof=1)) / math.sqrt(each.size))
