@@ -21,6 +21,7 @@ _PROFILE = ((0.0, 6.0), (10.0, 6.0), (250.0, 8.8), (275.0, 8.8), (515.0, 6.0), (
 #: Bumps on the way up, inside the basin: free decays tell the damping below v_c.
 _KICKS = ((60.0, 0.10e-3), (120.0, 0.10e-3), (160.0, 0.08e-3))
 _CLOSING_S = 60.0
+_PATIENCE_S = 3.0
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -102,8 +103,12 @@ def _start(
             'profile_speeds_mps': [speed for _, speed in _PROFILE],
             'profile_autostart': True,
         },
-        # Fast simulated time: fewer estimates a simulated second keep the machine free.
-        'hunting_detector': {'output_rate_hz': 20.0},
+        # In fast simulated time a pause of the machine looks that much longer, and fewer
+        # estimates a simulated second keep the machine free.
+        'hunting_detector': {
+            'output_rate_hz': 20.0,
+            **{f'{channel}_timeout_s': _PATIENCE_S for channel in ('sensor', 'roller', 'speed')},
+        },
         'bag_recorder': {'directory': str(folder), 'operator': 'hunt demo', 'rig': 'simulated'},
         'normal_form_identifier': {'directory': str(folder)},
     }

@@ -66,9 +66,10 @@ class View:
         self._console.print(Text(text, style=style))
 
     def _origin(self, line: dict[str, Any]) -> int:
-        if self._origin_ns is None:
-            self._origin_ns = int(line['stamp_ns'])
-        return self._origin_ns
+        stamp_ns = int(line['stamp_ns'])
+        if self._origin_ns is None and stamp_ns > 0:  # 0: nothing was received yet
+            self._origin_ns = stamp_ns
+        return self._origin_ns or stamp_ns
 
     def _show_health(self, line: dict[str, Any]) -> None:
         """Say when a node is unwell, and when it is well again."""

@@ -33,6 +33,7 @@ from hunt_ros.nodes.estimate_publishers import EstimatePublishers
 from hunt_ros.nodes.parameters import declare, declare_normal_form, on_change, warn_unknown
 from hunt_ros.nodes.qos import EVENTS, STATUS, latched, stream
 from hunt_ros.nodes.runtime import run
+from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 
 _DRAIN_S = 0.005
@@ -62,6 +63,7 @@ class HuntingDetectorNode(LifecycleNode):
         self._form = declare_normal_form(self)
         self._waiting: IdentifiedNormalForm | None = None
         warn_unknown(self)
+        self._compile_kernels()
         self._detector = HuntingDetector(self._config, self._form)
         self._inbox: dict[str, tuple[list[int], list[float]]] = {
             name: ([], []) for name in self._config.channels
@@ -105,6 +107,16 @@ class HuntingDetectorNode(LifecycleNode):
         """Stop listening and publishing: the status goes silent, which counts as STALE."""
         self._active = False
         return super().on_deactivate(state)
+
+    def _compile_kernels(self) -> None:
+        """Run a second of noise through a detector of no consequence, before anything is live."""
+        rehearsal = HuntingDetector(self._config, self._form)
+        stamps_ns = NANOSECONDS + np.arange(500) * 2_000_000
+        noise = 1e-6 * np.random.default_rng(0).standard_normal(stamps_ns.size)
+        for channel in self._config.channels:
+            values = {'roller': 20e-9 * stamps_ns, 'speed': np.full(stamps_ns.size, 6.0)}
+            rehearsal.update(channel, stamps_ns, values.get(channel, noise))
+        rehearsal.finish()
 
     def _subscribe(self) -> None:
         """Subscribe to the channels the rig has, as bytes."""
