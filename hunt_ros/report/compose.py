@@ -303,7 +303,8 @@ class Report:
                 'tables',
                 'Measured amplitudes and branches',
                 tables.folded('Steady amplitudes', tables.steady_states(result))
-                + tables.folded('Branches', tables.branches(result)),
+                + tables.folded('Branches', tables.branches(result))
+                + tables.folded('Stretches of the recordings', tables.segments(result)),
             ),
             Section('warnings', 'Warnings', words.warnings(result)),
             Section('unknown', 'What is not known', tables.unknowns(result)),

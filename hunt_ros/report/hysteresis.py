@@ -59,7 +59,7 @@ def hysteresis_loop(
                 color=style.INK,
             )
         if axes.get_legend_handles_labels()[0]:
-            style.legend_above(axes)
+            style.legend_above(axes, columns=3)
         return figure
 
 

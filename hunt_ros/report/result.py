@@ -59,13 +59,23 @@ class Result:
     document: Mapping[str, Any]
 
     def get(self, path: str) -> Any:
-        """Return the entry at a path such as 'coefficients.D4'; None where it is not known."""
+        """Return the entry at 'coefficients.D4' or 'branches.3'; None where it is not known."""
+        return self._walk(path)[1]
+
+    def has(self, path: str) -> bool:
+        """Whether the document has that key at all, known or null."""
+        return self._walk(path)[0]
+
+    def _walk(self, path: str) -> tuple[bool, Any]:
         entry: Any = self.document
         for key in path.split('.'):
-            if not isinstance(entry, Mapping):
-                return None
-            entry = entry.get(key)
-        return entry
+            if isinstance(entry, Mapping) and key in entry:
+                entry = entry[key]
+            elif isinstance(entry, list) and key.isdecimal() and int(key) < len(entry):
+                entry = entry[int(key)]
+            else:
+                return False, None
+        return True, entry
 
     def value(self, path: str) -> float | None:
         """Return the number at a path: of a plain number, or the value of an uncertain one."""

@@ -25,6 +25,24 @@ _MEANING = {
     'D15': 'quintic',
 }
 
+_FIT = {
+    'criticality': 'criticality',
+    'fit.method': 'method',
+    'fit.law': 'growth law',
+    'fit.why': 'chosen because',
+    'fit.segments': 'segments used',
+    'fit.clusters': 'independent runs or blocks behind the intervals',
+    'fit.residual_rms_m': 'residual, rms (µm)',
+    'fit.lack_of_fit': 'lack of fit',
+    'fit.lack_of_fit_p': 'chance of so large a misfit were the law right',
+    'fit.condition_number': 'condition number',
+    'four_point': 'condition number of the four-point recipe',
+    'frequency_hz': 'hunting frequency at <var>v</var><sub>c</sub> (Hz)',
+    'length_scale_m': 'length scale <var>d</var><sub>0</sub> (m)',
+    'time_scale_s': 'time scale 1/<var>ω</var><sub>ψ</sub> (s)',
+    'coordinate': 'coordinate of <var>r</var>',
+}
+
 #: Rows from which a table is folded at first.
 _LONG_TABLE = 60
 
@@ -81,6 +99,8 @@ def number(result: Result, path: str, scale: float = 1.0, digits: int = 4) -> st
             shown += ' (uncertainty ' + not_known(result, f'{path}.std') + ')'
         return _data(f'{path}.value', float(entry['value']), shown)
     value = float(entry)
+    if isinstance(entry, int):
+        return _data(path, value, str(entry))  # a count
     return _data(path, value, rounded(scale * value, digits=digits).html())
 
 
@@ -163,67 +183,96 @@ def _as_published(value: float) -> str:
 def _four_point(result: Result, name: str) -> str:
     if result.get('four_point') is None:
         return not_known(result, 'four_point')
-    return 'taken as known' if name == 'D1' else number(result, f'four_point.{name}')
+    return 'taken as known' if name == 'D1' else number(result, f'four_point.{name}', digits=3)
 
 
 def fit_quality(result: Result) -> str:
-    """Table of how the normal form was fitted, and how well it fits."""
-    fit = result.get('fit') or {}
-    lack = fit.get('lack_of_fit')
+    """Table of how the normal form was fitted, and how well it fits; older keys may be absent."""
+    lack = result.get('fit.lack_of_fit')
     verdict = {True: 'yes: the form does not describe these data', False: 'none found'}
-    rows = [
-        ['criticality', _word(result, 'criticality')],
-        ['method', _word(result, 'fit.method')],
-        ['segments used', number(result, 'fit.segments')],
-        ['residual, rms (µm)', number(result, 'fit.residual_rms_m', 1e6, 2)],
-        [
-            'lack of fit',
-            not_known(result, 'fit.lack_of_fit') if lack is None else verdict[bool(lack)],
-        ],
-        ['condition number', number(result, 'fit.condition_number', digits=2)],
-        [
-            'condition number of the four-point recipe',
-            not_known(result, 'four_point')
-            if result.get('four_point') is None
-            else number(result, 'four_point.condition_number', digits=2),
-        ],
-        ['disturbance, from the width (mm)', number(result, 'disturbance_m', 1e3)],
-        ['length scale <var>d</var><sub>0</sub> (m)', number(result, 'length_scale_m')],
-        ['time scale 1/<var>ω</var><sub>ψ</sub> (s)', number(result, 'time_scale_s')],
-        ['coordinate', _word(result, 'coordinate')],
-    ]
-    return table(['', ''], rows, 'The fit.')
+    shown = {
+        'criticality': _word(result, 'criticality'),
+        'fit.method': _word(result, 'fit.method'),
+        'fit.law': _word(result, 'fit.law'),
+        'fit.why': _word(result, 'fit.why'),
+        'fit.segments': number(result, 'fit.segments'),
+        'fit.clusters': number(result, 'fit.clusters'),
+        'fit.residual_rms_m': number(result, 'fit.residual_rms_m', 1e6, 2),
+        'fit.lack_of_fit': not_known(result, 'fit.lack_of_fit')
+        if lack is None
+        else verdict[bool(lack)],
+        'fit.lack_of_fit_p': number(result, 'fit.lack_of_fit_p', digits=2),
+        'fit.condition_number': number(result, 'fit.condition_number', digits=2),
+        'four_point': not_known(result, 'four_point')
+        if result.get('four_point') is None
+        else number(result, 'four_point.condition_number', digits=2),
+        'frequency_hz': number(result, 'frequency_hz'),
+        'length_scale_m': number(result, 'length_scale_m'),
+        'time_scale_s': number(result, 'time_scale_s'),
+        'coordinate': _word(result, 'coordinate'),
+    }
+    rows = [[_FIT[path], cell] for path, cell in shown.items() if result.has(path) and cell]
+    return table(['', ''], rows, 'How the form was fitted.')
 
 
 def steady_states(result: Result) -> str:
-    """Table of the measured steady amplitudes."""
+    """Table of the measured steady amplitudes: the hunting component, and the paper's."""
     entries: Sequence[Mapping[str, Any]] = result.get('steady_states') or ()
     order = sorted(range(len(entries)), key=lambda k: float(entries[k]['speed_mps']))
     rows = []
     for k in order:
         path = f'steady_states.{k}'
-        cycles = entries[k].get('cycles')
         rows.append(
             [
                 f'{float(entries[k]["speed_mps"]):.3f}',
                 escape(str(entries[k].get('direction'))),
-                _amplitude(result, entries[k], path),
-                not_known(result, f'{path}.cycles') if cycles is None else str(cycles),
+                _spread(result, path, 'amplitude'),
+                _spread(result, path, 'maxima') if 'maxima_m' in entries[k] else '',
+                number(result, f'{path}.cycles'),
+                escape(str(entries[k].get('source', ''))),
             ]
         )
-    header = ['speed (m/s)', 'speed was', 'amplitude (mm)', 'cycles']
-    return table(header, rows, 'Steady amplitudes as measured.')
+    header = [
+        'speed (m/s)',
+        'speed was',
+        'hunting component (mm)',
+        'mean of the maxima (mm)',
+        'cycles',
+        'recording',
+    ]
+    caption = (
+        'Steady amplitudes as measured, with the standard deviation of the mean: of the hunting '
+        'component alone, and as the paper takes them (Sect. 2.4), roughness and noise included.'
+    )
+    return table(header, rows, caption)
 
 
-def _amplitude(result: Result, state: Mapping[str, Any], path: str) -> str:
-    """Amplitude of a steady state with its standard deviation, in mm."""
-    value, std = state.get('amplitude_m'), state.get('amplitude_std_m')
+def _spread(result: Result, path: str, name: str) -> str:
+    """Return a number of a steady state with its standard deviation, in mm."""
+    value, std = result.value(f'{path}.{name}_m'), result.value(f'{path}.{name}_std_m')
     if value is None:
-        return not_known(result, f'{path}.amplitude_m')
-    shown = rounded(1e3 * float(value), None if std is None else 1e3 * float(std)).html()
+        return not_known(result, f'{path}.{name}_m')
+    shown = rounded(1e3 * value, None if std is None else 1e3 * std).html()
     if std is None:
-        shown += ' (' + not_known(result, f'{path}.amplitude_std_m') + ')'
-    return _data(f'{path}.amplitude_m', float(value), shown)
+        shown += ' (' + not_known(result, f'{path}.{name}_std_m') + ')'
+    return _data(f'{path}.{name}_m', value, shown)
+
+
+def segments(result: Result) -> str:
+    """Table of the stretches of the recordings: what each was used for, or why it was not."""
+    rows = [
+        [
+            f'{entry.get("kind")}',
+            escape(str(entry.get('source', ''))),
+            f'{(float(entry["end_ns"]) - float(entry["start_ns"])) / 1e9:.1f}',
+            f'{float(entry["speed_start_mps"]):.2f} … {float(entry["speed_end_mps"]):.2f}',
+            'used' if entry.get('used') else '<b>dropped</b>',
+            escape(str(entry.get('reason', ''))),
+        ]
+        for entry in result.get('segments') or ()
+    ]
+    header = ['stretch', 'recording', 'length (s)', 'speed (m/s)', '', 'what for, or why not']
+    return table(header, rows, 'What was found in the recordings.') if rows else ''
 
 
 def branches(result: Result, count: int = 16) -> str:
@@ -235,11 +284,12 @@ def branches(result: Result, count: int = 16) -> str:
         cells = [f'{float(entries[k]["speed_mps"]):.3f}']
         for key in ('unstable_amplitude_m', 'stable_amplitude_m'):
             path, value = f'branches.{k}.{key}', entries[k].get(key)
-            cells.append(
-                not_known(result, path)
-                if value is None
-                else _data(path, float(value), rounded(1e3 * float(value), digits=3).html())
-            )
+            if value is None:
+                cells.append(not_known(result, path))
+                continue
+            std = entries[k].get(key.replace('amplitude', 'std'))
+            shown = rounded(1e3 * float(value), None if std is None else 1e3 * float(std), None, 3)
+            cells.append(_data(path, float(value), shown.html()))
         rows.append(cells)
     header = ['speed (m/s)', 'unstable amplitude (mm)', 'stable amplitude (mm)']
     return table(header, rows, 'Branches of the identified normal form.')
