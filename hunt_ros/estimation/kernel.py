@@ -215,6 +215,7 @@ KICK_QUICK = 0.08  # s, time constant of the in-band burst detector
 IN_BAND = 0.3  # s, of the whiteness measures
 BURST = 20.0  # power over that of white noise taken for a kick
 ABSURD = 60.0  # standard deviations beyond which a kick must last 20 ms to be believed
+SECOND_SHARE = 0.1  # of that, the second mode's, which is of the order of the first
 KICK_SCALE = 5.0  # the covariance opens to this multiple of the innovation
 REVERSION = 30.0  # s in which frequency and growth rate fall back to the nominal ones
 SETTLING = 0.3  # s after a kick in which nothing is tuned
@@ -242,7 +243,7 @@ def known(f: Filter, first: int) -> float:
     """Share of the power at `first` that is not uncertainty, 0..1."""
     power = f.x[first] ** 2 + f.x[first + 1] ** 2
     doubt = f.P[first, first] + f.P[first + 1, first + 1]
-    return float(power / (power + 2.0 * doubt)) if power > 4.0 * doubt else 0.0
+    return float(power / (power + doubt)) if power > 2.0 * doubt else 0.0
 
 
 @compiled
@@ -395,9 +396,9 @@ def open_modes(f: Filter, variance: float) -> None:
     add_pair(f, Z, variance, f.m[M_RHO_RE], f.m[M_RHO_IM], f.m[M_RHO_VAR])
     if math.isnan(f.m[M_RHO2_RE]):
         size = f.m[M_RHO_RE] ** 2 + f.m[M_RHO_IM] ** 2 + 2.0 * f.m[M_RHO_VAR]
-        add_pair(f, W, variance, 0.0, 0.0, 0.5 * size)
+        add_pair(f, W, SECOND_SHARE * variance, 0.0, 0.0, 0.5 * size)
     else:
-        add_pair(f, W, variance, f.m[M_RHO2_RE], f.m[M_RHO2_IM], 0.0)
+        add_pair(f, W, SECOND_SHARE * variance, f.m[M_RHO2_RE], f.m[M_RHO2_IM], 0.0)
     # Another amplitude has another growth rate and frequency.
     f.P[GROWTH, GROWTH] = max(f.P[GROWTH, GROWTH], f.cfg[C_GROWTH_STD] ** 2)
     f.P[OMEGA, OMEGA] = max(f.P[OMEGA, OMEGA], (0.1 * f.cfg[C_OMEGA_STD]) ** 2)
