@@ -12,7 +12,13 @@ EXAMPLE = 'hunt run --simulated --normal-form recordings/normal_form.yaml'
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument('--simulated', action='store_true', help='simulate the rig')
+    rig = parser.add_mutually_exclusive_group()
+    rig.add_argument('--simulated', action='store_true', help='simulate the rig')
+    rig.add_argument(
+        '--listen',
+        action='store_true',
+        help='start only the nodes that listen, on simulated time: for hunt replay --live',
+    )
     parser.add_argument(
         '--params', type=Path, metavar='FILE', help='ROS parameter file of the rig'
     )
@@ -42,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     for path in files:
         if not path.is_file():
             raise ConfigError(f'{path}: no such parameter file')
-    names: tuple[str, ...] = (*suite.LISTENERS, *suite.SOURCES)
+    names: tuple[str, ...] = (*suite.LISTENERS, *(() if arguments.listen else suite.SOURCES))
     parameters: dict[str, dict[str, object]] = {
         'bag_recorder': {'directory': str(arguments.directory)},
         'normal_form_identifier': {'directory': str(arguments.directory)},
@@ -52,7 +58,8 @@ def run(arguments: argparse.Namespace) -> int:
     began = time.monotonic()
     with Processes(arguments.namespace, arguments.directory / 'logs', private=False) as processes:
         link = suite.start_console(processes, {})
-        suite.start_nodes(processes, names, {}, parameters, files)
+        common: dict[str, object] = {'use_sim_time': True} if arguments.listen else {}
+        suite.start_nodes(processes, names, common, parameters, files)
         print(
             f'{len(names)} nodes under /{arguments.namespace}; logs in {arguments.directory}/logs'
         )

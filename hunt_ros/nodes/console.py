@@ -32,6 +32,7 @@ class ConsoleConfig(Settings):
     status_every: int = setting(
         4, 'Print every n-th status (20 Hz).', low=1, high=1000, fixed=True
     )
+    follow: str = setting('', 'Node whose health is printed every time.', fixed=True)
 
 
 class ConsoleNode(Node):
@@ -39,7 +40,8 @@ class ConsoleNode(Node):
 
     def __init__(self) -> None:
         super().__init__('console')
-        self._every = declare(self, ConsoleConfig).status_every
+        config = declare(self, ConsoleConfig)
+        self._every, self._follow = config.status_every, config.follow
         self._count = 0
         self.create_subscription(DiagnosticArray, 'hunting/events', self._on_event, EVENTS)
         self.create_subscription(DiagnosticArray, 'hunting/status', self._on_status, STATUS)
@@ -58,10 +60,11 @@ class ConsoleNode(Node):
             self._print('hunting/status', message)
 
     def _on_health(self, message: DiagnosticArray) -> None:
-        """Print a node's health when it changes."""
+        """Print a node's health when its level changes."""
         health = read_diagnostic(message)
         name, level = health.get('name', ''), health.get('level', '')
-        if self._health.get(name) != level:
+        followed = self._follow and name.endswith(f'/{self._follow}')
+        if followed or self._health.get(name) != level:
             self._health[name] = level
             self._print('/diagnostics', message)
 

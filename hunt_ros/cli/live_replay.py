@@ -1,0 +1,85 @@
+"""`hunt replay --live`: the recording on the topics of the rig, events as they come."""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import yaml
+
+if TYPE_CHECKING:
+    from hunt_ros.cli.processes import NodeSpec
+
+#: Estimates that are still under way when the last sample has been played.
+_AFTER_S = 2.0
+_PLAYER = 'live_replay'
+
+
+def replay_live(arguments: argparse.Namespace) -> int:
+    """
+    Play a recording to the nodes that run in this ROS graph; start a detector if none does.
+
+    Raises
+    ------
+    HuntError
+        If the recording cannot be read, or a rig publishes the same topics.
+    """
+    from hunt_ros.cli.processes import NodeSpec, Processes
+    from hunt_ros.cli.suite import start_console
+    from hunt_ros.cli.view import View
+
+    detector = _detector(arguments)  # reads the recording: fail before anything starts
+    alone = True
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        View() as view,
+        Processes(arguments.namespace, Path(folder), private=False) as processes,
+    ):
+        link = start_console(processes, {'follow': _PLAYER})
+        processes.start(NodeSpec(_PLAYER, _player(arguments)))
+        ends: float | None = None
+        while ends is None or time.monotonic() < ends:
+            for line in link.lines(0.5):
+                view.show(line)
+                if line.get('listening') == 'False' and alone:
+                    view.say('no node listens: starting a detector for this replay')
+                    processes.start(detector)
+                    alone = False
+                if line.get('finished') == 'True' and ends is None:
+                    ends = time.monotonic() + _AFTER_S
+    return 0
+
+
+def _player(arguments: argparse.Namespace) -> dict[str, object]:
+    """Return the parameters of the node that plays."""
+    return {
+        'bag': str(arguments.bag.resolve()),
+        'rate': float(arguments.rate),
+        'from_s': float(arguments.start),
+        'to_s': -1.0 if arguments.end is None else float(arguments.end),
+        'loop': arguments.loop,
+        'channels': tuple(arguments.channel) or ('',),
+    }
+
+
+def _detector(arguments: argparse.Namespace) -> NodeSpec:
+    """Return the detector that fits the recording, for where none is running."""
+    from hunt_ros.cli.processes import NodeSpec
+    from hunt_ros.cli.replay import read
+    from hunt_ros.detection import DetectorConfig
+    from hunt_ros.detection.offline import config_for
+
+    config, _ = config_for(read(arguments), DetectorConfig())
+    parameters: dict[str, object] = {
+        'use_sim_time': True,
+        'channels': config.channels,
+        'roughness': config.roughness,
+    }
+    for word in arguments.param:
+        name, _, text = word.partition('=')
+        parameters[name] = yaml.safe_load(text)
+    files = [*arguments.params, *([arguments.normal_form] if arguments.normal_form else [])]
+    return NodeSpec('hunting_detector', parameters, files)

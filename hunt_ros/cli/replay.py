@@ -1,0 +1,174 @@
+"""`hunt replay BAG`: a recording through the detector, offline or through the running nodes."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hunt_ros.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hunt_ros.detection import DetectorConfig
+    from hunt_ros.detection.offline import Summary
+    from hunt_ros.detection.output import Event
+    from hunt_ros.dynamics.identified import IdentifiedNormalForm
+    from hunt_ros.samples import Record
+
+SUMMARY = 'run a recording through the detector; --live: through the running nodes'
+EXAMPLE = 'hunt replay bags/kicks --normal-form normal_form.yaml --json -'
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument('bag', type=Path, help='folder, .mcap or .db3')
+    parser.add_argument(
+        '--normal-form', type=Path, metavar='FILE', help='parameter file of hunt identify --out'
+    )
+    parser.add_argument(
+        '--params',
+        type=Path,
+        action='append',
+        default=[],
+        metavar='FILE',
+        help='ROS parameter file with settings of hunting_detector; repeatable',
+    )
+    parser.add_argument(
+        '--param',
+        action='append',
+        default=[],
+        metavar='NAME=VALUE',
+        help='one setting of hunting_detector, e.g. roughness=false; repeatable',
+    )
+    parser.add_argument(
+        '--channel',
+        action='append',
+        default=[],
+        metavar='NAME=SOURCE',
+        help='lateral=/daq/ch0.data[3]*0.001, or a constant: speed=16.3',
+    )
+    parser.add_argument('--mapping', type=Path, metavar='FILE', help='the same, as YAML')
+    parser.add_argument('--json', metavar='PATH', help="summary and events as JSON; '-': stdout")
+    live = parser.add_argument_group('live')
+    live.add_argument('--live', action='store_true', help='publish it to the running nodes')
+    live.add_argument('--rate', type=float, default=1.0, help='0.1 to 50 (default: %(default)s)')
+    live.add_argument('--from', dest='start', type=float, default=0.0, metavar='S')
+    live.add_argument('--to', dest='end', type=float, metavar='S')
+    live.add_argument('--loop', action='store_true', help='begin anew at the end')
+    live.add_argument('--namespace', default='rig', help='ROS namespace (default: %(default)s)')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Replay; offline unless --live."""
+    if arguments.live:
+        from hunt_ros.cli.live_replay import replay_live
+
+        return replay_live(arguments)
+    from hunt_ros.cli.output import progress, write_json
+    from hunt_ros.detection import HuntingDetector
+    from hunt_ros.detection.offline import collect, config_for, watch
+
+    record = read(arguments)
+    config, remarks = config_for(record, _config(arguments))
+    form = read_form(arguments.normal_form) if arguments.normal_form else None
+    with progress(f'replaying {arguments.bag.name}') as advance:
+        summary, events = collect(watch(record, HuntingDetector(config, form), advance))
+    if arguments.json:
+        write_json(_document(record, config, summary, events), arguments.json)
+    if arguments.json != '-':
+        _print(record, config, summary, events, remarks)
+    return 0
+
+
+def read(arguments: argparse.Namespace) -> Record:
+    """Read the measurements, with the channels the user named."""
+    from hunt_ros.bag import ChannelSource, read_channel_file, read_record
+
+    mapping = dict(read_channel_file(arguments.mapping)) if arguments.mapping else {}
+    for word in arguments.channel:
+        source = ChannelSource.parse(word)
+        mapping[source.channel] = source
+    constant_speed = any(word.startswith('constant_speed_mps=') for word in arguments.param)
+    require = () if constant_speed else ('speed',)
+    record = read_record(arguments.bag, mapping or None, require=require)
+    if not {'lateral', 'yaw'} & set(record):
+        raise ConfigError(f'{arguments.bag}: neither lateral nor yaw in it, expected one of them')
+    return record
+
+
+def read_form(path: Path) -> IdentifiedNormalForm:
+    """Read a parameter file of `hunt identify --out`."""
+    from hunt_ros.dynamics.identified import IdentifiedNormalForm
+
+    try:
+        text = path.read_text(encoding='utf-8')
+    except OSError as error:
+        raise ConfigError(f'{path}: cannot read the normal form ({error.strerror})') from error
+    return IdentifiedNormalForm.from_yaml(text, str(path))
+
+
+def _config(arguments: argparse.Namespace) -> DetectorConfig:
+    from hunt_ros.cli.settings_file import read_settings
+    from hunt_ros.detection import DetectorConfig
+
+    return read_settings(DetectorConfig, 'hunting_detector', arguments.params, arguments.param)
+
+
+def _document(
+    record: Record, config: DetectorConfig, summary: Summary, events: Sequence[Event]
+) -> dict[str, Any]:
+    from hunt_ros.cli.output import known
+
+    row_s = config.period_ns / 1e9
+    levels = ('OK', 'WARN', 'ERROR', 'STALE')
+    regions = ('unknown', 'stable', 'hysteresis', 'unstable')
+    return {
+        'summary': {
+            'duration_s': record.duration_s,
+            'samples': sum(len(series) for series in record.values()),
+            'level_time_s': {name: row_s * summary.level_rows[name] for name in levels},
+            'region_time_s': {name: row_s * summary.region_rows[name] for name in regions},
+            'max_amplitude_m': known(summary.max_amplitude_m),
+        },
+        'events': [
+            {
+                't_s': (event.stamp_ns - record.start_ns) / 1e9,
+                'event': event.event,
+                'speed_mps': known(event.speed_mps),
+                'amplitude_m': known(event.amplitude_m),
+                'growth_rate_per_s': known(event.growth_rate_per_s),
+                'level': event.level.label,
+                'detail': event.detail,
+            }
+            for event in events
+        ],
+    }
+
+
+def _print(
+    record: Record,
+    config: DetectorConfig,
+    summary: Summary,
+    events: Sequence[Event],
+    remarks: Sequence[str],
+) -> None:
+    from hunt_ros.cli.narration import event_line, length
+
+    for remark in remarks:
+        print(remark)
+    for event in events:
+        texts = {
+            'stamp_ns': str(event.stamp_ns),
+            'event': event.event,
+            'speed_mps': str(event.speed_mps),
+            'amplitude_m': str(event.amplitude_m),
+            'message': event.detail,
+        }
+        print(event_line(texts, record.start_ns))
+    row_s = config.period_ns / 1e9
+    times = ', '.join(f'{name} {row_s * n:.1f} s' for name, n in summary.level_rows.items())
+    print(
+        f'{record.duration_s:.1f} s: {times}; largest amplitude {length(summary.max_amplitude_m)}'
+    )

@@ -1,0 +1,146 @@
+"""
+A whole record through the detector, and what came of it.
+
+The channels are fed side by side, a stretch of time each in turn, as they would
+come live; the numbers are the same for any stretch.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.detection.configuration import DetectorConfig
+from hunt_ros.detection.detector import HuntingDetector
+from hunt_ros.detection.output import Event, Output
+from hunt_ros.detection.regions import Level, Region
+from hunt_ros.samples import NANOSECONDS, Record, Series
+
+#: Time that is fed at once: one channel waits for the others no longer than this.
+_STRETCH_NS = 2 * NANOSECONDS
+
+
+@dataclass
+class Summary:
+    """
+    What a record was, seen by the detector.
+
+    Parameters
+    ----------
+    rows : int
+        Estimates made.
+    level_rows, region_rows : Counter
+        Rows on each level and in each region.
+    max_amplitude_m : float
+        Largest amplitude of the hunting component, m; NaN where nothing was known.
+    """
+
+    rows: int = 0
+    level_rows: Counter[str] = field(default_factory=Counter)
+    region_rows: Counter[str] = field(default_factory=Counter)
+    max_amplitude_m: float = math.nan
+
+    def add(self, rows: NDArray[np.void]) -> None:
+        """Take in rows of estimates."""
+        self.rows += int(rows.size)
+        for column, kind, counter in (
+            ('level', Level, self.level_rows),
+            ('region', Region, self.region_rows),
+        ):
+            numbers, counts = np.unique(rows[column], return_counts=True)
+            for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
+                counter[kind(number).label] += count
+        amplitudes = rows['lateral_amplitude']
+        known = amplitudes[np.isfinite(amplitudes)]
+        if known.size:
+            self.max_amplitude_m = float(np.fmax(self.max_amplitude_m, known.max()))
+
+
+def config_for(record: Record, config: DetectorConfig) -> tuple[DetectorConfig, list[str]]:
+    """
+    Fit the settings to what a record has; what it lacks is said, not assumed.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    config : DetectorConfig
+        The settings asked for.
+
+    Returns
+    -------
+    config : DetectorConfig
+        Without the channels that the record lacks.
+    remarks : list of str
+        One line for each thing that follows from it.
+    """
+    missing = [name for name in config.channels if not len(record.get(name, ()))]
+    if not missing:
+        return config, []
+    remarks = [f'no {name} channel in the recording' for name in missing]
+    roughness = config.roughness
+    if roughness and 'roller' in missing:
+        roughness = False
+        remarks[missing.index('roller')] += ': the roughness line is not separated'
+    present = tuple(name for name in config.channels if name not in missing)
+    return replace(config, channels=present, roughness=roughness), remarks
+
+
+def watch(
+    record: Record,
+    detector: HuntingDetector,
+    progress: Callable[[float], None] = lambda fraction: None,
+) -> Iterator[Output]:
+    """
+    Feed a record to a detector, to its end.
+
+    Parameters
+    ----------
+    record : Record
+        Its channels must be those of the detector's config.
+    detector : HuntingDetector
+        Fresh, or going on.
+    progress : callable
+        Told which fraction is done.
+
+    Yields
+    ------
+    Output
+        Stretch after stretch.
+    """
+    start, length = record.start_ns, max(1, record.end_ns - record.start_ns)
+    channels = [name for name in detector.config.channels if name in record]
+    numbers = {name: _stretches(record[name], start) for name in channels}
+    last = max((int(index[-1]) for index in numbers.values() if index.size), default=-1)
+    for number in range(last + 1):
+        for name in channels:
+            first, end = np.searchsorted(numbers[name], [number, number + 1])
+            if end > first:
+                stamps, values = record[name].stamps_ns, record[name].values
+                yield detector.update(name, stamps[first:end], values[first:end])
+        progress(min(1.0, (number + 1) * _STRETCH_NS / length))
+    yield detector.finish()
+
+
+def collect(outputs: Iterator[Output]) -> tuple[Summary, list[Event]]:
+    """Add up what a detector said."""
+    summary = Summary()
+    events: list[Event] = []
+    for output in outputs:
+        if output.estimates.size:
+            summary.add(output.estimates)
+        events += output.events
+    return summary, events
+
+
+def _stretches(series: Series, start_ns: int) -> NDArray[np.int64]:
+    """Number the stretch of each sample; a stamp that jumps back stays where it was recorded."""
+    numbers: NDArray[np.int64] = np.maximum.accumulate(
+        np.maximum(0, series.stamps_ns - start_ns) // _STRETCH_NS
+    )
+    return numbers
