@@ -7,8 +7,8 @@ from near to far, and the growth of ln(distance) is divided by the time it takes
 Fitting the mean curve instead, as is often done, mixes pairs that still grow with
 pairs that have saturated, and comes out 5 to 25 % low on the systems of the tests.
 
-Neighbours of a noisy signal separate at once and then no further; a response driven by
-broadband noise is no deterministic orbit, and its exponent means little.
+Neighbours of a noisy signal separate at once and then no further. A response driven by
+broadband noise is no orbit at all: `surrogates` tells.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import uniform_filter1d
-from scipy.spatial import cKDTree
 
+from hunt_ros.analysis.surrogates import delay_vectors, is_deterministic, neighbour_pairs
 from hunt_ros.analysis.uniform import checked
 from hunt_ros.errors import IdentificationError
 from hunt_ros.samples import Uncertain
@@ -38,16 +38,20 @@ class LyapunovExponent:
     Parameters
     ----------
     exponent : Uncertain
-        1/s. Its deviation is that between blocks of the record.
+        1/s. Its deviation is that between blocks of the record, and what it changes when
+        neighbours are followed half as far.
     times_s, divergence : ndarray, shape (k,)
         Mean logarithm of the distance of neighbours after a time, s.
     embedding : int
         Dimension.
     delay_s : float
         s.
+    deterministic : bool
+        True where the record is more predictable than signals of the same spectrum with
+        random phases; False for a response to broadband noise, whose exponent means little.
     chaotic : bool
-        True where neighbours separate exponentially, from near to far, and the exponent is
-        positive beyond its 95 % interval.
+        True where the record is deterministic, neighbours separate exponentially, from near
+        to far, and the exponent is positive beyond its 95 % interval.
     """
 
     exponent: Uncertain
@@ -55,6 +59,7 @@ class LyapunovExponent:
     divergence: NDArray[np.float64]
     embedding: int
     delay_s: float
+    deterministic: bool
     chaotic: bool
 
 
@@ -125,27 +130,20 @@ def largest_lyapunov_exponent(
             f' {5 * (theiler + follow) + (embedding - 1) * delay} to follow neighbours for'
             f' {follow} of them'
         )
-    orbit = np.stack([array[k * delay : k * delay + size] for k in range(embedding)], axis=1)
-    starts = np.unique(np.linspace(0, usable - 1, min(most_points, usable)).astype(np.int64))
-    pairs = _neighbours(orbit, usable, starts, neighbours, theiler)
+    orbit = delay_vectors(array, embedding, delay)
+    pairs = neighbour_pairs(orbit, usable, most_points, neighbours, theiler)
     if pairs.shape[0] < 50:
         raise IdentificationError('Lyapunov exponent: too few neighbours to follow')
     curves = _divergence(orbit, pairs, follow)
-    far = FAR * math.sqrt(2.0 * float(np.sum(np.var(orbit, axis=0))))
-    passages = _passages(curves, far, round(period) if period > 3.0 else 1)
     times = np.arange(follow + 1) / rate_hz
     mean = np.asarray(np.mean(curves, axis=0), dtype=np.float64)
-    if passages is None:
-        exponent = _by_slope(curves, times, round(period))
-    else:
-        exponent = _by_passages(*passages, rate_hz)
+    far = math.log(FAR * math.sqrt(2.0 * float(np.sum(np.var(orbit, axis=0)))))
+    separation = _separation(curves, far, round(period) if period > 3.0 else 1, rate_hz)
+    exponent = _by_slope(curves, times, round(period)) if separation is None else separation
+    grows = separation is not None and exponent.low > 0.0
+    deterministic = is_deterministic(array, embedding, delay, max(round(period), 1))
     return LyapunovExponent(
-        exponent,
-        times,
-        mean,
-        embedding,
-        delay / rate_hz,
-        passages is not None and exponent.low > 0.0,
+        exponent, times, mean, embedding, delay / rate_hz, deterministic, grows and deterministic
     )
 
 
@@ -165,25 +163,6 @@ def _correlation_time(array: NDArray[np.float64]) -> int:
     return max(int(below[0]), 1) if below.size else 1
 
 
-def _neighbours(
-    orbit: NDArray[np.float64],
-    usable: int,
-    starts: NDArray[np.int64],
-    neighbours: int,
-    theiler: int,
-) -> NDArray[np.int64]:
-    """Pairs (start, neighbour) further apart in time than the Theiler window, shape (m, 2)."""
-    tree = cKDTree(orbit[:usable])
-    # Those inside the window come first and are thrown away: ask for more than needed.
-    asked = min(neighbours + 2 * theiler + 1, usable, 60 + neighbours)
-    _, found = tree.query(orbit[starts], k=asked)
-    pairs: list[tuple[int, int]] = []
-    for start, near in zip(starts.tolist(), found, strict=True):
-        apart = near[np.abs(near - start) > theiler][:neighbours]
-        pairs.extend((start, int(other)) for other in apart)
-    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
-
-
 def _divergence(
     orbit: NDArray[np.float64], pairs: NDArray[np.int64], follow: int
 ) -> NDArray[np.float64]:
@@ -197,32 +176,51 @@ def _divergence(
     return np.asarray(0.5 * np.log(np.maximum(curves, least)), dtype=np.float64)
 
 
-def _passages(
-    curves: NDArray[np.float64], far: float, period: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+def _separation(
+    curves: NDArray[np.float64], far: float, period: int, rate_hz: float
+) -> Uncertain | None:
     """
-    Growth of ln(distance) and time taken (steps), of each pair on its way from near to far.
+    Exponent from the time neighbours take from near to far; None where they do not separate.
 
     Near is `NEAR` times the median distance at which neighbours start: by then the
     direction of growth has been found and noise is left behind. Distances swell and
     shrink within an orbit; a mean over one period takes that out, or a pair would be
-    caught far while it swells and near while it does not. A pair that has not
-    come far when it is left counts as far as it came. None where distances do not span
-    a factor e from near to far, or most pairs never leave the near: nothing grows.
+    caught far while it swells and near while it does not.
+    Noise also drives neighbours apart, but by diffusion: each factor e takes e^2 times as
+    long as the one before. Exponential growth takes as long for each.
     """
     near = float(np.median(curves[:, 0])) + math.log(NEAR)
     if 1 < period < curves.shape[1] // 2:
         origin = (period - 1) // 2  # the mean of the period just past
         curves = uniform_filter1d(curves, period, axis=1, origin=origin)[:, period:]
-    if math.log(far) - near < 1.0:
+    middle = 0.5 * (near + far)
+    stretches = [_passages(curves, *ends) for ends in ((near, far), (near, middle), (middle, far))]
+    if far - near < 1.0 or any(stretch is None for stretch in stretches):
         return None
+    whole, early, late = (_by_passages(*stretch, rate_hz) for stretch in stretches if stretch)
+    if late.value < 0.6 * early.value:
+        return None
+    # How much it matters where far begins: the error that no number of pairs takes away.
+    shift = 0.5 * (early.value - whole.value)
+    return Uncertain(whole.value, math.hypot(whole.std, shift))
+
+
+def _passages(
+    curves: NDArray[np.float64], near: float, far: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """
+    Growth of ln(distance) and time taken (steps), of each pair on its way from near to far.
+
+    A pair that has not come far when it is left counts as far as it came. None where most
+    pairs never leave the near.
+    """
     left = curves >= near
     came = left.any(axis=1)
     if came.mean() < 0.5:
         return None
     rows = np.flatnonzero(came)
     begin = left.argmax(axis=1)[rows]
-    arrived = curves[rows] >= math.log(far)
+    arrived = curves[rows] >= far
     end = np.where(arrived.any(axis=1), arrived.argmax(axis=1), curves.shape[1] - 1)
     taken = end - begin
     used = taken > 0

@@ -40,7 +40,8 @@ class PoincareSection:
     displacement, velocity : ndarray, shape (n,)
         m and m/s, one point a revolution.
     kind : str
-        'periodic' (a point, or a few: see `period`), 'quasi-periodic' (a closed curve),
+        'periodic' (a point, or a few: see `period`; a cloud about it where broadband noise
+        drives the wheelset too), 'quasi-periodic' (a closed curve),
         'transient' (the radius grows or decays), 'undecided' (too few revolutions, or
         neither point nor curve).
     period : int
@@ -178,12 +179,12 @@ def _kind(
         # Few points instead of a curve: their angles pile up at multiples of 2 pi/period.
         if abs(np.mean(np.exp(1j * period * turning))) > 0.9:
             return 'periodic', period
-    if ring - ring_std > 0.4:
-        return 'quasi-periodic', 0
     radius = np.sqrt(distance)
     third = count // 3
     change = math.log(float(np.mean(radius[-third:])) / float(np.mean(radius[:third])))
-    return ('transient', 0) if abs(change) > 0.5 else ('undecided', 0)
+    if abs(change) > 0.5:
+        return 'transient', 0
+    return ('quasi-periodic', 0) if ring - ring_std > 0.4 else ('undecided', 0)
 
 
 def _block_std(values: NDArray[np.float64], blocks: int = 10) -> float:

@@ -8,7 +8,7 @@ frequency in Hz); the lower one is hunting.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,7 +31,8 @@ class Line:
     Parameters
     ----------
     name : str
-        'hunting', 'roughness', 'roughness 2', ... (order of the roller).
+        'hunting', 'roughness', 'roughness 2', ... (order of the roller); 'hunting 3' for an
+        overtone that lies where roughness was looked for.
     frequency_hz, frequency_std : float
         Hz. The deviation of a line the window resolves; for a broad peak, its own width.
     amplitude : float
@@ -139,9 +140,22 @@ def power_spectrum(
         near &= np.abs(frequency - line.frequency_hz) > (LOBE + 1) * rate_hz / size
     hunting = _line('hunting', frequency, density, near, segments, broad=True)
     if hunting is not None:
+        found = [_renamed(line, hunting, speed, roller_diameter_m) for line in found]
         found.append(hunting)
     found.sort(key=lambda line: line.frequency_hz)
     return Spectrum(frequency, density, rate_hz / size, tuple(found))
+
+
+def _renamed(line: Line, hunting: Line, speed: float, roller_diameter_m: float) -> Line:
+    """Call a line a harmonic of hunting where that is nearer than the roughness expected."""
+    order = round(line.frequency_hz / hunting.frequency_hz)
+    overtone = abs(line.frequency_hz - order * hunting.frequency_hz)
+    roller = line.frequency_hz / roughness_frequency(speed, roller_diameter_m)
+    away = abs(roller - round(roller)) * roughness_frequency(speed, roller_diameter_m)
+    # Only an odd nonlinearity of a strong limit cycle makes overtones, and they are weaker.
+    if order >= 2 and overtone < 0.5 * away and line.amplitude < 0.2 * hunting.amplitude:
+        return replace(line, name=f'hunting {order}')
+    return line
 
 
 def _line(
