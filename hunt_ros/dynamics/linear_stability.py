@@ -155,13 +155,18 @@ def critical_speed(rig: RigParameters, within: tuple[float, float] = (0.0, math.
     return speed
 
 
-def second_pair(rig: RigParameters) -> complex:
-    """Return lambda_R + i lambda_I of Eqs. (B-2), (B-3): the damped mode at v_c, dimensionless."""
+def second_pair(rig: RigParameters) -> tuple[complex, complex]:
+    """
+    The other two eigenvalues at v_c, lambda_R +/- i lambda_I of Eqs. (B-2), (B-3), dimensionless.
+
+    Where C^2 > 4 D they are real, and not a pair.
+    """
     v = critical_speed(rig) / rig.speed_scale
     total = rig.d11 + rig.d22
     c = total / v
     d = rig.d11 * rig.d22 / v**2 + (rig.k11 * rig.d11 + rig.k22 * rig.d22) / total
-    return complex(-0.5 * c + 0.5 * np.emath.sqrt(c * c - 4.0 * d))
+    root = complex(np.emath.sqrt(c * c - 4.0 * d))
+    return 0.5 * (-c + root), 0.5 * (-c - root)
 
 
 def speed_derivatives(rig: RigParameters) -> tuple[complex, complex]:
@@ -252,9 +257,11 @@ def creep_coefficients(
 
     logs = np.log(_RATIOS)
     values = np.array([mismatch(x) for x in logs])
-    crossings = np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0.0)
+    known = np.isfinite(values[1:]) & np.isfinite(values[:-1])
+    # A value of exactly zero counts as above, so that a root on the grid is not lost.
+    crossings = np.flatnonzero(((values >= 0.0)[1:] != (values >= 0.0)[:-1]) & known)
     roots = [brentq(mismatch, logs[i], logs[i + 1], xtol=1e-14) for i in crossings]
-    solutions = []
+    solutions: list[CreepSolution] = []
     for root in sorted(roots, key=abs):
         found = candidate(root)
         if found is not None:

@@ -279,21 +279,19 @@ class NormalForm:
         """
         if self.D4 <= 0.0 or self.D15 >= 0.0:
             return None
-        roots = np.roots(
-            [
-                self.D10**2 - 4.0 * self.D15 * self.D7,
-                2.0 * self.D4 * self.D10 - 4.0 * self.D15 * self.D1,
-                self.D4**2,
-            ]
-        )
-        below = [float(x.real) for x in roots if abs(x.imag) < 1e-9 and -1.0 < x.real < 0.0]
-        if not below:
+        # (D4 + D10 eps)^2 = 4 D15 (D1 eps + D7 eps^2), as a eps^2 + b eps + c = 0
+        a = self.D10**2 - 4.0 * self.D15 * self.D7
+        b = 2.0 * self.D4 * self.D10 - 4.0 * self.D15 * self.D1
+        c = self.D4**2
+        if b * b < 4.0 * a * c:
             return None
-        eps = max(below)
-        r2 = -(self.D4 + self.D10 * eps) / (2.0 * self.D15)
-        if r2 <= 0.0:
-            return None
-        return self.critical_speed * (1.0 + eps), 2.0 * self.length_scale * math.sqrt(r2)
+        q = -0.5 * (b + math.copysign(math.sqrt(b * b - 4.0 * a * c), b))
+        roots = [q / a if a else math.inf, c / q if q else math.inf]
+        for eps in sorted((x for x in roots if -1.0 < x < 0.0), reverse=True):
+            r2 = -(self.D4 + self.D10 * eps) / (2.0 * self.D15)
+            if r2 > 0.0:
+                return self.critical_speed * (1.0 + eps), 2.0 * self.length_scale * math.sqrt(r2)
+        return None
 
     @property
     def nonlinear_critical_speed(self) -> float | None:

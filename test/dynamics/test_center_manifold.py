@@ -1,0 +1,145 @@
+"""The normal form against the reference, the eigenvalue, and the limit cycles themselves."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hunt_ros.dynamics.center_manifold import normal_form_of, normal_forms_of
+from hunt_ros.dynamics.linear_stability import (
+    critical_frequency,
+    critical_speed,
+    speed_derivatives,
+)
+from hunt_ros.dynamics.parameters import CUBIC_KEYS, QUINTIC_KEYS, RigParameters
+from hunt_ros.errors import ConfigError
+
+CASES: list[dict[str, Any]] = json.loads(
+    (Path(__file__).parent / 'data' / 'normal_forms.json').read_text(encoding='utf-8')
+)['cases']
+
+
+def rig_of(case: dict[str, Any]) -> RigParameters:
+    rig = RigParameters(alpha=case['alpha'], beta=case['beta'])
+    return rig.with_linear(case['d11'], case['d22'])
+
+
+def linear_rigs(count: int, seed: int) -> list[RigParameters]:
+    """Return rigs with a Hopf point and random creep, conicity, mass and springs."""
+    rng = np.random.default_rng(seed)
+    rigs: list[RigParameters] = []
+    while len(rigs) < count:
+        rig = RigParameters(
+            tread_angle=rng.uniform(0.02, 0.3),
+            wheel_radius_m=rng.uniform(0.02, 0.06),
+            lateral_frequency_rad_per_s=rng.uniform(4.0, 20.0),
+        ).with_linear(*rng.uniform(0.5, 5.0, 2))
+        try:
+            critical_speed(rig)
+        except ConfigError:
+            continue
+        rigs.append(rig)
+    return rigs
+
+
+@pytest.mark.parametrize('case', CASES, ids=range(len(CASES)))
+def test_every_reference_case_agrees_to_1e_8(case: dict[str, Any]) -> None:
+    form = normal_form_of(rig_of(case))
+    assert form.critical_speed / rig_of(case).speed_scale == pytest.approx(case['v_c_star'], 1e-12)
+    assert form.omega == pytest.approx(case['omega'], rel=1e-12)
+    names = {'w210': 'w210_y', 'w101': 'w101_y'} | {n: n for n in ('D1', 'D4', 'D7', 'D10', 'D15')}
+    for own, theirs in names.items():
+        wanted = complex(*case[theirs])
+        assert abs(getattr(form, own) - wanted) < 1e-8 * abs(wanted), own
+
+
+@pytest.mark.parametrize('case', CASES, ids=range(len(CASES)))
+def test_the_amplitude_coordinate_gives_the_speed_of_harmonic_balance(
+    case: dict[str, Any],
+) -> None:
+    """The error left is of the next order, a^4 relative to eps: 16 times at twice a."""
+    form = normal_form_of(rig_of(case))
+    real = form.amplitude_coordinate
+    errors = []
+    for cycle in case['limit_cycles_by_harmonic_balance']:
+        amplitude = cycle['fundamental_amplitude_of_y_star']
+        r2 = (amplitude / 2) ** 2
+        roots = np.roots([real.D7, real.D1 + real.D10 * r2, real.D4 * r2 + real.D15 * r2**2])
+        eps = roots[np.argmin(np.abs(roots))]
+        errors.append(abs(eps / cycle['epsilon'] - 1))
+        hz = form.frequency_hz(real.speed(cycle['epsilon']), amplitude * form.length_scale)
+        assert hz * 2 * np.pi * form.time_scale == pytest.approx(cycle['omega'], rel=1e-6)
+    assert errors[0] < 1e-5
+    assert errors[1] / errors[0] == pytest.approx(16, rel=0.1)
+
+
+def test_the_papers_coordinate_misses_the_curvature() -> None:
+    """Reading y_amp = 2 d0 r in the paper's own coordinate is wrong at the next order."""
+    case = CASES[4]
+    paper = normal_form_of(rig_of(case)).paper_coordinate
+    cycle = case['limit_cycles_by_harmonic_balance'][1]
+    r2 = (cycle['fundamental_amplitude_of_y_star'] / 2) ** 2
+    roots = np.roots([paper.D7, paper.D1 + paper.D10 * r2, paper.D4 * r2 + paper.D15 * r2**2])
+    assert abs(roots[np.argmin(np.abs(roots))] / cycle['epsilon'] - 1) > 1e-3
+
+
+def test_d1_and_d7_of_a_hundred_rigs_are_the_derivatives_of_the_eigenvalue() -> None:
+    rigs = linear_rigs(100, seed=1)
+    for rig, form in zip(rigs, normal_forms_of(rigs), strict=True):
+        d1, d7 = speed_derivatives(rig)
+        assert abs(form.D1 - d1) < 1e-8 * abs(d1)
+        assert abs(form.D7 - d7) < 1e-8 * max(abs(d7), abs(d1))
+        assert form.D4 == form.D10 == form.D15 == 0
+        assert form.omega == critical_frequency(rig)
+
+
+@given(seed=st.integers(0, 10**6), factor=st.floats(0.2, 5.0))
+@settings(max_examples=25, deadline=None)
+def test_coefficients_scale_with_the_unit_of_length_of_the_nonlinearity(
+    seed: int, factor: float
+) -> None:
+    """With x -> x / s the cubic terms gain s^2 and the quintic ones s^4, and so do D4, D15."""
+    rng = np.random.default_rng(seed)
+    alpha, beta = (
+        {key: float(rng.normal(0, 50)) for key in CUBIC_KEYS + QUINTIC_KEYS} for _ in range(2)
+    )
+
+    def scaled(terms: dict[str, float]) -> dict[str, float]:
+        return {k: t * factor ** (int(k[0]) + int(k[1]) - 1) for k, t in terms.items()}
+
+    one = normal_form_of(RigParameters(alpha=alpha, beta=beta))
+    other = normal_form_of(RigParameters(alpha=scaled(alpha), beta=scaled(beta)))
+    for name, power in (('D4', 2), ('D10', 2), ('D15', 4), ('w210', 2)):
+        wanted = getattr(one, name) * factor**power
+        assert abs(getattr(other, name) - wanted) < 1e-9 * abs(wanted) + 1e-12
+
+
+def test_d4_is_linear_in_the_cubic_terms_and_blind_to_the_quintic_ones() -> None:
+    base = normal_form_of(RigParameters(beta={'30': 100.0}))
+    double = normal_form_of(RigParameters(beta={'30': 200.0, '50': 1e6}, alpha={'05': 3e3}))
+    for name, factor in (('D4', 2), ('D1', 1), ('D10', 2)):
+        assert getattr(double, name) == pytest.approx(factor * getattr(base, name)), name
+
+
+def test_many_rigs_at_once_give_what_each_gives_alone() -> None:
+    rigs = [rig_of(case) for case in CASES]
+    for together, rig in zip(normal_forms_of(rigs), rigs, strict=True):
+        alone = normal_form_of(rig)
+        for name in ('D1', 'D4', 'D7', 'D10', 'D15'):
+            assert getattr(together, name) == pytest.approx(getattr(alone, name), rel=1e-11)
+    assert normal_forms_of([]) == []
+
+
+def test_a_degenerate_pair_is_refused_by_name() -> None:
+    """Without conicity coupling left the second pair is hardly damped either."""
+    rig = RigParameters(name='loose').with_linear(1e-7, 1e-7)
+    with pytest.raises(
+        ConfigError, match=r'loose: (degenerate critical eigenvalues|no Hopf point)'
+    ):
+        normal_form_of(rig)

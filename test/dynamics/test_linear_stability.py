@@ -1,0 +1,147 @@
+"""Appendix B against eigenvalues computed numerically, and the inverse against the forward."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from hunt_ros.dynamics.linear_stability import (
+    creep_coefficients,
+    critical_frequency,
+    critical_speed,
+    eigenvalues,
+    hunting_mode,
+    second_pair,
+    speed_derivatives,
+)
+from hunt_ros.dynamics.parameters import RigParameters, paper_rig
+from hunt_ros.dynamics.wheelset import Wheelset
+from hunt_ros.errors import ConfigError
+
+creeps = st.tuples(st.floats(0.5, 6.0), st.floats(0.5, 6.0))
+
+
+def linear_rig(creep: tuple[float, float]) -> RigParameters:
+    return RigParameters().with_linear(*creep)
+
+
+def has_hopf(rig: RigParameters) -> bool:
+    try:
+        critical_speed(rig)
+    except ConfigError:
+        return False
+    return True
+
+
+def test_the_default_rig_is_the_linear_model_of_the_paper() -> None:
+    rig = paper_rig()
+    assert (rig.d11, rig.d22) == pytest.approx((1.74497, 2.56600), abs=5e-6)
+    assert critical_speed(rig) == pytest.approx(8.0, abs=1e-12)
+    assert critical_frequency(rig) == pytest.approx(0.68755, abs=5e-6)
+    d1, d7 = speed_derivatives(rig)
+    assert d1.real == pytest.approx(0.12, abs=1e-12)
+    assert d7.real == pytest.approx(-0.1077, abs=5e-5)
+    assert hunting_mode(rig, 8.0).frequency_hz == pytest.approx(2.835, abs=5e-4)
+
+
+@given(creep=creeps)
+@settings(max_examples=60, deadline=None)
+def test_at_the_critical_speed_the_four_eigenvalues_are_b1_to_b3(
+    creep: tuple[float, float],
+) -> None:
+    rig = linear_rig(creep)
+    assume(has_hopf(rig))
+    found = eigenvalues(rig, critical_speed(rig)) * rig.time_scale
+    omega, others = critical_frequency(rig), second_pair(rig)
+    printed = np.poly([1j * omega, -1j * omega, *others])
+    np.testing.assert_allclose(np.poly(found), printed, rtol=1e-8, atol=1e-12)
+
+
+@given(creep=creeps)
+@settings(max_examples=40, deadline=None)
+def test_the_hunting_mode_changes_sign_at_the_critical_speed_and_only_there(
+    creep: tuple[float, float],
+) -> None:
+    rig = linear_rig(creep)
+    assume(has_hopf(rig))
+    speeds = critical_speed(rig) * np.array([0.2, 0.5, 0.9, 0.999, 1.001, 1.1, 2.0, 5.0])
+    assert (
+        np.sign(eigenvalues(rig, speeds)[:, 0].real) == np.sign(speeds - speeds[3:5].mean())
+    ).all()
+
+
+@given(creep=creeps)
+@settings(max_examples=40, deadline=None)
+def test_d1_and_d7_are_the_derivatives_of_the_eigenvalue(creep: tuple[float, float]) -> None:
+    rig = linear_rig(creep)
+    assume(has_hopf(rig))
+    v_c, h = critical_speed(rig), 1e-3
+    eps = h * np.array([-2, -1, 0, 1, 2])
+    tracked = []
+    for e in eps:
+        values = np.linalg.eigvals(Wheelset(rig).linear_matrix(v_c * (1 + e)))
+        tracked.append(values[np.argmin(np.abs(values - 1j * critical_frequency(rig)))])
+    values = np.array(tracked)
+    first = values @ np.array([1, -8, 0, 8, -1]) / (12 * h)
+    second = values @ np.array([-1, 16, -30, 16, -1]) / (12 * h * h)
+    d1, d7 = speed_derivatives(rig)
+    assert abs(first - d1) < 1e-7 * max(1.0, abs(d1)) + 1e-6 * abs(d7)
+    assert abs(0.5 * second - d7) < 1e-4 * max(1.0, abs(d7))
+
+
+def test_eigenvectors_satisfy_their_equations() -> None:
+    rig = paper_rig()
+    for speed in (3.0, 6.4, 7.2, 9.0):
+        mode = hunting_mode(rig, speed)
+        matrix = Wheelset(rig).linear_matrix(speed)
+        value = mode.eigenvalue * rig.time_scale
+        np.testing.assert_allclose(matrix @ mode.shape, value * mode.shape, atol=1e-12)
+        np.testing.assert_allclose(mode.adjoint @ matrix, value * mode.adjoint, atol=1e-12)
+        assert mode.shape[0] == pytest.approx(1.0)
+        assert mode.adjoint @ mode.shape == pytest.approx(1.0)
+        assert mode.damping_ratio == pytest.approx(-value.real / abs(value))
+
+
+def test_both_creep_solutions_of_the_paper_are_found_and_named() -> None:
+    balanced, lateral = creep_coefficients(RigParameters(), 8.0, 0.12)
+    assert (balanced.name, lateral.name) == ('balanced', 'lateral')
+    assert (balanced.rig.d11, balanced.rig.d22) == pytest.approx((1.74497, 2.56600), abs=5e-6)
+    assert (lateral.rig.d11, lateral.rig.d22) == pytest.approx((3.46, 1.27), abs=5e-3)
+    assert critical_frequency(lateral.rig) == pytest.approx(0.873, abs=5e-4)
+    for solution in (balanced, lateral):
+        assert critical_speed(solution.rig) == pytest.approx(8.0, rel=1e-10)
+        assert speed_derivatives(solution.rig)[0].real == pytest.approx(0.12, rel=1e-9)
+
+
+@given(creep=st.tuples(st.floats(0.8, 4.0), st.floats(0.8, 4.0)))
+@settings(max_examples=15, deadline=None)
+def test_the_inverse_problem_finds_the_rig_it_came_from(creep: tuple[float, float]) -> None:
+    rig = linear_rig(creep)
+    assume(has_hopf(rig))
+    d1 = speed_derivatives(rig)[0].real
+    found = creep_coefficients(RigParameters(), critical_speed(rig), d1)
+    errors = [abs(s.rig.d11 / creep[0] - 1) + abs(s.rig.d22 / creep[1] - 1) for s in found]
+    # two solutions may have merged, where either is found to the square root of rounding only
+    assert min(errors) < 1e-4
+
+
+def test_values_that_no_creep_gives_are_refused() -> None:
+    with pytest.raises(ConfigError, match=r'v_c = 8 m/s with D1 = 5'):
+        creep_coefficients(RigParameters(), 8.0, 5.0)
+
+
+def test_a_rig_without_hopf_point_is_named() -> None:
+    with pytest.raises(ConfigError, match=r'flat: no Hopf point.*tread_angle = 0\.0001'):
+        critical_speed(RigParameters(tread_angle=1e-4, name='flat'))
+
+
+def test_a_hopf_point_outside_the_range_is_named() -> None:
+    with pytest.raises(ConfigError, match='no Hopf point between 1 and 7 m/s, it is at 8 m/s'):
+        critical_speed(paper_rig(), within=(1.0, 7.0))
+
+
+def test_where_creep_damps_everything_there_is_no_hunting_mode() -> None:
+    with pytest.raises(ConfigError, match=r'no oscillating mode at 0\.01 m/s'):
+        hunting_mode(RigParameters(lateral_frequency_rad_per_s=1e-6, tread_angle=1e-9), 0.01)

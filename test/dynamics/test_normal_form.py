@@ -1,0 +1,152 @@
+"""The normal form as an object: the paper's numbers, closed forms, and the amplitude equation."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
+from hunt_ros.errors import ConfigError
+
+forms = st.builds(
+    NormalForm,
+    critical_speed=st.floats(2.0, 30.0),
+    D1=st.floats(0.02, 0.5),
+    D4=st.floats(-5e3, 5e3).filter(lambda x: abs(x) > 50),
+    D7=st.floats(-0.3, 0.1),
+    D10=st.floats(-2e3, 2e3),
+    D15=st.floats(-1e8, -1e6),
+)
+
+
+@pytest.mark.parametrize(
+    ('speed', 'unstable_mm', 'stable_mm', 'rate', 'digits'),
+    [
+        (6.6, 0.390, 0.563, -0.59, 3),
+        (7.2, 0.2591, 0.6291, -0.33, 4),
+        (7.6, 0.174, 0.655, -0.16, 3),
+        (8.0, 0.0, 0.6744, 0.0, 4),
+        (8.8, None, 0.7037, 0.30, 4),
+    ],
+)
+def test_the_published_coefficients_give_the_known_table(
+    speed: float, unstable_mm: float | None, stable_mm: float, rate: float, digits: int
+) -> None:
+    unstable, stable = (1e3 * float(x) for x in PAPER_NORMAL_FORM.steady_amplitudes(speed))
+    assert round(stable, digits) == stable_mm
+    if unstable_mm:
+        assert round(unstable, digits) == unstable_mm
+    else:
+        assert math.isnan(unstable)  # at v_c it has just become the quiet state itself
+    assert round(float(PAPER_NORMAL_FORM.growth_rate(speed)), 2) == rate
+
+
+def test_the_fold_of_the_published_coefficients() -> None:
+    fold = PAPER_NORMAL_FORM.saddle_node()
+    assert fold is not None
+    assert round(fold[0], 4) == 6.4059
+    assert round(1e3 * fold[1], 4) == 0.4852
+    assert round(float(PAPER_NORMAL_FORM.detuning(fold[0])), 5) == -0.19926
+    width = PAPER_NORMAL_FORM.hysteresis_width
+    assert width == pytest.approx(8.0 - fold[0])
+    assert PAPER_NORMAL_FORM.criticality == 'subcritical'
+
+
+def test_the_papers_first_point_is_no_steady_state_of_its_own_coefficients() -> None:
+    """At eps = -0.2 the discriminant of Eq. (28) is -1.7e4: no real amplitude."""
+    form = PAPER_NORMAL_FORM
+    eps = -0.2
+    b, c = form.D4 + form.D10 * eps, form.D1 * eps + form.D7 * eps**2
+    assert b * b - 4 * form.D15 * c == pytest.approx(-1.7e4, rel=0.02)
+    assert np.isnan(form.steady_amplitudes(6.4)).all()
+
+
+@given(form=forms, share=st.floats(0.6, 1.3))
+@settings(max_examples=200, deadline=None)
+def test_steady_states_are_steady_and_their_stability_is_that_of_the_flow(
+    form: NormalForm, share: float
+) -> None:
+    speed = share * form.critical_speed
+    for state in form.steady_states(speed):
+        rate = float(form.growth_rate(speed, state.amplitude))
+        scale = abs(form.D15) * float(form.radius(state.amplitude)) ** 4 / form.time_scale
+        if state.amplitude:
+            assert abs(rate) < 1e-9 * max(scale, abs(float(form.growth_rate(speed)))) + 1e-12
+        assume(abs(state.exponent) > 1e-6)
+        above = (state.amplitude or 1e-9) * (1 + 1e-6)
+        outside = float(form.growth_rate(speed, above))
+        assert (outside < 0) == state.stable
+
+
+@given(form=forms)
+@settings(max_examples=100, deadline=None)
+def test_at_the_fold_both_branches_meet(form: NormalForm) -> None:
+    fold = form.saddle_node()
+    assume(fold is not None and fold[0] < 0.999 * form.critical_speed)
+    assert fold is not None
+    speed, amplitude = fold
+    above = speed + 1e-10 * form.critical_speed
+    assume(np.isfinite(form.steady_amplitudes(above)).all())
+    assert float(form.floquet_exponent(speed, amplitude)) * form.time_scale == pytest.approx(
+        0.0, abs=1e-6
+    )
+    np.testing.assert_allclose(form.steady_amplitudes(above), amplitude, rtol=5e-2)
+    assert np.isnan(form.steady_amplitudes(speed - 1e-7 * form.critical_speed)).all()
+
+
+def test_time_to_grow_is_that_of_the_readme_and_of_the_integrated_equation() -> None:
+    form = PAPER_NORMAL_FORM
+    for speed, seconds, digits in ((8.2, 13, 0), (8.8, 5.5, 1)):
+        end = 0.9 * float(form.stable_amplitude(speed))
+        time = form.time_between(speed, 0.05e-3, end)
+        assert round(time, digits) == seconds
+
+        def slope(t: float, a: np.ndarray, v: float = speed) -> np.ndarray:
+            return a * form.growth_rate(v, a)
+
+        run = solve_ivp(slope, (0, time), [0.05e-3], rtol=1e-10, atol=1e-16)
+        assert run.y[0, -1] == pytest.approx(end, rel=1e-6)
+
+
+def test_time_between_is_infinite_across_a_steady_state_or_the_wrong_way() -> None:
+    form = PAPER_NORMAL_FORM
+    unstable, stable = (float(x) for x in form.steady_amplitudes(7.2))
+    assert form.time_between(7.2, 0.9 * unstable, 1.1 * unstable) == math.inf
+    assert form.time_between(7.2, 0.9 * stable, 1.1 * stable) == math.inf
+    assert form.time_between(7.2, 0.9 * unstable, 0.95 * unstable) == math.inf
+    assert 0 < form.time_between(7.2, 0.95 * unstable, 0.9 * unstable) < 5
+    assert form.time_between(7.2, 1e-4, 1e-4) == 0.0
+    with pytest.raises(ConfigError, match='must be positive'):
+        form.time_between(8.5, 0.0, 1e-4)
+
+
+def test_conversions_undo_each_other_and_are_equations_5_and_32() -> None:
+    form = PAPER_NORMAL_FORM
+    assert float(form.amplitude(0.005)) == pytest.approx(0.097 * 0.005)
+    assert float(form.speed(-0.1)) == pytest.approx(7.2)
+    x = np.linspace(-0.2, 0.2, 7)
+    np.testing.assert_allclose(form.detuning(form.speed(x)), x, atol=1e-15)
+    np.testing.assert_allclose(form.radius(form.amplitude(x)), x, atol=1e-18)
+
+
+def test_a_supercritical_form_has_no_fold_and_no_unstable_branch() -> None:
+    form = NormalForm(8.0, 0.12, -2000.0, -0.06, 0.0, -1e6)
+    assert form.criticality == 'supercritical'
+    assert form.saddle_node() is None
+    assert form.hysteresis_width is None
+    speeds = np.linspace(5.0, 10.0, 21)
+    unstable, stable = form.steady_amplitudes(speeds)
+    assert np.isnan(unstable).all()
+    np.testing.assert_array_equal(np.isfinite(stable), speeds > 8.0)
+
+
+@pytest.mark.parametrize('name', ['D1', 'D4', 'D7', 'D10', 'D15'])
+def test_a_coefficient_that_is_no_number_is_named(name: str) -> None:
+    values = dict.fromkeys(('D1', 'D4', 'D7', 'D10', 'D15'), 1.0) | {name: math.nan}
+    with pytest.raises(ConfigError, match=f'{name} is nan'):
+        NormalForm(critical_speed=8.0, **values)
