@@ -213,7 +213,9 @@ def hunting_threshold(amplitudes: NDArray[np.float64]) -> float | None:
     return float(math.exp(0.5 * (low[best] + high[best])))
 
 
-def observed_critical_speeds(states: Sequence[SteadyState]) -> ObservedCriticalSpeeds:
+def observed_critical_speeds(
+    states: Sequence[SteadyState], kicks: Sequence[tuple[str, int]] = ()
+) -> ObservedCriticalSpeeds:
     """
     Read the critical speeds off the jumps of the amplitude.
 
@@ -221,6 +223,8 @@ def observed_critical_speeds(states: Sequence[SteadyState]) -> ObservedCriticalS
     ----------
     states : sequence of SteadyState
         In the order in which they were recorded, run after run.
+    kicks : sequence of (source, stamp in ns)
+        A jump that followed a kick is the kick's, and is left out.
 
     Returns
     -------
@@ -234,7 +238,7 @@ def observed_critical_speeds(states: Sequence[SteadyState]) -> ObservedCriticalS
     ups: list[tuple[float, float]] = []
     downs: list[tuple[float, float]] = []
     for before, after in pairwise(states):
-        if before.source != after.source:
+        if before.source != after.source or _kicked(before, after, kicks):
             continue
         middle = 0.5 * (before.speed + after.speed)
         distance = abs(after.speed - before.speed)
@@ -248,4 +252,12 @@ def observed_critical_speeds(states: Sequence[SteadyState]) -> ObservedCriticalS
         float(np.mean([speed for speed, _ in downs])) if downs else None,
         max(steps) if steps else None,
         threshold,
+    )
+
+
+def _kicked(before: SteadyState, after: SteadyState, kicks: Sequence[tuple[str, int]]) -> bool:
+    """Whether a kick lies between two states, or within the first."""
+    return any(
+        source == before.source and before.start_ns <= stamp <= after.end_ns
+        for source, stamp in kicks
     )

@@ -22,6 +22,8 @@ _REACH = 12
 _LARGE = 0.4
 #: Share of the beat's power that must be left beside a parabola to tell the two apart.
 _TELL = 0.35
+#: Change of ln A over a few instants below which a limit cycle counts as steady.
+_STEADY = 0.04
 
 
 def without_beat(envelope: Envelope) -> Envelope:
@@ -45,43 +47,46 @@ def without_beat(envelope: Envelope) -> Envelope:
     if known.sum() < 2 * _REACH:
         return envelope
     large = known & (amplitude > _LARGE * float(np.nanpercentile(amplitude, 95.0)))
+    steady = large & _steady(amplitude)
     turn = np.exp(1j * (envelope.roller - 3.0 * envelope.phase))
     with np.errstate(all='ignore'):
-        turn = turn * (np.conj(envelope.phasor) / amplitude) ** 3
-    # The window weighs a line beside f_h down by itself; only its phase matters here.
+        # The line grows with the square of the limit cycle.
+        wave = turn * np.conj(envelope.phasor) ** 3 / amplitude
     phasor = envelope.phasor.copy()
     for k in np.flatnonzero(large):
-        low, high = _neighbours(large, int(k))
-        if high - low < 10:
+        near = np.flatnonzero(steady[max(k - _REACH, 0) : k + _REACH + 1]) + max(k - _REACH, 0)
+        if near.size < 10:
             continue
-        share = _local_beat(amplitude[low:high], turn[low:high], int(k) - low)
-        # A share that cannot be told apart is left out, not left in.
-        phasor[k] = np.nan if share is None else phasor[k] * (1.0 - share)
+        size = _beat(amplitude[near], wave[near], (near - k) / _REACH)
+        if size is None:
+            # What cannot be told apart is left out, not left in; a transient passes it by.
+            phasor[k] = np.nan if steady[k] else phasor[k]
+        else:
+            phasor[k] *= 1.0 - float((np.conj(size) * wave[k]).real) / amplitude[k]
     return replace(envelope, phasor=phasor)
 
 
-def _neighbours(large: NDArray[np.bool_], k: int) -> tuple[int, int]:
-    """Stretch of large amplitude around k, at most `_REACH` to either side."""
-    low = k
-    while low > 0 and k - low < _REACH and large[low - 1]:
-        low -= 1
-    high = k + 1
-    while high < large.size and high - k <= _REACH and large[high]:
-        high += 1
-    return low, high
+def _steady(amplitude: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Instants around which the amplitude, averaged over the beat, stays where it is."""
+    logs = np.log(np.where(amplitude > 0.0, amplitude, np.nan))
+    steady = np.zeros(amplitude.size, dtype=bool)
+    for k in range(3, amplitude.size - 3):
+        before, after = np.mean(logs[k - 3 : k + 1]), np.mean(logs[k : k + 4])
+        steady[k] = abs(after - before) < _STEADY
+    return steady
 
 
-def _local_beat(
-    amplitude: NDArray[np.float64], turn: NDArray[np.complex128], k: int
-) -> float | None:
-    """Share of the amplitude at k that is beat; None where it cannot be told."""
-    x = (np.arange(amplitude.size) - k) / _REACH
+def _beat(
+    amplitude: NDArray[np.float64], wave: NDArray[np.complex128], x: NDArray[np.float64]
+) -> complex | None:
+    """Complex size of the beat over the square of the amplitude; None where it cannot be told."""
     smooth = np.stack([np.ones_like(x), x, x**2], axis=1)
-    wave = np.stack([turn.real, turn.imag], axis=1)
-    across = wave - smooth @ np.linalg.lstsq(smooth, wave, rcond=None)[0]
+    scale = float(np.mean(np.abs(wave)))
+    parts = np.stack([wave.real, wave.imag], axis=1) / scale
+    across = parts - smooth @ np.linalg.lstsq(smooth, parts, rcond=None)[0]
     power = np.linalg.svd(across, compute_uv=False)[-1] ** 2 / (0.5 * x.size)
     if power < _TELL:
         return None
-    basis = np.concatenate([smooth, wave], axis=1)
-    solution = np.linalg.lstsq(basis, amplitude, rcond=None)[0]
-    return float(wave[k] @ solution[3:]) / float(amplitude[k])
+    basis = np.concatenate([smooth, parts], axis=1)
+    solution = np.linalg.lstsq(basis, amplitude, rcond=None)[0] / scale
+    return complex(solution[3], solution[4])

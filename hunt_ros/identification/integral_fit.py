@@ -18,7 +18,7 @@ from hunt_ros.identification.path_likelihood import Path
 _SPAN = 4
 
 
-def integral_start(path: Path, floor: float, scale: float, terms: int) -> NDArray[np.float64]:
+def integral_start(path: Path, floor: float, scale: float) -> NDArray[np.float64]:
     """
     Estimate a growth law by integral least squares.
 
@@ -31,19 +31,17 @@ def integral_start(path: Path, floor: float, scale: float, terms: int) -> NDArra
     scale : float
         Largest sensible rate, 1/s: width of the weak prior that keeps directions the
         data do not show at zero.
-    terms : int
-        Number of coefficients.
 
     Returns
     -------
-    ndarray, shape (terms,)
+    ndarray, shape (6,)
     """
     amplitude = np.abs(path.phasor)
     rows: list[NDArray[np.float64]] = []
     changes: list[NDArray[np.float64]] = []
     weights: list[NDArray[np.float64]] = []
     segment = np.cumsum(path.restart)
-    columns = monomials(path.u, np.nan_to_num(amplitude) ** 2, terms)
+    columns = monomials(path.u, np.nan_to_num(amplitude) ** 2)
     step = np.diff(path.time, prepend=path.time[0])
     area = np.zeros_like(columns)
     area[1:] = 0.5 * (columns[1:] + columns[:-1]) * step[1:, None]
@@ -64,11 +62,11 @@ def integral_start(path: Path, floor: float, scale: float, terms: int) -> NDArra
         changes.append(np.log(b / a))
         variance = (floor / 4.0) ** 2 * (1.0 / a**2 + 1.0 / b**2) + 0.01**2
         weights.append(1.0 / np.sqrt(variance))
-    prior = np.eye(terms) / scale
+    prior = np.eye(columns.shape[1]) / scale
     if not rows:
-        return np.zeros(terms)
+        return np.zeros(columns.shape[1])
     weight = np.concatenate(weights)
     matrix = np.concatenate([np.concatenate(rows) * weight[:, None], prior])
-    right = np.concatenate([np.concatenate(changes) * weight, np.zeros(terms)])
+    right = np.concatenate([np.concatenate(changes) * weight, np.zeros(columns.shape[1])])
     solution: NDArray[np.float64] = np.linalg.lstsq(matrix, right, rcond=None)[0]
     return solution

@@ -30,11 +30,13 @@ _LARGEST = 25.0
 @compiled
 def _rate(p: NDArray[np.float64], u: float, w: float) -> float:
     """Growth rate; p[7] tells the conicity law (1) from the polynomial (0)."""
-    linear = p[0] + (p[1] + p[2] * u) * u
+    rate: float = p[0] + (p[1] + p[2] * u) * u
     if p[7] > 0.5:
         conicity = w * (1.0 + p[5] * w)
-        return linear + (p[3] + p[4] * u + p[6] * conicity) * conicity
-    return linear + (p[3] + p[4] * u) * w + (p[5] + p[6] * u) * w * w
+        rate += (p[3] + p[4] * u + p[6] * conicity) * conicity
+    else:
+        rate += (p[3] + p[4] * u) * w + (p[5] + p[6] * u) * w * w
+    return rate
 
 
 @compiled
@@ -43,8 +45,10 @@ def _slope(p: NDArray[np.float64], u: float, w: float) -> float:
     if p[7] > 0.5:
         conicity = w * (1.0 + p[5] * w)
         steep = 2.0 * w * (1.0 + 2.0 * p[5] * w)
-        return (p[3] + p[4] * u + 2.0 * p[6] * conicity) * steep
-    return 2.0 * w * (p[3] + p[4] * u + 2.0 * (p[5] + p[6] * u) * w)
+        slope: float = (p[3] + p[4] * u + 2.0 * p[6] * conicity) * steep
+    else:
+        slope = 2.0 * w * (p[3] + p[4] * u + 2.0 * (p[5] + p[6] * u) * w)
+    return slope
 
 
 @compiled

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -34,6 +34,10 @@ Kind = Literal['plateau', 'ramp', 'kick', 'transient', 'gap']
 #: share of the amplitude.
 _JUMP_NOISE = 3.0
 _JUMP_SHARE = 0.04
+#: Relative error of an amplitude from which the beat with the roughness is not removed.
+_LOCKED = 0.02
+#: Change of ln A within a piece of ramp up to which the amplitude follows the speed.
+_FOLLOWING = 0.05
 
 
 @dataclass(frozen=True)
@@ -205,6 +209,7 @@ def _direction(envelope: Envelope, start: int, end: int, tolerance: float) -> Di
 def analyse_record(
     channels: Channels,
     envelope: Envelope,
+    corrected: Envelope,
     settings: IdentificationSettings,
 ) -> tuple[list[Segment], list[SteadyState]]:
     """
@@ -216,6 +221,8 @@ def analyse_record(
         The record.
     envelope : Envelope
         Its hunting component.
+    corrected : Envelope
+        The same without the beat of roughness and hunting.
     settings : IdentificationSettings
         Says what counts as a plateau.
 
@@ -253,9 +260,9 @@ def analyse_record(
     edge = 0
     for start, end in [*holds, (time.size, time.size)]:
         if start - edge > 1:
-            states += _along_ramp(envelope, kicked, edge, start, tolerance, note)
+            states += _along_ramp(envelope, corrected, kicked, edge, start, tolerance, note)
         if end > start:
-            state = _on_plateau(channels, envelope, kicked, start, end, tolerance, note)
+            state = _on_plateau(channels, envelope, corrected, kicked, start, end, tolerance, note)
             if state is not None:
                 states.append(state)
         edge = end
@@ -273,13 +280,20 @@ def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 def _state(
     envelope: Envelope,
+    corrected: Envelope,
     start: int,
     end: int,
     direction: Direction,
     kind: Literal['plateau', 'ramp'],
 ) -> SteadyState | None:
-    amplitude = envelope.amplitude[start:end]
+    amplitude = corrected.amplitude[start:end]
     amplitude = amplitude[np.isfinite(amplitude)]
+    locked = 0.0
+    if amplitude.size < 3:
+        # Locked to the roughness line: the amplitude is real, but not hunting's alone.
+        amplitude = envelope.amplitude[start:end]
+        amplitude = amplitude[np.isfinite(amplitude)]
+        locked = _LOCKED
     if amplitude.size < 3:
         return None
     noise = float(np.nanmedian(envelope.noise[start:end]))
@@ -288,7 +302,7 @@ def _state(
         speed=float(np.mean(envelope.speed[start:end])),
         # The mean square holds the noise of two parts; take it out again.
         amplitude=math.sqrt(max(float(np.mean(amplitude)) ** 2 - noise**2, 0.0)),
-        amplitude_std=standard_error(amplitude),
+        amplitude_std=math.hypot(standard_error(amplitude), locked * float(np.mean(amplitude))),
         direction=direction,
         cycles=int(duration * float(np.mean(envelope.frequency[start:end]))),
         noise=noise,
@@ -302,6 +316,7 @@ def _state(
 def _on_plateau(
     channels: Channels,
     envelope: Envelope,
+    corrected: Envelope,
     kicked: NDArray[np.bool_],
     start: int,
     end: int,
@@ -321,7 +336,9 @@ def _on_plateau(
         note('plateau', start, end, False, 'the amplitude is still changing at its end')
         return None
     begin = start + first + tail.start
-    state = _state(envelope, begin, end, _direction(envelope, start, end, tolerance), 'plateau')
+    state = _state(
+        envelope, corrected, begin, end, _direction(envelope, start, end, tolerance), 'plateau'
+    )
     if state is None:
         note('plateau', start, end, False, 'too few instants')
         return None
@@ -334,13 +351,12 @@ def _on_plateau(
 
 
 def _with_maxima(state: SteadyState, maxima: float, error: float) -> SteadyState:
-    from dataclasses import replace
-
     return replace(state, maxima=maxima, maxima_std=error)
 
 
 def _along_ramp(
     envelope: Envelope,
+    corrected: Envelope,
     kicked: NDArray[np.bool_],
     start: int,
     end: int,
@@ -350,6 +366,7 @@ def _along_ramp(
     """Nearly steady amplitudes along a ramp, where the amplitude follows the speed."""
     states = []
     span = 6
+    threshold = hunting_threshold(envelope.amplitude)
     # A ramp that turns round is parted where it turns.
     for low, high in _monotonic(envelope.speed, start, end, tolerance):
         direction: Direction = 'up' if envelope.speed[high - 1] > envelope.speed[low] else 'down'
@@ -359,13 +376,22 @@ def _along_ramp(
             amplitude = envelope.amplitude[piece]
             if kicked[piece].any() or not np.isfinite(amplitude).all():
                 continue
-            state = _state(envelope, begin, begin + span, direction, 'ramp')
+            if threshold is not None and amplitude.mean() > threshold and _moving(amplitude):
+                continue
+            state = _state(envelope, corrected, begin, begin + span, direction, 'ramp')
             if state is not None:
                 states.append(state)
                 used += 1
         reason = f'{used} nearly steady amplitudes' if used else 'too short for an amplitude'
         note('ramp', low, high, used > 0, reason)
     return states
+
+
+def _moving(amplitude: NDArray[np.float64]) -> bool:
+    """Whether a large amplitude is on its way somewhere else, not following the speed."""
+    half = amplitude.size // 2
+    drift = math.log(float(amplitude[half:].mean() / amplitude[:half].mean()))
+    return abs(drift) > _FOLLOWING
 
 
 def _monotonic(

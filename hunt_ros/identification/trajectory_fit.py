@@ -69,7 +69,7 @@ def _objective(
     theta: NDArray[np.float64],
     path: Path,
     weight: NDArray[np.float64],
-    scale: float,
+    scale: NDArray[np.float64],
     priors: Sequence[Prior],
 ) -> float:
     """Negative log posterior, and never NaN."""
@@ -85,7 +85,7 @@ def _expand(
     theta: NDArray[np.float64],
     path: Path,
     weight: NDArray[np.float64],
-    scale: float,
+    scale: NDArray[np.float64],
     priors: Sequence[Prior],
 ) -> _Expansion:
     """Value, gradient, expected information and scores by cluster, by central differences."""
@@ -128,7 +128,7 @@ def _expand(
 def fit_path(
     path: Path,
     start: NDArray[np.float64],
-    scale: float,
+    scale: NDArray[np.float64],
     priors: Sequence[Prior] = (),
     cluster_weight: NDArray[np.float64] | None = None,
     iterations: int = 60,
@@ -142,8 +142,8 @@ def fit_path(
         The measured envelope.
     start : ndarray, shape (terms + 3,)
         Law and log variances to start from.
-    scale : float
-        Standard deviation of the weak prior on each coefficient of the law, 1/s: no mode
+    scale : ndarray, shape (terms,)
+        Standard deviations of the weak prior on the coefficients of the law, 1/s: no mode
         that still oscillates grows faster than its own angular frequency.
     priors : sequence of Prior
         What is known from elsewhere.
@@ -178,6 +178,9 @@ def fit_path(
                 np.maximum(np.diag(current.information), 1e-9)
             )
             step = np.linalg.solve(matrix, current.gradient)
+            # A law an order away from the last one has left the hill it was climbing.
+            longest = np.max(np.abs(step[:-3]) / np.maximum(np.abs(theta[:-3]), 0.05 * scale))
+            step *= min(1.0, 0.7 / longest) if longest > 0.0 else 1.0
             step[-3:] = np.clip(step[-3:], -2.0, 2.0)
             trial = theta + step
             trial[-3:] = np.clip(trial[-3:], _LOG_LOW, _LOG_HIGH)

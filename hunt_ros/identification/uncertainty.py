@@ -1,5 +1,5 @@
 """
-Intervals: cluster-robust variances, and what they make of speeds and branches.
+Intervals: cluster-robust variances, draws of laws, and numbers made of draws.
 
 The residuals of one run hang together, so that variances that count samples are too
 small. The sandwich of scores summed over runs (or blocks of a run) does not care how.
@@ -8,18 +8,26 @@ small. The sandwich of scores summed over runs (or blocks of a run) does not car
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from hunt_ros.identification.bootstrap import bootstrap
+from hunt_ros.identification.growth_law import GrowthLaw
+from hunt_ros.identification.law_choice import FittedLaw
+from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.trajectory_fit import TrajectoryFit
 from hunt_ros.samples import Uncertain
 
 #: With fewer independent runs than this the intervals are widened, and say so.
 ENOUGH_RUNS = 8
+#: Draws behind the intervals where no bootstrap is asked for.
+_DRAWS = 400
+#: Laws with less than this share of the evidence do not enter the intervals.
+_NEGLIGIBLE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,53 +78,91 @@ def robust_covariance(fit: TrajectoryFit, runs: int) -> Covariance:
     inverse = np.linalg.pinv(fit.information, rcond=1e-13, hermitian=True)
     active = np.flatnonzero(np.abs(fit.scores).sum(axis=1) > 0.0)
     count = active.size
-    model = inverse[:terms, :terms]
-    covariance: NDArray[np.float64] = model
+    covariance = np.asarray(inverse[:terms, :terms], dtype=np.float64)
     if count > 1:
         scores = fit.scores[active]
         scores = scores - scores.mean(axis=0)
         meat = scores.T @ scores * count / (count - 1)
         sandwich = (inverse @ meat @ inverse)[:terms, :terms]
-        robust, plain = np.sqrt(np.diag(sandwich)), np.sqrt(np.diag(model))
+        robust, plain = np.sqrt(np.diag(sandwich)), np.sqrt(np.diag(covariance))
         if np.all(robust > 0.0):
             stretch = np.maximum(plain / robust, 1.0)
-            covariance = sandwich * np.outer(stretch, stretch)
+            covariance = np.asarray(sandwich * np.outer(stretch, stretch))
     degrees = float(max(count - 1, 2))
     if runs < ENOUGH_RUNS:
-        covariance = covariance * (1.0 + 0.5 / max(runs, 1))
+        covariance = covariance * widening(runs) ** 2
         degrees = min(degrees, 12.0)
     diagonal = np.sqrt(np.maximum(np.diag(fit.information)[:terms], 1e-300))
     scaled = fit.information[:terms, :terms] / np.outer(diagonal, diagonal)
     return Covariance(covariance, degrees, float(np.linalg.cond(scaled)))
 
 
-def jacobian(
-    function: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    point: NDArray[np.float64],
-    widths: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Derivative of a vector function by central differences over a tenth of `widths`."""
-    columns = []
-    for j in range(point.size):
-        step = max(0.1 * float(widths[j]), 1e-7 * max(abs(float(point[j])), 1e-3))
-        above, below = point.copy(), point.copy()
-        above[j] += step
-        below[j] -= step
-        columns.append((function(above) - function(below)) / (2.0 * step))
-    return np.stack(columns, axis=-1)
+def widening(runs: int) -> float:
+    """Factor on deviations that rest on blocks of few runs: days differ more than blocks do."""
+    return math.sqrt(1.0 + 0.5 / max(runs, 1)) if runs < ENOUGH_RUNS else 1.0
 
 
-def draws(
-    centre: NDArray[np.float64], covariance: Covariance, count: int, seed: int
+def draw_laws(
+    laws: Sequence[FittedLaw],
+    settings: IdentificationSettings,
+    runs: int,
+    stretch: float = 1.0,
+    progress: Callable[[float], None] | None = None,
+) -> list[GrowthLaw]:
+    """
+    Draw laws as the data leave them open: each law by its share of the evidence.
+
+    Parameters
+    ----------
+    laws : sequence of FittedLaw
+        With their weights.
+    settings : IdentificationSettings
+        Linearised draws, or replications of a bootstrap.
+    runs : int
+        Independent runs.
+    stretch : float
+        Further factor on all deviations, for a law that does not fit.
+    progress : callable, optional
+        Told which fraction is done.
+
+    Returns
+    -------
+    list of GrowthLaw
+    """
+    count = settings.bootstrap or _DRAWS
+    kept = [one for one in laws if one.weight >= _NEGLIGIBLE]
+    total = sum(one.weight for one in kept)
+    drawn: list[GrowthLaw] = []
+    for number, one in enumerate(kept):
+        share = max(round(count * one.weight / total), 1)
+        if settings.bootstrap:
+            sample = bootstrap(one, settings, share, progress)
+            sample = sample[np.isfinite(sample).all(axis=1)]
+            centre = one.law.p
+            sample = centre + (sample - centre) * widening(runs) * stretch
+        else:
+            covariance = robust_covariance(one.fit, runs)
+            sample = _student(one.law.p, covariance, share, [settings.seed, number], stretch)
+        drawn += [replace(one.law, p=p) for p in sample]
+    return drawn
+
+
+def _student(
+    centre: NDArray[np.float64],
+    covariance: Covariance,
+    count: int,
+    seed: list[int],
+    stretch: float,
 ) -> NDArray[np.float64]:
-    """Student draws of the law, shape (count, terms): normal ones over a chi-square."""
+    """Student draws, shape (count, terms): normal ones over a chi-square."""
     generator = np.random.default_rng(seed)
-    values, vectors = np.linalg.eigh(covariance.matrix)
-    root = vectors * np.sqrt(np.clip(values, 0.0, None))
+    # Eigenvectors of the correlation, so that small variances keep beside large ones.
+    widths = np.sqrt(np.maximum(np.diag(covariance.matrix), 1e-300))
+    values, vectors = np.linalg.eigh(covariance.matrix / np.outer(widths, widths))
+    root = widths[:, None] * vectors * np.sqrt(np.clip(values, 0.0, None))
     normal = generator.standard_normal((count, centre.size))
-    degrees = covariance.degrees
-    scale = np.sqrt(degrees / generator.chisquare(degrees, count))
-    drawn: NDArray[np.float64] = centre + (normal * scale[:, None]) @ root.T
+    scale = np.sqrt(covariance.degrees / generator.chisquare(covariance.degrees, count))
+    drawn: NDArray[np.float64] = centre + stretch * (normal * scale[:, None]) @ root.T
     return drawn
 
 
@@ -143,12 +189,11 @@ def summary(
         None where too many draws say that there is no such quantity.
     """
     known = sample[np.isfinite(sample)]
-    if not math.isfinite(value) or known.size < least * sample.size:
+    if not math.isfinite(value) or known.size < max(least * sample.size, 10):
         return None
-    low, high = (float(x) for x in np.percentile(known, [2.5, 97.5]))
+    low, below, above, high = (float(x) for x in np.percentile(known, [2.5, 15.87, 84.13, 97.5]))
     # Half-widths add in squares with what does not come from the fit.
-    below = math.hypot(max(value - low, 0.0), 1.96 * extra_std)
-    above = math.hypot(max(high - value, 0.0), 1.96 * extra_std)
-    quartiles = np.percentile(known, [15.87, 84.13])
-    std = math.hypot(0.5 * float(quartiles[1] - quartiles[0]), extra_std)
-    return Uncertain(value, std, value - below, value + above)
+    under = math.hypot(max(value - low, 0.0), 1.96 * extra_std)
+    over = math.hypot(max(high - value, 0.0), 1.96 * extra_std)
+    std = math.hypot(0.5 * (above - below), extra_std)
+    return Uncertain(float(value), std, value - under, value + over)

@@ -1,0 +1,205 @@
+"""
+What the data support, and what they do not: the guards before any number is given.
+
+Nothing is reported because a fit returned it. Each quantity needs motion that shows it:
+a critical speed needs several speeds, a time scale needs free motion, an unstable branch
+needs amplitudes on both sides of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hunt_ros.analysis.steady_state import SteadyState, hunting_threshold
+from hunt_ros.dynamics.normal_form import NormalForm
+from hunt_ros.identification.envelope import Envelope
+from hunt_ros.identification.law_choice import FittedLaw
+from hunt_ros.identification.plateaus import Segment
+from hunt_ros.identification.settings import IdentificationSettings
+
+#: Relative range of speeds below which a record is one at one speed.
+_ONE_SPEED = 0.02
+#: Largest relative deviation of v_c that still is knowledge of it.
+_VAGUE_SPEED = 0.1
+#: Largest relative deviation at which a coefficient's sign is known.
+_VAGUE = 0.5
+#: Cycles of free motion below which a record is too short for anything.
+_FEWEST_STEPS = 12
+
+
+@dataclass(frozen=True)
+class Support:
+    """
+    What can be known.
+
+    Parameters
+    ----------
+    critical, cubic, nonlinear, complete : bool
+        v_c; the cubic coefficient and its sign; fold and unstable branch; a whole form.
+    time : bool
+        The time scale: D1 and with it every coefficient.
+    reasons : tuple of str
+        Why what is not known is not.
+    """
+
+    critical: bool
+    time: bool
+    cubic: bool
+    nonlinear: bool
+    complete: bool
+    reasons: tuple[str, ...]
+
+    def knows(self, name: str) -> bool:
+        """Whether a coefficient may be given."""
+        if name in ('D1', 'D7'):
+            return self.critical and self.time
+        return self.critical and self.time and self.cubic
+
+
+def support_of(
+    best: FittedLaw,
+    forms: Sequence[NormalForm | None],
+    states: Sequence[SteadyState],
+    segments: Sequence[Segment],
+    envelopes: Sequence[Envelope],
+    settings: IdentificationSettings,
+) -> Support:
+    """
+    Judge what the data support.
+
+    Parameters
+    ----------
+    best : FittedLaw
+        The law with the most evidence.
+    forms : sequence of NormalForm or None
+        Of the draws.
+    states, segments, envelopes : sequences
+        What was seen.
+    settings : IdentificationSettings
+        For priors, which can stand in for data.
+
+    Returns
+    -------
+    Support
+    """
+    reasons: list[str] = []
+    speed = np.concatenate([envelope.speed for envelope in envelopes])
+    amplitude = np.concatenate([envelope.amplitude for envelope in envelopes])
+    low, high = float(speed.min()), float(speed.max())
+    several = high - low > _ONE_SPEED * float(np.median(speed))
+    if not several:
+        rate = float(best.law.linear(best.law.detuning(np.median(speed))))
+        reasons.append(
+            f'one speed only ({np.median(speed):.3g} m/s; linear growth rate about'
+            f' {rate:.2g} 1/s): v_c and the coefficients cannot be known'
+        )
+    enough = int(np.isfinite(amplitude).sum()) >= _FEWEST_STEPS
+    if not enough:
+        reasons.append('too short: fewer than a few dozen hunting cycles')
+    critical = several and enough and _critical(best, forms, (low, high), settings, reasons)
+    # A state of its own, or the top of a transient: both show what hunting is.
+    hunts = hunting_threshold(amplitude) is not None
+    if not hunts:
+        reasons.append(
+            'all amplitudes are of one kind: no passage between quiet and hunting, so that the'
+            ' nonlinear coefficients cannot be known'
+        )
+    moved = any(segment.kind == 'transient' for segment in segments)
+    time = moved or settings.prior_D1 is not None or _quiet_motion(best, forms)
+    if hunts and not moved:
+        reasons.append('no free transient: the time scale rests on the prior or on quiet motion')
+    if not time:
+        reasons.append('D1 cannot be known; give it with --prior-D1')
+    cubic = critical and time and hunts and _cubic(best, forms, reasons)
+    nonlinear = cubic and best.law.criticality == 'subcritical' and moved
+    limited = _limited(best, (low, high), hunts, reasons) if cubic else False
+    if cubic:
+        _second_hopf(best, (low, high), reasons)
+    return Support(critical, time, cubic, nonlinear and limited, cubic and limited, tuple(reasons))
+
+
+def _share(forms: Sequence[NormalForm | None], name: str) -> tuple[float, float]:
+    """Median and half the central 68 % of one attribute over the draws that have it."""
+    values = [getattr(form, name) for form in forms if form is not None]
+    if len(values) < 0.8 * len(forms) or not values:
+        return math.nan, math.inf
+    low, middle, high = np.percentile(values, [15.87, 50.0, 84.13])
+    return float(middle), 0.5 * float(high - low)
+
+
+def _critical(
+    best: FittedLaw,
+    forms: Sequence[NormalForm | None],
+    speeds: tuple[float, float],
+    settings: IdentificationSettings,
+    reasons: list[str],
+) -> bool:
+    """Whether v_c is known: it exists, in most draws, near the data, and not vaguely."""
+    v_c = best.law.critical_speed
+    if v_c is None:
+        reasons.append('the linear growth rate nowhere rises through zero: v_c is not known')
+        return False
+    middle, std = _share(forms, 'critical_speed')
+    if not math.isfinite(middle) or std > _VAGUE_SPEED * v_c:
+        reasons.append('v_c is not determined by these data')
+        return False
+    low, high = speeds
+    reach = 0.5 * (high - low)
+    if not low - reach <= v_c <= high + reach and settings.prior_v_c is None:
+        reasons.append(
+            f'v_c = {v_c:.3g} m/s would lie far outside the speeds of the data'
+            f' ({low:.3g} to {high:.3g} m/s): it is not given'
+        )
+        return False
+    if not low <= v_c <= high:
+        reasons.append(
+            f'v_c = {v_c:.3g} m/s is a forecast: the data end at'
+            f' {high if v_c > high else low:.3g} m/s'
+        )
+    return True
+
+
+def _quiet_motion(best: FittedLaw, forms: Sequence[NormalForm | None]) -> bool:
+    """Whether the random motion of the quiet state alone shows how fast it is damped."""
+    middle, std = _share(forms, 'D1')
+    return math.isfinite(middle) and std < 0.3 * abs(middle)
+
+
+def _cubic(best: FittedLaw, forms: Sequence[NormalForm | None], reasons: list[str]) -> bool:
+    """Whether the sign of the cubic coefficient is known."""
+    middle, std = _share(forms, 'D4')
+    if not std < _VAGUE * abs(middle):
+        reasons.append(
+            'D4 is not determined by these data: neither sub- nor supercritical can be said'
+        )
+        return False
+    return True
+
+
+def _limited(
+    best: FittedLaw, speeds: tuple[float, float], hunts: bool, reasons: list[str]
+) -> bool:
+    """Whether the form is one that ends its own growth, inside the range of the data."""
+    if best.law.criticality == 'supercritical':
+        return True
+    v_c = best.law.critical_speed
+    at = np.array([min(v_c, speeds[1])]) if v_c is not None else np.array([speeds[1]])
+    _, stable = best.law.steady_amplitudes(at)
+    if not np.isfinite(stable[0]):
+        reasons.append('no restoring quintic term (D15 < 0) was found: no normal form is given')
+        return False
+    return True
+
+
+def _second_hopf(best: FittedLaw, speeds: tuple[float, float], reasons: list[str]) -> None:
+    """Warn where the parabola of the linear growth rate turns round inside the data."""
+    other = best.law.other_root
+    if other is not None and speeds[0] < other < speeds[1]:
+        reasons.append(
+            f'the fitted linear growth rate has a second zero at {other:.3g} m/s, inside the'
+            f' speeds of the data: D7 is not to be trusted'
+        )

@@ -1,0 +1,151 @@
+"""Does the law follow the measured limit cycle over the whole range? A test, and how much."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from hunt_ros.analysis.steady_state import SteadyState
+from hunt_ros.identification.growth_law import GrowthLaw
+from hunt_ros.identification.law_choice import FittedLaw
+
+#: A discrepancy is a lack of fit if chance makes it in one case of a hundred, and it is
+#: more than this share of the amplitude.
+_LEVEL = 0.01
+_SHARE = 0.01
+#: Logarithm of the amplitude that a state counts as off where the law has no limit cycle.
+_ABSENT = 0.3
+
+
+@dataclass(frozen=True)
+class LackOfFit:
+    """
+    Result of the test.
+
+    Parameters
+    ----------
+    p : float
+        Probability of a discrepancy this large if the law held; NaN where there are too
+        few steady states to tell.
+    share : float
+        RMS of the systematic discrepancy, relative to the amplitude.
+    """
+
+    p: float = math.nan
+    share: float = 0.0
+
+    @property
+    def flagged(self) -> bool:
+        """Whether the law does not fit."""
+        return self.p < _LEVEL and self.share > _SHARE
+
+
+def lack_of_fit(law: GrowthLaw, states: Sequence[SteadyState]) -> LackOfFit:
+    """
+    Test the stable branch of a law against steady amplitudes.
+
+    The logarithmic residuals are regressed on a cubic in the speed. A law that fits
+    leaves nothing for it; the scatter of the states around the cubic is the pure error.
+
+    Parameters
+    ----------
+    law : GrowthLaw
+        The law that was fitted.
+    states : sequence of SteadyState
+        Hunting states only.
+
+    Returns
+    -------
+    LackOfFit
+
+    References
+    ----------
+    Seber, G. A. F., Lee, A. J., Linear Regression Analysis (2003), Sect. 4.4: the F test.
+    """
+    if len(states) < 8:
+        return LackOfFit()
+    speed = np.array([state.speed for state in states])
+    amplitude = np.array([state.amplitude for state in states])
+    if np.ptp(speed) < 0.02 * float(np.mean(speed)):
+        return LackOfFit()
+    _, stable = law.steady_amplitudes(speed)
+    with np.errstate(invalid='ignore'):
+        residual = np.log(amplitude / stable)
+    residual = np.where(np.isfinite(stable), residual, _ABSENT)
+    fold = law.saddle_node(float(speed.min()))
+    if fold is not None:
+        # Next to the fold time stands still, and a state lingers while the speed falls on.
+        away = np.abs(speed / fold - 1.0) > 0.025
+        residual, speed = residual[away], speed[away]
+    if residual.size < 8:
+        return LackOfFit()
+    residual = np.clip(residual, -_ABSENT, _ABSENT)
+    x = (speed - speed.mean()) / max(float(np.ptp(speed)), 1e-9)
+    basis = np.vander(x, 4)
+    fitted = basis @ np.linalg.lstsq(basis, residual, rcond=None)[0]
+    freedom = residual.size - 4
+    # A floor on the pure error: amplitudes are not known to better than this.
+    pure = max(float(np.sum((residual - fitted) ** 2)) / freedom, 1e-8)
+    ratio = float(np.sum(fitted**2)) / 4.0 / pure
+    return LackOfFit(float(stats.f.sf(ratio, 4, freedom)), float(np.sqrt(np.mean(fitted**2))))
+
+
+def following(laws: Sequence[FittedLaw], states: Sequence[SteadyState]) -> list[FittedLaw]:
+    """
+    Leave out laws that miss the limit cycle, where there is one that does not.
+
+    Parameters
+    ----------
+    laws : sequence of FittedLaw
+        With their shares of the evidence.
+    states : sequence of SteadyState
+        Hunting states only.
+
+    Returns
+    -------
+    list of FittedLaw
+        With shares that sum to one, the largest first; all of them where all miss it.
+    """
+    good = [one for one in laws if not lack_of_fit(one.law, states).flagged] or list(laws)
+    total = sum(one.weight for one in good)
+    if total <= 0.0:
+        return [replace(good[0], weight=1.0), *good[1:]]
+    return [replace(one, weight=one.weight / total) for one in good]
+
+
+def contradictions(states: Sequence[SteadyState]) -> list[str]:
+    """
+    Runs whose limit cycles at one speed differ beyond error and by more than a tenth.
+
+    Parameters
+    ----------
+    states : sequence of SteadyState
+        Hunting states of all runs.
+
+    Returns
+    -------
+    list of str
+        One line for the worst pair; empty where the runs agree.
+    """
+    worst: tuple[float, str] | None = None
+    for i, one in enumerate(states):
+        for other in states[i + 1 :]:
+            if one.source == other.source:
+                continue
+            if abs(one.speed - other.speed) > 0.01 * one.speed:
+                continue
+            apart = abs(one.amplitude - other.amplitude)
+            error = math.hypot(one.amplitude_std, other.amplitude_std)
+            share = apart / max(one.amplitude, other.amplitude)
+            if share > 0.1 and apart > 5.0 * error and (worst is None or share > worst[0]):
+                worst = (
+                    share,
+                    f'runs contradict each other: at {one.speed:.3g} m/s the limit cycle is'
+                    f' {1e3 * one.amplitude:.3g} mm in {one.source} and'
+                    f' {1e3 * other.amplitude:.3g} mm in {other.source}',
+                )
+    return [] if worst is None else [worst[1]]

@@ -1,0 +1,251 @@
+"""
+Which growth law: each is fitted, and the evidence weighs them.
+
+The quintic law is the paper's. Where a recording shows that it does not follow it, a law
+with one more term does better, and where the recording cannot tell, the intervals hold
+what all of them say. The weights are those of Laplace's approximation to the evidence.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
+
+from hunt_ros.dynamics.normal_form import NormalForm
+from hunt_ros.identification.growth_law import (
+    CONICITY,
+    EXTENDED,
+    QUINTIC,
+    TERMS,
+    GrowthLaw,
+    GrowthScales,
+    from_normal_form,
+    to_normal_form,
+)
+from hunt_ros.identification.integral_fit import integral_start
+from hunt_ros.identification.path_likelihood import Path
+from hunt_ros.identification.settings import IdentificationSettings
+from hunt_ros.identification.trajectory_fit import Prior, TrajectoryFit, fit_path
+
+#: Rounds in which jumps of the path are looked for.
+_GATES = 6
+#: Standard deviation of the prior on the seventh coefficient, in units of the first six's.
+_EXTRA = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class FittedLaw:
+    """
+    One law, fitted.
+
+    Parameters
+    ----------
+    law : GrowthLaw
+    fit : TrajectoryFit
+    path : Path
+        What it was fitted to.
+    weight : float
+        Its share of the evidence, 0 to 1.
+    """
+
+    law: GrowthLaw
+    fit: TrajectoryFit
+    path: Path
+    weight: float
+
+
+def fastest_rate(scales: GrowthScales) -> float:
+    """Largest sensible growth rate, 1/s: the angular frequency of the mode itself."""
+    return 2.0 * math.pi * scales.frequency_hz
+
+
+def fit_laws(
+    path: Path,
+    scales: GrowthScales,
+    settings: IdentificationSettings,
+    v_c: float | None,
+    floor: float,
+) -> list[FittedLaw]:
+    """
+    Fit all laws to a path.
+
+    Parameters
+    ----------
+    path : Path
+        The measured envelope.
+    scales : GrowthScales
+        Units of the fit.
+    settings : IdentificationSettings
+        For what is known from elsewhere.
+    v_c : float or None
+        Observed critical speed, as a start only, m/s.
+    floor : float
+        Amplitude below which motion is noise, in units of A_ref.
+
+    Returns
+    -------
+    list of FittedLaw
+        The one with the most evidence first.
+    """
+    quintic, path = _fit_quintic(path, scales, settings, v_c, floor)
+    fits = {QUINTIC: (quintic, path)}
+    theta = quintic.theta
+    extended = np.concatenate([theta[:6], [0.0], theta[-3:]])
+    fits[EXTENDED] = (_finish(EXTENDED, path, extended, scales, settings), path)
+    bent = replace(path, conicity=True)
+    shape = _conicity_start(fits[EXTENDED][0].theta)
+    fits[CONICITY] = (_finish(CONICITY, bent, shape, scales, settings), bent)
+    evidence = {name: _evidence(fit, name, scales) for name, (fit, _) in fits.items()}
+    top = max(evidence.values())
+    weights = {name: math.exp(max(value - top, -50.0)) for name, value in evidence.items()}
+    total = sum(weights.values())
+    laws = [
+        FittedLaw(GrowthLaw(name, fit.law, scales), fit, used, weights[name] / total)
+        for name, (fit, used) in fits.items()
+    ]
+    return sorted(laws, key=lambda one: -one.weight)
+
+
+def _widths(name: str, scales: GrowthScales) -> NDArray[np.float64]:
+    """Standard deviations of the weak prior on each coefficient."""
+    widths = np.full(TERMS[name], fastest_rate(scales))
+    widths[6:] *= _EXTRA
+    return widths
+
+
+def refit(
+    fitted: FittedLaw,
+    settings: IdentificationSettings,
+    cluster_weight: NDArray[np.float64],
+    iterations: int = 12,
+) -> TrajectoryFit:
+    """Fit the law again with other weights of the clusters: one bootstrap replication."""
+    scales = fitted.law.scales
+    return fit_path(
+        fitted.path,
+        fitted.fit.theta,
+        _widths(fitted.law.name, scales),
+        priors_of(scales, settings),
+        cluster_weight,
+        iterations,
+    )
+
+
+def _finish(
+    name: str,
+    path: Path,
+    start: NDArray[np.float64],
+    scales: GrowthScales,
+    settings: IdentificationSettings,
+) -> TrajectoryFit:
+    return fit_path(path, start, _widths(name, scales), priors_of(scales, settings))
+
+
+def _conicity_start(theta: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Conicity law near an extended one: its curvature goes into K."""
+    p = theta[:7]
+    bend = float(np.clip(p[5] / p[3], -2.0, 2.0)) if abs(p[3]) > 1e-6 else 0.0
+    return np.concatenate([p[:5], [bend, 0.0], theta[-3:]])
+
+
+def _evidence(fit: TrajectoryFit, name: str, scales: GrowthScales) -> float:
+    """Laplace's approximation to the log evidence, up to a constant."""
+    sign, logarithm = np.linalg.slogdet(fit.information)
+    if sign <= 0.0 or not math.isfinite(fit.log_likelihood):
+        return -math.inf
+    widths = _widths(name, scales)
+    return float(fit.log_likelihood - 0.5 * logarithm - np.log(widths).sum())
+
+
+def _fit_quintic(
+    path: Path,
+    scales: GrowthScales,
+    settings: IdentificationSettings,
+    v_c: float | None,
+    floor: float,
+) -> tuple[TrajectoryFit, Path]:
+    """Fit the quintic law from several starts; leave out jumps that no law makes."""
+    widths = _widths(QUINTIC, scales)
+    step = float(np.median(np.diff(path.time)))
+    change = np.abs(np.diff(path.phasor))
+    usual = float(np.nanmedian(change)) ** 2 if np.isfinite(change).any() else 1.0
+    noise = np.log([max(0.3 * usual / step, 1e-12), max(0.3 * usual, 1e-12), 1e-3])
+    priors = priors_of(scales, settings)
+    laws = [integral_start(path, floor, fastest_rate(scales)), *_templates(path, scales, v_c)]
+    starts = [
+        fit_path(path, np.concatenate([law, noise]), widths, priors, None, 8) for law in laws
+    ]
+    best = max(starts, key=lambda one: one.log_likelihood)
+    fit = fit_path(path, best.theta, widths, priors)
+    # A kick too small to be seen in its window shows as a jump of the path: start anew there.
+    for _ in range(_GATES):
+        jumps = _jumps(fit)
+        if not jumps.any():
+            break
+        path = path.broken_at(jumps)
+        fit = fit_path(path, fit.theta, widths, priors)
+    return fit, path
+
+
+def _templates(path: Path, scales: GrowthScales, v_c: float | None) -> list[NDArray[np.float64]]:
+    """
+    Laws of the usual shapes at the observed speeds, as further starts.
+
+    The likelihood has more than one hill; which is the highest, the data decide.
+    """
+    rate = scales.frequency_hz * scales.time_scale
+    big = rate / scales.ratio
+    speed = v_c or float(scales.speed * (1.0 + np.quantile(path.u, 0.75)))
+
+    def form(D1: float, D4: float, D15: float) -> NormalForm:
+        return NormalForm(
+            critical_speed=speed,
+            D1=D1,
+            D4=D4,
+            D7=0.0,
+            D10=0.0,
+            D15=D15,
+            length_scale=scales.length_scale,
+            time_scale=scales.time_scale,
+            frequency_hz=scales.frequency_hz,
+        )
+
+    forms = [form(rate, big, -big / scales.ratio), form(rate, -big, 0.0)]
+    return [from_normal_form(one, scales) for one in forms]
+
+
+def _jumps(fit: TrajectoryFit) -> NDArray[np.bool_]:
+    """Innovations that stand out from all others, and from their neighbours."""
+    size = np.abs(fit.innovations[:, :2]).max(axis=1)
+    usual = max(1.4826 * float(np.median(np.abs(fit.innovations[:, 0]))), 0.5)
+    largest = maximum_filter1d(size, 7, mode='constant')
+    jumps: NDArray[np.bool_] = (size > 6.0 * usual) & (size >= largest)
+    return jumps
+
+
+def priors_of(scales: GrowthScales, settings: IdentificationSettings) -> Sequence[Prior]:
+    """Turn what is known from elsewhere into functions of the law's coefficients."""
+    priors: list[Prior] = []
+    if settings.prior_v_c is not None:
+        v_c, std = settings.prior_v_c
+        u = v_c / scales.speed - 1.0
+
+        def offset(p: NDArray[np.float64]) -> float:
+            # How far the root of the linear growth rate is from v_c, to first order.
+            slope = max(float(p[1] + 2.0 * p[2] * u), 1e-3 * fastest_rate(scales))
+            return float(p[0] + p[1] * u + p[2] * u**2) / slope * scales.speed
+
+        priors.append((offset, 0.0, std))
+    if settings.prior_D1 is not None:
+
+        def linear(p: NDArray[np.float64]) -> float:
+            form = to_normal_form(p[:6], scales)
+            return float(p[1]) * scales.time_scale if form is None else form.D1
+
+        priors.append((linear, *settings.prior_D1))
+    return priors
