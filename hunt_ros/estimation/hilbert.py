@@ -12,7 +12,6 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import firwin
 
 from hunt_ros.compiled import compiled
 from hunt_ros.errors import ConfigError
@@ -29,7 +28,7 @@ class HilbertEnvelope:
     rate_hz : float
         Rate of the values, Hz.
     low_hz, high_hz : float
-        Band, Hz: half power at its ends, zero at 0 Hz.
+        Band, Hz: gain 1 within it, 0 at 0 Hz.
     length_s : float
         Length of the filter, s; the envelope is half of this late.
     bridge_s : float
@@ -48,14 +47,14 @@ class HilbertEnvelope:
     References
     ----------
     Gabor, J. IEE 93, 1946 (analytic signal). Oppenheim and Schafer, Discrete-Time Signal
-    Processing, sec. 7.5 (window method).
+    Processing, sec. 7.9 (least squares), 12.4 (analytic signal).
     """
 
     def __init__(
         self,
         rate_hz: float,
-        low_hz: float = 1.0,
-        high_hz: float = 6.0,
+        low_hz: float = 1.4,
+        high_hz: float = 5.0,
         length_s: float = 0.8,
         bridge_s: float = 0.05,
     ) -> None:
@@ -63,9 +62,9 @@ class HilbertEnvelope:
             raise ConfigError(
                 f'envelope: the band {low_hz}..{high_hz} Hz must lie inside 0..{0.5 * rate_hz} Hz'
             )
-        if not length_s * low_hz >= 0.5:
+        if not length_s * low_hz >= 1.0:
             raise ConfigError(
-                f'envelope: length_s {length_s} s holds less than half a period of {low_hz} Hz'
+                f'envelope: length_s {length_s} s holds less than a period of {low_hz} Hz'
             )
         self.rate_hz = rate_hz
         self._half = max(round(0.5 * length_s * rate_hz), 1)
@@ -133,16 +132,29 @@ class HilbertEnvelope:
 
 
 def _analytic_taps(count: int, rate_hz: float, low_hz: float, high_hz: float) -> _F:
-    """Real and imaginary taps, shape (2, count): one-sided band-pass, no gain at 0 Hz."""
-    centre, width = 0.5 * (low_hz + high_hz), 0.5 * (high_hz - low_hz)
-    window = firwin(count, width, fs=rate_hz, window=('kaiser', 3.0))
-    steps = np.arange(count) - (count - 1) // 2
-    taps = 2.0 * window * np.exp(2j * math.pi * centre / rate_hz * steps)
-    # A bias must not show: take out what is left at 0 Hz with the window's own shape.
-    shape = np.kaiser(count, 3.0)
-    taps -= shape * (taps.sum() / shape.sum())
-    middle = np.sum(taps * np.exp(-2j * math.pi * centre / rate_hz * steps)) / 2.0
-    taps /= abs(middle)
+    """
+    Real and imaginary taps, shape (2, count), of the best one-sided band-pass.
+
+    Weighted least squares for gain 1 in the band and 0 at negative frequencies, at 0 Hz and
+    above the band, with a transition as wide as the length of the filter allows.
+    """
+    half = (count - 1) // 2
+    width = 1.5 * rate_hz / count
+    grid = np.linspace(-0.5 * rate_hz, 0.5 * rate_hz, 40 * half + 1)
+    passed = (grid >= low_hz) & (grid <= high_hz)
+    stopped = (grid <= 0.0) | (grid >= high_hz + width)
+    used = passed | stopped
+    # The image of a sine in the band beats with it, and a bias is large: weigh both.
+    image = (grid <= -low_hz) & (grid >= -high_hz)
+    weights = np.where(passed, 3.0, np.where(image, 10.0, 1.0))
+    weights[np.argmin(np.abs(grid))] = 1e4
+    # Taps h(-n) = conj h(n) make the gain real: c + 2 sum a cos + b sin.
+    turn = 2.0 * math.pi / rate_hz * np.outer(grid[used], np.arange(1, half + 1))
+    design = np.hstack([np.ones((turn.shape[0], 1)), 2.0 * np.cos(turn), 2.0 * np.sin(turn)])
+    weight = weights[used]
+    found = np.linalg.lstsq(design * weight[:, None], passed[used] * weight, rcond=1e-9)[0]
+    side = found[1 : half + 1] + 1j * found[half + 1 :]
+    taps = 2.0 * np.concatenate([np.conj(side[::-1]), found[:1], side])
     return np.ascontiguousarray(np.stack([taps.real, taps.imag]))
 
 

@@ -121,7 +121,7 @@ def transition(f: kernel.Filter, dt: float) -> tuple[_F, _F]:
     for k in range(2):
         z = kernel.Z + 2 * k
         power, doubt = moved[z] ** 2 + moved[z + 1] ** 2, f.P[z, z] + f.P[z + 1, z + 1]
-        share = power / (power + 2.0 * doubt) if power > 4.0 * doubt else 0.0
+        share = power / (power + doubt) if power > 2.0 * doubt else 0.0
         a, b = moved[z] * dt * share, moved[z + 1] * dt * share
         F[z : z + 2, kernel.OMEGA] = -b, a
         F[z : z + 2, kernel.GROWTH] = a, b

@@ -129,7 +129,7 @@ class TrackerConfig:
     surprise: float = 4.0
     noise_time: float = 2.0
     bandwidth_time: float = 1.0
-    stuck_s: float = 0.1
+    stuck_s: float = 0.05
     gap_s: float = 2.0
 
     def __post_init__(self) -> None:

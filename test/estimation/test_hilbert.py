@@ -1,0 +1,87 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hunt_ros.errors import ConfigError
+from hunt_ros.estimation.hilbert import HilbertEnvelope
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    frequency=st.floats(1.6, 4.9),
+    amplitude=st.floats(1e-6, 1e3),
+    bias=st.floats(-10.0, 10.0),
+    phase=st.floats(0.0, 6.3),
+)
+def test_envelope_of_a_sine_is_its_amplitude_whatever_the_bias(frequency, amplitude, bias, phase):
+    t = np.arange(300) / 100.0
+    filtering = HilbertEnvelope(100.0)
+    envelope = filtering.update(amplitude * (np.cos(2 * np.pi * frequency * t + phase) + bias))
+    gain = filtering.gain(frequency)
+    assert envelope[100:] == pytest.approx(amplitude * gain, rel=0.03)
+
+
+def test_gain_is_one_in_the_band_and_nothing_at_zero_and_at_the_roller():
+    filtering = HilbertEnvelope(100.0)
+    assert filtering.gain([1.7, 2.84, 4.0, 4.9]) == pytest.approx(1.0, abs=0.06)
+    assert filtering.gain(0.0) < 1e-6
+    assert filtering.gain(9.0) < 0.03
+
+
+def test_envelope_is_late_by_its_delay():
+    t = np.arange(1000) / 100.0
+    growing = np.exp(0.5 * t) * np.cos(17.8 * t)
+    filtering = HilbertEnvelope(100.0)
+    envelope = filtering.update(growing)
+    truth = np.exp(0.5 * (t - filtering.delay_s))
+    gain = filtering.gain(17.8 / 2 / np.pi)
+    np.testing.assert_allclose(envelope[100:], truth[100:] * gain, rtol=0.02)
+
+
+def test_noise_gain_is_the_spread_of_a_strong_envelope():
+    rng = np.random.default_rng(0)
+    t = np.arange(20000) / 100.0
+    filtering = HilbertEnvelope(100.0)
+    envelope = filtering.update(np.cos(17.8 * t) + 0.05 * rng.normal(size=t.size))
+    assert envelope[100:].std() == pytest.approx(0.05 * filtering.noise_gain, rel=0.1)
+
+
+def test_a_short_gap_is_bridged_and_a_long_one_is_told():
+    wave = np.cos(17.8 * np.arange(500) / 100.0)
+    whole = HilbertEnvelope(100.0).update(wave)
+    short, long = wave.copy(), wave.copy()
+    short[300:303] = np.nan
+    long[300:330] = np.nan
+    bridged = HilbertEnvelope(100.0).update(short)
+    np.testing.assert_allclose(bridged[100:], whole[100:], rtol=0.05)
+    told = HilbertEnvelope(100.0).update(long)
+    assert np.isnan(told[306:400]).all()
+    np.testing.assert_allclose(told[420:], whole[420:], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    'settings_', [{'low_hz': 0.0}, {'high_hz': 60.0}, {'low_hz': 7.0}, {'length_s': 0.1}]
+)
+def test_an_impossible_band_is_refused(settings_):
+    with pytest.raises(ConfigError):
+        HilbertEnvelope(100.0, **settings_)
+
+
+def test_the_two_estimates_agree_within_their_uncertainty(hunting_signal):
+    from hunt_ros.estimation.kalman import HuntingTracker
+
+    signal = hunting_signal(0, growth=0.1, noise=2e-5)
+    rows, _ = signal.track(HuntingTracker())
+    filtering = HilbertEnvelope(100.0)
+    envelope = filtering.update(rows['lateral_clean']) / filtering.gain(2.84)
+    late = round(filtering.delay_s * 100.0)
+    difference = envelope[400:] - rows['lateral_amplitude'][400 - late : -late]
+    # Ten samples of 20 um are averaged into one value of the clean signal.
+    spread = np.hypot(
+        filtering.noise_gain * 2e-5 / np.sqrt(10.0),
+        rows['lateral_amplitude_std'][400 - late : -late],
+    )
+    assert np.sqrt(np.mean((difference / spread) ** 2)) < 1.6

@@ -1,0 +1,277 @@
+"""The hunting tracker on signals whose truth is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hunt_ros.errors import HuntError
+from hunt_ros.estimation.bounds import sign_time_bound
+from hunt_ros.estimation.kalman import TRACK_DTYPE, HuntingTracker, TrackerConfig
+
+BOTH, LATERAL, YAW = (0, 1), (0,), (1,)
+
+
+def relative_error(rows, phasor):
+    return rows['lateral_amplitude'] / np.abs(phasor) - 1.0
+
+
+@pytest.mark.parametrize('sensors', [BOTH, LATERAL])
+@pytest.mark.parametrize('frequency', [2.27, 2.84, 3.41])
+def test_steady_amplitude_is_unbiased_with_the_frequency_20_percent_off(
+    hunting_signal, frequency, sensors
+):
+    means = []
+    for seed in range(4):
+        signal = hunting_signal(seed, frequency=frequency)
+        rows, phasor = signal.track(HuntingTracker(), sensors)
+        late = relative_error(rows, phasor)[400:]
+        assert np.abs(late).max() < 0.03
+        means.append(late.mean())
+        assert abs(rows['frequency_hz'][-1] - frequency) < 0.05
+    assert abs(np.mean(means)) < 0.004
+
+
+def test_yaw_alone_gives_the_yaw_amplitude(hunting_signal):
+    signal = hunting_signal(1)
+    rows, phasor = signal.track(HuntingTracker(), YAW)
+    assert np.isnan(rows['lateral_amplitude']).all()
+    error = rows['yaw_amplitude'] / np.abs(signal.ratio * phasor) - 1.0
+    assert np.abs(error[400:]).max() < 0.04
+
+
+@pytest.mark.parametrize('ratio', [4.6 * np.exp(2.6j), 0.7j, -300.0 + 40.0j])
+def test_the_shape_of_the_mode_is_learnt_on_any_rig(hunting_signal, ratio):
+    scale = abs(ratio) / 4.6
+    signal = hunting_signal(2, ratio=ratio)
+    signal.yaw = (ratio * signal.phasor).real + 1e-4 * scale * np.random.default_rng(0).normal(
+        size=signal.yaw.size
+    )
+    rows, _ = signal.track(HuntingTracker())
+    learnt = rows['yaw_ratio'][-1] * np.exp(1j * rows['yaw_lag'][-1])
+    assert abs(learnt - ratio) < 4.0 * rows['yaw_ratio_std'][-1]
+    assert abs(learnt - ratio) < 0.05 * abs(ratio)
+
+
+def test_units_do_not_matter(hunting_signal):
+    signal = hunting_signal(3, kick_at=5.0, kick=2e-4, second=2e-4)
+    rows, _ = signal.track(HuntingTracker())
+    signal.lateral = signal.lateral * 2.0**13  # e.g. volts; a power of two is exact
+    signal.yaw = signal.yaw * 2.0**-6
+    scaled, _ = signal.track(HuntingTracker())
+    for name in ('lateral_amplitude', 'lateral_amplitude_std', 'lateral_roughness'):
+        np.testing.assert_allclose(scaled[name], rows[name] * 2.0**13, rtol=1e-6)
+    np.testing.assert_allclose(scaled['growth_rate'], rows['growth_rate'], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ('sensors', 'noise', 'window'),
+    [(BOTH, 5e-6, 0.165), (LATERAL, 5e-6, 0.255), (BOTH, 2e-5, 0.215), (LATERAL, 2e-5, 0.315)],
+)
+def test_after_a_kick_the_amplitude_is_known_within_the_window_of_the_bound(
+    hunting_signal, sensors, noise, window
+):
+    errors = []
+    for seed in range(12):
+        signal = hunting_signal(
+            seed, duration=8.0, amplitude=2e-5, kick_at=7.0037, kick=2e-4, second=2e-4, noise=noise
+        )
+        rows, phasor = signal.track(HuntingTracker(), sensors)
+        after = rows['stamp_ns'] * 1e-9 > 7.0037 + window
+        errors.append(relative_error(rows, phasor)[after])
+    # Root mean square over kicks, at every time from the window on.
+    assert np.sqrt(np.mean(np.square(errors), axis=0)).max() < 0.05
+
+
+@pytest.mark.parametrize('forcing', [0.0, 2e-11])
+def test_standard_deviations_are_honest(hunting_signal, forcing):
+    amplitude, growth, frequency = [], [], []
+    for seed in range(16):
+        signal = hunting_signal(
+            seed,
+            duration=10.0,
+            amplitude=3e-5,
+            kick_at=7.0,
+            kick=2e-4,
+            second=2e-4,
+            noise=5e-6,
+            forcing=forcing,
+        )
+        rows, phasor = signal.track(HuntingTracker())
+        at = [690, 710, 715, 720, 730, 750, 800, 900]
+        error = rows['lateral_amplitude'] - np.abs(phasor)
+        amplitude.append((error / rows['lateral_amplitude_std'])[at])
+        growth.append((rows['growth_rate'] / rows['growth_rate_std'])[at])
+        frequency.append(((rows['frequency_hz'] - 2.84) / rows['frequency_hz_std'])[at])
+    for name, z in (('amplitude', amplitude), ('growth', growth), ('frequency', frequency)):
+        pooled = np.sqrt(np.mean(np.square(z)))
+        assert 0.4 < pooled < 1.4, name
+        assert np.mean(np.abs(z) > 3.0) < 0.05, name
+
+
+def test_a_roughness_line_leaves_no_trace_in_the_amplitude(hunting_signal):
+    signal = hunting_signal(0, amplitude=0.0, roughness=1.22e-4, noise=5e-6)
+    rows, _ = signal.track(HuntingTracker())
+    late = rows[400:]
+    assert np.sqrt(np.mean(late['lateral_amplitude'] ** 2)) < 1e-6
+    np.testing.assert_allclose(late['lateral_roughness'], 1.22e-4, rtol=0.02)
+    np.testing.assert_allclose(late['yaw_roughness'], 3.66e-4, rtol=0.05)
+    assert np.std(late['lateral_clean']) < 5e-6
+
+
+def test_without_a_roller_there_is_no_roughness(hunting_signal):
+    signal = hunting_signal(0, roughness=0.0)
+    signal.angle = np.full(signal.stamps.size, np.nan)
+    rows, phasor = signal.track(HuntingTracker())
+    assert np.isnan(rows['lateral_roughness']).all()
+    assert np.abs(relative_error(rows, phasor)[400:]).max() < 0.03
+
+
+def test_a_quickly_decaying_mode_is_not_taken_for_hunting(hunting_signal):
+    for seed in range(6):
+        signal = hunting_signal(
+            seed, duration=6.0, amplitude=1e-5, kick_at=5.0, second=3e-4, noise=5e-6
+        )
+        rows, phasor = signal.track(HuntingTracker())
+        settled = rows['stamp_ns'] > 5.3e9
+        error = rows['lateral_amplitude'] - np.abs(phasor)
+        # 6 % of it is left by then, and the filter says how much it may have taken.
+        assert np.abs(error[settled]).max() < 1.2e-5
+        assert (np.abs(error) < 5.0 * rows['lateral_amplitude_std'])[settled].all()
+
+
+def test_noise_levels_are_found(hunting_signal):
+    for noise in (2e-6, 3e-5):
+        rows, _ = hunting_signal(0, noise=noise).track(HuntingTracker())
+        assert rows['lateral_noise_std'][-1] == pytest.approx(noise, rel=0.12)
+        assert rows['yaw_noise_std'][-1] == pytest.approx(5.0 * noise, rel=0.12)
+        assert rows['lateral_nis'][-300:].mean() == pytest.approx(1.0, abs=0.2)
+
+
+@settings(max_examples=8, deadline=None)
+@given(seed=st.integers(0, 1000), lost=st.floats(0.0, 0.3), low=st.floats(100.0, 2000.0))
+def test_missing_samples_irregular_stamps_and_a_change_of_rate_cost_little(
+    hunting_signal, seed, lost, low
+):
+    rng = np.random.default_rng(seed)
+    steps = np.concatenate(
+        [
+            np.full(3000, 1_000_000),  # 1 kHz
+            np.full(int(3 * low), int(1e9 / low)),  # any rate
+            rng.integers(100_000, 4_000_000, 1500),  # irregular
+        ]
+    )
+    signal = hunting_signal(seed, stamps=np.cumsum(steps).astype(np.int64), noise=1e-5)
+    signal.lateral[rng.random(signal.lateral.size) < lost] = np.nan
+    signal.yaw[rng.random(signal.yaw.size) < lost] = np.nan
+    rows, phasor = signal.track(HuntingTracker())
+    assert np.abs(relative_error(rows, phasor)[300:]).max() < 0.03
+
+
+def test_a_sensor_may_die_and_come_back(hunting_signal):
+    signal = hunting_signal(4, duration=12.0, noise=5e-6)
+    dead = slice(4000, 8000)
+    signal.lateral[dead] = np.nan
+    rows, phasor = signal.track(HuntingTracker())
+    error = np.abs(relative_error(rows, phasor))
+    assert error[350:395].max() < 0.03
+    assert error[400:1200].max() < 0.08  # the yaw sensor carries it
+    assert error[850:].max() < 0.03
+
+
+def test_a_single_outlier_is_left_out(hunting_signal):
+    signal = hunting_signal(5)
+    clean, _ = signal.track(HuntingTracker())
+    signal.lateral[6000] += 1.0
+    tracker = HuntingTracker()
+    rows, _ = signal.track(tracker)
+    assert tracker.dropped['glitches'] == 1
+    change = np.abs(rows['lateral_amplitude'] / clean['lateral_amplitude'] - 1.0)
+    assert change[500:].max() < 0.02
+
+
+def test_a_stuck_sensor_is_not_measuring(hunting_signal):
+    signal = hunting_signal(6, noise=5e-6)
+    signal.lateral[5000:] = signal.lateral[5000]
+    tracker = HuntingTracker()
+    rows, phasor = signal.track(tracker)
+    assert tracker.dropped['stuck'] > 4500
+    assert np.abs(relative_error(rows, phasor)[-200:]).max() < 0.1
+
+
+def test_a_stuck_or_absent_sensor_alone_gives_nothing():
+    stamps = np.arange(1, 4001) * 1_000_000
+    for values in (np.full(4000, 3e-3), np.full(4000, np.nan)):
+        rows = HuntingTracker().update(
+            stamps,
+            np.zeros(4000, np.int8),
+            values,
+            np.full(4000, np.nan),
+            np.full(4000, np.nan),
+            stamps[9::10],
+        )
+        for name in rows.dtype.names[1:]:
+            assert np.isnan(rows[name]).all(), name
+
+
+@pytest.mark.parametrize('growth', [0.5, -0.3, 0.2])
+def test_sign_of_growth_is_known_near_the_bound_when_the_speed_changes(hunting_signal, growth):
+    times = []
+    for seed in range(9):
+        signal = hunting_signal(seed, duration=9.0, kick_at=7.0, growth=growth)
+        signal.speed[signal.stamps > 7_000_000_000] *= 1.15
+        rows, _ = signal.track(HuntingTracker(), LATERAL)
+        sure = np.abs(rows['growth_rate']) > 3.0 * rows['growth_rate_std']
+        right = sure & (np.sign(rows['growth_rate']) == np.sign(growth))
+        after = rows['stamp_ns'] > 7_000_000_000
+        assert not np.any(sure & ~right & after)
+        times.append(rows['stamp_ns'][right & after][0] * 1e-9 - 7.0)
+    bound = sign_time_bound(growth, 2e-4, 2e-5, 1e-3)
+    assert np.median(times) < 1.5 * bound + 0.01
+
+
+def test_rate_of_the_amplitude_is_growth_times_amplitude(hunting_signal):
+    rows, phasor = hunting_signal(0, growth=0.25, noise=5e-6).track(HuntingTracker())
+    late = rows[500:]
+    truth = 0.25 * np.abs(phasor)[500:]
+    error = late['lateral_amplitude_rate'] - truth
+    assert np.sqrt(np.mean((error / late['lateral_amplitude_rate_std']) ** 2)) < 1.6
+    np.testing.assert_allclose(late['lateral_amplitude_rate'], truth, rtol=0.25)
+
+
+def test_blocks_of_two_samples_keep_the_latency_of_one(hunting_signal):
+    # An estimate at a stamp uses the samples up to it, also within an open bin.
+    signal = hunting_signal(7, duration=1.0)
+    whole, _ = signal.track(HuntingTracker(TrackerConfig(bin_s=0.02)), rate_hz=500)
+    assert np.isfinite(whole['lateral_amplitude'][-100:]).all()
+    changed = signal.lateral.copy()
+    changed[801] += 1e-4
+    signal.lateral = changed
+    other, _ = signal.track(HuntingTracker(TrackerConfig(bin_s=0.02)), rate_hz=500)
+    a, b = whole['lateral_amplitude'], other['lateral_amplitude']
+    first = int(np.flatnonzero((a != b) & np.isfinite(a))[0])
+    assert whole['stamp_ns'][first] == signal.stamps[801]
+
+
+def test_no_samples_no_numbers():
+    rows = HuntingTracker().update([], [], [], [], [], [10, 20])
+    assert rows.dtype == TRACK_DTYPE
+    assert list(rows['stamp_ns']) == [10, 20]
+    assert np.isnan(rows['lateral_amplitude']).all()
+
+
+@pytest.mark.parametrize(
+    ('block', 'message'),
+    [
+        (([1, 2], [0], [1.0, 2.0], [0.0, 0.0], [1.0, 1.0], []), 'expected one of each'),
+        (([1], [2], [1.0], [0.0], [1.0], []), 'must be 0'),
+        (([1], [0], [1.0], [0.0], [1.0], [5, 5]), 'must increase'),
+    ],
+)
+def test_a_block_that_makes_no_sense_is_refused_and_nothing_is_taken_in(block, message):
+    tracker = HuntingTracker()
+    with pytest.raises(HuntError, match=message):
+        tracker.update(*block)
+    assert not tracker.state.any()
