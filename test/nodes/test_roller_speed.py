@@ -1,4 +1,4 @@
-"""The simulated rig and its speed node: profile, emergency stop, rearm, over the real drive link."""
+"""The simulated rig and its speed node: profile, emergency stop, rearm, over the drive link."""
 
 from __future__ import annotations
 

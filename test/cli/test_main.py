@@ -1,0 +1,139 @@
+"""What a user meets on the command line: help, one-line errors, exit codes, JSON without NaN."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hunt_ros.bag import write_record
+from hunt_ros.cli.main import VERBS, main
+from hunt_ros.cli.output import known, write_json
+from hunt_ros.samples import Record, Series
+
+
+def _refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    """Run a command that must end with 2 and one line; return the line."""
+    try:
+        code = main(arguments)
+    except SystemExit as exit_:
+        code = exit_.code
+    captured = capsys.readouterr()
+    assert code == 2
+    lines = captured.err.strip().splitlines()
+    assert len(lines) == 1, captured.err
+    return lines[0]
+
+
+def _bag(folder: Path, channels: dict[str, float], name: str = 'bag') -> Path:
+    stamps = 1_000_000_000 + 10_000_000 * np.arange(300)
+    series = {c: Series(stamps, np.full(stamps.size, v)) for c, v in channels.items()}
+    return write_record(folder / name, Record(series))
+
+
+@pytest.mark.parametrize('verb', VERBS)
+def test_every_verb_has_help_with_an_example(verb, capsys) -> None:
+    with pytest.raises(SystemExit) as exit_:
+        main([verb, '--help'])
+    assert exit_.value.code == 0
+    assert f'example:\n  hunt {verb}' in capsys.readouterr().out
+
+
+def test_the_program_lists_its_verbs(capsys) -> None:
+    with pytest.raises(SystemExit):
+        main(['--help'])
+    out = capsys.readouterr().out
+    assert all(verb in out for verb in VERBS)
+
+
+@pytest.mark.parametrize('arguments', [['hover'], [], ['replay'], ['replay', 'x', '--speed', '7']])
+def test_bad_usage_is_one_line(arguments, capsys) -> None:
+    assert 'hunt' in _refused(arguments, capsys)
+
+
+@pytest.mark.parametrize('verb', ['replay', 'identify', 'info', 'report', 'export'])
+def test_a_missing_bag_is_named(verb, capsys, tmp_path) -> None:
+    extra = ['--out', str(tmp_path / 'r.html')] if verb == 'report' else []
+    extra += [str(tmp_path / 'o.csv')] if verb == 'export' else []
+    assert 'nowhere' in _refused([verb, str(tmp_path / 'nowhere'), *extra], capsys)
+
+
+@pytest.mark.parametrize('verb', ['replay', 'identify', 'info'])
+def test_what_is_no_bag_is_named(verb, capsys, tmp_path) -> None:
+    path = tmp_path / 'notes.txt'
+    path.write_text('not a bag at all')
+    assert 'notes.txt' in _refused([verb, str(path)], capsys)
+
+
+def test_an_empty_folder_is_no_bag(capsys, tmp_path) -> None:
+    (tmp_path / 'empty').mkdir()
+    assert 'empty' in _refused(['replay', str(tmp_path / 'empty')], capsys)
+
+
+def test_a_bag_without_speed_says_how_to_give_one(capsys, tmp_path) -> None:
+    line = _refused(['replay', str(_bag(tmp_path, {'lateral': 0.0}))], capsys)
+    assert 'speed' in line
+
+
+def test_a_bag_without_motion_is_refused(capsys, tmp_path) -> None:
+    line = _refused(['replay', str(_bag(tmp_path, {'speed': 7.0}))], capsys)
+    assert 'lateral' in line
+
+
+@pytest.mark.parametrize(
+    ('word', 'part'),
+    [
+        ('margin_in=-1', 'margin_in'),
+        ('margin_in=soon', 'margin_in'),
+        ('nonsense=1', 'nonsense'),
+        ('channels=[lateral, smell]', 'smell'),
+    ],
+)
+def test_an_impossible_setting_is_named(word, part, capsys, tmp_path) -> None:
+    bag = _bag(tmp_path, {'lateral': 0.0, 'speed': 7.0})
+    assert part in _refused(['replay', str(bag), '--param', word], capsys)
+
+
+def test_a_damaged_normal_form_is_named(capsys, tmp_path) -> None:
+    bag = _bag(tmp_path, {'lateral': 0.0, 'speed': 7.0})
+    form = tmp_path / 'form.yaml'
+    form.write_text('normal_form: {v_c: 8.0, D1: fast}')
+    line = _refused(['replay', str(bag), '--normal-form', str(form)], capsys)
+    assert 'form.yaml' in line
+    assert 'D1' in line
+
+
+def test_replay_of_a_simulated_bump_tells_what_happened(capsys, tmp_path) -> None:
+    bag, form = tmp_path / 'bump', tmp_path / 'form.yaml'
+    from hunt_ros.dynamics.identified import IdentifiedNormalForm
+    from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+
+    form.write_text(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml())
+    profile = ['--profile', '0:7.2,40:7.2', '--rate', '200', '--kick', '20:0.0006']
+    assert main(['simulate', str(bag), *profile, '--seed', '4']) == 0
+    capsys.readouterr()
+    assert main(['replay', str(bag), '--normal-form', str(form), '--json', '-']) == 0
+    result = json.loads(capsys.readouterr().out)
+    names = [event['event'] for event in result['events']]
+    assert names.index('escaping') < names.index('limit_cycle')
+    escaping = result['events'][names.index('escaping')]
+    assert 20.0 <= escaping['t_s'] < 23.0
+    assert escaping['level'] == 'ERROR'
+    summary = result['summary']
+    assert set(summary['level_time_s']) == {'OK', 'WARN', 'ERROR', 'STALE'}
+    assert sum(summary['level_time_s'].values()) == pytest.approx(40.0, abs=0.5)
+    assert summary['region_time_s']['hysteresis'] == pytest.approx(40.0, abs=1.0)
+    assert summary['max_amplitude_m'] == pytest.approx(0.635e-3, rel=0.1)
+
+
+def test_simulate_does_not_overwrite(capsys, tmp_path) -> None:
+    assert 'exists' in _refused(['simulate', str(tmp_path)], capsys)
+
+
+def test_json_never_holds_nan(tmp_path) -> None:
+    assert known(float('nan')) is None
+    assert known(float('inf')) is None
+    with pytest.raises(ValueError, match='not JSON compliant'):
+        write_json({'x': float('nan')}, str(tmp_path / 'x.json'))
