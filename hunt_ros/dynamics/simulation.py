@@ -62,6 +62,8 @@ FLANGE_DAMPING_RATIO = 0.2
 YAW_LIMIT = 0.1
 #: Time over which roughness is brought up before the first sample, s.
 SETTLING_S = 10.0
+#: Increments in which that is done.
+SETTLING_PARTS = 50
 #: Samples computed at once in `simulate`.
 BLOCK = 65_536
 
@@ -279,21 +281,37 @@ class RollerRig:
                 covariance = quiet_covariance(self.rig, speed, self.settings.broadband)
                 state[:4] += start.multivariate_normal(np.zeros(4), covariance, method='eigh')
         else:
-            for order, slope, phase in self._harmonics:
-                # the direction is slope * sin(angle + phase), at angle 0
-                phasor = slope * np.exp(1j * (phase - math.pi / 2.0))
-                state[:4] += (direction_response(self.rig, speed, order) * phasor).real
+            state[:4] += self._forced_state(0.0)
         return state
 
+    def _forced_state(self, angle: float) -> Array:
+        """Linear response to the roughness at the initial speed, at a roller angle."""
+        total = np.zeros(4)
+        for order, slope, phase in self._harmonics:
+            # the direction is slope * sin(order * angle + phase)
+            phasor = slope * np.exp(1j * (order * angle + phase - math.pi / 2.0))
+            response = direction_response(self.rig, self.settings.initial_speed, order)
+            total += (response * phasor).real
+        return total
+
     def _run_in(self, state: Array) -> None:
-        """Bring the roughness up slowly: a cold start could land beyond the unstable cycle."""
-        steps = math.ceil(SETTLING_S / self._model[kernel.STEP_S] / 64)
+        """
+        Bring the roughness up slowly: a cold start could land beyond the unstable cycle.
+
+        Each increment of the roughness comes with its linear response, so that only what
+        the nonlinear response differs by is left to die out.
+        """
+        steps = math.ceil(SETTLING_S / self._model[kernel.STEP_S] / SETTLING_PARTS)
         angle_step = self._model[kernel.STEP_S] * self._model[kernel.ANGLE_PER_METRE]
-        state[kernel.ANGLE] = -64 * steps * angle_step * state[kernel.SPEED]
+        state[kernel.ANGLE] = -SETTLING_PARTS * steps * angle_step * state[kernel.SPEED]
         targets, harmonics = np.full(steps, state[kernel.SPEED]), self._harmonics.copy()
         zeros, out = np.zeros((steps, 3)), np.empty((6, steps))
-        for part in range(64):
-            harmonics[:, 1] = self._harmonics[:, 1] * min(1.0, (part + 1) / 48)
+        share = 0.0
+        for part in range(SETTLING_PARTS):
+            wanted = min(1.0, 1.25 * (part + 1) / SETTLING_PARTS)
+            state[:4] += (wanted - share) * self._forced_state(float(state[kernel.ANGLE]))
+            share = wanted
+            harmonics[:, 1] = self._harmonics[:, 1] * share
             kernel.advance(
                 state,
                 targets,

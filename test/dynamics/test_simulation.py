@@ -1,0 +1,368 @@
+"""The simulated rig: stream equals batch, settled start, finite kicks, sensors, drive."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from hunt_ros.dynamics import simulation, simulation_kernel
+from hunt_ros.dynamics.forced_response import direction_response, quiet_covariance
+from hunt_ros.dynamics.linear_stability import hunting_mode
+from hunt_ros.dynamics.parameters import RigParameters, paper_rig
+from hunt_ros.dynamics.simulation import (
+    DriveModel,
+    Kick,
+    RollerRig,
+    Roughness,
+    SensorModel,
+    SimulationSettings,
+    SpeedProfile,
+    simulate,
+)
+from hunt_ros.dynamics.wheelset import Wheelset
+from hunt_ros.errors import ConfigError
+
+BUSY = SimulationSettings(
+    initial_speed=7.0,
+    roughness=Roughness((40e-6, 10e-6), (0.3,), (3e-6,)),
+    broadband=1e-5,
+    lateral_sensor=SensorModel(1.02, 1e-5, 5e-6, 1e-6, 2e-3, dropouts_per_s=1.0, clock_drift=2e-5),
+    yaw_sensor=SensorModel(noise=2e-5, dropouts_per_s=0.5, dropout_s=0.05),
+    drive=DriveModel(speed_noise=1e-3, speed_gain=1.002),
+)
+FIELDS = (
+    'stamps_ns',
+    'lateral',
+    'yaw',
+    'speed',
+    'roller_angle',
+    'true_lateral',
+    'true_yaw',
+    'lateral_stamps_ns',
+    'yaw_stamps_ns',
+)
+
+
+def numbers(blocks: list[simulation.SimulatedBlock]) -> dict[str, np.ndarray]:
+    return {name: np.concatenate([getattr(b, name) for b in blocks]) for name in FIELDS}
+
+
+@given(sizes=st.lists(st.integers(0, 40), min_size=1, max_size=12), seed=st.integers(0, 99))
+@settings(max_examples=20, deadline=None)
+def test_any_blocks_give_the_numbers_of_the_whole_bit_for_bit(sizes: list[int], seed: int) -> None:
+    whole = numbers([RollerRig(paper_rig(), BUSY, seed).advance(sum(sizes))])
+    stream = RollerRig(paper_rig(), BUSY, seed)
+    parts = numbers([stream.advance(size) for size in sizes])
+    for name in FIELDS:
+        assert whole[name].tobytes() == parts[name].tobytes(), name
+
+
+def test_reset_is_a_new_rig_of_the_same_seed() -> None:
+    rig = RollerRig(paper_rig(), BUSY, 4)
+    first = rig.advance(300)
+    rig.kick(1e-4)
+    rig.target_speed = 8.0
+    rig.advance(100)
+    rig.reset()
+    np.testing.assert_array_equal(rig.advance(300).lateral, first.lateral)
+    other = RollerRig(paper_rig(), BUSY, 5).advance(300)
+    assert not np.array_equal(other.true_lateral, first.true_lateral)
+
+
+def test_a_noisier_sensor_does_not_change_the_motion() -> None:
+    louder = replace(BUSY, lateral_sensor=SensorModel(noise=1e-4))
+    one, two = (RollerRig(paper_rig(), s, 1).advance(500) for s in (BUSY, louder))
+    np.testing.assert_array_equal(one.true_lateral, two.true_lateral)
+    np.testing.assert_array_equal(one.yaw, two.yaw)
+
+
+def test_a_record_is_the_stream_with_its_kicks_and_profile(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(simulation, 'BLOCK', 333)
+    profile = SpeedProfile.sweep(6.5, 7.5, 0.5, back=False)
+    record = simulate(paper_rig(), BUSY, profile, kicks=[Kick(1.0011, lateral_m=2e-4)], seed=7)
+    stream = RollerRig(paper_rig(), replace(BUSY, initial_speed=6.5), 7)
+    count = 1001
+    parts = [stream.advance(501, profile(np.arange(501) / 500))]
+    stream.kick(2e-4)
+    parts.append(stream.advance(count - 501, profile(np.arange(501, count) / 500)))
+    whole = numbers(parts)
+    np.testing.assert_array_equal(record['lateral'].values, whole['lateral'])
+    np.testing.assert_array_equal(record['lateral'].stamps_ns, whole['lateral_stamps_ns'])
+    np.testing.assert_array_equal(record['roller'].values, whole['roller_angle'][::5])
+    assert record['speed'].rate_hz == pytest.approx(100)
+    assert record.duration_s == pytest.approx(2.0, rel=1e-4)
+
+
+@pytest.mark.parametrize('rate', [100.0, 333.0, 500.0, 2000.0])
+def test_free_motion_is_that_of_an_adaptive_integrator(rate: float) -> None:
+    rig = RollerRig(paper_rig(), SimulationSettings(rate, initial_speed=7.2))
+    rig.kick(3e-4, 1e-3, 2e-3, -1e-2)
+    y0, v0, p0, w0 = rig.motion
+    block = rig.advance(int(3 * rate))
+    parameters, wheelset = paper_rig(), Wheelset(paper_rig())
+    length, scale = parameters.length_scale, parameters.time_scale
+    times = np.arange(int(3 * rate)) / rate
+    run = solve_ivp(
+        lambda t, x: wheelset.derivative(x, 7.2),
+        (0, times[-1] / scale),
+        [y0 / length, v0 * scale / length, p0, w0 * scale],
+        method='DOP853',
+        t_eval=times / scale,
+        rtol=1e-11,
+        atol=1e-14,
+    )
+    np.testing.assert_allclose(block.true_lateral, run.y[0] * length, atol=1e-9)
+    np.testing.assert_allclose(block.true_yaw, run.y[2], atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    'kick',
+    [(1e-2, 0, 0, 0), (0, 0.5, 0, 0), (0, 0, 10.0, 0), (1e3, 1.0, 1e3, 1e5), (-1, 0, 1e6, 1e6)],
+)
+@pytest.mark.parametrize('speed', [0.3, 7.2, 8.8, 25.0])
+def test_any_kick_stays_finite_and_ends_in_an_ordinary_state(
+    kick: tuple[float, float, float, float], speed: float
+) -> None:
+    rig = RollerRig(paper_rig(), SimulationSettings(initial_speed=speed))
+    rig.kick(*kick)
+    block = rig.advance(15_000)
+    assert np.isfinite(block.true_lateral).all()
+    end = np.abs(block.true_lateral[-1000:]).max()
+    assert end < 1.4 * paper_rig().flange_clearance_m
+
+
+def test_a_rig_with_wild_coefficients_is_held_by_its_flange() -> None:
+    rig = RigParameters(beta={'30': -3e4, '50': 5e9, '03': -800.0}, alpha={'12': 5e4})
+    stream = RollerRig(rig, SimulationSettings(initial_speed=9.0))
+    stream.kick(5e-3, 0.3)
+    assert np.abs(stream.advance(20_000).true_lateral[500:]).max() < 3e-3
+
+
+def test_the_limit_cycle_beyond_the_clearance_is_cut_by_the_flange() -> None:
+    narrow = replace(paper_rig(), flange_clearance_m=0.5e-3)
+    stream = RollerRig(narrow, SimulationSettings(initial_speed=8.5))
+    stream.kick(4e-4)
+    stream.advance(10_000)
+    assert 0.45e-3 < np.abs(stream.advance(2000).true_lateral).max() < 0.55e-3
+
+
+@pytest.mark.parametrize('speed', [6.4, 7.2, 7.6])
+def test_the_roughness_line_has_the_amplitude_asked_for_from_the_first_sample(
+    speed: float,
+) -> None:
+    wanted = 30e-6
+    rough = Roughness((wanted,), reference_speed=speed)
+    stream = RollerRig(paper_rig(), SimulationSettings(initial_speed=speed, roughness=rough))
+    block = stream.advance(1500)
+    wave = np.exp(-1j * block.roller_angle)
+    for part in (slice(0, 500), slice(1000, 1500)):
+        design = np.stack([wave[part].real, wave[part].imag], axis=1)
+        fit, *_ = np.linalg.lstsq(design, block.true_lateral[part], rcond=None)
+        assert np.hypot(*fit) == pytest.approx(wanted, rel=0.02)
+        rest = block.true_lateral[part] - design @ fit
+        assert np.abs(rest).max() < 0.03 * wanted  # nothing rings: the start is settled
+
+
+def test_a_cold_start_would_jump_where_the_settled_one_stays() -> None:
+    rough = Roughness((140e-6,), reference_speed=7.2)
+    fast = SimulationSettings(initial_speed=7.2, roughness=rough)
+    settled = RollerRig(paper_rig(), fast)
+    assert np.abs(settled.advance(30_000).true_lateral).max() < 0.2e-3
+    cold = RollerRig(paper_rig(), fast)
+    y, v, p, w = cold.motion
+    cold.kick(-y, -p, -v, -w)  # at rest on rollers that are rough already
+    assert np.abs(cold.advance(30_000).true_lateral).max() > 0.5e-3
+
+
+def test_roughness_lines_follow_the_roller_and_the_wheel() -> None:
+    rig = paper_rig()
+    rough = Roughness((20e-6, 10e-6), wheel_amplitudes=(5e-6,), reference_speed=6.0)
+    stream = RollerRig(rig, SimulationSettings(initial_speed=6.0, roughness=rough))
+    block = stream.advance(20_000)
+    for order, wanted in ((1, 20e-6), (2, 10e-6), (0.15 / 0.036, 5e-6)):
+        phasor = 2 * np.mean(block.true_lateral * np.exp(-1j * order * block.roller_angle))
+        assert abs(phasor) == pytest.approx(wanted, rel=0.03), order
+    # Eq. (1): a turn takes pi D / v
+    turns = block.roller_angle[-1] / (2 * np.pi)
+    seconds = block.stamps_ns[-1] * 1e-9
+    assert turns / seconds == pytest.approx(6.0 / (np.pi * 0.3), rel=1e-9)
+
+
+def test_broadband_motion_has_the_stationary_covariance_at_start_and_later() -> None:
+    rig, wn = paper_rig(), 1e-5
+    wanted = np.sqrt(np.diag(quiet_covariance(rig, 7.2, wn)))
+    quiet = SimulationSettings(initial_speed=7.2, broadband=wn)
+    starts, ends = [], []
+    for seed in range(400):
+        stream = RollerRig(rig, quiet, seed)
+        block = stream.advance(1001)
+        starts.append((block.true_lateral[0], block.true_yaw[0]))
+        ends.append((block.true_lateral[-1], block.true_yaw[-1]))
+    for sample in (starts, ends):
+        std = np.std(sample, axis=0) / [rig.length_scale, 1.0]
+        # 400 draws: the standard deviation is known to 3.5 %
+        np.testing.assert_allclose(std, wanted[[0, 2]], rtol=0.12)
+
+
+def test_quiet_motion_is_about_eleven_micrometres_at_the_known_point() -> None:
+    std = np.sqrt(quiet_covariance(paper_rig(), 7.2, 8e-6)[0, 0]) * paper_rig().length_scale
+    assert np.sqrt(2) * std == pytest.approx(11e-6, rel=0.1)
+
+
+def test_the_forced_response_is_that_of_the_equations() -> None:
+    rig, speed, order = paper_rig(), 7.0, 2.0
+    phasor = direction_response(rig, speed, order)
+    omega = order * 2 * speed / rig.roller_diameter_m * rig.time_scale
+    left = 1j * omega * phasor - Wheelset(rig).linear_matrix(speed) @ phasor
+    np.testing.assert_allclose(left, [0, rig.d11, 0, 0], atol=1e-12)
+
+
+def test_no_stationary_state_is_claimed_above_the_critical_speed() -> None:
+    with pytest.raises(ConfigError, match=r'no stationary state at 8\.1 m/s'):
+        quiet_covariance(paper_rig(), 8.1, 1e-5)
+
+
+def test_decay_has_the_rate_and_frequency_of_linear_theory() -> None:
+    mode = hunting_mode(paper_rig(), 7.0)
+    stream = RollerRig(paper_rig(), SimulationSettings(initial_speed=7.0))
+    stream.kick(1e-6)
+    stream.advance(500)
+    y = stream.advance(2000).true_lateral
+    peaks = np.flatnonzero((y[1:-1] > y[:-2]) & (y[1:-1] >= y[2:])) + 1
+    rate = np.polyfit(peaks / 500.0, np.log(y[peaks]), 1)[0]
+    assert rate == pytest.approx(mode.growth_rate, rel=0.01)
+    assert 500.0 / np.diff(peaks).mean() == pytest.approx(mode.frequency_hz, rel=5e-3)
+
+
+def test_readings_pass_gain_offset_range_and_resolution_in_this_order() -> None:
+    sensor = SensorModel(gain=2.0, offset=1e-4, resolution=1e-5, full_scale=6e-4)
+    stream = RollerRig(paper_rig(), SimulationSettings(initial_speed=8.8, lateral_sensor=sensor))
+    stream.kick(6e-4)
+    block = stream.advance(3000)
+    expected = np.clip(2.0 * block.true_lateral + 1e-4, -6e-4, 6e-4)
+    expected = np.floor(expected / 1e-5 + 0.5) * 1e-5
+    np.testing.assert_allclose(block.lateral, expected, atol=1e-18)
+    assert (block.lateral == block.lateral.max()).sum() > 100  # saturated
+
+
+def test_dropouts_have_their_rate_and_length() -> None:
+    sensor = SensorModel(dropouts_per_s=0.5, dropout_s=0.1)
+    quiet = SimulationSettings(initial_speed=6.5, yaw_sensor=sensor)
+    lost = np.isnan(RollerRig(paper_rig(), quiet, 2).advance(500_000).yaw)
+    begins = np.flatnonzero(np.diff(lost.astype(int)) == 1)
+    ends = np.flatnonzero(np.diff(lost.astype(int)) == -1)
+    assert len(begins) == pytest.approx(500 / (1 + 0.05), rel=0.2)
+    assert np.min(ends - begins[: len(ends)]) == 50
+    assert not np.isnan(RollerRig(paper_rig(), quiet, 2).advance(1000).lateral).any()
+
+
+def test_a_drifting_clock_stamps_its_own_sensor_only() -> None:
+    block = RollerRig(paper_rig(), BUSY).advance(50_001)
+    assert block.stamps_ns[-1] == 100_000_000_000
+    assert block.lateral_stamps_ns[-1] == 100_002_000_000
+    assert block.yaw_stamps_ns[-1] == 100_000_000_000
+    assert (np.diff(block.lateral_stamps_ns) > 0).all()
+
+
+def test_the_drive_obeys_its_limit_and_its_lag() -> None:
+    drive = DriveModel(time_constant_s=0.5, acceleration_limit=0.8)
+    stream = RollerRig(paper_rig(), SimulationSettings(initial_speed=6.0, drive=drive))
+    stream.target_speed = 8.0
+    speed = stream.advance(5000).speed
+    slope = np.diff(speed) * 500
+    assert slope.max() == pytest.approx(0.8, rel=1e-9)
+    near = (8.0 - speed > 1e-3) & (8.0 - speed < 0.3)
+    decay = np.diff(np.log(8.0 - speed[near])) * 500
+    np.testing.assert_allclose(decay, -2.0, rtol=1e-6)
+    stream.target_speed = 0.0
+    standing = stream.advance(10_000)
+    assert standing.speed[-1] < 1e-3
+    assert np.isfinite(standing.true_lateral).all()
+
+
+def test_the_kernel_gives_the_same_without_the_compiler() -> None:
+    stream = RollerRig(paper_rig(), BUSY, 3)
+    state, n = stream._state.copy(), 400
+    wanted = stream.advance(n)
+    streams = np.random.SeedSequence(3).spawn(4)
+    forcing, noise, losses, _ = (np.random.default_rng(s) for s in streams)
+    out = np.empty((6, n))
+    plain = getattr(simulation_kernel.advance, 'py_func', simulation_kernel.advance)
+    plain(
+        state,
+        np.full(n, 7.0),
+        forcing.standard_normal((n, 1)),
+        noise.standard_normal((n, 3)),
+        losses.random((n, 2)),
+        stream._model,
+        stream._terms,
+        stream._harmonics,
+        stream._sensors,
+        out,
+    )
+    np.testing.assert_allclose(out[0], wanted.lateral, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(out[5], wanted.true_yaw, rtol=1e-9, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ('make', 'message'),
+    [
+        (lambda: SimulationSettings(sample_rate_hz=0.0), 'sample_rate_hz must be positive, got 0'),
+        (lambda: SimulationSettings(broadband=-1.0), 'broadband must not be negative'),
+        (lambda: SensorModel(noise=float('nan')), 'noise must not be negative, got nan'),
+        (lambda: SensorModel(full_scale=0.0), 'full_scale must be positive'),
+        (lambda: SensorModel(clock_drift=0.5), r'clock_drift must be below 0\.1'),
+        (lambda: Roughness((-1e-6,)), 'roughness amplitude must not be negative'),
+        (lambda: Roughness((1e-6,), (0.0, 1.0)), '2 phases for 1 amplitudes'),
+        (lambda: DriveModel(acceleration_limit=0.0), 'acceleration_limit must be positive'),
+        (lambda: RollerRig(paper_rig()).advance(-1), 'cannot advance by -1'),
+        (lambda: RollerRig(paper_rig()).kick(float('inf')), 'a kick must be finite'),
+        (
+            lambda: setattr(RollerRig(paper_rig()), 'target_speed', -1.0),
+            'target speed must not be negative',
+        ),
+        (
+            lambda: simulate(paper_rig(), SimulationSettings(), SpeedProfile.constant(7.0)),
+            'duration must be positive',
+        ),
+    ],
+)
+def test_impossible_values_are_named(make: object, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        make()  # type: ignore[operator]
+
+
+def test_profiles_are_what_they_say() -> None:
+    stairs = SpeedProfile.staircase(6.0, 7.0, 6.5, hold_s=10.0, acceleration=0.5)
+    np.testing.assert_allclose(
+        stairs([0, 10, 11, 12, 22, 22.5, 23, 33]), [6, 6, 6.5, 7, 7, 6.75, 6.5, 6.5]
+    )
+    assert stairs.duration_s == pytest.approx(33.0)
+    sweep = SpeedProfile.sweep(6.0, 9.0, 0.02)
+    assert sweep.duration_s == pytest.approx(300.0)
+    np.testing.assert_allclose(sweep([0, 75, 150, 300, 400]), [6, 7.5, 9, 6, 6])
+    assert float(SpeedProfile.constant(7.2)(1e6)) == 7.2
+
+
+@pytest.mark.parametrize(
+    ('times', 'speeds', 'message'),
+    [
+        ((0.0, 1.0), (6.0,), '2 times for 1 speeds'),
+        ((1.0,), (6.0,), 'must begin at 0 s'),
+        ((0.0, 2.0, 2.0), (6.0, 7.0, 8.0), r'2\.0 s comes after 2\.0 s'),
+        ((0.0,), (-1.0,), 'speed must not be negative'),
+        ((), (), '0 times'),
+    ],
+)
+def test_impossible_profiles_are_named(
+    times: tuple[float, ...], speeds: tuple[float, ...], message: str
+) -> None:
+    with pytest.raises(ConfigError, match=message):
+        SpeedProfile(times, speeds)
