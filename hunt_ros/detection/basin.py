@@ -76,7 +76,8 @@ def form_numbers(identified: IdentifiedNormalForm | None) -> FormNumbers:
     """
     if identified is None:
         none = np.full(2, math.nan)
-        return FormNumbers(False, *([math.nan] * 8), 0.0, 1.0, none, none, none, none)
+        no = math.nan
+        return FormNumbers(False, no, no, no, no, no, no, no, no, 0.0, 1.0, none, none, none, none)
     form = identified.form
     speeds = np.linspace(0.3, 1.7, _SPEEDS) * form.critical_speed
     exact = not identified.covariance.any()

@@ -159,7 +159,7 @@ class DetectorConfig(Settings):
         high=10.0,
     )
     growth_floor: float = setting(
-        6.0,
+        5.0,
         'without a normal form, escaping only above this many noise floors',
         low=1.0,
         high=1000.0,

@@ -30,6 +30,8 @@ _F = NDArray[np.float64]
     M_FAST,  # running means of the well-known amplitude, m, over _FAST_S and _SLOW_S,
     M_SLOW,
     M_SQUARE,  # and of its square over _SLOW_S, m^2
+    M_LONG,  # mean, m, and mean square over _LONG_S, m^2
+    M_LONG_SQUARE,
     M_STD,  # and of its standard deviation, m
     M_SURE_ROWS,  # rows they were taken from
     M_ROWS,  # rows with an estimate since the start
@@ -52,7 +54,7 @@ _F = NDArray[np.float64]
     M_EDGE_WIDTH,
     M_EDGE_RATE,
     N_MEMORY,
-) = range(30)
+) = range(32)
 
 # Columns of the numbers given out.
 (
@@ -86,10 +88,20 @@ _FALLEN = 0.1
 _RECENT_S = 3.0
 #: Means of the amplitude whose difference tells its trend.
 _FAST_S, _SLOW_S = 0.5, 1.5
+#: Steady over this time constant is a limit cycle, however large the noise floor seems to be.
+#: Narrow-band noise of a damping as low as 0.08 1/s does not keep its amplitude within
+#: `_VERY_STEADY` for 3 s once in 24 hours (simulated).
+_LONG_S = 4.0
+_VERY_STEADY = 0.08
+#: The floor rises this much more slowly on a motion that stands clear of the sensor noise: it
+#: may be hunting on its way up.
+_WARY = 0.25
 #: An amplitude is well known when its standard deviation is below this part of it.
 _SURE = 0.1
 #: Share of the rows in which the amplitude must be well known for it to be large.
 _MOSTLY = 0.5
+#: Hunting that stands less clear of the floor than this (squared) shows the floor to be wrong.
+_FLOOR_CLEAR = 9.0
 #: Without a floor yet, the standard deviation of the amplitude estimate stands in, so often.
 _STD_FLOORS = 1.5
 #: Relative fluctuation of the amplitude that a limit cycle may have (noise-driven motion: 0.52).
@@ -400,8 +412,11 @@ def _learn(rules: Rules, form: FormNumbers, memory: _F, v: float, a: float, s: f
         memory[M_FAST] += max(1.0 / sure, rules.period_s / _FAST_S) * (a - memory[M_FAST])
         weight = max(1.0 / sure, rules.period_s / _SLOW_S)
         memory[M_SLOW] += weight * (a - memory[M_SLOW])
-        memory[M_STD] += weight * (s - memory[M_STD])
         memory[M_SQUARE] += weight * (square - memory[M_SQUARE])
+        memory[M_STD] += weight * (s - memory[M_STD])
+        weight = max(1.0 / sure, rules.period_s / _LONG_S)
+        memory[M_LONG] += weight * (a - memory[M_LONG])
+        memory[M_LONG_SQUARE] += weight * (square - memory[M_LONG_SQUARE])
     state = int(memory[M_STATE])
     if state > _DISTURBED:
         return
@@ -421,10 +436,12 @@ def _learn(rules: Rules, form: FormNumbers, memory: _F, v: float, a: float, s: f
     if square > limit:  # a disturbance, or a new level of the noise: give way slowly
         square = limit
         pace = 0.1
+    elif square > memory[M_FLOOR2] and s < _SURE * a:
+        pace = _WARY
     memory[M_FLOOR_ROWS] += pace
     weight = pace * max(1.0 / memory[M_FLOOR_ROWS], 1.0 / rules.floor_rows)
     memory[M_FLOOR2] += weight * (square - memory[M_FLOOR2])
-    if form.known and not math.isnan(v) and pace == 1.0:
+    if form.known and not math.isnan(v) and pace > 0.1:
         rate = growth_at(form, v, a)
         if rate < -_LEAST_DAMPING:
             memory[M_NOISE_ROWS] += 1.0
@@ -441,17 +458,24 @@ def _trend(rules: Rules, memory: _F) -> float:
     """Relative rate of change of the well-known amplitude, 1/s; NaN before it is known."""
     if memory[M_SURE_ROWS] * rules.period_s < _SLOW_S:
         return np.nan
-    return (memory[M_FAST] - memory[M_SLOW]) / ((_SLOW_S - _FAST_S) * memory[M_SLOW])
+    return float((memory[M_FAST] - memory[M_SLOW]) / ((_SLOW_S - _FAST_S) * memory[M_SLOW]))
 
 
 @compiled
 def _steady(rules: Rules, memory: _F) -> bool:
     """Tell an amplitude that neither moves nor fluctuates, as that of a limit cycle."""
     variance = memory[M_SQUARE] - memory[M_SLOW] ** 2
-    return (
-        abs(_trend(rules, memory)) < rules.cycle_growth
-        and variance < (_STEADY * memory[M_SLOW]) ** 2
-    )
+    quiet = variance < (_STEADY * memory[M_SLOW]) ** 2
+    return bool(quiet and abs(_trend(rules, memory)) < rules.cycle_growth)
+
+
+@compiled
+def _very_steady(rules: Rules, memory: _F) -> bool:
+    """Tell an amplitude that noise cannot hold as steady for as long."""
+    if memory[M_SURE_ROWS] * rules.period_s < 0.5 * _LONG_S or not _steady(rules, memory):
+        return False
+    variance = memory[M_LONG_SQUARE] - memory[M_LONG] ** 2
+    return bool(variance < (_VERY_STEADY * memory[M_LONG]) ** 2)
 
 
 @compiled
@@ -509,6 +533,10 @@ def _wanted(
     if state in (_ESCAPING, _DECAYING):
         least = max(rules.disturbed_in * floor, 0.5 * memory[M_REFERENCE])
     steady = memory[M_SLOW] > least and _steady(rules, memory)
+    hold = 2 * rules.cycle_hold
+    if not steady and memory[M_SLOW] > rules.cycle_floor * _STD_FLOORS * memory[M_STD]:
+        steady = s < _SURE * a and _very_steady(rules, memory)
+        hold = 3 * rules.cycle_hold
     edge = out[O_UNSTABLE]
     if not math.isnan(edge) and a < _LINGER_HIGH * edge:
         steady = False  # below the edge, or lingering near it
@@ -523,8 +551,7 @@ def _wanted(
     if reached:
         return _LIMIT_CYCLE, rules.cycle_hold
     if steady:
-        unlearnt = math.isnan(memory[M_FLOOR2])
-        return _LIMIT_CYCLE, (3 if unlearnt else 2) * rules.cycle_hold
+        return _LIMIT_CYCLE, hold
     if escaping:
         return _ESCAPING, rules.escape_hold
     if growing and math.isnan(out[O_STABLE]):
@@ -564,6 +591,9 @@ def _move(memory: _F, wanted: int, hold: int, a: float) -> None:
     if new in (_LIMIT_CYCLE, _ESCAPING):
         if new != state:
             memory[M_REFERENCE] = a
+            if a * a < _FLOOR_CLEAR * memory[M_FLOOR2]:  # learnt on the hunting itself
+                memory[M_FLOOR2] = np.nan
+                memory[M_ROWS] = 0.0
         elif new == _ESCAPING:
             memory[M_REFERENCE] = max(memory[M_REFERENCE], a)
         else:  # follows the branch while the speed changes slowly

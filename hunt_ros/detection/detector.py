@@ -8,45 +8,35 @@ changed. It has no clock, no logger and no file.
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from hunt_ros.detection import decisions, health
-from hunt_ros.detection.basin import EdgeTable, form_numbers
+from hunt_ros.detection import decisions
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.grid import RowGrid, SlowChannel
-from hunt_ros.detection.health import ChannelHealth
 from hunt_ros.detection.journal import JournalEntry
-from hunt_ros.detection.merge import ChannelMerger, MergedBlock
+from hunt_ros.detection.merge import ChannelMerger
 from hunt_ros.detection.output import (
     EMPTY,
-    ESTIMATE_DTYPE,
     NUMBERS,
-    TRACKER_FIELDS,
     DetectorStatus,
     Event,
     Output,
 )
 from hunt_ros.detection.reasons import reasons_of
 from hunt_ros.detection.regions import Level, Region, State
+from hunt_ros.detection.rows import RowMaker
 from hunt_ros.detection.transitions import Transitions
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import HuntError
-from hunt_ros.estimation.kalman import HuntingTracker, TrackerConfig
 from hunt_ros.samples import CHANNELS, NANOSECONDS, Record
 
 __all__ = ['DetectorConfig', 'DetectorStatus', 'Event', 'HuntingDetector', 'Output']
 
 #: Longest stretch worked on at once: bounds the memory an hour of samples takes.
 _CHUNK_NS = 60 * NANOSECONDS
-#: The noise at the edge of the basin is looked up once in this time.
-_EDGE_NS = NANOSECONDS
-#: A saturated sensor still shows that there is motion; the others show nothing.
-_BLIND = health.SEVERE & ~health.SATURATED
 
 
 class HuntingDetector:
@@ -77,7 +67,6 @@ class HuntingDetector:
         self.config = config or DetectorConfig()
         self._channels = tuple(name for name in CHANNELS if name in self.config.channels)
         self._form = normal_form
-        self._alarm_outlives: NDArray[np.float64] | None = None
         self._start()
 
     def _start(self) -> None:
@@ -88,51 +77,14 @@ class HuntingDetector:
         self._merger = ChannelMerger(
             timeouts, round(c.stamp_jump_s * 1e9), round(c.clock_reset_s * 1e9), drain
         )
-        self._grid = RowGrid(c.period_ns, drain)
-        ranges = {'lateral': c.lateral_range_m, 'yaw': c.yaw_range_rad}
-        self._health = {
-            name: ChannelHealth(
-                name,
-                timeouts[name],
-                round(c.fault_hold_s * 1e9),
-                round(c.stuck_time_s * 1e9),
-                ranges.get(name, 0.0),
-                c.hunting_frequency_hz,
-                c.standstill_mps,
-            )
-            for name in self._channels
-        }
-        self._slow = {
-            name: SlowChannel(timeouts[name], rising=name == 'roller')
-            for name in ('roller', 'speed')
-            if name in self._channels
-        }
-        self._tracker = HuntingTracker(tracker_config(c))
-        self._memory = decisions.fresh_memory()
+        self._rows = RowMaker(c, drain)
+        self._rows.set_normal_form(self._form)
         self._transitions = Transitions(self._channels)
-        self._edge_second = -1
         self._last_row: np.void | None = None
         self._sequence = 0
-        self._limit_ns: int | None = None
+        self._limit: tuple[int, int | None] | None = None
         self._journal: list[JournalEntry] = []
-        self._take_form()
-
-    def _take_form(self) -> None:
-        v_n = self.config.nonlinear_critical_speed_mps or math.nan
-        v_c = self.config.critical_speed_mps or math.nan
-        form = None if self._form is None else self._form.form
-        if form is not None:
-            v_c = form.critical_speed
-            fold = form.nonlinear_critical_speed
-            # A subcritical form without a fold has an unstable branch at any speed below v_c.
-            nowhere = math.nan if form.criticality == 'supercritical' else 0.0
-            v_n = nowhere if fold is None else fold
-        self._numbers = form_numbers(self._form)
-        self._edges = EdgeTable(form)
-        self._rules = decisions.rules_of(self.config, v_n, v_c)
-        self._memory[decisions.M_NOISE] = math.nan
-        self._memory[decisions.M_NOISE_ROWS] = 0.0
-        self._edge_second = -1
+        self._note('start', text='' if self._form is None else self._form.to_yaml())
 
     def update(self, channel: str, stamps_ns: ArrayLike, values: ArrayLike) -> Output:
         """
@@ -157,7 +109,7 @@ class HuntingDetector:
         HuntError
             For a channel the detector has not been told of, or unequal lengths.
         """
-        if channel not in self._health:
+        if channel not in self._channels:
             raise HuntError(f'channel {channel!r} is not one of {self._channels}')
         stamps = np.atleast_1d(np.asarray(stamps_ns, dtype=np.int64))
         numbers = np.atleast_1d(np.asarray(values, dtype=np.float64))
@@ -208,7 +160,7 @@ class HuntingDetector:
     def set_normal_form(self, form: IdentifiedNormalForm | None) -> Output:
         """Use another normal form (None: none) from the next row on."""
         self._form = form
-        self._take_form()
+        self._rows.set_normal_form(form)
         self._note('normal_form', text='' if form is None else form.to_yaml())
         return self._advance()
 
@@ -221,7 +173,7 @@ class HuntingDetector:
         now_ns : int
             For the journal.
         """
-        memory = self._memory
+        memory = self._rows.memory
         if memory[decisions.M_ALARM] > 0.0:
             memory[decisions.M_ACKNOWLEDGED] = 1.0
             if int(memory[decisions.M_STATE]) not in (State.ESCAPING, State.LIMIT_CYCLE):
@@ -239,6 +191,39 @@ class HuntingDetector:
         output = self._advance()
         return Output(output.estimates, (event, *output.events), output.journal)
 
+    def hold_at(self, entry: JournalEntry) -> None:
+        """For a replay: make no row behind the position of a journal entry."""
+        self._limit = (entry.epoch, entry.position_ns)
+
+    def let_go(self) -> Output:
+        """For a replay: end `hold_at`."""
+        self._limit = None
+        return self._advance()
+
+    def expect_late(self, channel: str, stamp_ns: int) -> None:
+        """For a replay: drop a sample that came too late in the live run."""
+        self._merger.known_late.setdefault(channel, set()).add(stamp_ns)
+
+    def repeat(self, entry: JournalEntry) -> Output:
+        """For a replay: do what an entry says."""
+        if entry.kind == 'released':
+            self._merger.silent |= set(entry.channels)
+        elif entry.kind == 'clock':
+            self._next_epoch()
+        elif entry.kind == 'normal_form':
+            text = entry.text
+            return self.set_normal_form(IdentifiedNormalForm.from_yaml(text) if text else None)
+        elif entry.kind == 'acknowledged':
+            return self.acknowledge(entry.now_ns)
+        elif entry.kind == 'finished':
+            return self.finish()
+        return self._advance()
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The channels it has been told of."""
+        return self._channels
+
     def reset(self) -> None:
         """Forget every sample, the alarm and the journal; keep config and normal form."""
         self._start()
@@ -253,7 +238,7 @@ class HuntingDetector:
             if count
         }
         row = self._last_row
-        alarm = bool(self._memory[decisions.M_ALARM] > 0.0)
+        alarm = bool(self._rows.memory[decisions.M_ALARM] > 0.0)
         if row is None:
             return DetectorStatus(alarm=alarm, dropped=dropped)
         refused = tuple(
@@ -275,6 +260,10 @@ class HuntingDetector:
             dropped=dropped,
         )
 
+    def _last_row_ns(self, until_ns: int) -> int:
+        """Return the last grid stamp not after `until_ns`."""
+        return until_ns // self.config.period_ns * self.config.period_ns
+
     def _note(
         self,
         kind: str,
@@ -287,26 +276,38 @@ class HuntingDetector:
             JournalEntry(kind, position, self._merger.epoch, now_ns, channels or {}, text)
         )
 
+    def _until(self) -> int | None:
+        """Stamp up to which rows may be made: the watermark, or where a replay holds."""
+        until = self._merger.watermark_ns
+        if self._limit is None or self._merger.epoch < self._limit[0]:
+            return until
+        epoch, position = self._limit
+        if until is None or position is None or self._merger.epoch > epoch:
+            return None
+        return min(until, position)
+
+    def _free_to_leave(self) -> bool:
+        """Tell whether a replay lets the epoch end here."""
+        return self._limit is None or self._merger.epoch < self._limit[0]
+
     def _advance(self) -> Output:
         """Make every row that is complete."""
         merger = self._merger
         outputs: list[Output] = []
         while True:
-            until = merger.watermark_ns
-            if until is not None and self._limit_ns is not None:
-                until = min(until, self._limit_ns)
+            until = self._until()
             position = merger.position_ns
             if until is not None:
-                last = self._grid.last_row_ns(until)
+                last = self._last_row_ns(until)
                 if position is None or last > position:
                     waiting = merger.first_ns
                     begin = last if waiting is None else waiting
                     begin = begin if position is None else max(begin, position)
-                    last = min(last, self._grid.last_row_ns(begin + _CHUNK_NS))
+                    last = min(last, self._last_row_ns(begin + _CHUNK_NS))
                     if position is None or last > position:
                         outputs.append(self._make_rows(position, last))
                         continue
-            if merger.epoch_over and merger.more_epochs and self._limit_ns is None:
+            if merger.epoch_over and merger.more_epochs and self._free_to_leave():
                 self._next_epoch()
                 continue
             break
@@ -315,195 +316,19 @@ class HuntingDetector:
         return replace(output, journal=journal) if journal else output
 
     def _next_epoch(self) -> None:
-        """Begin anew after the clocks were set back; form and latched alarm are kept."""
+        """Begin anew after the clocks were set back."""
         self._merger.next_epoch()
-        self._grid.reset()
-        self._tracker.reset()
-        for slow in self._slow.values():
-            slow.reset()
-        for watch in self._health.values():
-            watch.reset()
-        memory = self._memory
-        self._memory = decisions.fresh_memory()
-        for kept in (decisions.M_ALARM, decisions.M_FLOOR2, decisions.M_FLOOR_ROWS):
-            self._memory[kept] = memory[kept]
-        self._edge_second = -1
+        self._rows.start_again()
 
     def _make_rows(self, after_ns: int | None, until_ns: int) -> Output:
         """Work on the samples in (after_ns, until_ns]."""
-        blocks = self._merger.take(until_ns)
-        stamps = np.sort(np.concatenate([block.stamps_ns for block in blocks.values()]))
-        rows_ns = self._grid.rows(after_ns, until_ns, stamps)
-        usable, rows = {}, np.zeros(rows_ns.size, dtype=ESTIMATE_DTYPE)
-        rows['stamp_ns'] = rows_ns
-        for name, block in blocks.items():
-            rows[f'{name}_wrong'], usable[name] = self._health[name].update(block, rows_ns)
-        self._estimate(rows, blocks, usable)
-        if not rows_ns.size:
+        rows = self._rows.make(after_ns, until_ns, self._merger.take(until_ns))
+        if not rows.size:
             return EMPTY
-        trusted = self._standing_still(rows)
-        self._decide(rows, trusted)
-        self._levels(rows)
         events = self._transitions.update(rows)
         self._sequence += rows.size
         self._last_row = rows[-1]
         return Output(rows, tuple(events))
-
-    def _estimate(
-        self,
-        rows: NDArray[np.void],
-        blocks: dict[str, MergedBlock],
-        usable: dict[str, NDArray[np.bool_]],
-    ) -> None:
-        """Run the tracker over the motion samples, sorted by stamp."""
-        stamps, sensors, values = [], [], []
-        for number, name in enumerate(('lateral', 'yaw')):
-            if name in blocks:
-                good = usable[name]
-                stamps.append(blocks[name].stamps_ns[good])
-                values.append(blocks[name].values[good])
-                sensors.append(np.full(stamps[-1].size, number, dtype=np.int8))
-        stamp, value = np.concatenate(stamps), np.concatenate(values)
-        sensor = np.concatenate(sensors)
-        order = np.argsort(stamp, kind='stable')
-        stamp, value, sensor = stamp[order], value[order], sensor[order]
-        wanted = np.concatenate([stamp, rows['stamp_ns']])
-        sorting = np.argsort(wanted, kind='stable')
-        slow = {}
-        for name in ('roller', 'speed'):
-            found = np.full(wanted.size, math.nan)
-            if name in blocks:
-                block = blocks[name]
-                readings = np.where(usable[name], block.values, math.nan)
-                found[sorting] = self._slow[name].at(
-                    wanted[sorting], block.stamps_ns, readings, block.following
-                )
-            elif name == 'speed' and self.config.constant_speed_mps > 0.0:
-                found[:] = self.config.constant_speed_mps
-            slow[name] = found
-        if not self.config.roughness:
-            slow['roller'][:] = math.nan
-        count = stamp.size
-        track = self._tracker.update(
-            stamp,
-            sensor,
-            value,
-            slow['roller'][:count],
-            slow['speed'][:count],
-            rows['stamp_ns'],
-        )
-        for name in TRACKER_FIELDS:
-            rows[name] = track[name]
-        rows['speed'] = slow['speed'][count:]
-
-    def _standing_still(self, rows: NDArray[np.void]) -> NDArray[np.bool_]:
-        """
-        Clear the roller's stuck bit where the rig stands still.
-
-        Returns
-        -------
-        ndarray of bool, shape (m,)
-            Rows at which at least one motion sensor is to be trusted.
-        """
-        if 'roller' in self._channels:
-            still = ~(rows['speed'] > self.config.standstill_mps)
-            rows['roller_wrong'][still] &= ~np.uint32(health.STUCK)
-        trusted = np.zeros(rows.size, dtype=np.bool_)
-        for name in ('lateral', 'yaw'):
-            if name in self._channels:
-                trusted |= (rows[f'{name}_wrong'] & _BLIND) == 0
-        return trusted
-
-    def _decide(self, rows: NDArray[np.void], trusted: NDArray[np.bool_]) -> None:
-        """Run the decisions, stretch by stretch of one edge of the basin."""
-        main = 'lateral' if 'lateral' in self._channels else 'yaw'
-        if main == 'yaw' and np.isfinite(rows['lateral_amplitude']).any():
-            main = 'lateral'
-        amplitude = np.where(trusted, rows[f'{main}_amplitude'], math.nan)
-        spread = rows[f'{main}_amplitude_std']
-        disagree = np.zeros(rows.size, dtype=np.bool_)
-        numbers = np.empty((rows.size, decisions.N_OUTPUT))
-        seconds = rows['stamp_ns'] // _EDGE_NS
-        starts = np.flatnonzero(np.diff(seconds, prepend=self._edge_second))
-        bounds = [0, *starts[starts > 0].tolist(), rows.size]
-        for begin, end in itertools.pairwise(bounds):
-            if seconds[begin] != self._edge_second:
-                self._edge_second = int(seconds[begin])
-                self._look_up_edge(float(rows['speed'][begin]))
-            part = slice(begin, end)
-            decisions.decide(
-                self._rules,
-                self._numbers,
-                self._memory,
-                np.ascontiguousarray(amplitude[part]),
-                np.ascontiguousarray(spread[part]),
-                np.ascontiguousarray(rows['growth_rate'][part]),
-                np.ascontiguousarray(rows['growth_rate_std'][part]),
-                np.ascontiguousarray(rows['speed'][part]),
-                np.ascontiguousarray(rows['lateral_roughness'][part]),
-                disagree[part],
-                numbers[part],
-                *self._words(part, rows.size),
-            )
-        for column, name in enumerate(_COLUMNS):
-            rows[name] = numbers[:, column]
-        rows['region'], rows['state'] = self._regions, self._states
-        rows['doubts'], rows['alarm'] = self._doubts, self._alarms
-
-    def _words(self, part: slice, size: int) -> tuple[NDArray[np.generic], ...]:
-        """Return the stretch of the arrays that the kernel fills with words."""
-        if part.start == 0:
-            self._regions = np.zeros(size, dtype=np.int8)
-            self._states = np.zeros(size, dtype=np.int8)
-            self._doubts = np.zeros(size, dtype=np.uint32)
-            self._alarms = np.zeros(size, dtype=np.bool_)
-        return (
-            self._regions[part],
-            self._states[part],
-            self._doubts[part],
-            self._alarms[part],
-        )
-
-    def _look_up_edge(self, speed: float) -> None:
-        edge = self._edges.at(speed, float(self._memory[decisions.M_NOISE]))
-        self._memory[decisions.M_EDGE_CENTRE] = edge.centre
-        self._memory[decisions.M_EDGE_WIDTH] = edge.width
-        self._memory[decisions.M_EDGE_RATE] = edge.rate
-
-    def _levels(self, rows: NDArray[np.void]) -> None:
-        """Fill in the level: the worst of what the decisions and the channels say."""
-        wrong = np.zeros(rows.size, dtype=np.uint32)
-        for name in self._channels:
-            wrong |= rows[f'{name}_wrong']
-        level = np.where((rows['doubts'] != 0) | (wrong != 0), Level.WARN, Level.OK)
-        hunting = (rows['state'] == State.ESCAPING) | (rows['state'] == State.LIMIT_CYCLE)
-        level[hunting] = Level.ERROR
-        level[(wrong & health.SEVERE) != 0] = Level.STALE
-        rows['level'] = level
-
-
-_COLUMNS = (
-    'noise_floor',
-    'noise_intensity',
-    'unstable_amplitude',
-    'unstable_amplitude_std',
-    'stable_amplitude',
-    'margin',
-    'margin_low',
-    'margin_high',
-    'escape_probability',
-    'outlook',
-    'time_to_limit_cycle',
-)
-
-
-def tracker_config(config: DetectorConfig) -> TrackerConfig:
-    """Return the part of the settings that is the tracker's."""
-    return TrackerConfig(
-        frequency_hz=config.hunting_frequency_hz,
-        frequency_min_hz=config.hunting_frequency_min_hz,
-        frequency_max_hz=config.hunting_frequency_max_hz,
-    )
 
 
 def detect(detector: HuntingDetector, record: Record) -> Output:

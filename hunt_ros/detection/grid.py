@@ -33,10 +33,6 @@ class RowGrid:
         self._drain = drain_ns
         self._newest_ns: int | None = None  # newest sample so far
 
-    def last_row_ns(self, until_ns: int) -> int:
-        """Return the last grid stamp not after `until_ns`."""
-        return until_ns // self._period * self._period
-
     def rows(self, after_ns: int | None, until_ns: int, sample_ns: _Stamps) -> _Stamps:
         """
         Return the grid stamps in (after_ns, until_ns] that follow a sample closely enough.

@@ -261,7 +261,7 @@ def _clipped(value: float, length: int, settings: _Floats, whole: _Ints, real: _
         return False
     # A sine of amplitude a stays within one step q of its top for 2 sqrt(2 q / a) / omega.
     rounding = 2.0 * np.sqrt(4.0 * real[_F_STEP] / span) / settings[_S_OMEGA] * 1e9
-    return length > _FLAT_EXCESS * max(rounding, real[_F_RUN])
+    return bool(length > _FLAT_EXCESS * max(rounding, real[_F_RUN]))
 
 
 @compiled

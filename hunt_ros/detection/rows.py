@@ -1,0 +1,308 @@
+"""
+From merged samples to rows: health of the channels, tracker, second opinion, decisions.
+
+What is done to a stretch of samples once it is complete; the merging before it and
+the events after it are elsewhere.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.detection import decisions, health
+from hunt_ros.detection.basin import EdgeTable, form_numbers
+from hunt_ros.detection.configuration import DetectorConfig
+from hunt_ros.detection.grid import RowGrid, SlowChannel
+from hunt_ros.detection.health import ChannelHealth
+from hunt_ros.detection.merge import MergedBlock
+from hunt_ros.detection.output import ESTIMATE_DTYPE, TRACKER_FIELDS
+from hunt_ros.detection.regions import Level, State
+from hunt_ros.detection.second_opinion import SecondOpinion
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.estimation.kalman import HuntingTracker, TrackerConfig
+from hunt_ros.samples import CHANNELS, NANOSECONDS
+
+#: The noise at the edge of the basin is looked up once in this time.
+_EDGE_NS = NANOSECONDS
+#: A saturated sensor still shows that there is motion; the others show nothing.
+_BLIND = health.SEVERE & ~health.SATURATED
+#: Kept when the clocks were set back: the alarm, and what is known of the rig.
+_LASTING = (
+    decisions.M_ALARM,
+    decisions.M_ACKNOWLEDGED,
+    decisions.M_FLOOR2,
+    decisions.M_FLOOR_ROWS,
+)
+
+_DECIDED = (
+    'noise_floor',
+    'noise_intensity',
+    'unstable_amplitude',
+    'unstable_amplitude_std',
+    'stable_amplitude',
+    'margin',
+    'margin_low',
+    'margin_high',
+    'escape_probability',
+    'outlook',
+    'time_to_limit_cycle',
+)
+
+
+class RowMaker:
+    """
+    Makes the rows of the estimates out of complete stretches of samples.
+
+    Parameters
+    ----------
+    config : DetectorConfig
+        Settings.
+    drain_ns : int
+        Silence after which no row is made, see `RowGrid`.
+
+    Attributes
+    ----------
+    memory : ndarray
+        Of the decisions, see `hunt_ros.detection.decisions`.
+    """
+
+    def __init__(self, config: DetectorConfig, drain_ns: int) -> None:
+        self.config = config
+        self.memory = decisions.fresh_memory()
+        self._channels = tuple(name for name in CHANNELS if name in config.channels)
+        self._grid = RowGrid(config.period_ns, drain_ns)
+        self._health = {name: channel_health(config, name) for name in self._channels}
+        self._slow: dict[str, SlowChannel] = {
+            name: SlowChannel(config.timeout_ns(name), rising=name == 'roller')
+            for name in ('roller', 'speed')
+            if name in self._channels
+        }
+        self._tracker = HuntingTracker(tracker_config(config))
+        self._opinions = {
+            name: SecondOpinion(config) for name in ('lateral', 'yaw') if name in self._channels
+        }
+        self._edge_second = -1
+        self.set_normal_form(None)
+
+    def set_normal_form(self, identified: IdentifiedNormalForm | None) -> None:
+        """Use a normal form (None: v_n and v_c of the settings, or nothing) from now on."""
+        v_n = self.config.nonlinear_critical_speed_mps or math.nan
+        v_c = self.config.critical_speed_mps or math.nan
+        form = None if identified is None else identified.form
+        if form is not None:
+            v_c = form.critical_speed
+            fold = form.nonlinear_critical_speed
+            # A subcritical form without a fold has an unstable branch at any speed below v_c.
+            nowhere = math.nan if form.criticality == 'supercritical' else 0.0
+            v_n = nowhere if fold is None else fold
+        self._numbers = form_numbers(identified)
+        self._edges = EdgeTable(form)
+        self._rules = decisions.rules_of(self.config, v_n, v_c)
+        self.memory[decisions.M_NOISE] = math.nan
+        self.memory[decisions.M_NOISE_ROWS] = 0.0
+        self._edge_second = -1
+
+    def start_again(self) -> None:
+        """Begin anew after the clocks were set back; form, alarm and noise floor are kept."""
+        self._grid.reset()
+        self._tracker.reset()
+        for slow in self._slow.values():
+            slow.reset()
+        for watch in self._health.values():
+            watch.reset()
+        for opinion in self._opinions.values():
+            opinion.reset()
+        memory = decisions.fresh_memory()
+        memory[list(_LASTING)] = self.memory[list(_LASTING)]
+        self.memory = memory
+        self._edge_second = -1
+
+    def make(
+        self, after_ns: int | None, until_ns: int, blocks: dict[str, MergedBlock]
+    ) -> NDArray[np.void]:
+        """
+        Make the rows in (after_ns, until_ns].
+
+        Parameters
+        ----------
+        after_ns : int or None
+            Last row made; None at the beginning.
+        until_ns : int
+            A grid stamp.
+        blocks : dict of str to MergedBlock
+            All samples in that stretch, by channel.
+
+        Returns
+        -------
+        ndarray of ESTIMATE_DTYPE, shape (m,)
+        """
+        stamps = np.sort(np.concatenate([block.stamps_ns for block in blocks.values()]))
+        rows_ns = self._grid.rows(after_ns, until_ns, stamps)
+        rows = np.zeros(rows_ns.size, dtype=ESTIMATE_DTYPE)
+        rows['stamp_ns'] = rows_ns
+        usable = {}
+        for name, block in blocks.items():
+            rows[f'{name}_wrong'], usable[name] = self._health[name].update(block, rows_ns)
+        disagree = self._estimate(rows, blocks, usable)
+        if rows.size:
+            trusted = self._trusted(rows)
+            self._decide(rows, trusted, disagree)
+            self._levels(rows)
+        return rows
+
+    def _estimate(
+        self,
+        rows: NDArray[np.void],
+        blocks: dict[str, MergedBlock],
+        usable: dict[str, NDArray[np.bool_]],
+    ) -> NDArray[np.bool_]:
+        """Run tracker and second opinion; return the rows at which they disagree."""
+        stamps, sensors, values = [], [], []
+        for number, name in enumerate(('lateral', 'yaw')):
+            if name in blocks:
+                good = usable[name]
+                stamps.append(blocks[name].stamps_ns[good])
+                values.append(blocks[name].values[good])
+                sensors.append(np.full(stamps[-1].size, number, dtype=np.int8))
+        stamp, value = np.concatenate(stamps), np.concatenate(values)
+        sensor = np.concatenate(sensors)
+        order = np.argsort(stamp, kind='stable')
+        stamp, value, sensor = stamp[order], value[order], sensor[order]
+        wanted = np.concatenate([stamp, rows['stamp_ns']])
+        sorting = np.argsort(wanted, kind='stable')
+        slow = {}
+        for name in ('roller', 'speed'):
+            found = np.full(wanted.size, math.nan)
+            if name in blocks:
+                block = blocks[name]
+                readings = np.where(usable[name], block.values, math.nan)
+                found[sorting] = self._slow[name].at(
+                    wanted[sorting], block.stamps_ns, readings, block.following
+                )
+            elif name == 'speed' and self.config.constant_speed_mps > 0.0:
+                found[:] = self.config.constant_speed_mps
+            slow[name] = found
+        if not self.config.roughness:
+            slow['roller'][:] = math.nan
+        count = stamp.size
+        track = self._tracker.update(
+            stamp,
+            sensor,
+            value,
+            slow['roller'][:count],
+            slow['speed'][:count],
+            rows['stamp_ns'],
+        )
+        for name in TRACKER_FIELDS:
+            rows[name] = track[name]
+        rows['speed'] = slow['speed'][count:]
+        disagree = np.zeros(rows.size, dtype=np.bool_)
+        for name in ('lateral', 'yaw'):
+            rows[f'{name}_envelope'] = math.nan
+            if name in self._opinions:
+                rows[f'{name}_envelope'], differs = self._opinions[name].update(
+                    rows['stamp_ns'],
+                    track[f'{name}_clean'],
+                    track[f'{name}_noise_std'],
+                    track[f'{name}_amplitude'],
+                    track[f'{name}_amplitude_std'],
+                )
+                disagree |= differs
+        return disagree
+
+    def _trusted(self, rows: NDArray[np.void]) -> NDArray[np.bool_]:
+        """Tell the rows with a motion sensor to trust; a roller at rest is not stuck."""
+        if 'roller' in self._channels:
+            still = ~(rows['speed'] > self.config.standstill_mps)
+            rows['roller_wrong'][still] &= ~np.uint32(health.STUCK)
+        trusted = np.zeros(rows.size, dtype=np.bool_)
+        for name in ('lateral', 'yaw'):
+            if name in self._channels:
+                trusted |= (rows[f'{name}_wrong'] & _BLIND) == 0
+        return trusted
+
+    def _decide(
+        self, rows: NDArray[np.void], trusted: NDArray[np.bool_], disagree: NDArray[np.bool_]
+    ) -> None:
+        """Run the decisions, stretch by stretch of one edge of the basin."""
+        main = 'lateral' if 'lateral' in self._channels else 'yaw'
+        if main == 'yaw' and np.isfinite(rows['lateral_amplitude']).any():
+            main = 'lateral'
+        amplitude = np.where(trusted, rows[f'{main}_amplitude'], math.nan)
+        spread = rows[f'{main}_amplitude_std']
+        numbers = np.empty((rows.size, decisions.N_OUTPUT))
+        regions, states = np.zeros(rows.size, np.int8), np.zeros(rows.size, np.int8)
+        doubts, alarms = np.zeros(rows.size, np.uint32), np.zeros(rows.size, np.bool_)
+        seconds = rows['stamp_ns'] // _EDGE_NS
+        starts = np.flatnonzero(np.diff(seconds, prepend=self._edge_second))
+        bounds = [0, *starts[starts > 0].tolist(), rows.size]
+        for begin, end in itertools.pairwise(bounds):
+            if seconds[begin] != self._edge_second:
+                self._edge_second = int(seconds[begin])
+                self._look_up_edge(float(rows['speed'][begin]))
+            part = slice(begin, end)
+            decisions.decide(
+                self._rules,
+                self._numbers,
+                self.memory,
+                np.ascontiguousarray(amplitude[part]),
+                np.ascontiguousarray(spread[part]),
+                np.ascontiguousarray(rows['growth_rate'][part]),
+                np.ascontiguousarray(rows['growth_rate_std'][part]),
+                np.ascontiguousarray(rows['speed'][part]),
+                np.ascontiguousarray(rows['lateral_roughness'][part]),
+                disagree[part],
+                numbers[part],
+                regions[part],
+                states[part],
+                doubts[part],
+                alarms[part],
+            )
+        for column, name in enumerate(_DECIDED):
+            rows[name] = numbers[:, column]
+        rows['region'], rows['state'] = regions, states
+        rows['doubts'], rows['alarm'] = doubts, alarms
+
+    def _look_up_edge(self, speed: float) -> None:
+        edge = self._edges.at(speed, float(self.memory[decisions.M_NOISE]))
+        self.memory[decisions.M_EDGE_CENTRE] = edge.centre
+        self.memory[decisions.M_EDGE_WIDTH] = edge.width
+        self.memory[decisions.M_EDGE_RATE] = edge.rate
+
+    def _levels(self, rows: NDArray[np.void]) -> None:
+        """Fill in the level: the worst of what the decisions and the channels say."""
+        wrong = np.zeros(rows.size, dtype=np.uint32)
+        for name in self._channels:
+            wrong |= rows[f'{name}_wrong']
+        level = np.where((rows['doubts'] != 0) | (wrong != 0), Level.WARN, Level.OK)
+        hunting = (rows['state'] == State.ESCAPING) | (rows['state'] == State.LIMIT_CYCLE)
+        level[hunting] = Level.ERROR
+        level[(wrong & health.SEVERE) != 0] = Level.STALE
+        rows['level'] = level
+
+
+def channel_health(config: DetectorConfig, channel: str) -> ChannelHealth:
+    """Return the watch over one channel."""
+    ranges = {'lateral': config.lateral_range_m, 'yaw': config.yaw_range_rad}
+    return ChannelHealth(
+        channel,
+        config.timeout_ns(channel),
+        round(config.fault_hold_s * 1e9),
+        round(config.stuck_time_s * 1e9),
+        ranges.get(channel, 0.0),
+        config.hunting_frequency_hz,
+        config.standstill_mps,
+    )
+
+
+def tracker_config(config: DetectorConfig) -> TrackerConfig:
+    """Return the part of the settings that is the tracker's."""
+    return TrackerConfig(
+        frequency_hz=config.hunting_frequency_hz,
+        frequency_min_hz=config.hunting_frequency_min_hz,
+        frequency_max_hz=config.hunting_frequency_max_hz,
+    )
