@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import uniform_filter1d
 
-from hunt_ros.analysis.surrogates import delay_vectors, is_deterministic, neighbour_pairs
+from hunt_ros.analysis.surrogates import delay_vectors, is_nonlinear, neighbour_pairs
 from hunt_ros.analysis.uniform import checked
 from hunt_ros.errors import IdentificationError
 from hunt_ros.samples import Uncertain
@@ -46,11 +46,11 @@ class LyapunovExponent:
         Dimension.
     delay_s : float
         s.
-    deterministic : bool
-        True where the record is more predictable than signals of the same spectrum with
-        random phases; False for a response to broadband noise, whose exponent means little.
+    nonlinear : bool
+        True where the record is more predictable than linear processes of its spectrum;
+        False for a response to broadband noise, and for one that is all sharp lines.
     chaotic : bool
-        True where the record is deterministic, neighbours separate exponentially, from near
+        True where the record is nonlinear, neighbours separate exponentially, from near
         to far, and the exponent is positive beyond its 95 % interval.
     """
 
@@ -59,7 +59,7 @@ class LyapunovExponent:
     divergence: NDArray[np.float64]
     embedding: int
     delay_s: float
-    deterministic: bool
+    nonlinear: bool
     chaotic: bool
 
 
@@ -141,9 +141,9 @@ def largest_lyapunov_exponent(
     separation = _separation(curves, far, round(period) if period > 3.0 else 1, rate_hz)
     exponent = _by_slope(curves, times, round(period)) if separation is None else separation
     grows = separation is not None and exponent.low > 0.0
-    deterministic = is_deterministic(array, embedding, delay, max(round(period), 1))
+    nonlinear = is_nonlinear(array, embedding, delay, max(round(period), 1))
     return LyapunovExponent(
-        exponent, times, mean, embedding, delay / rate_hz, deterministic, grows and deterministic
+        exponent, times, mean, embedding, delay / rate_hz, nonlinear, grows and nonlinear
     )
 
 

@@ -26,6 +26,9 @@ Kind = Literal['periodic', 'quasi-periodic', 'transient', 'undecided']
 #: Mean fourth power of the whitened distance: 8 for a Gaussian cloud, 4 for a ring (Mardia).
 CLOUD, RING = 8.0, 4.0
 
+#: Spread of a section, relative to the orbit, that passes for one sharp point.
+SHARP = 0.02
+
 #: Longest period, in revolutions, of a locked orbit that is told from a closed curve.
 LONGEST_PERIOD = 8
 
@@ -144,47 +147,53 @@ def _classified(
     values, axes = np.linalg.eigh(centred.T @ centred / count)
     ring, ring_std, rotation, period = 0.0, math.inf, math.nan, 0
     kind: Kind = 'undecided'
-    if values[0] <= 1e-12 * max(values[1], 1e-300):
-        kind, period, ring_std = 'periodic', 1, 0.0  # all on one point, or on a line
-    else:
+    closed = 1 if spread < SHARP else _closing(centred)
+    if values[0] > 1e-12 * max(values[1], 1e-300):
         white = centred @ axes / np.sqrt(values)
         distance = np.sum(white**2, axis=1)
         ring = (CLOUD - float(np.mean(distance**2))) / (CLOUD - RING)
         ring_std = _block_std(distance**2) / (CLOUD - RING)
-        turning = np.angle(white[:, 0] + 1j * white[:, 1])
-        steps = np.diff(np.unwrap(turning))
+        steps = np.diff(np.angle(white[:, 0] + 1j * white[:, 1]))
         rotation = abs(float(np.angle(np.mean(np.exp(1j * steps))))) / (2.0 * math.pi)
-        kind, period = _kind(ring, ring_std, spread, turning, distance, count)
-        if kind == 'periodic' and period <= 1:
-            rotation = math.nan
+        kind = _kind(ring, ring_std, distance)
+    if closed:
+        kind, period = 'periodic', closed
+    elif kind == 'periodic':
+        period = 1
+    if period == 1:
+        rotation = math.nan
     return PoincareSection(displacement, velocity, kind, period, ring, ring_std, rotation, spread)
 
 
-def _kind(
-    ring: float,
-    ring_std: float,
-    spread: float,
-    turning: NDArray[np.float64],
-    distance: NDArray[np.float64],
-    count: int,
-) -> tuple[Kind, int]:
-    """Decide between a point, a few points, a closed curve and a spiral."""
-    if spread < 0.02:
-        return 'periodic', 1
+def _closing(centred: NDArray[np.float64]) -> int:
+    """
+    Revolutions after which the orbit comes back to the same few points; 0 where it does not.
+
+    Every n-th point must stay in its own small cloud through the whole record: on a closed
+    curve with a nearly rational rotation number it would drift along the curve.
+    """
+    size = float(np.mean(np.sum(centred**2, axis=1)))
+    for period in range(2, min(LONGEST_PERIOD, len(centred) // 6) + 1):
+        clouds = [centred[start::period] for start in range(period)]
+        if sum(float(np.sum(np.var(cloud, axis=0))) for cloud in clouds) / period < 0.05 * size:
+            return period
+    return 0
+
+
+def _kind(ring: float, ring_std: float, distance: NDArray[np.float64]) -> Kind:
+    """Decide between a cloud about a point, a closed curve and a spiral."""
+    count = distance.size
     if count < 30:
-        return 'undecided', 0
+        return 'undecided'
+    time = np.arange(count) / count
+    logarithm = 0.5 * np.log(np.maximum(distance, 1e-12))
+    slope, height = np.polyfit(time, logarithm, 1)
+    # The radius of a cloud scatters by 0.6 in its logarithm, that of a spiral by its noise.
+    if abs(slope) > 0.5 and float(np.std(logarithm - slope * time - height)) < 0.3:
+        return 'transient'
     if ring < 0.5:
-        return ('periodic', 1) if ring + ring_std < 0.6 else ('undecided', 0)
-    for period in range(2, LONGEST_PERIOD + 1):
-        # Few points instead of a curve: their angles pile up at multiples of 2 pi/period.
-        if abs(np.mean(np.exp(1j * period * turning))) > 0.9:
-            return 'periodic', period
-    radius = np.sqrt(distance)
-    third = count // 3
-    change = math.log(float(np.mean(radius[-third:])) / float(np.mean(radius[:third])))
-    if abs(change) > 0.5:
-        return 'transient', 0
-    return ('quasi-periodic', 0) if ring - ring_std > 0.4 else ('undecided', 0)
+        return 'periodic' if ring + ring_std < 0.6 else 'undecided'
+    return 'quasi-periodic' if ring - ring_std > 0.4 else 'undecided'
 
 
 def _block_std(values: NDArray[np.float64], blocks: int = 10) -> float:

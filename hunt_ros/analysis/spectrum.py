@@ -19,6 +19,9 @@ from hunt_ros.analysis.uniform import checked
 #: A line must stand above the spectrum around it by this factor (in power) to be named.
 PROMINENCE = 8.0
 
+#: A signal that varies by less than this part of itself is taken for a constant.
+STUCK = 1e-12
+
 #: Half the width of the main lobe of the Hann window, in bins.
 LOBE = 2
 
@@ -122,6 +125,8 @@ def power_spectrum(
     """
     array = checked(values, 64, 'spectrum')
     size = min(array.size, max(round(segment_s * rate_hz), 64))
+    if float(np.ptp(array)) <= STUCK * float(np.abs(array).max()):
+        array = np.zeros_like(array)  # varies by rounding only
     frequency, density = signal.welch(
         array - array.mean(), rate_hz, 'hann', size, detrend='linear', scaling='density'
     )
@@ -137,7 +142,12 @@ def power_spectrum(
                 found.append(line)
     near = (frequency >= hunting_band_hz[0]) & (frequency <= hunting_band_hz[1])
     for line in found:
-        near &= np.abs(frequency - line.frequency_hz) > (LOBE + 1) * rate_hz / size
+        # Past its main lobe a line leaks 1/(pi k (k^2 - 1)) of its amplitude, k bins away.
+        bins = np.abs(frequency - line.frequency_hz) * size / rate_hz
+        near &= bins > LOBE + 1
+        top = float(density[np.argmin(bins)])
+        leak = top / (math.pi * np.maximum(bins, 2.0) * (np.maximum(bins, 2.0) ** 2 - 1.0)) ** 2
+        near &= density > 4.0 * leak
     hunting = _line('hunting', frequency, density, near, segments, broad=True)
     if hunting is not None:
         found = [_renamed(line, hunting, speed, roller_diameter_m) for line in found]

@@ -1,9 +1,10 @@
 """
-Is a signal a deterministic orbit, or a linear response to noise? A test by surrogates.
+Is there more to a signal than its spectrum? A test by surrogates.
 
 A surrogate has the spectrum of the record and random phases: a linear, Gaussian process.
 Where neighbours of the record stay together better than those of all surrogates, there
-is more to the record than its spectrum.
+is more to the record than its spectrum. Sharp lines stay sharp lines whatever their phases:
+hunting over roughness is as predictable as its surrogates.
 """
 
 from __future__ import annotations
@@ -82,7 +83,7 @@ def neighbour_pairs(
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
-def is_deterministic(
+def is_nonlinear(
     values: NDArray[np.float64],
     embedding: int,
     delay: int,
@@ -94,7 +95,7 @@ def is_deterministic(
     """
     Tell whether neighbours are closer after one period than those of every surrogate.
 
-    With 19 surrogates a linear response to noise passes for deterministic once in twenty.
+    With 19 surrogates a linear response to noise passes for nonlinear once in twenty.
 
     Parameters
     ----------

@@ -1,0 +1,128 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from hunt_ros.analysis.phase_portrait import phase_portrait
+from hunt_ros.analysis.poincare import poincare_section
+from hunt_ros.analysis.spectrum import roughness_frequency
+from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.simulation import (
+    RollerRig,
+    Roughness,
+    SensorModel,
+    SimulationSettings,
+)
+from hunt_ros.errors import IdentificationError
+
+RATE = 250.0
+
+
+def running(speed: float, kick: float = 0.0, broadband: float = 8e-6, seed: int = 0):
+    """Displacement and roller angle of a minute of running, 15 s after a kick."""
+    rig = RollerRig(
+        paper_rig(),
+        SimulationSettings(
+            sample_rate_hz=RATE,
+            initial_speed=speed,
+            broadband=broadband,
+            roughness=Roughness(amplitudes=(30e-6, 10e-6)),
+            lateral_sensor=SensorModel(noise=5e-6),
+        ),
+        seed,
+    )
+    if kick:
+        rig.kick(lateral_m=kick)
+    block = rig.advance(round(75 * RATE))
+    begin = round(15 * RATE)
+    return block.lateral[begin:], block.roller_angle[begin:]
+
+
+@pytest.mark.parametrize('broadband', [0.0, 8e-6, 2e-5])
+@pytest.mark.parametrize('speed', [6.0, 7.2])
+def test_below_the_critical_speed_the_section_is_a_point(speed, broadband):
+    lateral, angle = running(speed, broadband=broadband)
+    section = poincare_section(lateral, RATE, angle)
+    assert (section.kind, section.period) == ('periodic', 1)
+    assert math.isnan(section.rotation_number)
+
+
+@pytest.mark.parametrize('broadband', [0.0, 8e-6, 2e-5])
+@pytest.mark.parametrize(('speed', 'kick'), [(8.3, 1e-3), (8.8, 1e-3), (7.2, 1e-3)])
+def test_a_hunting_wheelset_draws_a_closed_curve(speed, kick, broadband):
+    lateral, angle = running(speed, kick, broadband)
+    section = poincare_section(lateral, RATE, angle)
+    assert section.kind == 'quasi-periodic'
+    assert section.ring == pytest.approx(1.0, abs=0.1)
+    ratio = 2.835 / roughness_frequency(speed)
+    assert section.rotation_number == pytest.approx(abs(ratio - round(ratio)), abs=0.01)
+
+
+def test_without_an_encoder_the_speed_says_when_a_revolution_is_over():
+    lateral, angle = running(8.3, 1e-3)
+    by_speed = poincare_section(lateral, RATE, speed=8.3)
+    assert by_speed.kind == 'quasi-periodic'
+    by_angle = poincare_section(lateral, RATE, angle)
+    assert by_speed.rotation_number == pytest.approx(by_angle.rotation_number, abs=0.003)
+
+
+def test_a_locked_orbit_is_a_few_points():
+    time = np.arange(round(100 * RATE)) / RATE
+    angle = 2 * np.pi * 7.5 * time
+    noise = np.random.default_rng(0).normal(0.0, 5e-6, time.size)
+    signal = 0.6e-3 * np.sin(angle * 2 / 5) + 5e-5 * np.sin(angle) + noise
+    section = poincare_section(signal, RATE, angle)
+    assert (section.kind, section.period) == ('periodic', 5)
+    doubled = 0.3e-3 * np.sin(angle) + 0.1e-3 * np.sin(angle / 2 + 0.4) + noise
+    section = poincare_section(doubled, RATE, angle)
+    assert (section.kind, section.period) == ('periodic', 2)
+    # Close to 2/5 but not locked: the points drift along a curve.
+    section = poincare_section(0.6e-3 * np.sin(angle * 0.4004) + noise, RATE, angle)
+    assert section.kind == 'quasi-periodic'
+
+
+def test_a_growing_oscillation_is_a_transient():
+    time = np.arange(round(60 * RATE)) / RATE
+    signal = 1e-4 * np.exp(0.03 * time) * np.sin(17.3 * time)
+    section = poincare_section(signal, RATE, speed=7.2)
+    assert section.kind == 'transient'
+
+
+def test_the_section_lies_on_the_orbit():
+    time = np.arange(round(60 * RATE)) / RATE
+    signal = 1e-3 * np.sin(17.3 * time) + 0.01
+    section = poincare_section(signal, RATE, speed=7.2)
+    radius = np.hypot(section.displacement, section.velocity / 17.3)
+    assert radius == pytest.approx(1e-3, rel=0.03)
+
+
+def test_the_portrait_of_a_sinusoid_is_its_ellipse():
+    time = np.arange(round(20 * RATE)) / RATE
+    portrait = phase_portrait(0.5e-3 * np.cos(18.0 * time) + 3e-3, RATE)
+    velocity = -0.5e-3 * 18.0 * np.sin(18.0 * time)[portrait.first : -portrait.first]
+    assert portrait.velocity == pytest.approx(velocity, abs=0.02 * 0.5e-3 * 18.0)
+    assert portrait.area == pytest.approx(math.pi * 0.5e-3**2 * 18.0, rel=0.03)
+
+
+def test_turning_backwards_makes_no_difference():
+    lateral, angle = running(8.3, 1e-3)
+    forward = poincare_section(lateral, RATE, angle)
+    backward = poincare_section(lateral, RATE, -angle)
+    assert backward.kind == forward.kind
+    assert backward.displacement == pytest.approx(forward.displacement)
+
+
+@pytest.mark.parametrize(
+    ('size', 'options'), [(1000, {}), (1000, {'speed': math.nan}), (100, {'speed': 5.0})]
+)
+def test_what_cannot_be_cut_is_refused(size, options):
+    with pytest.raises(IdentificationError):
+        poincare_section(np.random.default_rng(0).normal(size=size), RATE, **options)
+
+
+def test_few_revolutions_decide_nothing():
+    lateral, angle = running(8.3, 1e-3)
+    count = round(3 * RATE)
+    assert poincare_section(lateral[:count], RATE, angle[:count]).kind == 'undecided'
