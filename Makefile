@@ -40,7 +40,10 @@ bench-live: $(VENV)/installed  ## what the live suite costs: CPU, latency, losse
 clean:  ## remove what these targets made
 	rm -rf $(VENV) build install log *.egg-info
 
+bench-estimation: $(VENV)/installed  ## the tracker: speed against filterpy, accuracy against the bounds
+	$(BIN)/python test/benchmark/bench_estimation.py
+
 bench-forecast: $(VENV)/installed  ## forecast of v_c: error, spread against the bound, coverage
 	$(BIN)/python test/benchmark/bench_forecast.py
 
-.PHONY: help install demo test check format clean bench-live bench-forecast
+.PHONY: help install demo test check format clean bench-live bench-forecast bench-estimation
