@@ -132,6 +132,40 @@ def amplitude_std_bound(model: SignalModel, window_s: float, phases: int = 8) ->
     ConfigError
         For a window shorter than two samples.
     """
+    return _bound(model, window_s, phases, _AMPLITUDE)
+
+
+def growth_std_full_bound(model: SignalModel, window_s: float, phases: int = 8) -> float:
+    """
+    Least standard deviation of the growth rate from a window, 1/s, all else unknown.
+
+    Parameters, result and errors are those of `amplitude_std_bound`.
+    """
+    return _bound(model, window_s, phases, _GROWTH)
+
+
+def amplitude_window(model: SignalModel, relative_std: float = 0.05) -> float:
+    """
+    Shortest window that gives the amplitude at its end to `relative_std`, s.
+
+    Found by bisection between four samples and 20 s; inf where 20 s are not enough.
+    """
+    return _shortest(model, _AMPLITUDE, relative_std * model.amplitude)
+
+
+def growth_window(model: SignalModel, std: float) -> float:
+    """
+    Shortest window that gives the growth rate to `std` (1/s), s.
+
+    Found by bisection between four samples and 20 s; inf where 20 s are not enough.
+    """
+    return _shortest(model, _GROWTH, std)
+
+
+_AMPLITUDE, _GROWTH = 0, 3
+
+
+def _bound(model: SignalModel, window_s: float, phases: int, place: int) -> float:
     count = round(window_s * model.rate_hz)
     if count < 2:
         raise ConfigError(f'bound: a window of {window_s} s holds fewer than two samples')
@@ -143,23 +177,17 @@ def amplitude_std_bound(model: SignalModel, window_s: float, phases: int = 8) ->
         scaled = information / np.outer(scale, scale)
         if np.linalg.cond(scaled) > 1e13:
             return math.inf
-        total += float(np.linalg.inv(scaled)[0, 0]) / float(scale[0]) ** 2
+        total += float(np.linalg.inv(scaled)[place, place]) / float(scale[place]) ** 2
     return math.sqrt(total / phases)
 
 
-def amplitude_window(model: SignalModel, relative_std: float = 0.05) -> float:
-    """
-    Shortest window that gives the amplitude at its end to `relative_std`, s.
-
-    Found by bisection between four samples and 20 s; inf where 20 s are not enough.
-    """
+def _shortest(model: SignalModel, place: int, goal: float) -> float:
     low, high = 4.0 / model.rate_hz, 20.0
-    goal = relative_std * model.amplitude
-    if amplitude_std_bound(model, high) > goal:
+    if _bound(model, high, 8, place) > goal:
         return math.inf
     while high - low > 0.5 / model.rate_hz:
         middle = 0.5 * (low + high)
-        if amplitude_std_bound(model, middle) > goal:
+        if _bound(model, middle, 8, place) > goal:
             low = middle
         else:
             high = middle

@@ -56,7 +56,7 @@ def _signal(
     second=0.0,
     forcing=0.0,
     speed=7.2,
-    ratio=4.6 * np.exp(2.6j),
+    ratio=-3.94 + 2.37j,
     stamps=None,
 ) -> Signal:
     """
