@@ -24,9 +24,10 @@ class SecondOpinion:
 
     def __init__(self, config: DetectorConfig) -> None:
         rate = 1e9 / config.period_ns
-        low = config.hunting_frequency_min_hz
+        # An octave below the nominal frequency; lower would make the filter longer and later.
+        low = max(config.hunting_frequency_min_hz, 0.5 * config.hunting_frequency_hz)
         high = min(config.hunting_frequency_max_hz, 0.45 * rate)
-        self._envelope = HilbertEnvelope(rate, low, high, max(0.8, 0.55 / low))
+        self._envelope = HilbertEnvelope(rate, low, high, max(0.8, 1.05 / low))
         self._config = config
         self._late = round(self._envelope.delay_s * rate)
         self.reset()
