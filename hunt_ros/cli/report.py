@@ -60,7 +60,9 @@ def run(arguments: argparse.Namespace) -> int:
         advance(0.6)
         written: list[Path] = []
         if arguments.figures:
-            written = save_figures(report.figures(drawings), Path(arguments.figures))
+            written = save_figures(
+                {name: one.figure for name, one in drawings.items()}, Path(arguments.figures)
+            )
         advance(0.9)
         _write(page, report.html(drawings))
     if arguments.json:

@@ -74,7 +74,8 @@ def disturbance_from_width(
                 fontsize=6.5,
             )
         else:
-            right.text(0.98, 0.12, 'disturbance not known', transform=right.transAxes, ha='right')
+            words = 'disturbance not known'
+            right.text(0.98, 0.42, words, transform=right.transAxes, ha='right')
         return figure
 
 

@@ -44,6 +44,7 @@ def events_of(record: Record, normal_form: IdentifiedNormalForm | None) -> list[
             amplitude=_known(event.amplitude_m),
             growth_rate=_known(event.growth_rate_per_s),
             source=record.source,
+            detail=event.detail,
         )
         for event in output.events
     ]

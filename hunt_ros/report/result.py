@@ -122,9 +122,21 @@ class Result:
             lines = [line for line in self.warnings if re.search(words, line, re.IGNORECASE)]
             if lines:
                 return '; '.join(line.rstrip('.') for line in lines[:2])
+        if path.startswith('disturbance_m'):
+            return self._disturbance_reason()
         if re.match(r'v_n|hysteresis_width', path) and self.get('criticality'):
             kind = str(self.get('criticality'))
             return f'no fold below v_c: the identified form is {kind} without one'
+        return _NO_REASON
+
+    def _disturbance_reason(self) -> str:
+        """Reason why no disturbance follows from the width: it needs two widths, one narrower."""
+        model, seen = self.value('hysteresis_width'), self.value('observed.hysteresis_width')
+        if model is None or seen is None:
+            which = 'of the model' if model is None else 'seen in the jumps'
+            return f'the hysteresis width {which} is not known'
+        if seen >= model:
+            return 'the observed hysteresis is no narrower than the model has it'
         return _NO_REASON
 
     def _branch_reason(self, path: str) -> str:

@@ -6,7 +6,7 @@ from html import escape
 
 from hunt_ros.report.numbers import rounded_json
 from hunt_ros.report.result import Result
-from hunt_ros.report.tables import SYMBOLS, not_known
+from hunt_ros.report.tables import SYMBOLS, not_known, number
 from hunt_ros.samples import NANOSECONDS, Record
 
 EQUATION = (
@@ -58,6 +58,13 @@ def _speed(result: Result, path: str) -> str:
     if not isinstance(entry, dict) or entry.get('value') is None:
         return '<a class="unknown" href="#unknown">not known</a>'
     return f'<b>{rounded_json(entry).html()} m/s</b>'
+
+
+def disturbance(result: Result) -> str:
+    """Return the disturbance from the width of the hysteresis as a sentence."""
+    unit = '' if result.get('disturbance_m') is None else ' mm'
+    shown = number(result, 'disturbance_m', 1e3)
+    return f'<p>Disturbance from the width of the hysteresis (Appendix A): {shown}{unit}.</p>'
 
 
 def recording(record: Record) -> list[str]:

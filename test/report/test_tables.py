@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from hunt_ros.report import tables
+from hunt_ros.report import listings, tables
 from hunt_ros.report.numbers import rounded
 from hunt_ros.report.overview import RunEvent
 from hunt_ros.report.result import Result
@@ -25,9 +25,9 @@ def everything(result: Result) -> str:
             tables.critical_speeds,
             tables.coefficients,
             tables.fit_quality,
-            tables.steady_states,
-            tables.branches,
-            tables.unknowns,
+            listings.steady_states,
+            listings.branches,
+            listings.unknowns,
         )
     )
 
@@ -88,7 +88,7 @@ def test_a_null_is_shown_as_not_known_with_its_reason(document: Document, path: 
     result = Result(entries)
     text = everything(result)
     assert f'data-key="{path}">not known: ' in text
-    assert f'<code>{path}</code>' in tables.unknowns(result)
+    assert f'<code>{path}</code>' in listings.unknowns(result)
     assert 'None' not in text
     assert 'nan' not in text
     assert '<cannot>' not in text  # a warning is text, not markup
@@ -104,7 +104,7 @@ def test_a_missing_uncertainty_is_said(document: Document) -> None:
 
 def test_every_null_is_listed_once_under_its_reason(document: Document) -> None:
     result = Result(document())
-    listed = re.findall(r'<code>([^<]+)</code>', tables.unknowns(result))
+    listed = re.findall(r'<code>([^<]+)</code>', listings.unknowns(result))
     wanted = [unknown.path for unknown in result.unknowns()]
     assert len(wanted) > 5  # branches end somewhere
     # The first of a long list stands in its summary too.
@@ -112,7 +112,7 @@ def test_every_null_is_listed_once_under_its_reason(document: Document) -> None:
 
 
 def test_nothing_unknown_is_said_as_such() -> None:
-    assert 'every quantity' in tables.unknowns(Result({'v_c': {'value': 1.0}}))
+    assert 'every quantity' in listings.unknowns(Result({'v_c': {'value': 1.0}}))
 
 
 def test_events_stand_in_the_order_of_time_with_what_is_not_known() -> None:
@@ -120,14 +120,14 @@ def test_events_stand_in_the_order_of_time_with_what_is_not_known() -> None:
         RunEvent(12.3456, 'hysteresis_entered', 'WARN', 6.41, 2.5e-5, None, 'a & b'),
         RunEvent(20.0, 'limit_cycle', 'ERROR', None, 6.5e-4, 0.02, 'a & b'),
     ]
-    text = tables.events(events)
+    text = listings.events(events)
     assert text.index('hysteresis entered') < text.index('limit cycle')
     assert '12.35' in text
     assert '0.0250' in text
     assert text.count('not known') == 2
     assert 'a &amp; b' in text
     assert 'level-ERROR' in text
-    assert 'none' in tables.events([])
+    assert 'none' in listings.events([])
 
 
 def test_an_empty_document_says_not_known_everywhere_and_fails_nowhere() -> None:

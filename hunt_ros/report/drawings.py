@@ -1,0 +1,201 @@
+"""
+The figures of the report: which there are, under which name and number, with which words.
+
+What cannot be drawn is left out here; the page says why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hunt_ros.report.cubic import cubic_alone
+from hunt_ros.report.disturbance import disturbance_from_width
+from hunt_ros.report.frequency import Frequencies, frequency_diagram
+from hunt_ros.report.hysteresis import hysteresis_loop
+from hunt_ros.report.normal_form_diagram import diagram, normal_form_alone
+from hunt_ros.report.overview import RunEvent, run_overview
+from hunt_ros.report.response import Response
+from hunt_ros.report.response_panels import poincare_pair, response_panels
+from hunt_ros.report.result import Result
+from hunt_ros.samples import NANOSECONDS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from hunt_ros.dynamics.identified import IdentifiedNormalForm
+    from hunt_ros.identification.result import Identification
+
+#: Recordings whose run is drawn; the table of recordings has all of them.
+_RUNS_DRAWN = 6
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """
+    A figure of the report.
+
+    Parameters
+    ----------
+    figure : Figure
+        What is drawn.
+    number : str
+        'Fig. 6', as the paper counts; '' for a figure the paper has not.
+    caption : str
+        HTML.
+    description : str
+        Plain text, read aloud in place of the picture.
+    wide : bool
+        Over the whole page.
+    """
+
+    figure: Figure
+    number: str
+    caption: str
+    description: str
+    wide: bool = False
+
+
+def run_drawings(
+    identification: Identification, events: Sequence[RunEvent], result: Result
+) -> dict[str, Drawing]:
+    """Draw each recording against time, up to `_RUNS_DRAWN` of them."""
+    critical = (result.value('v_n'), result.value('v_c'))
+    drawings = {}
+    for count, record in enumerate(identification.records[:_RUNS_DRAWN], start=1):
+        own = [one for one in identification.envelopes if one.source == record.source]
+        amplitude = (np.zeros(0), np.zeros(0))
+        if own:
+            shift = (own[0].start_ns - record.start_ns) / NANOSECONDS
+            amplitude = (own[0].time + shift, own[0].amplitude)
+        name = record.source or f'recording {count}'
+        drawings[f'run{count:02d}'] = Drawing(
+            run_overview(
+                record,
+                amplitude,
+                [one for one in events if one.source == record.source],
+                critical,
+            ),
+            '',
+            f'{escape(name)}: speed, and amplitude of the hunting component with the roughness '
+            'line removed. Marks are events of the detector, dashed lines the critical speeds of '
+            'the normal form.',
+            f'Speed and hunting amplitude of {name} against time',
+            wide=True,
+        )
+    return drawings
+
+
+def loop_drawing(result: Result, marks: Mapping[str, tuple[float, float]]) -> dict[str, Drawing]:
+    """Draw the hysteresis loop, with the letters of Fig. 5 on it; nothing without states."""
+    if not result.steady_states():
+        return {}
+    caption = (
+        'Steady-state amplitude of the lateral displacement as measured, speed increasing '
+        'and decreasing; bars are standard deviations. The critical speeds are read off the '
+        'jumps, shaded over half a speed step either side. Letters are the panels of Fig. 5.'
+    )
+    loop = hysteresis_loop(result, marks)
+    return {'fig06_hysteresis': Drawing(loop, 'Fig. 6', caption, 'Hysteresis loop')}
+
+
+def form_drawings(identified: IdentifiedNormalForm | None, result: Result) -> dict[str, Drawing]:
+    """Draw Figs. 3, 9, 10 and 11; nothing without a normal form, no Fig. 11 without a fold."""
+    if identified is None:
+        return {}
+    form = identified.form
+    lesson = (
+        ' No stable limit cycle is on it: the amplitudes measured need the quintic term.'
+        if form.D4 > 0.0
+        else ''
+    )
+    drawings = {
+        'fig03_cubic': Drawing(
+            cubic_alone(form, result),
+            'Fig. 3',
+            f'The normal form cut off after its cubic term.{lesson}',
+            'Bifurcation diagram of the cubic normal form with the measured points',
+        ),
+        'fig09_normal_form': Drawing(
+            normal_form_alone(form),
+            'Fig. 9',
+            'The identified normal form without dimensions: stable (solid) and unstable (dashed) '
+            'steady states.',
+            'Amplitude r against detuning',
+        ),
+        'fig10_bifurcation': Drawing(
+            diagram(identified, result),
+            'Fig. 10',
+            'Bifurcation diagram of the identified normal form over the measured points. Bands '
+            'hold the branch with 95 % probability, the bars on the axis the critical speeds.',
+            'Bifurcation diagram with bands over the measured points',
+            wide=True,
+        ),
+    }
+    if form.saddle_node() is not None:
+        observed = (result.value('observed.v_n'), result.value('observed.v_c'))
+        drawings['fig11_disturbance'] = Drawing(
+            disturbance_from_width(form, observed, result.value('disturbance_m')),
+            'Fig. 11',
+            'Hysteresis width (a) of the normal form, which is that of an infinitely small '
+            'disturbance, and (b) as measured. Thick arrows: from the state that was left to the '
+            'unstable branch, where the measured jump lies inside the hysteresis of the form.',
+            'Disturbance size from the hysteresis width',
+            wide=True,
+        )
+    return drawings
+
+
+def response_drawings(responses: Mapping[str, Response]) -> dict[str, Drawing]:
+    """Draw the panels of Fig. 5, by letter."""
+    return {
+        f'fig05{letter}_response': Drawing(
+            response_panels(response, letter),
+            f'Fig. 5{letter}',
+            f'{response.speed:.2f} m/s: time history, power spectrum with the hunting and '
+            'roughness lines, phase portrait, Poincaré section '
+            f'({escape(response.kind)}), and the distance of neighbouring orbits with the '
+            f'largest Lyapunov exponent. {_not_known(response)}',
+            f'Response at {response.speed:.2f} m/s',
+        )
+        for letter, response in responses.items()
+    }
+
+
+def poincare_drawing(pair: tuple[Response, Response] | None) -> dict[str, Drawing]:
+    """Draw Fig. 7; nothing without a state on both sides of v_c."""
+    if pair is None:
+        return {}
+    below, above = pair
+    caption = (
+        f'Poincaré maps below ({escape(below.kind)}) and above ({escape(above.kind)}) the linear '
+        'critical speed, speed increasing: one point a revolution of the roller, on the scale of '
+        'the whole orbit.'
+    )
+    figure = poincare_pair(below, above)
+    description = 'Poincaré maps either side of the critical speed'
+    return {'fig07_poincare': Drawing(figure, 'Fig. 7', caption, description, wide=True)}
+
+
+def frequency_drawing(found: Frequencies | None) -> dict[str, Drawing]:
+    """Draw frequency against amplitude; nothing where it could not be measured."""
+    if found is None:
+        return {}
+    caption = (
+        'Hunting frequency of the steady states against their amplitude. Neighbouring points are '
+        'at different speeds, for which the law of Eq. (25) accounts.'
+    )
+    figure = frequency_diagram(found)
+    return {'frequency': Drawing(figure, '', caption, 'Hunting frequency against amplitude')}
+
+
+def _not_known(response: Response) -> str:
+    """Say which panels are not known, and why, as HTML."""
+    return ' '.join(
+        f'<span class="unknown">{escape(panel)} not known: {escape(reason)}.</span>'
+        for panel, reason in response.unknown.items()
+    )
