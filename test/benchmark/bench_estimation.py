@@ -108,7 +108,7 @@ def windows() -> str:
                 out, phasor = signal.track(HuntingTracker(), sensors)
                 error = (out['lateral_amplitude'] - np.abs(phasor))[700:860]
                 errors.append(error / np.abs(phasor)[700:860])
-                scores.append((error / out['lateral_amplitude_std'][700:860])[6:])
+                scores.append((error / out['lateral_amplitude_std'][700:860])[12:])
             rms = np.sqrt(np.mean(np.square(errors), axis=0))
             time_s = (np.flatnonzero(rms > 0.05).max() + 702) * 0.01 - 7.0037
             score = float(np.sqrt(np.mean(np.square(scores))))
@@ -134,7 +134,7 @@ def windows() -> str:
             '5 % window, s',
             'bound of the notes, s',
             'bound with the second mode, s',
-            'rms of error/std from 60 ms on',
+            'rms of error/std from 0.12 s on',
         ],
         rows,
     )
