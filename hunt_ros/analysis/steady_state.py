@@ -19,6 +19,9 @@ from numpy.typing import NDArray
 
 Direction = Literal['up', 'down', 'hold']
 
+#: Distance of two kinds of amplitudes, quiet and hunting, at least, in ln A.
+_APART = math.log(2.5)
+
 
 @dataclass(frozen=True)
 class SteadyState:
@@ -194,7 +197,7 @@ def hunting_threshold(amplitudes: NDArray[np.float64]) -> float | None:
     Returns
     -------
     float or None
-        None where they are all of one kind (means less than a factor 2.5 apart).
+        None where they are all of one kind (less than a factor 2.5 apart).
 
     References
     ----------
@@ -208,9 +211,14 @@ def hunting_threshold(amplitudes: NDArray[np.float64]) -> float | None:
     low = sums[:-1] / below
     high = (sums[-1] - sums[:-1]) / (logs.size - below)
     best = int(np.argmax(below * (logs.size - below) * (high - low) ** 2))
-    if high[best] - low[best] < math.log(2.5):
+    if high[best] - low[best] >= _APART:
+        return float(math.exp(0.5 * (low[best] + high[best])))
+    # Few of one kind among many of the other: a gap parts them where no variance does.
+    gaps = np.diff(logs)
+    widest = int(np.argmax(gaps))
+    if gaps[widest] < _APART:
         return None
-    return float(math.exp(0.5 * (low[best] + high[best])))
+    return float(math.exp(0.5 * (logs[widest] + logs[widest + 1])))
 
 
 def observed_critical_speeds(

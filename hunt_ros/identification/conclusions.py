@@ -25,6 +25,7 @@ from hunt_ros.identification.lack_of_fit import (
     contradictions,
     following,
     lack_of_fit,
+    missed_transients,
 )
 from hunt_ros.identification.law_choice import FittedLaw
 from hunt_ros.identification.plateaus import Segment
@@ -93,7 +94,14 @@ def conclude(
     runs = len(evidence.envelopes)
     misfit = lack_of_fit(best.law, evidence.hunting)
     against = contradictions(evidence.hunting)
-    flagged = misfit.flagged or bool(against)
+    missed, transients = missed_transients(best, evidence.segments, evidence.envelopes)
+    astray = missed > max(0.3 * transients, 0.5)
+    if astray:
+        warnings.append(
+            f'lack of fit: {missed} of {transients} free transients go another way than the'
+            f' {best.law.name} law says; no fold is claimed'
+        )
+    flagged = misfit.flagged or bool(against) or astray
     warnings += against
     # A misfit is a systematic error: it widens all intervals in its proportion.
     stretch = 1.0 + (min(misfit.share / 0.01, 10.0) if flagged else 0.0)
@@ -110,7 +118,7 @@ def conclude(
         )
     fold = support.nonlinear and not flagged
     identified = numbers.identified(best.law.name) if support.complete else None
-    if identified is not None and flagged and misfit.share > 0.05:
+    if identified is not None and (astray or against or (flagged and misfit.share > 0.05)):
         warnings.append('the misfit is too large for a normal form: none is given')
         identified = None
     recipe = _recipe(identified, evidence.hunting, warnings)
@@ -120,7 +128,7 @@ def conclude(
         v_n=numbers.fold() if fold else None,
         hysteresis_width=numbers.width() if fold else None,
         coefficients=numbers.coefficients(support),
-        criticality=best.law.criticality if support.cubic else None,
+        criticality=best.law.criticality if support.cubic and not astray else None,
         length_scale=settings.length_scale,
         time_scale=settings.time_scale,
         branches=numbers.branches() if support.cubic else (),

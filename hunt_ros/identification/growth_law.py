@@ -157,16 +157,15 @@ class GrowthLaw:
         u = np.atleast_1d(self.detuning(speed))
         first, second = self.p[3] + self.p[4] * u, self._second(u)
         acting = _quadratic(second, first, self.linear(u))
+        w = acting
         if self.name == CONICITY:
             flat = np.full_like(acting, self.p[5])
-            roots = _quadratic(flat, np.ones_like(acting), -acting)
-            w = roots.reshape(-1, u.size)
-            k = w * (1.0 + self.p[5] * w)
-            slope = (first + 2.0 * second * k) * (1.0 + 2.0 * self.p[5] * w)
-        else:
-            w = acting
+            w = _quadratic(flat, np.ones_like(acting), -acting).reshape(-1, u.size)
+        with np.errstate(invalid='ignore', over='ignore'):
             slope = first + 2.0 * second * w
-        with np.errstate(invalid='ignore'):
+            if self.name == CONICITY:
+                k = w * (1.0 + self.p[5] * w)
+                slope = (first + 2.0 * second * k) * (1.0 + 2.0 * self.p[5] * w)
             exists = (w > 0.0) & (w < _LARGEST)
             unstable = np.min(np.where(exists & (slope > 0.0), w, np.inf), axis=0)
             above = exists & (slope < 0.0) & ((w > unstable) | ~np.isfinite(unstable))

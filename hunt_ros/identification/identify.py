@@ -76,6 +76,9 @@ def identify(
     tell(0.2)
     states = [state for run in runs for state in run.states]
     observed = observed_critical_speeds(states, [k for run in runs for k in run.kicks])
+    if observed.threshold is None:
+        amplitude = np.concatenate([run.envelope.amplitude for run in runs])
+        observed = replace(observed, threshold=hunting_threshold(amplitude))
     path, scales = _path(runs, frequency, settings)
     laws = fit_laws(path, scales, settings, observed.v_c, _floor(path))
     tell(_FITTED)

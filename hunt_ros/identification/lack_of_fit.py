@@ -10,8 +10,10 @@ import numpy as np
 from scipy import stats
 
 from hunt_ros.analysis.steady_state import SteadyState
+from hunt_ros.identification.envelope import Envelope
 from hunt_ros.identification.growth_law import GrowthLaw
 from hunt_ros.identification.law_choice import FittedLaw
+from hunt_ros.identification.plateaus import Segment
 
 #: A discrepancy is a lack of fit if chance makes it in one case of a hundred, and it is
 #: more than this share of the amplitude.
@@ -19,6 +21,8 @@ _LEVEL = 0.01
 _SHARE = 0.01
 #: Logarithm of the amplitude that a state counts as off where the law has no limit cycle.
 _ABSENT = 0.3
+#: Time over which random forcing adds up before damping forgets it, s.
+_MEMORY_S = 5.0
 
 
 @dataclass(frozen=True)
@@ -92,6 +96,52 @@ def lack_of_fit(law: GrowthLaw, states: Sequence[SteadyState]) -> LackOfFit:
     pure = max(float(np.sum((residual - fitted) ** 2)) / freedom, 1e-8)
     ratio = float(np.sum(fitted**2)) / 4.0 / pure
     return LackOfFit(float(stats.f.sf(ratio, 4, freedom)), float(np.sqrt(np.mean(fitted**2))))
+
+
+def missed_transients(
+    fitted: FittedLaw, segments: Sequence[Segment], envelopes: Sequence[Envelope]
+) -> tuple[int, int]:
+    """
+    Count the free transients that go another way than the law says.
+
+    Parameters
+    ----------
+    fitted : FittedLaw
+        The law, with the random forcing that was found beside it.
+    segments : sequence of Segment
+        Of all records.
+    envelopes : sequence of Envelope
+        Of all records.
+
+    Returns
+    -------
+    missed, all : int
+        A transient is missed where the change of ln A and the integral of the growth rate
+        along it are apart by more than a third of the larger, and by more than noise.
+    """
+    law, theta = fitted.law, fitted.fit.theta
+    # Below this the random forcing takes the motion where it likes, whatever the law.
+    forcing = math.sqrt(math.exp(theta[-3]) * _MEMORY_S + math.exp(theta[-2]))
+    floor = 4.0 * law.scales.amplitude * forcing
+    missed = count = 0
+    for envelope in envelopes:
+        for segment in segments:
+            if segment.kind != 'transient' or segment.source != envelope.source:
+                continue
+            stamp = envelope.start_ns + 1e9 * envelope.time
+            inside = (stamp >= segment.start_ns - 1e6) & (stamp <= segment.end_ns + 1e6)
+            amplitude, speed = envelope.amplitude[inside], envelope.speed[inside]
+            time = envelope.time[inside]
+            large = np.isfinite(amplitude) & (amplitude > floor)
+            if large.sum() < 4:
+                continue
+            amplitude, speed, time = amplitude[large], speed[large], time[large]
+            rate = law.growth_rate(speed, amplitude)
+            said = float(np.sum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time)))
+            seen = math.log(float(amplitude[-1] / amplitude[0]))
+            count += 1
+            missed += abs(said - seen) > 0.35 * max(abs(said), abs(seen)) + 0.4
+    return missed, count
 
 
 def following(laws: Sequence[FittedLaw], states: Sequence[SteadyState]) -> list[FittedLaw]:

@@ -34,6 +34,7 @@ from hunt_ros.identification.trajectory_fit import Prior, TrajectoryFit, fit_pat
 
 #: Rounds in which jumps of the path are looked for.
 _GATES = 6
+_MOST_JUMPS = 0.005
 #: Standard deviation of the prior on the seventh coefficient, in units of the first six's.
 _EXTRA = 0.3
 
@@ -101,7 +102,7 @@ def fit_laws(
     shape = _conicity_start(fits[EXTENDED][0].theta)
     fits[CONICITY] = (_finish(CONICITY, bent, shape, scales, settings), bent)
     evidence = {name: _evidence(fit, name, scales) for name, (fit, _) in fits.items()}
-    top = max(evidence.values())
+    top = max(max(evidence.values()), -1e300)
     weights = {name: math.exp(max(value - top, -50.0)) for name, value in evidence.items()}
     total = sum(weights.values())
     laws = [
@@ -155,8 +156,10 @@ def _conicity_start(theta: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _evidence(fit: TrajectoryFit, name: str, scales: GrowthScales) -> float:
     """Laplace's approximation to the log evidence, up to a constant."""
+    if not (np.isfinite(fit.information).all() and math.isfinite(fit.log_likelihood)):
+        return -math.inf
     sign, logarithm = np.linalg.slogdet(fit.information)
-    if sign <= 0.0 or not math.isfinite(fit.log_likelihood):
+    if sign <= 0.0:
         return -math.inf
     widths = _widths(name, scales)
     return float(fit.log_likelihood - 0.5 * logarithm - np.log(widths).sum())
@@ -185,7 +188,8 @@ def _fit_quintic(
     # A kick too small to be seen in its window shows as a jump of the path: start anew there.
     for _ in range(_GATES):
         jumps = _jumps(fit)
-        if not jumps.any():
+        # Kicks are few; where many samples stand out it is the law that is wrong.
+        if not jumps.any() or jumps.sum() > 3 + _MOST_JUMPS * jumps.size:
             break
         path = path.broken_at(jumps)
         fit = fit_path(path, fit.theta, widths, priors)

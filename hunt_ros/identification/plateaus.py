@@ -55,6 +55,8 @@ class Segment:
     used : bool
     reason : str
         What it was used for, or why it was dropped.
+    growth_rate, growth_rate_std : float
+        Mean d ln A / dt of a transient below half its largest amplitude, 1/s; NaN else.
     """
 
     kind: Kind
@@ -65,6 +67,8 @@ class Segment:
     speed_end: float
     used: bool
     reason: str
+    growth_rate: float = math.nan
+    growth_rate_std: float = math.nan
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry of `segments`."""
@@ -77,6 +81,10 @@ class Segment:
             'speed_end_mps': self.speed_end,
             'used': self.used,
             'reason': self.reason,
+            'growth_rate_per_s': self.growth_rate if math.isfinite(self.growth_rate) else None,
+            'growth_rate_std_per_s': self.growth_rate_std
+            if math.isfinite(self.growth_rate_std)
+            else None,
         }
 
 
@@ -178,19 +186,16 @@ def steady_part(amplitude: NDArray[np.float64], least: int) -> slice | None:
     start = 0
     while n - start >= least:
         tail = amplitude[start:]
-        half = tail.size // 2
-        first, second = tail[:half], tail[half:]
-        drift = abs(float(second.mean() - first.mean()))
-        error = math.hypot(_finite_error(first), _finite_error(second))
-        if drift <= max(2.5 * error, 0.01 * float(tail.mean())):
+        x = np.linspace(-0.5, 0.5, tail.size)
+        slope = float(x @ tail / (x @ x))
+        mean = float(tail.mean())
+        # Errors from what is left beside the trend, or a trend would excuse itself.
+        error = standard_error(tail - mean - slope * x)
+        error = math.sqrt(12.0) * error if math.isfinite(error) else 0.0
+        if abs(slope) <= max(2.5 * error, 0.01 * mean):
             return slice(start, n)
         start += max(1, (n - start) // 10)
     return None
-
-
-def _finite_error(values: NDArray[np.float64]) -> float:
-    error = standard_error(values)
-    return error if math.isfinite(error) else 0.0
 
 
 def _direction(envelope: Envelope, start: int, end: int, tolerance: float) -> Direction:
@@ -268,6 +273,8 @@ def analyse_record(
         edge = end
     for start, end in _transients(envelope, kicked):
         note('transient', start, end, True, 'free motion between quiet and limit cycle')
+        rate, error = _mean_growth(envelope, start, end)
+        segments[-1] = replace(segments[-1], growth_rate=rate, growth_rate_std=error)
     segments.sort(key=lambda segment: segment.start_ns)
     return segments, states
 
@@ -332,6 +339,11 @@ def _on_plateau(
         note('plateau', start, end, False, 'too short after the last kick or gap')
         return None
     tail = steady_part(amplitude[first:], least)
+    if tail is not None:
+        part = amplitude[first:][tail]
+        threshold = hunting_threshold(envelope.amplitude)
+        if threshold is not None and part.mean() > threshold and part.min() < 0.7 * part.max():
+            tail = None
     if tail is None:
         note('plateau', start, end, False, 'the amplitude is still changing at its end')
         return None
@@ -418,6 +430,16 @@ def _monotonic(
     if end - first > 1:
         parts.append((first, end))
     return parts
+
+
+def _mean_growth(envelope: Envelope, start: int, end: int) -> tuple[float, float]:
+    """Slope of ln A over the small part of a transient, and its deviation, 1/s."""
+    amplitude, time = envelope.amplitude[start:end], envelope.time[start:end]
+    small = amplitude < 0.5 * float(amplitude.max())
+    if small.sum() < 5:
+        return math.nan, math.nan
+    line, covariance = np.polyfit(time[small], np.log(amplitude[small]), 1, cov=True)
+    return float(line[0]), math.sqrt(float(covariance[0, 0]))
 
 
 def _transients(envelope: Envelope, kicked: NDArray[np.bool_]) -> list[tuple[int, int]]:
