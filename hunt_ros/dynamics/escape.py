@@ -177,7 +177,8 @@ def mean_escape_time(
     -------
     ndarray, shape (...)
         s; inf where it cannot happen (no limit cycle, or no noise below the
-        unstable amplitude) or takes more than about 1e300 s.
+        unstable amplitude) or takes more than about 1e300 s. It is the mean over all
+        ends: from above the unstable amplitude it counts the few that fall back first.
 
     Raises
     ------
@@ -206,10 +207,10 @@ def mean_escape_time(
         weight = _log_cumulative(np.log(grid / law(grid)) - potential, grid)
         integrand = np.full_like(grid, -math.inf)
         integrand[1:] = potential[1:] + weight[1:] - np.log(grid[1:])
-        top = float(integrand.max())
-        passed = _cumulative(np.exp(integrand - top), grid)
-        remaining = np.interp(a, grid, passed[-1] - passed, right=0.0)
-        exponent = np.log(remaining) + top
+        # From the roof down, so that a short time is not lost beside a long one.
+        pieces = np.logaddexp(integrand[1:], integrand[:-1]) + np.log(0.5 * np.diff(grid))
+        remaining = np.append(np.logaddexp.accumulate(pieces[::-1])[::-1], -math.inf)
+        exponent = _between(a, grid, remaining)
     huge = exponent > _LARGEST_EXPONENT
     return np.where(huge, math.inf, np.exp(np.where(huge, 0.0, exponent)))
 
@@ -242,6 +243,8 @@ def _grid(
         if rate > 0.0:
             width = math.sqrt(float(law(centre)) / rate)
             parts.append(centre + width * np.linspace(-8.0, 8.0, 257))
+            if width < roof:  # growth from there is even in the logarithm
+                parts.append(centre + np.geomspace(width, roof, 513))
     grid = np.concatenate(parts)
     return np.unique(grid[(grid >= floor) & (grid <= roof)])
 
@@ -268,9 +271,26 @@ def _cumulative(values: Array, grid: Array) -> Array:
 
 
 def _log_cumulative(logarithms: Array, grid: Array) -> Array:
-    """Logarithm of `_cumulative` of the exponentials: exp(700) and more cannot overflow."""
-    pieces = np.logaddexp(logarithms[1:], logarithms[:-1]) + np.log(0.5 * np.diff(grid))
+    """
+    Logarithm of the integral, from the first point, of a function given by its logarithm.
+
+    The logarithm is taken as linear between the points, because with little noise the
+    function changes by orders of magnitude from one to the next; nothing overflows.
+    """
+    low, high = np.sort([logarithms[1:], logarithms[:-1]], axis=0)
+    drop = np.maximum(high - low, 1e-12)
+    pieces = high + np.log(-np.expm1(-drop) / drop)
+    pieces[0] = np.logaddexp(*logarithms[:2]) - math.log(2.0)  # from amplitude 0: linear
+    pieces += np.log(np.diff(grid))
     return np.concatenate([[-math.inf], np.logaddexp.accumulate(pieces)])
+
+
+def _between(amplitude: Array, grid: Array, logarithms: Array) -> Array:
+    """Interpolate logarithms that end in -inf: linearly, in the last interval their values."""
+    inner = np.interp(amplitude, grid[:-1], logarithms[:-1])
+    share = (grid[-1] - amplitude) / (grid[-1] - grid[-2])
+    outer = logarithms[-2] + np.log(np.clip(share, 0.0, 1.0))
+    return np.asarray(np.where(amplitude > grid[-2], outer, inner), dtype=np.float64)
 
 
 def _time_without_noise(
