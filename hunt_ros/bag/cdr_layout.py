@@ -171,6 +171,8 @@ def locate(
         return walker.find((Nodetype.NAME, message_type), path, 0)
     except struct.error as error:
         raise ValueError('the message is shorter than its type') from error
+    except KeyError as error:
+        raise ValueError(f'its type has a part {error}, which is described nowhere') from error
 
 
 def _show(path: FieldPath) -> str:

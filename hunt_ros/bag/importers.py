@@ -28,6 +28,9 @@ TIMES: dict[str, float] = {
     'timestamp': 1.0, 'seconds': 1.0,
 }  # fmt: skip
 
+#: Times beyond this do not fit into whole nanoseconds of 64 bits, s.
+LATEST_S = 9e9
+
 
 def import_file(
     path: str | Path,
@@ -154,10 +157,12 @@ def _stamps(table: Table, time: str | None, path: str | Path) -> NDArray[np.int6
                 ' sample rate (--rate), or --time COLUMN'
             )
         source = ChannelSource('time', found, TIMES[found])
-    raw = select(table, source.source, path)
+    raw: NDArray[np.float64] = np.ma.filled(select(table, source.source, path), np.nan)
     if not np.isfinite(raw).all():
         row = int(np.flatnonzero(~np.isfinite(raw))[0])
         raise BagError(f'{path}: {source.source} is not finite in row {row}')
+    if (np.abs(raw * source.scale + source.offset) > LATEST_S).any():
+        raise BagError(f'{path}: {source.source} reaches beyond {LATEST_S:g} s, expected seconds')
     stamps = _to_ns(table, source, raw)
     backwards = np.flatnonzero(np.diff(stamps) < 0)
     if backwards.size:

@@ -53,7 +53,7 @@ def record_rows(
     if not total:
         return
     # Chunks of equal time, of about CHUNK_BYTES.
-    count = max(1, volume // CHUNK_BYTES)
+    count = -(-volume // CHUNK_BYTES)
     edges = np.linspace(record.start_ns, record.end_ns + 1, count + 1).astype(np.int64)
     edges[0], edges[-1] = record.start_ns, record.end_ns + 1
     for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from hunt_ros.bag.bag_metadata import FileEntry, TopicEntry, folder_metadata
-from hunt_ros.bag.blocks import Storage, expand_messages
+from hunt_ros.bag.blocks import expand_messages
 from hunt_ros.bag.mcap_file import McapFile
 from hunt_ros.bag.mcap_writer import McapWriter
 from hunt_ros.bag.message_types import definition_text
@@ -137,31 +137,56 @@ def _salvage(file: Path, target: Path, compressed: bool) -> Salvage:
             return salvage_mcap(file, target, messages_compressed=compressed)
         if file.suffix != '.db3':
             raise BagError(f'{file}: not a recording, expected .mcap or .db3')
-        storage = SqliteFile(file)
+        storage = SqliteFile(_whole_pages(file, Path(scratch)), cut_short=True)
         try:
             return _copy(storage, target, compressed)
         finally:
             storage.close()
 
 
-def _copy(storage: Storage, target: Path, compressed: bool) -> Salvage:
+def _whole_pages(file: Path, scratch: Path) -> Path:
+    """
+    Return an SQLite file without its last page, where that was cut.
+
+    SQLite would fill it up with zeros, and SQLite knows no checksum: a message that
+    reached into it would be read with zeros at its end.
+    """
+    with open(file, 'rb') as whole:
+        head = whole.read(18)
+        page = int.from_bytes(head[16:18], 'big')
+        page = 65536 if page == 1 else page
+        size = file.stat().st_size
+        if not head.startswith(b'SQLite format 3') or page < 512 or size % page == 0:
+            return file
+        if shutil.disk_usage(scratch).free < size:
+            raise BagError(f'{file}: no space in {scratch} for a copy of it')
+        copy = scratch / file.name
+        whole.seek(0)
+        with open(copy, 'wb') as out:
+            shutil.copyfileobj(whole, out)
+            out.truncate(size - size % page)
+    return copy
+
+
+def _copy(storage: SqliteFile, target: Path, compressed: bool) -> Salvage:
     """Copy the messages of an SQLite file, as far as it can be read."""
     result = Salvage()
     try:
         writer = McapWriter(target)
         topics = {topic.id: topic for topic in storage.topics}
+        keys = {topic: number for number, topic in enumerate(topics, 1)}
         for topic in topics.values():
             writer.add_topic(
-                topic.id, topic.name, topic.type, topic.definition, {},
+                keys[topic.id], topic.name, topic.type, topic.definition, {},
                 encoding=topic.encoding, definition_encoding=topic.definition_encoding,
             )  # fmt: skip
             result.types[topic.name] = topic.type
         try:
-            for block in storage.blocks(topics.keys()):
+            for block in storage.blocks(topics.keys(), order='id'):
                 whole = expand_messages(block, storage.path) if compressed else block
                 for key, places in whole.places.items():
                     for log_ns, start, length in zip(*(p.tolist() for p in places), strict=True):
-                        writer.add(key, log_ns, whole.data[start : start + length].tobytes())
+                        writer.add(keys[key], log_ns, whole.data[start : start + length].tobytes())
                         result.saved[topics[key].name] += 1
         except BagError as error:
             result.problems.append(str(error))

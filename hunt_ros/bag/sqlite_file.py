@@ -21,13 +21,20 @@ class SqliteFile:
     """
     A `.db3` file opened for reading, read-only and without locking out its recorder.
 
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    cut_short : bool
+        Open a file even if pages that it says it has are missing.
+
     Raises
     ------
     BagError
         If it is no SQLite file, or not one of a recording.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, *, cut_short: bool = False) -> None:
         self.path = str(path)
         self.problems: list[str] = []
         self.metadata: list[tuple[str, dict[str, str]]] = []
@@ -35,15 +42,23 @@ class SqliteFile:
             raise BagError(f'{path}: no such file, expected a .db3 recording')
         try:
             self._base = sqlite3.connect(f'{Path(path).resolve().as_uri()}?mode=ro', uri=True)
+            if cut_short:
+                # SQLite itself refuses such a file but for this, made for salvaging.
+                self._base.execute('PRAGMA writable_schema = ON')
             self._base.text_factory = lambda raw: raw.decode('utf-8', 'replace')
         except sqlite3.Error as error:
             raise self._damage(error) from error
         try:
             self.topics = self._read_topics()
+        except (sqlite3.Error, TypeError, ValueError, BagError) as error:
+            self._base.close()
+            raise error if isinstance(error, BagError) else self._damage(error) from error
+        try:
             self.counts = self._read_counts()
         except (sqlite3.Error, TypeError, ValueError) as error:
-            self._base.close()
-            raise self._damage(error) from error
+            # The topics are known: what can be read of the messages, the reading shows.
+            self.counts = {}
+            self.problems.append(str(self._damage(error)))
 
     def _read_topics(self) -> list[Topic]:
         tables = {row[0] for row in self._base.execute('SELECT name FROM sqlite_master')}
@@ -74,8 +89,8 @@ class SqliteFile:
             query = 'SELECT MIN(timestamp), MAX(timestamp) FROM messages'
             first, last = self._base.execute(query).fetchone()
             return None if first is None else (int(first), int(last))
-        except (sqlite3.Error, TypeError, ValueError) as error:
-            raise self._damage(error) from error
+        except (sqlite3.Error, TypeError, ValueError):
+            return None
 
     def close(self) -> None:
         """Let go of the file."""
@@ -87,11 +102,13 @@ class SqliteFile:
         start_ns: int | None = None,
         end_ns: int | None = None,
         damaged: Callable[[BagError], None] | None = None,
+        order: str = 'timestamp, id',
     ) -> Iterator[Block]:
         """
         Yield the messages of these topics with start_ns <= log time < end_ns, in log order.
 
-        `damaged` is told where the file cannot be read on.
+        `damaged` is told where the file cannot be read on. Read in the order of 'id', a
+        damaged file gives what stands before the damage; sorting would meet it first.
 
         Raises
         ------
@@ -105,27 +122,39 @@ class SqliteFile:
             query, values = f'{query} AND timestamp >= ?', [*values, start_ns]
         if end_ns is not None:
             query, values = f'{query} AND timestamp < ?', [*values, end_ns]
-        try:
-            cursor = self._base.execute(f'{query} ORDER BY timestamp, id', values)
-            while True:
-                messages: dict[int, list[tuple[int, bytes]]] = {}
-                count = size = 0
+        cursor: sqlite3.Cursor | None = None
+        failure: Exception | None = None
+        while failure is None:
+            messages: dict[int, list[tuple[int, bytes]]] = {}
+            count = size = 0
+            try:
+                cursor = cursor or self._base.execute(f'{query} ORDER BY {order}', values)
                 while count < _ROWS and size < _BYTES and (row := cursor.fetchone()) is not None:
-                    key, stamp, raw = row
-                    raw = bytes(raw) if isinstance(raw, bytes | memoryview) else _refuse(raw)
-                    messages.setdefault(int(key), []).append((int(stamp), raw))
+                    key, stamp, raw = int(row[0]), _stamp(row[1]), _message(row[2])
+                    messages.setdefault(key, []).append((stamp, raw))
                     count, size = count + 1, size + len(raw)
-                if not count:
-                    return
+            except (sqlite3.Error, TypeError, ValueError, OverflowError) as error:
+                failure = error
+            if count:
                 yield pack_messages(messages)
-        except (sqlite3.Error, TypeError, ValueError, OverflowError) as error:
-            if damaged is None:
-                raise self._damage(error) from error
-            damaged(self._damage(error))
+            elif failure is None:
+                return
+        if damaged is None:
+            raise self._damage(failure) from failure
+        damaged(self._damage(failure))
 
     def _damage(self, error: Exception) -> BagError:
-        return BagError(f'{self.path}: not a sound SQLite recording ({error})')
+        reason = ' '.join(str(error).split())
+        return BagError(f'{self.path}: not a sound SQLite recording ({reason:.120})')
 
 
-def _refuse(value: object) -> bytes:
-    raise ValueError(f'a message is a {type(value).__name__}, expected bytes')
+def _stamp(value: object) -> int:
+    if not isinstance(value, int) or value < 0:
+        raise ValueError(f'{value!r} is not a time')
+    return value
+
+
+def _message(value: object) -> bytes:
+    if not isinstance(value, bytes):
+        raise ValueError(f'a message is a {type(value).__name__}, expected bytes')
+    return value

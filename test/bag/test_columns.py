@@ -1,0 +1,331 @@
+"""Columns gathered from bytes equal what rosbags deserialises, for any type and any storage."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zstandard
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.writer import CompressionType, IndexType
+from mcap.writer import Writer as PeerMcapWriter
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from hunt_ros.bag import Bag, BagWriter, ChannelSource, read_columns, read_record, write_record
+from hunt_ros.bag.columns import find_topic
+from hunt_ros.errors import BagError
+from hunt_ros.samples import Record, Series
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+STORE.register(
+    get_types_from_msg(
+        'std_msgs/Header header\nstring[] labels\nSample[] samples\nfloat32[3] fixed\n'
+        'uint8 flag\nint64[] counts\nfloat64 last\n'
+        + '=' * 80
+        + '\nMSG: lab_msgs/Sample\nbool ok\nfloat64 value\nstring note\nint16 small\n',
+        'lab_msgs/msg/Mixed',
+    )
+)
+TYPES = STORE.types
+BEGIN_NS = 1_600_000_000_123_456_789
+
+
+def header(stamp_ns: int, frame: str = ''):
+    seconds, rest = divmod(stamp_ns, 10**9)
+    stamp = TYPES['builtin_interfaces/msg/Time'](sec=seconds, nanosec=rest)
+    return TYPES['std_msgs/msg/Header'](stamp=stamp, frame_id=frame)
+
+
+def mixed(rng: np.random.Generator, stamp_ns: int):
+    text = lambda: 'x' * int(rng.integers(0, 6))  # noqa: E731
+    samples = [
+        TYPES['lab_msgs/msg/Sample'](
+            ok=bool(rng.integers(2)),
+            value=rng.normal(),
+            note=text(),
+            small=int(rng.integers(-9, 9)),
+        )
+        for _ in range(rng.integers(2, 4))
+    ]
+    return TYPES['lab_msgs/msg/Mixed'](
+        header=header(stamp_ns, text()),
+        labels=[text() for _ in range(rng.integers(0, 3))],
+        samples=samples,
+        fixed=rng.normal(size=3).astype(np.float32),
+        flag=int(rng.integers(256)),
+        counts=rng.integers(-(2**50), 2**50, size=rng.integers(0, 3)),
+        last=rng.normal(),
+    )
+
+
+FIELDS: dict[str, Callable] = {
+    'samples[1].value': lambda m: m.samples[1].value,
+    'samples[1].small': lambda m: m.samples[1].small,
+    'samples[0].ok': lambda m: m.samples[0].ok,
+    'fixed[2]': lambda m: m.fixed[2],
+    'flag': lambda m: m.flag,
+    'last': lambda m: m.last,
+    'header.stamp.nanosec': lambda m: m.header.stamp.nanosec,
+}
+
+
+@given(st.integers(0, 2**32), st.booleans())
+@settings(max_examples=25, deadline=None)
+def test_any_field_of_messages_of_varying_layout_equals_deserialisation(
+    tmp_path_factory: pytest.TempPathFactory, seed: int, little: bool
+) -> None:
+    rng = np.random.default_rng(seed)
+    folder = tmp_path_factory.mktemp('mixed')
+    messages = [mixed(rng, BEGIN_NS + 10 * index) for index in range(30)]
+    text, _ = STORE.generate_msgdef('lab_msgs/msg/Mixed', ros_version=2)
+    with BagWriter(folder / 'run', chunk_bytes=700) as writer:
+        key = writer.topic('/daq', 'lab_msgs/msg/Mixed', definition=text)
+        for index, message in enumerate(messages):
+            raw = STORE.serialize_cdr(message, 'lab_msgs/msg/Mixed', little_endian=little)
+            writer.write(key, BEGIN_NS + 10 * index + 3, bytes(raw))
+    sources = [ChannelSource(name, f'/daq.{name}') for name in FIELDS]
+    columns = read_columns(folder / 'run', sources)
+    for name, pick in FIELDS.items():
+        np.testing.assert_array_equal(columns[name].values, [float(pick(m)) for m in messages])
+        np.testing.assert_array_equal(columns[name].stamps_ns, BEGIN_NS + 10 * np.arange(30))
+    logged = read_columns(folder / 'run', sources[:1], stamps='log')
+    np.testing.assert_array_equal(
+        next(iter(logged.values())).stamps_ns, BEGIN_NS + 3 + 10 * np.arange(30)
+    )
+
+
+def write_peer_mcap(path: Path, record: Record, **options) -> Path:
+    """The same record by the writer of the package mcap."""
+    from hunt_ros.bag.message_types import definition_text
+    from hunt_ros.bag.record_rows import CHANNEL_FIELDS, serialise
+
+    with open(path, 'wb') as file:
+        writer = PeerMcapWriter(file, chunk_size=20_000, **options)
+        writer.start('ros2')
+        for name, series in record.items():
+            kind = CHANNEL_FIELDS[name][0]
+            schema = writer.register_schema(kind, 'ros2msg', definition_text(kind)[0].encode())
+            key = writer.register_channel(f'/rig/{name}', 'cdr', schema)
+            rows = zip(series.stamps_ns.tolist(), serialise(name, series), strict=True)
+            for at, message in rows:
+                writer.add_message(key, at, bytes(message), at)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize(
+    'options',
+    [
+        {'compression': CompressionType.NONE},
+        {'compression': CompressionType.LZ4},
+        {'compression': CompressionType.ZSTD},
+        {'index_types': IndexType.NONE},
+        {'index_types': IndexType.CHUNK},
+        {'index_types': IndexType.MESSAGE},
+        {'use_chunking': False},
+        {'repeat_channels': False, 'repeat_schemas': False},
+        {'use_statistics': False},
+        {'use_summary_offsets': False},
+        {'enable_crcs': False},
+    ],
+    ids=str,
+)
+def test_every_form_of_mcap_reads_the_same(new_record, same, tmp_path: Path, options) -> None:
+    record = new_record(seconds=1.0)
+    same(record, read_record(write_peer_mcap(tmp_path / 'peer.mcap', record, **options)))
+
+
+def write_rosbags(path: Path, record: Record, version: int, plugin, mode=None) -> Path:
+    """The same record by the writer of the package rosbags."""
+    from hunt_ros.bag.record_rows import CHANNEL_FIELDS, serialise
+
+    writer = Writer(path, version=version, storage_plugin=plugin)
+    if mode is not None:
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        for name, series in record.items():
+            connection = writer.add_connection(
+                f'/rig/{name}', CHANNEL_FIELDS[name][0], typestore=STORE
+            )
+            rows = zip(series.stamps_ns.tolist(), serialise(name, series), strict=True)
+            for at, message in rows:
+                writer.write(connection, at, bytes(message))
+    return path
+
+
+@pytest.mark.parametrize('version', [8, 9])
+@pytest.mark.parametrize('plugin', [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+@pytest.mark.parametrize('mode', [None, CompressionMode.FILE, CompressionMode.MESSAGE])
+def test_every_form_of_rosbag2_reads_the_same(
+    new_record, same, tmp_path: Path, version, plugin, mode
+) -> None:
+    record = new_record(seconds=0.5)
+    path = write_rosbags(tmp_path / 'peer', record, version, plugin, mode)
+    same(record, read_record(path))
+    (file,) = (name for name in path.iterdir() if name.name != 'metadata.yaml')
+    if mode is not CompressionMode.MESSAGE:
+        same(record, read_record(file))
+
+
+@pytest.mark.parametrize('version', [4, 5, 6, 7])
+def test_older_metadata_reads_the_same(new_record, same, tmp_path: Path, version: int) -> None:
+    import yaml
+
+    record = new_record(seconds=0.5)
+    path = write_record(tmp_path / 'run', record)
+    document = yaml.safe_load((path / 'metadata.yaml').read_text())
+    info = document['rosbag2_bagfile_information']
+    info['version'] = version
+    later = {'files': 5, 'custom_data': 6, 'ros_distro': 8}
+    for key, since in later.items():
+        if version < since:
+            del info[key]
+    for topic in info['topics_with_message_count']:
+        del topic['topic_metadata']['type_description_hash']
+    (path / 'metadata.yaml').write_text(yaml.safe_dump(document))
+    same(record, read_record(path))
+
+
+@given(st.integers(-100, 9000), st.integers(-100, 9000))
+@settings(max_examples=40, deadline=None)
+def test_a_time_slice_is_that_part_of_the_whole(bag: Path, record, first: int, last: int) -> None:
+    start, end = record.start_ns + first * 10**6, record.start_ns + last * 10**6
+    columns = read_columns(bag, ['a=/rig/lateral', 'b=/rig/speed'], start_ns=start, end_ns=end)
+    for name, channel in (('a', 'lateral'), ('b', 'speed')):
+        expected = record[channel].between(start, end)
+        np.testing.assert_array_equal(columns[name].stamps_ns, expected.stamps_ns)
+        np.testing.assert_array_equal(columns[name].values, expected.values)
+
+
+def test_a_time_slice_does_not_open_the_other_chunks(bag: Path, record, tmp_path: Path) -> None:
+    with Bag(bag) as opened:
+        chunks = opened.files[0]._layout.chunks
+        assert len(chunks) > 1
+        damaged = bytearray(next(bag.glob('*.mcap')).read_bytes())
+        damaged[chunks[-1].data + 40] ^= 0xFF
+    file = tmp_path / 'damaged.mcap'
+    file.write_bytes(damaged)
+    end = chunks[0].last_ns
+    part = read_columns(file, ['a=/rig/lateral'], end_ns=end)
+    assert len(part['a']) == len(record['lateral'].between(0, end))
+    with pytest.raises(BagError, match=r'chunk at byte \d+.*--repair'):
+        read_columns(file, ['a=/rig/lateral'])
+
+
+def test_scale_offset_and_constants(bag: Path, record) -> None:
+    columns = read_columns(bag, ['a=/rig/lateral*1000', 'b=speed/2+1', 'c=16.3'])
+    np.testing.assert_array_equal(columns['a'].values, record['lateral'].values * 1000)
+    np.testing.assert_array_equal(columns['b'].values, record['speed'].values * 0.5 + 1)
+    assert columns['c'].values.tolist() == [16.3, 16.3]
+    mapped = read_record(bag, ['speed=16.3', 'yaw=/rig/lateral*0.1'])
+    assert set(mapped['speed'].values) == {16.3}
+    assert mapped['speed'].rate_hz == pytest.approx(100.0)
+    assert mapped.start_ns == record.start_ns
+    np.testing.assert_array_equal(mapped['yaw'].values, record['lateral'].values * 0.1)
+
+
+def test_log_time_stands_in_where_the_headers_are_empty(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'run') as writer:
+        key = writer.topic('/t', 'geometry_msgs/msg/TwistStamped')
+        plain = writer.topic('/p', 'std_msgs/msg/Float64')
+        vector = TYPES['geometry_msgs/msg/Vector3'](x=1.0, y=2.0, z=3.0)
+        twist = TYPES['geometry_msgs/msg/Twist'](linear=vector, angular=vector)
+        message = TYPES['geometry_msgs/msg/TwistStamped'](header=header(0), twist=twist)
+        raw = bytes(STORE.serialize_cdr(message, 'geometry_msgs/msg/TwistStamped'))
+        for at in (5, 6, 7):
+            writer.write(key, at, raw)
+            writer.write(plain, at, b'\0\1\0\0' + struct.pack('<d', at / 2))
+    columns = read_columns(tmp_path / 'run', ['a=/t.twist.angular.z', 'b=p'])
+    assert columns['a'].stamps_ns.tolist() == columns['b'].stamps_ns.tolist() == [5, 6, 7]
+    assert columns['a'].values.tolist() == [3.0] * 3
+    assert columns['b'].values.tolist() == [2.5, 3.0, 3.5]
+
+
+@pytest.mark.parametrize(
+    ('source', 'words'),
+    [
+        ('a=/nowhere.x', r"no topic '/nowhere'.*it has /rig/"),
+        ('a=/rig/speed.twist.linear.w', r"no field 'w' in twist.linear.*'x', 'y', 'z'"),
+        ('a=/rig/speed.twist.linear', 'is not a number'),
+        ('a=/rig/lateral.position', r'is an array.*position\[0\]'),
+        ('a=/rig/lateral.position[3]', r'there is no \[3\]'),
+        ('a=/rig/lateral.name[0]', 'is a string'),
+        ('a=/rig/lateral.position..x', 'no field path'),
+        ('a=/rig/hunting/normal_form.data', 'is a string'),
+    ],
+)
+def test_what_is_not_there_is_said_in_one_line(bag: Path, source: str, words: str) -> None:
+    with pytest.raises(BagError, match=words) as caught:
+        read_columns(bag, [source])
+    assert '\n' not in str(caught.value)
+
+
+def test_missing_bags_and_channels_are_said_in_one_line(bag: Path, tmp_path: Path) -> None:
+    with pytest.raises(BagError, match='no such recording'):
+        read_record(tmp_path / 'nothing')
+    with pytest.raises(BagError, match='an empty folder'):
+        read_record(tmp_path)
+    (tmp_path / 'empty.mcap').touch()
+    with pytest.raises(BagError, match='empty'):
+        read_record(tmp_path / 'empty.mcap')
+    (tmp_path / 'text.mcap').write_text('hello')
+    with pytest.raises(BagError, match='not an MCAP file'):
+        read_record(tmp_path / 'text.mcap')
+    (tmp_path / 'text.db3').write_text('hello')
+    with pytest.raises(BagError, match='SQLite'):
+        read_record(tmp_path / 'text.db3')
+    (tmp_path / 'packed.mcap.zstd').write_bytes(zstandard.compress(b'hello'))
+    with pytest.raises(BagError, match='not an MCAP file'):
+        read_record(tmp_path / 'packed.mcap.zstd')
+    (tmp_path / 'table.xls').write_text('hello')
+    with pytest.raises(BagError, match='not a recording'):
+        read_record(tmp_path / 'table.xls')
+    only_yaw = Record({'yaw': Series([1, 2], [1.0, 2.0])})
+    path = write_record(tmp_path / 'yaw', only_yaw)
+    with pytest.raises(BagError, match='channel speed is not in it'):
+        read_record(path, require=['speed'])
+
+
+def test_two_rigs_in_one_bag_need_a_namespace(tmp_path: Path, new_record, same) -> None:
+    from hunt_ros.bag.record_rows import record_rows
+
+    first, second = new_record(seconds=0.2, seed=1), new_record(seconds=0.2, seed=2)
+    with BagWriter(tmp_path / 'two') as writer:
+        for name, record in (('a', first), ('b', second)):
+            for rows in record_rows(record, writer.topic, name):
+                writer.write_rows(rows)
+    with pytest.raises(BagError, match='several topics'):
+        read_record(tmp_path / 'two')
+    same(second, read_record(tmp_path / 'two', namespace='b'))
+    with Bag(tmp_path / 'two') as bag:
+        assert find_topic(bag, ChannelSource('x', 'a/lateral')) == '/a/lateral'
+
+
+def test_memory_is_the_columns_and_some_blocks(tmp_path: Path, new_record) -> None:
+    import tracemalloc
+
+    path = write_record(tmp_path / 'long', new_record(seconds=200.0), compression='zstd')
+    with Bag(path) as bag:
+        read_columns(bag, ['a=/rig/yaw'])
+        tracemalloc.start()
+        column = read_columns(bag, ['a=/rig/yaw'])['a']
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+    # stamps, log stamps and values, once in parts and once joined; and a block with its places.
+    assert peak < 6 * 8 * len(column) + 5 * (1 << 22)
+
+
+def test_messages_in_any_order_come_out_in_the_order_of_log_time(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    order = rng.permutation(500)
+    with BagWriter(tmp_path / 'run', chunk_bytes=1000) as writer:
+        key = writer.topic('/p', 'std_msgs/msg/Float64')
+        for at in order.tolist():
+            writer.write(key, at + 1, b'\0\1\0\0' + struct.pack('<d', at))
+    column = read_columns(tmp_path / 'run', ['a=p'])['a']
+    np.testing.assert_array_equal(column.values, np.arange(500.0))

@@ -1,0 +1,258 @@
+"""Damaged recordings: what is sound is saved, and nothing that was not there."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from hunt_ros.bag import Bag, BagWriter, read_record, write_record
+from hunt_ros.bag.inspection import inspect
+from hunt_ros.bag.messages import read_raw
+from hunt_ros.bag.record_rows import CHANNEL_FIELDS, serialise
+from hunt_ros.bag.recovery import BeingRecorded, finalise, finalise_left, repair
+from hunt_ros.errors import BagError
+from hunt_ros.samples import Record
+
+
+def message_set(path: Path) -> set[tuple[str, int, bytes]]:
+    with Bag(path) as bag:
+        return {(m.topic, m.log_ns, m.data) for m in read_raw(bag, list(bag.topics))}
+
+
+def write_chunks(path: Path, record: Record, compression: str, chunk_bytes: int) -> Path:
+    """Message by message, in chunks as small as a recorder's."""
+    with BagWriter(path, compression=compression, chunk_bytes=chunk_bytes) as writer:
+        rows = []
+        for name, series in record.items():
+            key = writer.topic(f'/rig/{name}', CHANNEL_FIELDS[name][0])
+            stamps = series.stamps_ns.tolist()
+            messages = serialise(name, series)
+            rows += [(at, key, bytes(m)) for at, m in zip(stamps, messages, strict=True)]
+        for at, key, message in sorted(rows):
+            writer.write(key, at, message)
+    return path
+
+
+@pytest.fixture(scope='module', params=['', 'lz4', 'zstd'])
+def small(request, new_record, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp('small')
+    return write_chunks(folder / 'run', new_record(seconds=0.05), request.param, 2000)
+
+
+def test_every_prefix_is_read_inspected_and_repaired(small: Path, tmp_path: Path) -> None:
+    whole = message_set(small)
+    data = (small / 'run_0.mcap').read_bytes()
+    file = tmp_path / 'cut.mcap'
+    best = 0
+    step = max(1, len(data) // 250)
+    for length in [*range(0, len(data), step), len(data) - 1]:
+        file.write_bytes(data[:length])
+        target = tmp_path / f'saved_{length}'
+        try:
+            report = repair(file, target)
+        except BagError:
+            # Nothing is saved only where not even one message is whole.
+            assert best == 0
+            continue
+        saved = message_set(target)
+        assert saved <= whole
+        assert report.messages == len(saved) >= best
+        best = len(saved)
+        # Read as it is: whole chunks, no more than there are.
+        assert message_set(file) <= saved
+        assert {p.kind for p in inspect(target).problems} <= {'missing_channel'}
+        kinds = {problem.kind for problem in inspect(file).problems}
+        assert 'not_closed' in kinds
+        shutil.rmtree(target)
+    assert best == len(whole)
+
+
+def test_a_chunk_with_a_wrong_crc_is_named_and_left_out(small: Path, tmp_path: Path) -> None:
+    with Bag(small) as bag:
+        chunks = bag.files[0]._layout.chunks
+    data = bytearray((small / 'run_0.mcap').read_bytes())
+    bad = chunks[len(chunks) // 2]
+    data[bad.data + bad.stored // 2] ^= 0x10
+    file = tmp_path / 'bad.mcap'
+    file.write_bytes(data)
+    with pytest.raises(BagError, match=rf'chunk at byte {bad.offset}'):
+        read_record(file)
+    found = inspect(file)
+    assert [problem.kind for problem in found.problems] == ['damaged_chunk']
+    report = repair(file, tmp_path / 'saved')
+    assert message_set(tmp_path / 'saved') < message_set(small)
+    assert report.lost_spans_ns == [(bad.first_ns, bad.last_ns)]
+    assert report.lost_bytes >= bad.stored
+    assert found.messages == report.messages
+    with AnyReader([tmp_path / 'saved']) as reader:
+        assert sum(1 for _ in reader.messages()) == report.messages
+
+
+def test_damage_to_a_length_loses_that_chunk_and_no_other(small: Path, tmp_path: Path) -> None:
+    with Bag(small) as bag:
+        chunks = bag.files[0]._layout.chunks
+    data = bytearray((small / 'run_0.mcap').read_bytes())
+    bad = chunks[1]
+    data[bad.offset + 1 : bad.offset + 9] = (1 << 63).to_bytes(8, 'little')  # 8 EiB
+    file = tmp_path / 'bad.mcap'
+    file.write_bytes(data)
+    repair(file, tmp_path / 'saved')
+    saved, whole = message_set(tmp_path / 'saved'), message_set(small)
+    lost = whole - saved
+    assert saved < whole
+    assert all(bad.first_ns <= log_ns <= bad.last_ns for _, log_ns, _ in lost)
+
+
+@pytest.mark.parametrize('compression', ['', 'lz4', 'zstd'])
+def test_a_chunk_that_claims_8_eib_is_refused(new_record, tmp_path: Path, compression) -> None:
+    import zlib
+
+    path = write_chunks(tmp_path / 'run', new_record(seconds=0.05), compression, 10**6)
+    (file,) = path.glob('*.mcap')
+    with Bag(path) as bag:
+        (chunk,) = bag.files[0]._layout.chunks
+    data = bytearray(file.read_bytes())
+    claim = ((1 << 63) - 1).to_bytes(8, 'little')
+    size = chunk.size.to_bytes(8, 'little')
+    # In the chunk and in the summary, whose CRC is put right.
+    start = chunk.end
+    summary = data.find(size, start)
+    data[chunk.offset + 9 + 16 : chunk.offset + 9 + 24] = claim
+    data[summary : summary + 8] = claim
+    footer = len(data) - 8 - 29
+    begin = int.from_bytes(data[footer + 9 : footer + 17], 'little')
+    data[-12:-8] = zlib.crc32(bytes(data[begin:-12])).to_bytes(4, 'little')
+    file.write_bytes(data)
+    with pytest.raises(BagError, match='claims to hold 9223372036854775807 bytes'):
+        read_record(path)
+    with pytest.raises(BagError, match='nothing to save'):
+        repair(path, tmp_path / 'saved')
+    assert not (tmp_path / 'saved').exists()
+
+
+def test_a_missing_index_is_made_good(small: Path, tmp_path: Path) -> None:
+    """An index that contradicts its chunk is not believed: the chunk is walked."""
+    with Bag(small) as bag:
+        layout = bag.files[0]._layout
+        places = [place for index in layout.indexes.values() for place in index.values()]
+    data = bytearray((small / 'run_0.mcap').read_bytes())
+    for offset, count in places:
+        data[offset + 8 : offset + 16] = (3).to_bytes(8, 'little')
+        assert count
+    file = tmp_path / 'bad.mcap'
+    file.write_bytes(data)
+    assert message_set(file) == message_set(small)
+
+
+def test_a_cut_sqlite_bag_saves_what_can_be_read(new_record, tmp_path: Path) -> None:
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    record = new_record(seconds=2.0)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Writer(tmp_path / 'peer', version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        connection = writer.add_connection(
+            '/rig/lateral', CHANNEL_FIELDS['lateral'][0], typestore=store
+        )
+        series = record['lateral']
+        rows = zip(series.stamps_ns.tolist(), serialise('lateral', series), strict=True)
+        for at, message in rows:
+            writer.write(connection, at, bytes(message))
+    (file,) = (tmp_path / 'peer').glob('*.db3')
+    whole = message_set(file)
+    data = file.read_bytes()
+    file.write_bytes(data[: len(data) * 6 // 10])
+    with pytest.raises(BagError, match='SQLite'):
+        read_record(file)
+    report = repair(tmp_path / 'peer', tmp_path / 'saved')
+    saved = message_set(tmp_path / 'saved')
+    assert saved < whole
+    assert len(saved) > 0.3 * len(whole)
+    assert any('SQLite' in problem for problem in report.problems)
+
+
+def active_copy(small: Path, tmp_path: Path, cut: int) -> Path:
+    active = tmp_path / 'run.active'
+    active.mkdir()
+    data = (small / 'run_0.mcap').read_bytes()
+    (active / 'run_0.mcap').write_bytes(data[:-cut])
+    return active
+
+
+def test_what_a_dead_recorder_left_is_read_as_it_is_and_closed(
+    small: Path, tmp_path: Path
+) -> None:
+    active = active_copy(small, tmp_path, 500)
+    before = message_set(active)
+    assert before
+    # Found under its final name, too.
+    assert message_set(tmp_path / 'run') == before
+    assert 'not closed' in read_record(active).notes['problems']
+    assert finalise_left(tmp_path) == [
+        f'{tmp_path / "run"}: closed, its recorder had ended without doing so'
+    ]
+    assert not active.exists()
+    assert message_set(tmp_path / 'run') >= before
+    assert inspect(tmp_path / 'run').problems == []
+    assert finalise_left(tmp_path) == []
+
+
+def test_a_running_recording_is_left_alone(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'run') as writer:
+        key = writer.topic('/a', 'std_msgs/msg/String')
+        writer.write(key, 1, b'\x00\x01\x00\x00\x02\x00\x00\x00x\x00')
+        writer.flush()
+        with pytest.raises(BeingRecorded):
+            finalise(tmp_path / 'run.active')
+        assert finalise_left(tmp_path) == []
+    assert len(message_set(tmp_path / 'run')) == 1
+
+
+def test_a_closed_recording_is_not_overwritten_by_what_was_left(
+    small: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(small, tmp_path / 'run')
+    before = message_set(tmp_path / 'run')
+    active_copy(small, tmp_path, 500)
+    assert finalise(tmp_path / 'run.active') == tmp_path / 'run_1'
+    assert message_set(tmp_path / 'run') == before
+
+
+def test_a_folder_without_a_message_is_reported_and_kept(tmp_path: Path) -> None:
+    (tmp_path / 'run.active').mkdir()
+    (tmp_path / 'run.active' / 'run_0.mcap').touch()
+    (line,) = finalise_left(tmp_path)
+    assert 'no whole message' in line
+    assert (tmp_path / 'run.active').exists()
+
+
+def test_repair_never_writes_over_anything(small: Path, tmp_path: Path) -> None:
+    (tmp_path / 'out').mkdir()
+    with pytest.raises(BagError, match='exists already'):
+        repair(small, tmp_path / 'out')
+    assert not list((tmp_path / 'out').iterdir())
+
+
+def test_repair_of_a_sound_bag_is_the_same_bag(small: Path, tmp_path: Path) -> None:
+    report = repair(small, tmp_path / 'out')
+    assert report.lost_bytes == 0
+    assert report.problems == []
+    assert message_set(tmp_path / 'out') == message_set(small)
+    np.testing.assert_array_equal(
+        read_record(tmp_path / 'out')['yaw'].values, read_record(small)['yaw'].values
+    )
+
+
+def test_unchunked_files_and_split_folders_are_repaired(new_record, tmp_path: Path) -> None:
+    record = new_record(seconds=0.2)
+    path = write_record(tmp_path / 'run', record)
+    (file,) = path.glob('*.mcap')
+    shutil.copy(file, path / 'run_1.mcap')
+    (path / 'run_2.mcap').write_bytes(file.read_bytes()[:-3000])
+    report = repair(path, tmp_path / 'out')
+    assert len(list((tmp_path / 'out').glob('*.mcap'))) == 3
+    assert report.messages > 2 * sum(map(len, record.values()))

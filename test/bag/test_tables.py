@@ -1,0 +1,206 @@
+"""Files of other programs in, tables out: exact, and every fault named with its place."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from hunt_ros.bag import read_record, write_record
+from hunt_ros.bag.exporters import aligned, export_file
+from hunt_ros.bag.importers import import_file, load_record
+from hunt_ros.bag.tables import load_table, select
+from hunt_ros.errors import BagError
+from hunt_ros.samples import Record, Series
+
+FLUTTER = Path(__file__).parents[2] / '../shared/data/flutter_rig'
+MAPPING = ['yaw=data[0]', 'lateral=data[1]*0.47', 'speed=16.3']
+
+
+@pytest.fixture
+def matrix() -> np.ndarray:
+    return np.random.default_rng(2).normal(size=(6, 500))
+
+
+def check_matrix(record: Record, matrix: np.ndarray) -> None:
+    np.testing.assert_array_equal(record['yaw'].values, matrix[0])
+    np.testing.assert_array_equal(record['lateral'].values, matrix[1] * 0.47)
+    np.testing.assert_array_equal(
+        record['yaw'].stamps_ns, 10**9 + np.round(np.arange(500) * 4e6).astype(np.int64)
+    )
+    assert set(record['speed'].values) == {16.3}
+    assert record['speed'].stamps_ns[0] == record['yaw'].stamps_ns[0]
+    assert record['speed'].stamps_ns[-1] == record['yaw'].stamps_ns[-1]
+
+
+def test_matlab_5_and_7_3_and_numpy_hold_the_same(matrix: np.ndarray, tmp_path: Path) -> None:
+    savemat(tmp_path / 'five.mat', {'data': matrix})
+    h5py = pytest.importorskip('h5py', reason='the extra matlab73 is not installed')
+    pytest.importorskip('pymatreader', reason='the extra matlab73 is not installed')
+    with h5py.File(tmp_path / 'seven.mat', 'w', userblock_size=512) as file:
+        file.create_dataset('data', data=matrix.T).attrs['MATLAB_class'] = np.bytes_('double')
+    head = b'MATLAB 7.3 MAT-file'.ljust(124) + b'\x00\x02IM'
+    with open(tmp_path / 'seven.mat', 'r+b') as raw:
+        raw.write(head)
+    np.save(tmp_path / 'one.npy', matrix)
+    np.savez(tmp_path / 'many.npz', data=matrix)
+    for name in ('five.mat', 'seven.mat', 'one.npy', 'many.npz'):
+        check_matrix(load_record(tmp_path / name, MAPPING, rate_hz=250.0), matrix)
+
+
+def test_tdms_channels_are_found_with_and_without_their_group(tmp_path: Path) -> None:
+    nptdms = pytest.importorskip('nptdms', reason='the extra tdms is not installed')
+    values = np.linspace(0, 1, 50)
+    with nptdms.TdmsWriter(tmp_path / 'a.tdms') as writer:
+        writer.write_segment([nptdms.ChannelObject('daq', 'y', values)])
+    for source in ('y', 'daq/y'):
+        record = load_record(tmp_path / 'a.tdms', [f'lateral={source}*0.001'], rate_hz=10.0)
+        np.testing.assert_array_equal(record['lateral'].values, values * 0.001)
+
+
+def test_matlab_structures_are_followed(tmp_path: Path) -> None:
+    savemat(tmp_path / 's.mat', {'run': {'daq': {'y': np.arange(5.0)}, 't': np.arange(5.0)}})
+    record = load_record(tmp_path / 's.mat', ['lateral=run.daq.y'], time='run.t')
+    np.testing.assert_array_equal(record['lateral'].values, np.arange(5.0))
+    with pytest.raises(BagError, match=r"no 'z' for 'run\.z', it has daq, t"):
+        load_record(tmp_path / 's.mat', ['lateral=run.z'], time='run.t')
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        't,y\n0,1\n0.5,2\n1,3\n',
+        't\ty\n0\t1\n0.5\t2\n1\t3\n',
+        '# made by a logger\nt y\n0 1\n0.5 2\n1 3\n',
+        't;y\ns;mm\n0;1\n0,5;2\n1;3\n',
+        '\ufefft, y\n0, 1\n0.5, 2\n\n1, 3\n',
+    ],
+)
+def test_csv_in_the_forms_loggers_write(tmp_path: Path, text: str) -> None:
+    (tmp_path / 'a.csv').write_text(text, encoding='utf-8')
+    record = load_record(tmp_path / 'a.csv', ['lateral=y*0.001'])
+    np.testing.assert_allclose(record['lateral'].values, [0.001, 0.002, 0.003], rtol=1e-15)
+    np.testing.assert_array_equal(np.diff(record['lateral'].stamps_ns), [5 * 10**8] * 2)
+
+
+def test_csv_without_names_counts_its_columns(tmp_path: Path) -> None:
+    (tmp_path / 'a.csv').write_text('1,10\n2,20\n')
+    record = load_record(tmp_path / 'a.csv', ['lateral=c1'], rate_hz=10.0)
+    np.testing.assert_array_equal(record['lateral'].values, [10.0, 20.0])
+
+
+def test_units_in_column_names_are_brought_to_si(tmp_path: Path) -> None:
+    (tmp_path / 'a.csv').write_text(
+        'time_ms,lateral_mm,yaw_deg,speed_kmh\n0,1,180,36\n10,2,90,72\n'
+    )
+    record = load_record(tmp_path / 'a.csv')
+    np.testing.assert_allclose(record['lateral'].values, [0.001, 0.002])
+    np.testing.assert_allclose(record['yaw'].values, [np.pi, np.pi / 2])
+    np.testing.assert_allclose(record['speed'].values, [10.0, 20.0])
+    assert record['lateral'].stamps_ns.tolist() == [10**9, 10**9 + 10**7]
+
+
+@pytest.mark.parametrize('ending', ['csv', 'parquet', 'npz'])
+def test_export_and_import_is_the_identity(new_record, tmp_path: Path, ending: str, same) -> None:
+    if ending == 'parquet':
+        pytest.importorskip('pyarrow', reason='the extra parquet is not installed')
+    record = new_record(seconds=0.5)
+    values = record['yaw'].values.copy()
+    values[7] = np.nan  # a sample that failed stays one
+    record = Record({**record, 'yaw': Series(record['yaw'].stamps_ns, values)})
+    bag = write_record(tmp_path / 'run', record)
+    rows = export_file(bag, tmp_path / f'out.{ending}')
+    assert rows == len(set(np.concatenate([s.stamps_ns for s in record.values()]).tolist()))
+    if ending == 'npz':  # holds NaN where there is no sample, so it cannot tell the two apart
+        table = np.load(tmp_path / 'out.npz')
+        there = np.isin(table['stamp_ns'], record['lateral'].stamps_ns)
+        np.testing.assert_array_equal(table['lateral_m'][there], record['lateral'].values)
+        return
+    again = read_record(import_file(tmp_path / f'out.{ending}', tmp_path / 'again'))
+    same(record, again)
+
+
+def test_any_field_is_exported_under_any_name(bag: Path, record, tmp_path: Path) -> None:
+    export_file(bag, tmp_path / 'a.csv', ['v, raw=/rig/speed.twist.linear.x*3.6'])
+    with open(tmp_path / 'a.csv', newline='') as file:
+        rows = list(csv.reader(file))
+    assert rows[0] == ['stamp_ns', 'v, raw']
+    assert [float(row[1]) for row in rows[1:]] == (record['speed'].values * 3.6).tolist()
+    assert [int(row[0]) for row in rows[1:]] == record['speed'].stamps_ns.tolist()
+
+
+def test_equal_stamps_get_rows_of_their_own() -> None:
+    stamps, columns = aligned(
+        {
+            'a': Series([1, 2, 2, 3], [1.0, 2.0, 2.5, 3.0]),
+            'b': Series([2, 4], [20.0, 40.0]),
+        }
+    )
+    assert stamps.tolist() == [1, 2, 2, 3, 4]
+    assert columns['a'].tolist() == [1.0, 2.0, 2.5, 3.0, None]
+    assert columns['b'].tolist() == [None, 20.0, None, None, 40.0]
+
+
+@pytest.mark.parametrize(
+    ('name', 'text', 'channels', 'words'),
+    [
+        ('a.csv', 't,y\n0,1\n1,x\n', ['lateral=y'], r"line 3: 'x' is not a number"),
+        ('a.csv', 't,y\n0,1\n1\n', ['lateral=y'], 'line 3 has 1 cells, expected 2'),
+        ('a.csv', 't,y,y\n0,1,2\n', ['lateral=y'], "'y' occurs twice"),
+        ('a.csv', 't,y\n', ['lateral=y'], 'no numbers'),
+        ('a.csv', '', ['lateral=y'], 'no lines'),
+        ('a.csv', 't,y\n0,1\n1,2\n', ['lateral=z'], "no 'z' for 'z', it has t, y"),
+        ('a.csv', 't,y\n0,1\n1,2\n', [], 'no column named lateral'),
+        ('a.csv', 'x,y\n0,1\n1,2\n', ['lateral=y'], 'no column of times'),
+        ('a.csv', 't,y\n0,1\n-1,2\n', ['lateral=y'], 't goes backwards in row 1'),
+        ('a.csv', 't,y\n0,1\n,2\n', ['lateral=y'], 't is not finite in row 1'),
+        ('a.csv', 't,y\n0,\n1,\n', ['lateral=y'], 'no finite number'),
+        ('a.csv', 't,y\n0,1\n1,2\n', ['speed=3'], 'only constants'),
+        ('a.mat', 'hello', ['lateral=y'], 'cannot be read as .mat'),
+        ('a.npy', 'hello', ['lateral=y'], 'cannot be read as .npy'),
+        ('a.xls', 'hello', ['lateral=y'], "unknown format '.xls'"),
+    ],
+)
+def test_faults_are_named_with_their_place(tmp_path: Path, name, text, channels, words) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(BagError, match=words) as caught:
+        import_file(tmp_path / name, tmp_path / 'out', channels)
+    assert '\n' not in str(caught.value)
+    assert not (tmp_path / 'out').exists()
+
+
+def test_shapes_that_are_no_series_say_what_is_there(matrix, tmp_path: Path) -> None:
+    np.save(tmp_path / 'a.npy', matrix)
+    table = load_table(tmp_path / 'a.npy')
+    np.testing.assert_array_equal(select(table, 'data[:,3]', 'a'), matrix[:, 3])
+    for source, words in (
+        ('data', 'data is 6 x 500, expected a series'),
+        ('data[9]', r'no \[9\] in 6 x 500'),
+        ('data[0', 'expected an index'),
+        ('data[x]', r'no \[x\]'),
+        ('data[0][3]', 'a single number'),
+    ):
+        with pytest.raises(BagError, match=words):
+            select(table, source, 'a')
+
+
+def test_a_pickle_is_never_opened(tmp_path: Path) -> None:
+    np.save(tmp_path / 'a.npy', np.array([{'a': 1}], dtype=object), allow_pickle=True)
+    with pytest.raises(BagError, match='cannot be read'):
+        load_table(tmp_path / 'a.npy')
+
+
+@pytest.mark.skipif(not FLUTTER.is_dir(), reason='the flutter-rig recordings are not there')
+def test_a_real_recording_is_imported_to_the_last_bit(tmp_path: Path) -> None:
+    from scipy.io import loadmat
+
+    file = FLUTTER / '17092018_CBC_V163_BackFromHB.mat'
+    data = loadmat(file)['data']
+    record = read_record(import_file(file, tmp_path / 'run', MAPPING, rate_hz=250.0))
+    np.testing.assert_array_equal(record['yaw'].values, data[0])
+    np.testing.assert_array_equal(record['lateral'].values, data[1] * 0.47)
+    assert record.duration_s == pytest.approx(29.996)
+    assert record['yaw'].rate_hz == pytest.approx(250.0)
