@@ -79,9 +79,14 @@ def _events(identification: Identification, advance: Advance) -> Sequence[RunEve
     from hunt_ros.report.events import events_of
 
     events: list[RunEvent] = []
-    for count, record in enumerate(identification.records, start=1):
-        events += events_of(record, identification.normal_form)
-        advance(count / len(identification.records))
+    total = len(identification.records)
+    for count, record in enumerate(identification.records):
+        start = count / total
+
+        def part(fraction: float, start: float = start) -> None:
+            advance(start + fraction / total)
+
+        events += events_of(record, identification.normal_form, part)
     return events
 
 

@@ -8,13 +8,18 @@ the sharper alarm to the run it was learnt from, and says so.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.report.overview import RunEvent
 from hunt_ros.samples import NANOSECONDS, Record
 
 
-def events_of(record: Record, normal_form: IdentifiedNormalForm | None) -> list[RunEvent]:
+def events_of(
+    record: Record,
+    normal_form: IdentifiedNormalForm | None,
+    progress: Callable[[float], None] = lambda fraction: None,
+) -> list[RunEvent]:
     """
     Run the detector over a record.
 
@@ -24,29 +29,32 @@ def events_of(record: Record, normal_form: IdentifiedNormalForm | None) -> list[
         With `speed`, and `lateral` or `yaw`.
     normal_form : IdentifiedNormalForm or None
         The form in force; None: the detector knows nothing of the rig.
+    progress : callable
+        Told which fraction is done.
 
     Returns
     -------
     list of RunEvent
         In the order of time, from the first stamp of the record.
     """
-    from hunt_ros.detection import DetectorConfig, HuntingDetector, detect
+    from hunt_ros.detection import DetectorConfig, HuntingDetector
+    from hunt_ros.detection.offline import collect, config_for, watch
 
     # Only the channels it has: one that is promised and silent would be a fault.
-    config = DetectorConfig(channels=tuple(record), roughness='roller' in record)
-    output = detect(HuntingDetector(config, normal_form), record)
+    config, _ = config_for(record, DetectorConfig())
+    _, events = collect(watch(record, HuntingDetector(config, normal_form), progress))
     return [
         RunEvent(
             seconds=(event.stamp_ns - record.start_ns) / NANOSECONDS,
             event=event.event,
-            level=event.level.name,
+            level=event.level.label,
             speed=_known(event.speed_mps),
             amplitude=_known(event.amplitude_m),
             growth_rate=_known(event.growth_rate_per_s),
             source=record.source,
             detail=event.detail,
         )
-        for event in output.events
+        for event in events
     ]
 
 

@@ -149,8 +149,8 @@ def frequency_diagram(found: Frequencies) -> Figure:
         axes.plot(
             style.MILLIMETRES * found.amplitude[order],
             fitted,
+            '+',
             color=style.INK,
-            linewidth=0.9,
             label='Eq. (25) at the same speeds',
         )
         style.legend_above(axes)

@@ -69,17 +69,32 @@ def segments(result: Result) -> str:
     """Table of the stretches of the recordings: what each was used for, or why it was not."""
     rows = [
         [
-            f'{entry.get("kind")}',
+            escape(str(entry.get('kind'))),
             escape(str(entry.get('source', ''))),
             f'{(float(entry["end_ns"]) - float(entry["start_ns"])) / 1e9:.1f}',
             f'{float(entry["speed_start_mps"]):.2f} … {float(entry["speed_end_mps"]):.2f}',
+            _growth_rate(entry),
             'used' if entry.get('used') else '<b>dropped</b>',
             escape(str(entry.get('reason', ''))),
         ]
         for entry in result.get('segments') or ()
     ]
-    header = ['stretch', 'recording', 'length (s)', 'speed (m/s)', '', 'what for, or why not']
+    header = [
+        'stretch',
+        'recording',
+        'length (s)',
+        'speed (m/s)',
+        'growth rate (1/s)',
+        '',
+        'what for, or why not',
+    ]
     return table(header, rows, 'What was found in the recordings.') if rows else ''
+
+
+def _growth_rate(entry: Mapping[str, Any]) -> str:
+    """Growth rate of a transient with its deviation; empty for what has none."""
+    value, std = entry.get('growth_rate_per_s'), entry.get('growth_rate_std_per_s')
+    return '' if value is None else rounded(float(value), std).html()
 
 
 def branches(result: Result, count: int = 16) -> str:

@@ -47,13 +47,14 @@ figcaption b { color: var(--ink); }
   grid-template-columns: repeat(auto-fit, minmax(min(22rem, 100%), 1fr)); }
 .grid figure { margin: 0; min-width: 0; max-width: 34rem; }
 .wide { overflow-x: auto; margin: 1rem 0; }
-table { border-collapse: collapse; font-size: .88rem; font-variant-numeric: tabular-nums; }
+table { min-width: min(26rem, 100%); border-collapse: collapse; font-size: .88rem;
+  font-variant-numeric: tabular-nums; }
 caption { caption-side: top; text-align: left; padding-bottom: .4rem; }
 thead th { border-bottom: 1.5px solid var(--ink); vertical-align: bottom; }
 th, td { text-align: left; padding: .28rem .9rem .28rem 0; vertical-align: top; }
 tbody th { font-weight: normal; }
 tbody tr { border-bottom: 1px solid var(--grid); break-inside: avoid; }
-td data { white-space: nowrap; }
+td data, .together { white-space: nowrap; }
 .unknown { color: var(--unstable); font-style: italic; }
 .level-WARN, .level-ERROR, .level-STALE { font-weight: 600; }
 .warnings li { border-left: 3px solid var(--unstable); padding-left: .7rem; margin: .5rem 0; }
@@ -72,7 +73,9 @@ details summary { cursor: pointer; color: var(--stable); }
   h2 { break-after: avoid; }
   figure.column { max-width: 110mm; }
   .grid { grid-template-columns: 1fr 1fr; }
-  .wide { overflow: visible; }
+  .wide, .drawing, pre { overflow: visible; }
+  table { font-size: 8pt; }
+  pre { white-space: pre-wrap; overflow-wrap: anywhere; }
 }
 """
 

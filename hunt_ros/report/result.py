@@ -111,9 +111,9 @@ class Result:
         The warnings that speak of it; for a branch, on which side of the model's
         critical speeds its speed lies; and if nothing gives a reason, that.
         """
-        branch = self._branch_reason(path)
-        if branch:
-            return branch
+        known = self._branch_reason(path) or self._segment_reason(path)
+        if known:
+            return known
         for key, subject in _SUBJECTS:
             found = re.match(key, path)
             if not found:
@@ -128,6 +128,14 @@ class Result:
             kind = str(self.get('criticality'))
             return f'no fold below v_c: the identified form is {kind} without one'
         return _NO_REASON
+
+    def _segment_reason(self, path: str) -> str:
+        """Reason of a null of a stretch: what the stretch is, or ''."""
+        found = re.match(r'segments\.(\d+)\.growth_rate', path)
+        if not found:
+            return ''
+        kind = self.get(f'segments.{found.group(1)}.kind')
+        return f'no growth rate is read from a {kind}' if kind != 'transient' else ''
 
     def _disturbance_reason(self) -> str:
         """Reason why no disturbance follows from the width: it needs two widths, one narrower."""

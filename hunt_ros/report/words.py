@@ -83,7 +83,7 @@ def recording(record: Record) -> list[str]:
     notes = '; '.join(f'{key}: {text}' for key, text in record.notes.items())
     return [
         escape(record.source or 'recording'),
-        dated,
+        f'<span class="together">{dated}</span>',
         f'{record.duration_s:.1f}',
         escape(channels),
         escape(notes),
