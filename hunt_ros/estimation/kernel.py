@@ -218,6 +218,7 @@ ABSURD = 60.0  # standard deviations beyond which a kick must last 20 ms to be b
 SECOND_SHARE = 0.1  # of that, the second mode's, which is of the order of the first
 KICK_SCALE = 5.0  # the covariance opens to this multiple of the innovation
 REVERSION = 30.0  # s in which frequency and growth rate fall back to the nominal ones
+SLIGHT = 0.03  # of the amplitude: a change that needs no opening of the covariance
 SETTLING = 0.3  # s after a kick in which nothing is tuned
 
 _F = NDArray[np.float64]
@@ -696,7 +697,12 @@ def kicked(f: Filter, k: int, innovation: float, S: float, dt: float) -> int:
     f.sensors[k, S_PENDING] = 0.0
     f.sensors[k, S_K_RE], f.sensors[k, S_K_IM] = moved_re, moved_im
     burst = moved_re * moved_re + moved_im * moved_im
-    return 1 if surprising or burst > BURST * usual else 0
+    # A small part of a large motion may come and go without a kick: lines from its nonlinearity.
+    z = Z + 2 * k
+    slight = SLIGHT * SLIGHT * (f.x[z] ** 2 + f.x[z + 1] ** 2)
+    if burst > BURST * usual:
+        return 1 if 2.0 * burst * S * min(dt, 0.05) / KICK_QUICK > slight else 0
+    return 1 if surprising else 0
 
 
 @compiled
