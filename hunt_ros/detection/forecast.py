@@ -14,9 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hunt_ros.detection.damping_laws import SmoothLaw, WheelsetLaw
 from hunt_ros.detection.level_spectrum import SpeedLevel
 from hunt_ros.detection.quiet_levels import QuietLevels
-from hunt_ros.detection.response_spectrum import ResponseLaw, SmoothLaw, Spectra, WheelsetLaw
+from hunt_ros.detection.response_spectrum import ResponseLaw, Spectra
 from hunt_ros.detection.whittle import WhittleFit, best_fit, critical_interval
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.samples import NANOSECONDS, Uncertain
@@ -42,10 +43,13 @@ class ForecastSettings(Settings):
 
     lowest_hz: float = setting(0.8, 'lowest frequency looked at', unit='Hz', low=0.05, high=50.0)
     highest_hz: float = setting(8.0, 'highest frequency looked at', unit='Hz', low=0.2, high=100.0)
-    speed_tolerance: float = setting(
-        0.01, 'relative change of speed within one level', low=1e-4, high=0.1
+    channel: str = setting(
+        'lateral', 'which of the two is given to it', choices=('lateral', 'yaw')
     )
-    shortest_level_s: float = setting(8.0, 'shortest level used', unit='s', low=2.0, high=600.0)
+    speed_tolerance: float = setting(
+        0.015, 'relative change of speed within one level', low=1e-4, high=0.1
+    )
+    shortest_level_s: float = setting(6.0, 'shortest level used', unit='s', low=2.0, high=600.0)
     longest_level_s: float = setting(
         60.0, 'a longer hold is cut into levels', unit='s', low=4.0, high=600.0
     )
@@ -131,7 +135,7 @@ class CriticalSpeedForecast:
             [SmoothLaw()]
             if rig is None
             else [
-                WheelsetLaw(rig),
+                WheelsetLaw(rig, channel=self.settings.channel),
                 SmoothLaw(),
             ]
         )
@@ -182,7 +186,7 @@ class CriticalSpeedForecast:
         stamps_ns : array_like of int64, shape (n,)
             Header stamps.
         lateral : array_like, shape (n,)
-            y, m (or psi, rad, with the smooth law).
+            y, m, or psi, rad: the channel of the settings.
         speed : array_like, shape (n,) or scalar
             m/s.
         roller_angle : array_like, shape (n,) or scalar

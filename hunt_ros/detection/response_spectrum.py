@@ -1,9 +1,9 @@
 """
-Spectra of the quiet response as two damping laws predict them.
+Expected spectra of the quiet response over the levels of a run, for any damping law.
 
-Each law says, from a few global parameters, how damping, frequency and strength
-of the response to broadband excitation go with speed, and at which speed the
-damping vanishes: the linear critical speed v_c, before it has been reached.
+A law says, from a few global parameters, how the modes of the response to broadband
+excitation go with speed (`damping_laws`); here that becomes what a periodogram of
+finite length is expected to show.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.detection.level_spectrum import SpeedLevel
-from hunt_ros.dynamics.parameters import RigParameters
 
 
 class Spectra:
@@ -78,6 +77,65 @@ class Spectra:
             total += 2.0 * np.real(residue[self.level] * (decay - 1.0 - z * span) / (z * z * span))
         return total
 
+    def correlation_of_bins(
+        self,
+        level: int,
+        eigenvalues: NDArray[np.complex128],
+        residues: NDArray[np.complex128],
+        expected: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """
+        Correlation of the periodogram between the bins of one level.
+
+        Bins are independent only where the window is long against the decay; a peak
+        narrower than a bin moves its neighbours together. For a Gaussian process it is
+        |E X_j conj(X_k)|^2 / (S_j S_k), and E X_j conj(X_k), j unequal k, is the sum of
+        c (exp(lambda T) - 1) [1/(z_j z_k) + 1/(w_j w_k)] / T over the modes, with
+        z = lambda - i omega and w = lambda + i omega.
+
+        Parameters
+        ----------
+        level : int
+            Which.
+        eigenvalues, residues : ndarray of complex, shape (levels, modes)
+            As in `of_modes`.
+        expected : ndarray, shape (bins,)
+            S, of all levels.
+
+        Returns
+        -------
+        ndarray, shape (n, n)
+        """
+        inside = self.level == level
+        omega, root = self.omega[inside], np.sqrt(expected[inside] / self.gain[inside])
+        span = self.duration[level]
+        joint = np.zeros((omega.size, omega.size), dtype=np.complex128)
+        for rate, residue in zip(eigenvalues[level], residues[level], strict=True):
+            below, above = 1.0 / (rate - 1j * omega), 1.0 / (rate + 1j * omega)
+            factor = residue * (np.exp(rate * span) - 1.0) / span
+            joint += factor * (np.outer(below, below) + np.outer(above, above))
+        correlation: NDArray[np.float64] = np.abs(joint / np.outer(root, root)) ** 2
+        np.fill_diagonal(correlation, 1.0)
+        return correlation
+
+
+def expected_periodogram(
+    law: ResponseLaw, spectra: Spectra, theta: NDArray[np.float64]
+) -> NDArray[np.float64] | None:
+    """
+    Expected periodogram of the response over its noise floor.
+
+    Returns
+    -------
+    ndarray, shape (bins,), or None
+        m^2 s; None where theta makes no stationary response.
+    """
+    modes = law.modes(spectra.speed, theta)
+    if modes is None:
+        return None
+    expected: NDArray[np.float64] = spectra.of_modes(*modes) * spectra.gain + math.exp(theta[-1])
+    return expected if expected.min() > 0.0 and np.all(np.isfinite(expected)) else None
+
 
 class ResponseLaw(Protocol):
     """A law with global parameters theta, each with a normal prior."""
@@ -92,200 +150,18 @@ class ResponseLaw(Protocol):
     def starts(self, spectra: Spectra) -> list[NDArray[np.float64]]:
         """Return parameters from which the fit may set out."""
 
-    def spectrum(self, spectra: Spectra, theta: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """Return the expected periodogram; None where theta makes no stationary response."""
+    def modes(
+        self, speed: NDArray[np.float64], theta: NDArray[np.float64]
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]] | None:
+        """
+        Return eigenvalues (1/s) and residues (m^2), each of shape (speeds, modes).
+
+        They are those of the autocovariance sum_k c_k exp(lambda_k |tau|). None where theta
+        makes no stationary response. The last of theta is the ln of the noise floor.
+        """
 
     def critical_speed(self, theta: NDArray[np.float64]) -> float:
         """Return v_c, m/s; inf where the damping never vanishes."""
 
     def eigenvalue(self, theta: NDArray[np.float64], speed: float) -> complex:
         """Return the eigenvalue of the hunting mode, 1/s."""
-
-
-class WheelsetLaw:
-    """
-    The wheelset's own law: Eqs. (2), (3), linear, with white yaw forcing.
-
-    theta = (ln d11, ln d22, ln k11, ln of the conicity coupling k21/d22, ln wn, power
-    of v in wn, ln of the noise floor). Stiffness and conicity are those of the rig
-    within `tolerance`; the creep coefficients are free.
-
-    Parameters
-    ----------
-    rig : RigParameters
-        Geometry, stiffness and masses; its creep coefficients are only a first guess.
-    tolerance : float
-        Relative standard deviation of stiffness ratio and conicity.
-    """
-
-    name = 'wheelset'
-
-    def __init__(self, rig: RigParameters, tolerance: float = 0.05) -> None:
-        self._rig = rig
-        self._guess = (math.log(rig.d11), math.log(rig.d22))
-        coupling = rig.k21 / rig.d22
-        wide = 10.0
-        self.prior_mean = np.array(
-            [*self._guess, math.log(rig.k11), math.log(coupling), -11.0, 0.0, -28.0]
-        )
-        self.prior_std = np.array([1.5, 1.5, tolerance, tolerance, wide, 0.5, wide])
-
-    def band(self, levels: Sequence[SpeedLevel]) -> tuple[float, float]:
-        """Return a band around both natural frequencies, between which hunting lies (B-1)."""
-        rates = (self._rig.lateral_frequency_rad_per_s, self._rig.yaw_frequency_rad_per_s)
-        return 0.7 * min(rates) / (2.0 * math.pi), 1.5 * max(rates) / (2.0 * math.pi)
-
-    def starts(self, spectra: Spectra) -> list[NDArray[np.float64]]:
-        """Return the best three of a grid of creep coefficients, each with fitted strength."""
-        tried = []
-        for shift11 in (-0.8, 0.0, 0.8):
-            for shift22 in (-0.8, 0.0, 0.8):
-                theta = self.prior_mean.copy()
-                theta[0] += shift11
-                theta[1] += shift22
-                theta[4], theta[6] = 0.0, math.log(spectra.floor)
-                shape = self.spectrum(spectra, theta)
-                if shape is None:
-                    continue
-                signal = np.maximum(shape - spectra.floor, 1e-300)
-                excess = max(float(np.sum(spectra.power - spectra.floor)), 0.0)
-                ratio = max(excess, 0.01 * float(np.sum(spectra.power))) / float(np.sum(signal))
-                theta[4] = 0.5 * math.log(ratio)
-                expected = ratio * signal + spectra.floor
-                cost = float(
-                    np.sum(spectra.weight * (np.log(expected) + spectra.power / expected))
-                )
-                tried.append((cost, theta))
-        tried.sort(key=lambda pair: pair[0])
-        return [theta for _, theta in tried[:3]]
-
-    def _polynomial(
-        self, theta: NDArray[np.float64], speed: NDArray[np.float64]
-    ) -> tuple[NDArray[np.complex128], NDArray[np.float64], NDArray[np.float64]]:
-        """Dimensionless eigenvalues (m, 4) and the two dampings d/v* (m,)."""
-        d11, d22, k11, coupling = np.exp(theta[:4])
-        reduced = speed / self._rig.speed_scale
-        a, b = d11 / reduced, d22 / reduced
-        matrix = np.zeros((speed.size, 4, 4))
-        matrix[:, 0, 1] = matrix[:, 2, 3] = 1.0
-        matrix[:, 1, 0], matrix[:, 1, 1], matrix[:, 1, 2] = -k11, -a, d11
-        matrix[:, 3, 0], matrix[:, 3, 2], matrix[:, 3, 3] = -d22 * coupling, -1.0, -b
-        return np.linalg.eigvals(matrix).astype(np.complex128), a, b
-
-    def spectrum(self, spectra: Spectra, theta: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """
-        Spectrum of y: y = d11 w / p(s), with p(s) the characteristic polynomial.
-
-        The residues of d11^2 wn^2 / (p(s) p(-s)) are d11^2 wn^2 / (p'(lambda) p(-lambda)).
-        """
-        rate, a, b = self._polynomial(theta, spectra.speed)
-        if rate.real.max() >= 0.0:
-            return None
-        d11, d22, k11, coupling = np.exp(theta[:4])
-        a, b = a[:, None], b[:, None]
-        lateral, yaw = rate**2 + a * rate + k11, rate**2 + b * rate + 1.0
-        slope = (2.0 * rate + a) * yaw + lateral * (2.0 * rate + b)
-        mirrored = (rate**2 - a * rate + k11) * (rate**2 - b * rate + 1.0) + d11 * d22 * coupling
-        strength = np.exp(
-            2.0 * (theta[4] + theta[5] * np.log(spectra.speed / self._rig.speed_scale / 5.0))
-        )
-        residue = d11**2 * strength[:, None] / (slope * mirrored) * self._rig.length_scale**2
-        signal = spectra.of_modes(rate / self._rig.time_scale, residue)
-        expected: NDArray[np.float64] = signal * spectra.gain + math.exp(theta[6])
-        return expected
-
-    def critical_speed(self, theta: NDArray[np.float64]) -> float:
-        """v_c from (B-1): where the characteristic polynomial has the root i omega."""
-        d11, d22, k11, coupling = np.exp(theta[:4])
-        square = (d11 + d22 * k11) / (d11 + d22)
-        below = (k11 - square) * (1.0 - square) + d11 * d22 * coupling
-        if below <= 0.0:
-            return math.inf
-        return float(self._rig.speed_scale * math.sqrt(d11 * d22 * square / below))
-
-    def eigenvalue(self, theta: NDArray[np.float64], speed: float) -> complex:
-        """Eigenvalue of the least damped oscillation, 1/s."""
-        rate = self._polynomial(theta, np.array([speed]))[0][0] / self._rig.time_scale
-        return complex(max(rate[rate.imag >= 0.0], key=lambda value: value.real))
-
-
-class SmoothLaw:
-    """
-    A law without a model: one damped mode whose damping is smooth in the speed.
-
-    With u = v_c/v - 1: growth rate -s u (1 + kappa u), angular frequency
-    omega_c (1 + f1 u + f2 u^2), strength a quadratic in ln v, and a skew of the peak in
-    proportion to its width. kappa = 0 is the law a + b/v of a damping inversely
-    proportional to speed, as creep gives it; its prior, 0 -/+ 0.2, is what the
-    extrapolation takes for granted.
-    theta = (ln v_c, ln s, kappa, ln omega_c, f1, f2, ln q, q1, q2, skew, ln floor).
-    """
-
-    name = 'smooth'
-
-    def __init__(self) -> None:
-        wide = 10.0
-        self.prior_mean = np.array([2.0, 1.0, 0.0, 3.0, 0.0, 0.0, -24.0, 0.0, 0.0, 0.0, -28.0])
-        self.prior_std = np.array([wide, wide, 0.2, wide, 0.3, 0.3, wide, 2.0, 1.0, 2.0, wide])
-        self._reference = 1.0
-
-    def band(self, levels: Sequence[SpeedLevel]) -> tuple[float, float]:
-        """Return 0.6 to 1.4 times the frequency at which the fastest levels peak."""
-        fastest = sorted(levels, key=lambda level: level.speed)[-3:]
-        grid = np.linspace(fastest[-1].omega[0], fastest[-1].omega[-1], 400)
-        total = np.zeros(grid.size)
-        for level in fastest:
-            # About a fifth of a hertz wide: narrower than the peak, wider than a bin.
-            width = max(round(0.2 * level.duration_s), 1)
-            held = np.convolve(level.weight, np.ones(width), 'same')
-            power = np.convolve(level.periodogram * level.weight, np.ones(width), 'same')
-            mean = np.divide(power, held, out=np.zeros_like(power), where=held > 0.3 * width)
-            total += np.interp(grid, level.omega, mean)
-        peak = float(grid[np.argmax(total)]) / (2.0 * math.pi)
-        return 0.6 * peak, 1.4 * peak
-
-    def starts(self, spectra: Spectra) -> list[NDArray[np.float64]]:
-        """Return three guesses of v_c, the rest read off the spectra."""
-        self._reference = float(np.mean(spectra.speed))
-        fastest = spectra.level == int(np.argmax(spectra.speed))
-        power = np.convolve(spectra.power[fastest], np.ones(5) / 5.0, 'same')
-        peak = float(spectra.omega[fastest][np.argmax(power)])
-        per_bin = float(np.mean(np.maximum(spectra.power - spectra.floor, 0.0)))
-        result = []
-        for beyond in (1.05, 1.2, 1.6):
-            theta = self.prior_mean.copy()
-            theta[0] = math.log(beyond * float(np.max(spectra.speed)))
-            theta[1], theta[3] = math.log(0.17 * peak), math.log(peak)
-            theta[6] = math.log(max(per_bin, 1e-3 * spectra.floor) * 2.0)
-            theta[10] = math.log(spectra.floor)
-            result.append(theta)
-        return result
-
-    def _modes(
-        self, theta: NDArray[np.float64], speed: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        u = math.exp(theta[0]) / speed - 1.0
-        rate = -math.exp(theta[1]) * u * (1.0 + theta[2] * u)
-        return rate, math.exp(theta[3]) * (1.0 + theta[4] * u + theta[5] * u**2)
-
-    def spectrum(self, spectra: Spectra, theta: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """Spectrum of the one mode over the noise floor."""
-        rate, omega = self._modes(theta, spectra.speed)
-        if rate.max() >= 0.0 or omega.min() <= 0.0:
-            return None
-        run = np.log(spectra.speed / self._reference)
-        strength = np.exp(theta[6] + theta[7] * run + theta[8] * run**2)
-        residue = strength / -rate * np.exp(1j * np.arctan(theta[9] * rate / omega))
-        pair = np.stack([rate + 1j * omega, rate - 1j * omega], axis=1)
-        signal = spectra.of_modes(pair, np.stack([residue, residue.conj()], axis=1))
-        expected = signal * spectra.gain + math.exp(theta[10])
-        return expected if expected.min() > 0.0 else None
-
-    def critical_speed(self, theta: NDArray[np.float64]) -> float:
-        """v_c, which is a parameter."""
-        return math.exp(theta[0])
-
-    def eigenvalue(self, theta: NDArray[np.float64], speed: float) -> complex:
-        """Eigenvalue of the mode, 1/s."""
-        rate, omega = self._modes(theta, np.array([speed]))
-        return complex(rate[0], omega[0])

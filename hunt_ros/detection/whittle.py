@@ -8,15 +8,18 @@ about the spectrum; their likelihood needs the spectrum alone.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.detection.response_spectrum import ResponseLaw, Spectra
+from hunt_ros.detection.response_spectrum import ResponseLaw, Spectra, expected_periodogram
 from hunt_ros.samples import Uncertain
 
 _STEP = 1e-4
+
+#: Decay times in a window beyond which its bins count as independent.
+INDEPENDENT = 15.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +31,8 @@ class WhittleFit:
     ----------
     theta : ndarray, shape (p,)
     covariance : ndarray, shape (p, p)
-        Inverse of Fisher information and prior together.
+        Of theta: the inverse of Fisher information and prior; from `best_fit` with the
+        correlation of neighbouring bins.
     cost : float
         Negative logarithm of likelihood times prior.
     misfit : float
@@ -47,8 +51,8 @@ class WhittleFit:
 def _cost(
     law: ResponseLaw, spectra: Spectra, theta: NDArray[np.float64]
 ) -> tuple[float, NDArray[np.float64]]:
-    expected = law.spectrum(spectra, theta)
-    if expected is None or not np.all(np.isfinite(expected)):
+    expected = expected_periodogram(law, spectra, theta)
+    if expected is None:
         return np.inf, np.zeros(0)
     fit = float(np.sum(spectra.weight * (np.log(expected) + spectra.power / expected)))
     away = (theta - law.prior_mean) / law.prior_std
@@ -79,7 +83,7 @@ def information(
         for step in (_STEP, -_STEP):
             moved = theta.copy()
             moved[k] += step
-            there = law.spectrum(spectra, moved)
+            there = expected_periodogram(law, spectra, moved)
             if there is not None:
                 derivatives[:, k] = np.log(there / expected) / step
                 break
@@ -123,9 +127,36 @@ def maximise(
             theta, cost, expected = moved, new_cost, there
         if gain < 1e-4 or evaluations <= 0:
             break
-    fisher, _ = information(law, spectra, theta, expected)
     covariance = np.asarray(np.linalg.inv(fisher), dtype=np.float64)
     return WhittleFit(theta, covariance, cost, _misfit(spectra, expected), expected)
+
+
+def _covariance(
+    law: ResponseLaw,
+    spectra: Spectra,
+    theta: NDArray[np.float64],
+    expected: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """
+    Covariance of the estimate, with the correlation of neighbouring bins (Godambe 1960).
+
+    H^-1 J H^-1 with J the variance of the score: equal to H^-1 for independent bins.
+    """
+    fisher, derivatives = information(law, spectra, theta, expected)
+    inverse = np.asarray(np.linalg.inv(fisher), dtype=np.float64)
+    modes = law.modes(spectra.speed, theta)
+    assert modes is not None  # theta was fitted
+    score = np.diag(law.prior_std**-2.0)
+    for level in range(spectra.speed.size):
+        inside = spectra.level == level
+        # The windows averaged in a level are independent: their weight counts once.
+        pull = derivatives[inside] * np.sqrt(spectra.weight[inside])[:, None]
+        slowest = float(np.min(-modes[0][level].real)) * float(spectra.duration[level])
+        if slowest > INDEPENDENT:
+            score += pull.T @ pull
+        else:
+            score += pull.T @ spectra.correlation_of_bins(level, *modes, expected) @ pull
+    return np.asarray(inverse @ score @ inverse, dtype=np.float64)
 
 
 def best_fit(
@@ -137,7 +168,10 @@ def best_fit(
     if before is not None:
         fits.append(maximise(law, spectra, before))
     found = [fit for fit in fits if fit is not None]
-    return min(found, key=lambda fit: fit.cost) if found else None
+    if not found:
+        return None
+    best = min(found, key=lambda fit: fit.cost)
+    return replace(best, covariance=_covariance(law, spectra, best.theta, best.expected))
 
 
 def _misfit(spectra: Spectra, expected: NDArray[np.float64], group: int = 24) -> float:

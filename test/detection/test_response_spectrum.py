@@ -8,11 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import trapezoid
+from scipy.signal import lfilter
 
+from hunt_ros.detection.damping_laws import SmoothLaw, WheelsetLaw
 from hunt_ros.detection.level_spectrum import SpeedLevel
-from hunt_ros.detection.response_spectrum import SmoothLaw, Spectra, WheelsetLaw
+from hunt_ros.detection.response_spectrum import Spectra, expected_periodogram
 from hunt_ros.detection.whittle import best_fit, information
 from hunt_ros.dynamics.forced_response import quiet_covariance
+from hunt_ros.dynamics.linear_stability import critical_speed, hunting_mode
 from hunt_ros.dynamics.parameters import paper_rig
 
 
@@ -36,18 +39,20 @@ def test_the_expected_periodogram_is_the_fourier_transform_of_the_windowed_covar
         assert found[k] == pytest.approx(expected, rel=1e-4, abs=1e-5)
 
 
-def test_the_power_of_the_wheelset_law_is_the_variance_of_the_response():
+@pytest.mark.parametrize('channel', ['lateral', 'yaw'])
+def test_the_power_of_the_wheelset_law_is_the_variance_of_the_response(channel):
     # Against the Lyapunov equation, which knows nothing of spectra.
     rig, speed, strength = paper_rig(), 6.0, 2e-5
-    law = WheelsetLaw(rig)
+    law = WheelsetLaw(rig, channel=channel)
     theta = law.prior_mean.copy()
     theta[4], theta[6] = math.log(strength), -80.0
     theta[5] = 0.0
     omega = 2.0 * np.pi * np.arange(1, 12_000) / 600.0
     ones = np.ones(omega.size)
     spectra = Spectra([SpeedLevel(speed, 600.0, omega, ones, ones, ones, 1e-14, 1e-5)], 0.0, 99.0)
-    power = law.spectrum(spectra, theta)
-    variance = quiet_covariance(rig, speed, strength)[0, 0] * rig.length_scale**2
+    power = expected_periodogram(law, spectra, theta)
+    covariance = quiet_covariance(rig, speed, strength)
+    variance = covariance[2, 2] if channel == 'yaw' else covariance[0, 0] * rig.length_scale**2
     assert 2.0 * np.sum(power) / 600.0 == pytest.approx(variance, rel=0.01)
 
 
@@ -78,7 +83,7 @@ def test_the_fit_returns_the_parameters_that_made_the_spectrum(law):
         law.starts(spectra)
         theta[:4] = math.log(8.0), math.log(3.0), 0.0, math.log(17.8)
         theta[6], theta[10] = math.log(1e-10), math.log(5e-14)
-    spectra.power = law.spectrum(spectra, theta)
+    spectra.power = expected_periodogram(law, spectra, theta)
     fit = best_fit(law, spectra)
     assert law.critical_speed(fit.theta) == pytest.approx(law.critical_speed(theta), rel=2e-3)
     assert fit.misfit < 1e-3
@@ -90,5 +95,36 @@ def test_the_information_is_that_of_an_exponential_distribution():
     spectra = Spectra(flat_levels([6.0]), 1.0, 6.0)
     theta = law.prior_mean.copy()
     theta[4] = -60.0
-    matrix, _ = information(law, spectra, theta, law.spectrum(spectra, theta))
+    matrix, _ = information(law, spectra, theta, expected_periodogram(law, spectra, theta))
     assert matrix[6, 6] == pytest.approx(spectra.omega.size + law.prior_std[6] ** -2, rel=1e-3)
+
+
+def test_the_law_agrees_with_linear_theory():
+    rig = paper_rig()
+    law = WheelsetLaw(rig)
+    assert law.critical_speed(law.prior_mean) == pytest.approx(critical_speed(rig), rel=1e-9)
+    mode = hunting_mode(rig, 6.0)
+    assert law.eigenvalue(law.prior_mean, 6.0).real == pytest.approx(mode.growth_rate, rel=1e-9)
+
+
+def test_neighbouring_bins_of_a_short_window_are_correlated_as_computed():
+    # Periodograms of simulated windows against the formula.
+    generator = np.random.default_rng(0)
+    rate, step, count = complex(-0.4, 17.0), 1 / 50.0, 300
+    root = np.exp(rate * step)
+    drive = generator.normal(size=(4000, count + 400)) + 1j * generator.normal(
+        size=(4000, count + 400)
+    )
+    motion = np.real(lfilter([1.0], [1.0, -root], drive, axis=1))[:, 400:]
+    power = np.abs(np.fft.rfft(motion, axis=1)) ** 2
+    omega = 2.0 * np.pi * np.arange(12, 22) / (count * step)
+    ones = np.ones(omega.size)
+    level = SpeedLevel(7.0, count * step, omega, ones, ones, ones, 1e-14, 1.0)
+    spectra = Spectra([level], 0.0, 99.0)
+    pair = np.array([[rate, rate.conjugate()]])
+    residue = np.ones((1, 2), dtype=complex)
+    expected = spectra.of_modes(pair, residue)
+    found = spectra.correlation_of_bins(0, pair, residue, expected)
+    measured = np.corrcoef(power[:, 12:22].T)
+    assert found == pytest.approx(measured, abs=0.08)
+    assert found[4, 5] > 0.1
