@@ -200,7 +200,8 @@ def main() -> None:
     text = (
         'Staircases 4.0 to 7.2 m/s (0.2 m/s steps, 60 s holds; v_c = 8.0 m/s), y only, 5 um noise'
         ' at 500 Hz, full nonlinear model; and a rig of other creep, conicity and size (v_c = 14'
-        ' m/s, 2 Hz, 7.0 to 12.6 m/s). "On the way" is what the same runs said earlier. The rig given to the wheelset law has creep coefficients'
+        ' m/s, 2 Hz, 7.0 to 12.6 m/s). "On the way" is what the same runs said earlier. The rig'
+        ' given to the wheelset law has creep coefficients'
         ' wrong by +50 and -40 %. The bound is the Fisher information of the same law with its'
         f' priors, on the same bins. {seeds} seeds for the first two, half of them for the rest.'
         ' Goals: median error 2.5 % (wheelset) and 4 % (smooth), spread at most 1.5 times the'
