@@ -231,9 +231,9 @@ def disturbance_from_width(
     middle = 0.5 * (fold[0] + form.critical_speed)
     largest = 0.5 * float(form.unstable_amplitude(middle))
     base = Disturbance(diffusion or AmplitudeDiffusion(0.0), 0.0, sweep_rate)
-    sizes = largest * np.geomspace(1e-3, 1.0, 15)
+    sizes = largest * np.geomspace(2e-3, 1.0, 11)
     if kind == 'roughness':
-        sizes = np.concatenate([[0.0], largest * np.linspace(0.05, 1.0, 14)])
+        sizes = np.concatenate([[0.0], largest * np.linspace(0.1, 1.0, 10)])
     widths, spreads = [], []
     for size in sizes:
         if kind == 'noise':

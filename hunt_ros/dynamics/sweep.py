@@ -26,8 +26,9 @@ Array = NDArray[np.float64]
 Direction = Literal['up', 'down']
 
 _CELLS = 200
-_LONGEST_STEP_S = 0.1
-_STEPS_A_SWEEP = 2000
+#: Speed covered in one step over v_c, and limits of a step, s.
+_SPEED_STEP = 2.5e-4
+_STEP_LIMITS_S = (0.02, 0.4)
 #: Smallest diffusion used, m^2/s: amplitudes of some 10 nm, below any sensor.
 _LEAST_DIFFUSION = 1e-17
 
@@ -206,8 +207,8 @@ class _Sweep:
 
     def run(self, start: float, end: float, rate: float, initial: float) -> JumpDistribution:
         duration = abs(end - start) / rate
-        step = min(_LONGEST_STEP_S, duration / _STEPS_A_SWEEP)
-        step = max(step, duration / (10 * _STEPS_A_SWEEP))
+        wanted = _SPEED_STEP * self.form.critical_speed / rate
+        step = min(max(wanted, _STEP_LIMITS_S[0]), _STEP_LIMITS_S[1])
         count = math.ceil(duration / step)
         speeds = np.linspace(start, end, count + 1)
         density = self.centre * np.exp(-0.5 * (self.centre / initial) ** 2)
