@@ -40,9 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     from hunt_ros.report.compose import Report
     from hunt_ros.report.style import save_figures
 
-    page = Path(arguments.out)
-    if not page.absolute().parent.is_dir():
-        raise HuntError(f'{page}: there is no folder {page.parent} to write the report into')
+    page = _places(arguments)
     settings, mapping = settings_of(arguments), mapping_of(arguments)
     with progress('reading') as advance:
         records = []
@@ -72,6 +70,21 @@ def run(arguments: argparse.Namespace) -> int:
         for path in written:
             print(path)
     return 0 if identification.normal_form is not None else 1
+
+
+def _places(arguments: argparse.Namespace) -> Path:
+    """Return where the page goes, once it is sure that page and figures can be written."""
+    page = Path(arguments.out)
+    if not page.absolute().parent.is_dir() or page.is_dir():
+        raise HuntError(f'{page}: cannot write the report there, expected a file in a folder')
+    if arguments.figures:
+        try:
+            Path(arguments.figures).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise HuntError(
+                f'{arguments.figures}: cannot make the folder of the figures ({error.strerror})'
+            ) from error
+    return page
 
 
 def _events(identification: Identification, advance: Advance) -> Sequence[RunEvent]:

@@ -104,22 +104,28 @@ def measured_points(
 def _observed_speeds(axes: Axes, result: Result) -> None:
     """Mark the critical speeds as read off the jumps, with half a speed step either side."""
     step = result.value('observed.step_mps') or 0.0
-    for key, words in (('v_n', r'$v_n$ observed'), ('v_c', r'$v_c$ observed')):
-        speed = result.value(f'observed.{key}')
+    seen = {key: result.value(f'observed.{key}') for key in ('v_n', 'v_c')}
+    known = [speed for speed in seen.values() if speed is not None]
+    left, right = axes.get_xlim()
+    # Names beside each other, turned outwards where they would meet.
+    crowded = len(known) == 2 and abs(known[1] - known[0]) < 0.35 * (right - left)
+    sides = {'v_n': 'right', 'v_c': 'left'} if crowded else dict.fromkeys(seen, 'center')
+    for key, speed in seen.items():
         if speed is None:
             continue
         if step:
             axes.axvspan(speed - step / 2, speed + step / 2, color=style.GRID, lw=0, zorder=0)
         axes.axvline(speed, color=style.MUTED, linewidth=0.6, linestyle=(0, (4, 2)), zorder=1)
         axes.annotate(
-            f'{words}\n{speed:.2f} m/s',
+            f'${key}$ observed\n{speed:.2f} m/s',
             (speed, 1.0),
             xycoords=('data', 'axes fraction'),
             xytext=(0, -1),
             textcoords='offset points',
-            ha='center',
-            backgroundcolor=style.PAPER,
+            ha=sides[key],
             va='top',
             fontsize=6.5,
             color=style.MUTED,
+            backgroundcolor=style.PAPER,
         )
+    axes.set_xlim(left, right)

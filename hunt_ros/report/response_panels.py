@@ -189,7 +189,7 @@ def _centred(axes: Axes, points: NDArray[np.float64]) -> None:
     x, y = 1.15 * np.maximum(np.abs(points).max(axis=0), 1e-9)
     axes.set_xlim(-x, x)
     axes.set_ylim(-y, y)
-    axes.locator_params(axis='x', nbins=5)
+    axes.locator_params(axis='x', nbins=4)
 
 
 def _nothing(axes: Axes) -> None:

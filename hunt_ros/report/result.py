@@ -20,9 +20,7 @@ _SUBJECTS: tuple[tuple[str, str], ...] = (
         r'(?:.*\.)?(?:std|ci95|amplitude_std_m|maxima_std_m|std_m|ci95_m)$',
         r'interval|bootstrap|uncertain|\bstd\b|runs?\b',
     ),
-    (r'observed\.v_n', r'observed|jump|\bdown\b|\bv_n\b'),
-    (r'observed\.v_c', r'observed|jump|\bup\b|\bv_c\b'),
-    (r'observed', r'observed|jump|plateau|sweep|hysteresis'),
+    (r'observed', r'observed|jump'),
     (r'v_c', r'\bv_c\b|Hopf|linear critical'),
     (r'v_n', r'\bv_n\b|fold|saddle|unstable branch'),
     (r'hysteresis_width', r'hysteresis|width|\bv_n\b|fold|saddle'),
@@ -122,8 +120,13 @@ class Result:
             lines = [line for line in self.warnings if re.search(words, line, re.IGNORECASE)]
             if lines:
                 return '; '.join(line.rstrip('.') for line in lines[:2])
+        if path.startswith('observed'):
+            return 'no such jump of the amplitude is in the recordings'
         if path.startswith('disturbance_m'):
             return self._disturbance_reason()
+        if not self.get('criticality') and re.match(r'v_|hyst|four_point|branches|coeff', path):
+            whole = self.reason('criticality')
+            return whole if whole != _NO_REASON else 'no normal form was identified'
         if re.match(r'v_n|hysteresis_width', path) and self.get('criticality'):
             kind = str(self.get('criticality'))
             return f'no fold below v_c: the identified form is {kind} without one'

@@ -141,10 +141,11 @@ def critical_speeds(result: Result) -> str:
         for key, value in published.items()
     ]
     step = number(result, 'observed.step_mps', digits=2)
+    unit = '' if result.get('observed.step_mps') is None else ' m/s'
     return table(
         ['', 'normal form', '95 % interval', 'read off the jumps', 'paper, Eq. (33)'],
         rows,
-        f'Critical speeds. The jumps were passed in steps of {step} m/s.',
+        f'Critical speeds. Step of the speed at the jumps: {step}{unit}.',
     )
 
 

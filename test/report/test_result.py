@@ -93,7 +93,9 @@ def test_a_branch_that_does_not_exist_says_where_it_does(
 
 
 def test_without_any_reason_the_report_says_so() -> None:
-    assert 'no reason' in Result({'v_c': None, 'warnings': []}).reason('v_c')
+    entries = {'v_c': None, 'criticality': 'subcritical', 'warnings': []}
+    assert 'no reason' in Result(entries).reason('v_c')
+    assert 'no normal form' in Result({'v_c': None, 'warnings': []}).reason('v_c')
 
 
 def test_paths_past_a_null_are_not_known_either() -> None:

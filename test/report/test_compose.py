@@ -1,0 +1,239 @@
+"""The whole report of a simulated run: what is in it, and that it equals the identification."""
+
+from __future__ import annotations
+
+import json
+import re
+import xml.etree.ElementTree as ElementTree
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hunt_ros.cli.main import main
+from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.simulation import (
+    Roughness,
+    SensorModel,
+    SimulationSettings,
+    SpeedProfile,
+    simulate,
+)
+from hunt_ros.identification import identify
+from hunt_ros.report.compose import Report
+from hunt_ros.report.events import events_of
+from hunt_ros.samples import Record, Series
+
+FIGURES = {
+    'run01',
+    'fig03_cubic',
+    'fig05a_response',
+    'fig05b_response',
+    'fig05c_response',
+    'fig05d_response',
+    'fig06_hysteresis',
+    'fig07_poincare',
+    'fig09_normal_form',
+    'fig10_bifurcation',
+}
+
+
+def staircase(source: str = 'day & night <1>.mcap') -> Record:
+    """Return a run up and down in steps of 0.4 m/s, with roughness, noise and forcing."""
+    settings = SimulationSettings(
+        sample_rate_hz=200.0,
+        roughness=Roughness((3e-5,)),
+        broadband=1e-5,
+        lateral_sensor=SensorModel(noise=5e-6),
+        yaw_sensor=SensorModel(noise=2e-5),
+    )
+    up = [6.0, 6.4, 6.8, 7.2, 7.6, 8.0, 8.4, 8.8]
+    profile = SpeedProfile.staircase(*up, *up[-2::-1], hold_s=25.0)
+    record = simulate(paper_rig(), settings, profile, profile.duration_s, seed=5)
+    return Record(dict(record), source, {'operator': '<b>A & B</b>'})
+
+
+@pytest.fixture(scope='module')
+def report() -> Report:
+    identification = identify([staircase()])
+    assert identification.normal_form is not None
+    events = events_of(identification.records[0], identification.normal_form)
+    return Report(identification, events)
+
+
+@pytest.fixture(scope='module')
+def page(report: Report) -> str:
+    return report.html(report.drawings())
+
+
+class Numbers(HTMLParser):
+    """Collects the `data` elements and the identifiers of a page."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.shown: dict[str, float] = {}
+        self.addresses: list[str] = []
+        self.tags: set[str] = set()
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        entries = dict(attrs)
+        if tag == 'data':
+            key, value = entries['data-key'], entries['value']
+            assert key is not None
+            assert value is not None
+            # A number that stands twice is the same number twice.
+            assert self.shown.setdefault(key, float(value)) == float(value)
+        self.addresses += [v or '' for k, v in attrs if k in ('src', 'href', 'xlink:href')]
+
+
+def at(document: Any, path: str) -> Any:
+    for key in path.split('.'):
+        document = document[int(key) if isinstance(document, list) else key]
+    return document
+
+
+def test_every_number_of_the_page_is_that_of_the_identification(report: Report, page: str) -> None:
+    shown = Numbers(page).shown
+    assert {'v_c.value', 'v_n.value', 'coefficients.D4.value', 'observed.v_c'} <= set(shown)
+    document = report.identification.to_json()
+    for path, value in shown.items():
+        assert value == at(document, path), path
+
+
+def test_the_json_in_the_page_is_that_of_the_identification(report: Report, page: str) -> None:
+    found = re.search(r'id="identification">(.*?)</script>', page, re.DOTALL)
+    assert found
+    assert json.loads(found.group(1)) == report.identification.to_json()
+
+
+def test_every_figure_of_the_paper_is_on_the_page(report: Report, page: str) -> None:
+    assert set(report.drawings()) >= FIGURES
+    for number in ('3', '5a', '5b', '5c', '5d', '6', '7', '9', '10'):
+        assert f'<b>Fig. {number}</b>' in page
+    assert page.count('<svg ') == page.count('</svg>') == len(report.drawings())
+
+
+def test_nothing_is_loaded_from_anywhere(page: str) -> None:
+    numbers = Numbers(page)
+    assert all(address.startswith('#') for address in numbers.addresses)
+    assert not numbers.tags & {'link', 'img', 'iframe', 'object', 'embed', 'base'}
+    assert 'http' not in page.replace('http-equiv', '')
+
+
+def test_the_events_of_the_run_are_in_the_table_and_in_the_figure(
+    report: Report, page: str
+) -> None:
+    words = [event.event.replace('_', ' ') for event in report.events]
+    assert 'limit cycle' in words
+    table = page[page.index('id="events"') : page.index('id="hysteresis"')]
+    rows = re.findall(r'<tr><th scope="row">.*?</tr>', table)
+    assert len(rows) == len(report.events)
+    for row, event, word in zip(rows, report.events, words, strict=True):
+        assert word in row
+        assert f'{event.seconds:.2f}' in row
+        assert event.level in row
+
+
+def test_every_warning_and_every_null_is_on_the_page(report: Report, page: str) -> None:
+    from html import escape
+
+    for line in report.result.warnings:
+        assert escape(line) in page
+    for unknown in report.result.unknowns():
+        assert f'<code>{unknown.path}</code>' in page
+        assert escape(unknown.reason) in page
+
+
+def test_what_people_wrote_into_the_recording_is_text_on_the_page(page: str) -> None:
+    assert '<b>A & B</b>' not in page
+    assert '&lt;b&gt;A &amp; B&lt;/b&gt;' in page
+    assert 'day &amp; night &lt;1&gt;.mcap' in page
+
+
+def test_the_four_states_are_those_of_the_paper(report: Report) -> None:
+    a, b, c, d = (report.chosen[letter] for letter in 'abcd')
+    assert a.speed < b.speed < c.speed
+    assert abs(b.speed - d.speed) < 0.1
+    assert (b.direction, d.direction) == ('up', 'down')
+    assert d.amplitude > 3.0 * b.amplitude
+    # Fig. 5: a closed curve where it hunts, and no chaos anywhere.
+    assert report.responses['c'].kind == 'quasi-periodic'
+    for response in report.responses.values():
+        assert response.lyapunov is not None
+        assert not response.lyapunov.chaotic
+
+
+def test_the_lines_of_the_spectrum_are_hunting_and_roughness(report: Report) -> None:
+    spectrum = report.responses['c'].spectrum
+    assert spectrum is not None
+    hunting, roughness = spectrum.line('hunting'), spectrum.line('roughness')
+    assert hunting is not None
+    assert roughness is not None
+    assert hunting.frequency_hz == pytest.approx(2.83, abs=0.05)
+    assert roughness.frequency_hz == pytest.approx(
+        report.chosen['c'].speed / 0.3 / np.pi, rel=0.01
+    )
+    assert hunting.amplitude == pytest.approx(report.chosen['c'].amplitude, rel=0.05)
+
+
+def test_a_quiet_run_makes_a_report_that_says_what_cannot_be_known() -> None:
+    settings = SimulationSettings(sample_rate_hz=100.0, initial_speed=6.2, broadband=8e-6)
+    record = simulate(paper_rig(), settings, SpeedProfile.constant(6.2), 60.0, seed=1)
+    one = Report(identify([record]), [])
+    assert one.identification.normal_form is None
+    page = one.html(one.drawings())
+    assert page.count('not known') > 10
+    for figure in ('Fig. 3', 'Fig. 9', 'Fig. 10', 'Fig. 11'):
+        assert f'<b>{figure}</b>' not in page
+    for word in ('None', 'nan'):
+        assert not re.search(rf'>\s*{word}\s*<', page)
+
+
+def test_the_command_writes_page_figures_and_json(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from hunt_ros.bag.writer import write_record
+
+    record = staircase('run')
+    bag = write_record(tmp_path / 'run', record)
+    out, figures, result = tmp_path / 'r.html', tmp_path / 'figures', tmp_path / 'r.json'
+    words = ['report', str(bag), '--out', str(out), '--figures', str(figures)]
+    assert main([*words, '--json', str(result), '--title', 'Run <7>']) == 0
+    printed = capsys.readouterr().out.split()
+    assert printed[0] == str(out)
+    assert {Path(name).stem for name in printed[1:]} >= FIGURES
+    for name in printed[1:]:
+        path = Path(name)
+        if path.suffix == '.svg':
+            ElementTree.parse(path)
+        else:
+            assert path.read_bytes().startswith(b'\x89PNG')
+    page = out.read_text(encoding='utf-8')
+    assert '<h1>Run &lt;7&gt;</h1>' in page
+    document = json.loads(result.read_text())
+    for path_, value in Numbers(page).shown.items():
+        assert value == at(document, path_), path_
+    assert not list(tmp_path.glob('*.part'))
+
+
+@pytest.mark.parametrize('option', ['--out', '--figures'])
+def test_a_place_that_cannot_be_written_is_one_line_and_exit_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str
+) -> None:
+    from hunt_ros.bag.writer import write_record
+
+    stamps = np.arange(1500) * 10_000_000
+    wave = 1e-4 * np.sin(2.0 * np.pi * 2.8 * stamps * 1e-9)
+    record = Record({'lateral': Series(stamps, wave), 'speed': Series(stamps, 0 * wave + 6.0)})
+    bag = write_record(tmp_path / 'run', record)
+    (tmp_path / 'file').write_text('in the way')
+    words = ['report', str(bag), '--out', str(tmp_path / 'r.html')]
+    assert main([*words, option, str(tmp_path / 'file' / 'below')]) == 2
+    message = capsys.readouterr().err
+    assert message.startswith('hunt report: ')
+    assert message.count('\n') == 1
+    assert 'file' in message
