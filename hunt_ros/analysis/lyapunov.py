@@ -39,7 +39,9 @@ class LyapunovExponent:
     ----------
     exponent : Uncertain
         1/s. Its deviation is that between blocks of the record, and what it changes when
-        neighbours are followed half as far.
+        neighbours are followed half as far. Where they do not separate exponentially (a
+        limit cycle, a torus) it is the slope of `divergence` late on: zero but for noise,
+        which still parts them by diffusion.
     times_s, divergence : ndarray, shape (k,)
         Mean logarithm of the distance of neighbours after a time, s.
     embedding : int
@@ -198,7 +200,8 @@ def _separation(
     if far - near < 1.0 or any(stretch is None for stretch in stretches):
         return None
     whole, early, late = (_by_passages(*stretch, rate_hz) for stretch in stretches if stretch)
-    if late.value < 0.6 * early.value:
+    arrived = float(np.mean((curves >= far).any(axis=1)))
+    if late.value < 0.75 * early.value or arrived < 0.4:
         return None
     # How much it matters where far begins: the error that no number of pairs takes away.
     shift = 0.5 * (early.value - whole.value)
@@ -242,8 +245,12 @@ def _by_passages(
 
 
 def _by_slope(curves: NDArray[np.float64], times: NDArray[np.float64], period: int) -> Uncertain:
-    """Slope of the mean curve after its first period; for orbits that do not separate."""
-    begin = min(max(period, 1), curves.shape[1] // 3)
+    """
+    Slope of the second half of the mean curve, for orbits that do not separate.
+
+    The first half holds how noise parts neighbours that it had made look near.
+    """
+    begin = max(curves.shape[1] // 2, min(period, curves.shape[1] - 3))
 
     def slope(part: NDArray[np.int64]) -> float:
         mean = curves[part].mean(axis=0)
