@@ -37,6 +37,15 @@ format: $(VENV)/installed  ## let ruff mend what it can
 bench-live: $(VENV)/installed  ## what the live suite costs: CPU, latency, losses
 	$(BIN)/python test/benchmark/bench_live.py
 
+bench-bags: $(VENV)/installed  ## recordings: columns against rosbags and mcap, an hour read and replayed
+	$(BIN)/python test/benchmark/bench_bags.py
+
+fuzz: $(VENV)/installed  ## damage 200,000 recordings more; FUZZ_SEED=N begins elsewhere
+	$(BIN)/python test/bag/fuzz_bags.py --cases 200000 --seed $${FUZZ_SEED:-100000}
+
+golden-bags: $(VENV)/installed  ## make the recordings in bags/ again, and the events expected of them
+	$(BIN)/python bags/make.py
+
 clean:  ## remove what these targets made
 	rm -rf $(VENV) build install log *.egg-info
 
@@ -46,4 +55,4 @@ bench-estimation: $(VENV)/installed  ## the tracker: speed against filterpy, acc
 bench-forecast: $(VENV)/installed  ## forecast of v_c: error, spread against the bound, coverage
 	$(BIN)/python test/benchmark/bench_forecast.py
 
-.PHONY: help install demo test check format clean bench-live bench-forecast bench-estimation
+.PHONY: bench-bags fuzz golden-bags help install demo test check format clean bench-live bench-forecast bench-estimation

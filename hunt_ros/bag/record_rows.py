@@ -30,7 +30,10 @@ CHANNEL_FIELDS: dict[str, tuple[str, str]] = {
 
 
 def record_rows(
-    record: Record, topic: Callable[[str, str], int], namespace: str
+    record: Record,
+    topic: Callable[[str, str], int],
+    namespace: str,
+    chunk_bytes: int = CHUNK_BYTES,
 ) -> Iterator[list[Rows]]:
     """
     Yield a record chunk by chunk.
@@ -43,6 +46,8 @@ def record_rows(
         Gives the number of a topic from its name and type.
     namespace : str
         In front of the topics' names.
+    chunk_bytes : int
+        About the size of a chunk.
     """
     prefix = f'/{namespace.strip("/")}' if namespace.strip('/') else ''
     series = {name: record[name] for name in CHANNEL_FIELDS if name in record}
@@ -52,8 +57,8 @@ def record_rows(
     volume = sum(len(part) * sizes[name] for name, part in series.items())
     if not total:
         return
-    # Chunks of equal time, of about CHUNK_BYTES.
-    count = -(-volume // CHUNK_BYTES)
+    # Chunks of equal time, of about chunk_bytes.
+    count = -(-volume // chunk_bytes)
     edges = np.linspace(record.start_ns, record.end_ns + 1, count + 1).astype(np.int64)
     edges[0], edges[-1] = record.start_ns, record.end_ns + 1
     for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):

@@ -322,6 +322,7 @@ def write_record(
     notes: Mapping[str, str] | None = None,
     texts: Mapping[str, str] | None = None,
     compression: str = 'zstd',
+    chunk_bytes: int = CHUNK_BYTES,
 ) -> Path:
     """
     Write a record as a recording with the topics of a live rig.
@@ -344,6 +345,8 @@ def write_record(
         at the first stamp.
     compression : str
         '', 'lz4' or 'zstd'.
+    chunk_bytes : int
+        About the size of a chunk before compression.
 
     Returns
     -------
@@ -362,7 +365,7 @@ def write_record(
     together = {**record.notes, **(notes or {})}
     with BagWriter(path, notes=together, compression=compression) as bag:
         write_texts(bag, texts or {}, record.start_ns, namespace)
-        for several in record_rows(record, bag.topic, namespace):
+        for several in record_rows(record, bag.topic, namespace, chunk_bytes):
             bag.write_rows(several)
     return Path(path)
 

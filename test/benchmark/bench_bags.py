@@ -1,0 +1,245 @@
+"""
+Reading recordings: columns against rosbags and mcap, in one run on the same files.
+
+    python test/benchmark/bench_bags.py [--messages 2000000] [--seconds 3600]
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import shutil
+import sys
+import tempfile
+import time
+import tracemalloc
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from mcap.reader import make_reader
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
+
+sys.path.insert(0, str(Path(__file__).parent))
+from tables import markdown, publish
+
+from hunt_ros.bag import read_columns, read_record, write_record
+from hunt_ros.bag.record_rows import serialise
+from hunt_ros.bag.recording import Recording, RecordingLimits
+from hunt_ros.samples import Record, Series
+
+BEGIN_NS = 1_700_000_000_000_000_000
+STORE = get_typestore(Stores.ROS2_JAZZY)
+COLUMNS = ['a=/rig/lateral', 'b=/rig/yaw']
+
+
+def timed(work: Callable[[], object], repeats: int = 1) -> float:
+    """Return the best of some runs, s of CPU: all of it runs in one thread."""
+    best = float('inf')
+    for _ in range(repeats):
+        begin = time.process_time()
+        work()
+        best = min(best, time.process_time() - begin)
+    return best
+
+
+def two_channels(count: int) -> Record:
+    """Two JointState channels of `count` messages each, 84 bytes a message."""
+    rng = np.random.default_rng(1)
+    stamps = BEGIN_NS + np.arange(count) * 1_000_000
+    return Record(
+        {
+            'lateral': Series(stamps, rng.normal(size=count)),
+            'yaw': Series(stamps + 500, rng.normal(size=count)),
+        }
+    )
+
+
+def three_channels(seconds: float) -> Record:
+    """An hour, say, of lateral, yaw and speed at 1 kHz, as a quiet rig."""
+    rng = np.random.default_rng(2)
+    count = round(seconds * 1000)
+    time_s = np.arange(count) / 1000.0
+    stamps = BEGIN_NS + np.arange(count) * 1_000_000
+    wave = 1e-4 * np.sin(2 * np.pi * 2.8 * time_s)
+    return Record(
+        {
+            'lateral': Series(stamps, wave + 5e-6 * rng.standard_normal(count)),
+            'yaw': Series(stamps, 5.0 * wave + 2e-5 * rng.standard_normal(count)),
+            'speed': Series(stamps, 6.0 + 2.8 * time_s / seconds),
+        }
+    )
+
+
+def rosbags_raw(path: Path) -> int:
+    with Reader(path) as reader:
+        return sum(1 for _ in reader.messages())
+
+
+def rosbags_deserialised(path: Path) -> tuple[np.ndarray, ...]:
+    """What a user of rosbags writes to get the same two columns."""
+    columns: dict[str, tuple[list[int], list[float]]] = {}
+    with Reader(path) as reader:
+        for connection, _, raw in reader.messages():
+            message = STORE.deserialize_cdr(raw, connection.msgtype)
+            stamps, values = columns.setdefault(connection.topic, ([], []))
+            stamps.append(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
+            values.append(message.position[0])
+    return tuple(np.array(part) for pair in columns.values() for part in pair)
+
+
+def mcap_raw(path: Path) -> int:
+    with open(next(path.glob('*.mcap')), 'rb') as file:
+        return sum(1 for _ in make_reader(file).iter_messages())
+
+
+def compare(folder: Path, count: int) -> tuple[list[list[object]], dict[str, float]]:
+    """Columns, raw iteration and deserialisation for each compression."""
+    record = two_channels(count)
+    rows: list[list[object]] = []
+    ratios: dict[str, float] = {}
+    for compression in ('', 'lz4', 'zstd'):
+        path = write_record(folder / f'two_{compression}', record, compression=compression)
+        read_columns(path, COLUMNS)  # the file is in the page cache for all
+        ours = timed(lambda path=path: read_columns(path, COLUMNS), 3)
+        raw = timed(lambda path=path: rosbags_raw(path))
+        full = timed(lambda path=path: rosbags_deserialised(path))
+        peer = timed(lambda path=path: mcap_raw(path)) if compression == '' else float('nan')
+        name = compression or 'none'
+        rate = 2 * count / 1e6
+        rows += [
+            [name, 'hunt_ros read_columns', ours, rate / ours, 1.0],
+            [name, 'rosbags Reader, raw bytes', raw, rate / raw, raw / ours],
+            [name, 'rosbags Reader + deserialize_cdr', full, rate / full, full / ours],
+        ]
+        if compression == '':
+            rows.append([name, 'mcap, raw bytes', peer, rate / peer, peer / ours])
+        ratios |= {f'{name} raw': raw / ours, f'{name} deserialised': full / ours}
+        shutil.rmtree(path)
+    return rows, ratios
+
+
+def memory(folder: Path, count: int) -> tuple[float, float]:
+    """Return (MB of the columns, MB at the peak of reading one of the two channels)."""
+    path = write_record(folder / 'memory', two_channels(count), compression='zstd')
+    read_columns(path, COLUMNS[:1])
+    tracemalloc.start()
+    column = read_columns(path, COLUMNS[:1])['a']
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    shutil.rmtree(path)
+    return (column.stamps_ns.nbytes + column.values.nbytes) / 1e6, peak / 1e6
+
+
+def hour(folder: Path, seconds: float) -> list[list[object]]:
+    """Write, read and replay three channels at 1 kHz."""
+    from hunt_ros.detection import DetectorConfig, HuntingDetector
+    from hunt_ros.detection.offline import collect, config_for, watch
+    from hunt_ros.dynamics.identified import IdentifiedNormalForm
+    from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+
+    record = three_channels(seconds)
+    rows: list[list[object]] = []
+    form = IdentifiedNormalForm(PAPER_NORMAL_FORM)
+    for compression in ('', 'zstd'):
+        name = compression or 'none'
+        path = folder / f'hour_{name}'
+        written = timed(lambda path=path, c=compression: write_record(path, record, compression=c))
+        read_record(path)
+        reading = timed(lambda path=path: read_record(path), 3)
+        rows.append([f'write_record, {name}', written, seconds / written])
+        rows.append([f'read_record, {name}', reading, seconds / reading])
+        if compression:
+            short = record.between(BEGIN_NS, BEGIN_NS + 5 * 10**9)
+            config, _ = config_for(short, DetectorConfig())
+            collect(watch(short, HuntingDetector(config, form), lambda fraction: None))
+            begin = time.process_time()
+            again = read_record(path)
+            config, _ = config_for(again, DetectorConfig())
+            collect(watch(again, HuntingDetector(config, form), lambda fraction: None))
+            replayed = time.process_time() - begin
+            rows.append([f'replay with the detector, {name}', replayed, seconds / replayed])
+        shutil.rmtree(path)
+    return rows
+
+
+def recorder(folder: Path) -> list[list[object]]:
+    """What a live recording costs: flat out, and at the rate of a rig (3 kHz in all)."""
+    count = 200_000
+    stamps = BEGIN_NS + np.arange(count) * 1_000_000
+    messages = [bytes(row) for row in serialise('lateral', Series(stamps, np.zeros(count)))]
+    rows: list[list[object]] = []
+    recording = Recording(folder / 'flat', RecordingLimits(buffer_mib=1024.0))
+    key = recording.topic('/rig/lateral', 'sensor_msgs/msg/JointState')
+    begin = time.perf_counter()
+    for at, message in zip(stamps.tolist(), messages, strict=True):
+        recording.offer(key, at, message)
+    offered = time.perf_counter() - begin
+    recording.stop()
+    done = time.perf_counter() - begin
+    rows.append(['flat out: 10^6 messages/s taken', count / offered / 1e6])
+    rows.append(['flat out: 10^6 messages/s to the closed bag', count / done / 1e6])
+    recording = Recording(folder / 'rig')
+    key = recording.topic('/rig/lateral', 'sensor_msgs/msg/JointState')
+    before = resource.getrusage(resource.RUSAGE_SELF)
+    begin, sent, worst = time.perf_counter(), 0, 0.0
+    while (now := time.perf_counter() - begin) < 5.0:
+        while sent < now * 3000:
+            start = time.perf_counter()
+            recording.offer(key, int(stamps[sent]), messages[sent])
+            worst = max(worst, time.perf_counter() - start)
+            sent += 1
+        time.sleep(0.005)
+    after = resource.getrusage(resource.RUSAGE_SELF)
+    used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    recording.stop()
+    rows.append(['3000 messages/s: CPU of offering, packing and writing, % of a core', used * 20])
+    rows.append(['3000 messages/s: longest call of offer, ms', worst * 1e3])
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument('--messages', type=int, default=2_000_000, help='in two channels')
+    parser.add_argument('--seconds', type=float, default=3600.0, help='of the long recording')
+    parser.add_argument('--dry', action='store_true', help='print, and leave the page alone')
+    arguments = parser.parse_args()
+    folder = Path(tempfile.mkdtemp(prefix='bench_bags_'))
+    try:
+        rows, ratios = compare(folder, arguments.messages // 2)
+        columns, peak = memory(folder, arguments.messages // 2)
+        long_rows = hour(folder, arguments.seconds)
+        live_rows = recorder(folder)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    goals = [
+        ['uncompressed, against rosbags deserialised', '50', ratios['none deserialised']],
+        ['uncompressed, against rosbags raw bytes', '10', ratios['none raw']],
+        ['zstd, against rosbags deserialised', '20', ratios['zstd deserialised']],
+    ]
+    text = '\n\n'.join(
+        [
+            f'Two channels of {arguments.messages // 2} JointState messages (84 bytes), stamps and'
+            ' values as arrays; every chunk CRC and every message layout is checked. CPU seconds of'
+            ' one thread, best of 3 for hunt_ros, one run for the others, files in the page cache.',
+            markdown(['chunks', 'way', 'CPU s', '10^6 messages/s', 'times hunt_ros'], rows),
+            markdown(['times as fast as', 'goal', 'measured'], goals),
+            f'Memory: one of the two channels is {columns:.0f} MB of stamps and values; reading it'
+            f' takes {peak:.0f} MB at the peak (log times and parts before they are joined).',
+            f'{arguments.seconds:.0f} s of lateral, yaw and speed at 1 kHz'
+            f' ({arguments.seconds * 3000 / 1e6:.1f} million messages; goals for an hour: read'
+            ' in 2 s, replay in 6 s, which is 600 times real time):',
+            markdown(['work', 'CPU s', 'times real time'], long_rows),
+            'A live recording (the object behind `bag_recorder`, without ROS):',
+            markdown(['what', 'measured'], live_rows),
+        ]
+    )
+    if arguments.dry:
+        print(text)
+    else:
+        publish('bench-bags', 'Reading recordings', text)
+
+
+if __name__ == '__main__':
+    main()
