@@ -110,6 +110,8 @@ _STEADY = 0.1
 _LEAST_DAMPING = 0.1
 #: About the unstable branch a motion lingers without being a limit cycle.
 _LINGER_LOW, _LINGER_HIGH = 0.7, 1.35
+#: With a stable branch in the form, a limit cycle is at least this share of it.
+_CYCLE_AT_LEAST = 0.5
 
 
 class Rules(NamedTuple):
@@ -540,6 +542,8 @@ def _wanted(
     edge = out[O_UNSTABLE]
     if not math.isnan(edge) and a < _LINGER_HIGH * edge:
         steady = False  # below the edge, or lingering near it
+    if a < _CYCLE_AT_LEAST * out[O_STABLE]:
+        steady = False  # lingering where growth is slow: near the critical speed
     reached = rules.cycle_amplitude > 0.0 and a > rules.cycle_amplitude
     if a > rules.cycle_fraction * out[O_STABLE]:
         reached = reached or not math.isnan(edge) or a > rules.disturbed_in * floor
@@ -548,6 +552,8 @@ def _wanted(
         if lost or (falls and growth < -rules.decay_rate):
             return _DECAYING, rules.decay_hold
         return _LIMIT_CYCLE, 0
+    if escaping and state in (_QUIET, _DISTURBED):
+        return _ESCAPING, rules.escape_hold  # a bump may land on the limit cycle: no waiting
     if reached:
         return _LIMIT_CYCLE, rules.cycle_hold
     if steady:
@@ -604,7 +610,8 @@ def _move(memory: _F, wanted: int, hold: int, a: float) -> None:
 def _hold_doubts(rules: Rules, memory: _F, disagree: bool, out: _F) -> None:
     low = switched(memory[M_MARGIN_LOW] > 0.0, -out[O_MARGIN], -rules.margin_in, -rules.margin_out)
     if math.isnan(out[O_MARGIN]):
-        low = False
+        # no unstable branch: below v_n there is room enough, above v_c there is none
+        low = memory[M_MARGIN_LOW] > 0.0 and int(memory[M_REGION]) == 3
     now, waited = held(
         int(memory[M_MARGIN_LOW]), int(low), int(memory[M_MARGIN_WAITED]), rules.margin_hold
     )

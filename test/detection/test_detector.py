@@ -1,0 +1,260 @@
+"""The detector as a whole: stream equals batch, states and events of known motions."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+
+from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, Region, State, detect
+from hunt_ros.detection.output import Output
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+from hunt_ros.dynamics.speed_profile import SpeedProfile
+from hunt_ros.errors import ConfigError, HuntError
+from hunt_ros.samples import Record
+
+PAPER = IdentifiedNormalForm(PAPER_NORMAL_FORM)
+
+
+def _words(output: Output) -> list[str]:
+    return [event.event for event in output.events]
+
+
+def _only(record: Record, *channels: str) -> Record:
+    return Record({name: record[name] for name in channels})
+
+
+def _same(first: Output, second: Output) -> bool:
+    return (
+        first.estimates.tobytes() == second.estimates.tobytes()
+        and [repr(event) for event in first.events] == [repr(event) for event in second.events]
+    )
+
+
+@settings(
+    max_examples=10,
+    deadline=None,
+    suppress_health_check=list(HealthCheck),
+    phases=[Phase.explicit, Phase.generate],
+)
+@given(data=st.data())
+def test_any_blocks_and_any_interleaving_give_the_rows_of_the_whole(data, recorded) -> None:
+    record = recorded(7.2, 6.0, kicks=[(2.0, 400e-6)])
+    whole = detect(HuntingDetector(normal_form=PAPER), record)
+    detector = HuntingDetector(normal_form=PAPER)
+    pieces = []
+    for name, series in record.items():
+        cuts = sorted(data.draw(st.lists(st.integers(0, len(series)), max_size=12), label=name))
+        bounds = [0, *cuts, len(series)]
+        pieces.append([(name, a, b) for a, b in itertools.pairwise(bounds)])
+    outputs = []
+    while any(pieces):
+        queue = data.draw(st.sampled_from([piece for piece in pieces if piece]))
+        name, a, b = queue.pop(0)
+        outputs.append(
+            detector.update(name, record[name].stamps_ns[a:b], record[name].values[a:b])
+        )
+    outputs.append(detector.finish())
+    assert _same(Output.joined(outputs), whole)
+
+
+def test_sample_by_sample_gives_the_rows_of_the_whole(recorded) -> None:
+    record = recorded(7.2, 2.0)
+    detector = HuntingDetector(normal_form=PAPER)
+    samples = sorted(
+        (int(stamp), name, float(value))
+        for name, series in record.items()
+        for stamp, value in zip(series.stamps_ns, series.values, strict=True)
+    )
+    outputs = [detector.update(name, stamp, value) for stamp, name, value in samples]
+    outputs.append(detector.finish())
+    assert _same(
+        Output.joined(outputs), detect(HuntingDetector(normal_form=PAPER), record)
+    )
+
+
+def test_reset_equals_fresh(recorded) -> None:
+    record = recorded(7.2, 6.0, kicks=[(2.0, 400e-6)])
+    detector = HuntingDetector(normal_form=PAPER)
+    first = detect(detector, record)
+    detector.reset()
+    assert not detector.status.alarm
+    assert _same(detect(detector, record), first)
+
+
+def test_a_kick_beyond_the_basin_goes_through_escaping_to_the_limit_cycle(
+    recorded, true_form
+) -> None:
+    record = recorded(7.2, 30.0, kicks=[(8.0, 330e-6)])  # critical kick: 216 um
+    detector = HuntingDetector(normal_form=true_form)
+    output = detect(detector, record)
+    words = _words(output)
+    assert words[0] == 'hysteresis_entered'
+    assert 'escaping' in words
+    assert words[-1] == 'limit_cycle'
+    escaping = next(event for event in output.events if event.event == 'escaping')
+    assert 8e9 < escaping.stamp_ns < 9.5e9
+    assert escaping.level is Level.ERROR
+    status = detector.status
+    assert status.state is State.LIMIT_CYCLE
+    assert status.alarm
+    # The full model's cycle is 634 um; a roughness line B lowers it to sqrt(A^2 - 2 B^2).
+    settled = output.estimates['lateral_amplitude'][-1000:]
+    assert np.mean(settled) == pytest.approx(626e-6, rel=0.03)
+    row = output.estimates[np.searchsorted(output.estimates['stamp_ns'], escaping.stamp_ns)]
+    cycle = next(event for event in output.events if event.event == 'limit_cycle')
+    # The limit cycle is called only after it was there for a while.
+    arrival = (cycle.stamp_ns - escaping.stamp_ns) * 1e-9 - detector.config.limit_cycle_hold_s
+    assert row['time_to_limit_cycle'] == pytest.approx(arrival, abs=0.5)
+
+
+def test_a_kick_inside_the_basin_is_a_disturbance_and_no_alarm(recorded, true_form) -> None:
+    record = recorded(7.2, 30.0, kicks=[(8.0, 150e-6)])
+    detector = HuntingDetector(normal_form=true_form)
+    output = detect(detector, record)
+    states = output.estimates['state']
+    stamps = output.estimates['stamp_ns']
+    assert State.DISTURBED in states[(stamps > 8.1e9) & (stamps < 9e9)]
+    assert not np.isin(states, [State.ESCAPING, State.LIMIT_CYCLE]).any()
+    assert detector.status.state is State.QUIET
+    assert not detector.status.alarm
+    assert 'margin_low' in _words(output)
+
+
+def test_without_a_normal_form_growth_and_steadiness_decide(recorded) -> None:
+    record = recorded(7.2, 40.0, kicks=[(8.0, 330e-6)])
+    detector = HuntingDetector(DetectorConfig())
+    output = detect(detector, record)
+    assert detector.status.region is Region.UNKNOWN
+    assert output.estimates['level'].min() >= Level.WARN
+    assert any('no normal form' in reason for reason in detector.status.reasons)
+    words = _words(output)
+    assert 'limit_cycle' in words
+    assert detector.status.alarm
+    calm = detect(HuntingDetector(DetectorConfig()), recorded(7.2, 40.0, kicks=[(8.0, 150e-6)]))
+    assert not set(_words(calm)) & {'escaping', 'limit_cycle'}
+
+
+def test_critical_speeds_alone_give_the_regions(recorded) -> None:
+    profile = SpeedProfile.sweep(6.0, 8.4, 0.4)
+    record = recorded(profile, profile.duration_s)
+    config = DetectorConfig(critical_speed_mps=8.0, nonlinear_critical_speed_mps=6.4)
+    output = detect(HuntingDetector(config), record)
+    regions = [
+        event for event in output.events if 'hysteresis' in event.event or 'unst' in event.event
+    ]
+    assert [event.event for event in regions] == [
+        'hysteresis_entered',
+        'hysteresis_left',
+        'unstable_entered',
+        'unstable_left',
+        'hysteresis_entered',
+        'hysteresis_left',
+    ]
+    assert regions[0].speed_mps == pytest.approx(6.4, abs=0.15)
+    assert regions[1].speed_mps == pytest.approx(8.0, abs=0.15)
+
+
+def test_a_supercritical_form_claims_no_hysteresis_region(recorded) -> None:
+    profile = SpeedProfile.sweep(6.0, 8.4, 0.4)
+    record = recorded(profile, profile.duration_s)
+    form = IdentifiedNormalForm(replace(PAPER_NORMAL_FORM, D4=-2000.0))
+    output = detect(HuntingDetector(normal_form=form), record)
+    assert Region.HYSTERESIS not in output.estimates['region']
+    assert set(output.estimates['region']) == {Region.STABLE, Region.UNSTABLE}
+
+
+@pytest.mark.parametrize('channels', [('lateral',), ('yaw',), ('lateral', 'speed')])
+def test_fewer_channels_are_enough(channels, recorded, true_form) -> None:
+    record = _only(recorded(7.2, 30.0, kicks=[(8.0, 330e-6)]), *channels)
+    config = DetectorConfig(
+        channels=channels,
+        roughness=False,
+        constant_speed_mps=0.0 if 'speed' in channels else 7.2,
+    )
+    detector = HuntingDetector(config, true_form)
+    detect(detector, record)
+    assert detector.status.level is Level.ERROR
+    assert detector.status.alarm
+
+
+def test_the_alarm_stays_until_acknowledged(recorded, true_form) -> None:
+    profile = SpeedProfile((0.0, 20.0, 30.0, 60.0), (7.2, 7.2, 5.0, 5.0))
+    record = recorded(profile, 60.0, kicks=[(8.0, 330e-6)])
+    detector = HuntingDetector(normal_form=true_form)
+    early, late = record.between(0, 18_000_000_000), record.between(18_000_000_000, 10**18)
+    for name, series in early.items():
+        detector.update(name, series.stamps_ns, series.values)
+    assert detector.status.level is Level.ERROR
+    detector.acknowledge(18_000_000_000)
+    assert detector.status.alarm  # it still hunts
+    words = []
+    for name, series in late.items():
+        words += _words(detector.update(name, series.stamps_ns, series.values))
+    words += _words(detector.finish())
+    assert [word for word in words if word in ('decaying', 'quiet')] == ['decaying', 'quiet']
+    assert not detector.status.alarm
+    assert detector.status.level is Level.OK
+
+
+def test_an_alarm_that_nobody_acknowledged_outlives_the_hunting(recorded, true_form) -> None:
+    profile = SpeedProfile((0.0, 20.0, 30.0, 60.0), (7.2, 7.2, 5.0, 5.0))
+    detector = HuntingDetector(normal_form=true_form)
+    detect(detector, recorded(profile, 60.0, kicks=[(8.0, 330e-6)]))
+    assert detector.status.state is State.QUIET
+    assert detector.status.alarm
+    output = detector.acknowledge(60_000_000_000)
+    assert _words(output) == ['acknowledged']
+    assert not detector.status.alarm
+
+
+def test_a_new_normal_form_acts_from_the_next_row(recorded) -> None:
+    record = recorded(7.2, 10.0)
+    detector = HuntingDetector()
+    half = record.between(0, 5_000_000_000)
+    for name, series in half.items():
+        detector.update(name, series.stamps_ns, series.values)
+    assert detector.status.region is Region.UNKNOWN
+    detector.set_normal_form(PAPER)
+    rest = record.between(5_000_000_000, 10**18)
+    outputs = [
+        detector.update(name, series.stamps_ns, series.values) for name, series in rest.items()
+    ]
+    assert 'hysteresis_entered' in _words(Output.joined(outputs))
+    assert detector.status.region is Region.HYSTERESIS
+
+
+def test_estimates_lie_on_whole_multiples_of_the_period(recorded) -> None:
+    output = detect(HuntingDetector(normal_form=PAPER), recorded(7.2, 2.0))
+    stamps = output.estimates['stamp_ns']
+    assert np.all(stamps % 10_000_000 == 0)
+    assert np.all(np.diff(stamps) == 10_000_000)
+
+
+def test_an_unknown_channel_and_unequal_lengths_are_refused() -> None:
+    detector = HuntingDetector(DetectorConfig(channels=('lateral', 'speed'), roughness=False))
+    with pytest.raises(HuntError, match='yaw'):
+        detector.update('yaw', [0], [0.0])
+    with pytest.raises(HuntError, match='one value a stamp'):
+        detector.update('lateral', [0, 1], [0.0])
+
+
+@pytest.mark.parametrize(
+    ('changes', 'word'),
+    [
+        ({'channels': ('lateral', 'pitch')}, 'pitch'),
+        ({'channels': ('speed',), 'roughness': False}, 'lateral or yaw'),
+        ({'channels': ('lateral',)}, 'roller'),
+        ({'disturbed_in': 1.5}, 'disturbed_out'),
+        ({'critical_speed_mps': 6.0, 'nonlinear_critical_speed_mps': 7.0}, 'v_c'),
+        ({'output_rate_hz': 0.0}, 'output_rate_hz'),
+    ],
+)
+def test_impossible_settings_are_named(changes, word) -> None:
+    with pytest.raises(ConfigError, match=word):
+        DetectorConfig(**changes)
