@@ -556,6 +556,8 @@ def learn_ratio(f: Filter) -> None:
     elapsed = f.m[M_TIME] - f.m[M_RATIO_TIME]
     if elapsed < 0.1 or f.m[M_TIME] - f.m[M_KICK] < SETTLING:
         return
+    if f.m[M_TIME] - max(f.sensors[0, S_BOOT_START], f.sensors[1, S_BOOT_START]) < 1.0:
+        return  # the start is as rough as a kick
     f.m[M_RATIO_TIME] = f.m[M_TIME]
     a, b, p, q = f.x[0], f.x[1], f.x[2], f.x[3]
     power = a * a + b * b
@@ -700,7 +702,8 @@ def kicked(f: Filter, k: int, innovation: float, S: float, dt: float) -> int:
     # A small part of a large motion may come and go without a kick: lines from its nonlinearity.
     z = Z + 2 * k
     slight = SLIGHT * SLIGHT * (f.x[z] ** 2 + f.x[z + 1] ** 2)
-    if burst > BURST * usual:
+    # Nor may a wrong frequency keep opening the covariance: give it a second to be learnt.
+    if burst > BURST * usual and f.m[M_TIME] - f.m[M_KICK] > 1.0:
         return 1 if 2.0 * burst * S * min(dt, 0.05) / KICK_QUICK > slight else 0
     return 1 if surprising else 0
 
@@ -736,7 +739,9 @@ def handle_kick(f: Filter, k: int, innovation: float, dt: float) -> None:
     elif SETTLING < since < 2.0:
         f.sensors[k, S_NOISE] *= 1.25
         f.m[M_LAMBDA] = min(f.m[M_LAMBDA] + 0.2, math.log(100.0))
-        loosen(f, 1.5)
+        loosen(f, 4.0)
+        # Or the frequency is wrong, and each beat looks like a kick.
+        f.P[OMEGA, OMEGA] = max(f.P[OMEGA, OMEGA], f.cfg[C_OMEGA_STD] ** 2)
     power = f.x[0] * f.x[0] + f.x[1] * f.x[1]
     if scale > 9.0 * power * size:
         # A motion much larger than before: what was learnt from noise is worth little.
