@@ -29,9 +29,12 @@ KINDS: dict[str, str] = {
     'int64': 'i8', 'uint64': 'u8', 'float32': 'f4', 'float64': 'f8',
 }  # fmt: skip
 
-#: The field meant when a mapping names only a topic.
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+
+#: The field meant when a mapping names only a topic; of a JointState, first the joint that
+#: is named as the channel.
 USUAL_FIELDS: dict[str, str] = {
-    'sensor_msgs/msg/JointState': 'position[0]',
+    JOINT_STATE: 'position[0]',
     'geometry_msgs/msg/TwistStamped': 'twist.linear.x',
     'geometry_msgs/msg/Twist': 'linear.x',
     'geometry_msgs/msg/Vector3Stamped': 'vector.x',
@@ -47,6 +50,7 @@ USUAL_FIELDS |= {
 DEEPEST = 16
 
 _STEP = re.compile(r'\.?([A-Za-z_]\w*)|\[(\d+)\]')
+_JOINT = re.compile(r'^(position|velocity|effort)\[([^\W\d][^\[\]]*)\]$')
 
 FieldPath = tuple[str | int, ...]
 
@@ -95,6 +99,12 @@ def parse_path(text: str) -> FieldPath:
         steps.append(match[1] if match[1] is not None else int(match[2]))
         position = match.end()
     return tuple(steps)
+
+
+def joint_of(text: str) -> tuple[str, str] | None:
+    """Return (field, joint) of a path such as `position[lateral]`, or None for another path."""
+    match = _JOINT.match(text)
+    return (match[1], match[2]) if match else None
 
 
 def stamp_path(definitions: Definitions, message_type: str) -> FieldPath | None:
@@ -164,15 +174,41 @@ def locate(
     ValueError
         If the message has no such element, or is no message of this type.
     """
-    if len(message) < 4 or message[0] != 0 or message[1] not in (0, 1):
-        raise ValueError('it does not begin as a CDR message does')
-    walker = _Walker(definitions, message, '<' if message[1] else '>')
+    walker = _walker(definitions, message)
     try:
         return walker.find((Nodetype.NAME, message_type), path, 0)
     except struct.error as error:
         raise ValueError('the message is shorter than its type') from error
     except KeyError as error:
         raise ValueError(f'its type has a part {error}, which is described nowhere') from error
+
+
+def locate_texts(
+    definitions: Definitions, message_type: str, message: bytes, field: str
+) -> list[tuple[int, bytes]]:
+    """
+    Return where the strings of a top-level sequence stand, and what they are.
+
+    Raises
+    ------
+    ValueError
+        If the message has no such sequence of strings, or is no message of this type.
+    """
+    walker = _walker(definitions, message)
+    try:
+        for name, (kind, detail) in definitions[message_type]:
+            if name == field and kind == Nodetype.SEQUENCE:
+                return walker.texts(detail[0])
+            walker.skip((kind, detail), 1)
+    except (struct.error, KeyError) as error:
+        raise ValueError('the message is shorter than its type') from error
+    raise ValueError(f'there is no sequence {field!r}')
+
+
+def _walker(definitions: Definitions, message: bytes) -> _Walker:
+    if len(message) < 4 or message[0] != 0 or message[1] not in (0, 1):
+        raise ValueError('it does not begin as a CDR message does')
+    return _Walker(definitions, message, '<' if message[1] else '>')
 
 
 def _show(path: FieldPath) -> str:
@@ -216,6 +252,22 @@ class _Walker:
             raise ValueError(f'there are {count} elements, there is no [{step}]')
         self.skip_many(inner, step, depth + 1)
         return self.find(inner, path[1:], depth + 1)
+
+    def texts(self, node: Node) -> list[tuple[int, bytes]]:
+        if node[0] != Nodetype.BASE or node[1][0] != 'string':
+            raise ValueError('it is no sequence of strings')
+        count = self.length()
+        if count > len(self.message):
+            raise ValueError(f'it claims {count} elements in {len(self.message)} bytes')
+        found = []
+        for _ in range(count):
+            length = self.length()
+            end = self.position + length
+            if end > len(self.message):
+                raise ValueError('the message ends before its names')
+            found.append((self.position, self.message[self.position : end]))
+            self.position = end
+        return found
 
     def align(self, size: int) -> None:
         self.position += -(self.position - 4) % size

@@ -14,7 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.bag.blocks import Topic
-from hunt_ros.bag.cdr_layout import USUAL_FIELDS, check_path, parse_path, stamp_path
+from hunt_ros.bag.cdr_layout import (
+    JOINT_STATE,
+    USUAL_FIELDS,
+    check_path,
+    joint_of,
+    parse_path,
+    stamp_path,
+)
 from hunt_ros.bag.channels import ChannelMap, ChannelSource, channel_map
 from hunt_ros.bag.gather import Wanted, gather
 from hunt_ros.bag.message_types import definitions_of
@@ -203,12 +210,20 @@ def _as_map(
 def _plan(topic: Topic, source: ChannelSource, bag: Bag) -> Wanted:
     definitions = definitions_of(topic, str(bag.path))
     text = source.field or USUAL_FIELDS.get(topic.type, '')
+    stamp = stamp_path(definitions, topic.type)
+    joint = joint_of(text)
+    if not source.field and topic.type == JOINT_STATE:
+        joint = ('position', source.channel)
     try:
+        if joint is not None and topic.type == JOINT_STATE:
+            path = parse_path(joint[0])
+            alone = not source.field
+            return Wanted(definitions, topic.type, path, stamp, joint[1], alone)
         path = parse_path(text)
         check_path(definitions, topic.type, path)
     except ValueError as error:
         raise BagError(f'{bag.path}: topic {topic.name} ({topic.type}): {error}') from error
-    return Wanted(definitions, topic.type, path, stamp_path(definitions, topic.type))
+    return Wanted(definitions, topic.type, path, stamp)
 
 
 def _column(

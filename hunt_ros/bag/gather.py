@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.bag.blocks import Block, Places
-from hunt_ros.bag.cdr_layout import FieldPath, FieldPlace, locate
+from hunt_ros.bag.cdr_layout import FieldPath, FieldPlace, locate, locate_texts
 from hunt_ros.bag.mcap_walk import strided
 from hunt_ros.bag.message_types import Definitions
 
@@ -23,12 +23,20 @@ MOST_LAYOUTS = 8
 
 
 class Wanted(NamedTuple):
-    """Which field of which type, and where its stamp is (None: the log time)."""
+    """
+    Which field of which type, and where its stamp is (None: the log time).
+
+    With a `joint`, `field` is that of a JointState ('position'), and its element the one
+    that has the joint's name in each message; `alone` takes the only element, whatever
+    its name.
+    """
 
     definitions: Definitions
     type: str
     field: FieldPath
     stamp: FieldPath | None
+    joint: str = ''
+    alone: bool = False
 
 
 class Gathered(NamedTuple):
@@ -90,6 +98,7 @@ class _Layout(NamedTuple):
     encapsulation: int
     lengths: tuple[tuple[int, int], ...]
     end: int
+    name: tuple[int, bytes] | None
 
 
 def _message(block: Block, start: int, length: int) -> bytes:
@@ -97,7 +106,11 @@ def _message(block: Block, start: int, length: int) -> bytes:
 
 
 def _layout(message: bytes, wanted: Wanted) -> _Layout:
-    field = locate(wanted.definitions, wanted.type, message, wanted.field)
+    name, path = None, wanted.field
+    if wanted.joint:
+        index, name = _joint(message, wanted)
+        path = (*path, index)
+    field = locate(wanted.definitions, wanted.type, message, path)
     lengths, end = field.lengths, field.offset + field.size
     stamp = None
     if wanted.stamp is not None:
@@ -106,7 +119,19 @@ def _layout(message: bytes, wanted: Wanted) -> _Layout:
         stamp = (seconds, rest)
         lengths = tuple(sorted({*lengths, *rest.lengths}))
         end = max(end, rest.offset + rest.size)
-    return _Layout(field, stamp, message[1], lengths, end)
+    return _Layout(field, stamp, message[1], lengths, end, name)
+
+
+def _joint(message: bytes, wanted: Wanted) -> tuple[int, tuple[int, bytes] | None]:
+    """Find the element that has the joint's name, and where the name stands."""
+    names = locate_texts(wanted.definitions, wanted.type, message, 'name')
+    for index, (offset, text) in enumerate(names):
+        if text == wanted.joint.encode() + b'\0':
+            return index, (offset, text)
+    if wanted.alone and len(names) < 2:
+        return 0, None
+    shown = ', '.join(text.rstrip(b'\0').decode('utf-8', 'replace') for _, text in names[:12])
+    raise ValueError(f'there is no joint {wanted.joint!r}, it has {shown or "none"}')
 
 
 def _fits(
@@ -117,12 +142,16 @@ def _fits(
 ) -> NDArray[np.bool_] | None:
     """Which messages have the layout; None where all have."""
     whole = lengths >= layout.end
+    # Names stand before the field, so the end of the field is the end of what is looked at.
     safe = starts if whole.all() else np.where(whole, starts, starts[0])
     # The two bytes that say "CDR" and the byte order.
     fits = whole & (strided(data, '<u2', 0)[safe] == layout.encapsulation << 8)
     order = '<' if layout.encapsulation else '>'
     for offset, value in layout.lengths:
         fits &= strided(data, f'{order}u4', offset)[safe] == value
+    if layout.name is not None:
+        offset, text = layout.name
+        fits &= strided(data, f'S{len(text)}', offset)[safe] == text.rstrip(b'\0')
     return None if fits.all() else fits
 
 

@@ -12,12 +12,11 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag.cdr_layout import locate, parse_path
+from hunt_ros.bag.cdr_layout import JOINT_STATE, locate, parse_path
 from hunt_ros.bag.mcap_writer import CHUNK_BYTES, Rows
 from hunt_ros.bag.message_types import definitions_of, standard_types, topic_of_type
 from hunt_ros.samples import NANOSECONDS, Record, Series
 
-JOINT_STATE = 'sensor_msgs/msg/JointState'
 TWIST_STAMPED = 'geometry_msgs/msg/TwistStamped'
 
 #: Type and field of each channel, as the design names them.

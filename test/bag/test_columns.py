@@ -291,6 +291,37 @@ def test_missing_bags_and_channels_are_said_in_one_line(bag: Path, tmp_path: Pat
         read_record(path, require=['speed'])
 
 
+def test_a_joint_is_found_by_its_name_in_any_order(tmp_path: Path) -> None:
+    kind = 'sensor_msgs/msg/JointState'
+    rng = np.random.default_rng(4)
+    expected = []
+    with BagWriter(tmp_path / 'run', chunk_bytes=900) as writer:
+        key = writer.topic('/rig/lateral', kind)
+        for index in range(60):
+            # Names of one length: only the bytes tell the orders apart.
+            names = ['lateral', 'outward', 'onward_'][: int(rng.integers(1, 4))]
+            rng.shuffle(names)
+            if 'lateral' not in names:
+                names[0] = 'lateral'
+            values = rng.normal(size=len(names))
+            expected.append(values[names.index('lateral')])
+            message = TYPES[kind](
+                header=header(BEGIN_NS + index),
+                name=names,
+                position=values,
+                velocity=np.zeros(0),
+                effort=np.zeros(0),
+            )
+            writer.write(key, BEGIN_NS + index, bytes(STORE.serialize_cdr(message, kind)))
+    for columns in (
+        read_columns(tmp_path / 'run', ['a=/rig/lateral.position[lateral]'])['a'],
+        read_record(tmp_path / 'run')['lateral'],
+    ):
+        np.testing.assert_array_equal(columns.values, expected)
+    with pytest.raises(BagError, match="no joint 'inward', it has"):
+        read_columns(tmp_path / 'run', ['a=/rig/lateral.position[inward]'])
+
+
 def test_two_rigs_in_one_bag_need_a_namespace(tmp_path: Path, new_record, same) -> None:
     from hunt_ros.bag.record_rows import record_rows
 
