@@ -59,6 +59,7 @@ class ForecastSettings(Settings):
     refresh_s: float = setting(
         20.0, 'a new forecast after this time at the latest', unit='s', low=1.0, high=3600.0
     )
+    live: bool = setting(True, 'forecast as the run goes; false: only when asked to finish')
     fewest_levels: int = setting(3, 'speeds needed before a forecast', low=2, high=100)
     span: float = setting(
         0.1, 'how far apart the speeds must be, relative to the highest', low=0.0, high=0.9
@@ -167,8 +168,9 @@ class CriticalSpeedForecast:
 
     @property
     def levels(self) -> tuple[SpeedLevel, ...]:
-        """The levels closed so far."""
-        return tuple(self._levels.levels)
+        """The levels so far, with the open one if it is long enough."""
+        opened = self._levels.open_level()
+        return (*self._levels.levels, *(() if opened is None else (opened,)))
 
     def update(
         self,
@@ -210,11 +212,12 @@ class CriticalSpeedForecast:
             self._levels.mark_disturbed()
             return self._forecast
         for end in self._levels.update(stamps, values, speeds, angles):
-            self._refresh(end)
+            if self.settings.live:
+                self._refresh(end)
         return self._forecast
 
     def finish(self) -> Forecast:
-        """Make the forecast from all that was fed, the open level included (end of record)."""
+        """Make the forecast from all that was fed so far, the open level included."""
         self._refit(self._levels.last_stamp_ns)
         return self._forecast
 
@@ -230,10 +233,7 @@ class CriticalSpeedForecast:
         self._refit(stamp_ns)
 
     def _refit(self, stamp_ns: int) -> None:
-        levels = [*self._levels.levels]
-        opened = self._levels.open_level()
-        if opened is not None:
-            levels.append(opened)
+        levels = list(self.levels)
         speeds = [level.speed for level in levels]
         too_near = not speeds or max(speeds) - min(speeds) < self.settings.span * max(speeds)
         if len(levels) < self.settings.fewest_levels or too_near:

@@ -104,7 +104,7 @@ def run(case: Case, seed: int, truth: float) -> dict[str, list]:
     total = round(profile.duration_s * 500.0)
     # The guess of the creep coefficients is wrong on purpose.
     guess = case.rig.with_linear(1.5 * case.rig.d11, 0.6 * case.rig.d22)
-    quick = ForecastSettings(refresh_s=3600.0)
+    quick = ForecastSettings(live=False)
     forecasts = {
         'wheelset': CriticalSpeedForecast(quick, guess),
         'smooth': CriticalSpeedForecast(quick),
@@ -120,7 +120,7 @@ def run(case: Case, seed: int, truth: float) -> dict[str, list]:
         passed = len(results['smooth'])
         if passed < len(stages) and targets[-1] > stages[passed]:
             for name, forecast in forecasts.items():
-                results[name].append(forecast.forecast)
+                results[name].append(forecast.finish())
     for name, forecast in forecasts.items():
         results[name].append(forecast.finish())
         results[name].append(list(forecast.levels))
