@@ -191,9 +191,10 @@ class HuntingDetector:
         output = self._advance()
         return Output(output.estimates, (event, *output.events), output.journal)
 
-    def hold_at(self, entry: JournalEntry) -> None:
-        """For a replay: make no row behind the position of a journal entry."""
+    def hold_at(self, entry: JournalEntry) -> Output:
+        """For a replay: make the rows up to the position of a journal entry, and no more."""
         self._limit = (entry.epoch, entry.position_ns)
+        return self._advance()
 
     def let_go(self) -> Output:
         """For a replay: end `hold_at`."""

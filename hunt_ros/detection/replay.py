@@ -55,7 +55,7 @@ def replay_journal(
     for entry in entries:
         if entry.kind == 'late':
             continue
-        detector.hold_at(entry)
+        outputs.append(detector.hold_at(entry))
         outputs += feed.run()
         outputs.append(detector.repeat(entry))
         if entry.kind == 'resumed':

@@ -1,0 +1,70 @@
+"""Recordings of the simulated rig, made once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache
+
+import numpy as np
+import pytest
+
+from hunt_ros.dynamics.center_manifold import normal_form_of
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.limit_cycle import limit_cycles
+from hunt_ros.dynamics.model_misfit import fitted_form
+from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.simulation import Kick, simulate
+from hunt_ros.dynamics.simulation_settings import Roughness, SensorModel, SimulationSettings
+from hunt_ros.dynamics.speed_profile import SpeedProfile
+from hunt_ros.samples import Record
+
+Recorder = Callable[..., Record]
+
+
+@cache
+def _recorded(
+    profile: SpeedProfile,
+    duration_s: float,
+    kicks: tuple[Kick, ...],
+    seed: int,
+    broadband: float,
+    roughness: tuple[float, ...],
+) -> Record:
+    settings = SimulationSettings(
+        sample_rate_hz=500.0,
+        broadband=broadband,
+        roughness=Roughness(roughness),
+        lateral_sensor=SensorModel(noise=5e-6),
+        yaw_sensor=SensorModel(noise=2e-5),
+    )
+    return simulate(paper_rig(), settings, profile, duration_s, kicks, seed)
+
+
+@pytest.fixture(scope='session')
+def recorded() -> Recorder:
+    """recorded(speed or profile, duration, kicks=[(time, lateral_m)]) -> Record."""
+
+    def make(
+        speed: float | SpeedProfile,
+        duration_s: float,
+        kicks: Sequence[tuple[float, float]] = (),
+        seed: int = 1,
+        broadband: float = 8e-6,
+        roughness: tuple[float, ...] = (50e-6, 20e-6),
+    ) -> Record:
+        profile = speed if isinstance(speed, SpeedProfile) else SpeedProfile.constant(speed)
+        blows = tuple(Kick(time, lateral_m=size) for time, size in kicks)
+        return _recorded(profile, duration_s, blows, seed, broadband, roughness)
+
+    return make
+
+
+@pytest.fixture(scope='session')
+def true_form() -> IdentifiedNormalForm:
+    """The form of the simulated rig, fitted to its limit cycles, with a small uncertainty."""
+    theory = normal_form_of(paper_rig())
+    branch = limit_cycles(paper_rig())
+    form = fitted_form(theory, branch, (6.6, 8.4))
+    spread = np.array([0.02, 0.002, 0.01, 0.05, 0.05, 0.01])
+    scale = np.array([1.0, form.D1, form.D4, form.D7, form.D10, form.D15])
+    return IdentifiedNormalForm(form, np.diag((0.02 * spread * scale) ** 2))

@@ -1,0 +1,153 @@
+"""A live run - ticks, silence, late samples, an operator - repeated from its journal."""
+
+from __future__ import annotations
+
+import heapq
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+
+from hunt_ros.detection import DetectorConfig, HuntingDetector, JournalEntry, Level
+from hunt_ros.detection.output import Output
+from hunt_ros.detection.replay import replay_journal
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+from hunt_ros.errors import HuntError
+from hunt_ros.samples import Record, Series
+
+PAPER = IdentifiedNormalForm(PAPER_NORMAL_FORM)
+_TICK_NS = 50_000_000
+
+
+def _live(
+    record: Record,
+    stalls: list[tuple[str, float, float]],
+    losses: list[tuple[str, float, float]],
+    operator: list[tuple[float, str]],
+    seed: int,
+) -> tuple[Output, Record]:
+    """
+    Play a record as it would come over a network.
+
+    Each sample arrives a few ms after its stamp; in a stall (channel, from, to; s) the
+    samples are held up and come together at its end; in a loss they never come.
+    """
+    rng = np.random.default_rng(seed)
+    queue: list[tuple[int, int, str, int, float]] = []
+    number = 0
+    for name, series in record.items():
+        arrival = 0
+        for stamp, value in zip(series.stamps_ns.tolist(), series.values.tolist(), strict=True):
+            if any(c == name and a <= stamp * 1e-9 < b for c, a, b in losses):
+                continue
+            arrival = max(arrival, stamp + int(rng.integers(500_000, 8_000_000)))
+            for channel, begin, end in stalls:
+                if channel == name and begin <= stamp * 1e-9 < end:
+                    arrival = max(arrival, int(end * 1e9))
+            queue.append((arrival, number, name, stamp, value))
+            number += 1
+    end = max(item[0] for item in queue) + 1_500_000_000
+    for now in range(_TICK_NS, end, _TICK_NS):
+        queue.append((now, -1, 'tick', now, 0.0))
+    for time, action in operator:
+        queue.append((int(time * 1e9), -2, action, int(time * 1e9), 0.0))
+    heapq.heapify(queue)
+    detector = HuntingDetector(DetectorConfig(), PAPER)
+    outputs = []
+    arrived: dict[str, list[tuple[int, float]]] = {name: [] for name in record}
+    while queue:
+        _, _, what, stamp, value = heapq.heappop(queue)
+        if what == 'tick':
+            outputs.append(detector.tick(stamp))
+        elif what == 'acknowledge':
+            outputs.append(detector.acknowledge(stamp))
+        elif what == 'form':
+            outputs.append(detector.set_normal_form(None))
+        else:
+            arrived[what].append((stamp, value))
+            outputs.append(detector.update(what, stamp, value))
+    series = {
+        name: Series(
+            np.array([stamp for stamp, _ in pairs], dtype=np.int64),
+            np.array([value for _, value in pairs]),
+        )
+        for name, pairs in arrived.items()
+    }
+    return Output.joined(outputs), Record(series)
+
+
+def _repeated(live: Output, arrived: Record) -> Output:
+    lines = [entry.to_text() for entry in live.journal]  # as it goes through a bag
+    journal = [JournalEntry.from_text(line) for line in lines]
+    return replay_journal(HuntingDetector(DetectorConfig(), PAPER), arrived, journal)
+
+
+def _assert_same(live: Output, again: Output) -> None:
+    assert again.estimates.size == live.estimates.size
+    assert again.estimates.tobytes() == live.estimates.tobytes()
+    assert [repr(event) for event in again.events] == [repr(event) for event in live.events]
+
+
+def test_a_stalled_channel_is_let_go_and_its_late_samples_dropped(recorded) -> None:
+    record = recorded(7.2, 6.0, kicks=[(2.0, 400e-6)])
+    live, arrived = _live(record, [('yaw', 3.0, 4.0)], [], [], seed=1)
+    kinds = [entry.kind for entry in live.journal]
+    assert kinds[0] == 'start'
+    assert 'released' in kinds
+    assert 'resumed' in kinds
+    assert kinds.count('late') > 100
+    words = [event.event for event in live.events]
+    assert 'input_stale' in words
+    assert 'input_recovered' in words
+    stale = live.estimates[live.estimates['level'] == Level.STALE]['stamp_ns'] * 1e-9
+    assert stale[(stale > 1.0) & (stale < 3.1)].size == 0
+    assert stale[(stale > 3.25) & (stale < 3.9)].size > 50
+    _assert_same(live, _repeated(live, arrived))
+
+
+@settings(
+    max_examples=8,
+    deadline=None,
+    suppress_health_check=list(HealthCheck),
+    phases=[Phase.explicit, Phase.generate],
+)
+@given(seed=st.integers(0, 10_000))
+def test_any_live_run_is_repeated_bit_for_bit(seed: int, recorded) -> None:
+    rng = np.random.default_rng(seed)
+    record = recorded(7.2, 6.0, kicks=[(2.0, 400e-6)])
+
+    def spans(count: int) -> list[tuple[str, float, float]]:
+        names = rng.choice(['lateral', 'yaw', 'roller', 'speed'], count)
+        begins, lengths = rng.uniform(0.0, 5.5, count), rng.uniform(0.02, 1.2, count)
+        return [(str(n), float(a), float(a + d)) for n, a, d in zip(names, begins, lengths)]
+
+    operator = [(float(rng.uniform(0.5, 6.0)), 'acknowledge'), (float(rng.uniform(1, 6)), 'form')]
+    live, arrived = _live(
+        record, spans(int(rng.integers(0, 4))), spans(int(rng.integers(0, 3))), operator, seed
+    )
+    _assert_same(live, _repeated(live, arrived))
+
+
+def test_silence_of_everything_ends_in_stale_not_in_ok(recorded) -> None:
+    record = recorded(7.2, 4.0)
+    losses = [(name, 3.0, 9.0) for name in record]
+    live, arrived = _live(record, [], losses, [], seed=2)
+    assert live.estimates['level'][-1] == Level.STALE
+    assert live.estimates['stamp_ns'][-1] >= 3.2e9
+    _assert_same(live, _repeated(live, arrived))
+
+
+def test_a_channel_that_never_came_is_let_go_too(recorded) -> None:
+    record = recorded(7.2, 3.0)
+    live, arrived = _live(record, [], [('roller', 0.0, 9.0)], [], seed=3)
+    assert live.estimates.size > 200
+    assert (live.estimates['level'] == Level.STALE).all()
+    _assert_same(live, _repeated(live, arrived))
+
+
+def test_a_journal_line_that_is_none_is_refused() -> None:
+    for text in ('', '{}', '{"kind":"guess","position_ns":null}', '[1]'):
+        with pytest.raises(HuntError):
+            JournalEntry.from_text(text)
