@@ -211,14 +211,17 @@ def hunting_threshold(amplitudes: NDArray[np.float64]) -> float | None:
     low = sums[:-1] / below
     high = (sums[-1] - sums[:-1]) / (logs.size - below)
     best = int(np.argmax(below * (logs.size - below) * (high - low) ** 2))
-    if high[best] - low[best] >= _APART:
-        return float(math.exp(0.5 * (low[best] + high[best])))
+    middle = 0.5 * (low[best] + high[best])
+    apart = high[best] - low[best] >= _APART
     # Few of one kind among many of the other: a gap parts them where no variance does.
+    # Below the split a gap is one of noise, which may be as small as it likes.
     gaps = np.diff(logs)
+    centres = 0.5 * (logs[1:] + logs[:-1])
+    gaps = np.where(centres > middle, gaps, 0.0)
     widest = int(np.argmax(gaps))
-    if gaps[widest] < _APART:
-        return None
-    return float(math.exp(0.5 * (logs[widest] + logs[widest + 1])))
+    if gaps[widest] >= _APART:
+        return float(math.exp(centres[widest]))
+    return float(math.exp(middle)) if apart else None
 
 
 def observed_critical_speeds(

@@ -186,13 +186,15 @@ def steady_part(amplitude: NDArray[np.float64], least: int) -> slice | None:
     start = 0
     while n - start >= least:
         tail = amplitude[start:]
-        x = np.linspace(-0.5, 0.5, tail.size)
-        slope = float(x @ tail / (x @ x))
-        mean = float(tail.mean())
-        # Errors from what is left beside the trend, or a trend would excuse itself.
-        error = standard_error(tail - mean - slope * x)
-        error = math.sqrt(12.0) * error if math.isfinite(error) else 0.0
-        if abs(slope) <= max(2.5 * error, 0.01 * mean):
+        third = max(tail.size // 3, 2)
+        drift = abs(float(tail[-third:].mean() - tail[:third].mean()))
+        # The error is that of the second half, or an approach would excuse itself.
+        half = tail[tail.size // 2 :]
+        x = np.linspace(-0.5, 0.5, half.size)
+        level = half - half.mean() - x * float(x @ half / (x @ x))
+        error = standard_error(level)
+        error = 2.0 * error if math.isfinite(error) else 0.0
+        if drift <= max(2.5 * error, 0.01 * float(tail.mean())):
             return slice(start, n)
         start += max(1, (n - start) // 10)
     return None

@@ -1,0 +1,91 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hunt_ros.errors import IdentificationError
+from hunt_ros.identification.envelope import channels_of, envelope_of
+from hunt_ros.identification.hunting_frequency import find_frequency, tracked_envelope
+from hunt_ros.identification.settings import IdentificationSettings
+from hunt_ros.samples import Record, Series
+
+SETTINGS = IdentificationSettings()
+
+
+def record(stamps_s, lateral, speed=7.0, roller=None) -> Record:
+    stamps = np.round(np.asarray(stamps_s) * 1e9).astype(np.int64)
+    channels = {
+        'lateral': Series(stamps, lateral),
+        'speed': Series(stamps, np.full(stamps.size, speed)),
+    }
+    if roller is not None:
+        channels['roller'] = Series(stamps, roller)
+    return Record(channels, 'made up')
+
+
+def hunting(time, amplitude=3e-4, hz=2.8):
+    return amplitude * np.cos(2 * np.pi * hz * time + 0.4)
+
+
+def test_the_amplitude_is_free_of_roughness_and_bias():
+    time = np.arange(0, 40, 0.005)
+    roller = 7.0 / 0.15 * time
+    lateral = hunting(time) + 1e-4 * np.cos(roller) + 5e-5 * np.sin(2 * roller) + 1e-3
+    channels = channels_of(record(time, lateral, roller=roller))
+    envelope = tracked_envelope(channels, find_frequency([channels], SETTINGS), SETTINGS)
+    assert envelope.amplitude == pytest.approx(3e-4, rel=1e-3)
+    assert envelope.roughness == pytest.approx(1e-4, rel=1e-3)
+
+
+def test_the_hunting_line_is_found_under_a_stronger_roughness_line():
+    time = np.arange(0, 40, 0.005)
+    roller = 7.0 / 0.15 * time
+    channels = channels_of(
+        record(time, hunting(time, 5e-5) + 3e-4 * np.cos(roller), roller=roller)
+    )
+    assert find_frequency([channels], SETTINGS) == pytest.approx(2.8, abs=0.03)
+
+
+def test_dropped_and_late_samples_cost_only_their_weight():
+    rng = np.random.default_rng(0)
+    time = np.arange(0, 40, 0.005) + rng.uniform(-0.001, 0.001, 8000)
+    lateral = hunting(time)
+    lateral[rng.random(8000) < 0.1] = np.nan
+    order = rng.permutation(8000)
+    channels = channels_of(record(time[order], lateral[order]))
+    envelope = envelope_of(channels, np.full(8000, 2.8), SETTINGS)
+    assert envelope.amplitude == pytest.approx(3e-4, rel=2e-3)
+
+
+def test_a_hole_gives_no_value_where_it_is_and_leaves_the_rest_alone():
+    time = np.arange(0, 40, 0.005)
+    lateral = hunting(time)
+    lateral[(time > 15.0) & (time < 18.0)] = np.nan
+    channels = channels_of(record(time, lateral))
+    envelope = envelope_of(channels, np.full(time.size, 2.8), SETTINGS)
+    missing = np.isnan(envelope.amplitude)
+    assert missing[(envelope.time > 15.6) & (envelope.time < 17.4)].all()
+    assert not missing[(envelope.time < 14.0) | (envelope.time > 19.0)].any()
+
+
+def test_noise_of_the_phasor_is_what_the_window_leaves():
+    rng = np.random.default_rng(1)
+    time = np.arange(0, 400, 0.01)
+    channels = channels_of(record(time, hunting(time) + 2e-5 * rng.standard_normal(time.size)))
+    envelope = envelope_of(channels, np.full(time.size, 2.8), SETTINGS)
+    assert np.std(envelope.amplitude) == pytest.approx(np.median(envelope.noise), rel=0.15)
+
+
+@pytest.mark.parametrize('missing', ['lateral', 'speed'])
+def test_a_missing_channel_is_named(missing):
+    time = np.arange(0, 40, 0.005)
+    whole = record(time, hunting(time))
+    part = Record({name: whole[name] for name in whole if name != missing}, 'part')
+    with pytest.raises(IdentificationError, match=f"part: no channel '{missing}'"):
+        channels_of(part)
+
+
+def test_a_channel_without_a_finite_sample_is_named():
+    time = np.arange(0, 40, 0.005)
+    with pytest.raises(IdentificationError, match='no finite sample among 8000'):
+        channels_of(record(time, np.full(time.size, np.nan)))

@@ -1,0 +1,89 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM, NormalForm
+from hunt_ros.identification.growth_law import (
+    CONICITY,
+    EXTENDED,
+    QUINTIC,
+    GrowthLaw,
+    GrowthScales,
+    from_normal_form,
+    to_normal_form,
+)
+
+SCALES = GrowthScales(7.4, 7e-4, 0.0485, 1.0 / 25.91, 2.84)
+
+
+@given(
+    st.floats(5.0, 12.0),
+    st.floats(0.05, 0.4),
+    st.floats(-3000.0, 3000.0),
+    st.floats(-0.3, 0.05),
+    st.floats(-2000.0, 2000.0),
+    st.floats(-8e7, -1e6),
+)
+@settings(max_examples=60, deadline=None)
+def test_normal_form_and_law_are_inverses(v_c, d1, d4, d7, d10, d15):
+    form = NormalForm(v_c, d1, d4, d7, d10, d15, frequency_hz=2.84)
+    law = from_normal_form(form, SCALES)
+    slope_at_zero = law[1] + 2 * law[2] * (v_c / SCALES.speed - 1)
+    back = to_normal_form(law, SCALES)
+    if slope_at_zero > 1e-3:
+        assert back is not None
+        for name in ('critical_speed', *COEFFICIENTS):
+            assert getattr(back, name) == pytest.approx(getattr(form, name), rel=1e-6, abs=1e-6)
+    speeds, amplitudes = np.array([6.0, 7.0, 9.0]), np.array([1e-4, 4e-4, 8e-4])
+    rate = GrowthLaw(QUINTIC, law, SCALES).growth_rate(speeds, amplitudes)
+    assert rate == pytest.approx(form.growth_rate(speeds, amplitudes), rel=1e-9, abs=1e-9)
+
+
+def test_branches_and_fold_are_those_of_the_normal_form():
+    law = GrowthLaw(QUINTIC, from_normal_form(PAPER_NORMAL_FORM, SCALES), SCALES)
+    speeds = np.linspace(6.0, 8.8, 15)
+    unstable, stable = law.steady_amplitudes(speeds)
+    expected = PAPER_NORMAL_FORM.steady_amplitudes(speeds)
+    np.testing.assert_allclose(unstable, expected[0], rtol=1e-9)
+    np.testing.assert_allclose(stable, expected[1], rtol=1e-9)
+    assert law.saddle_node(5.0) == pytest.approx(6.4059, abs=1e-4)
+    assert law.critical_speed == pytest.approx(8.0)
+    assert law.criticality == 'subcritical'
+
+
+@pytest.mark.parametrize(
+    ('name', 'extra'), [(EXTENDED, [-2.0]), (CONICITY, [0.6])], ids=['extended', 'conicity']
+)
+def test_growth_vanishes_on_the_branches_and_changes_sign_as_named(name, extra):
+    p = np.concatenate([from_normal_form(PAPER_NORMAL_FORM, SCALES), extra])
+    if name == CONICITY:
+        p[5] = -1.1
+    law = GrowthLaw(name, p, SCALES)
+    speeds = np.linspace(6.9, 7.7, 5)
+    unstable, stable = law.steady_amplitudes(speeds)
+    for branch, sign in ((unstable, 1.0), (stable, -1.0)):
+        assert np.isfinite(branch).all()
+        assert law.growth_rate(speeds, branch) == pytest.approx(0.0, abs=1e-9)
+        assert (sign * law.growth_rate(speeds, 1.001 * branch) > 0.0).all()
+
+
+def test_the_nearest_quintic_keeps_both_branches_of_another_law():
+    p = np.concatenate([from_normal_form(PAPER_NORMAL_FORM, SCALES), [-1.0]])
+    law = GrowthLaw(EXTENDED, p, SCALES)
+    form = law.normal_form(6.6, 8.8)
+    assert form is not None
+    assert form.critical_speed == pytest.approx(law.critical_speed)
+    speeds = np.linspace(6.9, 7.6, 6)
+    for ours, theirs in zip(
+        law.steady_amplitudes(speeds), form.steady_amplitudes(speeds), strict=True
+    ):
+        np.testing.assert_allclose(theirs, ours, rtol=0.03)
+
+
+def test_no_critical_speed_where_the_growth_never_rises_through_zero():
+    law = GrowthLaw(QUINTIC, np.array([-1.0, -1.0, 0.0, 1.0, 0.0, -1.0]), SCALES)
+    assert law.critical_speed is None or law.critical_speed < 0.0 or law.p[1] > 0.0
+    assert to_normal_form(np.array([-1.0, 0.0, -1.0, 1.0, 0.0, -1.0]), SCALES) is None

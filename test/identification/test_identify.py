@@ -1,0 +1,271 @@
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
+from hunt_ros.errors import HuntError, IdentificationError
+from hunt_ros.identification import IdentificationSettings, identify, update
+from hunt_ros.samples import Record, Series
+
+FLUTTER = Path(__file__).parents[2] / '../shared/data/flutter_rig'
+
+
+@pytest.fixture(scope='module')
+def from_trajectories(records):
+    return identify(records['trajectories'])
+
+
+@pytest.fixture(scope='module')
+def from_staircase(records):
+    return identify(records['staircase'])
+
+
+@pytest.fixture(scope='module')
+def from_sweep(records):
+    return identify(records['sweep'])
+
+
+def within(number, truth, factor=1.0):
+    low = number.value - factor * (number.value - number.low)
+    return low <= truth <= number.value + factor * (number.high - number.value)
+
+
+def test_known_coefficients_come_back_from_free_trajectories(from_trajectories):
+    found = from_trajectories.coefficients
+    for name, share in (('D1', 0.04), ('D4', 0.05), ('D15', 0.05), ('D7', 0.35), ('D10', 0.5)):
+        assert found[name].value == pytest.approx(getattr(PAPER_NORMAL_FORM, name), rel=share)
+        assert within(found[name], getattr(PAPER_NORMAL_FORM, name), 1.8)
+    assert from_trajectories.v_c.value == pytest.approx(8.0, rel=0.005)
+    assert from_trajectories.v_n.value == pytest.approx(6.4059, rel=0.004)
+    assert from_trajectories.criticality == 'subcritical'
+    form = from_trajectories.normal_form.form
+    np.testing.assert_allclose(
+        form.unstable_amplitude([7.0, 7.4]),
+        PAPER_NORMAL_FORM.unstable_amplitude([7.0, 7.4]),
+        rtol=0.03,
+    )
+
+
+def test_one_staircase_of_the_full_model_gives_its_fold_and_branches(from_staircase):
+    assert from_staircase.v_n.value == pytest.approx(6.433, abs=0.05)
+    assert abs(from_staircase.v_c.value - 8.0) < max(0.12, 2.0 * from_staircase.v_c.std)
+    form = from_staircase.normal_form.form
+    np.testing.assert_allclose(
+        form.stable_amplitude([7.2, 8.0, 8.8]), [635e-6, 678e-6, 703e-6], rtol=0.02
+    )
+    points = [point for point in from_staircase.branches if point.unstable is not None]
+    speeds = [point.speed for point in points]
+    for speed, truth in ((6.6, 379e-6), (7.2, 237e-6)):
+        low = np.interp(speed, speeds, [point.unstable.low for point in points])
+        high = np.interp(speed, speeds, [point.unstable.high for point in points])
+        assert 0.97 * low <= truth <= 1.03 * high
+
+
+def test_one_continuous_sweep_with_bumps_gives_a_usable_form(from_sweep):
+    assert from_sweep.normal_form is not None
+    assert from_sweep.v_n.value == pytest.approx(6.433, abs=0.05)
+    assert from_sweep.v_c.value == pytest.approx(8.0, abs=0.2)
+    np.testing.assert_allclose(
+        from_sweep.normal_form.form.unstable_amplitude([6.6, 7.2]), [379e-6, 237e-6], rtol=0.08
+    )
+    assert any('independent runs' in warning for warning in from_sweep.warnings)
+
+
+def test_the_json_has_the_public_keys_and_no_nan(from_staircase):
+    document = json.loads(json.dumps(from_staircase.to_json(), allow_nan=False))
+    assert {
+        'v_c', 'v_n', 'hysteresis_width', 'coefficients', 'criticality', 'length_scale_m',
+        'time_scale_s', 'coordinate', 'branches', 'steady_states', 'observed', 'disturbance_m',
+        'four_point', 'fit', 'warnings',
+    } <= set(document)  # fmt: skip
+    assert set(document['v_c']) == {'value', 'std', 'ci95'}
+    assert set(document['coefficients']) == {'D1', 'D4', 'D7', 'D10', 'D15'}
+    assert {'speed_mps', 'stable_amplitude_m', 'unstable_amplitude_m'} <= set(
+        document['branches'][0]
+    )
+    assert {'speed_mps', 'amplitude_m', 'amplitude_std_m', 'direction', 'cycles'} <= set(
+        document['steady_states'][0]
+    )
+    assert set(document['observed']) == {'v_c', 'v_n', 'hysteresis_width', 'step_mps'}
+    assert {'method', 'segments', 'residual_rms_m', 'lack_of_fit', 'condition_number'} <= set(
+        document['fit']
+    )
+    assert document['coordinate'] == 'amplitude'
+
+
+def test_the_parameter_file_holds_the_form_and_its_covariance(from_staircase):
+    form = from_staircase.normal_form
+    back = IdentifiedNormalForm.from_yaml(form.to_yaml())
+    assert back.form == form.form
+    assert back.std('v_c') == pytest.approx(from_staircase.v_c.std, rel=0.3)
+    assert len(back.draws(100)) == 100
+
+
+def test_the_same_records_give_the_same_numbers(records, from_sweep):
+    again = identify(records['sweep'])
+    assert again.to_json() == from_sweep.to_json()
+
+
+def test_more_runs_sharpen_the_form_and_the_history_is_bounded(records, from_sweep):
+    both = update(from_sweep, records['staircase'])
+    assert len(both.records) == 2
+    assert both.v_c.std < from_sweep.v_c.std
+    assert len(update(both, records['sweep'], keep=2).records) == 2
+
+
+def test_resolution_and_scale_of_the_speed_enter_the_intervals(records, from_sweep):
+    settings = IdentificationSettings(speed_resolution=0.2, speed_scale_std=0.01)
+    coarse = identify(records['sweep'], settings)
+    assert coarse.v_n.std > np.hypot(0.2 / np.sqrt(12), 0.064) * 0.99
+    assert coarse.v_c.std > from_sweep.v_c.std
+    assert coarse.normal_form.std('v_c') > 0.08
+
+
+def test_scales_are_only_units(records, from_sweep):
+    other = identify(records['sweep'], IdentificationSettings(length_scale=0.1, time_scale=0.1))
+    assert other.v_n.value == pytest.approx(from_sweep.v_n.value, rel=1e-3)
+    speeds = [6.8, 7.6]
+    np.testing.assert_allclose(
+        other.normal_form.form.unstable_amplitude(speeds),
+        from_sweep.normal_form.form.unstable_amplitude(speeds),
+        rtol=1e-2,
+    )
+    ratio = other.coefficients['D1'].value / from_sweep.coefficients['D1'].value
+    assert ratio == pytest.approx(2.591, rel=0.01)
+
+
+def test_a_rig_without_roller_angle_and_yaw_is_served_and_told(records):
+    record = records['sweep'][0]
+    bare = Record({name: record[name] for name in ('lateral', 'speed')}, 'bare')
+    result = identify([bare])
+    assert result.v_n.value == pytest.approx(6.433, abs=0.06)
+    assert any('no roller angle' in warning for warning in result.warnings)
+
+
+def test_a_supercritical_rig_of_other_size_has_no_fold(make):
+    form = NormalForm(12.0, 0.2, -1500.0, -0.1, 0.0, 0.0, frequency_hz=4.0)
+    speeds = (10.5, 11.5, 12.3, 12.8, 13.4, 14.0, 11.8, 12.5)
+    runs = [
+        make(
+            lambda t, v=v: np.full_like(t, v), 60.0, i,
+            form=form, forcing=5e-6, kicks=[(5.0, 2e-4)],
+        )
+        for i, v in enumerate(speeds)
+    ]  # fmt: skip
+    result = identify(runs)
+    assert result.criticality == 'supercritical'
+    assert result.v_c.value == pytest.approx(12.0, abs=0.1)
+    assert result.v_n is None
+    assert result.hysteresis_width is None
+    assert result.normal_form is not None
+    assert result.to_json()['v_n'] is None
+
+
+def test_one_speed_only_says_so(make):
+    record = make(lambda t: np.full_like(t, 7.2), 120.0, 1, forcing=5e-6, kicks=[(20.0, 1.5e-4)])
+    result = identify([record])
+    assert result.v_c is None
+    assert result.normal_form is None
+    assert all(value is None for value in result.coefficients.values())
+    assert any('one speed only' in warning for warning in result.warnings)
+
+
+def test_only_decays_do_not_give_a_limit_cycle(make):
+    speeds = (6.4, 6.8, 7.2, 7.5, 6.6, 7.0)
+    runs = [
+        make(lambda t, v=v: np.full_like(t, v), 40.0, i, forcing=5e-6, kicks=[(5.0, 1e-4)])
+        for i, v in enumerate(speeds)
+    ]
+    result = identify(runs)
+    assert result.normal_form is None
+    assert result.v_n is None
+    assert result.coefficients['D15'] is None
+    if result.v_c is not None:
+        assert any('forecast' in warning for warning in result.warnings)
+        assert within(result.v_c, 8.0, 1.5)
+
+
+def test_only_the_upper_branch_does_not_give_a_time_scale(make):
+    record = make(lambda t: 8.8 - 0.01 * t, 150.0, 2, start=7e-4, forcing=1e-6)
+    result = identify([record])
+    assert result.normal_form is None
+    assert result.coefficients['D1'] is None
+    assert result.v_n is None
+    assert any('one kind' in warning for warning in result.warnings)
+    assert result.steady_states
+
+
+def test_a_sweep_that_never_hunts_gives_no_nonlinear_coefficient(make):
+    record = make(lambda t: 5.5 + 0.01 * t, 150.0, 3, forcing=5e-6)
+    result = identify([record])
+    assert result.normal_form is None
+    assert result.coefficients['D4'] is None
+    assert result.observed.v_c is None
+
+
+def test_two_contradictory_runs_are_named(records):
+    record = records['sweep'][0]
+    louder = Series(record['lateral'].stamps_ns, 1.4 * record['lateral'].values)
+    result = identify([record, Record({**record, 'lateral': louder}, 'louder')])
+    assert any('contradict' in warning and 'louder' in warning for warning in result.warnings)
+    assert result.fit.lack_of_fit
+    assert result.v_n is None
+    assert result.normal_form is None
+
+
+def test_ten_samples_are_refused_in_one_line(records):
+    record = records['sweep'][0]
+    ten = Record({k: Series(s.stamps_ns[:10], s.values[:10]) for k, s in record.items()}, 'ten')
+    with pytest.raises(IdentificationError, match=r'ten: 10 lateral samples') as caught:
+        identify([ten])
+    assert '\n' not in str(caught.value)
+
+
+def test_a_dropped_out_channel_is_left_out_beside_others_and_refused_alone(records):
+    record = records['sweep'][0]
+    stamps = record['lateral'].stamps_ns
+    gone = Record({**record, 'lateral': Series(stamps, np.full(stamps.size, np.nan))}, 'gone')
+    with pytest.raises(IdentificationError, match='gone'):
+        identify([gone])
+    result = identify([record, gone])
+    assert any('left out: gone' in warning for warning in result.warnings)
+    assert result.v_n is not None
+
+
+def test_no_records_are_refused():
+    with pytest.raises(HuntError):
+        identify([])
+
+
+def flutter_runs(pattern: str) -> list[Record]:
+    loadmat = pytest.importorskip('scipy.io').loadmat
+    runs = []
+    for path in sorted(FLUTTER.glob(pattern)):
+        data = loadmat(path)['data']
+        speed = float(re.search(r'_V(\d+)_', path.name).group(1)) / 10.0
+        stamps = np.arange(data.shape[1], dtype=np.int64) * 4_000_000
+        channels = {
+            'lateral': Series(stamps, 0.47 * data[1]),
+            'speed': Series(stamps[::25], np.full(stamps[::25].size, speed)),
+        }
+        runs.append(Record(channels, path.name))
+    return runs
+
+
+@pytest.mark.skipif(not FLUTTER.is_dir(), reason='the flutter recordings are not on this machine')
+def test_real_flutter_recordings_give_amplitudes_and_flag_the_quintic_form():
+    result = identify(flutter_runs('17*.mat'), IdentificationSettings(length_scale=0.1))
+    assert result.fit.lack_of_fit
+    assert result.v_n is None
+    amplitudes = {round(s.speed, 1): s.amplitude for s in result.steady_states if 'HB' in s.source}
+    assert amplitudes[16.3] == pytest.approx(0.0323, rel=0.02)
+    assert amplitudes[28.3] == pytest.approx(0.1098, rel=0.02)
+    grew = [s for s in result.segments if s.kind == 'transient' and s.growth_rate > 0.0]
+    assert {25.5} <= {round(s.speed_start, 1) for s in grew}
+    assert any('no roller angle' in warning for warning in result.warnings)

@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+from hunt_ros.identification import IdentificationSettings, identify
+from hunt_ros.identification.growth_law import QUINTIC
+from hunt_ros.identification.identify import _envelopes, _path, _usable
+from hunt_ros.identification.lack_of_fit import following, lack_of_fit, missed_transients
+from hunt_ros.identification.law_choice import fit_laws
+from hunt_ros.identification.uncertainty import draw_laws, robust_covariance, summary
+
+SETTINGS = IdentificationSettings()
+
+
+@pytest.fixture(scope='module')
+def fitted(records):
+    runs = _envelopes(_usable(records['trajectories'], []), 2.835, SETTINGS, [])
+    path, scales = _path(runs, 2.835, SETTINGS)
+    return fit_laws(path, scales, SETTINGS, None, 0.02), runs
+
+
+def test_the_law_that_made_the_data_has_the_most_evidence(fitted):
+    laws, _ = fitted
+    assert laws[0].law.name == QUINTIC
+    assert sum(one.weight for one in laws) == pytest.approx(1.0)
+
+
+def test_scores_of_the_clusters_sum_to_the_prior_at_the_optimum(fitted):
+    laws, _ = fitted
+    fit = laws[0].fit
+    total = fit.scores.sum(axis=0)
+    size = np.sqrt(np.diag(fit.information))
+    assert np.abs(total / size)[:6].max() < 0.1
+
+
+def test_the_variance_of_few_runs_is_wider(fitted):
+    laws, _ = fitted
+    few, many = robust_covariance(laws[0].fit, 2), robust_covariance(laws[0].fit, 30)
+    assert np.all(np.diag(few.matrix) > np.diag(many.matrix))
+    assert few.quantile > many.quantile > 1.96
+
+
+def test_draws_are_reproducible_and_scatter_as_the_covariance_says(fitted):
+    laws, _ = fitted
+    one = draw_laws(laws[:1], SETTINGS, 30)
+    again = draw_laws(laws[:1], SETTINGS, 30)
+    np.testing.assert_array_equal([law.p for law in one], [law.p for law in again])
+    spread = np.std([law.p for law in one], axis=0)
+    expected = np.sqrt(np.diag(robust_covariance(laws[0].fit, 30).matrix))
+    np.testing.assert_allclose(spread, expected, rtol=0.25)
+
+
+def test_no_transient_of_the_law_itself_is_missed_and_those_of_another_are(fitted):
+    laws, runs = fitted
+    segments = [segment for run in runs for segment in run.segments]
+    envelopes = [run.envelope for run in runs]
+    missed, count = missed_transients(laws[0], segments, envelopes)
+    assert count >= 10
+    assert missed == 0
+    from dataclasses import replace
+
+    wrong = replace(laws[0], law=replace(laws[0].law, p=-laws[0].law.p))
+    missed, count = missed_transients(wrong, segments, envelopes)
+    assert missed > 0.8 * count
+
+
+def test_a_limit_cycle_that_the_law_does_not_follow_is_a_lack_of_fit(fitted):
+    from hunt_ros.analysis.steady_state import SteadyState
+
+    laws, _ = fitted
+    law = laws[0].law
+    rng = np.random.default_rng(0)
+    speeds = np.linspace(6.8, 9.0, 20)
+    right = law.steady_amplitudes(speeds)[1] * (1.0 + 0.002 * rng.standard_normal(20))
+    bent = right * (1.0 + 0.1 * (speeds - 7.9))
+
+    def states(amplitudes):
+        return [SteadyState(v, a, 1e-6, 'up', 70) for v, a in zip(speeds, amplitudes, strict=True)]
+
+    assert not lack_of_fit(law, states(right)).flagged
+    test = lack_of_fit(law, states(bent))
+    assert test.flagged
+    assert test.share == pytest.approx(0.066, rel=0.2)
+    assert not lack_of_fit(law, states(right)[:5]).flagged
+    assert following(laws, states(right))[0].law.name == QUINTIC
+
+
+def test_a_summary_of_draws_without_the_quantity_is_not_known():
+    sample = np.full(100, np.nan)
+    sample[:50] = 6.4
+    assert summary(6.4, sample) is None
+    known = summary(6.4, np.linspace(6.3, 6.5, 1000), extra_std=0.1)
+    assert known is not None
+    assert known.std > 0.1
+    assert known.high - known.value > 0.2
+
+
+def test_priors_pull_and_are_not_needed(records):
+    some = records['trajectories'][::3]
+    free = identify(some)
+    tied = identify(some, IdentificationSettings(prior_v_c=(8.0, 0.001), prior_D1=(0.12, 0.0001)))
+    assert free.v_c is not None
+    assert tied.v_c is not None
+    assert tied.v_c.std < 0.5 * free.v_c.std
+    assert abs(tied.v_c.value - 8.0) < abs(free.v_c.value - 8.0) + 1e-3
+    d1 = tied.coefficients['D1']
+    assert d1 is not None
+    assert d1.value == pytest.approx(PAPER_NORMAL_FORM.D1, abs=5e-4)

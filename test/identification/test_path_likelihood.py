@@ -1,0 +1,104 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+from hunt_ros.identification import path_likelihood
+from hunt_ros.identification.growth_law import GrowthScales, from_normal_form
+from hunt_ros.identification.path_likelihood import Path, innovations
+
+SCALES = GrowthScales(7.4, 7e-4, 0.0485, 1.0 / 25.91, 2.84)
+LAW = from_normal_form(PAPER_NORMAL_FORM, SCALES)
+QUIET = np.array([-30.0, -12.0, -20.0])
+
+
+def path_of(speed: float, start: float, step: float = 0.5, count: int = 60) -> Path:
+    """Exact path of Eq. (24) by fine steps."""
+    amplitude, fine, values = start, 400, []
+    for _ in range(count):
+        values.append(amplitude)
+        for _ in range(fine):
+            rate = float(PAPER_NORMAL_FORM.growth_rate(speed, amplitude))
+            half = amplitude * np.exp(0.5 * step / fine * rate)
+            rate = float(PAPER_NORMAL_FORM.growth_rate(speed, half))
+            amplitude *= np.exp(step / fine * rate)
+    n = len(values)
+    restart = np.zeros(n, dtype=bool)
+    restart[0] = True
+    return Path(
+        time=np.arange(n) * step,
+        u=np.full(n, speed / SCALES.speed - 1.0),
+        phasor=np.array(values) / SCALES.amplitude * np.exp(0.7j),
+        restart=restart,
+        cluster=np.zeros(n, dtype=np.int64),
+    )
+
+
+@pytest.mark.parametrize(('speed', 'start'), [(7.2, 2e-4), (7.2, 3e-4), (8.6, 8e-4), (6.2, 5e-4)])
+def test_without_forcing_an_exact_path_leaves_no_innovation(speed, start):
+    out = innovations(np.concatenate([LAW, QUIET]), path_of(speed, start))
+    assert np.abs(out[:, :2]).max() < 0.05  # standard deviations of a noise of 1.7 um
+
+
+def test_a_missing_sample_is_bridged_and_carries_no_information():
+    path = path_of(7.2, 3e-4)
+    path.phasor[20:24] = np.nan
+    out = innovations(np.concatenate([LAW, QUIET]), path)
+    assert (out[20:24] == 0.0).all()
+    assert np.abs(out[:, :2]).max() < 0.05
+
+
+def test_a_restart_frees_the_amplitude():
+    path = path_of(7.2, 3e-4)
+    path.phasor[30:] *= 1.5
+    broken = innovations(np.concatenate([LAW, QUIET]), path)
+    assert np.abs(broken[30, 0]) > 10.0
+    path.restart[30] = True
+    freed = innovations(np.concatenate([LAW, QUIET]), path)
+    assert (freed[30] == 0.0).all()
+
+
+def test_innovations_are_white_and_of_unit_variance_under_the_true_law():
+    rng = np.random.default_rng(3)
+    n, step, noise, forcing, damping = 20_000, 0.5, 2e-3, 5e-3, 0.4
+    z = np.zeros(n, dtype=complex)
+    push = rng.standard_normal((n, 2)) @ np.array([1.0, 1.0j])
+    keep = np.exp(-damping * step)
+    size = forcing * np.sqrt((1.0 - keep**2) / (2.0 * damping))
+    for k in range(1, n):
+        z[k] = keep * z[k - 1] + size * push[k]
+    seen = z + noise * (rng.standard_normal((n, 2)) @ np.array([1.0, 1.0j]))
+    restart = np.zeros(n, dtype=bool)
+    restart[0] = True
+    path = Path(np.arange(n) * step, np.zeros(n), seen, restart, np.zeros(n, dtype=np.int64))
+    theta = np.array([-damping, 0, 0, 0, 0, 0, 2 * np.log(forcing), 2 * np.log(noise), -40.0])
+    out = innovations(theta, path)[10:, :2]
+    assert out.std(axis=0) == pytest.approx([1.0, 1.0], abs=0.02)
+    assert abs(np.mean(out[1:, 0] * out[:-1, 0])) < 0.02
+
+
+def test_the_kernel_gives_the_same_numbers_as_plain_python():
+    plain = getattr(path_likelihood._innovations, 'py_func', None)
+    if plain is None:
+        pytest.skip('no compiler here: the kernel is plain Python already')
+    path = path_of(7.2, 3e-4, count=12)
+    out = np.empty((12, 4))
+    law = np.zeros(8)
+    law[:6] = LAW
+    plain(
+        law,
+        QUIET,
+        path.time,
+        path.u,
+        path.phasor.real.copy(),
+        path.phasor.imag.copy(),
+        path.restart,
+        0.03,
+        0.2,
+        out,
+    )
+    from dataclasses import replace
+
+    compiled = innovations(np.concatenate([LAW, QUIET]), replace(path, blur=0.03, reach=0.2))
+    np.testing.assert_allclose(compiled, out, rtol=1e-9, atol=1e-9)

@@ -1,0 +1,73 @@
+from __future__ import annotations
+
+import numpy as np
+
+from hunt_ros.identification.beat import without_beat
+from hunt_ros.identification.envelope import channels_of
+from hunt_ros.identification.hunting_frequency import find_frequency, tracked_envelope
+from hunt_ros.identification.plateaus import analyse_record, speed_holds, steady_part
+from hunt_ros.identification.settings import IdentificationSettings
+
+SETTINGS = IdentificationSettings()
+
+
+def analysed(record):
+    channels = channels_of(record)
+    envelope = tracked_envelope(channels, find_frequency([channels], SETTINGS), SETTINGS)
+    return analyse_record(channels, envelope, without_beat(envelope), SETTINGS)
+
+
+def test_holds_are_found_in_a_noisy_staircase_and_none_in_a_ramp():
+    rng = np.random.default_rng(0)
+    time = np.arange(0, 120, 0.5)
+    stairs = 6.0 + 0.2 * np.floor(time / 30.0) + 0.005 * rng.standard_normal(time.size)
+    holds = speed_holds(time, stairs, 8.0)
+    assert len(holds) == 4
+    assert all(time[end - 1] - time[start] > 25.0 for start, end in holds)
+    ramp = 6.0 + 0.012 * time + 0.005 * rng.standard_normal(time.size)
+    assert speed_holds(time, ramp, 8.0) == []
+
+
+def test_the_steady_part_leaves_out_the_approach():
+    rng = np.random.default_rng(1)
+    x = np.arange(100)
+    amplitude = 6e-4 * (1.0 - 0.8 * np.exp(-x / 10.0)) + 1e-6 * rng.standard_normal(100)
+    part = steady_part(amplitude, 6)
+    assert part is not None
+    assert 20 < part.start < 80
+    assert steady_part(6e-4 * np.exp(0.03 * x), 6) is None
+
+
+def test_a_staircase_gives_one_state_a_plateau_with_its_direction(records):
+    segments, states = analysed(records['staircase'][0])
+    plateaus = [s for s in segments if s.kind == 'plateau']
+    assert len(plateaus) == 29
+    assert all(segment.reason for segment in segments)
+    steady = [s for s in states if s.kind == 'plateau']
+    top = max(steady, key=lambda s: s.speed)
+    assert len(steady) > 20
+    assert {s.direction for s in steady if s.end_ns < top.start_ns and s.speed > 6.1} == {'up'}
+    assert {s.direction for s in steady if s.start_ns > top.end_ns} == {'down'}
+    assert abs(top.amplitude / 7.0e-4 - 1.0) < 0.01
+    assert top.maxima > top.amplitude  # it holds the roughness line
+    assert top.cycles > 30
+
+
+def test_kicks_and_free_transients_of_a_sweep_are_found_where_they_were(records):
+    record = records['sweep'][0]
+    segments, _ = analysed(record)
+    found = [(s.start_ns - record.start_ns) / 1e9 for s in segments if s.kind == 'kick']
+    for time in (60.0, 120.0):
+        assert min(abs(np.array(found) - time)) < 1.5
+    assert len(found) <= 6
+    transients = [s for s in segments if s.kind == 'transient']
+    assert any(s.speed_start > 7.4 and s.growth_rate > 0.0 for s in transients)
+    assert any(s.speed_start < 6.6 and s.growth_rate < 0.0 for s in transients)
+
+
+def test_a_hole_in_the_samples_is_a_gap_that_is_not_used(make):
+    record = make(lambda t: np.full_like(t, 8.6), 60.0, 0, start=7e-4)
+    record['lateral'].values[2000:2500] = np.nan
+    gaps = [s for s in analysed(record)[0] if s.kind == 'gap']
+    assert len(gaps) == 1
+    assert not gaps[0].used
