@@ -17,18 +17,16 @@ from datetime import datetime
 from importlib import import_module
 from pathlib import Path
 
-from rcl_interfaces.srv import GetParameters, ListParameters
-from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from hunt_ros.bag.recording import Recording, RecordingLimits, RecordingState
-from hunt_ros.bag.recovery import finalise_left
+from hunt_ros.bag.leftover import finalise_left
 from hunt_ros.errors import BagError, HuntError
 from hunt_ros.nodes.diagnostics import Diagnostics, Health, steady_clock
-from hunt_ros.nodes.parameter_text import parameter_text
+from hunt_ros.nodes.parameter_collector import ParameterCollector
 from hunt_ros.nodes.parameters import declare, warn_unknown
 from hunt_ros.nodes.qos import latched, stream
 from hunt_ros.nodes.runtime import run
@@ -95,8 +93,6 @@ class BagRecorderNode(Node):
         #: What latched topics have said, for the recordings that begin later.
         self._said: dict[str, deque[bytes]] = {}
         self._early: deque[tuple[str, bytes]] = deque(maxlen=_WITHOUT_CLOCK)
-        self._clients_of: dict[str, tuple[Client, Client]] = {}
-        self._asked: set[str] = set()
         self._refused: set[str] = set()
         self._last = ('OK', 'no recording')
         self._closed = self.create_publisher(String, OWN_TOPIC, latched())
@@ -109,11 +105,13 @@ class BagRecorderNode(Node):
         # A long repair of an earlier recording must not keep this one from beginning.
         directory = Path(self._config.directory)
         threading.Thread(target=self._finalise, args=(directory,), daemon=True).start()
+        self._collector = ParameterCollector(self.get_namespace(), self._note_parameters)
         if self._config.autostart:
             self._begin()
 
     def close(self) -> None:
         """Close the recording."""
+        self._collector.close()
         if self._recording is not None:
             try:
                 self._end()
@@ -131,7 +129,7 @@ class BagRecorderNode(Node):
         self._recording = Recording(
             path, RecordingLimits(**limits), notes=notes, compression=compression
         )
-        self._asked.clear()
+        self._collector.ask_again()
         self._keys = {
             name: self._recording.topic(name, kind, latched=is_latched)
             for name, (kind, is_latched) in self._kinds.items()
@@ -185,7 +183,7 @@ class BagRecorderNode(Node):
         )
 
     def _look_around(self) -> None:
-        """Pick up new topics, and ask new nodes for their parameters."""
+        """Pick up new topics."""
         if self._recording is None:
             return
         for name, kinds in self.get_topic_names_and_types():
@@ -198,8 +196,6 @@ class BagRecorderNode(Node):
             reliable = all(qos.reliability != ReliabilityPolicy.BEST_EFFORT for qos in offers)
             is_latched = all(qos.durability == DurabilityPolicy.TRANSIENT_LOCAL for qos in offers)
             self._subscribe(name, kinds[0], reliable=reliable, is_latched=is_latched)
-        for name, namespace in self.get_node_names_and_namespaces():
-            self._ask_parameters(f'{namespace.rstrip("/")}/{name}')
 
     def _subscribe(self, name: str, kind: str, *, reliable: bool, is_latched: bool) -> None:
         ways = self._subscribed.setdefault(name, set())
@@ -244,31 +240,11 @@ class BagRecorderNode(Node):
             self._recording.offer(self._keys[early_name], now_ns, early)
         self._recording.offer(self._keys[name], now_ns, raw)
 
-    def _ask_parameters(self, node: str) -> None:
-        """Ask a node for all its parameters; the answer goes into the recording."""
-        if node in self._asked or node.rpartition('/')[2].startswith('_'):
-            return
-        if node not in self._clients_of:
-            self._clients_of[node] = (
-                self.create_client(ListParameters, f'{node}/list_parameters'),
-                self.create_client(GetParameters, f'{node}/get_parameters'),
-            )
-        lister, getter = self._clients_of[node]
-        if not (lister.service_is_ready() and getter.service_is_ready()):
-            return
-        self._asked.add(node)
-
-        def listed(future) -> None:
-            names = list(future.result().result.names)
-            request = GetParameters.Request(names=names)
-            getter.call_async(request).add_done_callback(lambda reply: got(names, reply))
-
-        def got(names: list[str], future) -> None:
-            text = parameter_text(node, names, future.result().values)
-            if self._recording is not None:
-                self._recording.note('parameters', {node: text})
-
-        lister.call_async(ListParameters.Request()).add_done_callback(listed)
+    def _note_parameters(self, node: str, text: str) -> None:
+        """Write a node's parameters into the recording (in the collector's thread)."""
+        recording = self._recording
+        if recording is not None:
+            recording.note('parameters', {node: text})
 
     def _finalise(self, directory: Path) -> None:
         """Close what a killed recorder left."""

@@ -1,0 +1,98 @@
+"""
+The parameters of every node in the graph, asked for beside the recorder.
+
+It asks from a node and a thread of its own, with the plain executor: service
+clients that come and go crash the EventsExecutor of these wheels now and then.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+
+import rclpy
+from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.client import Client
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+
+from hunt_ros.nodes.parameter_text import parameter_text
+
+_LOOK_S = 0.5
+
+
+class ParameterCollector:
+    """
+    Asks each node once, as it appears, for all its parameters.
+
+    Parameters
+    ----------
+    namespace : str
+        Of the node that asks; it and nodes whose names begin with '_' are not asked.
+    tell : callable
+        Gets (full node name, parameter file as text), in the collector's thread.
+    """
+
+    def __init__(self, namespace: str, tell: Callable[[str, str], None]) -> None:
+        self._node = rclpy.create_node('_parameter_collector', namespace=namespace)
+        self._tell = tell
+        self._clients: dict[str, tuple[Client, Client]] = {}
+        self._asked: set[str] = set()
+        self._running = threading.Event()
+        self._running.set()
+        self._thread = threading.Thread(target=self._work, name='parameters', daemon=True)
+        self._thread.start()
+
+    def ask_again(self) -> None:
+        """Ask every node anew: another recording has begun."""
+        self._asked = set()
+
+    def close(self) -> None:
+        """Stop asking."""
+        self._running.clear()
+        self._thread.join(timeout=2.0)
+        self._node.destroy_node()
+
+    def _work(self) -> None:
+        executor = SingleThreadedExecutor()
+        executor.add_node(self._node)
+        try:
+            while self._running.is_set():
+                for name, namespace in self._node.get_node_names_and_namespaces():
+                    if not name.startswith('_'):
+                        self._ask(f'{namespace.rstrip("/")}/{name}')
+                _spin(executor, _LOOK_S)
+        except ExternalShutdownException:
+            pass
+        finally:
+            executor.shutdown()
+
+    def _ask(self, node: str) -> None:
+        if node in self._asked:
+            return
+        if node not in self._clients:
+            self._clients[node] = (
+                self._node.create_client(ListParameters, f'{node}/list_parameters'),
+                self._node.create_client(GetParameters, f'{node}/get_parameters'),
+            )
+        lister, getter = self._clients[node]
+        if not (lister.service_is_ready() and getter.service_is_ready()):
+            return
+        self._asked.add(node)
+
+        def listed(future) -> None:
+            names = list(future.result().result.names)
+            request = GetParameters.Request(names=names)
+            getter.call_async(request).add_done_callback(lambda reply: got(names, reply))
+
+        def got(names: Sequence[str], future) -> None:
+            self._tell(node, parameter_text(node, names, future.result().values))
+
+        lister.call_async(ListParameters.Request()).add_done_callback(listed)
+
+
+def _spin(executor: SingleThreadedExecutor, seconds: float) -> None:
+    """Take the answers that come within a time."""
+    deadline = time.monotonic() + seconds
+    while (left_s := deadline - time.monotonic()) > 0.0:
+        executor.spin_once(timeout_sec=left_s)
