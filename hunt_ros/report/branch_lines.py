@@ -74,7 +74,6 @@ def plot_form(
     """
     speed, unstable, stable = branch_points(form, low, high)
     factor = 0.5 / form.length_scale if dimensionless else style.MILLIMETRES
-    v_c = form.critical_speed
 
     def across(v: NDArray[np.float64] | list[float]) -> NDArray[np.float64]:
         return form.detuning(v) if dimensionless else np.asarray(v, dtype=np.float64)
@@ -83,6 +82,10 @@ def plot_form(
     axes.plot(
         across(speed), factor * unstable, color=style.UNSTABLE, linestyle='--', label='unstable'
     )
-    axes.plot(across([low, v_c]), [0.0, 0.0], color=style.STABLE)
-    axes.plot(across([v_c, high]), [0.0, 0.0], color=style.UNSTABLE, linestyle='--')
+    # By its own growth rate: D7 can bring the quiet state back at another speed.
+    growing = form.growth_rate(speed) > 0.0
+    for shown, colour, dashes in ((~growing, style.STABLE, '-'), (growing, style.UNSTABLE, '--')):
+        edge = shown | np.append(shown[1:], False) | np.append(False, shown[:-1])
+        quiet = np.where(edge if dashes == '--' else shown, 0.0, np.nan)
+        axes.plot(across(speed), quiet, color=colour, linestyle=dashes)
     axes.set_xlim(*across([low, high]))

@@ -1,0 +1,292 @@
+"""What the figures draw: the right curves, points and words, for any kind of rig."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from matplotlib.figure import Figure
+
+from hunt_ros.analysis.steady_state import SteadyState
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
+from hunt_ros.errors import IdentificationError
+from hunt_ros.report.branch_lines import branch_points, plot_form
+from hunt_ros.report.choice import either_side, four_states
+from hunt_ros.report.cubic import cubic_alone, cubic_amplitude
+from hunt_ros.report.disturbance import disturbance_from_width
+from hunt_ros.report.frequency import hunting_frequencies
+from hunt_ros.report.hysteresis import hysteresis_loop
+from hunt_ros.report.normal_form_diagram import bands_of_document, bands_of_draws, diagram
+from hunt_ros.report.overview import RunEvent, run_overview, thinned
+from hunt_ros.report.response import response_of
+from hunt_ros.report.response_panels import response_panels
+from hunt_ros.report.result import Result
+from hunt_ros.report.style import journal_style, new_figure
+from hunt_ros.samples import Record, Series
+
+Document = Callable[..., dict[str, Any]]
+Identified = Callable[..., IdentifiedNormalForm]
+
+SUPERCRITICAL = replace(PAPER_NORMAL_FORM, D4=-2030.0)
+
+
+def words(figure: Figure) -> str:
+    """All text of a figure."""
+    from matplotlib.text import Text
+
+    return ' | '.join(text.get_text() for text in figure.findobj(Text) if isinstance(text, Text))
+
+
+def line(figure: Figure, label: str) -> tuple[np.ndarray, np.ndarray]:
+    for axes in figure.axes:
+        for one in axes.lines:
+            if one.get_label() == label:
+                return np.asarray(one.get_xdata()), np.asarray(one.get_ydata())
+    raise AssertionError(f'no line {label!r}')
+
+
+# --- the branches ---------------------------------------------------------------------
+
+
+@given(
+    st.floats(0.01, 1.0), st.floats(100.0, 1e4), st.floats(-0.5, 0.5), st.floats(-500.0, 500.0),
+    st.floats(-1e8, -1e6),
+)  # fmt: skip
+def test_both_branches_start_at_the_fold_and_the_unstable_one_ends_at_v_c(
+    d1: float, d4: float, d7: float, d10: float, d15: float
+) -> None:
+    form = NormalForm(8.0, D1=d1, D4=d4, D7=d7, D10=d10, D15=d15)
+    fold = form.saddle_node()
+    # Outside: no fold in the figure, or a second Hopf point in it (D7).
+    assume(fold is not None and 4.5 < fold[0] < 7.9 and d1 + 0.125 * d7 > 0.0)
+    assert fold is not None
+    speed, unstable, stable = branch_points(form, 4.0, 9.0)
+    assert np.all(np.diff(speed) > 0.0)
+    at = int(np.flatnonzero(speed == fold[0])[0])
+    assert unstable[at] == stable[at] == fold[1]
+    assert np.isnan(stable[at - 1])  # further down a large D7 may bring a second fold
+    assert np.isfinite(stable[at:]).sum() > 10
+    hopf = int(np.flatnonzero(speed == 8.0)[0])
+    assert unstable[hopf] == 0.0
+    assert np.isnan(unstable[hopf + 1])
+
+
+def test_the_quiet_state_is_dashed_where_it_grows() -> None:
+    # A second Hopf point at eps = -D1/D7 = 0.0625: quiet again above 8.5 m/s.
+    form = replace(PAPER_NORMAL_FORM, D1=0.03125, D7=-0.5)
+    with journal_style():
+        axes = new_figure().subplots()
+        plot_form(axes, form, 7.0, 9.0)
+    zero = [one for one in axes.lines if np.nanmax(np.abs(one.get_ydata())) == 0.0]
+    spans = {one.get_linestyle(): one.get_xdata()[np.isfinite(one.get_ydata())] for one in zero}
+    assert set(spans) == {'-', '--'}
+    assert (spans['--'].min(), spans['--'].max()) == pytest.approx((8.0, 8.5), abs=0.01)
+    assert not np.any((spans['-'] > 8.01) & (spans['-'] < 8.49))
+
+
+def test_the_branches_of_a_supercritical_form_leave_zero_at_v_c() -> None:
+    speed, unstable, stable = branch_points(SUPERCRITICAL, 7.0, 9.0)
+    assert np.isnan(unstable).all()
+    assert stable[speed == 8.0] == 0.0
+    assert np.isnan(stable[speed < 8.0]).all()
+
+
+@given(st.floats(4.0, 7.99))
+def test_the_cubic_amplitude_solves_the_cubic_form(speed: float) -> None:
+    form = PAPER_NORMAL_FORM
+    amplitude = float(cubic_amplitude(form, speed))
+    cubic = replace(form, D7=0.0, D10=0.0, D15=0.0)
+    assert float(cubic.growth_rate(speed, amplitude)) == pytest.approx(0.0, abs=1e-9)
+    # Close to v_c it is the branch of the whole form too.
+    near = 8.0 - 1e-6
+    assert float(cubic_amplitude(form, near)) == pytest.approx(
+        float(form.unstable_amplitude(near)), rel=1e-3
+    )
+
+
+def test_the_cubic_form_has_nothing_on_the_other_side_of_v_c() -> None:
+    assert np.isnan(cubic_amplitude(PAPER_NORMAL_FORM, 8.5))
+    assert np.isnan(cubic_amplitude(SUPERCRITICAL, 7.5))
+    assert np.isnan(cubic_amplitude(replace(PAPER_NORMAL_FORM, D4=0.0), 7.5))
+
+
+# --- bands ----------------------------------------------------------------------------
+
+
+def test_the_bands_hold_the_branch_and_so_many_of_the_draws(identified: Identified) -> None:
+    one = identified()
+    bands = bands_of_draws(one, 6.0, 9.0)
+    speed, lower, upper = bands['unstable']
+    inside = np.abs(speed - 7.2) < 0.02
+    truth = one.form.unstable_amplitude(speed)
+    assert np.all((lower < truth)[inside] & (truth < upper)[inside])
+    fresh = [form.unstable_amplitude(7.2) for form in one.draws(2000, seed=99)]
+    low, high = (np.interp(7.2, speed, edge) for edge in (lower, upper))
+    assert np.mean((fresh > low) & (fresh < high)) == pytest.approx(0.95, abs=0.03)
+
+
+def test_a_form_taken_as_exact_has_no_band() -> None:
+    assert bands_of_draws(IdentifiedNormalForm(PAPER_NORMAL_FORM), 6.0, 9.0) == {}
+
+
+def test_the_bands_of_the_document_are_drawn_as_they_stand() -> None:
+    points = [
+        {'speed_mps': 7.0, 'stable_ci95_m': [5e-4, 6e-4], 'unstable_ci95_m': None},
+        {'speed_mps': 7.5, 'stable_ci95_m': [-1e-5, 7e-4], 'unstable_ci95_m': [1e-4, 2e-4]},
+    ]
+    bands = bands_of_document(points)
+    assert set(bands) == {'stable'}
+    np.testing.assert_array_equal(bands['stable'][1], [5e-4, 0.0])  # no amplitude below zero
+    np.testing.assert_array_equal(bands['stable'][2], [6e-4, 7e-4])
+
+
+# --- the figures ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('form', [PAPER_NORMAL_FORM, SUPERCRITICAL])
+def test_the_measured_points_stand_where_they_were_measured(
+    form: NormalForm, document: Document, identified: Identified
+) -> None:
+    one = identified(form)
+    entries = document(one)
+    result = Result(entries)
+    up = [x for x in entries['steady_states'] if x['direction'] == 'up']
+    for figure in (
+        hysteresis_loop(result),
+        diagram(one, result),
+        cubic_alone(form, result),
+    ):
+        points = [
+            container.lines[0].get_xydata()
+            for axes in figure.axes
+            for container in axes.containers
+            if container.get_label() == 'speed up'
+        ]
+        assert len(points) == 1
+        expected = [(x['speed_mps'], 1e3 * x['amplitude_m']) for x in up]
+        np.testing.assert_allclose(points[0], expected, rtol=1e-12)
+        assert '(m/s)' in words(figure)
+        assert '(mm)' in words(figure)
+
+
+def test_the_hysteresis_loop_names_the_observed_speeds_and_the_panels(document: Document) -> None:
+    figure = hysteresis_loop(Result(document()), {'a': (6.0, 2e-5), 'd': (7.2, 6.3e-4)})
+    text = words(figure)
+    for part in ('$v_c$ observed\n7.70 m/s', '$v_n$ observed\n6.51 m/s', '(a)', '(d)'):
+        assert part in text
+
+
+def test_an_observation_that_is_not_there_is_not_drawn(document: Document) -> None:
+    entries = document()
+    entries['observed'] = dict.fromkeys(entries['observed'])
+    assert 'observed' not in words(hysteresis_loop(Result(entries)))
+
+
+def test_the_widths_of_fig_11_are_those_of_the_form_and_of_the_jumps() -> None:
+    text = words(disturbance_from_width(PAPER_NORMAL_FORM, (6.5, 7.7), 1.5e-4))
+    assert '= 1.59 m/s' in text
+    assert '= 1.20 m/s' in text
+    assert 'disturbance 0.15 mm' in text
+    unknown = words(disturbance_from_width(PAPER_NORMAL_FORM, (None, 7.7), None))
+    assert 'width not known' in unknown
+    assert 'disturbance not known' in unknown
+
+
+# --- the run ----------------------------------------------------------------------------
+
+
+@given(st.integers(0, 5000), st.integers(50, 500), st.integers(0, 10**6))
+@settings(max_examples=50)
+def test_thinning_keeps_extremes_gaps_and_order(count: int, points: int, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    values = random.standard_normal(count)
+    if count > 200:
+        values[100:150] = np.nan
+    time, kept = thinned(np.arange(count, dtype=np.float64), values, points)
+    assert np.all(np.diff(time) > 0.0)
+    assert len(time) <= max(points + 4, count if count <= points else 0)
+    np.testing.assert_array_equal(kept, values[time.astype(int)])
+    if count:
+        assert np.nanmax(kept) == np.nanmax(values)
+        assert np.nanmin(kept) == np.nanmin(values)
+
+
+def test_the_overview_marks_the_events_at_their_time() -> None:
+    stamps = np.arange(0, 100 * 10**9, 10**8)
+    record = Record({'speed': Series(stamps, np.linspace(6.0, 8.0, stamps.size))}, 'a')
+    events = [RunEvent(40.0, 'limit_cycle', 'ERROR', 7.0, 6e-4, None, 'a')]
+    time = np.linspace(0.0, 100.0, 50)
+    figure = run_overview(record, (time, 1e-4 + 0.0 * time), events, (6.4, 8.0))
+    x, y = line(figure, 'limit cycle')
+    assert (x[0], y[0]) == (40.0, pytest.approx(0.6))
+    assert '$v_n$' in words(figure)
+    assert words(run_overview(Record({}, 'empty'), (np.zeros(0), np.zeros(0))))
+
+
+# --- the response ------------------------------------------------------------------------
+
+
+def test_a_stretch_that_cannot_be_analysed_says_so_panel_by_panel() -> None:
+    stamps = np.arange(100) * 10_000_000
+    short = Record({'lateral': Series(stamps, 1e-4 * np.sin(0.2 * np.arange(100)))}, 'short')
+    response = response_of(short, 7.0)
+    assert response.lyapunov is None
+    assert 'Lyapunov exponent' in response.unknown
+    assert 'not known' in words(response_panels(response, 'a'))
+    lost = Record({'lateral': Series(stamps, np.full(100, np.nan))}, 'lost')
+    response = response_of(lost, 7.0)
+    assert list(response.unknown) == ['time history']
+    assert response.kind == 'not known'
+    assert words(response_panels(response)).count('not known') == 5
+
+
+def state(speed: float, direction: str, amplitude: float, **more: Any) -> SteadyState:
+    return SteadyState(speed, amplitude, 0.01 * amplitude, direction, 60, **more)  # type: ignore[arg-type]
+
+
+def test_without_a_loop_four_speeds_are_spread_evenly() -> None:
+    states = [state(6.0 + 0.2 * k, 'up', 1e-5) for k in range(10)]
+    assert [round(one.speed, 1) for one in four_states(states)] == [6.0, 6.6, 7.2, 7.8]
+    assert len(four_states(states[:2])) == 2
+    assert four_states([]) == []
+
+
+def test_either_side_of_v_c_are_settled_neighbours_on_the_way_up() -> None:
+    states = [
+        state(7.6, 'up', 2e-5),
+        state(7.8, 'up', 3e-5),
+        replace(state(8.0, 'up', 2e-4), amplitude_std=1e-4),  # the jump itself
+        state(8.2, 'up', 6.8e-4),
+        state(7.9, 'down', 6.7e-4),
+    ]
+    pair = either_side(states, 7.9)
+    assert pair is not None
+    assert [one.speed for one in pair] == [7.8, 8.2]
+    assert either_side(states, None) is None
+    assert either_side(states, 9.0) is None
+
+
+def test_the_frequency_law_is_that_of_the_waves_it_was_read_from() -> None:
+    # f = 2.8 Hz + slope A^2: four waves, and D4I follows from Eq. (25).
+    rate, slope, v_c, scales = 200.0, 5e5, 8.0, (0.0485, 1.0 / 25.91)
+    stamps = np.arange(0, int(40e9), int(1e9 / rate))
+    records, states = [], []
+    for k, amplitude in enumerate((3e-4, 4e-4, 5e-4, 6e-4, 7e-4)):
+        phase = 2.0 * np.pi * (2.8 + slope * amplitude**2) * stamps * 1e-9
+        name = f'run {k}'
+        records.append(Record({'lateral': Series(stamps, amplitude * np.cos(phase))}, name))
+        states.append(
+            replace(state(v_c, 'up', amplitude), source=name, start_ns=0, end_ns=int(stamps[-1]))
+        )
+    found = hunting_frequencies(records, states, 2.8, v_c, scales)
+    wanted = slope * (2.0 * scales[0]) ** 2 * 2.0 * np.pi * scales[1]
+    assert found.law.coefficients['D4I'].value == pytest.approx(wanted, rel=0.01)
+    np.testing.assert_allclose(found.amplitude, [one.amplitude for one in states], rtol=0.01)
+    with pytest.raises(IdentificationError, match='expected at least 4'):
+        hunting_frequencies(records, states[:3], 2.8, v_c, scales)
