@@ -52,7 +52,13 @@ clean:  ## remove what these targets made
 bench-estimation: $(VENV)/installed  ## the tracker: speed against filterpy, accuracy against the bounds
 	$(BIN)/python test/benchmark/bench_estimation.py
 
+bench-simulation: $(VENV)/installed  ## the simulated rig and the theory: speed, escapes, swept loops
+	$(BIN)/python test/benchmark/bench_simulation.py
+
+figures: $(VENV)/installed  ## draw the pictures of docs/
+	$(BIN)/python docs/figures.py
+
 bench-forecast: $(VENV)/installed  ## forecast of v_c: error, spread against the bound, coverage
 	$(BIN)/python test/benchmark/bench_forecast.py
 
-.PHONY: bench-bags fuzz golden-bags help install demo test check format clean bench-live bench-forecast bench-estimation
+.PHONY: bench-simulation figures bench-bags fuzz golden-bags help install demo test check format clean bench-live bench-forecast bench-estimation

@@ -74,26 +74,25 @@ def _accelerations(
     y_rate: float,
     psi: float,
     psi_rate: float,
-    speed: float,
+    slowness: float,
     slope: float,
     moment: float,
     model: Array,
     terms: Array,
 ) -> tuple[float, float]:
     """Eqs. (2), (3) with the flange, rolling direction and yaw forcing added."""
-    v = max(speed, model[LOWEST_SPEED])
     clearance, limit = model[CLEARANCE], model[YAW_LIMIT]
     # Beyond the flange the tread polynomials describe nothing: hold their argument.
     y_tread = min(max(y, -clearance), clearance)
     psi_tread = min(max(psi, -limit), limit)
     lateral = (
-        -model[D11] / v * y_rate
+        -model[D11] * slowness * y_rate
         - model[K11] * y
         + model[LATERAL_CREEP] * (psi + slope)
         - _power_terms(y_tread, psi_tread, terms[0])
     )
     yaw = (
-        -model[D22] / v * psi_rate
+        -model[D22] * slowness * psi_rate
         - model[K21] * y
         - psi
         - _power_terms(y_tread, psi_tread, terms[1])
@@ -110,9 +109,19 @@ def _accelerations(
 
 @compiled
 def _step(
-    state: Array, target: float, moment: float, model: Array, terms: Array, harmonics: Array
-) -> None:
-    """Advance the state by one step: classical Runge-Kutta, speed and angle exact on it."""
+    state: Array,
+    target: float,
+    moment: float,
+    s0: float,
+    model: Array,
+    terms: Array,
+    harmonics: Array,
+) -> float:
+    """
+    Advance the state by one step: classical Runge-Kutta, speed and angle exact on it.
+
+    s0 is the direction of rolling at the start; that at the end is returned.
+    """
     h = model[STEP]
     y, a, p, b = state[Y], state[Y_RATE], state[PSI], state[PSI_RATE]
     v0, angle0 = state[SPEED], state[ANGLE]
@@ -120,26 +129,26 @@ def _step(
     v1 = v0 + min(max(change, -model[MOST_CHANGE]), model[MOST_CHANGE])
     vm = 0.5 * (v0 + v1)
     angle1 = angle0 + vm * model[STEP_S] * model[ANGLE_PER_METRE]
-    s0 = sm = s1 = 0.0
-    if harmonics.shape[0] > 0:
-        s0 = _slope(angle0, harmonics)
-        sm = _slope(0.5 * (angle0 + angle1), harmonics)
-        s1 = _slope(angle1, harmonics)
-    a1, b1 = _accelerations(y, a, p, b, v0, s0, moment, model, terms)
+    sm = _slope(0.5 * (angle0 + angle1), harmonics)
+    s1 = _slope(angle1, harmonics)
+    lowest = model[LOWEST_SPEED]
+    r0, rm, r1 = 1.0 / max(v0, lowest), 1.0 / max(vm, lowest), 1.0 / max(v1, lowest)
+    a1, b1 = _accelerations(y, a, p, b, r0, s0, moment, model, terms)
     ya, pa = a + 0.5 * h * a1, b + 0.5 * h * b1
-    a2, b2 = _accelerations(y + 0.5 * h * a, ya, p + 0.5 * h * b, pa, vm, sm, moment, model, terms)
+    a2, b2 = _accelerations(y + 0.5 * h * a, ya, p + 0.5 * h * b, pa, rm, sm, moment, model, terms)
     yb, pb = a + 0.5 * h * a2, b + 0.5 * h * b2
     a3, b3 = _accelerations(
-        y + 0.5 * h * ya, yb, p + 0.5 * h * pa, pb, vm, sm, moment, model, terms
+        y + 0.5 * h * ya, yb, p + 0.5 * h * pa, pb, rm, sm, moment, model, terms
     )
     yc, pc = a + h * a3, b + h * b3
-    a4, b4 = _accelerations(y + h * yb, yc, p + h * pb, pc, v1, s1, moment, model, terms)
+    a4, b4 = _accelerations(y + h * yb, yc, p + h * pb, pc, r1, s1, moment, model, terms)
     state[Y] = y + h / 6.0 * (a + 2.0 * (ya + yb) + yc)
     state[PSI] = p + h / 6.0 * (b + 2.0 * (pa + pb) + pc)
     state[Y_RATE] = a + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
     state[PSI_RATE] = b + h / 6.0 * (b1 + 2.0 * (b2 + b3) + b4)
     state[SPEED] = v1
     state[ANGLE] = angle1
+    return s1
 
 
 @compiled
@@ -191,6 +200,7 @@ def advance(
     out : ndarray, shape (6, n)
         Filled.
     """
+    slope = _slope(state[ANGLE], harmonics)
     for n in range(targets.shape[0]):
         lateral, yaw = state[Y] * model[LENGTH], state[PSI]
         out[LATERAL, n] = _reading(lateral, noise[n, 0], sensors[0])
@@ -210,4 +220,4 @@ def advance(
                     out[k, n] = math.nan
         for k in range(forcing.shape[1]):
             moment = model[FORCING] * forcing[n, k]
-            _step(state, targets[n], moment, model, terms, harmonics)
+            slope = _step(state, targets[n], moment, slope, model, terms, harmonics)
