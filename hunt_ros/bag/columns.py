@@ -13,19 +13,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag.blocks import Topic
-from hunt_ros.bag.cdr_layout import (
-    JOINT_STATE,
-    USUAL_FIELDS,
-    check_path,
-    joint_of,
-    parse_path,
-    stamp_path,
-)
 from hunt_ros.bag.channels import ChannelMap, ChannelSource, channel_map
+from hunt_ros.bag.column_buffer import ColumnBuffer
 from hunt_ros.bag.gather import Wanted, gather
-from hunt_ros.bag.message_types import definitions_of
 from hunt_ros.bag.reader import Bag
+from hunt_ros.bag.topic_fields import find_topic, listed, wanted_field
 from hunt_ros.errors import BagError
 from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series
 
@@ -77,9 +69,31 @@ def read_columns(
         with Bag(bag) as opened:
             return read_columns(opened, sources, start_ns=start_ns, end_ns=end_ns, stamps=stamps)
     fields = {name: source for name, source in sources.items() if source.constant is None}
+    buffers = _read_fields(bag, fields, start_ns, end_ns, stamps)
+    if any(buffer.needs_log for buffer in buffers.values()):
+        buffers = _read_fields(bag, fields, start_ns, end_ns, stamps, with_log=True)
+    columns = {
+        name: buffer.series(fields[name].scale, fields[name].offset)
+        for name, buffer in buffers.items()
+    }
+    return columns | _constants(sources, columns, bag)
+
+
+def _read_fields(
+    bag: Bag,
+    fields: Mapping[str, ChannelSource],
+    start_ns: int | None,
+    end_ns: int | None,
+    stamps: Stamps,
+    with_log: bool = False,
+) -> dict[str, ColumnBuffer]:
+    """Gather the fields; see `ColumnBuffer` for `with_log`."""
     topics = {name: find_topic(bag, source) for name, source in fields.items()}
-    parts: dict[str, list[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]]]
-    parts = {name: [] for name in fields}
+    sliced = start_ns is not None or end_ns is not None
+    columns = {
+        name: ColumnBuffer(0 if sliced else bag.topics[topic].messages, with_log)
+        for name, topic in topics.items()
+    }
     plans: dict[tuple[str, str, str, str], Wanted] = {}
     for described, block in bag.blocks(set(topics.values()), start_ns, end_ns):
         for key, places in block.places.items():
@@ -87,15 +101,14 @@ def read_columns(
             for name in (name for name, wanted in topics.items() if wanted == topic.name):
                 plan_key = (name, topic.type, topic.definition_encoding, topic.definition)
                 if plan_key not in plans:
-                    plans[plan_key] = _plan(topic, fields[name], bag)
+                    plans[plan_key] = wanted_field(topic, fields[name], bag)
                 try:
                     found = gather(block, places, plans[plan_key])
                 except ValueError as error:
                     raise BagError(f'{bag.path}: topic {topic.name}: {error}') from error
                 chosen = places.log_ns if stamps == 'log' else found.stamps_ns
-                parts[name].append((places.log_ns, chosen, found.values))
-    columns = {name: _column(several, fields[name]) for name, several in parts.items()}
-    return columns | _constants(sources, columns, bag)
+                columns[name].extend(places.log_ns, chosen, found.values)
+    return columns
 
 
 def read_record(
@@ -151,7 +164,7 @@ def read_record(
     if not measured:
         raise BagError(
             f'{path.path}: no channel found, expected topics named {", ".join(CHANNELS)}'
-            f' or a mapping such as --channel lateral=/topic.field; it has {_listed(path)}'
+            f' or a mapping such as --channel lateral=/topic.field; it has {listed(path)}'
         )
     columns = read_columns(path, sources, start_ns=start_ns, end_ns=end_ns)
     filled = {name: columns[name] for name in CHANNELS if name in columns and len(columns[name])}
@@ -159,43 +172,12 @@ def read_record(
         if name not in filled:
             raise BagError(
                 f'{path.path}: channel {name} is not in it, expected a topic named {name}'
-                f' or --channel {name}=...; it has {_listed(path)}'
+                f' or --channel {name}=...; it has {listed(path)}'
             )
     if not filled:
         raise BagError(f'{path.path}: its topics {", ".join(measured)} hold no messages')
     record = Record(filled, str(path.path), _notes(path))
     return _sampled(record, sources)
-
-
-def find_topic(bag: Bag, source: ChannelSource, namespace: str | None = None) -> str:
-    """
-    Find the topic that a source means: by its full name, or by its last one.
-
-    Raises
-    ------
-    BagError
-        If there is none, or several.
-    """
-    if source.topic in bag.topics:
-        return source.topic
-    wanted = source.topic.strip('/')
-    found = [
-        name
-        for name in bag.topics
-        if name.endswith('/' + wanted)
-        and not source.topic.startswith('/')
-        and (namespace is None or name.strip('/') == f'{namespace.strip("/")}/{wanted}'.strip('/'))
-    ]
-    if len(found) == 1:
-        return found[0]
-    if found:
-        raise BagError(
-            f'{bag.path}: channel {source.channel}: several topics end in {wanted!r}'
-            f' ({", ".join(sorted(found))}), name the one'
-        )
-    raise BagError(
-        f'{bag.path}: channel {source.channel}: no topic {source.topic!r}, it has {_listed(bag)}'
-    )
 
 
 def _as_map(
@@ -205,44 +187,6 @@ def _as_map(
         return {}
     items = channels.values() if isinstance(channels, Mapping) else channels
     return channel_map(items, allowed=None)
-
-
-def _plan(topic: Topic, source: ChannelSource, bag: Bag) -> Wanted:
-    definitions = definitions_of(topic, str(bag.path))
-    text = source.field or USUAL_FIELDS.get(topic.type, '')
-    stamp = stamp_path(definitions, topic.type)
-    joint = joint_of(text)
-    if not source.field and topic.type == JOINT_STATE:
-        joint = ('position', source.channel)
-    try:
-        if joint is not None and topic.type == JOINT_STATE:
-            path = parse_path(joint[0])
-            alone = not source.field
-            return Wanted(definitions, topic.type, path, stamp, joint[1], alone)
-        path = parse_path(text)
-        check_path(definitions, topic.type, path)
-    except ValueError as error:
-        raise BagError(f'{bag.path}: topic {topic.name} ({topic.type}): {error}') from error
-    return Wanted(definitions, topic.type, path, stamp)
-
-
-def _column(
-    parts: list[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]],
-    source: ChannelSource,
-) -> Series:
-    if not parts:
-        return Series(np.zeros(0, np.int64), np.zeros(0))
-    log_ns, stamps, values = (np.concatenate(several) for several in zip(*parts, strict=True))
-    # Headers that nobody filled say nothing: the log time stands in.
-    chosen = stamps if stamps.any() else log_ns
-    if log_ns.size > 1 and (log_ns[1:] < log_ns[:-1]).any():
-        order = np.argsort(log_ns, kind='stable')
-        chosen, values = chosen[order], values[order]
-    if source.scale != 1.0:
-        values = values * source.scale
-    if source.offset:
-        values = values + source.offset
-    return Series(chosen, values)
 
 
 def _constants(
@@ -294,9 +238,3 @@ def _notes(bag: Bag) -> dict[str, str]:
     if bag.problems:
         notes['problems'] = '; '.join(bag.problems)
     return notes
-
-
-def _listed(bag: Bag) -> str:
-    names = sorted(bag.topics)
-    shown = ', '.join(names[:12]) or 'no topics'
-    return f'{shown} and {len(names) - 12} more' if len(names) > 12 else shown

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from hunt_ros.bag import mcap_format as fmt
 from hunt_ros.bag.blocks import Block, Places, within
 from hunt_ros.bag.compression import expand
-from hunt_ros.bag.mcap_walk import Walk, chunk_places, read_summary, walk_file
+from hunt_ros.bag.mcap_places import chunk_places
+from hunt_ros.bag.mcap_walk import Walk, read_summary, walk_file
 from hunt_ros.errors import BagError
 
 #: Chunks are gathered together up to this many expanded bytes, so that small ones cost little.

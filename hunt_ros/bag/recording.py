@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
-from hunt_ros.bag.writer import BagWriter
+from hunt_ros.bag.bag_writer import BagWriter
 from hunt_ros.errors import BagError
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting

@@ -1,12 +1,7 @@
-"""
-Recordings that were not closed, or that are damaged.
-
-The first are closed after the fact, of the others a sound copy is made.
-"""
+"""Sound copies of damaged recordings, and what was lost on the way."""
 
 from __future__ import annotations
 
-import fcntl
 import shutil
 import tempfile
 from collections import Counter
@@ -16,7 +11,6 @@ from pathlib import Path
 
 from hunt_ros.bag.bag_metadata import FileEntry, TopicEntry, folder_metadata
 from hunt_ros.bag.blocks import expand_messages
-from hunt_ros.bag.mcap_file import McapFile
 from hunt_ros.bag.mcap_writer import McapWriter
 from hunt_ros.bag.message_types import definition_text
 from hunt_ros.bag.reader import ACTIVE, read_metadata
@@ -24,10 +18,6 @@ from hunt_ros.bag.salvage import Salvage, salvage_mcap
 from hunt_ros.bag.sqlite_file import SqliteFile
 from hunt_ros.bag.storage_files import expand_file, folder_files
 from hunt_ros.errors import BagError
-
-
-class BeingRecorded(BagError):
-    """The recording is not left over: its recorder is alive."""
 
 
 @dataclass
@@ -125,7 +115,7 @@ def _repair_files(files: Sequence[Path], active: Path, target: Path, compressed:
         report.lost_bytes += part.lost_bytes
         report.lost_spans_ns += part.lost_spans_ns
         report.problems += [f'{file.name}: {problem}' for problem in part.problems]
-    (active / 'metadata.yaml').write_text(_description(parts), encoding='utf-8')
+    (active / 'metadata.yaml').write_text(description(parts), encoding='utf-8')
     return report
 
 
@@ -205,7 +195,8 @@ def _messages_compressed(source: Path) -> bool:
     return str(description.get('compression_mode') or '').lower() == 'message'
 
 
-def _description(parts: Sequence[tuple[str, Salvage]]) -> str:
+def description(parts: Sequence[tuple[str, Salvage]]) -> str:
+    """Return the `metadata.yaml` of a folder of salvaged files, (name, what is in it)."""
     counts: Counter[str] = Counter()
     types: dict[str, str] = {}
     latched: set[str] = set()
@@ -221,92 +212,3 @@ def _description(parts: Sequence[tuple[str, Salvage]]) -> str:
     ]
     files = [FileEntry(name, part.first_ns, part.last_ns, part.messages) for name, part in parts]
     return folder_metadata(topics, files, notes)
-
-
-def finalise(active: Path) -> Path:
-    """
-    Close a recording whose recorder died: index, description, final name.
-
-    Nothing is lost that is in the folder whole; files that are complete stay as they
-    are.
-
-    Parameters
-    ----------
-    active : Path
-        A folder ending in `.active`.
-
-    Returns
-    -------
-    Path
-        The closed recording.
-
-    Raises
-    ------
-    BagError
-        If its recorder is still alive, nothing in it can be saved, or the disk refuses.
-    """
-    target = final = active.with_name(active.name.removesuffix(ACTIVE))
-    number = 1
-    while target.exists():
-        target, number = final.with_name(f'{final.name}_{number}'), number + 1
-    files = [name for name in folder_files(active) if name.suffix == '.mcap']
-    if any(_is_held(name) for name in files):
-        raise BeingRecorded(f'{active}: is being recorded')
-    parts = [(name.name, _finish_file(name)) for name in files if name.stat().st_size]
-    if not any(part.messages for _, part in parts):
-        raise BagError(f'{active}: holds no whole message, nothing to close')
-    try:
-        (active / 'metadata.yaml').write_text(_description(parts), encoding='utf-8')
-        active.rename(target)
-    except OSError as error:
-        raise BagError(f'{active}: cannot be closed ({error.strerror})') from error
-    return target
-
-
-def _is_held(file: Path) -> bool:
-    """Whether a living process writes the file: it holds a lock on it."""
-    with open(file, 'rb') as held:
-        try:
-            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            return True
-    return False
-
-
-def _finish_file(file: Path) -> Salvage:
-    """Give a file its index; a complete one is only described."""
-    opened = McapFile(file)
-    sound = not opened.problems
-    opened.close()
-    repaired = file.with_suffix('.mcap.part')
-    repaired.unlink(missing_ok=True)
-    result = salvage_mcap(file, repaired)
-    try:
-        if sound:
-            repaired.unlink()
-        else:
-            repaired.replace(file)
-    except OSError as error:
-        raise BagError(f'{file}: cannot be replaced ({error.strerror})') from error
-    return result
-
-
-def finalise_left(directory: Path) -> list[str]:
-    """
-    Close every recording in a directory whose recorder died.
-
-    Returns
-    -------
-    list of str
-        One line for each, on what was done or why not; recordings that are running
-        are passed over in silence.
-    """
-    lines = []
-    for active in sorted(directory.glob(f'*{ACTIVE}')):
-        try:
-            lines.append(f'{finalise(active)}: closed, its recorder had ended without doing so')
-        except BeingRecorded:
-            continue
-        except BagError as error:
-            lines.append(str(error))
-    return lines

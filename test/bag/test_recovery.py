@@ -11,9 +11,10 @@ from rosbags.highlevel import AnyReader
 
 from hunt_ros.bag import Bag, BagWriter, read_record, write_record
 from hunt_ros.bag.inspection import inspect
+from hunt_ros.bag.leftover import BeingRecorded, finalise, finalise_left
 from hunt_ros.bag.messages import read_raw
 from hunt_ros.bag.record_rows import CHANNEL_FIELDS, serialise
-from hunt_ros.bag.recovery import BeingRecorded, finalise, finalise_left, repair
+from hunt_ros.bag.recovery import repair
 from hunt_ros.errors import BagError
 from hunt_ros.samples import Record
 

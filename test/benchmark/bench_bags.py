@@ -226,7 +226,7 @@ def main() -> None:
             markdown(['chunks', 'way', 'CPU s', '10^6 messages/s', 'times hunt_ros'], rows),
             markdown(['times as fast as', 'goal', 'measured'], goals),
             f'Memory: one of the two channels is {columns:.0f} MB of stamps and values; reading it'
-            f' takes {peak:.0f} MB at the peak (log times and parts before they are joined).',
+            f' takes {peak:.0f} MB at the peak (a block of chunks beside the column).',
             f'{arguments.seconds:.0f} s of lateral, yaw and speed at 1 kHz'
             f' ({arguments.seconds * 3000 / 1e6:.1f} million messages; goals for an hour: read'
             ' in 2 s, replay in 6 s, which is 600 times real time):',

@@ -1,0 +1,312 @@
+"""
+Writing a recording.
+
+A rosbag2 folder has its final name only when it is complete.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple
+
+from hunt_ros.bag.bag_metadata import FileEntry, TopicEntry, folder_metadata, quality_of_service
+from hunt_ros.bag.mcap_writer import CHUNK_BYTES, McapWriter, Rows
+from hunt_ros.bag.message_types import definition_text
+from hunt_ros.bag.reader import ACTIVE, NOTES
+from hunt_ros.errors import BagError
+
+
+class _Topic(NamedTuple):
+    name: str
+    type: str
+    definition: str
+    type_hash: str
+    latched: bool
+
+
+class BagWriter:
+    """
+    A recording being written: MCAP files in the layout of rosbag2, metadata version 8.
+
+    It is written under `<path>.active`, and renamed to `path` by `close`. As a context
+    manager it closes where all went well, and removes what it wrote where not.
+
+    Parameters
+    ----------
+    path : str or Path
+        Folder to make; it must not exist.
+    notes : mapping of str to str
+        Rig, operator, remarks: into every file and into metadata.yaml.
+    compression : '', 'lz4' or 'zstd'
+    chunk_bytes : int
+        Size at which a chunk is closed, bytes before compression.
+
+    Raises
+    ------
+    BagError
+        If the folder exists, or cannot be made or written.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        notes: Mapping[str, str] | None = None,
+        compression: str = 'zstd',
+        chunk_bytes: int = CHUNK_BYTES,
+    ) -> None:
+        self.path = Path(path)
+        self.active = self.path.with_name(self.path.name + ACTIVE)
+        self.notes = {str(key): str(value) for key, value in (notes or {}).items()}
+        self._compression = compression
+        self._chunk_bytes = chunk_bytes
+        self._topics: dict[int, _Topic] = {}
+        self._keys: dict[str, int] = {}
+        self._metadata: dict[str, dict[str, str]] = {NOTES: self.notes}
+        self._counts: Counter[int] = Counter()
+        self._files: list[FileEntry] = []
+        for name in (self.path, self.active):
+            if name.exists():
+                raise BagError(f'{name}: exists already, expected a name for a new recording')
+        try:
+            self.active.mkdir(parents=True)
+            self._file = self._open()
+        except OSError as error:
+            raise self._refused(error) from error
+
+    def _open(self) -> McapWriter:
+        name = f'{self.path.name}_{len(self._files)}.mcap'
+        file = McapWriter(self.active / name, self._compression, self._chunk_bytes)
+        for record_name, strings in self._metadata.items():
+            if strings:
+                file.add_metadata(record_name, strings)
+        for key, topic in self._topics.items():
+            self._describe(file, key, topic)
+        return file
+
+    def _describe(self, file: McapWriter, key: int, topic: _Topic) -> None:
+        strings = {
+            'offered_qos_profiles': quality_of_service(topic.latched),
+            'topic_type_hash': topic.type_hash,
+        }
+        file.add_topic(key, topic.name, topic.type, topic.definition, strings)
+
+    def topic(
+        self,
+        name: str,
+        message_type: str,
+        *,
+        latched: bool = False,
+        definition: str | None = None,
+    ) -> int:
+        """
+        Describe a topic once; asking again returns the same number.
+
+        Parameters
+        ----------
+        name, message_type : str
+            '/rig/lateral', 'sensor_msgs/msg/JointState'.
+        latched : bool
+            Offered as transient local.
+        definition : str, optional
+            Text of the type, for one that ROS 2 itself does not have.
+
+        Returns
+        -------
+        int
+            The topic's number, for `write`.
+
+        Raises
+        ------
+        BagError
+            If the topic is known with another type.
+        """
+        if name in self._keys:
+            known = self._topics[self._keys[name]].type
+            if known != message_type:
+                raise BagError(f'{self.path}: {name} is {known}, expected not {message_type}')
+            return self._keys[name]
+        text, type_hash = definition_text(message_type)
+        key = len(self._topics) + 1
+        topic = _Topic(name, message_type, definition or text, type_hash, latched)
+        try:
+            self._describe(self._file, key, topic)
+        except OSError as error:
+            raise self._refused(error) from error
+        self._topics[key], self._keys[name] = topic, key
+        return key
+
+    def write(self, topic: int, log_ns: int, message: bytes | memoryview) -> None:
+        """
+        Write one message as it was on the wire (CDR with its encapsulation).
+
+        Raises
+        ------
+        BagError
+            If the disk refuses.
+        """
+        try:
+            self._file.add(topic, log_ns, bytes(message))
+        except OSError as error:
+            raise self._refused(error) from error
+
+    def write_rows(self, several: list[Rows]) -> None:
+        """
+        Write messages of several topics as one chunk, in the order of their log times.
+
+        Raises
+        ------
+        BagError
+            If the disk refuses.
+        """
+        try:
+            self._file.add_rows(several)
+        except OSError as error:
+            raise self._refused(error) from error
+
+    def note(self, name: str, strings: Mapping[str, str]) -> None:
+        """
+        Write named strings beside the messages; every later file repeats the newest.
+
+        The name 'hunt_ros' adds to `notes`.
+
+        Raises
+        ------
+        BagError
+            If the disk refuses.
+        """
+        merged = {**self._metadata.get(name, {}), **strings}
+        self._metadata[name] = merged
+        if name == NOTES:
+            self.notes = merged
+        try:
+            self._file.add_metadata(name, merged)
+        except OSError as error:
+            raise self._refused(error) from error
+
+    def flush(self) -> None:
+        """
+        Hand everything written so far to the operating system: it survives a kill.
+
+        Raises
+        ------
+        BagError
+            If the disk refuses.
+        """
+        try:
+            self._file.flush()
+        except OSError as error:
+            raise self._refused(error) from error
+
+    def split(self) -> None:
+        """
+        Close the file at hand and go on in the next one.
+
+        Raises
+        ------
+        BagError
+            If the disk refuses.
+        """
+        try:
+            self._finish_file()
+            self._file = self._open()
+        except OSError as error:
+            raise self._refused(error) from error
+
+    def _finish_file(self) -> None:
+        file = self._file
+        file.close()
+        self._counts.update(file.counts)
+        count = sum(file.counts.values())
+        self._files.append(FileEntry(file.path.name, file.first_ns, file.last_ns, count))
+
+    @property
+    def file_bytes(self) -> int:
+        """Size of the file at hand, with what is still to be flushed."""
+        return self._file.size + self._file.pending_bytes
+
+    def sync(self) -> None:
+        """
+        See what was flushed on the disk itself: it survives a power cut.
+
+        Raises
+        ------
+        BagError
+            If the disk refuses.
+        """
+        try:
+            self._file.sync()
+        except OSError as error:
+            raise self._refused(error) from error
+
+    @property
+    def file_ns(self) -> int:
+        """Log time that the file at hand spans, ns."""
+        return self._file.span_ns
+
+    @property
+    def file_count(self) -> int:
+        """Number of files begun."""
+        return len(self._files) + 1
+
+    def close(self) -> Path:
+        """
+        Finish the recording, and give it its final name.
+
+        Returns
+        -------
+        Path
+            The folder.
+
+        Raises
+        ------
+        BagError
+            If the disk refuses; what is written stays under the `.active` name.
+        """
+        try:
+            self._finish_file()
+            text = self.metadata_text()
+            target = self.active / 'metadata.yaml'
+            with open(target, 'w', encoding='utf-8') as out:
+                out.write(text)
+                out.flush()
+                os.fsync(out.fileno())
+            self.active.rename(self.path)
+        except OSError as error:
+            raise self._refused(error) from error
+        return self.path
+
+    def metadata_text(self) -> str:
+        """Return the description of what is finished, as metadata.yaml has it."""
+        topics = [
+            TopicEntry(topic.name, topic.type, topic.type_hash, topic.latched, self._counts[key])
+            for key, topic in self._topics.items()
+        ]
+        return folder_metadata(topics, self._files, self.notes)
+
+    def abandon(self) -> None:
+        """Let go of the file; what is written stays under the `.active` name."""
+        self._file.abandon()
+
+    def __enter__(self) -> BagWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self.abandon()
+            shutil.rmtree(self.active, ignore_errors=True)
+
+    def _refused(self, error: OSError) -> BagError:
+        return BagError(f'{self.active}: cannot write the recording ({error.strerror or error})')

@@ -1,0 +1,125 @@
+"""
+Where the messages of a chunk are: by its index where that fits, else record by record.
+
+Functions on bytes; what does not fit raises `ValueError`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.bag import mcap_format as fmt
+from hunt_ros.bag.blocks import Places
+from hunt_ros.bag.mcap_walk import ENTRY_BYTES, IndexPlace, records
+
+
+def chunk_places(
+    data: NDArray[np.uint8],
+    index: dict[int, IndexPlace] | None,
+    whole: NDArray[np.uint8],
+    wanted: set[int],
+) -> dict[int, Places]:
+    """
+    Find the messages of a chunk, by its index where that fits, else by walking it.
+
+    Parameters
+    ----------
+    data : ndarray of uint8
+        The expanded chunk.
+    index : dict or None
+        Where its indexes stand in the file.
+    whole : ndarray of uint8
+        The file.
+    wanted : set of int
+        Topic ids.
+
+    Raises
+    ------
+    ValueError
+        If the chunk is no sequence of records.
+    """
+    if index is not None:
+        found = {}
+        for channel in wanted & index.keys():
+            offset, count = index[channel]
+            entries = whole[offset : offset + count * ENTRY_BYTES].view('<u8')
+            places = indexed_places(data, entries[1::2], channel)
+            if places is None:
+                break
+            found[channel] = places
+        else:
+            return found
+    return walked_places(data, wanted)
+
+
+def indexed_places(
+    data: NDArray[np.uint8], offsets: NDArray[np.uint64], channel: int
+) -> Places | None:
+    """
+    Check that there is a message of the channel at every offset, and where it ends.
+
+    Returns
+    -------
+    Places or None
+        None where the index does not fit the chunk.
+    """
+    if offsets.size == 0:
+        return Places(*(np.zeros(0, np.int64) for _ in range(3)))
+    last = data.size - fmt.MESSAGE_PREFIX
+    if last < 0 or int(offsets.max()) > last:
+        return None
+    places = offsets.astype(np.int64)
+    lengths = strided(data, '<u8', 1)[places] - np.uint64(fmt.MESSAGE_HEAD.size)
+    starts = places + fmt.MESSAGE_PREFIX
+    log_ns = strided(data, '<u8', 15)[places]
+    sound = (
+        (data[places] == fmt.MESSAGE).all()
+        and (strided(data, '<u2', 9)[places] == channel).all()
+        # An underflowing length is huge and fails here as well.
+        and (lengths <= (data.size - starts).astype(np.uint64)).all()
+        and int(log_ns.max()) < 1 << 63
+    )
+    return Places(log_ns.view(np.int64), starts, lengths.view(np.int64)) if sound else None
+
+
+def walked_places(data: NDArray[np.uint8], wanted: set[int]) -> dict[int, Places]:
+    """
+    Walk a chunk record by record.
+
+    Raises
+    ------
+    ValueError
+        If it is no sequence of records.
+    """
+    raw = memoryview(data.data)
+    rows: dict[int, list[tuple[int, int, int]]] = {}
+    for opcode, offset, length in records(raw, 0, len(raw)):
+        if opcode != fmt.MESSAGE:
+            continue
+        if length < fmt.MESSAGE_HEAD.size:
+            raise ValueError(f'the message at byte {offset} of the chunk has no head')
+        channel, _, log_ns, _ = fmt.MESSAGE_HEAD.unpack_from(raw, offset + 9)
+        if log_ns >= 1 << 63:
+            raise ValueError(f'the message at byte {offset} of the chunk has an impossible time')
+        if channel in wanted:
+            place = (log_ns, offset + fmt.MESSAGE_PREFIX, length - fmt.MESSAGE_HEAD.size)
+            rows.setdefault(channel, []).append(place)
+    return {
+        key: Places(*(np.array(part, dtype=np.int64) for part in zip(*several, strict=True)))
+        for key, several in rows.items()
+    }
+
+
+def strided(data: NDArray[np.uint8], kind: str, offset: int) -> NDArray[Any]:
+    """
+    View the bytes as overlapping numbers: element i is the number at byte i + offset.
+
+    Indexing it with an array of positions gathers one field of many messages at once.
+    """
+    step = np.dtype(kind).itemsize
+    count = max(0, data.size - offset - step + 1)
+    view: NDArray[Any] = np.ndarray((count,), dtype=kind, buffer=data, offset=offset, strides=(1,))
+    return view
