@@ -108,15 +108,24 @@ class ChannelMerger:
             first = queue.first_ns
         if self.known_late.get(channel):
             late += self._drop_known(channel)
-        resumed = False
-        if channel in self.silent:
-            last = queue.last_ns
-            resumed = len(intake.queues) > 1 or (
-                last is not None and (newest is None or last > newest)
-            )
-            if resumed:
-                self.silent.discard(channel)
+        resumed = channel in self.silent and self._speaks_again(channel, newest)
+        if resumed:
+            self.silent.discard(channel)
         return late, resumed
+
+    def _speaks_again(self, channel: str, newest: int | None) -> bool:
+        """
+        Tell whether a silent channel is back: with samples that are new, and not far behind.
+
+        They may be too late themselves, for the others did not wait; from now on they do.
+        """
+        intake = self.intakes[channel]
+        last = intake.last_ns
+        if len(intake.queues) > 1:
+            return True
+        if last is None or (newest is not None and last <= newest):
+            return False
+        return self.position_ns is None or self.position_ns - last <= self._timeouts[channel]
 
     def _drop_known(self, channel: str) -> list[int]:
         """Drop the samples that a journal says came too late."""
