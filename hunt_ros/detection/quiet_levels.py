@@ -194,8 +194,12 @@ class QuietLevels:
         self._block[:] = 0.0
 
     def open_level(self) -> SpeedLevel | None:
-        """Return the level that is still open as it stands; None while it is too short."""
-        return self._reduce()
+        """Return the level that is still open; None while it is too short or not quiet."""
+        level = self._reduce()
+        neighbour = None if level is None else self._neighbour(level)
+        if level is None or (neighbour is not None and level.rms > HUNTING * neighbour.rms):
+            return None
+        return level
 
     def _take_block(self) -> None:
         """Put the finished block into the open level, or close that and start another."""
@@ -227,8 +231,13 @@ class QuietLevels:
         self._blocks = []
         self._speed = 0.0
         self._skip = 0
-        if level is None or not self._is_quiet(level):
+        if level is None:
             return
+        neighbour = self._neighbour(level)
+        if neighbour is not None and level.rms > HUNTING * neighbour.rms:
+            return
+        if neighbour is not None and level.rms * HUNTING < neighbour.rms:
+            self.levels.remove(neighbour)  # it was not quiet, as shows only now
         self.closed_s += level.duration_s
         for k, other in enumerate(self.levels):
             near = abs(other.speed - level.speed) <= 0.5 * self._tolerance * level.speed
@@ -237,15 +246,10 @@ class QuietLevels:
                 return
         self.levels.append(level)
 
-    def _is_quiet(self, level: SpeedLevel) -> bool:
-        """Tell a level in a limit cycle by its neighbour in speed; forget one found so late."""
+    def _neighbour(self, level: SpeedLevel) -> SpeedLevel | None:
+        """Return the level of the nearest speed, if there is one near."""
         near = [x for x in self.levels if abs(x.speed - level.speed) < NEIGHBOUR * level.speed]
-        if not near:
-            return True
-        nearest = min(near, key=lambda other: abs(other.speed - level.speed))
-        if level.rms * HUNTING < nearest.rms:
-            self.levels.remove(nearest)
-        return level.rms < HUNTING * nearest.rms
+        return min(near, key=lambda other: abs(other.speed - level.speed), default=None)
 
     def _quiet_blocks(self) -> list[NDArray[np.float64]]:
         """Return the longest run of blocks without a disturbance."""
