@@ -66,6 +66,7 @@ class Storage(Protocol):
     path: str
     topics: list[Topic]
     problems: list[str]
+    remarks: list[str]
     counts: dict[int, int]
     metadata: list[tuple[str, dict[str, str]]]
 

@@ -32,8 +32,8 @@ class Problem(NamedTuple):
     """
     One thing that is wrong.
 
-    `kind` is one of: not_closed, damaged_file, damaged_chunk, gap, stopped,
-    clock_jump, missing_channel. `time_s` counts from the recording's first stamp, or
+    `kind` is one of: not_closed, damaged_file, damaged_chunk, bad_index,
+    gap, stopped, clock_jump, missing_channel. `time_s` counts from the recording's first stamp, or
     is None where the problem has no place in time.
     """
 
@@ -155,6 +155,8 @@ def _read_times(
             parts.setdefault(topics[key].name, []).append(places.log_ns)
             done += places.log_ns.size
         advance(min(1.0, done / total))
+    for file in bag.files:
+        problems += [Problem('bad_index', f'{file.path}: {text}') for text in file.remarks[:10]]
     return {name: np.concatenate(several) for name, several in parts.items()}
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from hunt_ros.bag import mcap_format as fmt
 from hunt_ros.bag.blocks import Block, Places, within
 from hunt_ros.bag.compression import expand
-from hunt_ros.bag.mcap_places import chunk_places
+from hunt_ros.bag.mcap_places import indexed_chunk, walked_places
 from hunt_ros.bag.mcap_walk import Walk, read_summary, walk_file
 from hunt_ros.errors import BagError
 
@@ -55,6 +55,8 @@ class McapFile:
     metadata : list of (name, strings)
     problems : list of str
         What is wrong with the file as far as opening it shows; empty for a sound file.
+    remarks : list of str
+        What reading it has shown since, without harm to what was read.
 
     Raises
     ------
@@ -75,6 +77,7 @@ class McapFile:
             self._map.close()
             raise BagError(f'{path}: not an MCAP file, it does not begin with its magic bytes')
         self.problems: list[str] = []
+        self.remarks: list[str] = []
         try:
             self._layout = self._open()
         except BaseException:
@@ -166,7 +169,12 @@ class McapFile:
                 raise ValueError('its CRC does not fit its bytes')
             data = np.frombuffer(raw, dtype=np.uint8)
             index = self._layout.indexes.get(chunk.offset)
-            return _Opened(chunk, data, chunk_places(data, index, whole, topics))
+            places = None if index is None else indexed_chunk(data, index, whole, topics)
+            if places is None:
+                state = 'has no message index' if index is None else 'has an index that is wrong'
+                self.remarks.append(f'chunk at byte {chunk.offset} {state}: it was walked through')
+                places = walked_places(data, topics)
+            return _Opened(chunk, data, places)
         except ValueError as error:
             raise self._damage(chunk, str(error)) from error
 

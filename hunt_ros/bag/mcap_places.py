@@ -16,43 +16,40 @@ from hunt_ros.bag.blocks import Places
 from hunt_ros.bag.mcap_walk import ENTRY_BYTES, IndexPlace, records
 
 
-def chunk_places(
+def indexed_chunk(
     data: NDArray[np.uint8],
-    index: dict[int, IndexPlace] | None,
+    index: dict[int, IndexPlace],
     whole: NDArray[np.uint8],
     wanted: set[int],
-) -> dict[int, Places]:
+) -> dict[int, Places] | None:
     """
-    Find the messages of a chunk, by its index where that fits, else by walking it.
+    Find the messages of a chunk by its index.
 
     Parameters
     ----------
     data : ndarray of uint8
         The expanded chunk.
-    index : dict or None
+    index : dict
         Where its indexes stand in the file.
     whole : ndarray of uint8
         The file.
     wanted : set of int
         Topic ids.
 
-    Raises
-    ------
-    ValueError
-        If the chunk is no sequence of records.
+    Returns
+    -------
+    dict of int to Places, or None
+        None where the index does not fit the chunk.
     """
-    if index is not None:
-        found = {}
-        for channel in wanted & index.keys():
-            offset, count = index[channel]
-            entries = whole[offset : offset + count * ENTRY_BYTES].view('<u8')
-            places = indexed_places(data, entries[1::2], channel)
-            if places is None:
-                break
-            found[channel] = places
-        else:
-            return found
-    return walked_places(data, wanted)
+    found = {}
+    for channel in wanted & index.keys():
+        offset, count = index[channel]
+        entries = whole[offset : offset + count * ENTRY_BYTES].view('<u8')
+        places = indexed_places(data, entries[1::2], channel)
+        if places is None:
+            return None
+        found[channel] = places
+    return found
 
 
 def indexed_places(

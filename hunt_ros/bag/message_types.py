@@ -61,6 +61,8 @@ def definitions_of(topic: Topic, source: str = 'bag') -> Definitions:
         try:
             found = _parsed(topic.type, topic.definition_encoding, topic.definition)
         except Exception as error:  # the parser raises what its grammar meets
+            if topic.type in _standard_definitions():
+                return _standard_definitions()
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise BagError(f'{where}: its definition cannot be read ({reason:.80})') from error
         if topic.type in found:

@@ -37,6 +37,7 @@ class SqliteFile:
     def __init__(self, path: str | Path, *, cut_short: bool = False) -> None:
         self.path = str(path)
         self.problems: list[str] = []
+        self.remarks: list[str] = []
         self.metadata: list[tuple[str, dict[str, str]]] = []
         if not Path(path).is_file():
             raise BagError(f'{path}: no such file, expected a .db3 recording')

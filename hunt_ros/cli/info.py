@@ -31,6 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
     from hunt_ros.errors import BagError
 
     found: Inspection | None = None
+    unreadable = ''
     try:
         with progress('reading') as advance:
             found = inspect(arguments.bag, advance)
@@ -41,11 +42,11 @@ def run(arguments: argparse.Namespace) -> int:
         unreadable = str(error)
     repaired = repair(arguments.bag, arguments.repair) if arguments.repair else None
     if arguments.json != '-':
-        _print(found, repaired, '' if found else unreadable)
+        _print(found, repaired, unreadable)
     if arguments.json:
-        document: dict[str, object] = {'problems': [_unreadable(unreadable)]}
-        if found is not None:
-            document = found.to_json()
+        document: dict[str, object] = (
+            found.to_json() if found is not None else {'problems': [_unreadable(unreadable)]}
+        )
         if repaired is not None:
             document['repair'] = _repair_json(repaired)
         write_json(document, arguments.json)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.highlevel import AnyReader
 
 from hunt_ros.bag import Bag, read_record
 from hunt_ros.bag import recording as room
@@ -46,6 +47,9 @@ def test_everything_offered_is_in_the_closed_recording(tmp_path: Path) -> None:
     record = read_record(path)
     np.testing.assert_array_equal(record['lateral'].values, np.arange(20_000.0))
     assert record.notes == {'rig': 'a'}
+    with AnyReader([path]) as reader:  # and rosbags agrees
+        assert [c.topic for c in reader.connections] == ['/rig/lateral']
+        assert reader.message_count == 20_000
     state = recording.state
     assert (state.messages, state.dropped_count, state.problem) == (20_000, 0, '')
     assert not state.running

@@ -147,6 +147,7 @@ def test_a_missing_index_is_made_good(small: Path, tmp_path: Path) -> None:
     file = tmp_path / 'bad.mcap'
     file.write_bytes(data)
     assert message_set(file) == message_set(small)
+    assert {problem.kind for problem in inspect(file).problems} == {'bad_index'}
 
 
 def test_a_cut_sqlite_bag_saves_what_can_be_read(new_record, tmp_path: Path) -> None:

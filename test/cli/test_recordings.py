@@ -1,0 +1,125 @@
+"""The verbs info, import and export: exit codes, one-line errors, JSON keys."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hunt_ros.bag import BagWriter, read_record, write_record
+from hunt_ros.cli.main import main
+from hunt_ros.samples import Record, Series
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    stamps = 10**18 + np.arange(500) * 10_000_000
+    channels = {
+        name: Series(stamps, np.sin(np.arange(500.0) + number))
+        for number, name in enumerate(('lateral', 'yaw', 'roller', 'speed'))
+    }
+    return write_record(tmp_path / 'run', Record(channels, '', {'rig': 'a', 'operator': 'b'}))
+
+
+def output(capsys) -> dict:
+    return json.loads(capsys.readouterr().out)
+
+
+def test_info_of_a_sound_recording(bag: Path, capsys) -> None:
+    assert main(['info', str(bag), '--json', '-']) == 0
+    document = output(capsys)
+    assert set(document) == {
+        'path', 'size_bytes', 'files', 'start_ns', 'duration_s', 'messages', 'notes', 'topics',
+        'problems',
+    }  # fmt: skip
+    assert document['messages'] == 2000
+    assert document['notes'] == {'rig': 'a', 'operator': 'b'}
+    assert document['problems'] == []
+    (lateral,) = (topic for topic in document['topics'] if topic['name'] == '/rig/lateral')
+    assert lateral['rate_hz'] == pytest.approx(100.0)
+
+
+def test_info_repairs_what_cannot_even_be_opened_in_full(
+    bag: Path, tmp_path: Path, capsys
+) -> None:
+    data = (bag / 'run_0.mcap').read_bytes()
+    (tmp_path / 'cut.mcap').write_bytes(data[: len(data) // 2])
+    assert main(['info', str(tmp_path / 'cut.mcap')]) == 1
+    assert 'not_closed' in capsys.readouterr().out
+    words = ['info', str(tmp_path / 'cut.mcap'), '--repair', str(tmp_path / 'saved')]
+    assert main([*words, '--json', '-']) == 0
+    document = output(capsys)['repair']
+    assert 0 < document['messages'] < 2000
+    assert document['lost_bytes'] > 0
+    assert len(read_record(tmp_path / 'saved')['lateral']) == document['saved']['/rig/lateral']
+    assert main(words) == 2  # never over what is there
+    assert 'exists already' in capsys.readouterr().err
+
+
+def test_info_of_a_recording_that_is_still_open(bag: Path, tmp_path: Path, capsys) -> None:
+    with BagWriter(tmp_path / 'live') as writer:
+        key = writer.topic('/a', 'std_msgs/msg/String')
+        writer.write(key, 5, b'\x00\x01\x00\x00\x02\x00\x00\x00x\x00')
+        writer.flush()
+        assert main(['info', str(tmp_path / 'live'), '--json', '-']) == 1
+        document = output(capsys)
+    assert document['path'].endswith('live.active')
+    assert document['messages'] == 1
+    assert 'not_closed' in {problem['kind'] for problem in document['problems']}
+
+
+def test_export_of_a_stretch_and_import_again(bag: Path, tmp_path: Path, capsys) -> None:
+    table = tmp_path / 'out.csv'
+    assert main(['export', str(bag), str(table), '--from', '1', '--to', '2', '--json', '-']) == 0
+    assert output(capsys) == {'file': str(table), 'rows': 100}
+    words = ['import', str(table), str(tmp_path / 'again'), '--rig', 'c', '--json', '-']
+    assert main(words) == 0
+    document = output(capsys)
+    assert document['channels']['yaw'] == {'samples': 100, 'rate_hz': pytest.approx(100.0)}
+    again = read_record(tmp_path / 'again')
+    whole = read_record(bag)
+    np.testing.assert_array_equal(again['yaw'].values, whole['yaw'].values[100:200])
+    np.testing.assert_array_equal(again['yaw'].stamps_ns, whole['yaw'].stamps_ns[100:200])
+    assert again.notes['rig'] == 'c'
+
+
+def test_import_with_a_mapping_file_and_an_option_over_it(tmp_path: Path) -> None:
+    np.save(tmp_path / 'a.npy', np.arange(60.0).reshape(2, 30))
+    (tmp_path / 'map.yaml').write_text('lateral: data[0]*0.001\nspeed: 7\n')
+    words = ['import', str(tmp_path / 'a.npy'), str(tmp_path / 'out'), '--rate', '10']
+    words += ['--channels', str(tmp_path / 'map.yaml'), '--channel', 'speed=8']
+    assert main(words) == 0
+    record = read_record(tmp_path / 'out')
+    np.testing.assert_array_equal(record['lateral'].values, np.arange(30.0) * 0.001)
+    assert set(record['speed'].values) == {8.0}
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        ['info', 'nothing'],
+        ['info', 'text.mcap'],
+        ['import', 'nothing.csv', 'out'],
+        ['import', 'text.csv', 'out'],
+        ['import', 'text.csv', 'out', '--channel', 'heave=a'],
+        ['import', 'text.csv', 'out', '--channel', 'lateral=a', '--rate', '0'],
+        ['import', 'text.csv', 'run'],
+        ['export', 'nothing', 'out.csv'],
+        ['export', 'run', 'out.xls'],
+        ['export', 'run', 'text.csv'],
+        ['export', 'run', 'out.csv', '--from', '100'],
+        ['export', 'run', 'out.csv', '--channel', 'a=/rig/lateral.effort[0]'],
+    ],
+)
+def test_bad_input_is_one_line_and_exit_2(
+    bag: Path, tmp_path: Path, monkeypatch, capsys, words: list[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'text.mcap').write_text('hello')
+    (tmp_path / 'text.csv').write_text('hello,world\n')
+    before = sorted(path.name for path in tmp_path.iterdir())
+    assert main(words) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == before
