@@ -136,7 +136,11 @@ class Report:
         law = _unknown(found) if isinstance(found, str) else listings.frequency_law(found.law)
         return [
             Section('result', 'Result', tables.critical_speeds(result)),
-            Section('run', 'The recordings', _recordings(self.identification) + pick('run')),
+            Section(
+                'run',
+                'The recordings',
+                words.recordings(self.identification.records) + pick('run'),
+            ),
             Section('events', 'Events', listings.events(self.events)),
             Section(
                 'hysteresis',
@@ -169,9 +173,9 @@ class Report:
             Section(
                 'tables',
                 'Measured amplitudes and branches',
-                listings.folded('Steady amplitudes', listings.steady_states(result))
-                + listings.folded('Branches', listings.branches(result))
-                + listings.folded('Stretches of the recordings', listings.segments(result)),
+                tables.folded('Steady amplitudes', listings.steady_states(result))
+                + tables.folded('Branches', listings.branches(result))
+                + tables.folded('Stretches of the recordings', listings.segments(result)),
             ),
             Section('warnings', 'Warnings', words.warnings(result)),
             Section('unknown', 'What is not known', listings.unknowns(result)),
@@ -181,12 +185,6 @@ class Report:
 
 def _unknown(reason: str) -> str:
     return f'<p class="unknown">not known: {escape(reason)}</p>'
-
-
-def _recordings(identification: Identification) -> str:
-    header = ['recording', 'start', 'length (s)', 'channels', 'notes']
-    rows = [words.recording(record) for record in identification.records]
-    return tables.table(header, rows, 'What was read.')
 
 
 def _parameter_file(identification: Identification) -> str:

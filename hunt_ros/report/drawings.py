@@ -22,7 +22,7 @@ from hunt_ros.report.overview import RunEvent, run_overview
 from hunt_ros.report.response import Response
 from hunt_ros.report.response_panels import poincare_pair, response_panels
 from hunt_ros.report.result import Result
-from hunt_ros.samples import NANOSECONDS
+from hunt_ros.samples import NANOSECONDS, Record
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from hunt_ros.identification.result import Identification
 
 #: Recordings whose run is drawn; the table of recordings has all of them.
-_RUNS_DRAWN = 6
+_RUNS_DRAWN = 4
 
 
 @dataclass(frozen=True)
@@ -63,10 +63,10 @@ class Drawing:
 def run_drawings(
     identification: Identification, events: Sequence[RunEvent], result: Result
 ) -> dict[str, Drawing]:
-    """Draw each recording against time, up to `_RUNS_DRAWN` of them."""
+    """Draw recordings against time: of many, those in which the most happens."""
     critical = (result.value('v_n'), result.value('v_c'))
     drawings = {}
-    for count, record in enumerate(identification.records[:_RUNS_DRAWN], start=1):
+    for count, record in enumerate(_eventful(identification.records, events), start=1):
         own = [one for one in identification.envelopes if one.source == record.source]
         amplitude = (np.zeros(0), np.zeros(0))
         if own:
@@ -88,6 +88,21 @@ def run_drawings(
             wide=True,
         )
     return drawings
+
+
+def _eventful(records: Sequence[Record], events: Sequence[RunEvent]) -> list[Record]:
+    """Return the records to draw, in their order: those with the most events and speeds."""
+
+    def happenings(record: Record) -> tuple[int, float]:
+        speed = record['speed'].values if 'speed' in record else np.zeros(0)
+        known = speed[np.isfinite(speed)]
+        return (
+            sum(one.source == record.source for one in events),
+            float(np.ptp(known)) if known.size else 0.0,
+        )
+
+    order = sorted(range(len(records)), key=lambda k: happenings(records[k]), reverse=True)
+    return [records[k] for k in sorted(order[:_RUNS_DRAWN])]
 
 
 def loop_drawing(result: Result, marks: Mapping[str, tuple[float, float]]) -> dict[str, Drawing]:

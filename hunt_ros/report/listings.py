@@ -16,10 +16,7 @@ from hunt_ros.report.numbers import rounded
 from hunt_ros.report.overview import RunEvent
 from hunt_ros.report.response import Response
 from hunt_ros.report.result import Result
-from hunt_ros.report.tables import data, not_known, number, table
-
-#: Rows from which a table is folded at first.
-_LONG_TABLE = 60
+from hunt_ros.report.tables import LONG_TABLE, data, folded, not_known, number, table
 
 
 def steady_states(result: Result) -> str:
@@ -142,7 +139,12 @@ def events(entries: Sequence[RunEvent]) -> str:
         'growth rate (1/s)',
         'level',
     ]
-    return table(header, rows, 'Events of the detector, time from the start of the recording.')
+    caption = (
+        'Events of the detector when it is given this normal form; time from the start of the '
+        'recording.'
+    )
+    body = table(header, rows, caption)
+    return folded(f'{len(rows)} events', body) if len(rows) > LONG_TABLE else body
 
 
 def responses(shown: Mapping[str, Response]) -> str:
@@ -206,12 +208,6 @@ def _plain_or_unknown(value: float | None, scale: float) -> str:
     if value is None:
         return '<span class="unknown">not known</span>'
     return rounded(scale * value, digits=3).html()
-
-
-def folded(title: str, body: str) -> str:
-    """Return a table under its title; folded where it is longer than a page."""
-    shown = ' open' if body.count('<tr>') <= _LONG_TABLE else ''
-    return f'<details{shown}><summary>{escape(title)}</summary>{body}</details>'
 
 
 def unknowns(result: Result) -> str:

@@ -25,7 +25,7 @@ _SUBJECTS: tuple[tuple[str, str], ...] = (
     (r'v_n', r'\bv_n\b|fold|saddle|unstable branch'),
     (r'hysteresis_width', r'hysteresis|width|\bv_n\b|fold|saddle'),
     (r'coefficients\.(?P<name>D\d+)', r'\b{name}\b|coefficient|normal form'),
-    (r'coefficients|criticality', r'coefficient|normal form|critical'),
+    (r'coefficients|criticality', r'coefficient|normal form|critical|\bv_c\b|lack of fit'),
     (r'disturbance', r'disturbance|Appendix A|roughness'),
     (r'four_point', r'four.point'),
     (r'branches', r'branch|steady state|normal form'),

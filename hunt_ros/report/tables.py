@@ -41,6 +41,9 @@ _FIT = {
     'coordinate': 'coordinate of <var>r</var>',
 }
 
+#: Rows from which a table is folded at first.
+LONG_TABLE = 30
+
 #: How the symbols are set.
 SYMBOLS = {
     'v_c': '<var>v</var><sub>c</sub>',
@@ -68,6 +71,12 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], caption: str) ->
         f'<div class="wide"><table><caption>{caption}</caption>'
         f'<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
     )
+
+
+def folded(title: str, body: str) -> str:
+    """Return a table under its title; folded at first where it is long."""
+    shown = ' open' if body.count('<tr>') <= LONG_TABLE else ''
+    return f'<details{shown}><summary>{escape(title)}</summary>{body}</details>'
 
 
 def number(result: Result, path: str, scale: float = 1.0, digits: int = 4) -> str:

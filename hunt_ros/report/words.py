@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 
 from hunt_ros.report.numbers import rounded_json
 from hunt_ros.report.result import Result
-from hunt_ros.report.tables import SYMBOLS, not_known, number
+from hunt_ros.report.tables import SYMBOLS, folded, not_known, number, table
 from hunt_ros.samples import NANOSECONDS, Record
 
 EQUATION = (
@@ -30,17 +31,20 @@ def lead(result: Result) -> str:
         first = f'The kind of bifurcation is {not_known(result, "criticality")}.'
     else:
         first = f'The Hopf bifurcation is <b>{escape(str(criticality))}</b>.'
-    sentences = [
-        first,
-        f'The quiet wheelset loses its stability at {SYMBOLS["v_c"]} = {v_c}.',
-    ]
-    if criticality != 'supercritical':
+    sentences = [first]
+    if result.value('v_c') is None:
+        sentences.append(f'The linear critical speed {SYMBOLS["v_c"]} is {v_c}.')
+    else:
+        sentences.append(f'The quiet wheelset loses its stability at {SYMBOLS["v_c"]} = {v_c}.')
+    if criticality == 'supercritical':
+        sentences.append('Its amplitude grows from zero there, without hysteresis.')
+    elif result.value('v_n') is None:
+        sentences.append(f'Down to which speed hunting persists is {v_n}.')
+    else:
         sentences.append(
             f'Hunting that has begun persists down to {SYMBOLS["v_n"]} = {v_n}; '
             f'between the two, over {width}, a disturbance decides which of both is seen.'
         )
-    else:
-        sentences.append('Its amplitude grows from zero there, without hysteresis.')
     if result.get('fit.lack_of_fit'):
         sentences.append(
             '<b>The normal form does not fit these data</b> (lack of fit): '
@@ -88,6 +92,14 @@ def recording(record: Record) -> list[str]:
         escape(channels),
         escape(notes),
     ]
+
+
+def recordings(records: Sequence[Record]) -> str:
+    """Return the table of what was read."""
+    header = ['recording', 'start', 'length (s)', 'channels', 'notes']
+    body = table(header, [recording(record) for record in records], 'What was read.')
+    count = len(records)
+    return folded(f'{count} recordings', body) if count > 1 else body
 
 
 def warnings(result: Result) -> str:
