@@ -171,12 +171,17 @@ class McapFile:
             index = self._layout.indexes.get(chunk.offset)
             places = None if index is None else indexed_chunk(data, index, whole, topics)
             if places is None:
-                state = 'has no message index' if index is None else 'has an index that is wrong'
-                self.remarks.append(f'chunk at byte {chunk.offset} {state}: it was walked through')
+                self._remark(chunk, index is None)
                 places = walked_places(data, topics)
             return _Opened(chunk, data, places)
         except ValueError as error:
             raise self._damage(chunk, str(error)) from error
+
+    def _remark(self, chunk: fmt.Chunk, absent: bool) -> None:
+        # In a file that was cut, the index of the last chunk is not trusted, whole or not.
+        if not (absent and self.problems):
+            state = 'no message index' if absent else 'a message index that does not fit'
+            self.remarks.append(f'chunk at byte {chunk.offset} has {state}: it was walked through')
 
     def _damage(self, chunk: fmt.Chunk, reason: str) -> BagError:
         return BagError(
