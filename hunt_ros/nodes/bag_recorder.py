@@ -22,8 +22,8 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from hunt_ros.bag.recording import Recording, RecordingLimits, RecordingState
 from hunt_ros.bag.leftover import finalise_left
+from hunt_ros.bag.recording import Recording, RecordingLimits, RecordingState
 from hunt_ros.errors import BagError, HuntError
 from hunt_ros.nodes.diagnostics import Diagnostics, Health, steady_clock
 from hunt_ros.nodes.parameter_collector import ParameterCollector

@@ -1,9 +1,9 @@
 """
 The detector node: measurements in, estimates, status, events and alarm out.
 
-Callbacks only take messages apart; every few milliseconds what has come is
-handed to the `HuntingDetector`, and what it says is published. Silence enters
-through its `tick`, on the node's clock.
+Callbacks only take messages apart; when every channel has reached the next row
+of estimates, what has come is handed to the `HuntingDetector`, and what it says
+is published. Silence enters through its `tick`, on the node's clock.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ from hunt_ros.nodes.runtime import run
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 
-_DRAIN_S = 0.005
+#: A channel that lags by more than this is not waited for before the others are handed over.
+_LAG_NS = 20_000_000
 _TICK_S = 0.05
 _STATUS_S = 0.05
 #: One second of the fastest sensor.
@@ -68,6 +69,8 @@ class HuntingDetectorNode(LifecycleNode):
         self._inbox: dict[str, tuple[list[int], list[float]]] = {
             name: ([], []) for name in self._config.channels
         }
+        self._newest_ns = dict.fromkeys(self._config.channels, 0)
+        self._next_row_ns = 0
         self._active = False
         self._received = 0
         self._unreadable = 0
@@ -88,7 +91,6 @@ class HuntingDetectorNode(LifecycleNode):
         self.create_subscription(String, 'hunting/normal_form', self._on_form, latched())
         self.create_service(Trigger, 'hunting/acknowledge_alarm', self._on_acknowledge)
         self.create_service(Trigger, 'hunting/accept_normal_form', self._on_accept)
-        self.create_timer(_DRAIN_S, self._drain, clock=steady_clock())
         self.create_timer(_TICK_S, self._tick)
         self.create_timer(_STATUS_S, self._publish_status, clock=steady_clock())
         on_change(self, self._config, self._reconfigure)
@@ -130,19 +132,29 @@ class HuntingDetectorNode(LifecycleNode):
 
     def _receiver(self, channel: str, reader: JointReader | SpeedReader):
         stamps, values = self._inbox[channel]
+        newest = self._newest_ns
 
         def receive(wire: bytes) -> None:
             found = reader.read(wire)
             if found is None:
                 self._unreadable += 1
                 return
-            stamps.append(found[0])
-            values.append(found[1])
+            stamp_ns, value = found
+            stamps.append(stamp_ns)
+            values.append(value)
+            newest[channel] = stamp_ns
+            if stamp_ns >= self._next_row_ns and (
+                stamp_ns >= self._next_row_ns + _LAG_NS
+                or min(newest.values()) >= self._next_row_ns
+            ):
+                self._drain()
 
         return receive
 
     def _drain(self) -> None:
         """Hand what has come to the detector, and publish what it says."""
+        period_ns = self._config.period_ns
+        self._next_row_ns = (max(self._newest_ns.values()) // period_ns + 1) * period_ns
         if not self._active:
             return
         for channel, (stamps, values) in self._inbox.items():

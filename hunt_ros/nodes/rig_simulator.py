@@ -134,7 +134,9 @@ class RigSimulatorNode(Node):
             self._server.poll()
             time.sleep(0.01)
         if self._clock_publisher is None:
-            self._origin_ns = self.get_clock().now().nanoseconds
+            # On whole readings of the drive, as a synchronised data acquisition samples.
+            now_ns, step_ns = self.get_clock().now().nanoseconds, round(NANOSECONDS / _DRIVE_HZ)
+            self._origin_ns = now_ns // step_ns * step_ns
         begin, done = time.monotonic(), 0
         next_wake = begin
         while self._running.is_set():

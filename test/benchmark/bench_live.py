@@ -30,6 +30,12 @@ from hunt_ros.nodes.qos import STATUS, stream
 
 RATES_HZ = (500.0, 1000.0, 2000.0)
 ORDER = ('rig_simulator', 'lateral_sensor', 'yaw_sensor', 'roller_speed', *sorted(suite.LISTENERS))
+#: Who loses what: nodes, and the value in their diagnostics.
+_LOSSES = {
+    'sensors': (('lateral_sensor', 'yaw_sensor'), 'lost'),
+    'detector': (('hunting_detector',), 'dropped'),
+    'recorder': (('bag_recorder',), 'dropped'),
+}
 _TICKS = os.sysconf('SC_CLK_TCK')
 
 
@@ -127,6 +133,7 @@ def measure(rate_hz: float, seconds: float) -> dict[str, object]:
             probe.spin(15.0)  # start-up and compilation
             probe.arrivals.clear()
             before = {name: Usage.of(pid) for name, pid in pids.items()}
+            earlier = dict(probe.health)
             began = time.monotonic()
             probe.spin(seconds)
             elapsed = time.monotonic() - began
@@ -146,11 +153,8 @@ def measure(rate_hz: float, seconds: float) -> dict[str, object]:
             float(latencies.max()),
         ),
         'lost': {
-            'sensors': sum(
-                int(health[n].get('lost', 0)) for n in ('lateral_sensor', 'yaw_sensor')
-            ),
-            'detector': int(health['hunting_detector'].get('dropped', 0)),
-            'recorder': int(health['bag_recorder'].get('dropped', 0)),
+            who: sum(int(health[n][key]) - int(earlier[n][key]) for n in nodes)
+            for who, (nodes, key) in _LOSSES.items()
         },
     }
 
@@ -172,8 +176,8 @@ def main() -> None:
         rows.append(
             [f'latency {what}, ms'] + [round(r['latency'][k], 1) for r in results.values()]
         )
-    for who in ('sensors', 'detector', 'recorder'):
-        rows.append([f'samples lost, {who}'] + [r['lost'][who] for r in results.values()])
+    for who in _LOSSES:
+        rows.append([f'lost, {who}'] + [r['lost'][who] for r in results.values()])
     memory = [round(sum(r['memory'].values())) for r in results.values()]
     rows.append(['memory, seven nodes, MB', *memory])
     text = (
