@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -119,3 +120,48 @@ ROOMS_WITHOUT_ROS = textwrap.dedent(
 
 def test_the_numerical_rooms_bring_in_no_ros_no_bag_and_no_plotting_library() -> None:
     assert run(ROOMS_WITHOUT_ROS, hide=False).strip() == '[]'
+
+
+RUN_THE_CHAIN = textwrap.dedent(
+    """
+    import json
+    from hunt_ros.compiled import HAVE_COMPILER
+    from hunt_ros.detection import DetectorConfig, HuntingDetector, detect
+    from hunt_ros.dynamics.identified import IdentifiedNormalForm
+    from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+    from hunt_ros.dynamics.parameters import paper_rig
+    from hunt_ros.dynamics.simulation import (
+        Kick, Roughness, SensorModel, SimulationSettings, SpeedProfile, simulate,
+    )
+
+    settings = SimulationSettings(
+        sample_rate_hz=100.0, initial_speed=7.2, roughness=Roughness((2e-5,)), broadband=8e-6,
+        lateral_sensor=SensorModel(noise=5e-6), yaw_sensor=SensorModel(noise=2e-5),
+    )
+    record = simulate(
+        paper_rig(), settings, SpeedProfile.constant(7.2), 6.0, [Kick(2.0, 3e-4)], seed=4
+    )
+    detector = HuntingDetector(DetectorConfig(), IdentifiedNormalForm(PAPER_NORMAL_FORM))
+    rows = detect(detector, record).estimates
+    print(json.dumps({
+        'compiler': HAVE_COMPILER,
+        'lateral': record['lateral'].values[::25].tolist(),
+        'amplitude': [x if x == x else None for x in rows['lateral_amplitude'][::25].tolist()],
+        'growth': [x if x == x else None for x in rows['growth_rate'][::25].tolist()],
+        'level': rows['level'].tolist(),
+    }))
+    """
+)
+
+
+@pytest.mark.skipif(not HAVE_COMPILER, reason='numba is not installed: nothing to compare with')
+def test_simulator_and_detector_give_the_same_numbers_without_numba() -> None:
+    fast, plain = (json.loads(run(RUN_THE_CHAIN, hide)) for hide in (False, True))
+    assert (fast.pop('compiler'), plain.pop('compiler')) == (True, False)
+    assert fast.pop('level') == plain.pop('level')
+    for name, numbers in fast.items():
+        ours, theirs = (np.array(x, dtype=np.float64) for x in (numbers, plain[name]))
+        assert np.isfinite(ours).sum() > 15, name
+        # To rounding: the compiler may join a product and a sum (FMA).
+        scale = np.nanmax(np.abs(ours))
+        np.testing.assert_allclose(ours, theirs, rtol=1e-6, atol=1e-9 * scale, err_msg=name)

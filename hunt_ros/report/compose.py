@@ -174,7 +174,11 @@ class Report:
                 'tables',
                 'Measured amplitudes and branches',
                 tables.folded('Steady amplitudes', listings.steady_states(result))
-                + tables.folded('Branches', listings.branches(result))
+                + (
+                    tables.folded('Branches', listings.branches(result))
+                    if result.branches()
+                    else ''
+                )
                 + tables.folded('Stretches of the recordings', listings.segments(result)),
             ),
             Section('warnings', 'Warnings', words.warnings(result)),

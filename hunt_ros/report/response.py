@@ -106,14 +106,16 @@ def response_of(record: Record, speed: float) -> Response:
         angle = None
     seconds: NDArray[np.float64] = (stamps - stamps[0]) / NANOSECONDS
     diameter = _roller_diameter(seconds, angle, speed)
+    # Without a roller no line is its roughness, and there is no revolution to cut at.
+    turning = speed if angle is not None else math.nan
     step = max(round(rate / _LYAPUNOV_HZ), 1)
     return Response(
         speed,
         seconds,
         lateral - lateral.mean(),
-        tried('power spectrum', lambda: power_spectrum(lateral, rate, speed, diameter)),
+        tried('power spectrum', lambda: power_spectrum(lateral, rate, turning, diameter)),
         tried('phase portrait', lambda: phase_portrait(lateral, rate)),
-        tried('section', lambda: poincare_section(lateral, rate, angle, speed, diameter)),
+        tried('section', lambda: poincare_section(lateral, rate, angle, turning, diameter)),
         tried(
             'Lyapunov exponent', lambda: largest_lyapunov_exponent(lateral[::step], rate / step)
         ),
@@ -124,9 +126,8 @@ def response_of(record: Record, speed: float) -> Response:
 def _roller_diameter(
     seconds: NDArray[np.float64], angle: NDArray[np.float64] | None, speed: float
 ) -> float:
-    """Diameter of the roller from its own rate, m; the paper's 0.3 m without an encoder."""
-    if angle is None or angle.size < 2:
+    """Diameter of the roller, m: its circumference runs at the speed; 0.3 m if it stands."""
+    if angle is None:
         return 0.3
     rate = abs(float(angle[-1] - angle[0])) / float(seconds[-1])
-    diameter = 2.0 * speed / rate if rate > 0.0 else math.nan
-    return diameter if math.isfinite(diameter) and diameter > 0.0 else 0.3
+    return 2.0 * speed / rate if rate > 0.0 and speed > 0.0 else 0.3

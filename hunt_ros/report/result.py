@@ -26,7 +26,7 @@ _SUBJECTS: tuple[tuple[str, str], ...] = (
     (r'hysteresis_width', r'hysteresis|width|\bv_n\b|fold|saddle'),
     (r'coefficients\.(?P<name>D\d+)', r'\b{name}\b|coefficient|normal form'),
     (r'coefficients|criticality', r'coefficient|normal form|critical|\bv_c\b|lack of fit'),
-    (r'disturbance', r'disturbance|Appendix A|roughness'),
+    (r'disturbance', r'disturbance|Appendix A'),
     (r'four_point', r'four.point'),
     (r'branches', r'branch|steady state|normal form'),
     (r'fit', r'\bfit|residual|trajector|segment'),
@@ -119,7 +119,7 @@ class Result:
             words = subject.format(**found.groupdict()) if found.groupdict() else subject
             lines = [line for line in self.warnings if re.search(words, line, re.IGNORECASE)]
             if lines:
-                return '; '.join(line.rstrip('.') for line in lines[:2])
+                return lines[0].rstrip('.')
         if path.startswith('observed'):
             return 'no such jump of the amplitude is in the recordings'
         if path.startswith('disturbance_m'):
