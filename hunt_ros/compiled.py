@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from importlib.util import find_spec
+from pathlib import Path
+from types import ModuleType
 from typing import Any, TypeVar, cast
 
 _Function = TypeVar('_Function', bound=Callable[..., Any])
@@ -41,3 +43,44 @@ def compiled(function: _Function) -> _Function:
     import numba  # here, because it takes half a second and not every command needs it
 
     return cast(_Function, numba.njit(cache=True, nogil=True)(function))
+
+
+def compiled_part(function: _Function) -> _Function:
+    """
+    Compile a function that only kernels in other modules call, and keep nothing on disk.
+
+    What is kept on disk is checked against the file of the kernel itself, not against
+    the files of what it calls: a part kept there would outlive a change of its own
+    parts. The kernel keeps its parts with it, and is told of their changes by
+    `source_stamp`.
+
+    Parameters
+    ----------
+    function : callable
+        As for `compiled`.
+
+    Returns
+    -------
+    callable
+        The compiled function, or `function` itself where numba is missing.
+    """
+    if not HAVE_COMPILER:
+        return function
+    import numba
+
+    return cast(_Function, numba.njit(nogil=True)(function))
+
+
+def source_stamp(*modules: ModuleType) -> int:
+    """
+    Return a number that changes when the source of one of the modules does.
+
+    A kernel that closes over it is compiled anew then; 0 where there are no files.
+    """
+    stamp = 0
+    for module in modules:
+        try:
+            stamp = max(stamp, Path(str(module.__file__)).stat().st_mtime_ns)
+        except OSError:
+            return 0
+    return stamp

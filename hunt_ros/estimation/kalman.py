@@ -1,7 +1,7 @@
 """
 The hunting tracker: what the rest of the package calls.
 
-The filter itself, and the model behind it, is in `hunt_ros.estimation.kernel`.
+The filter itself, and the model behind it, is in `hunt_ros.estimation.tracker.block`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hunt_ros.errors import HuntError
-from hunt_ros.estimation import kernel
+from hunt_ros.estimation.tracker import layout as at
+from hunt_ros.estimation.tracker.block import track_block
 from hunt_ros.estimation.tracker_config import ModePoint, TrackerConfig
 
 __all__ = ['TRACK_DTYPE', 'HuntingTracker', 'ModePoint', 'TrackerConfig']
@@ -91,48 +92,48 @@ class HuntingTracker:
         c = self.config
         nominal = 2.0 * math.pi * c.frequency_hz
         self._modes = c.mode_table()
-        settings = np.zeros(kernel.N_CONFIG)
-        settings[kernel.C_BIN] = round(c.bin_s * 1e9) * 1e-9
-        settings[kernel.C_OMEGA_MIN] = 2.0 * math.pi * c.frequency_min_hz
-        settings[kernel.C_OMEGA_MAX] = 2.0 * math.pi * c.frequency_max_hz
-        settings[kernel.C_OMEGA_STD] = c.frequency_std * nominal
-        settings[kernel.C_OMEGA_DRIFT] = c.frequency_drift * nominal
-        settings[kernel.C_GROWTH_STD] = c.growth_rate_std
-        settings[kernel.C_GROWTH_DRIFT] = c.growth_rate_drift
-        settings[kernel.C_RATIO_STD] = c.yaw_ratio_std
-        settings[kernel.C_RATIO_FLOOR] = c.yaw_ratio_floor
-        settings[kernel.C_GATE] = c.surprise
-        settings[kernel.C_NOISE_TIME] = c.noise_time
-        settings[kernel.C_BANDWIDTH_TIME] = c.bandwidth_time
-        settings[kernel.C_STUCK] = c.stuck_s
-        settings[kernel.C_GAP] = c.gap_s
+        settings = np.zeros(at.N_CONFIG)
+        settings[at.C_BIN] = round(c.bin_s * 1e9) * 1e-9
+        settings[at.C_OMEGA_MIN] = 2.0 * math.pi * c.frequency_min_hz
+        settings[at.C_OMEGA_MAX] = 2.0 * math.pi * c.frequency_max_hz
+        settings[at.C_OMEGA_STD] = c.frequency_std * nominal
+        settings[at.C_OMEGA_DRIFT] = c.frequency_drift * nominal
+        settings[at.C_GROWTH_STD] = c.growth_rate_std
+        settings[at.C_GROWTH_DRIFT] = c.growth_rate_drift
+        settings[at.C_RATIO_STD] = c.yaw_ratio_std
+        settings[at.C_RATIO_FLOOR] = c.yaw_ratio_floor
+        settings[at.C_GATE] = c.surprise
+        settings[at.C_NOISE_TIME] = c.noise_time
+        settings[at.C_BANDWIDTH_TIME] = c.bandwidth_time
+        settings[at.C_STUCK] = c.stuck_s
+        settings[at.C_GAP] = c.gap_s
         self._settings = settings
         self.reset()
 
     def reset(self) -> None:
         """Forget everything seen."""
-        memory = np.zeros(kernel.N_MEMORY)
-        memory[kernel.M_KICK] = -math.inf
-        memory[[kernel.M_SPEED, kernel.M_SPEED_SEEN]] = math.nan
+        memory = np.zeros(at.N_MEMORY)
+        memory[at.M_KICK] = -math.inf
+        memory[[at.M_SPEED, at.M_SPEED_SEEN]] = math.nan
         if math.isnan(self._modes[0, 2]):
-            memory[kernel.M_RATIO_VAR] = 1.0
+            memory[at.M_RATIO_VAR] = 1.0
         else:
-            memory[kernel.M_RATIO_RE] = 1.0
-            memory[kernel.M_RATIO_VAR] = self.config.yaw_ratio_std**2
-        sensors = np.zeros((2, kernel.N_SENSOR))
-        sensors[:, kernel.S_VALUE] = math.nan
-        counters = np.zeros(kernel.N_COUNTER, dtype=np.int64)
-        counters[kernel.I_LAST : kernel.I_OUTPUT + 1] = _NEVER
-        self._filter = kernel.Filter(
-            x=np.zeros(kernel.N),
-            P=np.zeros((kernel.N, kernel.N)),
+            memory[at.M_RATIO_RE] = 1.0
+            memory[at.M_RATIO_VAR] = self.config.yaw_ratio_std**2
+        sensors = np.zeros((2, at.N_SENSOR))
+        sensors[:, at.S_VALUE] = math.nan
+        counters = np.zeros(at.N_COUNTER, dtype=np.int64)
+        counters[at.I_LAST : at.I_OUTPUT + 1] = _NEVER
+        self._filter = at.Filter(
+            x=np.zeros(at.N),
+            P=np.zeros((at.N, at.N)),
             m=memory,
             sensors=sensors,
-            sums=np.zeros((2, kernel.N_ACCUMULATOR)),
+            sums=np.zeros((2, at.N_ACCUMULATOR)),
             counters=counters,
             cfg=self._settings,
             modes=self._modes,
-            g=np.zeros(kernel.N),
+            g=np.zeros(at.N),
         )
 
     def update(
@@ -189,11 +190,11 @@ class HuntingTracker:
         if shape[0] and (sensors.min() < 0 or sensors.max() > 1):
             raise HuntError('tracker: a sensor number must be 0 (lateral) or 1 (yaw)')
         if outputs.size and (
-            outputs[0] <= self._filter.counters[kernel.I_OUTPUT]
+            outputs[0] <= self._filter.counters[at.I_OUTPUT]
             or (outputs.size > 1 and bool(np.any(outputs[1:] <= outputs[:-1])))
         ):
             raise HuntError(f'tracker: output stamps must increase, got {outputs[0]} first')
-        rows = np.full((outputs.size, kernel.N_OUTPUT), math.nan)
+        rows = np.full((outputs.size, at.N_OUTPUT), math.nan)
         self._run(stamps, sensors, measured, angles, speeds, outputs, rows)
         track = np.empty(outputs.size, dtype=TRACK_DTYPE)
         track['stamp_ns'] = outputs
@@ -210,11 +211,11 @@ class HuntingTracker:
         outputs: NDArray[np.int64],
         rows: NDArray[np.float64],
     ) -> None:
-        kernel.track_block(self._filter, stamps, sensors, values, angles, speeds, outputs, rows)
+        track_block(self._filter, stamps, sensors, values, angles, speeds, outputs, rows)
 
     @property
     def state(self) -> NDArray[np.float64]:
-        """Copy of the state vector, shape (20,), in the order of `kernel`."""
+        """Copy of the state vector, shape (20,), in the order of `tracker.layout`."""
         state: NDArray[np.float64] = self._filter.x.copy()
         return state
 
@@ -227,14 +228,14 @@ class HuntingTracker:
     @property
     def kicks(self) -> int:
         """Kicks seen since the start."""
-        return int(self._filter.counters[kernel.I_KICKS])
+        return int(self._filter.counters[at.I_KICKS])
 
     @property
     def dropped(self) -> dict[str, int]:
         """Samples left out since the start, by reason."""
         return {
-            'not_finite': int(self._filter.counters[kernel.I_NOT_FINITE]),
-            'backwards': int(self._filter.counters[kernel.I_BACKWARDS]),
-            'stuck': int(self._filter.counters[kernel.I_STUCK]),
-            'glitches': int(self._filter.counters[kernel.I_GLITCHES]),
+            'not_finite': int(self._filter.counters[at.I_NOT_FINITE]),
+            'backwards': int(self._filter.counters[at.I_BACKWARDS]),
+            'stuck': int(self._filter.counters[at.I_STUCK]),
+            'glitches': int(self._filter.counters[at.I_GLITCHES]),
         }

@@ -94,7 +94,7 @@ class TrackerConfig:
         The same by speed, replacing the constants above; interpolated, held at its ends.
     bin_s : float
         Samples of one sensor are averaged over bins of this length, s, before they
-        enter the filter (0: every sample by itself). See `hunt_ros.estimation.kernel`.
+        enter the filter (0: every sample by itself). See `hunt_ros.estimation.tracker.block`.
     surprise : float
         Innovation, in its standard deviations, that two samples running must exceed
         to be taken for a kick.

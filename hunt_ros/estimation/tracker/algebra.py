@@ -1,0 +1,237 @@
+"""The algebra of the filter: prediction, process noise, projection, correction."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.compiled import compiled_part
+from hunt_ros.estimation.tracker import layout as at
+
+_F = NDArray[np.float64]
+
+SECOND_SHARE = 0.1  # of that, the second mode's, which is of the order of the first
+REVERSION = 30.0  # s in which frequency and growth rate fall back to the nominal ones
+
+
+@compiled_part
+def known(f: at.Filter, first: int) -> float:
+    """Share of the power at `first` that is not uncertainty, 0..1."""
+    power = f.x[first] ** 2 + f.x[first + 1] ** 2
+    doubt = f.P[first, first] + f.P[first + 1, first + 1]
+    return float(power / (power + doubt)) if power > 2.0 * doubt else 0.0
+
+
+@compiled_part
+def predict(f: at.Filter, dt: float) -> None:
+    """Move state and covariance dt seconds on, without process noise: x = f(x), P = F P F'."""
+    growth, omega = f.x[at.GROWTH], f.x[at.OMEGA]
+    scale = math.exp(min(max(growth * dt, -5.0), 5.0))
+    c, s = scale * math.cos(omega * dt), scale * math.sin(omega * dt)
+    scale2 = math.exp(-f.m[at.M_DECAY2] * dt)
+    c2, s2 = (
+        scale2 * math.cos(f.m[at.M_OMEGA2] * dt),
+        scale2 * math.sin(f.m[at.M_OMEGA2] * dt),
+    )
+    keep_omega = keep_growth = math.exp(-dt / REVERSION)
+
+    for k in range(2):
+        i = at.Z + 2 * k
+        a, b = f.x[i], f.x[i + 1]
+        f.x[i], f.x[i + 1] = c * a - s * b, s * a + c * b
+        j = at.W + 2 * k
+        a, b = f.x[j], f.x[j + 1]
+        f.x[j], f.x[j + 1] = c2 * a - s2 * b, s2 * a + c2 * b
+    f.x[at.OMEGA] = f.m[at.M_OMEGA0] + keep_omega * (omega - f.m[at.M_OMEGA0])
+    f.x[at.GROWTH] = keep_growth * growth
+
+    # F P: the rows of everything that moves (all before at.BIAS).
+    # A phasor that is not known yet tells nothing of its frequency and growth.
+    lateral = dt * known(f, at.Z)
+    yaw = dt * known(f, at.Z + 2)
+    a0, b0, a1, b1 = (
+        f.x[at.Z] * lateral,
+        f.x[at.Z + 1] * lateral,
+        f.x[at.Z + 2] * yaw,
+        f.x[at.Z + 3] * yaw,
+    )
+    for j in range(at.N):
+        p0, p1, p2, p3, po, pg = (
+            f.P[0, j],
+            f.P[1, j],
+            f.P[2, j],
+            f.P[3, j],
+            f.P[4, j],
+            f.P[5, j],
+        )
+        f.P[0, j] = c * p0 - s * p1 - b0 * po + a0 * pg
+        f.P[1, j] = s * p0 + c * p1 + a0 * po + b0 * pg
+        f.P[2, j] = c * p2 - s * p3 - b1 * po + a1 * pg
+        f.P[3, j] = s * p2 + c * p3 + a1 * po + b1 * pg
+        f.P[4, j] = keep_omega * po
+        f.P[5, j] = keep_growth * pg
+        p6, p7, p8, p9 = f.P[6, j], f.P[7, j], f.P[8, j], f.P[9, j]
+        f.P[6, j] = c2 * p6 - s2 * p7
+        f.P[7, j] = s2 * p6 + c2 * p7
+        f.P[8, j] = c2 * p8 - s2 * p9
+        f.P[9, j] = s2 * p8 + c2 * p9
+    # (F P) F': the same on columns, where rows and columns both move.
+    for i in range(at.BIAS):
+        p0, p1, p2, p3, po, pg = (
+            f.P[i, 0],
+            f.P[i, 1],
+            f.P[i, 2],
+            f.P[i, 3],
+            f.P[i, 4],
+            f.P[i, 5],
+        )
+        f.P[i, 0] = c * p0 - s * p1 - b0 * po + a0 * pg
+        f.P[i, 1] = s * p0 + c * p1 + a0 * po + b0 * pg
+        f.P[i, 2] = c * p2 - s * p3 - b1 * po + a1 * pg
+        f.P[i, 3] = s * p2 + c * p3 + a1 * po + b1 * pg
+        f.P[i, 4] = keep_omega * po
+        f.P[i, 5] = keep_growth * pg
+        p6, p7, p8, p9 = f.P[i, 6], f.P[i, 7], f.P[i, 8], f.P[i, 9]
+        f.P[i, 6] = c2 * p6 - s2 * p7
+        f.P[i, 7] = s2 * p6 + c2 * p7
+        f.P[i, 8] = c2 * p8 - s2 * p9
+        f.P[i, 9] = s2 * p8 + c2 * p9
+    for i in range(at.BIAS):
+        for j in range(i + 1, at.N):
+            f.P[j, i] = f.P[i, j]
+
+
+@compiled_part
+def add_pair(
+    f: at.Filter, first: int, variance: float, re: float, im: float, spread: float
+) -> None:
+    """
+    Add an isotropic complex jump u at `first` and (re + i im + e) u at `first` + 2.
+
+    `variance` is that of each part of u, `spread` the variance of each part of e.
+    """
+    other = variance * (re * re + im * im + 2.0 * spread)
+    for i in range(2):
+        f.P[first + i, first + i] += variance
+        f.P[first + 2 + i, first + 2 + i] += other
+        f.P[first + i, first + 2 + i] += variance * re
+        f.P[first + 2 + i, first + i] += variance * re
+    f.P[first, first + 3] += variance * im
+    f.P[first + 3, first] += variance * im
+    f.P[first + 1, first + 2] -= variance * im
+    f.P[first + 2, first + 1] -= variance * im
+
+
+@compiled_part
+def density(f: at.Filter, k: int) -> float:
+    """Noise density R dt of sensor k, units^2 s."""
+    return float(f.sensors[k, at.S_NOISE] * f.sensors[k, at.S_STEP])
+
+
+@compiled_part
+def lateral_density(f: at.Filter) -> float:
+    """Noise density of both sensors together, referred to the lateral phasor."""
+    gain = f.m[at.M_RHO_RE] ** 2 + f.m[at.M_RHO_IM] ** 2 + 2.0 * f.m[at.M_RHO_VAR]
+    information = 0.0
+    if f.sensors[0, at.S_ALIVE] > 0.0:
+        information += 1.0 / density(f, 0)
+        if f.sensors[1, at.S_ALIVE] > 0.0 and gain > 4.0 * f.m[at.M_RHO_VAR]:
+            information += gain / density(f, 1)
+    elif f.sensors[1, at.S_ALIVE] > 0.0:
+        information = gain / density(f, 1)
+    return 1.0 / information
+
+
+@compiled_part
+def diffuse(f: at.Filter, dt: float) -> None:
+    """Add the process noise of dt seconds."""
+    q = math.exp(2.0 * f.m[at.M_LAMBDA]) * lateral_density(f) * dt
+    add_pair(f, at.Z, q, f.m[at.M_RHO_RE], f.m[at.M_RHO_IM], f.m[at.M_RHO_VAR])
+    if math.isnan(f.m[at.M_RHO2_RE]):
+        size = f.m[at.M_RHO_RE] ** 2 + f.m[at.M_RHO_IM] ** 2 + 2.0 * f.m[at.M_RHO_VAR]
+        add_pair(f, at.W, q, 0.0, 0.0, 0.5 * size)
+    else:
+        add_pair(f, at.W, q, f.m[at.M_RHO2_RE], f.m[at.M_RHO2_IM], 0.0)
+    # One ratio holds for all amplitudes and speeds only to the floor: let it breathe.
+    drift = f.cfg[at.C_RATIO_FLOOR] ** 2 * dt * 0.5 * (f.x[2] * f.x[2] + f.x[3] * f.x[3])
+    f.P[2, 2] += drift
+    f.P[3, 3] += drift
+    f.P[at.OMEGA, at.OMEGA] += f.cfg[at.C_OMEGA_DRIFT] ** 2 * dt
+    # The growth rate changes with the amplitude, and so the quicker the larger it is.
+    f.P[at.GROWTH, at.GROWTH] += (f.cfg[at.C_GROWTH_DRIFT] ** 2 + 0.25 * f.x[at.GROWTH] ** 2) * dt
+    for k in range(2):
+        if f.sensors[k, at.S_ALIVE] > 0.0:
+            d = density(f, k) * dt
+            f.P[at.BIAS + k, at.BIAS + k] += math.exp(2.0 * f.sensors[k, at.S_LAMBDA_BIAS]) * d
+            rough = math.exp(2.0 * f.sensors[k, at.S_LAMBDA_ROUGH]) * d * f.sensors[k, at.S_ROLLER]
+            for i in range(at.ROUGH + 4 * k, at.ROUGH + 4 * k + 4):
+                f.P[i, i] += rough
+
+
+@compiled_part
+def open_modes(f: at.Filter, variance: float) -> None:
+    """Open the covariance of both modes after a kick; `variance` in lateral units squared."""
+    add_pair(f, at.Z, variance, f.m[at.M_RHO_RE], f.m[at.M_RHO_IM], f.m[at.M_RHO_VAR])
+    if math.isnan(f.m[at.M_RHO2_RE]):
+        size = f.m[at.M_RHO_RE] ** 2 + f.m[at.M_RHO_IM] ** 2 + 2.0 * f.m[at.M_RHO_VAR]
+        add_pair(f, at.W, SECOND_SHARE * variance, 0.0, 0.0, 0.5 * size)
+    else:
+        add_pair(f, at.W, SECOND_SHARE * variance, f.m[at.M_RHO2_RE], f.m[at.M_RHO2_IM], 0.0)
+    # Another amplitude has another growth rate and frequency.
+    f.P[at.GROWTH, at.GROWTH] = max(f.P[at.GROWTH, at.GROWTH], f.cfg[at.C_GROWTH_STD] ** 2)
+    f.P[at.OMEGA, at.OMEGA] = max(f.P[at.OMEGA, at.OMEGA], (0.1 * f.cfg[at.C_OMEGA_STD]) ** 2)
+
+
+@compiled_part
+def project(f: at.Filter, k: int, row: _F) -> float:
+    """Write P H' into g and return H P H', for sensor k with H in `row` (gain, c1, s1, c2, s2)."""
+    z, w, b, r = at.Z + 2 * k, at.W + 2 * k, at.BIAS + k, at.ROUGH + 4 * k
+    h, c1, s1, c2, s2 = row[0], row[1], row[2], row[3], row[4]
+    for j in range(at.N):
+        f.g[j] = (
+            h * f.P[z, j]
+            + f.P[w, j]
+            + f.P[b, j]
+            + c1 * f.P[r, j]
+            + s1 * f.P[r + 1, j]
+            + c2 * f.P[r + 2, j]
+            + s2 * f.P[r + 3, j]
+        )
+    return float(
+        h * f.g[z]
+        + f.g[w]
+        + f.g[b]
+        + c1 * f.g[r]
+        + s1 * f.g[r + 1]
+        + c2 * f.g[r + 2]
+        + s2 * f.g[r + 3]
+    )
+
+
+@compiled_part
+def expected(f: at.Filter, k: int, row: _F) -> float:
+    """Return H x for sensor k."""
+    r = at.ROUGH + 4 * k
+    return float(
+        row[0] * f.x[at.Z + 2 * k]
+        + f.x[at.W + 2 * k]
+        + f.x[at.BIAS + k]
+        + row[1] * f.x[r]
+        + row[2] * f.x[r + 1]
+        + row[3] * f.x[r + 2]
+        + row[4] * f.x[r + 3]
+    )
+
+
+@compiled_part
+def correct(f: at.Filter, innovation: float, S: float) -> None:
+    """Kalman update with a scalar innovation: g = P H', S = H P H' + R. Scales g."""
+    root = 1.0 / math.sqrt(S)
+    for i in range(at.N):
+        f.g[i] *= root
+        f.x[i] += f.g[i] * root * innovation
+    for i in range(at.N):
+        for j in range(at.N):
+            f.P[i, j] -= f.g[i] * f.g[j]  # this order keeps P symmetric to the last bit

@@ -1,0 +1,177 @@
+"""From samples to updates: the open bin, and what becomes of it when it closes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.compiled import compiled_part
+from hunt_ros.estimation.tracker import layout as at
+from hunt_ros.estimation.tracker.algebra import (
+    correct,
+    diffuse,
+    expected,
+    open_modes,
+    predict,
+    project,
+)
+from hunt_ros.estimation.tracker.kicks import handle_kick, kicked
+from hunt_ros.estimation.tracker.ratio import learn_ratio, ratio_in_force
+from hunt_ros.estimation.tracker.tuning import gather_start, tune
+
+_F = NDArray[np.float64]
+_I = NDArray[np.int64]
+
+
+@compiled_part
+def advance(f: at.Filter, t: float) -> None:
+    """Bring the filter to time t, s."""
+    dt = t - f.m[at.M_TIME]
+    if dt <= 0.0 or f.sensors[0, at.S_ALIVE] + f.sensors[1, at.S_ALIVE] == 0.0:
+        return
+    f.m[at.M_TIME] = t
+    if dt > f.cfg[at.C_GAP]:
+        lost = 4.0 * (f.x[0] * f.x[0] + f.x[1] * f.x[1] + f.P[0, 0] + f.P[1, 1])
+        open_modes(f, lost)
+        dt = f.cfg[at.C_GAP]
+    predict(f, dt)
+    diffuse(f, dt)
+    f.x[at.OMEGA] = min(max(f.x[at.OMEGA], f.cfg[at.C_OMEGA_MIN]), f.cfg[at.C_OMEGA_MAX])
+
+
+@compiled_part
+def absorb(f: at.Filter, k: int, t: float, mean: float, count: float, row: _F) -> None:
+    """Take one closed bin of sensor k, whose mean stamp is t, into the filter."""
+    if f.sensors[k, at.S_ALIVE] == 0.0:
+        gather_start(f, k, t, mean, count)
+        ratio_in_force(f)
+        f.sensors[k, at.S_LAST] = t
+        return
+    dt = t - f.sensors[k, at.S_LAST]
+    advance(f, t)
+    noise = f.sensors[k, at.S_NOISE] / count
+    innovation = mean - expected(f, k, row)
+    S = project(f, k, row) + noise
+    if not noise <= S < math.inf:
+        # Rounding has eaten the covariance: admit it and start it anew.
+        f.counters[at.I_RESETS] += 1
+        for i in range(at.N):
+            scale = max(abs(f.P[i, i]), 1e-30)
+            for j in range(at.N):
+                f.P[i, j] = 0.0
+            f.P[i, i] = scale if scale < 1e30 else noise
+        S = project(f, k, row) + noise
+    surprise = innovation * innovation / S
+    verdict = kicked(f, k, innovation, S, dt)
+    if verdict == 2:
+        return
+    if verdict == 1:
+        handle_kick(f, k, innovation, min(dt, 0.05))
+        S = project(f, k, row) + noise
+    f.sensors[k, at.S_LAST] = t
+    correct(f, innovation, S)
+    f.x[at.OMEGA] = min(max(f.x[at.OMEGA], f.cfg[at.C_OMEGA_MIN]), f.cfg[at.C_OMEGA_MAX])
+    f.x[at.GROWTH] = min(
+        max(f.x[at.GROWTH], -5.0 * f.cfg[at.C_GROWTH_STD]), 5.0 * f.cfg[at.C_GROWTH_STD]
+    )
+    left = noise * (1.0 - noise / S)
+    residual = innovation * noise / S
+    tune(f, k, residual, innovation, S, left, row, dt, count, surprise)
+    f.sensors[k, at.S_STEP] += 0.02 * (min(dt, 0.1) / count - f.sensors[k, at.S_STEP])
+    r = at.ROUGH + 4 * k
+    rough = row[1] * f.x[r] + row[2] * f.x[r + 1] + row[3] * f.x[r + 2] + row[4] * f.x[r + 3]
+    f.sensors[k, at.S_CLEAN_SUM] += count * (mean - f.x[at.BIAS + k] - rough)
+    f.sensors[k, at.S_CLEAN_COUNT] += count
+    learn_ratio(f)
+
+
+@compiled_part
+def close_bin(f: at.Filter, row: _F) -> None:
+    """Close the open bin of both sensors and take them in by the order of their stamps."""
+    start = f.counters[at.I_BIN] * f.cfg[at.C_BIN]
+    first = 0
+    if f.sums[0, at.A_COUNT] > 0.0 and f.sums[1, at.A_COUNT] > 0.0:
+        lateral, yaw = (
+            f.sums[0, at.A_TIME] / f.sums[0, at.A_COUNT],
+            f.sums[1, at.A_TIME] / f.sums[1, at.A_COUNT],
+        )
+        first = 1 if yaw < lateral else 0
+    for turn in range(2):
+        k = first if turn == 0 else 1 - first
+        count = f.sums[k, at.A_COUNT]
+        if count == 0.0:
+            continue
+        late = f.sums[k, at.A_TIME] / count
+        spread = max(f.sums[k, at.A_TIME2] / count - late * late, 0.0)
+        row[0] = 1.0 - 0.5 * f.x[at.OMEGA] * f.x[at.OMEGA] * spread
+        angles = f.sums[k, at.A_ANGLES]
+        known = angles == count
+        f.sensors[k, at.S_ROLLER] = 1.0 if known else 0.0
+        if (
+            known
+            and f.sensors[k, at.S_ALIVE] > 0.0
+            and f.P[at.ROUGH + 4 * k, at.ROUGH + 4 * k] == 0.0
+        ):
+            for i in range(at.ROUGH + 4 * k, at.ROUGH + 4 * k + 4):
+                f.P[i, i] = 4.0 * f.sensors[k, at.S_BOOT_SQUARE]
+        for i in range(4):
+            row[1 + i] = f.sums[k, at.A_C1 + i] / count if known else 0.0
+        mean = f.sums[k, at.A_VALUE] / count
+        if f.sensors[k, at.S_STEP] == 0.0:
+            f.sensors[k, at.S_STEP] = 1e-3
+        absorb(f, k, start + late, mean, count, row)
+        for i in range(at.N_ACCUMULATOR):
+            f.sums[k, i] = 0.0
+
+
+@compiled_part
+def measures(counters: _I, sensors: _F, m: _F, cfg: _F, k: int, stamp: int, value: float) -> bool:
+    """Tell whether a sample of sensor k is to be used; count it by reason if not."""
+    if not math.isfinite(value):
+        counters[at.I_NOT_FINITE] += 1
+        return False
+    own = counters[at.I_LAST_LATERAL + k]
+    if stamp < counters[at.I_LAST] or stamp <= own or stamp <= counters[at.I_OUTPUT]:
+        counters[at.I_BACKWARDS] += 1
+        return False
+    if counters[at.I_STARTED] == 0:
+        counters[at.I_STARTED] = 1
+        # A grid that does not depend on where a record starts.
+        counters[at.I_ORIGIN] = stamp - stamp % max(round(cfg[at.C_BIN] * 1e9), 1)
+        m[at.M_TIME] = (stamp - counters[at.I_ORIGIN]) * 1e-9
+    t = (stamp - counters[at.I_ORIGIN]) * 1e-9
+    counters[at.I_LAST] = stamp
+    counters[at.I_LAST_LATERAL + k] = stamp
+    if value != sensors[k, at.S_VALUE]:
+        sensors[k, at.S_VALUE] = value
+        sensors[k, at.S_SINCE] = t
+    elif t - sensors[k, at.S_SINCE] > cfg[at.C_STUCK]:
+        counters[at.I_STUCK] += 1
+        return False
+    counters[at.I_USED] += 1
+    return True
+
+
+@compiled_part
+def accumulate(
+    sums: _F,
+    k: int,
+    late: float,
+    value: float,
+    known: bool,
+    cosine: float,
+    sine: float,
+) -> None:
+    """Add a sample, `late` seconds into the bin, to the open bin of sensor k."""
+    sums[k, at.A_COUNT] += 1.0
+    sums[k, at.A_VALUE] += value
+    sums[k, at.A_TIME] += late
+    sums[k, at.A_TIME2] += late * late
+    if known:
+        sums[k, at.A_ANGLES] += 1.0
+        sums[k, at.A_C1] += cosine
+        sums[k, at.A_S1] += sine
+        sums[k, at.A_C2] += cosine * cosine - sine * sine
+        sums[k, at.A_S2] += 2.0 * cosine * sine

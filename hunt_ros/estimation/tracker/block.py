@@ -1,0 +1,135 @@
+"""
+The hunting tracker's inner loop: one extended Kalman filter over both sensors.
+
+Its parts: `layout` (what is kept where), `algebra` (prediction and correction),
+`ratio` (the tie between the sensors), `kicks`, `tuning`, `bins` (from samples to
+updates) and `rows` (output). They are compiled as one, with `track_block`.
+
+Model (states in the order of the layout below)
+-----------------------------------------------
+Lateral and yaw signal, k = 0, 1:  v_k = Re z_k + Re w_k + b_k + roughness_k + noise
+
+- z_k hunting phasors, dz/dt = (s + i omega) z: one frequency omega and one growth
+  rate s for both, which are states too. What moves one phasor moves the other
+  through the complex ratio of the mode shape; the ratio is learnt, or given. So the
+  process noise, and the opening of the covariance by a kick, are of rank one along
+  (1, ratio), but for the uncertainty of the ratio.
+- w_k the second mode, a phasor that decays at a known rate. A kick excites both.
+- roughness_k = c1 cos th + s1 sin th + c2 cos 2 th + s2 sin 2 th, th the roller angle.
+- b_k bias.
+
+Averaging before filtering
+--------------------------
+Samples of one sensor within a bin of a few milliseconds enter as their mean. The
+mean of n samples of the model is linear in the same state, with the mean cosines of
+the roller angle (exact) and the hunting phasor at the mean stamp times
+1 - omega^2 var(t)/2 (to third order in omega t); its noise variance is R/n. So
+nothing is lost but motion faster than the bin.
+
+What tunes itself
+-----------------
+- R, the sensor noise, from the residuals after the update (an EM step), with the
+  third difference of the innovations as a floor that follows within half a second.
+- The process noise of hunting, roughness and bias, each written as a filter bandwidth
+  lambda: q = lambda^2 R dt. If the bandwidth is right the innovations are white
+  inside the band, so the innovations demodulated at the hunting frequency, at the
+  roller's frequency and at zero have the power of white noise; more says too slow,
+  less says too fast.
+- Kicks: two surprising bins running, or a burst of in-band innovation, open the
+  covariance of both modes by a multiple of what was seen, before the update. One
+  surprising bin alone is a glitch and is left out.
+
+References
+----------
+Anderson and Moore, Optimal Filtering, 1979, ch. 8 (extended filter), 9.3 (whiteness of
+the innovations). Mehra, IEEE Trans. AC 17, 1972 (self-tuning from innovations).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.compiled import compiled, source_stamp
+from hunt_ros.estimation.tracker import algebra, bins, kicks, ratio, rows, tuning
+from hunt_ros.estimation.tracker import layout as at
+from hunt_ros.estimation.tracker.bins import accumulate, advance, close_bin, measures
+from hunt_ros.estimation.tracker.ratio import look_up
+from hunt_ros.estimation.tracker.rows import write_row
+
+_F = NDArray[np.float64]
+_I = NDArray[np.int64]
+
+
+def _kernel(source: int) -> Callable[..., None]:
+    """Return `track_block`, closed over the stamp of its parts: new parts, new machine code."""
+
+    @compiled
+    def track_block(
+        f: at.Filter,
+        stamps: _I,
+        sensor: NDArray[np.int8],
+        values: _F,
+        angles: _F,
+        speeds: _F,
+        outputs: _I,
+        table: _F,
+    ) -> None:
+        """
+        Run the tracker over a block: samples sorted by stamp, output stamps sorted.
+
+        All that is remembered is in `f`, so that a block split in two gives the same
+        numbers as the whole.
+        """
+        if source < 0:  # it never is: what is closed over is part of the key of the cache
+            return
+        row = np.zeros(5)  # H of the update at hand: hunting, cos, sin, cos 2, sin 2
+        written = 0
+        angle, cosine, sine = math.nan, 0.0, 0.0
+        bin_ns = max(round(f.cfg[at.C_BIN] * 1e9), 1)
+        for i in range(stamps.size + 1):
+            done = i == stamps.size
+            while written < outputs.size and (done or outputs[written] < stamps[i]):
+                close_bin(f, row)
+                if f.counters[at.I_STARTED] == 1:
+                    advance(f, (outputs[written] - f.counters[at.I_ORIGIN]) * 1e-9)
+                    write_row(f, table[written])
+                f.counters[at.I_OUTPUT] = outputs[written]
+                written += 1
+            if done:
+                break
+            k, value = int(sensor[i]), values[i]
+            if not measures(f.counters, f.sensors, f.m, f.cfg, k, stamps[i], value):
+                continue
+            elapsed = stamps[i] - f.counters[at.I_ORIGIN]
+            place = (elapsed - 1) // bin_ns  # a bin holds its end and not its start
+            if place != f.counters[at.I_BIN] or f.cfg[at.C_BIN] == 0.0:
+                close_bin(f, row)
+                f.counters[at.I_BIN] = place
+            if math.isfinite(speeds[i]):
+                if speeds[i] != f.m[at.M_SPEED]:
+                    look_up(f, speeds[i])
+            elif math.isnan(f.m[at.M_SPEED]):
+                look_up(f, f.modes[0, 0])  # no speed yet: the first of the table
+                f.m[at.M_SPEED_SEEN] = math.nan
+            known = math.isfinite(angles[i])
+            if known and angles[i] != angle:
+                angle = angles[i]
+                cosine, sine = math.cos(angle), math.sin(angle)
+            accumulate(
+                f.sums,
+                k,
+                elapsed * 1e-9 - place * f.cfg[at.C_BIN],
+                value,
+                known,
+                cosine,
+                sine,
+            )
+
+    return track_block
+
+
+track_block = _kernel(source_stamp(at, algebra, bins, kicks, ratio, rows, tuning))
