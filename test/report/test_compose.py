@@ -237,3 +237,35 @@ def test_a_place_that_cannot_be_written_is_one_line_and_exit_2(
     assert message.startswith('hunt report: ')
     assert message.count('\n') == 1
     assert 'file' in message
+
+
+FLUTTER = Path(__file__).parents[2].parent / 'shared' / 'data' / 'flutter_rig'
+
+
+@pytest.mark.skipif(not FLUTTER.is_dir(), reason='the flutter-rig recordings are not there')
+def test_a_campaign_on_a_real_rig_claims_no_fold_and_draws_what_was_measured() -> None:
+    from scipy.io import loadmat
+
+    records = []
+    for path in sorted(FLUTTER.glob('17092018_CBC_V???_*HB.mat')):
+        data = loadmat(path)['data']
+        stamps = np.arange(data.shape[1]) * 4_000_000
+        airspeed = np.full(data.shape[1], float(path.name.split('_V')[1][:3]) / 10.0)
+        channels = {'yaw': data[0], 'lateral': 0.47 * data[1], 'speed': airspeed}
+        records.append(Record({k: Series(stamps, v) for k, v in channels.items()}, path.stem))
+    report = Report(identify(records))
+    page = report.html(report.drawings())
+    # The quintic form does not fit this rig: no fold may be claimed.
+    assert 'data-key="v_n">not known: ' in page
+    # The limit cycle grows from 21 to 137 mm over the campaign, nearly in a line.
+    shown = Numbers(page).shown
+    amplitudes = [v for k, v in shown.items() if k.startswith('steady') and 'amplitude' in k]
+    assert len(amplitudes) >= 20
+    assert 0.02 < min(amplitudes) < max(amplitudes) < 0.15
+    assert '<b>Fig. 6</b>' in page
+    # There is no roller: nothing may be called its roughness.
+    assert all(
+        one.spectrum is not None and one.spectrum.line('roughness') is None
+        for one in report.responses.values()
+    )
+    assert [one.kind for one in report.responses.values()] == ['not known'] * 4
