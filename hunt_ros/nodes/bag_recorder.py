@@ -184,7 +184,7 @@ class BagRecorderNode(Node):
 
     def _look_around(self) -> None:
         """Pick up new topics."""
-        if self._recording is None:
+        if self._recording is None or self._has_ended():
             return
         for name, kinds in self.get_topic_names_and_types():
             if not self._wants(name):
@@ -196,6 +196,19 @@ class BagRecorderNode(Node):
             reliable = all(qos.reliability != ReliabilityPolicy.BEST_EFFORT for qos in offers)
             is_latched = all(qos.durability == DurabilityPolicy.TRANSIENT_LOCAL for qos in offers)
             self._subscribe(name, kinds[0], reliable=reliable, is_latched=is_latched)
+
+    def _has_ended(self) -> bool:
+        """Close a recording that ended by itself, as when the disk is full."""
+        problem = self._recording.state.problem
+        if not problem:
+            return False
+        self.get_logger().error(problem)
+        try:
+            self._end()
+        except BagError as error:
+            self.get_logger().error(str(error))
+        self._last = ('ERROR', problem)
+        return True
 
     def _subscribe(self, name: str, kind: str, *, reliable: bool, is_latched: bool) -> None:
         ways = self._subscribed.setdefault(name, set())

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='the extra ros is not installed')
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import TwistStamped
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -20,6 +23,7 @@ from std_msgs.msg import String
 
 from hunt_ros.bag import Bag, read_columns, read_record
 from hunt_ros.bag.messages import read_texts
+from hunt_ros.bag.recording import RecordingState
 from hunt_ros.nodes.conversions import to_time
 
 pytestmark = pytest.mark.ros
@@ -128,6 +132,35 @@ def test_start_split_and_stop_by_service(graph) -> None:
     with Bag(path) as bag:
         assert not bag.problems
         assert bag.topics['/diagnostics'].messages >= 2
+
+
+def test_a_full_disk_closes_the_recording_and_says_so(graph) -> None:
+    closed = graph.collect(String, 'recording/closed', LATCHED)
+    health = graph.collect(DiagnosticArray, '/diagnostics')
+    least = shutil.disk_usage(graph.folder).free / 2**20 - 200.0
+    graph.start('bag_recorder', directory=str(graph.folder), least_free_mib=least)
+    graph.spin_until(lambda: list(graph.folder.glob('*.active')))
+    ballast = graph.folder / 'ballast'
+    with open(ballast, 'wb') as file:
+        os.posix_fallocate(file.fileno(), 0, 600 << 20)
+    try:
+        graph.spin_until(lambda: closed)
+        errors = lambda: [a for a in health if a.status[0].level == DiagnosticStatus.ERROR]  # noqa: E731
+        graph.spin_until(errors)
+        assert 'on the disk' in errors()[0].status[0].message
+        with Bag(closed[-1].data) as bag:
+            assert not bag.problems
+    finally:
+        ballast.unlink()
+
+
+def test_dropped_messages_are_a_warning(tmp_path: Path) -> None:
+    from hunt_ros.nodes.bag_recorder import _judged
+
+    state = RecordingState(tmp_path, True, 5, 5, 1, {'/a': 1, '/b': 2}, 0, '')
+    assert _judged(state) == ('WARN', '3 messages dropped, most of them on /b')
+    assert _judged(replace(state, dropped={}))[0] == 'OK'
+    assert _judged(replace(state, running=False))[0] == 'ERROR'
 
 
 def test_bad_parameter_ends_with_one_line(graph) -> None:
