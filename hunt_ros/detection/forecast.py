@@ -251,7 +251,7 @@ class CriticalSpeedForecast:
             return Forecast(stamp_ns, None, NO_FIT, law.name, len(levels))
         self._before[law.name] = fit.theta
         modes = [law.eigenvalue(fit.theta, level.speed) for level in levels]
-        reason, critical = self._judge(law, spectra, fit)
+        reason, critical = self._judge(law, fit)
         return Forecast(
             stamp_ns,
             critical,
@@ -264,10 +264,9 @@ class CriticalSpeedForecast:
             fit.misfit,
         )
 
-    def _judge(
-        self, law: ResponseLaw, spectra: Spectra, fit: WhittleFit
-    ) -> tuple[str, Uncertain | None]:
+    def _judge(self, law: ResponseLaw, fit: WhittleFit) -> tuple[str, Uncertain | None]:
         """Say whether the fit supports a number, and which."""
+        spectra = fit.spectra
         floor = math.exp(fit.theta[-1])
         flat = np.average(spectra.power, weights=spectra.weight)
         flat_cost = float(np.sum(spectra.weight * (math.log(flat) + spectra.power / flat)))

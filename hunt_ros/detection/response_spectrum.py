@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from typing import Protocol
 
 import numpy as np
@@ -46,8 +47,18 @@ class Spectra:
         self.weight = np.concatenate([level.weight[k] for level, k in pairs])
         self.gain = np.concatenate([level.gain[k] for level, k in pairs])
 
+    def only(self, kept: NDArray[np.bool_]) -> Spectra:
+        """Return the same levels with some of their bins."""
+        part = copy(self)
+        for name in ('level', 'omega', 'power', 'weight', 'gain'):
+            setattr(part, name, getattr(self, name)[kept])
+        return part
+
     def of_modes(
-        self, eigenvalues: NDArray[np.complex128], residues: NDArray[np.complex128]
+        self,
+        eigenvalues: NDArray[np.complex128],
+        residues: NDArray[np.complex128],
+        leakage: bool = True,
     ) -> NDArray[np.float64]:
         """
         Expected periodogram of a stationary process, each level over its own window.
@@ -61,6 +72,8 @@ class Spectra:
         ----------
         eigenvalues, residues : ndarray of complex, shape (levels, modes)
             lambda_k (1/s) and c_k (m^2); complex ones in conjugate pairs.
+        leakage : bool
+            False for the spectrum itself, as a window without end would show it.
 
         Returns
         -------
@@ -74,6 +87,9 @@ class Spectra:
             # At Fourier frequencies exp(z T) = exp(lambda T): one number a level.
             decay = np.exp(rate * self.duration)[self.level]
             z = rate[self.level] - 1j * self.omega
+            if not leakage:
+                total += 2.0 * np.real(-residue[self.level] / z)
+                continue
             total += 2.0 * np.real(residue[self.level] * (decay - 1.0 - z * span) / (z * z * span))
         return total
 
@@ -135,6 +151,29 @@ def expected_periodogram(
         return None
     expected: NDArray[np.float64] = spectra.of_modes(*modes) * spectra.gain + math.exp(theta[-1])
     return expected if expected.min() > 0.0 and np.all(np.isfinite(expected)) else None
+
+
+def own_bins(
+    law: ResponseLaw, spectra: Spectra, theta: NDArray[np.float64], share: float = 0.9
+) -> NDArray[np.bool_]:
+    """
+    Tell the bins that show their own frequency from those that show leakage.
+
+    Far from a peak the spectrum of a wheelset falls faster than the leakage of a finite
+    window. Leakage comes from the two ends of the window: however many bins it fills, it
+    is one draw, which a likelihood of independent bins would take for as many witnesses.
+
+    Returns
+    -------
+    ndarray of bool, shape (bins,)
+        True where spectrum and noise make up at least `share` of what is expected.
+    """
+    modes = law.modes(spectra.speed, theta)
+    expected = expected_periodogram(law, spectra, theta)
+    if modes is None or expected is None:
+        return np.ones(spectra.omega.size, dtype=np.bool_)
+    own = spectra.of_modes(*modes, leakage=False) * spectra.gain + math.exp(theta[-1])
+    return np.asarray(own >= share * expected, dtype=np.bool_)
 
 
 class ResponseLaw(Protocol):

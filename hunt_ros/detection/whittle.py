@@ -13,7 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.detection.response_spectrum import ResponseLaw, Spectra, expected_periodogram
+from hunt_ros.detection.response_spectrum import (
+    ResponseLaw,
+    Spectra,
+    expected_periodogram,
+    own_bins,
+)
 from hunt_ros.samples import Uncertain
 
 _STEP = 1e-4
@@ -38,7 +43,9 @@ class WhittleFit:
     misfit : float
         Mean square of the standardised residuals of groups of bins; 1 for the right law.
     expected : ndarray, shape (bins,)
-        The spectrum fitted, m^2 s.
+        The periodogram expected, m^2 s.
+    spectra : Spectra
+        The bins used: from `best_fit`, without those that show leakage.
     """
 
     theta: NDArray[np.float64]
@@ -46,6 +53,7 @@ class WhittleFit:
     cost: float
     misfit: float
     expected: NDArray[np.float64]
+    spectra: Spectra
 
 
 def _cost(
@@ -128,7 +136,7 @@ def maximise(
         if gain < 1e-4 or evaluations <= 0:
             break
     covariance = np.asarray(np.linalg.inv(fisher), dtype=np.float64)
-    return WhittleFit(theta, covariance, cost, _misfit(spectra, expected), expected)
+    return WhittleFit(theta, covariance, cost, _misfit(spectra, expected), expected, spectra)
 
 
 def _covariance(
@@ -171,7 +179,12 @@ def best_fit(
     if not found:
         return None
     best = min(found, key=lambda fit: fit.cost)
-    return replace(best, covariance=_covariance(law, spectra, best.theta, best.expected))
+    for _ in range(2):
+        refined = maximise(law, spectra.only(own_bins(law, spectra, best.theta)), best.theta)
+        if refined is None:
+            break
+        best = refined
+    return replace(best, covariance=_covariance(law, best.spectra, best.theta, best.expected))
 
 
 def _misfit(spectra: Spectra, expected: NDArray[np.float64], group: int = 24) -> float:

@@ -85,9 +85,12 @@ def bound(case: Case, law: ResponseLaw, levels: list) -> float:
     exact = expected_periodogram(WheelsetLaw(case.rig), spectra, true_theta(case))
     assert exact is not None
     spectra.power = exact
-    starts = [true_theta(case)] if isinstance(law, WheelsetLaw) else law.starts(spectra)
-    fits = [fit for start in starts if (fit := maximise(law, spectra, start, 400)) is not None]
-    fit = min(fits, key=lambda found: found.cost)
+    if isinstance(law, WheelsetLaw):
+        fit = maximise(law, spectra, true_theta(case))
+    else:
+        fits = [maximise(law, spectra, start, 400) for start in law.starts(spectra)]
+        fit = min((fit for fit in fits if fit is not None), key=lambda found: found.cost)
+    assert fit is not None
     return critical_interval(law, fit, float(spectra.speed.max())).std
 
 
@@ -203,7 +206,7 @@ def main() -> None:
         ' m/s, 2 Hz, 7.0 to 12.6 m/s). "On the way" is what the same runs said earlier. The rig'
         ' given to the wheelset law has creep coefficients'
         ' wrong by +50 and -40 %. The bound is the Fisher information of the same law with its'
-        f' priors, on the same bins. {seeds} seeds for the first two, half of them for the rest.'
+        f' priors, on all bins. {seeds} seeds for the first two, half of them for the rest.'
         ' Goals: median error 2.5 % (wheelset) and 4 % (smooth), spread at most 1.5 times the'
         ' bound, 90 to 99 % covered.\n\n' + markdown(header, rows)
     )

@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 
 from hunt_ros.detection.damping_laws import SmoothLaw, WheelsetLaw
 from hunt_ros.detection.level_spectrum import SpeedLevel
-from hunt_ros.detection.response_spectrum import Spectra, expected_periodogram
+from hunt_ros.detection.response_spectrum import Spectra, expected_periodogram, own_bins
 from hunt_ros.detection.whittle import best_fit, information
 from hunt_ros.dynamics.forced_response import quiet_covariance
 from hunt_ros.dynamics.linear_stability import critical_speed, hunting_mode
@@ -128,3 +128,19 @@ def test_neighbouring_bins_of_a_short_window_are_correlated_as_computed():
     measured = np.corrcoef(power[:, 12:22].T)
     assert found == pytest.approx(measured, abs=0.08)
     assert found[4, 5] > 0.1
+
+
+def test_bins_that_show_the_ends_of_the_window_are_left_out():
+    # The far flank of a sharp peak, without noise to hide the leakage.
+    levels = flat_levels([7.8])
+    law = WheelsetLaw(paper_rig())
+    spectra = Spectra(levels, *law.band(levels))
+    theta = law.prior_mean.copy()
+    theta[4], theta[6] = math.log(2e-5), math.log(1e-18)
+    kept = own_bins(law, spectra, theta)
+    frequency = spectra.omega / (2.0 * np.pi)
+    assert kept[np.abs(frequency - 2.83) < 0.03].all()
+    assert not kept[frequency > 5.0].any()
+    # Under noise the same bins show the noise, which is their own.
+    theta[6] = math.log(1e-11)
+    assert own_bins(law, spectra, theta)[frequency > 5.0].all()
