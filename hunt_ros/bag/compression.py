@@ -13,8 +13,6 @@ import zstandard
 #: No chunk and no message may be larger than this when expanded (bytes).
 LARGEST_CHUNK = 1 << 30
 
-NAMES: tuple[str, ...] = ('', 'lz4', 'zstd')
-
 
 def compress(data: bytes, compression: str) -> bytes:
     """Compress a chunk; '' leaves it as it is."""
