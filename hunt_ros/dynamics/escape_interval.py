@@ -11,8 +11,8 @@ from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.samples import Uncertain
 
 #: Standard deviation of ln(time) left by the one-dimensional equation itself. Against escapes of
-#: the full model, A_rms / A_u from 0.28 to 0.52, the ratio was 0.80 to 1.12 with the form exact
-#: about the speed, and 0.6 to 1.5 with a quintic form fitted to the whole branch.
+#: the full model, A_rms / A_u from 0.28 to 0.52, the ratio was 0.78 to 1.02 with the form exact
+#: about the speed, and 1.07 to 1.48 with a quintic form fitted to the whole branch.
 MODEL_ERROR = 0.25
 
 _NORMAL_95 = 1.959964

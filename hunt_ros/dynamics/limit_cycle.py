@@ -19,19 +19,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.dynamics.linear_stability import critical_frequency, critical_speed, hunting_mode
+from hunt_ros.dynamics.collocation import Collocation, correct, floquet_multipliers
+from hunt_ros.dynamics.linear_stability import critical_speed
 from hunt_ros.dynamics.parameters import RigParameters
-from hunt_ros.dynamics.wheelset import Wheelset
 from hunt_ros.errors import ConfigError
 
 Array = NDArray[np.float64]
 
 #: Collocation points on half a period: odd harmonics 1 to 15.
 POINTS = 16
-#: Runge-Kutta steps on half a period for the variational equation.
-FLOQUET_STEPS = 128
-_TOLERANCE = 1e-11
-_MOST_ITERATIONS = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,11 +119,11 @@ class Branch:
             corrected = self.system.at_speed(guess, speed)
             if corrected is not None:
                 found.append(corrected)
-        cycles = self.system.branch(np.array(found).reshape(-1, self.unknowns.shape[1]))
+        cycles = _branch_of(self.system, np.array(found).reshape(-1, self.unknowns.shape[1]))
         return cycles[np.argsort(cycles.amplitude)]
 
     def __getitem__(self, places: NDArray[np.intp] | slice) -> Branch:
-        return self.system.branch(self.unknowns[places])
+        return _branch_of(self.system, self.unknowns[places])
 
 
 def limit_cycles(
@@ -176,111 +172,24 @@ def limit_cycles(
     solutions = _follow(system, step, (low, high))
     if len(solutions) < 2:
         raise ConfigError(f'{rig.name}: no limit cycles found from the Hopf point at {hopf:g} m/s')
-    return system.branch(np.array(solutions))
+    return _branch_of(system, np.array(solutions))
 
 
-class Collocation:
-    """
-    The algebraic system: unknowns are y and psi at the points, omega, and the speed.
-
-    The unknown vector is scaled: y / Y, psi / Y, omega, 4 (v / v_c - 1), with Y the
-    largest amplitude, so that one step length serves all.
-    """
-
-    def __init__(self, rig: RigParameters, hopf: float, largest: float, points: int) -> None:
-        if points < 4 or points % 2:
-            raise ConfigError(f'collocation needs an even number of points, got {points}')
-        self.rig, self.hopf, self.largest, self.points = rig, hopf, largest, points
-        self.wheelset = Wheelset(rig)
-        phase = np.pi * np.arange(points) / points
-        orders = np.arange(-points + 1, points, 2)  # odd, points of them
-        basis = np.exp(1j * np.outer(phase, orders))
-        inverse = np.linalg.inv(basis)
-        self.first: Array = (basis * (1j * orders) @ inverse).real
-        self.second: Array = self.first @ self.first
-        self.to_fundamental = inverse[orders == 1][0] * 2.0
-        self.orders, self.to_harmonics = orders, inverse
-
-    def start(self) -> tuple[Array, Array]:
-        """Hopf point and the unit tangent into the branch."""
-        shape = hunting_mode(self.rig, self.hopf).shape
-        phase = np.exp(1j * np.pi * np.arange(self.points) / self.points)
-        y, psi = phase.real, (shape[2] * phase).real
-        point = np.zeros(2 * self.points + 2)
-        point[-2] = critical_frequency(self.rig)
-        tangent = np.concatenate([y, psi, [0.0, 0.0]])
-        return point, tangent / np.linalg.norm(tangent)
-
-    def residual(self, x: Array) -> tuple[Array, Array]:
-        """Equations (2), (3) at the points, the phase condition, and their Jacobian."""
-        n, rig = self.points, self.rig
-        y, psi, omega = x[:n] * self.largest, x[n : 2 * n] * self.largest, x[-2]
-        v = (self.hopf / rig.speed_scale) * (1.0 + 0.25 * x[-1])
-        forces = self.wheelset.nonlinear_forces(y, psi)
-        state = np.zeros((n, 4))
-        state[:, 0], state[:, 2] = y, psi
-        springs = -self.wheelset.jacobian(state, self.hopf)  # columns 0 and 2 do not know v
-        fy, fp, sy, sp = self.first @ y, self.first @ psi, self.second @ y, self.second @ psi
-        value = np.zeros(2 * n + 1)
-        value[:n] = omega**2 * sy + rig.d11 / v * omega * fy + rig.k11 * y + rig.k12 * psi
-        value[n:-1] = omega**2 * sp + rig.d22 / v * omega * fp + rig.k21 * y + rig.k22 * psi
-        value[:n] += forces[:, 0]
-        value[n:-1] += forces[:, 1]
-        value[-1] = self.to_fundamental.imag @ y
-        matrix = np.zeros((2 * n + 1, 2 * n + 2))
-        matrix[:n, :n] = omega**2 * self.second + rig.d11 / v * omega * self.first
-        matrix[n:-1, n:-2] = omega**2 * self.second + rig.d22 / v * omega * self.first
-        diagonal = np.arange(n)
-        matrix[diagonal, diagonal] += springs[:, 1, 0]
-        matrix[diagonal, n + diagonal] += springs[:, 1, 2]
-        matrix[n + diagonal, diagonal] += springs[:, 3, 0]
-        matrix[n + diagonal, n + diagonal] += springs[:, 3, 2]
-        matrix[-1, :n] = self.to_fundamental.imag
-        matrix[:, : 2 * n] *= self.largest
-        matrix[:n, -2] = 2.0 * omega * sy + rig.d11 / v * fy
-        matrix[n:-1, -2] = 2.0 * omega * sp + rig.d22 / v * fp
-        slowing = -0.25 / (1.0 + 0.25 * x[-1])
-        matrix[:n, -1] = rig.d11 / v * omega * fy * slowing
-        matrix[n:-1, -1] = rig.d22 / v * omega * fp * slowing
-        return value / self.largest, matrix / self.largest
-
-    def speed(self, x: Array) -> Array:
-        """Running speed of one or many solutions, m/s."""
-        return np.asarray(self.hopf * (1.0 + 0.25 * x[..., -1]))
-
-    def jacobians(self, x: Array, phase: Array) -> NDArray[np.float64]:
-        """Jacobians of Eq. (6) along the cycles x, at phases (rad): shape (m, phases, 4, 4)."""
-        n = self.points
-        interpolate = np.exp(1j * np.outer(phase, self.orders)) @ self.to_harmonics
-        states = np.zeros((len(x), len(phase), 4))
-        states[..., 0] = (x[:, :n] * self.largest @ interpolate.T).real
-        states[..., 2] = (x[:, n : 2 * n] * self.largest @ interpolate.T).real
-        return self.wheelset.jacobian(states, self.speed(x)[:, None])
-
-    def at_speed(self, x: Array, speed: float) -> Array | None:
-        """Correct a solution by Newton's iteration at a fixed speed, m/s, or None if it fails."""
-        guess = x.copy()
-        guess[-1] = 4.0 * (speed / self.hopf - 1.0)
-        along_speed = np.zeros(len(x))
-        along_speed[-1] = 1.0
-        corrected = _correct(self, guess, along_speed)
-        return None if corrected is None else corrected[0]
-
-    def branch(self, x: Array) -> Branch:
-        """Turn solutions, shape (m, 2 points + 2), into limit cycles with their stability."""
-        n, length = self.points, self.rig.length_scale
-        y, psi = x[:, :n] * self.largest, x[:, n : 2 * n] * self.largest
-        return Branch(
-            self.speed(x),
-            np.abs(y @ self.to_fundamental) * length,
-            np.abs(psi @ self.to_fundamental),
-            np.abs(y).max(axis=1) * length,
-            x[:, -2] / (2.0 * math.pi * self.rig.time_scale),
-            _multipliers(self, x),
-            self.hopf,
-            self,
-            x,
-        )
+def _branch_of(system: Collocation, x: Array) -> Branch:
+    """Turn solutions, shape (m, 2 points + 2), into limit cycles with their stability."""
+    n, length = system.points, system.rig.length_scale
+    y, psi = x[:, :n] * system.largest, x[:, n : 2 * n] * system.largest
+    return Branch(
+        system.speed(x),
+        np.abs(y @ system.to_fundamental) * length,
+        np.abs(psi @ system.to_fundamental),
+        np.abs(y).max(axis=1) * length,
+        x[:, -2] / (2.0 * math.pi * system.rig.time_scale),
+        floquet_multipliers(system, x),
+        system.hopf,
+        system,
+        x,
+    )
 
 
 def _follow(system: Collocation, step: float, speeds: tuple[float, float]) -> list[Array]:
@@ -289,7 +198,7 @@ def _follow(system: Collocation, step: float, speeds: tuple[float, float]) -> li
     solutions: list[Array] = []
     length, largest = 0.2 * step, step
     for _ in range(4000):
-        corrected = _correct(system, point + length * tangent, tangent)
+        corrected = correct(system, point + length * tangent, tangent)
         if corrected is None:
             length *= 0.5
             if length < 1e-5 * step:
@@ -307,52 +216,3 @@ def _follow(system: Collocation, step: float, speeds: tuple[float, float]) -> li
         if peak > 1.0 or not speeds[0] <= float(system.speed(point)) <= speeds[1]:
             break
     return solutions
-
-
-def _correct(system: Collocation, guess: Array, tangent: Array) -> tuple[Array, int] | None:
-    """Newton's iteration in the plane normal to the tangent, or None if it fails."""
-    x = guess.copy()
-    for iteration in range(_MOST_ITERATIONS):
-        value, matrix = system.residual(x)
-        full = np.append(value, tangent @ (x - guess))
-        change = np.linalg.solve(np.vstack([matrix, tangent]), full)
-        x -= change
-        if not np.isfinite(x).all() or x[-1] <= -4.0:
-            return None
-        if np.abs(change).max() < _TOLERANCE:
-            return x, iteration + 1
-    return None
-
-
-def fundamental_matrices(system: Collocation, x: Array, steps: int) -> Array:
-    """
-    Fundamental matrices of the variational equation at equal phases of half a period.
-
-    Returns
-    -------
-    ndarray, shape (steps + 1, m, 4, 4)
-        The last is minus a square root of the monodromy matrix.
-    """
-    phase = np.pi * np.arange(2 * steps + 1) / (2 * steps)  # steps and half steps
-    jacobians = system.jacobians(x, phase)
-    h = (np.pi / steps / x[:, -2])[:, None, None]
-    matrices = np.empty((steps + 1, len(x), 4, 4))
-    matrices[0] = np.eye(4)
-    for k in range(steps):
-        before = matrices[k]
-        j0, j1, j2 = (jacobians[:, 2 * k + i] for i in range(3))
-        a = j0 @ before
-        b = j1 @ (before + 0.5 * h * a)
-        c = j1 @ (before + 0.5 * h * b)
-        d = j2 @ (before + h * c)
-        matrices[k + 1] = before + h / 6.0 * (a + 2.0 * (b + c) + d)
-    return matrices
-
-
-def _multipliers(system: Collocation, x: Array) -> NDArray[np.complex128]:
-    """Floquet multipliers of many cycles: squares of those of the half-period map."""
-    half = fundamental_matrices(system, x, FLOQUET_STEPS)[-1]
-    values = np.linalg.eigvals(half).astype(np.complex128) ** 2
-    order = np.argsort(np.abs(values - 1.0), axis=1)
-    # The trivial multiplier is 1 to rounding: the nearest to it comes first.
-    return np.asarray(np.take_along_axis(values, order, axis=1), dtype=np.complex128)

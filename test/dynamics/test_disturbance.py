@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from hunt_ros.compiled import HAVE_COMPILER
 from hunt_ros.dynamics.amplitude_noise import quiet_diffusion
 from hunt_ros.dynamics.center_manifold import normal_form_of
 from hunt_ros.dynamics.disturbance import (
@@ -32,6 +33,10 @@ from hunt_ros.errors import ConfigError
 from hunt_ros.samples import Uncertain
 
 FORM = PAPER_NORMAL_FORM
+
+needs_compiler = pytest.mark.skipif(
+    not HAVE_COMPILER, reason='hours of simulated time: needs the compiled kernel'
+)
 
 
 @pytest.fixture(scope='module')
@@ -60,6 +65,7 @@ def swept(
     return math.nan
 
 
+@needs_compiler
 @pytest.mark.parametrize(('broadband', 'rate'), [(8e-6, 0.02), (3e-5, 0.02), (8e-6, 0.05)])
 def test_the_jump_to_hunting_is_where_swept_rigs_jump(
     form: NormalForm, broadband: float, rate: float
@@ -73,6 +79,7 @@ def test_the_jump_to_hunting_is_where_swept_rigs_jump(
     assert predicted.std == pytest.approx(speeds.std(), rel=0.4)
 
 
+@needs_compiler
 @pytest.mark.parametrize('rate', [0.005, 0.02, 0.05])
 def test_the_end_of_hunting_is_where_swept_rigs_fall(form: NormalForm, rate: float) -> None:
     fold = form.saddle_node()
@@ -148,6 +155,7 @@ def critical_kick(roughness: Roughness, phase: float) -> float:
     return 0.5 * (low + high)
 
 
+@needs_compiler
 def test_the_critical_kick_of_the_full_model_falls_as_the_threshold_does(
     form: NormalForm,
 ) -> None:

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import cumulative_trapezoid
 
-from hunt_ros.compiled import compiled
+from hunt_ros.compiled import HAVE_COMPILER, compiled
 from hunt_ros.dynamics.amplitude_noise import amplitude_diffusion, local_form, quiet_diffusion
 from hunt_ros.dynamics.center_manifold import normal_form_of
 from hunt_ros.dynamics.escape import (
@@ -27,6 +27,10 @@ from hunt_ros.dynamics.simulation import RollerRig, SimulationSettings
 from hunt_ros.errors import ConfigError
 
 FORM = PAPER_NORMAL_FORM
+
+needs_compiler = pytest.mark.skipif(
+    not HAVE_COMPILER, reason='hours of simulated time: needs the compiled kernel'
+)
 
 
 @pytest.fixture(scope='module')
@@ -211,6 +215,7 @@ def escape_times(speed: float, broadband: float, roof: float, count: int) -> np.
     return np.array(times)
 
 
+@needs_compiler
 @pytest.mark.parametrize(
     ('speed', 'broadband', 'count'),
     [
