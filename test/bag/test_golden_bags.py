@@ -1,4 +1,4 @@
-"""The golden recordings: made again sample for sample, and `hunt replay` finds the golden events."""
+"""The golden recordings: made again sample for sample, replayed to the golden events."""
 
 from __future__ import annotations
 

@@ -221,8 +221,8 @@ def main() -> None:
     text = '\n\n'.join(
         [
             f'Two channels of {arguments.messages // 2} JointState messages (84 bytes), stamps and'
-            ' values as arrays; every chunk CRC and every message layout is checked. CPU seconds of'
-            ' one thread, best of 3 for hunt_ros, one run for the others, files in the page cache.',
+            ' values as arrays; every chunk CRC and every message layout is checked. CPU seconds'
+            ' of one thread, best of 3 for hunt_ros, one run for the others, files cached.',
             markdown(['chunks', 'way', 'CPU s', '10^6 messages/s', 'times hunt_ros'], rows),
             markdown(['times as fast as', 'goal', 'measured'], goals),
             f'Memory: one of the two channels is {columns:.0f} MB of stamps and values; reading it'
