@@ -155,6 +155,135 @@ def _bad_growth_input(make: Callable[[], Any]) -> None:
     assert np.allclose(growth[460:], 0.3, rtol=1e-6)
 
 
+# --- the simulated rig ----------------------------------------------------------------------
+
+
+def _make_rig() -> Any:
+    from hunt_ros.dynamics.parameters import paper_rig
+    from hunt_ros.dynamics.simulation import RollerRig
+    from hunt_ros.dynamics.simulation_settings import Roughness, SensorModel, SimulationSettings
+
+    sensor = SensorModel(noise=5e-6, dropouts_per_s=1.0)
+    settings_ = SimulationSettings(
+        initial_speed=7.2,
+        broadband=8e-6,
+        roughness=Roughness((5e-5,)),
+        lateral_sensor=sensor,
+        yaw_sensor=sensor,
+    )
+    return RollerRig(paper_rig(), settings_, seed=3)
+
+
+def _feed_rig(rig: Any, targets: np.ndarray, begin: int, end: int) -> Outputs:
+    block = rig.advance(end - begin, targets[begin:end])
+    return [
+        getattr(block, name)
+        for name in ('stamps_ns', 'lateral', 'yaw', 'speed', 'roller_angle', 'true_yaw')
+    ]
+
+
+def _bad_rig_input(make: Callable[[], Any]) -> None:
+    from hunt_ros.errors import ConfigError
+
+    rig = make()
+    expected = make().advance(50).lateral
+    for refused in (lambda: rig.advance(-1), lambda: rig.kick(lateral_m=np.nan)):
+        with pytest.raises(ConfigError):
+            refused()
+    assert np.array_equal(rig.advance(50).lateral, expected, equal_nan=True)
+
+
+# --- detection --------------------------------------------------------------------------------
+
+
+def _criterion(name: str) -> Stream:
+    def make() -> Any:
+        from hunt_ros.detection.criteria import make_criterion
+
+        return make_criterion(name, rate_hz=500.0, scale=0.01)
+
+    def feed(criterion: Any, record: Any, begin: int, end: int) -> Outputs:
+        return [criterion.update(*(column[begin:end] for column in record))]
+
+    def bad_input(make: Callable[[], Any]) -> None:
+        stamps, y, speed = _displacement(0)
+        expected, spoiled = make().update(stamps, y, speed), make()
+        again = np.insert(stamps, 400, stamps[399 - 20])  # a stamp that goes back
+        rows = spoiled.update(again, np.insert(y, 400, 1.0), np.insert(speed, 400, 7.0))
+        assert rows.tobytes() == expected.tobytes()
+        assert spoiled.dropped == 1
+        holes = y.copy()
+        holes[500] = np.inf
+        spoiled = make()
+        rows = spoiled.update(stamps, holes, speed)
+        assert spoiled.missing == _missing(make, stamps, y, speed) + 1
+        assert np.array_equal(np.isfinite(rows['index']), np.isfinite(expected['index']))
+
+    return Stream(f'criterion {name}', make, _displacement, lambda r: r[0].size, feed, bad_input)
+
+
+def _missing(make: Callable[[], Any], *record: np.ndarray) -> int:
+    target = make()
+    target.update(*record)
+    return int(target.missing)
+
+
+def _displacement(seed: int) -> tuple[np.ndarray, ...]:
+    """8 s of lateral displacement and speed, with a few samples missing."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(1, 4001) / 500.0
+    y = 3e-4 * np.cos(17.8 * t) + 5e-6 * rng.normal(size=t.size)
+    y[rng.integers(1000, t.size, 10)] = np.nan
+    return (t * 1e9).round().astype(np.int64), y, np.full(t.size, 7.2)
+
+
+def _make_detector() -> Any:
+    from hunt_ros.detection.configuration import DetectorConfig
+    from hunt_ros.detection.detector import HuntingDetector
+    from hunt_ros.dynamics.identified import IdentifiedNormalForm
+    from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+
+    form = IdentifiedNormalForm(PAPER_NORMAL_FORM, np.diag([1e-4, 1e-6, 1.0, 1e-4, 10.0, 1e8]))
+    return HuntingDetector(DetectorConfig(), form)
+
+
+def _arrivals(seed: int) -> list[tuple[str, int, float]]:
+    """Samples of all channels in the order of their stamps, some of them bad."""
+    stamps, sensor, values, theta, speed, _ = _hunting(seed)
+    names = np.array(['lateral', 'yaw'])[sensor]
+    found = list(zip(names, stamps, values, strict=True))
+    every = slice(0, None, 10)
+    found += [('roller', s, a) for s, a in zip(stamps[every], theta[every], strict=True)]
+    found += [('speed', s, v) for s, v in zip(stamps[every], speed[every], strict=True)]
+    found = sorted(found, key=lambda arrival: int(arrival[1]))
+    found[700] = (found[700][0], int(found[600][1]), 0.0)  # a stamp that goes back
+    return found
+
+
+def _feed_detector(detector: Any, record: Any, begin: int, end: int) -> Outputs:
+    rows = []
+    for channel in ('lateral', 'yaw', 'roller', 'speed'):  # one after the other, as it may be
+        part = [arrival for arrival in record[begin:end] if arrival[0] == channel]
+        stamps, values = [a[1] for a in part], [a[2] for a in part]
+        rows.append(detector.update(channel, stamps, values).estimates)
+    return [np.concatenate(rows)]
+
+
+def _bad_detector_input(make: Callable[[], Any]) -> None:
+    detector = make()
+    _feed_detector(detector, _arrivals(1), 0, 1500)
+    last = int(detector.status.stamp_ns)
+    stamps = last + np.arange(1, 400) * 2_000_000
+    for channel in ('lateral', 'yaw'):
+        detector.update(channel, stamps, np.full(stamps.size, np.nan))
+    for channel, value in (('roller', 1.0), ('speed', 7.2)):
+        detector.update(channel, stamps, np.full(stamps.size, value))
+    status = detector.status
+    assert status.stamp_ns > last
+    assert status.level.name != 'OK'
+    assert status.reasons
+
+
 STREAMS: list[Stream] = [
     Stream(
         'hunting tracker',
@@ -180,6 +309,24 @@ STREAMS: list[Stream] = [
         lambda target, wave, a, b: list(target.update(wave[a:b])),
         _bad_growth_input,
     ),
+    Stream(
+        'simulated rig',
+        _make_rig,
+        lambda seed: np.linspace(7.2, 8.0 + seed, 800),
+        len,
+        _feed_rig,
+        _bad_rig_input,
+    ),
+    Stream(
+        'detector',
+        _make_detector,
+        _arrivals,
+        len,
+        _feed_detector,
+        _bad_detector_input,
+        finish=lambda detector: [detector.finish().estimates],
+    ),
+    *(_criterion(name) for name in ('cfr_213_333', 'six_peaks', 'ten_peaks', 'uic_518')),
 ]
 
 
