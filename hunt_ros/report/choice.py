@@ -16,6 +16,8 @@ from hunt_ros.analysis.steady_state import SteadyState
 _SAME_SPEED = 0.1
 #: A state is settled where its amplitude is known to this share of itself.
 _SETTLED = 0.1
+#: Plateaus at fewer speeds than this are the ends of a sweep.
+_FEWEST_SPEEDS = 4
 #: Hunting on the way down is at least so many times the quiet motion on the way up.
 _HYSTERESIS_RATIO = 3.0
 
@@ -36,7 +38,7 @@ def four_states(states: Sequence[SteadyState]) -> list[SteadyState]:
         hysteresis region, (c) the highest speed, in the order a, b, c, d. Without a
         hysteresis region four speeds spread evenly; fewer where fewer were measured.
     """
-    usable = _plateaus(states)
+    usable = _usable(states)
     if len(usable) <= 4:
         return usable
     pairs = _hysteresis_pairs(usable)
@@ -66,16 +68,18 @@ def either_side(
     """
     if v_c is None:
         return None
-    usable = [state for state in _plateaus(states) if state.direction != 'down']
+    usable = [state for state in _usable(states) if state.direction != 'down']
     below = [state for state in usable if state.speed < v_c]
     # A plateau on which the jump itself happened shows neither the one nor the other.
     above = [x for x in usable if x.speed >= v_c and x.amplitude_std <= _SETTLED * x.amplitude]
     return (below[-1], above[0]) if below and above else None
 
 
-def _plateaus(states: Sequence[SteadyState]) -> list[SteadyState]:
-    """Plateaus by speed; states along ramps only where there is no plateau at all."""
-    chosen = [state for state in states if state.kind == 'plateau'] or list(states)
+def _usable(states: Sequence[SteadyState]) -> list[SteadyState]:
+    """Plateaus by speed; along a sweep, which has few of them, the ramps too."""
+    plateaus = [state for state in states if state.kind == 'plateau']
+    distinct = {round(state.speed / _SAME_SPEED) for state in plateaus}
+    chosen = plateaus if len(distinct) >= _FEWEST_SPEEDS else list(states)
     return sorted(chosen, key=lambda state: state.speed)
 
 

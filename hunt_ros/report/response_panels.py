@@ -109,7 +109,7 @@ def _history(axes: Axes, response: Response) -> None:
         color=style.INK,
         linewidth=0.7,
     )
-    axes.set_xlim(0.0, _SHOWN_S)
+    axes.set_xlim(0.0, min(_SHOWN_S, float(response.time[-1])))
 
 
 def _spectrum(axes: Axes, response: Response) -> None:

@@ -127,6 +127,8 @@ class Result:
         if not self.get('criticality') and re.match(r'v_|hyst|four_point|branches|coeff', path):
             whole = self.reason('criticality')
             return whole if whole != _NO_REASON else 'no normal form was identified'
+        if path.startswith('four_point'):
+            return 'the recipe needs four hunting states, near eps = -0.2, -0.1, 0 and 0.1'
         if re.match(r'v_n|hysteresis_width', path) and self.get('criticality'):
             kind = str(self.get('criticality'))
             return f'no fold below v_c: the identified form is {kind} without one'

@@ -257,6 +257,19 @@ def test_without_a_loop_four_speeds_are_spread_evenly() -> None:
     assert four_states([]) == []
 
 
+def test_a_sweep_gives_its_ramps_where_it_has_no_plateaus() -> None:
+    ends = [state(6.0, 'up', 1e-5), state(8.8, 'up', 7e-4)]
+    up = [state(6.2 + 0.2 * k, 'up', 2e-5, kind='ramp') for k in range(9)]
+    down = [state(6.6 + 0.2 * k, 'down', 6e-4, kind='ramp') for k in range(9)]
+    a, b, c, d = four_states([*ends, *up, *down])
+    assert (a.speed, c.speed) == (6.0, 8.8)
+    assert (b.direction, d.direction) == ('up', 'down')
+    assert b.speed == pytest.approx(d.speed)
+    pair = either_side([*ends, *up, *down], 7.9)
+    assert pair is not None
+    assert [round(one.speed, 1) for one in pair] == [7.8, 8.8]
+
+
 def test_either_side_of_v_c_are_settled_neighbours_on_the_way_up() -> None:
     states = [
         state(7.6, 'up', 2e-5),
