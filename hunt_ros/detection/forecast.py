@@ -141,10 +141,14 @@ class CriticalSpeedForecast:
             ]
         )
         s = self.settings
-        diameter = s.roller_diameter_m if rig is None else rig.roller_diameter_m
+        diameter, low, high = s.roller_diameter_m, s.lowest_hz, s.highest_hz
+        if rig is not None:
+            diameter = rig.roller_diameter_m
+            own = WheelsetLaw(rig).band(())
+            low, high = min(low, own[0]), max(high, own[1])
         self._levels = QuietLevels(
-            s.lowest_hz,
-            s.highest_hz,
+            low,
+            high,
             s.speed_tolerance,
             s.shortest_level_s,
             s.longest_level_s,

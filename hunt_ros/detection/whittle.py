@@ -23,6 +23,9 @@ from hunt_ros.samples import Uncertain
 
 _STEP = 1e-4
 
+#: A fit is not refined with fewer bins than this.
+FEWEST_BINS = 30
+
 #: Decay times in a window beyond which its bins count as independent.
 INDEPENDENT = 15.0
 
@@ -180,7 +183,10 @@ def best_fit(
         return None
     best = min(found, key=lambda fit: fit.cost)
     for _ in range(2):
-        refined = maximise(law, spectra.only(own_bins(law, spectra, best.theta)), best.theta)
+        kept = own_bins(law, spectra, best.theta)
+        if kept.sum() < FEWEST_BINS:
+            break
+        refined = maximise(law, spectra.only(kept), best.theta)
         if refined is None:
             break
         best = refined

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hunt_ros.detection.criteria import CRITERIA, make_criterion
+from hunt_ros.detection.criteria import CRITERIA, CriteriaPanel, make_criterion
 from hunt_ros.errors import ConfigError
 
 RATE = 500.0
@@ -180,3 +180,28 @@ def test_six_peaks_need_six():
 def test_bad_settings_are_named(name, thresholds):
     with pytest.raises(ConfigError):
         make_criterion(name, RATE, **thresholds)
+
+
+@settings(max_examples=10, deadline=None)
+@given(cut=st.integers(1, 9999))
+def test_a_panel_says_when_each_criterion_begins_and_ceases(cut):
+    stamps, lateral = sine(0.5e-3, 3.5, 20.0)
+    lateral[5000:] *= np.exp(-(stamps[5000:] - stamps[5000]) * 1e-9)
+    thresholds = {name: {'scale': 0.03} for name in ('cfr_213_333', 'six_peaks')}
+    panel = CriteriaPanel(['cfr_213_333', 'six_peaks'], RATE, thresholds)
+    parts = [panel.update(stamps[:cut], lateral[:cut]), panel.update(stamps[cut:], lateral[cut:])]
+    verdicts = [verdict for part in parts for verdict in part]
+    for name in panel.criteria:
+        own = [verdict.exceeded for verdict in verdicts if verdict.criterion == name]
+        assert own == [True, False]
+    assert panel.exceeded == ()
+    whole = CriteriaPanel(['cfr_213_333', 'six_peaks'], RATE, thresholds)
+    assert list(whole.update(stamps, lateral)) == verdicts
+    panel.reset()
+    assert list(panel.update(stamps, lateral)) == verdicts
+
+
+def test_a_panel_may_be_empty_and_names_what_it_does_not_know():
+    assert CriteriaPanel([], RATE).update([0], [0.0]) == ()
+    with pytest.raises(ConfigError, match='cfr_213_333'):
+        CriteriaPanel(['cfr'], RATE)

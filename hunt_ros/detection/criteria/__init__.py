@@ -2,12 +2,10 @@
 The railway stability criteria as streaming detectors, to run beside the detector.
 
     make_criterion('cfr_213_333', rate_hz=1000.0, scale=0.02)
+    CriteriaPanel(['cfr_213_333', 'six_peaks'], rate_hz=1000.0)
 """
 
 from __future__ import annotations
-
-from dataclasses import fields
-from typing import Any
 
 from hunt_ros.detection.criteria.base import (
     CRITERION_DTYPE,
@@ -15,54 +13,20 @@ from hunt_ros.detection.criteria.base import (
     CriterionSettings,
 )
 from hunt_ros.detection.criteria.consecutive_peaks import SixPeaks, TenPeaks
+from hunt_ros.detection.criteria.panel import CriteriaPanel, Verdict
+from hunt_ros.detection.criteria.registry import CRITERIA, make_criterion
 from hunt_ros.detection.criteria.sliding_rms import SlidingRms, TrackSafetyStandards
-from hunt_ros.errors import ConfigError
 
 __all__ = [
     'CRITERIA',
     'CRITERION_DTYPE',
+    'CriteriaPanel',
     'Criterion',
     'CriterionSettings',
     'SixPeaks',
     'SlidingRms',
     'TenPeaks',
     'TrackSafetyStandards',
+    'Verdict',
     'make_criterion',
 ]
-
-#: Every criterion by the name a parameter file gives it.
-CRITERIA: dict[str, type[Criterion]] = {
-    kind.name: kind for kind in (TrackSafetyStandards, SixPeaks, TenPeaks, SlidingRms)
-}
-
-
-def make_criterion(name: str, rate_hz: float, **thresholds: Any) -> Criterion:
-    """
-    Make a criterion by its name.
-
-    Parameters
-    ----------
-    name : str
-        Key of `CRITERIA`.
-    rate_hz : float
-        Rate at which it works, Hz; best the displacement sensor's own.
-    **thresholds
-        Fields of its settings: `limit` or `scale` (both m/s^2 of the standard unless
-        scaled), pass band, window, number of peaks.
-
-    Raises
-    ------
-    ConfigError
-        For an unknown name, an unknown threshold, or one out of its range.
-    """
-    if name not in CRITERIA:
-        raise ConfigError(f'criterion {name!r} is unknown, expected one of {", ".join(CRITERIA)}')
-    kind = CRITERIA[name]
-    known = {item.name for item in fields(kind.settings_type)}
-    unknown = sorted(set(thresholds) - known)
-    if unknown:
-        raise ConfigError(
-            f'criterion {name}: unknown threshold {unknown[0]!r}, expected one of'
-            f' {", ".join(sorted(known))}'
-        )
-    return kind(rate_hz, kind.settings_type(**thresholds))
