@@ -61,4 +61,8 @@ figures: $(VENV)/installed  ## draw the pictures of docs/
 bench-forecast: $(VENV)/installed  ## forecast of v_c: error, spread against the bound, coverage
 	$(BIN)/python test/benchmark/bench_forecast.py
 
-.PHONY: bench-simulation figures bench-bags fuzz golden-bags help install demo test check format clean bench-live bench-forecast bench-estimation
+bench-identification: $(VENV)/installed  ## identification: pysindy, coverage, the full model, an hour at 1 kHz
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'pysindy>=2.0'
+	$(BIN)/python test/benchmark/bench_identification.py
+
+.PHONY: bench-identification bench-simulation figures bench-bags fuzz golden-bags help install demo test check format clean bench-live bench-forecast bench-estimation

@@ -121,7 +121,10 @@ def test_any_live_run_is_repeated_bit_for_bit(seed: int, recorded) -> None:
     def spans(count: int) -> list[tuple[str, float, float]]:
         names = rng.choice(['lateral', 'yaw', 'roller', 'speed'], count)
         begins, lengths = rng.uniform(0.0, 5.5, count), rng.uniform(0.02, 1.2, count)
-        return [(str(n), float(a), float(a + d)) for n, a, d in zip(names, begins, lengths)]
+        return [
+            (str(n), float(a), float(a + d))
+            for n, a, d in zip(names, begins, lengths, strict=True)
+        ]
 
     operator = [(float(rng.uniform(0.5, 6.0)), 'acknowledge'), (float(rng.uniform(1, 6)), 'form')]
     live, arrived = _live(
