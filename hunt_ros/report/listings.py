@@ -12,7 +12,7 @@ from typing import Any
 
 from hunt_ros.analysis.frequency_amplitude import FrequencyLaw
 from hunt_ros.analysis.spectrum import Line
-from hunt_ros.report.numbers import rounded
+from hunt_ros.report.numbers import measured, plain, rounded
 from hunt_ros.report.overview import RunEvent
 from hunt_ros.report.response import Response
 from hunt_ros.report.result import Result
@@ -164,7 +164,7 @@ def responses(shown: Mapping[str, Response]) -> str:
                 escape(response.kind),
                 '<span class="unknown">not known</span>'
                 if largest is None
-                else rounded(largest.value, largest.std).html(),
+                else measured(largest.value, largest.std),
             ]
         )
     header = [
@@ -182,16 +182,16 @@ def responses(shown: Mapping[str, Response]) -> str:
 def frequency_law(law: FrequencyLaw) -> str:
     """Table of the imaginary coefficients of Eq. (25) that the data support."""
     rows = [
-        [f'<var>{name[:-1]}</var><sub>I</sub>' if name.endswith('I') else '<var>ω</var>', shown]
-        for name, shown in (
-            (name, rounded(one.value, one.std, (one.low, one.high)).html())
-            for name, one in law.coefficients.items()
-        )
+        [
+            f'<var>{name[:-1]}</var><sub>I</sub>' if name.endswith('I') else '<var>ω</var>',
+            measured(one.value, one.std),
+        ]
+        for name, one in law.coefficients.items()
     ]
     caption = (
         'Imaginary coefficients of the normal form, Eq. (25), dimensionless; residual '
-        f'{rounded(1e3 * law.residual_rms_hz, digits=2).html()} mHz, condition number '
-        f'{rounded(law.condition_number, digits=2).html()}. Terms that these data cannot tell '
+        f'{plain(1e3 * law.residual_rms_hz, 2)} mHz, condition number '
+        f'{law.condition_number:.2g}. Terms that these data cannot tell '
         'apart are left out.'
     )
     return table(['', 'value'], rows, caption)
@@ -200,7 +200,7 @@ def frequency_law(law: FrequencyLaw) -> str:
 def _line(line: Line | None) -> str:
     if line is None:
         return 'none stands out'
-    frequency = rounded(line.frequency_hz, line.frequency_std).html()
+    frequency = measured(line.frequency_hz, line.frequency_std)
     return f'{frequency} Hz, {rounded(1e3 * line.amplitude, digits=3).html()} mm'
 
 

@@ -105,6 +105,13 @@ def rounded(
     return Rounded(value_, std_, low_, high_, exponent)
 
 
+def measured(value: float, std: float) -> str:
+    """Return value and deviation as HTML; a deviation that is not finite is left out."""
+    if not math.isfinite(value):
+        return 'not known'
+    return rounded(value, std if math.isfinite(std) else None).html()
+
+
 def rounded_json(entry: Mapping[str, Any], scale: float = 1.0) -> Rounded:
     """
     Round the `{value, std, ci95}` of a result.

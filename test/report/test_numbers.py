@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hunt_ros.report.numbers import plain, rounded, rounded_json
+from hunt_ros.report.numbers import measured, plain, rounded, rounded_json
 
 values = st.floats(-1e9, 1e9).filter(lambda x: x == 0.0 or abs(x) > 1e-9)
 deviations = st.floats(1e-9, 1e9)
@@ -109,3 +109,9 @@ def test_html_sets_powers_of_ten_as_superscripts() -> None:
     assert shown.interval_html() == '(3.100 … 3.300) × 10<sup>−6</sup>'
     assert plain(3.2e-6, 2) == '3.2 × 10^-6'
     assert not re.search(r'10<sup>-', shown.html())
+
+
+def test_a_deviation_that_is_not_finite_is_left_out_and_a_value_is_not_known() -> None:
+    assert measured(1.5, 0.25) == '1.50 ± 0.25'
+    assert measured(1.5, math.nan) == measured(1.5, math.inf) == '1.500'
+    assert measured(math.nan, 1.0) == 'not known'
