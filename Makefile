@@ -65,4 +65,7 @@ bench-identification: $(VENV)/installed  ## identification: pysindy, coverage, t
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'pysindy>=2.0'
 	$(BIN)/python test/benchmark/bench_identification.py
 
-.PHONY: bench-identification bench-simulation figures bench-bags fuzz golden-bags help install demo test check format clean bench-live bench-forecast bench-estimation
+bench-detection: $(VENV)/installed  ## the detector against the railway criteria; SCALE=0.05 for a quick look
+	$(BIN)/python test/benchmark/bench_detection.py --scale $${SCALE:-1} --publish
+
+.PHONY: bench-detection bench-identification bench-simulation figures bench-bags fuzz golden-bags help install demo test check format clean bench-live bench-forecast bench-estimation
