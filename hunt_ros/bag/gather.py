@@ -96,10 +96,8 @@ def gather(block: Block, places: Places, wanted: Wanted) -> Gathered:
 class _Layout(NamedTuple):
     field: FieldPlace
     stamp: tuple[FieldPlace, FieldPlace] | None
-    encapsulation: int
-    lengths: tuple[tuple[int, int], ...]
     end: int
-    name: tuple[int, bytes] | None
+    checks: list[tuple[int, str, int]]
 
 
 def _message(block: Block, start: int, length: int) -> bytes:
@@ -112,15 +110,44 @@ def _layout(message: bytes, wanted: Wanted) -> _Layout:
         index, name = _joint(message, wanted)
         path = (*path, index)
     field = locate(wanted.definitions, wanted.type, message, path)
-    lengths, end = field.lengths, field.offset + field.size
+    end = field.offset + field.size
+    lengths = set(field.lengths)
     stamp = None
     if wanted.stamp is not None:
         seconds = locate(wanted.definitions, wanted.type, message, (*wanted.stamp, 'sec'))
         rest = locate(wanted.definitions, wanted.type, message, (*wanted.stamp, 'nanosec'))
         stamp = (seconds, rest)
-        lengths = tuple(sorted({*lengths, *rest.lengths}))
+        lengths |= set(rest.lengths)
         end = max(end, rest.offset + rest.size)
-    return _Layout(field, stamp, message[1], lengths, end, name)
+    # "CDR" and its byte order, and every length on the way: what fixes the field's place.
+    expected = {0: message[:2]} | {at: message[at : at + 4] for at, _ in lengths}
+    if name is not None:
+        expected[name[0]] = name[1]
+    return _Layout(field, stamp, end, _checks(expected))
+
+
+def _checks(expected: dict[int, bytes]) -> list[tuple[int, str, int]]:
+    """
+    Put expected bytes together where they touch, and cut them into numbers to compare.
+
+    Returns
+    -------
+    list of (offset, kind, value)
+        As few as there can be: each costs a gather over all messages.
+    """
+    runs: list[tuple[int, bytes]] = []
+    for offset, raw in sorted(expected.items()):
+        if runs and runs[-1][0] + len(runs[-1][1]) == offset:
+            runs[-1] = (runs[-1][0], runs[-1][1] + raw)
+        else:
+            runs.append((offset, raw))
+    checks = []
+    for offset, raw in runs:
+        while raw:
+            size = next(size for size in (8, 4, 2, 1) if size <= len(raw))
+            checks.append((offset, f'<u{size}', int.from_bytes(raw[:size], 'little')))
+            offset, raw = offset + size, raw[size:]
+    return checks
 
 
 def _joint(message: bytes, wanted: Wanted) -> tuple[int, tuple[int, bytes] | None]:
@@ -145,14 +172,9 @@ def _fits(
     whole = lengths >= layout.end
     # Names stand before the field, so the end of the field is the end of what is looked at.
     safe = starts if whole.all() else np.where(whole, starts, starts[0])
-    # The two bytes that say "CDR" and the byte order.
-    fits = whole & (strided(data, '<u2', 0)[safe] == layout.encapsulation << 8)
-    order = '<' if layout.encapsulation else '>'
-    for offset, value in layout.lengths:
-        fits &= strided(data, f'{order}u4', offset)[safe] == value
-    if layout.name is not None:
-        offset, text = layout.name
-        fits &= strided(data, f'S{len(text)}', offset)[safe] == text.rstrip(b'\0')
+    fits = whole
+    for offset, kind, value in layout.checks:
+        fits &= strided(data, kind, offset)[safe] == np.array(value, dtype=kind)
     return None if fits.all() else fits
 
 
@@ -167,7 +189,9 @@ def _take(
     values[rows] = strided(data, layout.field.kind, layout.field.offset)[starts]
     if layout.stamp is not None:
         seconds, rest = layout.stamp
-        whole = strided(data, seconds.kind, seconds.offset)[starts].astype(np.int64)
+        # The two stand side by side: one gather for both.
+        both = strided(data, '<u8', seconds.offset)[starts].view(np.uint8).reshape(-1, 8)
+        whole = both[:, :4].view(seconds.kind)[:, 0].astype(np.int64)
         whole *= 1_000_000_000
-        whole += strided(data, rest.kind, rest.offset)[starts]
+        whole += both[:, 4:].view(rest.kind)[:, 0]
         stamps[rows] = whole

@@ -69,17 +69,20 @@ def indexed_places(
     if last < 0 or int(offsets.max()) > last:
         return None
     places = offsets.astype(np.int64)
-    lengths = strided(data, '<u8', 1)[places] - np.uint64(fmt.MESSAGE_HEAD.size)
+    # Opcode and the low bytes of the length; the rest of it, and the channel.
+    head = strided(data, '<u8', 0)[places]
+    rest = strided(data, '<u4', 8)[places]
+    lengths = (head >> np.uint64(8)).view(np.int64) - fmt.MESSAGE_HEAD.size
     starts = places + fmt.MESSAGE_PREFIX
     log_ns = strided(data, '<u8', 15)[places]
     sound = (
-        (data[places] == fmt.MESSAGE).all()
-        and (strided(data, '<u2', 9)[places] == channel).all()
-        # An underflowing length is huge and fails here as well.
-        and (lengths <= (data.size - starts).astype(np.uint64)).all()
+        ((head & np.uint64(0xFF)) == fmt.MESSAGE).all()
+        and ((rest & np.uint32(0xFFFFFF)) == channel << 8).all()
+        and (lengths >= 0).all()
+        and (lengths <= data.size - starts).all()
         and int(log_ns.max()) < 1 << 63
     )
-    return Places(log_ns.view(np.int64), starts, lengths.view(np.int64)) if sound else None
+    return Places(log_ns.view(np.int64), starts, lengths) if sound else None
 
 
 def walked_places(data: NDArray[np.uint8], wanted: set[int]) -> dict[int, Places]:
