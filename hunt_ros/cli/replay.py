@@ -51,6 +51,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--mapping', type=Path, metavar='FILE', help='the same, as YAML')
     parser.add_argument('--json', metavar='PATH', help="summary and events as JSON; '-': stdout")
+    parser.add_argument(
+        '--fresh',
+        action='store_true',
+        help='a new run with default settings, also where the recording holds a live one',
+    )
     live = parser.add_argument_group('live')
     live.add_argument('--live', action='store_true', help='publish it to the running nodes')
     live.add_argument('--rate', type=float, default=1.0, help='0.1 to 50 (default: %(default)s)')
@@ -67,19 +72,34 @@ def run(arguments: argparse.Namespace) -> int:
 
         return replay_live(arguments)
     from hunt_ros.cli.output import progress, write_json
+    from hunt_ros.cli.recorded_run import recorded_run
     from hunt_ros.detection import HuntingDetector
     from hunt_ros.detection.offline import collect, config_for, watch
+    from hunt_ros.detection.replay import replay_journal
 
     record = read(arguments)
     config, remarks = config_for(record, _config(arguments))
-    form = read_form(arguments.normal_form) if arguments.normal_form else None
+    live = None if _asks_for_another_run(arguments) else recorded_run(arguments.bag)
     with progress(f'replaying {arguments.bag.name}') as advance:
-        summary, events = collect(watch(record, HuntingDetector(config, form), advance))
+        if live is not None:
+            config = live.config
+            remarks = ['the live run of this recording, with its settings and journal']
+            outputs = iter([replay_journal(HuntingDetector(config), record, live.journal)])
+        else:
+            form = read_form(arguments.normal_form) if arguments.normal_form else None
+            outputs = watch(record, HuntingDetector(config, form), advance)
+        summary, events = collect(outputs)
     if arguments.json:
         write_json(_document(record, config, summary, events), arguments.json)
     if arguments.json != '-':
         _print(record, config, summary, events, remarks)
     return 0
+
+
+def _asks_for_another_run(arguments: argparse.Namespace) -> bool:
+    """Tell whether anything was given that the live run of the recording did not have."""
+    given = (arguments.normal_form, arguments.params, arguments.param, arguments.channel)
+    return arguments.fresh or arguments.mapping is not None or any(given)
 
 
 def read(arguments: argparse.Namespace) -> Record:

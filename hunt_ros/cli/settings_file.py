@@ -40,7 +40,8 @@ def read_settings(
     known = {item.name: item.default for item in fields(kind)}
     values: dict[str, Any] = {}
     for path in files:
-        values |= {k: v for k, v in _section(path, node).items() if k in known}
+        found = _section(_read(path), node, str(path))
+        values |= {k: v for k, v in found.items() if k in known}
     for word in words:
         name, equals, text = word.partition('=')
         if not equals or name not in known:
@@ -49,16 +50,44 @@ def read_settings(
     return kind(**{name: _like(known[name], value) for name, value in values.items()})
 
 
-def _section(path: Path, node: str) -> dict[str, Any]:
+def settings_from_text(kind: type[_Kind], node: str, text: str, source: str) -> _Kind:
+    """
+    Build the settings of a node from the text of a parameter file.
+
+    Parameters
+    ----------
+    kind : type of Settings
+        Which settings.
+    node : str
+        Name of the node.
+    text, source : str
+        The parameter file, and where it comes from, for messages.
+
+    Raises
+    ------
+    ConfigError
+        Naming the source.
+    """
+    known = {item.name: item.default for item in fields(kind)}
+    found = _section(text, node, source)
+    return kind(**{name: _like(known[name], v) for name, v in found.items() if name in known})
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text(encoding='utf-8')
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f'{path}: cannot read the parameter file ({error})') from error
+
+
+def _section(text: str, node: str, source: str) -> dict[str, Any]:
     """Return the parameters of a file that are meant for a node, under any namespace."""
     try:
-        document = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise ConfigError(f'{path}: cannot read the parameter file ({error.strerror})') from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f'{path}: not YAML ({str(error).splitlines()[0]})') from error
+        document = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ConfigError(f'{source}: not YAML ({str(error).splitlines()[0]})') from error
     if not isinstance(document, Mapping):
-        raise ConfigError(f'{path}: no parameter file, expected NODE: ros__parameters: ...')
+        raise ConfigError(f'{source}: no parameter file, expected NODE: ros__parameters: ...')
     values: dict[str, Any] = {}
     for name, section in document.items():
         meant = str(name) == '/**' or str(name).rsplit('/', 1)[-1] == node

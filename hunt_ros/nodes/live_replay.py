@@ -35,6 +35,7 @@ from hunt_ros.settings import Settings, setting
 _CLOCK_S = 0.01
 _DISCOVERY_S = 2.0
 _LISTENERS_S = 20.0
+_NAMELESS = '_NODE_NAME_UNKNOWN_'
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,7 @@ class LiveReplayNode(Node):
         self._outputs = [self._output(name) for name in self._names]
         self._lock = threading.Lock()
         self.finished = False
+        self.failed = ''
         self._heard = False
         for name in ('pause', 'resume'):
             self.create_service(Trigger, f'replay/{name}', getattr(self, f'_on_{name}'))
@@ -110,16 +112,26 @@ class LiveReplayNode(Node):
 
     def _refuse_company(self) -> None:
         """Fail where another publisher exists of what is about to be published."""
-        topics = [self.resolve_topic_name(name) for name in self._names] + ['/clock']
         deadline = time.monotonic() + _DISCOVERY_S
         while time.monotonic() < deadline:
-            for topic in topics:
-                for other in self.get_publishers_info_by_topic(topic):
-                    raise ConfigError(
-                        f'{topic} is published by {other.node_name} already:'
-                        ' a recording must not mix with a rig'
-                    )
             time.sleep(0.1)
+            company = self._company()
+            # A name may be discovered a moment after the publisher it belongs to.
+            if company and (_NAMELESS not in company or time.monotonic() > deadline - 0.5):
+                raise ConfigError(company)
+
+    def _company(self) -> str:
+        """Return one line on another publisher of these topics; empty where there is none."""
+        topics = [self.resolve_topic_name(name) for name in self._names] + ['/clock']
+        for topic in topics:
+            publishers = self.get_publishers_info_by_topic(topic)
+            others = sorted({info.node_name for info in publishers} - {self.get_name()})
+            if others:
+                return (
+                    f'{topic} is published by {", ".join(others)} already:'
+                    ' a recording must not mix with a rig'
+                )
+        return ''
 
     def _output(self, name: str) -> Callable[[int, float], None]:
         """Return a function that publishes (stamp, value) of a channel."""
@@ -146,8 +158,13 @@ class LiveReplayNode(Node):
         with self._lock:
             self._schedule.play(time.monotonic_ns())
         stamps = self._stamps.tolist()
+        checked_ns = 0
         while self._running.is_set() and not self._schedule.finished:
             now_ns = time.monotonic_ns()
+            if now_ns - checked_ns > NANOSECONDS:  # somebody may have come since
+                checked_ns, self.failed = now_ns, self._company()
+                if self.failed:
+                    return
             with self._lock:
                 due = self._schedule.due(now_ns)
                 reached_ns = self._schedule.time_ns(now_ns)

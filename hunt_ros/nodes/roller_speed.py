@@ -153,6 +153,14 @@ class RollerSpeedNode(LifecycleNode):
                 if self._active.is_set():
                     self._reopen(error)
 
+    def _discard_backlog(self) -> None:
+        """Throw away what was read while nobody asked: it would come too late."""
+        try:
+            while self._active.is_set() and self._driver.read(1e-3).stamps_ns.size:
+                pass
+        except DriverError:
+            pass  # met again, and told, by the first read
+
     def _publish_block(self) -> None:
         block = self._driver.read(_READ_S)
         readings = zip(

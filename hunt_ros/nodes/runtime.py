@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import signal
 import sys
+import time
 from collections.abc import Callable, Sequence
 from types import FrameType
 
@@ -19,11 +20,14 @@ from rclpy.exceptions import InvalidParameterValueException, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 
 from hunt_ros.errors import HuntError
 
 _SPIN_S = 0.05
+#: Discovery is over when nobody new has come for the first time, or after the second, s.
+_SETTLED_S, _SETTLE_MOST_S = 0.5, 3.0
 
 
 def _executor():
@@ -40,7 +44,8 @@ def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -
     Run one node until it is asked to end.
 
     A lifecycle node with the parameter `autostart` is configured and activated.
-    A node may have a method `close()`, called before its publishers are gone.
+    A node may have a method `close()`, called before its publishers are gone, and an
+    attribute `failed`: a line on what ended it, printed before exit code 2.
 
     Parameters
     ----------
@@ -72,6 +77,8 @@ def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -
         # spin() of the EventsExecutor in these wheels burns a core and runs nothing.
         while rclpy.ok() and not stopping:
             executor.spin_once(timeout_sec=_SPIN_S)
+            if getattr(node, 'failed', ''):
+                raise HuntError(node.failed)
     except (HuntError, InvalidParameterValueException, ParameterException) as error:
         print(f'{_name(node)}: {" ".join(str(error).split())}', file=sys.stderr, flush=True)
         return 2
@@ -85,6 +92,27 @@ def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def settle(publisher: Publisher) -> None:
+    """
+    Wait until everybody who listens to a new publisher has been discovered.
+
+    Listeners find it one after the other; what is published before is lost to some
+    of them, and a recording would lack what the detector heard.
+
+    Parameters
+    ----------
+    publisher : Publisher
+        New, and silent so far.
+    """
+    began = changed = time.monotonic()
+    count = -1
+    while time.monotonic() - began < _SETTLE_MOST_S and time.monotonic() - changed < _SETTLED_S:
+        now = publisher.get_subscription_count()
+        if now != count:
+            count, changed = now, time.monotonic()
+        time.sleep(0.02)
 
 
 def _name(node: Node | None) -> str:

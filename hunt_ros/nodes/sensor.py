@@ -22,6 +22,7 @@ from hunt_ros.nodes.conversions import joint_layout
 from hunt_ros.nodes.diagnostics import Diagnostics, Health
 from hunt_ros.nodes.parameters import declare, warn_unknown
 from hunt_ros.nodes.qos import stream
+from hunt_ros.nodes.runtime import settle
 from hunt_ros.settings import Settings, setting
 
 _READ_S = 0.2
@@ -130,6 +131,8 @@ class SensorNode(LifecycleNode):
 
     def _work(self) -> None:
         """Read and publish until deactivated; a lost connection is opened again."""
+        settle(self._publisher)
+        self._discard_backlog()
         while self._active.is_set():
             try:
                 self._publish_block()
@@ -137,6 +140,14 @@ class SensorNode(LifecycleNode):
             except DriverError as error:
                 if self._active.is_set():
                     self._reopen(error)
+
+    def _discard_backlog(self) -> None:
+        """Throw away what was sampled while nobody asked: it would come too late."""
+        try:
+            while self._active.is_set() and self._driver.read(1e-3).values.size:
+                pass
+        except DriverError:
+            pass  # met again, and told, by the first read
 
     def _publish_block(self) -> None:
         block = self._driver.read(_READ_S)

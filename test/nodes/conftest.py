@@ -16,6 +16,7 @@ import pytest
 
 rclpy = pytest.importorskip('rclpy', reason='the extra ros is not installed')
 
+from lifecycle_msgs.srv import ChangeState  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
@@ -79,6 +80,15 @@ class Graph:
         future = client.call_async(Trigger.Request())
         self.spin_until(future.done, timeout_s)
         return future.result()
+
+    def change_state(self, node: str, transition: int, timeout_s: float = 15.0) -> None:
+        client = self.node.create_client(ChangeState, f'{node}/change_state')
+        self.spin_until(client.service_is_ready, timeout_s)
+        request = ChangeState.Request()
+        request.transition.id = transition
+        future = client.call_async(request)
+        self.spin_until(future.done, timeout_s)
+        assert future.result().success
 
     def end(self, module: str, number: int = signal.SIGINT, timeout_s: float = 15.0) -> int:
         process = self._processes.pop(module)

@@ -1,0 +1,62 @@
+"""The live run that a recording holds: the detector's settings and its journal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from hunt_ros.detection import DetectorConfig, JournalEntry
+
+_DETECTOR = 'hunting_detector'
+_JOURNAL = 'hunting/journal'
+
+
+@dataclass(frozen=True)
+class RecordedRun:
+    """
+    What a replay needs beside the samples to repeat a live run bit for bit.
+
+    Parameters
+    ----------
+    config : DetectorConfig
+        Settings of the live detector.
+    journal : list of JournalEntry
+        From the detector's last start on.
+    """
+
+    config: DetectorConfig
+    journal: list[JournalEntry]
+
+
+def recorded_run(path: Path) -> RecordedRun | None:
+    """
+    Read the live run of a recording.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+
+    Returns
+    -------
+    RecordedRun or None
+        None where no detector was running, or its start is not in the recording.
+
+    Raises
+    ------
+    HuntError
+        If its journal or its parameters are there but cannot be read.
+    """
+    from hunt_ros.bag import Bag
+    from hunt_ros.bag.messages import read_texts
+    from hunt_ros.cli.settings_file import settings_from_text
+
+    with Bag(path) as bag:
+        journal = [JournalEntry.from_text(entry.text) for entry in read_texts(bag, _JOURNAL)]
+        texts = bag.strings('parameters')
+    detectors = [text for node, text in texts.items() if node.rsplit('/', 1)[-1] == _DETECTOR]
+    if not detectors or not any(entry.kind == 'start' for entry in journal):
+        return None
+    source = f'{path}: recorded parameters of {_DETECTOR}'
+    config = settings_from_text(DetectorConfig, _DETECTOR, detectors[-1], source)
+    return RecordedRun(config, journal)
