@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,6 +15,7 @@ from hunt_ros.detection.forecast import (
     CriticalSpeedForecast,
     ForecastSettings,
 )
+from hunt_ros.dynamics.linear_stability import critical_speed
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.simulation import (
     RollerRig,
@@ -26,25 +28,25 @@ from hunt_ros.errors import ConfigError
 
 RATE = 200.0
 TRUTH = 8.0
+SPEEDS = np.arange(4.0, 7.3, 0.4)
 
 
-def staircase(broadband: float, noise: float = 5e-6, seed: int = 0, top: float = 7.2):
-    """Columns stamps, lateral, speed, angle of a staircase 4.0 to `top` with 30 s holds."""
-    speeds = np.round(np.arange(4.0, top + 0.01, 0.4), 2)
+def staircase(broadband: float, seed: int = 0, rig=None, speeds=SPEEDS):
+    """Columns stamps, lateral, speed, angle of a staircase with 30 s holds."""
     profile = SpeedProfile.staircase(*speeds, hold_s=30.0)
-    rig = RollerRig(
-        paper_rig(),
+    stream = RollerRig(
+        paper_rig() if rig is None else rig,
         SimulationSettings(
             sample_rate_hz=RATE,
-            initial_speed=4.0,
+            initial_speed=float(speeds[0]),
             broadband=broadband,
             roughness=Roughness(amplitudes=(40e-6, 10e-6)),
-            lateral_sensor=SensorModel(noise=noise),
+            lateral_sensor=SensorModel(noise=5e-6),
         ),
         seed,
     )
     count = round(profile.duration_s * RATE)
-    block = rig.advance(count, profile(np.arange(count) / RATE))
+    block = stream.advance(count, profile(np.arange(count) / RATE))
     return block.stamps_ns, block.lateral, block.speed, block.roller_angle
 
 
@@ -74,6 +76,28 @@ def test_v_c_is_forecast_before_it_is_reached(climb, law):
     order = np.argsort(found.speeds)
     assert np.all(np.diff(np.array(found.growth_rates)[order]) > 0.0)
     assert found.frequencies[-1] == pytest.approx(2.8, rel=0.05)
+
+
+@pytest.mark.parametrize('law', ['wheelset', 'smooth'])
+def test_another_rig_that_hunts_at_twice_the_speed(law):
+    small = paper_rig()
+    rig = replace(
+        small,
+        half_gauge_m=2.4 * small.half_gauge_m,
+        wheel_radius_m=2.4 * small.wheel_radius_m,
+        lateral_frequency_rad_per_s=0.7 * small.lateral_frequency_rad_per_s,
+        yaw_frequency_rad_per_s=0.7 * small.yaw_frequency_rad_per_s,
+    ).with_linear(2.2, 2.2)
+    truth = critical_speed(rig)
+    assert truth > 12.0
+    columns = staircase(2e-5, rig=rig, speeds=np.linspace(0.5 * truth, 0.9 * truth, 9))
+    guess = rig.with_linear(1.5, 3.0) if law == 'wheelset' else None
+    forecast = CriticalSpeedForecast(ForecastSettings(live=False), guess)
+    forecast.update(*columns)
+    found = forecast.finish()
+    assert found.law == law
+    assert found.critical_speed is not None
+    assert found.critical_speed.low < truth < found.critical_speed.high
 
 
 def test_without_excitation_there_is_no_number():
