@@ -6,6 +6,7 @@ The definition in the bag comes first, then the types of ROS 2 itself.
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
 from typing import Any
 
@@ -17,6 +18,10 @@ from hunt_ros.errors import BagError
 
 #: Type name -> list of (field name, description), as rosbags describes fields.
 Definitions = dict[str, list[tuple[str, Any]]]
+
+#: Definition texts that are read. The parts of one in IDL stand under headings.
+ENCODINGS: tuple[str, ...] = ('ros2msg', 'ros2idl', 'omgidl')
+_IDL_HEAD = re.compile(r'^={10,}\nIDL: \S+\n', re.MULTILINE)
 
 #: A definition longer than this is not one (bytes).
 LONGEST_DEFINITION = 1 << 20
@@ -30,8 +35,13 @@ def standard_types() -> Typestore:
 
 @lru_cache(maxsize=256)
 def _parsed(name: str, encoding: str, text: str) -> Definitions:
-    parse = get_types_from_idl if encoding == 'ros2idl' else None
-    types = parse(text) if parse else get_types_from_msg(text, name)
+    types: dict[str, Any] = {}
+    if encoding == 'ros2msg':
+        types = get_types_from_msg(text, name)
+    else:
+        for part in _IDL_HEAD.split(text):
+            if part.strip():
+                types |= get_types_from_idl(part)
     return {key: list(fields) for key, (_, fields) in types.items()}
 
 
@@ -55,7 +65,7 @@ def definitions_of(topic: Topic, source: str = 'bag') -> Definitions:
     where = f'{source}: topic {topic.name} ({topic.type or "no type"})'
     if topic.encoding != 'cdr':
         raise BagError(f'{where}: encoding {topic.encoding!r}, expected cdr')
-    if topic.definition and topic.definition_encoding in ('ros2msg', 'ros2idl'):
+    if topic.definition and topic.definition_encoding in ENCODINGS:
         if len(topic.definition) > LONGEST_DEFINITION:
             raise BagError(f'{where}: its definition has {len(topic.definition)} characters')
         try:

@@ -322,6 +322,30 @@ def test_a_joint_is_found_by_its_name_in_any_order(tmp_path: Path) -> None:
         read_columns(tmp_path / 'run', ['a=/rig/lateral.position[inward]'])
 
 
+def test_a_type_described_in_idl_is_read(tmp_path: Path) -> None:
+    head = '=' * 80 + '\nIDL: lab_msgs/msg/'
+    parts = (
+        ('Inner', 'struct Inner { float small; double value; };'),
+        ('Outer', 'struct Outer { sequence<double> data; lab_msgs::msg::Inner inner; };'),
+    )
+    text = ''.join(
+        f'{head}{name}\nmodule lab_msgs {{ module msg {{ {body} }}; }};\n' for name, body in parts
+    )
+    raw = b'\0\1\0\0' + struct.pack('<I4xddf4xd', 2, 1.5, 2.5, 3.5, 4.5)
+    with open(tmp_path / 'idl.mcap', 'wb') as file:
+        writer = PeerMcapWriter(file)
+        writer.start('ros2')
+        schema = writer.register_schema('lab_msgs/msg/Outer', 'ros2idl', text.encode())
+        key = writer.register_channel('/daq', 'cdr', schema)
+        for at in (1, 2, 3):
+            writer.add_message(key, at, raw, at)
+        writer.finish()
+    columns = read_columns(tmp_path / 'idl.mcap', ['a=/daq.data[1]', 'b=/daq.inner.value'])
+    assert columns['a'].values.tolist() == [2.5] * 3
+    assert columns['b'].values.tolist() == [4.5] * 3
+    assert columns['b'].stamps_ns.tolist() == [1, 2, 3]
+
+
 def test_two_rigs_in_one_bag_need_a_namespace(tmp_path: Path, new_record, same) -> None:
     from hunt_ros.bag.record_rows import record_rows
 
