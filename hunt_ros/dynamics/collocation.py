@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 #: Runge-Kutta steps on half a period for the variational equation.
 FLOQUET_STEPS = 128
 _TOLERANCE = 1e-11
-_MOST_ITERATIONS = 12
+_MOST_ITERATIONS = 25
 
 
 class Collocation:

@@ -137,9 +137,12 @@ def test_many_rigs_at_once_give_what_each_gives_alone() -> None:
 
 
 def test_a_degenerate_pair_is_refused_by_name() -> None:
-    """Without conicity coupling left the second pair is hardly damped either."""
-    rig = RigParameters(name='loose').with_linear(1e-7, 1e-7)
-    with pytest.raises(
-        ConfigError, match=r'loose: (degenerate critical eigenvalues|no Hopf point)'
-    ):
-        normal_form_of(rig)
+    """Where the Hopf point goes to infinite speed, both pairs meet on the imaginary axis."""
+    table = RigParameters(name='double')
+    coupling = table.k21 / table.d22
+    d = (1.0 - table.k11) / 2.0 / np.sqrt(coupling)  # no Hopf point below it
+    assert normal_form_of(table.with_linear(1.01 * d, 1.01 * d)).D1.real > 0.0
+    with pytest.raises(ConfigError, match=r'double: degenerate critical eigenvalues \(.*j'):
+        normal_form_of(table.with_linear(d * (1 + 1e-12), d * (1 + 1e-12)))
+    with pytest.raises(ConfigError, match='double: no Hopf point'):
+        normal_form_of(table.with_linear(0.99 * d, 0.99 * d))
