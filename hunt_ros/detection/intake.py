@@ -167,15 +167,21 @@ class Intake:
 
     def push(self, stamps_ns: _Stamps, values: _Values) -> None:
         """Judge samples in the order given; arrays of shape (n,)."""
-        if self._plain(stamps_ns):
-            first = int(stamps_ns[0])
-            self._believe(first, float(values[0]))
-            if stamps_ns.size > 1:
-                self.queues[-1].push(stamps_ns[1:], values[1:])
-                self.last_ns = int(stamps_ns[-1])
-            return
-        for stamp, value in zip(stamps_ns.tolist(), values.tolist(), strict=True):
-            self.push_one(stamp, value)
+        steps = np.diff(stamps_ns)
+        odd = np.flatnonzero((steps <= 0) | (steps > self.stamp_jump_ns)) + 1
+        begin = 0
+        while begin < stamps_ns.size:
+            if self._follows(int(stamps_ns[begin])):
+                place = int(np.searchsorted(odd, begin, side='right'))
+                end = int(odd[place]) if place < odd.size else stamps_ns.size
+                self._believe(int(stamps_ns[begin]), float(values[begin]))
+                if end > begin + 1:
+                    self.queues[-1].push(stamps_ns[begin + 1 : end], values[begin + 1 : end])
+                    self.last_ns = int(stamps_ns[end - 1])
+                begin = end
+            else:
+                self.push_one(int(stamps_ns[begin]), float(values[begin]))
+                begin += 1
 
     def push_one(self, stamp_ns: int, value: float) -> None:
         """Judge one sample."""
@@ -217,17 +223,11 @@ class Intake:
             self._believe(stamp, value)
         self._drop_behind()
 
-    def _plain(self, stamps_ns: _Stamps) -> bool:
-        """True where the whole block can be believed at a glance."""
+    def _follows(self, stamp_ns: int) -> bool:
+        """Tell whether a stamp comes after the last one as it should."""
         if self._held is not None or self.last_ns is None:
             return False
-        ahead = int(stamps_ns[0]) - self.last_ns
-        if not 0 < ahead <= self.stamp_jump_ns:
-            return False
-        if stamps_ns.size == 1:
-            return True
-        steps = np.diff(stamps_ns)
-        return bool(steps.min() > 0 and steps.max() <= self.stamp_jump_ns)
+        return 0 < stamp_ns - self.last_ns <= self.stamp_jump_ns
 
     def _believe(self, stamp_ns: int, value: float) -> None:
         if self._behind:
