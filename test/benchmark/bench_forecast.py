@@ -210,8 +210,8 @@ def main() -> None:
         ' Goals: median error 2.5 % (wheelset) and 4 % (smooth), spread at most 1.5 times the'
         ' bound, 90 to 99 % covered. What falls short: far from v_c the smooth law often has no'
         ' answer yet, and the answers it gives lie low (runs whose spectra happened to sharpen'
-        ' early are the ones that answer), the last column says how often their intervals hold.\n\n'
-        + markdown(header, rows)
+        ' early are the ones that answer), the last column says how often their intervals'
+        ' hold.\n\n' + markdown(header, rows)
     )
     if seeds >= 50:
         publish('bench-forecast', 'Forecast of the critical speed', text)
