@@ -178,13 +178,20 @@ class RollerRig:
         -------
         SimulatedBlock
             The first sample is the state as it is now, before anything moves.
+
+        Raises
+        ------
+        ConfigError
+            For a negative count, or set points that do not fit or are impossible.
         """
         if count < 0:
             raise ConfigError(f'cannot advance by {count} samples')
         if targets is None:
             targets = np.full(count, self._target)
+        elif targets.shape != (count,) or not (targets >= 0.0).all() or np.isinf(targets).any():
+            raise ConfigError(f'{count} samples need as many set points, finite and not negative')
         elif count:
-            self.target_speed = float(targets[-1])
+            self._target = float(targets[-1])
         forcing = self._forcing.standard_normal((count, self._substeps))
         noise = self._noise.standard_normal((count, 3))
         losses = self._losses.random((count, 2)) if self._lossy else self._no_losses

@@ -323,6 +323,8 @@ def test_the_kernel_gives_the_same_without_the_compiler() -> None:
         (lambda: Roughness((1e-6,), (0.0, 1.0)), '2 phases for 1 amplitudes'),
         (lambda: DriveModel(acceleration_limit=0.0), 'acceleration_limit must be positive'),
         (lambda: RollerRig(paper_rig()).advance(-1), 'cannot advance by -1'),
+        (lambda: RollerRig(paper_rig()).advance(2, np.array([7.0, np.nan])), 'as many set points'),
+        (lambda: RollerRig(paper_rig()).advance(2, np.array([7.0])), 'as many set points'),
         (lambda: RollerRig(paper_rig()).kick(float('inf')), 'a kick must be finite'),
         (
             lambda: setattr(RollerRig(paper_rig()), 'target_speed', -1.0),
