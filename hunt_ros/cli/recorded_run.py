@@ -52,8 +52,9 @@ def recorded_run(path: Path) -> RecordedRun | None:
     from hunt_ros.cli.settings_file import settings_from_text
 
     with Bag(path) as bag:
-        journal = [JournalEntry.from_text(entry.text) for entry in read_texts(bag, _JOURNAL)]
+        texts_of_journal = [entry.text for entry in read_texts(bag, _JOURNAL)]
         texts = bag.strings('parameters')
+    journal = [JournalEntry.from_text(t) for text in texts_of_journal for t in text.splitlines()]
     detectors = [text for node, text in texts.items() if node.rsplit('/', 1)[-1] == _DETECTOR]
     if not detectors or not any(entry.kind == 'start' for entry in journal):
         return None

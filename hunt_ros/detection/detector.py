@@ -124,8 +124,8 @@ class HuntingDetector:
         if resumed:
             newest = self._merger.intakes[channel].last_ns
             self._note('resumed', channels={channel: newest})
-        for stamp in late:
-            self._note('late', channels={channel: stamp})
+        if late:  # one entry for all: a detector that is behind must not fall further behind
+            self._note('late', channels={channel: late[-1]}, stamps=tuple(late))
         return self._advance()
 
     def tick(self, now_ns: int) -> Output:
@@ -271,10 +271,11 @@ class HuntingDetector:
         now_ns: int = 0,
         channels: dict[str, int | None] | None = None,
         text: str = '',
+        stamps: tuple[int, ...] = (),
     ) -> None:
-        position = self._merger.position_ns
+        position, epoch = self._merger.position_ns, self._merger.epoch
         self._journal.append(
-            JournalEntry(kind, position, self._merger.epoch, now_ns, channels or {}, text)
+            JournalEntry(kind, position, epoch, now_ns, channels or {}, text, stamps)
         )
 
     def _until(self) -> int | None:

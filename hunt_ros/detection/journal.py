@@ -18,7 +18,7 @@ KINDS = (
     'start',  # of the detector, or after reset(): everything begins anew
     'released',  # tick: `channels` were silent and are not waited for any more
     'resumed',  # `channels` speak again and are waited for
-    'late',  # samples of `channels` with these stamps came behind the position: dropped
+    'late',  # samples of `channels` with `stamps` came behind the position: dropped
     'clock',  # tick: the epoch was left because the clocks were set back
     'normal_form',  # set_normal_form: `text` is its parameter file, empty for none
     'acknowledged',  # acknowledge
@@ -42,9 +42,11 @@ class JournalEntry:
     now_ns : int
         The time given with the call; 0 where none is.
     channels : mapping of str to int or None
-        Channel and stamp: the newest stamp when released or resumed, the stamp dropped.
+        Channel and its newest stamp when it was released, resumed, or too late.
     text : str
         For 'normal_form'.
+    stamps : tuple of int
+        For 'late': the stamps dropped.
     """
 
     kind: str
@@ -53,6 +55,7 @@ class JournalEntry:
     now_ns: int = 0
     channels: dict[str, int | None] = field(default_factory=dict)
     text: str = ''
+    stamps: tuple[int, ...] = ()
 
     def to_text(self) -> str:
         """Return the entry as one line of JSON."""
@@ -69,7 +72,8 @@ class JournalEntry:
             If it is something else.
         """
         try:
-            entry = cls(**json.loads(text))
+            fields = json.loads(text)
+            entry = cls(**{**fields, 'stamps': tuple(fields.get('stamps', ()))})
         except (ValueError, TypeError) as error:
             raise HuntError(f'journal entry {text[:60]!r} cannot be read: {error}') from error
         if entry.kind not in KINDS:

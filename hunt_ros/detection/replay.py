@@ -47,8 +47,8 @@ def replay_journal(
     detector.reset()
     for entry in entries:
         if entry.kind == 'late':
-            for channel, stamp in entry.channels.items():
-                if stamp is not None:
+            for channel in entry.channels:
+                for stamp in entry.stamps:
                     detector.expect_late(channel, stamp)
     feed = _Feed(detector, record, entries)
     outputs = []

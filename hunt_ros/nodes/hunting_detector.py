@@ -176,8 +176,9 @@ class HuntingDetectorNode(LifecycleNode):
             self._estimates.publish(output.estimates)
         for event in output.events:
             self._events.publish(event_message(event))
-        for entry in output.journal:
-            self._journal.publish(String(data=entry.to_text()))
+        if output.journal:
+            lines = [entry.to_text() for entry in output.journal]
+            self._journal.publish(String(data='\n'.join(lines)))
 
     def _publish_status(self) -> None:
         if self._active:
