@@ -18,7 +18,7 @@ from hunt_ros.dynamics.normal_form import COEFFICIENTS, NormalForm
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.envelope import Envelope
 from hunt_ros.identification.four_point import PAPER_DETUNINGS, FourPoint, four_point
-from hunt_ros.identification.growth_law import GrowthLaw, GrowthScales
+from hunt_ros.identification.growth_law import QUINTIC, GrowthLaw, GrowthScales
 from hunt_ros.identification.guards import Support, support_of
 from hunt_ros.identification.lack_of_fit import (
     LackOfFit,
@@ -102,6 +102,15 @@ def conclude(
             f' {best.law.name} law says; no fold is claimed'
         )
     flagged = misfit.flagged or bool(against) or astray
+    # The paper's form may miss what a richer one follows: that too is to be known.
+    quintic = next(
+        lack_of_fit(one.law, evidence.hunting) for one in evidence.laws if one.law.name == QUINTIC
+    )
+    if quintic.flagged and not misfit.flagged:
+        warnings.append(
+            f'lack of fit of the quintic form ({100.0 * quintic.share:.1f} %); the law chosen'
+            f' is {best.law.name}, and D7, D10, D15 are effective coefficients'
+        )
     warnings += against
     # A misfit is a systematic error: it widens all intervals in its proportion.
     stretch = 1.0 + (min(misfit.share / 0.01, 10.0) if flagged else 0.0)
@@ -136,7 +145,7 @@ def conclude(
         observed=evidence.observed,
         disturbance=numbers.disturbance(evidence.observed) if fold else None,
         four_point=recipe,
-        fit=_summary(laws, evidence, misfit, flagged),
+        fit=_summary(laws, evidence, misfit, flagged or quintic.flagged),
         warnings=tuple(warnings),
         segments=tuple(evidence.segments),
         envelopes=tuple(evidence.envelopes),

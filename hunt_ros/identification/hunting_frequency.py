@@ -32,7 +32,6 @@ def find_frequency(records: Sequence[Channels], settings: IdentificationSettings
     if settings.frequency_hz is not None:
         return settings.frequency_hz
     low, high = settings.frequency_range_hz
-    best: tuple[float, float] | None = None
     grid = np.arange(low, high, 0.02)
     power = np.zeros(grid.size)
     pieces = 0
@@ -48,13 +47,15 @@ def find_frequency(records: Sequence[Channels], settings: IdentificationSettings
         window = np.hanning(even.size)
         known = np.isfinite(record.lateral)
         for start in np.arange(record.time[0], record.time[-1] - length + 1e-6, 0.5 * length):
-            inside = (record.time >= start) & (record.time < start + length)
-            if known[inside].sum() < 0.6 * inside.sum() or known[inside].sum() < 30:
+            first, last = np.searchsorted(record.time, [start, start + length])
+            part = slice(int(first), int(last))
+            here = known[part]
+            if here.sum() < max(0.6 * here.size, 30):
                 continue
-            piece = np.interp(start + even, record.time[known], record.lateral[known])
+            piece = np.interp(start + even, record.time[part][here], record.lateral[part][here])
             columns = [np.ones_like(even), even]
             if record.roller.size:
-                angle = np.interp(start + even, record.time, record.roller)
+                angle = np.interp(start + even, record.time[part], record.roller[part])
                 for harmonic in range(1, settings.roughness_harmonics + 1):
                     columns += [np.cos(harmonic * angle), np.sin(harmonic * angle)]
             basis = np.stack(columns, axis=1)
@@ -68,9 +69,7 @@ def find_frequency(records: Sequence[Channels], settings: IdentificationSettings
             pieces += 1
     if not pieces:
         raise IdentificationError('no stretch of the lateral channel is free of drop-outs')
-    top = int(np.argmax(power))
-    best = (float(grid[top]), float(power[top]))
-    return best[0]
+    return float(grid[int(np.argmax(power))])
 
 
 def tracked_envelope(

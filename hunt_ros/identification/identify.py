@@ -16,6 +16,7 @@ from hunt_ros.analysis.steady_state import (
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.beat import without_beat
 from hunt_ros.identification.conclusions import Evidence, conclude
+from hunt_ros.identification.discrepancy import held_less
 from hunt_ros.identification.envelope import (
     WINDOW_CYCLES,
     WINDOW_REACH,
@@ -26,6 +27,7 @@ from hunt_ros.identification.envelope import (
 )
 from hunt_ros.identification.growth_law import GrowthScales
 from hunt_ros.identification.hunting_frequency import find_frequency, tracked_envelope
+from hunt_ros.identification.lack_of_fit import following, lack_of_fit
 from hunt_ros.identification.law_choice import fit_laws
 from hunt_ros.identification.path_likelihood import Path
 from hunt_ros.identification.plateaus import Segment, analyse_record, find_kicks
@@ -81,6 +83,17 @@ def identify(
         observed = replace(observed, threshold=hunting_threshold(amplitude))
     path, scales = _path(runs, frequency, settings)
     laws = fit_laws(path, scales, settings, observed.v_c, _floor(path))
+    tell(0.8 * _FITTED)
+    hunting = [s for s in states if observed.threshold and s.amplitude > observed.threshold]
+    best = following(laws, hunting)[0]
+    misfit = lack_of_fit(best.law, hunting)
+    if misfit.significant:
+        held = held_less(best, misfit, hunting, [run.envelope for run in runs])
+        laws = fit_laws(held, scales, settings, observed.v_c, _floor(held))
+        warnings.append(
+            f'the {best.law.name} law misses the limit cycle by {100.0 * misfit.share:.2g} %,'
+            f' beyond chance: the limit cycle counts less, and the intervals hold the misfit'
+        )
     tell(_FITTED)
     evidence = Evidence(
         laws=laws,

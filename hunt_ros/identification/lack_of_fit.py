@@ -43,6 +43,11 @@ class LackOfFit:
     share: float = 0.0
 
     @property
+    def significant(self) -> bool:
+        """Whether there is a discrepancy beyond chance, however small."""
+        return self.p < _LEVEL
+
+    @property
     def flagged(self) -> bool:
         """Whether the law does not fit."""
         return self.p < _LEVEL and self.share > _SHARE

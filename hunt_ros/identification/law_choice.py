@@ -35,6 +35,8 @@ from hunt_ros.identification.trajectory_fit import Prior, TrajectoryFit, fit_pat
 #: Rounds in which jumps of the path are looked for.
 _GATES = 6
 _MOST_JUMPS = 0.005
+#: ln Q, ln R and ln phase noise at which a fit starts, at least.
+_BROAD = np.array([-8.0, -9.0, -6.0])
 #: Standard deviation of the prior on the seventh coefficient, in units of the first six's.
 _EXTRA = 0.3
 
@@ -98,6 +100,11 @@ def fit_laws(
     theta = quintic.theta
     extended = np.concatenate([theta[:6], [0.0], theta[-3:]])
     fits[EXTENDED] = (_finish(EXTENDED, path, extended, scales, settings), path)
+    # The way to the quintic optimum may lead round by the richer law.
+    shorter = np.delete(fits[EXTENDED][0].theta, 6)
+    again = _finish(QUINTIC, path, shorter, scales, settings)
+    if again.log_likelihood > quintic.log_likelihood:
+        fits[QUINTIC] = (again, path)
     bent = replace(path, conicity=True)
     shape = _conicity_start(fits[EXTENDED][0].theta)
     fits[CONICITY] = (_finish(CONICITY, bent, shape, scales, settings), bent)
@@ -178,6 +185,8 @@ def _fit_quintic(
     change = np.abs(np.diff(path.phasor))
     usual = float(np.nanmedian(change)) ** 2 if np.isfinite(change).any() else 1.0
     noise = np.log([max(0.3 * usual / step, 1e-12), max(0.3 * usual, 1e-12), 1e-3])
+    # From broad to narrow: under little noise the hills are too steep to find the highest.
+    noise = np.maximum(noise, _BROAD)
     priors = priors_of(scales, settings)
     laws = [integral_start(path, floor, fastest_rate(scales)), *_templates(path, scales, v_c)]
     starts = [

@@ -197,6 +197,8 @@ class Path:
         Mean distance of two instants of such a window, s.
     conicity : bool
         Whether the law is that of the equivalent conicity.
+    weight : ndarray, shape (n,), optional
+        What an instant counts, where a law is not to be held to all of them.
     """
 
     time: NDArray[np.float64]
@@ -207,6 +209,7 @@ class Path:
     blur: float = 0.0
     reach: float = 0.0
     conicity: bool = False
+    weight: NDArray[np.float64] | None = None
 
     @property
     def clusters(self) -> int:

@@ -161,9 +161,9 @@ def fit_path(
     Fisher scoring with Levenberg's damping; the likelihood is that of the extended Kalman
     filter (Ljung, L., System Identification, 1999, Sect. 7.4).
     """
-    weight = np.ones(path.time.size)
+    weight = np.ones(path.time.size) if path.weight is None else path.weight
     if cluster_weight is not None:
-        weight = cluster_weight[path.cluster].astype(np.float64)
+        weight = weight * cluster_weight[path.cluster]
     theta = np.array(start, dtype=np.float64)
     theta[-3:] = np.clip(theta[-3:], _LOG_LOW, _LOG_HIGH)
     current = _expand(theta, path, weight, scale, priors)
@@ -181,7 +181,7 @@ def fit_path(
             # A law an order away from the last one has left the hill it was climbing.
             longest = np.max(np.abs(step[:-3]) / np.maximum(np.abs(theta[:-3]), 0.05 * scale))
             step *= min(1.0, 0.7 / longest) if longest > 0.0 else 1.0
-            step[-3:] = np.clip(step[-3:], -2.0, 2.0)
+            step[-3:] = np.clip(step[-3:], -1.0, 2.0)
             trial = theta + step
             trial[-3:] = np.clip(trial[-3:], _LOG_LOW, _LOG_HIGH)
             value = _objective(trial, path, weight, scale, priors)

@@ -75,6 +75,9 @@ def robust_covariance(fit: TrajectoryFit, runs: int) -> Covariance:
     Cameron, A. C., Miller, D. L. (2015), J. Human Resources 50, 317-372, Sects. II, VI.
     """
     terms = fit.theta.size - 3
+    if not np.isfinite(fit.information).all():
+        # A law that ran away says nothing: so wide that every guard sees it.
+        return Covariance(1e6 * np.eye(terms), 2.0, math.inf)
     inverse = np.linalg.pinv(fit.information, rcond=1e-13, hermitian=True)
     active = np.flatnonzero(np.abs(fit.scores).sum(axis=1) > 0.0)
     count = active.size
