@@ -113,7 +113,7 @@ class HuntingTracker:
     def reset(self) -> None:
         """Forget everything seen."""
         memory = np.zeros(at.N_MEMORY)
-        memory[at.M_KICK] = -math.inf
+        memory[[at.M_KICK, at.M_STEP]] = -math.inf
         memory[[at.M_SPEED, at.M_SPEED_SEEN]] = math.nan
         if math.isnan(self._modes[0, 2]):
             memory[at.M_RATIO_VAR] = 1.0
@@ -229,6 +229,11 @@ class HuntingTracker:
     def kicks(self) -> int:
         """Kicks seen since the start."""
         return int(self._filter.counters[at.I_KICKS])
+
+    @property
+    def restarts(self) -> int:
+        """Sensors started anew because their signal was no more the one they had given."""
+        return int(self._filter.counters[at.I_RESTARTS])
 
     @property
     def dropped(self) -> dict[str, int]:

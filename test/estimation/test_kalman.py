@@ -277,3 +277,38 @@ def test_a_block_that_makes_no_sense_is_refused_and_nothing_is_taken_in(block, m
     with pytest.raises(HuntError, match=message):
         tracker.update(*block)
     assert not tracker.state.any()
+
+
+@pytest.mark.parametrize('step', [1e-4, 1e-3, 1.0, 1e6])
+def test_a_step_of_the_level_is_got_over(hunting_signal, step):
+    signal = hunting_signal(8, duration=12.0, noise=5e-6)
+    signal.lateral[8000:] += step
+    rows, phasor = signal.track(HuntingTracker())
+    assert np.abs(relative_error(rows, phasor)[1050:]).max() < 0.1
+    assert rows['lateral_bias'][-1] == pytest.approx(step + 1e-5, rel=0.05)
+
+
+@pytest.mark.parametrize('size', [1e-3, 1.0, 1e30])
+def test_a_burst_of_nonsense_is_got_over_and_the_other_sensor_goes_on(hunting_signal, size):
+    signal = hunting_signal(9, duration=15.0, noise=5e-6)
+    burst = slice(6000, 7000)
+    signal.lateral[burst] += size * np.random.default_rng(0).normal(size=1000)
+    tracker = HuntingTracker()
+    rows, phasor = signal.track(tracker)
+    assert np.abs(relative_error(rows, phasor)[1250:]).max() < 0.05
+    yaw = np.abs(rows['yaw_amplitude'] / np.abs(signal.ratio * phasor) - 1.0)
+    if size >= 1.0:  # no motion: the sensor was started anew
+        assert tracker.restarts > 0
+        assert yaw[400:].max() < 0.05
+
+
+def test_speed_and_angle_that_are_no_numbers_do_no_harm(hunting_signal):
+    signal = hunting_signal(10, duration=12.0, noise=5e-6, roughness=1e-5)
+    for at, value in ((5000, np.nan), (5500, np.inf), (6000, 0.0), (6500, -7.0), (7000, 1e300)):
+        signal.speed[at : at + 500] = value
+    signal.angle[8000:9000] = np.nan
+    rows, phasor = signal.track(HuntingTracker())
+    error = np.abs(relative_error(rows, phasor))
+    assert error[400:795].max() < 0.03
+    assert error[800:900].max() < 0.25  # the line is there, and no angle to know it by
+    assert error[1100:].max() < 0.03

@@ -19,7 +19,7 @@ from hunt_ros.estimation.tracker.algebra import (
 )
 from hunt_ros.estimation.tracker.kicks import handle_kick, kicked
 from hunt_ros.estimation.tracker.ratio import learn_ratio, ratio_in_force
-from hunt_ros.estimation.tracker.tuning import gather_start, tune
+from hunt_ros.estimation.tracker.tuning import gather_start, stop_sensor, tune
 
 _F = NDArray[np.float64]
 _I = NDArray[np.int64]
@@ -66,6 +66,9 @@ def absorb(f: at.Filter, k: int, t: float, mean: float, count: float, row: _F) -
     surprise = innovation * innovation / S
     verdict = kicked(f, k, innovation, S, dt)
     if verdict == 2:
+        return
+    if verdict == 3:
+        stop_sensor(f, k)
         return
     if verdict == 1:
         handle_kick(f, k, innovation, min(dt, 0.05))
@@ -129,7 +132,7 @@ def close_bin(f: at.Filter, row: _F) -> None:
 @compiled_part
 def measures(counters: _I, sensors: _F, m: _F, cfg: _F, k: int, stamp: int, value: float) -> bool:
     """Tell whether a sample of sensor k is to be used; count it by reason if not."""
-    if not math.isfinite(value):
+    if not abs(value) < 1e100:
         counters[at.I_NOT_FINITE] += 1
         return False
     own = counters[at.I_LAST_LATERAL + k]

@@ -12,16 +12,20 @@ from hunt_ros.estimation.tracker.ratio import SETTLING, loosen
 KICK_QUICK = 0.08  # s, time constant of the in-band burst detector
 BURST = 20.0  # power over that of white noise taken for a kick
 ABSURD = 60.0  # standard deviations beyond which a kick must last 20 ms to be believed
+BEYOND = 1e8  # power of an innovation over its variance that is no motion, but another signal
+NOISY = 1e3  # variance found over variance expected below which the noise is of another time
 KICK_SCALE = 5.0  # the covariance opens to this multiple of the innovation
 SLIGHT = 0.03  # of the amplitude: a change that needs no opening of the covariance
 
 
 @compiled_part
 def kicked(f: at.Filter, k: int, innovation: float, S: float, dt: float) -> int:
-    """Judge one innovation: 0 ordinary, 1 a kick, 2 leave this bin out for now."""
+    """Judge one innovation: 0 ordinary, 1 a kick, 2 leave it out for now, 3 another signal."""
     decay = math.exp(-min(dt, 0.05) / KICK_QUICK)
     step = math.sqrt(1.0 - decay * decay)
     turn_c, turn_s = math.cos(f.x[at.OMEGA] * dt), math.sin(f.x[at.OMEGA] * dt)
+    if f.sensors[k, at.S_NIS] < 1.0 / NOISY:
+        return 3
     unit = innovation / math.sqrt(S)
     re, im = f.sensors[k, at.S_K_RE], f.sensors[k, at.S_K_IM]
     moved_re = decay * (turn_c * re - turn_s * im) + step * unit
@@ -39,6 +43,8 @@ def kicked(f: at.Filter, k: int, innovation: float, S: float, dt: float) -> int:
             return 2
         if f.m[at.M_TIME] - f.sensors[k, at.S_DOUBT] < patience:
             return 2
+        if unit * unit > BEYOND * usual:
+            return 3
     if not surprising and f.sensors[k, at.S_PENDING] == 1.0:
         f.counters[at.I_GLITCHES] += 1
     f.sensors[k, at.S_PENDING] = 0.0
@@ -62,7 +68,9 @@ def handle_kick(f: at.Filter, k: int, innovation: float, dt: float) -> None:
     burst = f.sensors[k, at.S_K_RE] ** 2 + f.sensors[k, at.S_K_IM] ** 2
     scale = innovation * innovation + burst * f.sensors[k, at.S_NOISE]
     limit = 1e8 * f.sensors[k, at.S_NOISE]  # what double precision can still resolve
-    open_modes(f, min(KICK_SCALE * KICK_SCALE * scale, limit) / size)
+    opened = min(KICK_SCALE * KICK_SCALE * scale, limit) / size
+    open_modes(f, opened)
+    f.m[at.M_KICK_SIZE] = opened
     since = f.m[at.M_TIME] - f.m[at.M_KICK]
     if since > SETTLING:
         f.counters[at.I_KICKS] += 1

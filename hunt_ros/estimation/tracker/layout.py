@@ -50,6 +50,8 @@ ROUGH = 12  # cos, sin, cos 2, sin 2: lateral 12..15, yaw 16..19
     M_RHO_VAR,
     M_RATIO_TIME,  # when it was last learnt
     M_KICK,  # time of the last kick
+    M_KICK_SIZE,  # lateral variance it opened
+    M_STEP,  # time of the last step of a level
     M_CHAIN,  # when the chain of kicks it belongs to began
     M_SPEED,
     M_SPEED_SEEN,  # where the growth rate was last opened for a change of speed
@@ -61,7 +63,7 @@ ROUGH = 12  # cos, sin, cos 2, sin 2: lateral 12..15, yaw 16..19
     M_RHO2_RE,
     M_RHO2_IM,
     N_MEMORY,
-) = range(21)
+) = range(23)
 
 # --- memory of each sensor ------------------------------------------------------------
 (
@@ -99,9 +101,10 @@ ROUGH = 12  # cos, sin, cos 2, sin 2: lateral 12..15, yaw 16..19
     S_BOOT_SQUARE,
     S_BOOT_DIFF,
     S_BOOT_REF,
+    S_BEFORE,  # 1 where the sensor has been started before
     S_ROLLER,  # 1 where the roller angle is known
     N_SENSOR,
-) = range(36)
+) = range(37)
 
 # --- running sums of the bin that is open ----------------------------------------------
 A_COUNT, A_VALUE, A_TIME, A_TIME2, A_C1, A_S1, A_C2, A_S2, A_ANGLES, N_ACCUMULATOR = range(10)
@@ -122,8 +125,9 @@ A_COUNT, A_VALUE, A_TIME, A_TIME2, A_C1, A_S1, A_C2, A_S2, A_ANGLES, N_ACCUMULAT
     I_GLITCHES,
     I_KICKS,
     I_RESETS,
+    I_RESTARTS,
     N_COUNTER,
-) = range(15)
+) = range(16)
 
 # --- output columns (see kalman.TRACK_DTYPE) -----------------------------------------------
 (

@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled_part
 from hunt_ros.estimation.tracker import layout as at
-from hunt_ros.estimation.tracker.ratio import SETTLING
+from hunt_ros.estimation.tracker.algebra import open_modes
+from hunt_ros.estimation.tracker.ratio import SETTLING, loosen
 
 _F = NDArray[np.float64]
 
 IN_BAND = 0.3  # s, of the whiteness measures
+OFFSET = 25.0  # power of the mean innovation over that of white noise taken for an offset
 
 
 @compiled_part
@@ -53,6 +55,8 @@ def start_sensor(f: at.Filter, k: int, t: float) -> None:
         f.x[at.GROWTH] = 0.0
         f.P[at.OMEGA, at.OMEGA] = f.cfg[at.C_OMEGA_STD] ** 2
         f.P[at.GROWTH, at.GROWTH] = f.cfg[at.C_GROWTH_STD] ** 2
+    elif f.sensors[k, at.S_BEFORE] > 0.0:
+        loosen(f, 4.0)
     elif math.isnan(f.m[at.M_GIVEN_RE]):
         # The ratio of the phasors is of the order of the ratio of the signals.
         other = 1 - k
@@ -66,11 +70,32 @@ def start_sensor(f: at.Filter, k: int, t: float) -> None:
         f.m[at.M_RATIO_RE] = 0.0
         f.m[at.M_RATIO_IM] = 0.0
     f.sensors[k, at.S_BOOT_SQUARE] = spread
+    f.sensors[k, at.S_BEFORE] = 1.0
+
+
+@compiled_part
+def forget_start(f: at.Filter, k: int) -> None:
+    """Forget the bins gathered for a start of sensor k."""
+    for i in range(at.S_BOOT, at.S_BOOT_REF + 1):
+        f.sensors[k, i] = 0.0
+
+
+@compiled_part
+def stop_sensor(f: at.Filter, k: int) -> None:
+    """Forget the level and noise of sensor k, which now gives another signal: start it anew."""
+    f.counters[at.I_RESTARTS] += 1
+    forget_start(f, k)
+    f.sensors[k, at.S_ALIVE] = 0.0
+    f.sensors[k, at.S_PENDING] = 0.0
+    for i in range(at.S_H1_RE, at.S_B + 1):
+        f.sensors[k, i] = 0.0
 
 
 @compiled_part
 def gather_start(f: at.Filter, k: int, t: float, mean: float, count: float) -> None:
     """Take one bin of a sensor that has not started yet; start it when there are enough."""
+    if t - f.sensors[k, at.S_LAST] > 0.1:
+        forget_start(f, k)  # what came before a gap may be another signal
     if f.sensors[k, at.S_BOOT] == 0.0:
         f.sensors[k, at.S_BOOT_START] = t
         f.sensors[k, at.S_BOOT_REF] = mean
@@ -157,6 +182,20 @@ def tune(
     f.sensors[k, at.S_H_RE] = decay * (turn_c * old_re - turn_s * old_im) + gain * re
     f.sensors[k, at.S_H_IM] = decay * (turn_s * old_re + turn_c * old_im) + gain * im
     f.sensors[k, at.S_B] = decay * f.sensors[k, at.S_B] + step * unit
+    if f.sensors[k, at.S_B] ** 2 > OFFSET * max(f.sensors[k, at.S_NIS], 1.0):
+        # The level has stepped, more than the filter of the bias can follow; what looked like
+        # a kick a moment ago was that.
+        stepped = 10.0 * f.sensors[k, at.S_B] ** 2 * S * dt / (2.0 * IN_BAND)
+        recent = f.m[at.M_TIME] - f.m[at.M_KICK] < 2.0
+        if recent and f.m[at.M_TIME] - f.m[at.M_STEP] > 5.0:
+            f.m[at.M_STEP] = f.m[at.M_TIME]
+            size = 1.0
+            if k == 1:
+                size = f.m[at.M_RHO_RE] ** 2 + f.m[at.M_RHO_IM] ** 2 + 2.0 * f.m[at.M_RHO_VAR]
+            stepped = max(stepped, f.m[at.M_KICK_SIZE] * size)
+            open_modes(f, f.m[at.M_KICK_SIZE])
+        f.P[at.BIAS + k, at.BIAS + k] += stepped
+        f.sensors[k, at.S_B] = 0.0
     if row[1] != 0.0 or row[2] != 0.0:
         size = 1.0 / math.sqrt(row[1] * row[1] + row[2] * row[2])
         f.sensors[k, at.S_R_RE] = decay * f.sensors[k, at.S_R_RE] + step * unit * row[1] * size
