@@ -23,6 +23,7 @@ from hunt_ros.dynamics.simulation import (
 )
 from hunt_ros.identification import identify
 from hunt_ros.report.compose import Report
+from hunt_ros.report.drawings import Drawing
 from hunt_ros.report.events import events_of
 from hunt_ros.samples import Record, Series
 
@@ -64,8 +65,13 @@ def report() -> Report:
 
 
 @pytest.fixture(scope='module')
-def page(report: Report) -> str:
-    return report.html(report.drawings())
+def drawn(report: Report) -> dict[str, Drawing]:
+    return report.drawings()
+
+
+@pytest.fixture(scope='module')
+def page(report: Report, drawn: dict[str, Drawing]) -> str:
+    return report.html(drawn)
 
 
 class Numbers(HTMLParser):
@@ -110,11 +116,11 @@ def test_the_json_in_the_page_is_that_of_the_identification(report: Report, page
     assert json.loads(found.group(1)) == report.identification.to_json()
 
 
-def test_every_figure_of_the_paper_is_on_the_page(report: Report, page: str) -> None:
-    assert set(report.drawings()) >= FIGURES
+def test_every_figure_of_the_paper_is_on_the_page(drawn: dict[str, Drawing], page: str) -> None:
+    assert set(drawn) >= FIGURES
     for number in ('3', '5a', '5b', '5c', '5d', '6', '7', '9', '10'):
         assert f'<b>Fig. {number}</b>' in page
-    assert page.count('<svg ') == page.count('</svg>') == len(report.drawings())
+    assert page.count('<svg ') == page.count('</svg>') == len(drawn)
 
 
 def test_nothing_is_loaded_from_anywhere(page: str) -> None:
