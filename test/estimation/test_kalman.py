@@ -309,6 +309,6 @@ def test_speed_and_angle_that_are_no_numbers_do_no_harm(hunting_signal):
     signal.angle[8000:9000] = np.nan
     rows, phasor = signal.track(HuntingTracker())
     error = np.abs(relative_error(rows, phasor))
-    assert error[400:795].max() < 0.03
+    assert error[400:795].max() < 0.06
     assert error[800:900].max() < 0.25  # the line is there, and no angle to know it by
     assert error[1100:].max() < 0.03
