@@ -98,6 +98,8 @@ _VERY_STEADY = 0.08
 _WARY = 0.25
 #: An amplitude is well known when its standard deviation is below this part of it.
 _SURE = 0.1
+#: A floor learnt for no longer than this, s, may be half of what it will be, or less.
+_YOUNG_S = 6.0
 #: Share of the rows in which the amplitude must be well known for it to be large.
 _MOSTLY = 0.5
 #: Hunting that stands less clear of the floor than this (squared) shows the floor to be wrong.
@@ -514,8 +516,11 @@ def _wanted(
     memory[M_DISTURBED] = 1.0 if disturbed else 0.0
     probability = out[O_PROBABILITY]
     certain = probability
-    if math.isnan(out[O_UNSTABLE]) and not a > rules.disturbed_in * floor:
-        certain = 0.0 if not math.isnan(probability) else probability
+    # Near v_c the edge of the basin sinks into the noise: crossing it there means nothing.
+    in_noise = a <= rules.disturbed_in * floor
+    no_edge = math.isnan(out[O_UNSTABLE]) and not a > rules.disturbed_in * floor
+    if (in_noise or no_edge) and not math.isnan(probability):
+        certain = 0.0
     escaping = switched(
         memory[M_ESCAPING] > 0.0, certain, rules.probability_in, rules.probability_out
     )
@@ -524,9 +529,11 @@ def _wanted(
     memory[M_ESCAPING] = 1.0 if escaping else 0.0
     # Without a limit cycle in the form, or without a form, what is seen to grow is growing.
     growing = memory[M_GROWING] > 0.0
+    learnt_s = max(memory[M_FLOOR_ROWS], 1.0) * rules.period_s
+    clear = rules.growth_floor * (1.0 + _YOUNG_S / learnt_s)
     if falls:
         growing = False
-    elif grows and a > rules.growth_floor * floor and math.isnan(out[O_STABLE]):
+    elif grows and a > clear * floor and math.isnan(out[O_STABLE]):
         growing = True
     memory[M_GROWING] = 1.0 if growing else 0.0
 
@@ -611,7 +618,7 @@ def _hold_doubts(rules: Rules, memory: _F, disagree: bool, out: _F) -> None:
     low = switched(memory[M_MARGIN_LOW] > 0.0, -out[O_MARGIN], -rules.margin_in, -rules.margin_out)
     if math.isnan(out[O_MARGIN]):
         # no unstable branch: below v_n there is room enough, above v_c there is none
-        low = memory[M_MARGIN_LOW] > 0.0 and int(memory[M_REGION]) == 3
+        low = memory[M_MARGIN_LOW] > 0.0 and int(memory[M_REGION]) >= 2
     now, waited = held(
         int(memory[M_MARGIN_LOW]), int(low), int(memory[M_MARGIN_WAITED]), rules.margin_hold
     )
