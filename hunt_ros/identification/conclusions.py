@@ -28,8 +28,8 @@ from hunt_ros.identification.lack_of_fit import (
     missed_transients,
 )
 from hunt_ros.identification.law_choice import FittedLaw
-from hunt_ros.identification.plateaus import Segment
 from hunt_ros.identification.result import BranchPoint, FitSummary, Identification
+from hunt_ros.identification.segments import Segment
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.uncertainty import draw_laws, robust_covariance, summary
 from hunt_ros.samples import Record, Uncertain

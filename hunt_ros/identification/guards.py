@@ -18,7 +18,7 @@ from hunt_ros.analysis.steady_state import SteadyState, hunting_threshold
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.identification.envelope import Envelope
 from hunt_ros.identification.law_choice import FittedLaw
-from hunt_ros.identification.plateaus import Segment
+from hunt_ros.identification.segments import Segment
 from hunt_ros.identification.settings import IdentificationSettings
 
 #: Relative range of speeds below which a record is one at one speed.

@@ -30,8 +30,9 @@ from hunt_ros.identification.hunting_frequency import find_frequency, tracked_en
 from hunt_ros.identification.lack_of_fit import following, lack_of_fit
 from hunt_ros.identification.law_choice import fit_laws
 from hunt_ros.identification.path_likelihood import Path
-from hunt_ros.identification.plateaus import Segment, analyse_record, find_kicks
+from hunt_ros.identification.plateaus import analyse_record
 from hunt_ros.identification.result import Identification
+from hunt_ros.identification.segments import Segment, find_kicks
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.uncertainty import ENOUGH_RUNS
 from hunt_ros.samples import Record

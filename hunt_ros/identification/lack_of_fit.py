@@ -13,7 +13,7 @@ from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.identification.envelope import Envelope
 from hunt_ros.identification.growth_law import GrowthLaw
 from hunt_ros.identification.law_choice import FittedLaw
-from hunt_ros.identification.plateaus import Segment
+from hunt_ros.identification.segments import Segment
 
 #: A discrepancy is a lack of fit if chance makes it in one case of a hundred, and it is
 #: more than this share of the amplitude.

@@ -12,7 +12,7 @@ from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, Criticality
 from hunt_ros.identification.envelope import Envelope
 from hunt_ros.identification.four_point import FourPoint
-from hunt_ros.identification.plateaus import Segment
+from hunt_ros.identification.segments import Segment
 from hunt_ros.samples import Record, Uncertain
 
 
