@@ -99,7 +99,7 @@ _WARY = 0.25
 #: An amplitude is well known when its standard deviation is below this part of it.
 _SURE = 0.1
 #: A floor learnt for no longer than this, s, may be half of what it will be, or less.
-_YOUNG_S = 6.0
+_YOUNG_S = 4.0
 #: Share of the rows in which the amplitude must be well known for it to be large.
 _MOSTLY = 0.5
 #: Hunting that stands less clear of the floor than this (squared) shows the floor to be wrong.
@@ -542,10 +542,8 @@ def _wanted(
     if state in (_ESCAPING, _DECAYING):
         least = max(rules.disturbed_in * floor, 0.5 * memory[M_REFERENCE])
     steady = memory[M_SLOW] > least and _steady(rules, memory)
-    hold = 2 * rules.cycle_hold
     if not steady and memory[M_SLOW] > rules.cycle_floor * _STD_FLOORS * memory[M_STD]:
         steady = s < _SURE * a and _very_steady(rules, memory)
-        hold = 3 * rules.cycle_hold
     edge = out[O_UNSTABLE]
     if not math.isnan(edge) and a < _LINGER_HIGH * edge:
         steady = False  # below the edge, or lingering near it
@@ -564,7 +562,7 @@ def _wanted(
     if reached:
         return _LIMIT_CYCLE, rules.cycle_hold
     if steady:
-        return _LIMIT_CYCLE, hold
+        return _LIMIT_CYCLE, 3 * rules.cycle_hold
     if escaping:
         return _ESCAPING, rules.escape_hold
     if growing and math.isnan(out[O_STABLE]):
