@@ -30,10 +30,9 @@ def _only(record: Record, *channels: str) -> Record:
 
 
 def _same(first: Output, second: Output) -> bool:
-    return (
-        first.estimates.tobytes() == second.estimates.tobytes()
-        and [repr(event) for event in first.events] == [repr(event) for event in second.events]
-    )
+    return first.estimates.tobytes() == second.estimates.tobytes() and [
+        repr(event) for event in first.events
+    ] == [repr(event) for event in second.events]
 
 
 @settings(
@@ -73,9 +72,7 @@ def test_sample_by_sample_gives_the_rows_of_the_whole(recorded) -> None:
     )
     outputs = [detector.update(name, stamp, value) for stamp, name, value in samples]
     outputs.append(detector.finish())
-    assert _same(
-        Output.joined(outputs), detect(HuntingDetector(normal_form=PAPER), record)
-    )
+    assert _same(Output.joined(outputs), detect(HuntingDetector(normal_form=PAPER), record))
 
 
 def test_reset_equals_fresh(recorded) -> None:
