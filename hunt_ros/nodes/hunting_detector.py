@@ -22,11 +22,14 @@ from std_srvs.srv import Trigger
 
 from hunt_ros.detection.acceptance import AcceptanceConfig, objections
 from hunt_ros.detection.configuration import DetectorConfig
+from hunt_ros.detection.criteria import Verdict
 from hunt_ros.detection.detector import HuntingDetector
 from hunt_ros.detection.output import Output
+from hunt_ros.detection.regions import State as DetectorState
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
-from hunt_ros.nodes.conversions import JointReader, SpeedReader, vector_layout
+from hunt_ros.nodes.companion_worker import CompanionConfig, CompanionWorker
+from hunt_ros.nodes.conversions import JointReader, SpeedReader, diagnostic, vector_layout
 from hunt_ros.nodes.detector_messages import event_message, status_message
 from hunt_ros.nodes.diagnostics import Diagnostics, Health, steady_clock
 from hunt_ros.nodes.estimate_publishers import EstimatePublishers
@@ -62,6 +65,7 @@ class HuntingDetectorNode(LifecycleNode):
         self._config = declare(self, DetectorConfig)
         self._bounds = declare(self, AcceptanceConfig)
         self._form = declare_normal_form(self)
+        companions = declare(self, CompanionConfig)
         self._waiting: IdentifiedNormalForm | None = None
         warn_unknown(self)
         self._compile_kernels()
@@ -69,6 +73,7 @@ class HuntingDetectorNode(LifecycleNode):
         self._inbox: dict[str, tuple[list[int], list[float]]] = {
             name: ([], []) for name in self._config.channels
         }
+        self._state = DetectorState.QUIET
         self._newest_ns = dict.fromkeys(self._config.channels, 0)
         self._next_row_ns = 0
         self._active = False
@@ -87,6 +92,9 @@ class HuntingDetectorNode(LifecycleNode):
             Vector3Stamped, 'hunting/critical_speed_std', STATUS
         )
         self._vector = vector_layout(self._settings.frame_id)
+        self._verdicts = self.create_publisher(DiagnosticArray, 'hunting/criteria', EVENTS)
+        roller = 'roller' in self._config.channels
+        self._companions = CompanionWorker(companions, roller, self._on_verdict)
         self._subscribe()
         self.create_subscription(String, 'hunting/normal_form', self._on_form, latched())
         self.create_service(Trigger, 'hunting/acknowledge_alarm', self._on_acknowledge)
@@ -99,6 +107,7 @@ class HuntingDetectorNode(LifecycleNode):
     def on_activate(self, state: State) -> TransitionCallbackReturn:
         """Begin with a fresh detector."""
         self._detector.reset()
+        self._companions.reset()
         for stamps, values in self._inbox.values():
             stamps.clear()
             values.clear()
@@ -163,6 +172,7 @@ class HuntingDetectorNode(LifecycleNode):
                 self._received += len(stamps)
                 stamps.clear()
                 values.clear()
+                self._companions.offer(channel, *block, self._is_quiet())
                 self._publish(self._detector.update(channel, *block))
 
     def _tick(self) -> None:
@@ -173,6 +183,7 @@ class HuntingDetectorNode(LifecycleNode):
 
     def _publish(self, output: Output) -> None:
         if len(output.estimates):
+            self._state = DetectorState(int(output.estimates['state'][-1]))
             self._estimates.publish(output.estimates)
         for event in output.events:
             self._events.publish(event_message(event))
@@ -185,11 +196,28 @@ class HuntingDetectorNode(LifecycleNode):
             self._status.publish(status_message(self._detector.status))
             self._publish_critical_speed()
 
+    def close(self) -> None:
+        """Stop the worker."""
+        self._companions.close()
+
+    def _is_quiet(self) -> bool:
+        return self._state in (DetectorState.QUIET, DetectorState.DISTURBED)
+
+    def _on_verdict(self, verdict: Verdict) -> None:
+        """Publish that a railway criterion began or ceased to exceed its limit."""
+        values = {'exceeded': verdict.exceeded, 'index': verdict.index, 'limit': verdict.limit}
+        level = 'WARN' if verdict.exceeded else 'OK'
+        message = diagnostic(verdict.stamp_ns, verdict.criterion, level, '', values)
+        self._verdicts.publish(message)
+
     def _publish_critical_speed(self) -> None:
-        """Publish v_c of the normal form in force, or of the parameters."""
+        """Publish v_c of the normal form in force, of the parameters, or of the forecast."""
         value, std = self._config.critical_speed_mps or math.nan, math.nan
+        forecast = self._companions.forecast
         if self._form is not None:
             value, std = self._form.form.critical_speed, self._form.std('v_c')
+        elif math.isnan(value) and forecast is not None and forecast.critical_speed is not None:
+            value, std = forecast.critical_speed.value, forecast.critical_speed.std
         stamp_ns = self._detector.status.stamp_ns
         for publisher, number in ((self._critical_speed, value), (self._critical_speed_std, std)):
             publisher.publish(self._vector.encode(stamp_ns, number, 0.0, 0.0))
@@ -247,6 +275,11 @@ class HuntingDetectorNode(LifecycleNode):
             'unreadable': self._unreadable,
             'dropped': sum(status.dropped.values()),
         }
+        forecast = self._companions.forecast
+        if forecast is not None:
+            v_c = forecast.critical_speed
+            values['forecast_v_c'] = forecast.reason if v_c is None else f'{v_c.value:.3f}'
+            values['forecast_v_c_std'] = math.nan if v_c is None else v_c.std
         if not self._active:
             return 'OK', 'inactive', values
         if self._unreadable:

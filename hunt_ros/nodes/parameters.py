@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import MISSING, fields, replace
+from pathlib import Path
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import (
@@ -16,6 +17,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from hunt_ros.dynamics.identified import PARAMETERS, SCALES, IdentifiedNormalForm
+from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.errors import ConfigError
 from hunt_ros.settings import Settings
 
@@ -93,6 +95,24 @@ def warn_unknown(node: Node, also: Sequence[str] = ()) -> None:
         foreign = name.startswith(('qos_overrides.', 'normal_form.', *also))
         if not node.has_parameter(name) and not foreign:
             node.get_logger().warning(f'unknown parameter {name!r} is ignored')
+
+
+def read_rig(path: str) -> RigParameters:
+    """
+    Read the rig that a parameter names; an empty name is the built-in rig.
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be read or is no rig.
+    """
+    if not path:
+        return paper_rig()
+    try:
+        text = Path(path).read_text(encoding='utf-8')
+    except OSError as error:
+        raise ConfigError(f'rig {path!r}: cannot read it ({error.strerror})') from error
+    return RigParameters.from_yaml(text, path)
 
 
 def _frozen(value: Any) -> Any:

@@ -12,7 +12,6 @@ import sys
 import threading
 import time
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from rclpy.node import Node
@@ -21,12 +20,11 @@ from std_srvs.srv import Trigger
 
 from hunt_ros.drivers.simulator_protocol import Channel
 from hunt_ros.drivers.simulator_server import SimulatorServer
-from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.dynamics.simulation import RollerRig, Roughness, SensorModel, SimulationSettings
 from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.conversions import to_time
 from hunt_ros.nodes.diagnostics import Diagnostics, Health
-from hunt_ros.nodes.parameters import declare, warn_unknown
+from hunt_ros.nodes.parameters import declare, read_rig, warn_unknown
 from hunt_ros.nodes.qos import stream
 from hunt_ros.nodes.runtime import run
 from hunt_ros.samples import NANOSECONDS
@@ -103,7 +101,7 @@ class RigSimulatorNode(Node):
         self._config = config = declare(self, SimulatorConfig)
         warn_unknown(self)
         self._kicks = _kick_plan(config)
-        self._rig = RollerRig(_read_rig(config.rig), _settings(config), seed=config.seed)
+        self._rig = RollerRig(read_rig(config.rig), _settings(config), seed=config.seed)
         self._server = SimulatorServer(config.host, config.port)
         self._clock_publisher = None
         if config.time_scale != 1.0:
@@ -189,16 +187,6 @@ class RigSimulatorNode(Node):
         if self._behind_s > 0.1:
             return 'WARN', f'{self._behind_s:.2f} s behind real time', values
         return 'OK', f'{self._server.readers} drivers connected', values
-
-
-def _read_rig(path: str) -> RigParameters:
-    if not path:
-        return paper_rig()
-    try:
-        text = Path(path).read_text(encoding='utf-8')
-    except OSError as error:
-        raise ConfigError(f'rig {path!r}: cannot read it ({error.strerror})') from error
-    return RigParameters.from_yaml(text, path)
 
 
 def _settings(config: SimulatorConfig) -> SimulationSettings:

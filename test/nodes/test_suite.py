@@ -153,7 +153,17 @@ def test_a_replay_of_a_recorded_run_gives_the_live_numbers_bit_for_bit(graph) ->
     graph.start('hunting_detector', _form_file(graph.folder))
     graph.start('bag_recorder', directory=recordings)
     graph.spin_until(lambda: graph.node.count_subscribers('/rig/lateral') == 2, 60.0)
-    _start_rig(graph, initial_speed_mps=7.2, kick_m=0.0004)
+    # Nobody speaks before everybody has been discovered by everybody: what the detector
+    # hears and the recorder does not cannot be replayed.
+    graph.start('rig_simulator', port=graph.port, initial_speed_mps=7.2, kick_m=0.0004)
+    sources = ('lateral_sensor', 'yaw_sensor', 'roller_speed')
+    for name in sources:
+        graph.start(name, port=graph.port, autostart=False)
+    for name in sources:
+        graph.change_state(name, Transition.TRANSITION_CONFIGURE, 60.0)
+    graph.spin(5.0)
+    for name in sources:
+        graph.change_state(name, Transition.TRANSITION_ACTIVATE)
     graph.spin_until(lambda: heard.status.get('region') == 'hysteresis', 60.0)
     graph.spin(3.0)
     assert graph.call('simulator/kick').success
@@ -205,3 +215,16 @@ def test_a_live_replay_speaks_as_the_rig_and_refuses_its_company(graph) -> None:
     process = graph.start('live_replay', bag=bag)
     assert process.wait(timeout=30) == 2
     assert '/rig/lateral is published by probe' in graph.log('live_replay').read_text()
+
+
+def test_a_railway_criterion_beside_the_detector_speaks_on_its_own_topic(graph) -> None:
+    verdicts = graph.collect(DiagnosticArray, 'hunting/criteria')
+    graph.start('hunting_detector', criteria='[cfr_213_333]', criteria_scale=0.02)
+    graph.spin_until(lambda: graph.node.count_publishers('/rig/hunting/criteria') == 1, 60.0)
+    _start_rig(graph, initial_speed_mps=8.8, kick_m=0.0006)
+    graph.spin(2.0)
+    assert graph.call('simulator/kick').success
+    graph.spin_until(lambda: verdicts, 60.0)
+    verdict = read_diagnostic(verdicts[0])
+    assert (verdict['name'], verdict['exceeded']) == ('cfr_213_333', 'True')
+    assert float(verdict['index']) > float(verdict['limit'])
