@@ -51,10 +51,11 @@ setup(
         'test': [
             'pytest>=8',
             'hypothesis>=6.100',
-            'ruff>=0.6',
-            'mypy>=1.11',
-            'import-linter>=2.1',
-            'codespell>=2.3',
+            # Exactly these: another version of a checker finds other things.
+            'ruff==0.17.5',
+            'mypy==2.4.1',
+            'import-linter==2.16',
+            'codespell==2.4.3',
         ],
         'colcon': ['colcon-common-extensions', 'colcon-ros', 'setuptools<80'],
     },

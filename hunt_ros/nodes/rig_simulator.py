@@ -31,6 +31,7 @@ from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 
 _DRIVE_HZ = 100.0
+_DRIVE_STEP_NS = round(NANOSECONDS / _DRIVE_HZ)
 #: Simulated time begins here, so that no stamp is 0, which ROS takes for 'not set'.
 _FIRST_STAMP_NS = NANOSECONDS
 #: After a pause of the machine, at most this much is caught up at once.
@@ -131,17 +132,13 @@ class RigSimulatorNode(Node):
         while self._running.is_set() and self._server.readers < self._config.start_with_readers:
             self._server.poll()
             time.sleep(0.01)
-        if self._clock_publisher is None:
-            # On whole readings of the drive, as a synchronised data acquisition samples.
-            now_ns, step_ns = self.get_clock().now().nanoseconds, round(NANOSECONDS / _DRIVE_HZ)
-            self._origin_ns = now_ns // step_ns * step_ns
-        begin, done = time.monotonic(), 0
-        next_wake = begin
+        begin = time.monotonic() + self._set_origin()
+        done, next_wake = 0, begin
         while self._running.is_set():
-            due = int((time.monotonic() - begin) * rate) - done
+            due = max(0, int((time.monotonic() - begin) * rate) - done)
             self._behind_s = due / rate
-            if due > _MOST_BEHIND_S * rate:
-                begin, done = time.monotonic(), 0  # do not run after lost time
+            if self._behind_s > _MOST_BEHIND_S:
+                begin += self._let_go(self._behind_s)
                 continue
             target = self._server.poll()
             if target is not None:
@@ -151,6 +148,32 @@ class RigSimulatorNode(Node):
                 done += due
             next_wake = max(next_wake + pause_s, time.monotonic())
             time.sleep(max(0.0, next_wake - time.monotonic()))
+
+    def _set_origin(self) -> float:
+        """
+        Choose the first stamp; return how long to wait for it, s.
+
+        In real time it lies on whole readings of the drive, as a synchronised data
+        acquisition samples.
+        """
+        if self._clock_publisher is not None:
+            return 0.0
+        now_ns = self.get_clock().now().nanoseconds
+        self._origin_ns = -(-now_ns // _DRIVE_STEP_NS) * _DRIVE_STEP_NS
+        return (self._origin_ns - now_ns) / NANOSECONDS
+
+    def _let_go(self, lost_s: float) -> float:
+        """
+        Do not run after lost time: return how much is let go, in s of real time.
+
+        In real time the stamps jump with it, as those of a stalled rig would; simulated
+        time just stood still.
+        """
+        if self._clock_publisher is not None:
+            return lost_s
+        steps = int(lost_s * NANOSECONDS) // _DRIVE_STEP_NS
+        self._origin_ns += steps * _DRIVE_STEP_NS
+        return steps * _DRIVE_STEP_NS / NANOSECONDS
 
     def _advance(self, count: int) -> None:
         self._kick_if_due()
