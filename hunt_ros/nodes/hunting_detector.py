@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped, Vector3Stamped
 from rclpy.lifecycle import LifecycleNode, State, TransitionCallbackReturn
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -95,6 +97,7 @@ class HuntingDetectorNode(LifecycleNode):
         self._verdicts = self.create_publisher(DiagnosticArray, 'hunting/criteria', EVENTS)
         roller = 'roller' in self._config.channels
         self._companions = CompanionWorker(companions, roller, self._on_verdict)
+        self._inputs: list[tuple[Subscription, Callable[[bytes], None]]] = []
         self._subscribe()
         self.create_subscription(String, 'hunting/normal_form', self._on_form, latched())
         self.create_service(Trigger, 'hunting/acknowledge_alarm', self._on_acknowledge)
@@ -136,8 +139,11 @@ class HuntingDetectorNode(LifecycleNode):
                 kind, reader = TwistStamped, SpeedReader()
             else:
                 kind, reader = JointState, JointReader(channel)
-            callback = self._receiver(channel, reader)
-            self.create_subscription(kind, channel, callback, stream(_DEPTH), raw=True)
+            receive = self._receiver(channel, reader)
+            subscription = self.create_subscription(
+                kind, channel, receive, stream(_DEPTH), raw=True
+            )
+            self._inputs.append((subscription, receive))
 
     def _receiver(self, channel: str, reader: JointReader | SpeedReader):
         stamps, values = self._inbox[channel]
@@ -175,9 +181,25 @@ class HuntingDetectorNode(LifecycleNode):
                 self._companions.offer(channel, *block, self._is_quiet())
                 self._publish(self._detector.update(channel, *block))
 
+    def _take_waiting(self) -> None:
+        """
+        Take what still waits in the readers, so that no backlog is mistaken for silence.
+
+        The EventsExecutor takes one message an event: messages whose event was lost
+        would stay in the reader, and everything after them would come late for ever.
+        """
+        for subscription, receive in self._inputs:
+            with subscription.handle:
+                while True:
+                    taken = subscription.handle.take_message(subscription.msg_type, True)
+                    if taken is None:
+                        break
+                    receive(taken[0])
+
     def _tick(self) -> None:
         now_ns = self.get_clock().now().nanoseconds
         if self._active and now_ns > 0:
+            self._take_waiting()
             self._drain()
             self._publish(self._detector.tick(now_ns))
 

@@ -117,7 +117,7 @@ class LiveReplayNode(Node):
             time.sleep(0.1)
             company = self._company()
             # A name may be discovered a moment after the publisher it belongs to.
-            if company and (_NAMELESS not in company or time.monotonic() > deadline - 0.5):
+            if company and ('another node' not in company or time.monotonic() > deadline - 0.5):
                 raise ConfigError(company)
 
     def _company(self) -> str:
@@ -127,9 +127,9 @@ class LiveReplayNode(Node):
             publishers = self.get_publishers_info_by_topic(topic)
             others = sorted({info.node_name for info in publishers} - {self.get_name()})
             if others:
+                names = ', '.join(others).replace(_NAMELESS, 'another node')
                 return (
-                    f'{topic} is published by {", ".join(others)} already:'
-                    ' a recording must not mix with a rig'
+                    f'{topic} is published by {names} already: a recording must not mix with a rig'
                 )
         return ''
 

@@ -31,6 +31,8 @@ from hunt_ros.settings import Settings, setting
 
 _READ_S = 0.2
 _REOPEN_S = 1.0
+#: A read that brings no more than this found no backlog.
+_FEW = 5
 _SET_POINT_S = 0.05
 
 
@@ -156,7 +158,7 @@ class RollerSpeedNode(LifecycleNode):
     def _discard_backlog(self) -> None:
         """Throw away what was read while nobody asked: it would come too late."""
         try:
-            while self._active.is_set() and self._driver.read(1e-3).stamps_ns.size:
+            while self._active.is_set() and self._driver.read(1e-3).stamps_ns.size > _FEW:
                 pass
         except DriverError:
             pass  # met again, and told, by the first read

@@ -27,6 +27,8 @@ from hunt_ros.settings import Settings, setting
 
 _READ_S = 0.2
 _REOPEN_S = 1.0
+#: A read that brings no more than this found no backlog.
+_FEW = 50
 
 
 @dataclass(frozen=True)
@@ -144,7 +146,7 @@ class SensorNode(LifecycleNode):
     def _discard_backlog(self) -> None:
         """Throw away what was sampled while nobody asked: it would come too late."""
         try:
-            while self._active.is_set() and self._driver.read(1e-3).values.size:
+            while self._active.is_set() and self._driver.read(1e-3).values.size > _FEW:
                 pass
         except DriverError:
             pass  # met again, and told, by the first read

@@ -42,7 +42,7 @@ def test_ctrl_c_ends_every_process_and_leaves_a_readable_recording(tmp_path) -> 
     with (tmp_path / 'out').open('w') as out:
         demo = subprocess.Popen(words, stdout=out, stderr=out, cwd=os.getcwd())
     files = lambda: list(tmp_path.glob('demo_*/*.active/*.mcap'))  # noqa: E731
-    _wait_for(lambda: any(path.stat().st_size > 50_000 for path in files()), 'recording')
+    _wait_for(lambda: any(path.stat().st_size > 400_000 for path in files()), 'recording')
     children = _children(demo.pid)
     assert len(children) == 8, 'seven nodes and the console'
     demo.send_signal(signal.SIGINT)
