@@ -8,31 +8,25 @@ set point that goes to the drive is published on `speed/target`.
 from __future__ import annotations
 
 import sys
-import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from geometry_msgs.msg import TwistStamped
-from rclpy.lifecycle import LifecycleNode, State, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from hunt_ros.drivers.base import DriveDriver
 from hunt_ros.drivers.profile import ProfileRunner
 from hunt_ros.drivers.simulated import SimulatedDrive
-from hunt_ros.errors import DriverError, HuntError
+from hunt_ros.errors import DriverError
 from hunt_ros.nodes.conversions import joint_layout, twist
 from hunt_ros.nodes.diagnostics import Diagnostics, Health, steady_clock
+from hunt_ros.nodes.driver_node import READ_S, DriverNode
 from hunt_ros.nodes.parameters import declare, warn_unknown
 from hunt_ros.nodes.qos import stream
 from hunt_ros.nodes.runtime import run
 from hunt_ros.settings import Settings, setting
 
-_READ_S = 0.2
-_REOPEN_S = 1.0
-#: A read that brings no more than this found no backlog.
-_FEW = 5
 _SET_POINT_S = 0.05
 
 
@@ -60,12 +54,11 @@ class SpeedConfig(Settings):
     autostart: bool = setting(True, 'Configure and activate without being told.', fixed=True)
 
 
-class RollerSpeedNode(LifecycleNode):
+class RollerSpeedNode(DriverNode):
     """Publishes `roller` and `speed`; runs the profile; commands the drive."""
 
     def __init__(self) -> None:
         super().__init__('roller_speed')
-        self.failure = ''
         self._config = declare(self, SpeedConfig)
         warn_unknown(self)
         self._profile = ProfileRunner(
@@ -76,16 +69,12 @@ class RollerSpeedNode(LifecycleNode):
         self._held_mps: float | None = (
             None  # instead of the profile, until it is started or resumed
         )
-        self._driver: DriveDriver | None = None
-        self._thread: threading.Thread | None = None
-        self._active = threading.Event()
-        self._trouble = ''
         self._target_mps = float('nan')
         self._speed_mps = float('nan')
         self._published = 0
         self._last_count = 0
         self._layout = joint_layout(['roller'], self._config.frame_id, velocity=True)
-        self._roller = self.create_publisher(JointState, 'roller', stream(100))
+        self._roller = self._announced = self.create_publisher(JointState, 'roller', stream(100))
         self._speed = self.create_publisher(TwistStamped, 'speed', stream(100))
         self._target = self.create_publisher(TwistStamped, 'speed/target', stream(20))
         for name, action in (
@@ -99,72 +88,11 @@ class RollerSpeedNode(LifecycleNode):
         self._timer = self.create_timer(_SET_POINT_S, self._command, clock=steady_clock())
         self._diagnostics = Diagnostics(self, self._health)
 
-    def on_configure(self, state: State) -> TransitionCallbackReturn:
-        """Connect to the drive."""
-        self._driver = SimulatedDrive(self._config.host, self._config.port)
-        try:
-            self._driver.open()
-        except HuntError as error:
-            self.failure = str(error)
-            self.get_logger().error(str(error))
-            return TransitionCallbackReturn.FAILURE
-        return TransitionCallbackReturn.SUCCESS
-
-    def on_activate(self, state: State) -> TransitionCallbackReturn:
-        """Publish, and command the drive if the profile starts by itself."""
-        self._active.set()
-        self._thread = threading.Thread(target=self._work, name='drive', daemon=True)
-        self._thread.start()
-        return super().on_activate(state)
-
-    def on_deactivate(self, state: State) -> TransitionCallbackReturn:
-        """Stop publishing and commanding."""
-        self._end_thread()
-        return super().on_deactivate(state)
-
-    def on_cleanup(self, state: State) -> TransitionCallbackReturn:
-        """Disconnect from the drive."""
-        self.close()
-        return TransitionCallbackReturn.SUCCESS
-
-    def on_shutdown(self, state: State) -> TransitionCallbackReturn:
-        """Disconnect from the drive."""
-        self.close()
-        return TransitionCallbackReturn.SUCCESS
-
-    def close(self) -> None:
-        """Stop the thread and let go of the drive."""
-        self._end_thread()
-        if self._driver is not None:
-            self._driver.close()
-            self._driver = None
-
-    def _end_thread(self) -> None:
-        self._active.clear()
-        if self._thread is not None:
-            self._thread.join(timeout=2.0)
-            self._thread = None
-
-    def _work(self) -> None:
-        """Read the drive and publish until deactivated; a lost connection is opened again."""
-        while self._active.is_set():
-            try:
-                self._publish_block()
-                self._trouble = ''
-            except DriverError as error:
-                if self._active.is_set():
-                    self._reopen(error)
-
-    def _discard_backlog(self) -> None:
-        """Throw away what was read while nobody asked: it would come too late."""
-        try:
-            while self._active.is_set() and self._driver.read(1e-3).stamps_ns.size > _FEW:
-                pass
-        except DriverError:
-            pass  # met again, and told, by the first read
+    def _make_driver(self) -> DriveDriver:
+        return SimulatedDrive(self._config.host, self._config.port)
 
     def _publish_block(self) -> None:
-        block = self._driver.read(_READ_S)
+        block = self._driver.read(READ_S)
         readings = zip(
             block.stamps_ns.tolist(),
             block.angle_rad.tolist(),
@@ -177,18 +105,6 @@ class RollerSpeedNode(LifecycleNode):
             self._speed.publish(twist(stamp_ns, speed_mps, self._config.frame_id))
             self._speed_mps = speed_mps
         self._published += block.stamps_ns.size
-
-    def _reopen(self, error: DriverError) -> None:
-        if not self._trouble:
-            self.get_logger().error(f'{error}; trying again every {_REOPEN_S:g} s')
-        self._trouble = str(error)
-        self._driver.close()
-        time.sleep(_REOPEN_S)
-        try:
-            self._driver = SimulatedDrive(self._config.host, self._config.port)
-            self._driver.open()
-        except DriverError as again:
-            self._trouble = str(again)
 
     def _command(self) -> None:
         """Send the set point that holds now, if there is one."""

@@ -6,29 +6,21 @@ A sensor node: publishes what its driver reads, stamped where the sample was tak
 
 from __future__ import annotations
 
-import threading
 import time
 from dataclasses import dataclass
 
 import numpy as np
-from rclpy.lifecycle import LifecycleNode, State, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 
 from hunt_ros.drivers.base import SensorDriver
 from hunt_ros.drivers.simulated import SimulatedSensor
 from hunt_ros.drivers.simulator_protocol import Channel
-from hunt_ros.errors import DriverError, HuntError
 from hunt_ros.nodes.conversions import joint_layout
 from hunt_ros.nodes.diagnostics import Diagnostics, Health
+from hunt_ros.nodes.driver_node import READ_S, DriverNode
 from hunt_ros.nodes.parameters import declare, warn_unknown
 from hunt_ros.nodes.qos import stream
-from hunt_ros.nodes.runtime import settle
 from hunt_ros.settings import Settings, setting
-
-_READ_S = 0.2
-_REOPEN_S = 1.0
-#: A read that brings no more than this found no backlog.
-_FEW = 50
 
 
 @dataclass(frozen=True)
@@ -52,7 +44,7 @@ class SensorConfig(Settings):
     autostart: bool = setting(True, 'Configure and activate without being told.', fixed=True)
 
 
-class SensorNode(LifecycleNode):
+class SensorNode(DriverNode):
     """
     Publishes one measured quantity as a JointState.
 
@@ -65,111 +57,28 @@ class SensorNode(LifecycleNode):
     def __init__(self, channel: str) -> None:
         super().__init__(f'{channel}_sensor')
         self._channel = channel
-        self.failure = ''
         self._config = declare(self, SensorConfig)
         warn_unknown(self)
         depth = int(self._config.sample_rate_hz)
-        self._publisher = self.create_publisher(JointState, channel, stream(depth))
+        self._announced = self.create_publisher(JointState, channel, stream(depth))
         self._layout = joint_layout([channel], self._config.frame_id)
-        self._driver: SensorDriver | None = None
-        self._thread: threading.Thread | None = None
-        self._active = threading.Event()
         self._published = 0
         self._lost = 0
         self._bad = 0
-        self._trouble = ''
         self._last_count, self._last_time = 0, 0.0
         self._diagnostics = Diagnostics(self, self._health)
-
-    def on_configure(self, state: State) -> TransitionCallbackReturn:
-        """Open the driver."""
-        self._driver = self._make_driver()
-        try:
-            self._driver.open()
-        except HuntError as error:
-            self.failure = str(error)
-            self.get_logger().error(str(error))
-            return TransitionCallbackReturn.FAILURE
-        return TransitionCallbackReturn.SUCCESS
-
-    def on_activate(self, state: State) -> TransitionCallbackReturn:
-        """Publish from now on."""
-        self._active.set()
-        self._thread = threading.Thread(target=self._work, name=self._channel, daemon=True)
-        self._thread.start()
-        return super().on_activate(state)
-
-    def on_deactivate(self, state: State) -> TransitionCallbackReturn:
-        """Stop publishing; the driver stays open."""
-        self._end_thread()
-        return super().on_deactivate(state)
-
-    def on_cleanup(self, state: State) -> TransitionCallbackReturn:
-        """Close the driver."""
-        self.close()
-        return TransitionCallbackReturn.SUCCESS
-
-    def on_shutdown(self, state: State) -> TransitionCallbackReturn:
-        """Close the driver."""
-        self.close()
-        return TransitionCallbackReturn.SUCCESS
-
-    def close(self) -> None:
-        """Stop the thread and let go of the hardware."""
-        self._end_thread()
-        if self._driver is not None:
-            self._driver.close()
-            self._driver = None
 
     def _make_driver(self) -> SensorDriver:
         channel = Channel[self._channel.upper()]
         return SimulatedSensor(self._config.host, self._config.port, channel)
 
-    def _end_thread(self) -> None:
-        self._active.clear()
-        if self._thread is not None:
-            self._thread.join(timeout=2.0)
-            self._thread = None
-
-    def _work(self) -> None:
-        """Read and publish until deactivated; a lost connection is opened again."""
-        settle(self._publisher)
-        self._discard_backlog()
-        while self._active.is_set():
-            try:
-                self._publish_block()
-                self._trouble = ''
-            except DriverError as error:
-                if self._active.is_set():
-                    self._reopen(error)
-
-    def _discard_backlog(self) -> None:
-        """Throw away what was sampled while nobody asked: it would come too late."""
-        try:
-            while self._active.is_set() and self._driver.read(1e-3).values.size > _FEW:
-                pass
-        except DriverError:
-            pass  # met again, and told, by the first read
-
     def _publish_block(self) -> None:
-        block = self._driver.read(_READ_S)
+        block = self._driver.read(READ_S)
         self._lost += block.lost
         self._bad += int(np.count_nonzero(np.isnan(block.values)))
         for stamp_ns, value in zip(block.stamps_ns.tolist(), block.values.tolist(), strict=True):
-            self._publisher.publish(self._layout.encode(stamp_ns, value))
+            self._announced.publish(self._layout.encode(stamp_ns, value))
         self._published += block.values.size
-
-    def _reopen(self, error: DriverError) -> None:
-        if not self._trouble:
-            self.get_logger().error(f'{error}; trying again every {_REOPEN_S:g} s')
-        self._trouble = str(error)
-        self._driver.close()
-        time.sleep(_REOPEN_S)
-        try:
-            self._driver = self._make_driver()
-            self._driver.open()
-        except DriverError as again:
-            self._trouble = str(again)
 
     def _health(self) -> Health:
         now = time.monotonic()
