@@ -9,8 +9,8 @@ needs amplitudes on both sides of it.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -44,6 +44,8 @@ class Support:
         The time scale: D1 and with it every coefficient.
     reasons : tuple of str
         Why what is not known is not.
+    why : mapping of str to str
+        The same by name: 'critical', 'time', 'cubic', 'nonlinear', 'complete'.
     """
 
     critical: bool
@@ -52,12 +54,17 @@ class Support:
     nonlinear: bool
     complete: bool
     reasons: tuple[str, ...]
+    why: Mapping[str, str] = field(default_factory=dict)
 
     def knows(self, name: str) -> bool:
         """Whether a coefficient may be given."""
         if name in ('D1', 'D7'):
             return self.critical and self.time
         return self.critical and self.time and self.cubic
+
+    def reason(self, *names: str) -> str:
+        """Return why the first of these that is not known is not; '' where all are."""
+        return next((self.why[name] for name in names if name in self.why), '')
 
 
 def support_of(
@@ -101,25 +108,40 @@ def support_of(
     if not enough:
         reasons.append('too short: fewer than a few dozen hunting cycles')
     critical = several and enough and _critical(best, forms, (low, high), settings, reasons)
+    why: dict[str, str] = {}
+    if not critical:
+        why['critical'] = reasons[-1]
     # A state of its own, or the top of a transient: both show what hunting is.
     hunts = hunting_threshold(amplitude) is not None
     if not hunts:
-        reasons.append(
+        why['cubic'] = (
             'all amplitudes are of one kind: no passage between quiet and hunting, so that the'
             ' nonlinear coefficients cannot be known'
         )
+        reasons.append(why['cubic'])
     moved = any(segment.kind == 'transient' for segment in segments)
     time = moved or settings.prior_D1 is not None or _quiet_motion(best, forms)
     if hunts and not moved:
         reasons.append('no free transient: the time scale rests on the prior or on quiet motion')
     if not time:
-        reasons.append('D1 cannot be known; give it with --prior-D1')
+        why['time'] = 'D1 cannot be known; give it with --prior-D1'
+        reasons.append(why['time'])
     cubic = critical and time and hunts and _cubic(best, forms, reasons)
+    if critical and time and hunts and not cubic:
+        why['cubic'] = reasons[-1]
     nonlinear = cubic and best.law.criticality == 'subcritical' and moved
+    if cubic and best.law.criticality == 'supercritical':
+        why['nonlinear'] = 'a supercritical rig has no fold and no unstable branch'
+    elif cubic and not moved:
+        why['nonlinear'] = 'no free transient: none passed by the unstable branch'
     limited = _limited(best, (low, high), hunts, reasons) if cubic else False
+    if cubic and not limited:
+        why['complete'] = reasons[-1]
     if cubic:
         _second_hopf(best, (low, high), reasons)
-    return Support(critical, time, cubic, nonlinear and limited, cubic and limited, tuple(reasons))
+    return Support(
+        critical, time, cubic, nonlinear and limited, cubic and limited, tuple(reasons), why
+    )
 
 
 def _share(forms: Sequence[NormalForm | None], name: str) -> tuple[float, float]:
