@@ -4,22 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hunt_ros.analysis.steady_state import (
-    ObservedCriticalSpeeds,
-    SteadyState,
-)
+from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds, SteadyState
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.normal_form import COEFFICIENTS, NormalForm
+from hunt_ros.dynamics.normal_form import COEFFICIENTS
 from hunt_ros.errors import IdentificationError
+from hunt_ros.identification.days import by_day
 from hunt_ros.identification.envelope import Envelope
 from hunt_ros.identification.four_point import PAPER_DETUNINGS, FourPoint, four_point
-from hunt_ros.identification.growth_law import QUINTIC, GrowthLaw, GrowthScales
-from hunt_ros.identification.guards import Support, support_of
+from hunt_ros.identification.growth_law import QUINTIC, GrowthScales
+from hunt_ros.identification.guards import support_of
 from hunt_ros.identification.lack_of_fit import (
     LackOfFit,
     contradictions,
@@ -28,14 +25,17 @@ from hunt_ros.identification.lack_of_fit import (
     missed_transients,
 )
 from hunt_ros.identification.law_choice import FittedLaw
-from hunt_ros.identification.result import BranchPoint, FitSummary, Identification
+from hunt_ros.identification.quantities import Quantities
+from hunt_ros.identification.reasons import reasons_of
+from hunt_ros.identification.result import FitSummary, Identification
 from hunt_ros.identification.segments import Segment
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.identification.uncertainty import draw_laws, robust_covariance, summary
+from hunt_ros.identification.silence import silences
+from hunt_ros.identification.uncertainty import draw_laws, robust_covariance
 from hunt_ros.samples import Record, Uncertain
 
-#: Speeds at which the branches are given.
-_BRANCH_POINTS = 41
+#: RMS misfit of the limit cycle from which a law is no normal form of the rig.
+_FAR_OFF = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,20 +88,99 @@ def conclude(
     Returns
     -------
     Identification
+        Every null of its JSON is named by a warning.
     """
     laws = following(evidence.laws, evidence.hunting)
     best = laws[0]
-    runs = len(evidence.envelopes)
-    misfit = lack_of_fit(best.law, evidence.hunting)
-    against = contradictions(evidence.hunting)
-    missed, transients = missed_transients(best, evidence.segments, evidence.envelopes)
-    astray = missed > max(0.3 * transients, 0.5)
-    if astray:
-        warnings.append(
-            f'lack of fit: {missed} of {transients} free transients go another way than the'
-            f' {best.law.name} law says; no fold is claimed'
+    trust = _trust(best, evidence, warnings)
+    drawn = draw_laws(laws, settings, len(evidence.envelopes), trust.stretch, progress)
+    numbers = Quantities(best.law, drawn, evidence.speeds, settings)
+    support = support_of(
+        best, numbers.forms, evidence.states, evidence.segments, evidence.envelopes, settings
+    )
+    warnings += support.reasons
+    fold = support.nonlinear and not trust.no_fold
+    identified = numbers.identified(best.law.name) if support.complete else None
+    if identified is not None and trust.no_form:
+        warnings.append('the misfit is too large for a normal form: none is given')
+        identified = None
+    cubic = support.cubic and not trust.no_form
+    four, no_recipe = _recipe(identified, evidence.hunting, warnings)
+    unknown: dict[str, Uncertain | None] = dict.fromkeys(COEFFICIENTS)
+    result = Identification(
+        normal_form=identified,
+        v_c=numbers.critical_speed() if support.critical and not trust.astray else None,
+        v_n=numbers.fold() if fold else None,
+        hysteresis_width=numbers.width() if fold else None,
+        coefficients=unknown if trust.no_form else numbers.coefficients(support),
+        criticality=best.law.criticality if support.cubic and not trust.astray else None,
+        length_scale=settings.length_scale,
+        time_scale=settings.time_scale,
+        branches=numbers.branches() if cubic else (),
+        steady_states=tuple(evidence.states),
+        observed=evidence.observed,
+        disturbance=numbers.disturbance(evidence.observed) if fold else None,
+        four_point=four,
+        fit=_summary(laws, evidence, trust),
+        segments=tuple(evidence.segments),
+        envelopes=tuple(evidence.envelopes),
+        records=tuple(evidence.records),
+        frequency_hz=_frequency(evidence),
+        days=by_day(
+            evidence.records,
+            evidence.states,
+            evidence.segments,
+            evidence.envelopes,
+            evidence.observed.threshold,
+            settings.seed,
+        ),
+        warnings=(),
+    )
+    why = reasons_of(result, support, trust.no_fold, no_recipe)
+    said = [line for line in warnings if line not in why.values()]
+    return replace(result, warnings=(*said, *silences(result.to_json(), why)))
+
+
+@dataclass(frozen=True)
+class _Trust:
+    """How far a law is to be believed: its misfit, and what must not be said for it."""
+
+    misfit: LackOfFit
+    quintic: LackOfFit
+    astray: str
+    against: str
+
+    @property
+    def no_fold(self) -> str:
+        """Why no fold is claimed; '' where one may be."""
+        if self.misfit.flagged:
+            return f'lack of fit of the law ({100.0 * self.misfit.share:.1f} %)'
+        return self.astray or self.against
+
+    @property
+    def no_form(self) -> bool:
+        """Whether not even a normal form is given."""
+        return bool(self.astray or self.against) or (
+            self.misfit.flagged and self.misfit.share > _FAR_OFF
         )
-    flagged = misfit.flagged or bool(against) or astray
+
+    @property
+    def stretch(self) -> float:
+        """Factor on the intervals: a misfit is a systematic error, in its proportion."""
+        return 1.0 + (min(self.misfit.share / 0.01, 10.0) if self.no_fold else 0.0)
+
+
+def _trust(best: FittedLaw, evidence: Evidence, warnings: list[str]) -> _Trust:
+    """Judge the law by limit cycles, transients and runs that contradict each other."""
+    name = best.law.name
+    misfit = lack_of_fit(best.law, evidence.hunting)
+    missed, transients = missed_transients(best, evidence.segments, evidence.envelopes)
+    astray = ''
+    if missed > max(0.3 * transients, 0.5):
+        astray = (
+            f'{missed} of {transients} free transients go another way than the {name} law says'
+        )
+        warnings.append(f'lack of fit: {astray}; no fold is claimed')
     # The paper's form may miss what a richer one follows: that too is to be known.
     quintic = next(
         lack_of_fit(one.law, evidence.hunting) for one in evidence.laws if one.law.name == QUINTIC
@@ -109,197 +188,47 @@ def conclude(
     if quintic.flagged and not misfit.flagged:
         warnings.append(
             f'lack of fit of the quintic form ({100.0 * quintic.share:.1f} %); the law chosen'
-            f' is {best.law.name}, and D7, D10, D15 are effective coefficients'
+            f' is {name}, and D7, D10, D15 are effective coefficients'
         )
+    against = contradictions(evidence.hunting)
     warnings += against
-    # A misfit is a systematic error: it widens all intervals in its proportion.
-    stretch = 1.0 + (min(misfit.share / 0.01, 10.0) if flagged else 0.0)
-    drawn = draw_laws(laws, settings, runs, stretch, progress)
-    numbers = _Numbers(best.law, drawn, evidence.speeds, settings)
-    support = support_of(
-        best, numbers.forms, evidence.states, evidence.segments, evidence.envelopes, settings
-    )
-    warnings += support.reasons
     if misfit.flagged:
         warnings.append(
-            f'lack of fit: the {best.law.name} law misses the limit cycle by'
+            f'lack of fit: the {name} law misses the limit cycle by'
             f' {100.0 * misfit.share:.1f} % (p = {misfit.p:.1g}); no fold is claimed'
         )
-    fold = support.nonlinear and not flagged
-    identified = numbers.identified(best.law.name) if support.complete else None
-    if identified is not None and (astray or against or (flagged and misfit.share > 0.05)):
-        warnings.append('the misfit is too large for a normal form: none is given')
-        identified = None
-    recipe = _recipe(identified, evidence.hunting, warnings)
-    return Identification(
-        normal_form=identified,
-        v_c=numbers.critical_speed() if support.critical else None,
-        v_n=numbers.fold() if fold else None,
-        hysteresis_width=numbers.width() if fold else None,
-        coefficients=numbers.coefficients(support),
-        criticality=best.law.criticality if support.cubic and not astray else None,
-        length_scale=settings.length_scale,
-        time_scale=settings.time_scale,
-        branches=numbers.branches() if support.cubic else (),
-        steady_states=tuple(evidence.states),
-        observed=evidence.observed,
-        disturbance=numbers.disturbance(evidence.observed) if fold else None,
-        four_point=recipe,
-        fit=_summary(laws, evidence, misfit, flagged or quintic.flagged),
-        warnings=tuple(warnings),
-        segments=tuple(evidence.segments),
-        envelopes=tuple(evidence.envelopes),
-        records=tuple(evidence.records),
-        frequency_hz=_frequency(evidence),
-    )
-
-
-class _Numbers:
-    """Quantities of a law, each with the spread that the draws give it."""
-
-    def __init__(
-        self,
-        law: GrowthLaw,
-        drawn: Sequence[GrowthLaw],
-        speeds: tuple[float, float],
-        settings: IdentificationSettings,
-    ) -> None:
-        self._law, self._drawn, self._settings = law, drawn, settings
-        self._low, self._high = speeds
-        self.form = law.normal_form(self._low, self._high)
-        self.forms: list[NormalForm | None] = [
-            one.normal_form(self._low, self._high) for one in drawn
-        ]
-        self._folds = [one.saddle_node(self._lowest) for one in drawn]
-
-    @property
-    def _lowest(self) -> float:
-        return self._low - 0.3 * (self._high - self._low)
-
-    def _speed_std(self, speed: float) -> float:
-        """Deviation of a speed by resolution and scale of the reading, m/s."""
-        return math.hypot(
-            self._settings.speed_resolution / math.sqrt(12.0),
-            self._settings.speed_scale_std * speed,
-        )
-
-    def critical_speed(self) -> Uncertain | None:
-        v_c = self._law.critical_speed
-        if v_c is None:
-            return None
-        return summary(
-            v_c, _values([one.critical_speed for one in self._drawn]), self._speed_std(v_c)
-        )
-
-    def fold(self) -> Uncertain | None:
-        v_n = self._law.saddle_node(self._lowest)
-        return None if v_n is None else summary(v_n, _values(self._folds), self._speed_std(v_n))
-
-    def width(self) -> Uncertain | None:
-        v_c, v_n = self._law.critical_speed, self._law.saddle_node(self._lowest)
-        if v_c is None or v_n is None:
-            return None
-        ends = zip(self._drawn, self._folds, strict=True)
-        sample = _values(
-            [
-                None if fold is None or one.critical_speed is None else one.critical_speed - fold
-                for one, fold in ends
-            ]
-        )
-        # A scale error of the speed stretches the width, a resolution blurs both its ends.
-        extra = math.hypot(
-            self._settings.speed_resolution / math.sqrt(6.0),
-            self._settings.speed_scale_std * (v_c - v_n),
-        )
-        return summary(v_c - v_n, sample, extra)
-
-    def coefficients(self, support: Support) -> dict[str, Uncertain | None]:
-        known: dict[str, Uncertain | None] = dict.fromkeys(COEFFICIENTS)
-        if self.form is None:
-            return known
-        for name in COEFFICIENTS:
-            if support.knows(name):
-                sample = _values([None if f is None else getattr(f, name) for f in self.forms])
-                known[name] = summary(getattr(self.form, name), sample)
-        return known
-
-    def identified(self, name: str) -> IdentifiedNormalForm | None:
-        if self.form is None:
-            return None
-        rows = np.array([IdentifiedNormalForm(f).vector for f in self.forms if f is not None])
-        centre = IdentifiedNormalForm(self.form).vector
-        # Far draws of a flat direction are cut at the quantiles that the intervals show.
-        low, high = np.percentile(rows, [1.0, 99.0], axis=0)
-        spread = np.clip(rows, low, high) - centre
-        matrix = spread.T @ spread / len(rows)
-        matrix[0, 0] += self._speed_std(self.form.critical_speed) ** 2
-        provenance = {'method': 'trajectory likelihood', 'law': name}
-        return IdentifiedNormalForm(self.form, matrix, provenance)
-
-    def branches(self) -> tuple[BranchPoint, ...]:
-        speeds = np.linspace(self._low, self._high, _BRANCH_POINTS)
-        fold = self._law.saddle_node(self._lowest)
-        if fold is not None and self._low < fold < self._high:
-            speeds = np.unique(np.concatenate([speeds, fold + np.array([1e-4, 0.01, 0.03, 0.1])]))
-        drawn = [one.steady_amplitudes(speeds) for one in self._drawn]
-        unstable, stable = self._law.steady_amplitudes(speeds)
-
-        def at(k: int, value: float, index: int) -> Uncertain | None:
-            sample = np.array([pair[index][k] for pair in drawn])
-            # Where a draw has no such branch there it has met zero or the fold: that is
-            # part of its interval, and no reason to hide the branch.
-            return summary(value, sample, least=0.3)
-
-        return tuple(
-            BranchPoint(float(speed), at(k, float(stable[k]), 1), at(k, float(unstable[k]), 0))
-            for k, speed in enumerate(speeds)
-        )
-
-    def disturbance(self, observed: ObservedCriticalSpeeds) -> Uncertain | None:
-        """Disturbance that explains the observed jump up: A_u there, Appendix A."""
-        if observed.v_c is None:
-            return None
-        speed = np.array([observed.v_c])
-        value = float(self._law.steady_amplitudes(speed)[0][0])
-        sample = np.array([float(one.steady_amplitudes(speed)[0][0]) for one in self._drawn])
-        return summary(value, sample, least=0.5)
-
-
-def _values(values: Sequence[float | None]) -> NDArray[np.float64]:
-    return np.array([math.nan if value is None else value for value in values])
+    return _Trust(misfit, quintic, astray, against[0] if against else '')
 
 
 def _recipe(
     identified: IdentifiedNormalForm | None,
     hunting: Sequence[SteadyState],
     warnings: list[str],
-) -> FourPoint | None:
-    """Run the paper's recipe on the hunting states nearest to its four detunings."""
-    if identified is None or len(hunting) < 4:
-        return None
+) -> tuple[FourPoint | None, str]:
+    """Run the paper's recipe on the hunting states nearest to its four detunings; or why not."""
+    if identified is None:
+        return None, 'the four-point recipe needs v_c and D1 of a normal form, and none is given'
+    if len(hunting) < 4:
+        return None, f'the four-point recipe needs four limit cycles, {len(hunting)} were measured'
     form = identified.form
     eps = np.array([state.speed / form.critical_speed - 1.0 for state in hunting])
     chosen = sorted({int(np.argmin(np.abs(eps - target))) for target in PAPER_DETUNINGS})
     if len(chosen) < 4:
-        warnings.append('four-point recipe: no four limit cycles near eps = -0.2, -0.1, 0, 0.1')
-        return None
+        return None, 'no four limit cycles near eps = -0.2, -0.1, 0, 0.1, as the recipe needs'
     radii = np.array([hunting[k].amplitude for k in chosen]) / (2.0 * form.length_scale)
     try:
         recipe = four_point(eps[chosen], radii, form.D1)
     except (IdentificationError, np.linalg.LinAlgError) as error:
-        warnings.append(f'four-point recipe: {error}')
-        return None
+        return None, f'four-point recipe: {error}'
     if recipe.warnings:
         warnings.append(
             f'{recipe.warnings[0]} ({len(recipe.warnings)} of 4 points; condition number'
             f' {recipe.condition_number:.3g})'
         )
-    return recipe
+    return recipe, ''
 
 
-def _summary(
-    laws: Sequence[FittedLaw], evidence: Evidence, misfit: LackOfFit, flagged: bool
-) -> FitSummary:
+def _summary(laws: Sequence[FittedLaw], evidence: Evidence, trust: _Trust) -> FitSummary:
     best = laws[0]
     inside = best.fit.innovations
     size = inside[:, 0] * np.exp(0.5 * inside[:, 2])
@@ -314,8 +243,8 @@ def _summary(
         residual_rms=evidence.scales.amplitude * float(np.sqrt(np.mean(used**2)))
         if used.size
         else math.nan,
-        lack_of_fit=flagged,
-        lack_of_fit_p=misfit.p,
+        lack_of_fit=bool(trust.no_fold) or trust.quintic.flagged,
+        lack_of_fit_p=trust.misfit.p,
         condition_number=robust_covariance(best.fit, len(evidence.envelopes)).condition_number,
     )
 

@@ -23,7 +23,6 @@ from hunt_ros.identification.envelope import (
     WINDOW_VARIANCE,
     Channels,
     Envelope,
-    channels_of,
 )
 from hunt_ros.identification.growth_law import GrowthScales
 from hunt_ros.identification.hunting_frequency import find_frequency, tracked_envelope
@@ -32,6 +31,7 @@ from hunt_ros.identification.law_choice import fit_laws
 from hunt_ros.identification.path_likelihood import Path
 from hunt_ros.identification.plateaus import analyse_record
 from hunt_ros.identification.result import Identification
+from hunt_ros.identification.screening import distinct, doubts, moving
 from hunt_ros.identification.segments import Segment, find_kicks
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.uncertainty import ENOUGH_RUNS
@@ -73,7 +73,8 @@ def identify(
     settings = settings or IdentificationSettings()
     tell = progress or (lambda fraction: None)
     warnings: list[str] = []
-    channels = _usable(records, warnings)
+    records = distinct(records, warnings)
+    channels = _usable(records, settings, warnings)
     frequency = find_frequency(channels, settings)
     runs = _envelopes(channels, frequency, settings, warnings)
     tell(0.2)
@@ -123,12 +124,14 @@ class _Run:
     kicks: Sequence[tuple[str, int]]
 
 
-def _usable(records: Sequence[Record], warnings: list[str]) -> list[Channels]:
+def _usable(
+    records: Sequence[Record], settings: IdentificationSettings, warnings: list[str]
+) -> list[Channels]:
     """Bring the records onto their lateral samples; say which cannot be used, and why."""
     channels = []
     for record in records:
         try:
-            channels.append(channels_of(record))
+            channels += moving(record)
         except IdentificationError as error:
             if len(records) == 1:
                 raise
@@ -138,6 +141,7 @@ def _usable(records: Sequence[Record], warnings: list[str]) -> list[Channels]:
         raise IdentificationError(f'none of {len(records)} records can be used{reason}')
     if not all(channel.roller.size for channel in channels):
         warnings.append('no roller angle: a roughness line, if there is one, is not removed')
+    warnings += doubts(channels, settings)
     return channels
 
 

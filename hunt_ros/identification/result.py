@@ -10,6 +10,7 @@ from typing import Any
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds, SteadyState
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, Criticality
+from hunt_ros.identification.days import Days
 from hunt_ros.identification.envelope import Envelope
 from hunt_ros.identification.four_point import FourPoint
 from hunt_ros.identification.segments import Segment
@@ -124,6 +125,8 @@ class Identification:
         What it was identified from, for `update`.
     frequency_hz : Uncertain or None
         Hunting frequency at v_c.
+    days : Days or None
+        The same rig on different days: branches, free motion, and their spread.
     """
 
     normal_form: IdentifiedNormalForm | None
@@ -145,6 +148,7 @@ class Identification:
     envelopes: Sequence[Envelope] = ()
     records: Sequence[Record] = field(default=(), repr=False)
     frequency_hz: Uncertain | None = None
+    days: Days | None = None
 
     def to_json(self) -> dict[str, Any]:
         """
@@ -171,6 +175,7 @@ class Identification:
             'disturbance_m': _number(self.disturbance),
             'four_point': None if self.four_point is None else self.four_point.to_json(),
             'fit': self.fit.to_json(),
+            'days': None if self.days is None else self.days.to_json(),
             'segments': [segment.to_json() for segment in self.segments],
             'warnings': list(self.warnings),
         }

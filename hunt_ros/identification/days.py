@@ -1,0 +1,227 @@
+"""
+The recordings by day: what each day shows, and how far the days are apart.
+
+A day is what the recording calls it (note `day`), or else the date of its first stamp.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.analysis.day_spread import (
+    DayAmplitude,
+    DayBranches,
+    Hit,
+    branch_by_day,
+    hits_by_speed,
+)
+from hunt_ros.analysis.steady_state import SteadyState, observed_critical_speeds
+from hunt_ros.identification.envelope import Envelope
+from hunt_ros.identification.segments import Segment
+from hunt_ros.samples import NANOSECONDS, Record
+
+#: Stamps before this are seconds of a run, not dates (2000-01-01), ns.
+_FIRST_DATE_NS = 946_684_800 * NANOSECONDS
+#: Day of recordings that neither name one nor have a date.
+UNDATED = 'undated'
+#: A transient at one speed: change of the speed along it, relative.
+_ONE_SPEED = 0.01
+
+
+def day_of(record: Record) -> str:
+    """Return the day of a recording: its note `day`, or the UTC date of its first stamp."""
+    named = record.notes.get('day', '').strip()
+    if named:
+        return named
+    if record.start_ns < _FIRST_DATE_NS:
+        return UNDATED
+    return f'{datetime.fromtimestamp(record.start_ns // NANOSECONDS, timezone.utc):%Y-%m-%d}'
+
+
+@dataclass(frozen=True)
+class DaySummary:
+    """What one day shows; NaN where it shows nothing. Units: m, m/s."""
+
+    day: str
+    recordings: int
+    steady_states: int
+    shift: float = math.nan
+    observed_v_c: float | None = None
+    observed_v_n: float | None = None
+    highest_decay: float | None = None
+    lowest_growth: float | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the entry of `days.summary`."""
+        return {
+            'day': self.day,
+            'recordings': self.recordings,
+            'steady_states': self.steady_states,
+            'shift_m': self.shift if math.isfinite(self.shift) else None,
+            'observed_v_c': self.observed_v_c,
+            'observed_v_n': self.observed_v_n,
+            'highest_decay_mps': self.highest_decay,
+            'lowest_growth_mps': self.lowest_growth,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Days:
+    """
+    All days side by side.
+
+    Parameters
+    ----------
+    summaries : sequence of DaySummary
+    branches : DayBranches
+        The stable branch of each day.
+    hits : sequence of Hit
+        Free motion at one speed.
+    seed : int
+        Of the bootstrap over days.
+    """
+
+    summaries: Sequence[DaySummary]
+    branches: DayBranches
+    hits: Sequence[Hit]
+    seed: int = 0
+
+    @property
+    def day_std(self) -> float:
+        """Standard deviation of the limit cycle from day to day, m; NaN if not known."""
+        return self.branches.day_std()
+
+    def bracket(self) -> tuple[float | None, float | None]:
+        """Highest speed at which free motion decayed, lowest at which it grew, m/s."""
+        return highest_decay(self.hits), lowest_growth(self.hits)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the entry `days`."""
+        branch = self.branches.spreads(self.seed)
+        rates = hits_by_speed(self.hits, self.seed)
+        std = self.day_std
+        decay, growth = self.bracket()
+        return {
+            'summary': [one.to_json() for one in self.summaries],
+            'day_std_m': std if math.isfinite(std) else None,
+            'stable_branch': [one.to_json('amplitude', 'm') for one in branch],
+            'growth_rates': [one.to_json('growth_rate', 'per_s') for one in rates],
+            'hits': [hit.to_json() for hit in self.hits],
+            'highest_decay_mps': decay,
+            'lowest_growth_mps': growth,
+        }
+
+
+def highest_decay(hits: Sequence[Hit]) -> float | None:
+    """Return the highest speed at which free motion decayed, m/s."""
+    return max((hit.speed for hit in hits if not hit.grew), default=None)
+
+
+def lowest_growth(hits: Sequence[Hit]) -> float | None:
+    """Return the lowest speed at which free motion grew, m/s."""
+    return min((hit.speed for hit in hits if hit.grew), default=None)
+
+
+def by_day(
+    records: Sequence[Record],
+    states: Sequence[SteadyState],
+    segments: Sequence[Segment],
+    envelopes: Sequence[Envelope],
+    threshold: float | None,
+    seed: int = 0,
+) -> Days:
+    """
+    Sort what was seen by day.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        They say which day they are of.
+    states, segments, envelopes : sequences
+        What was seen in them.
+    threshold : float or None
+        Amplitude that parts quiet from hunting, m.
+    seed : int
+        Of the bootstrap over days.
+    """
+    day = {record.source or 'record': day_of(record) for record in records}
+    hunting = [s for s in states if threshold is not None and s.amplitude > threshold]
+    branches = branch_by_day(
+        [DayAmplitude(s.speed, s.amplitude, day.get(s.source, UNDATED)) for s in hunting]
+    )
+    hits = _hits(segments, envelopes, day, threshold)
+    shifts = branches.shifts()
+    summaries = []
+    for name in sorted(set(day.values())):
+        own = [state for state in states if day.get(state.source, UNDATED) == name]
+        observed = observed_critical_speeds(own)
+        mine = [hit for hit in hits if hit.day == name]
+        summaries.append(
+            DaySummary(
+                name,
+                sum(value == name for value in day.values()),
+                len(own),
+                shifts.get(name, math.nan) if len(shifts) > 1 else math.nan,
+                observed.v_c,
+                observed.v_n,
+                highest_decay(mine),
+                lowest_growth(mine),
+            )
+        )
+    return Days(tuple(summaries), branches, tuple(hits), seed)
+
+
+def _hits(
+    segments: Sequence[Segment],
+    envelopes: Sequence[Envelope],
+    day: dict[str, str],
+    threshold: float | None,
+) -> list[Hit]:
+    """Free motion at one speed, out of the noise."""
+    if threshold is None:
+        return []
+    hits = []
+    for segment in segments:
+        if segment.kind != 'transient':
+            continue
+        if abs(segment.speed_end - segment.speed_start) > _ONE_SPEED * abs(segment.speed_start):
+            continue
+        amplitude = _along(segment, envelopes)
+        # Below this it is noise that wanders, whatever its trend.
+        if amplitude.size < 2 or float(amplitude.max()) < 0.5 * threshold:
+            continue
+        begin, end = float(amplitude[0]), float(amplitude[-1])
+        # What shrinks onto the limit cycle from above has not decayed.
+        if (end > begin) != (end > threshold):
+            continue
+        hits.append(
+            Hit(
+                round(segment.speed_start, 9),
+                day.get(segment.source, UNDATED),
+                segment.source,
+                begin,
+                end,
+                segment.growth_rate,
+                segment.growth_rate_std,
+            )
+        )
+    return hits
+
+
+def _along(segment: Segment, envelopes: Sequence[Envelope]) -> NDArray[np.float64]:
+    """Amplitudes along a segment, m; empty where no envelope holds it."""
+    for envelope in envelopes:
+        if envelope.source == segment.source:
+            stamps = envelope.start_ns + 1e9 * envelope.time
+            inside = (stamps >= segment.start_ns - 1e6) & (stamps <= segment.end_ns + 1e6)
+            amplitude = envelope.amplitude[inside & np.isfinite(envelope.amplitude)]
+            if amplitude.size:
+                return amplitude
+    return np.zeros(0)

@@ -1,0 +1,157 @@
+"""The quantities a law implies, each with the spread that the draws give it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import COEFFICIENTS, NormalForm
+from hunt_ros.identification.growth_law import GrowthLaw
+from hunt_ros.identification.guards import Support
+from hunt_ros.identification.result import BranchPoint
+from hunt_ros.identification.settings import IdentificationSettings
+from hunt_ros.identification.uncertainty import summary
+from hunt_ros.samples import Uncertain
+
+#: Speeds at which the branches are given.
+_BRANCH_POINTS = 41
+
+
+class Quantities:
+    """
+    Quantities of a law, each with the spread that the draws give it; None where too few
+    draws have it.
+
+    Parameters
+    ----------
+    law : GrowthLaw
+        The one chosen.
+    drawn : sequence of GrowthLaw
+        As the data leave it open.
+    speeds : (float, float)
+        Lowest and highest speed of the data, m/s.
+    settings : IdentificationSettings
+        For the errors of the speed reading.
+    """
+
+    def __init__(
+        self,
+        law: GrowthLaw,
+        drawn: Sequence[GrowthLaw],
+        speeds: tuple[float, float],
+        settings: IdentificationSettings,
+    ) -> None:
+        self._law, self._drawn, self._settings = law, drawn, settings
+        self._low, self._high = speeds
+        self.form = law.normal_form(self._low, self._high)
+        self.forms: list[NormalForm | None] = [
+            one.normal_form(self._low, self._high) for one in drawn
+        ]
+        self._folds = [one.saddle_node(self._lowest) for one in drawn]
+
+    @property
+    def _lowest(self) -> float:
+        return self._low - 0.3 * (self._high - self._low)
+
+    def _speed_std(self, speed: float) -> float:
+        """Deviation of a speed by resolution and scale of the reading, m/s."""
+        return math.hypot(
+            self._settings.speed_resolution / math.sqrt(12.0),
+            self._settings.speed_scale_std * speed,
+        )
+
+    def critical_speed(self) -> Uncertain | None:
+        """Linear critical speed v_c, m/s."""
+        v_c = self._law.critical_speed
+        if v_c is None:
+            return None
+        return summary(
+            v_c, _values([one.critical_speed for one in self._drawn]), self._speed_std(v_c)
+        )
+
+    def fold(self) -> Uncertain | None:
+        """Nonlinear critical speed v_n, m/s."""
+        v_n = self._law.saddle_node(self._lowest)
+        return None if v_n is None else summary(v_n, _values(self._folds), self._speed_std(v_n))
+
+    def width(self) -> Uncertain | None:
+        """Hysteresis width v_c - v_n, m/s."""
+        v_c, v_n = self._law.critical_speed, self._law.saddle_node(self._lowest)
+        if v_c is None or v_n is None:
+            return None
+        ends = zip(self._drawn, self._folds, strict=True)
+        sample = _values(
+            [
+                None if fold is None or one.critical_speed is None else one.critical_speed - fold
+                for one, fold in ends
+            ]
+        )
+        # A scale error of the speed stretches the width, a resolution blurs both its ends.
+        extra = math.hypot(
+            self._settings.speed_resolution / math.sqrt(6.0),
+            self._settings.speed_scale_std * (v_c - v_n),
+        )
+        return summary(v_c - v_n, sample, extra)
+
+    def coefficients(self, support: Support) -> dict[str, Uncertain | None]:
+        """Coefficients that the data support."""
+        known: dict[str, Uncertain | None] = dict.fromkeys(COEFFICIENTS)
+        if self.form is None:
+            return known
+        for name in COEFFICIENTS:
+            if support.knows(name):
+                sample = _values([None if f is None else getattr(f, name) for f in self.forms])
+                known[name] = summary(getattr(self.form, name), sample)
+        return known
+
+    def identified(self, name: str) -> IdentifiedNormalForm | None:
+        """Normal form with its covariance."""
+        if self.form is None:
+            return None
+        rows = np.array([IdentifiedNormalForm(f).vector for f in self.forms if f is not None])
+        centre = IdentifiedNormalForm(self.form).vector
+        # Far draws of a flat direction are cut at the quantiles that the intervals show.
+        low, high = np.percentile(rows, [1.0, 99.0], axis=0)
+        spread = np.clip(rows, low, high) - centre
+        matrix = spread.T @ spread / len(rows)
+        matrix[0, 0] += self._speed_std(self.form.critical_speed) ** 2
+        provenance = {'method': 'trajectory likelihood', 'law': name}
+        return IdentifiedNormalForm(self.form, matrix, provenance)
+
+    def branches(self) -> tuple[BranchPoint, ...]:
+        """Both limit cycles over the speeds of the data."""
+        speeds = np.linspace(self._low, self._high, _BRANCH_POINTS)
+        fold = self._law.saddle_node(self._lowest)
+        if fold is not None and self._low < fold < self._high:
+            speeds = np.unique(np.concatenate([speeds, fold + np.array([1e-4, 0.01, 0.03, 0.1])]))
+        drawn = [one.steady_amplitudes(speeds) for one in self._drawn]
+        unstable, stable = self._law.steady_amplitudes(speeds)
+
+        def at(k: int, value: float, index: int) -> Uncertain | None:
+            sample = np.array([pair[index][k] for pair in drawn])
+            # Where a draw has no such branch there it has met zero or the fold: that is
+            # part of its interval, and no reason to hide the branch.
+            return summary(value, sample, least=0.3)
+
+        return tuple(
+            BranchPoint(float(speed), at(k, float(stable[k]), 1), at(k, float(unstable[k]), 0))
+            for k, speed in enumerate(speeds)
+        )
+
+    def disturbance(self, observed: ObservedCriticalSpeeds) -> Uncertain | None:
+        """Disturbance that explains the observed jump up: A_u there, Appendix A."""
+        if observed.v_c is None:
+            return None
+        speed = np.array([observed.v_c])
+        value = float(self._law.steady_amplitudes(speed)[0][0])
+        sample = np.array([float(one.steady_amplitudes(speed)[0][0]) for one in self._drawn])
+        return summary(value, sample, least=0.5)
+
+
+def _values(values: Sequence[float | None]) -> NDArray[np.float64]:
+    return np.array([math.nan if value is None else value for value in values])

@@ -1,0 +1,127 @@
+"""Why each quantity of an identification is not known, in words; `silence` puts it down."""
+
+from __future__ import annotations
+
+from hunt_ros.dynamics.normal_form import COEFFICIENTS
+from hunt_ros.identification.days import Days
+from hunt_ros.identification.guards import Support
+from hunt_ros.identification.result import Identification
+
+_FEW_DRAWS = 'too few of the laws that the data allow have one'
+
+
+def reasons_of(
+    result: Identification, support: Support, no_fold: str, no_recipe: str
+) -> dict[str, str]:
+    """
+    Collect the reasons why what is null in a result is null.
+
+    Parameters
+    ----------
+    result : Identification
+        Whose nulls are to be explained.
+    support : Support
+        What the data support.
+    no_fold : str
+        Why the law is not believed; '' where it is.
+    no_recipe : str
+        Why there is no four-point recipe; '' where there is one.
+
+    Returns
+    -------
+    dict of str to str
+        Key of the JSON, or its beginning -> reason; keys that are known may stand in it.
+    """
+    linear = support.reason('critical')
+    whole = support.reason('critical', 'time', 'cubic') or no_fold
+    fold = support.reason('critical', 'time', 'cubic', 'nonlinear', 'complete') or no_fold
+    fold = fold or f'no fold of the law lies near the speeds of the data, or {_FEW_DRAWS}'
+    why = {
+        'v_c': _bounded(linear or no_fold or _FEW_DRAWS, result.days),
+        'v_n': fold,
+        'hysteresis_width': fold,
+        'criticality': whole,
+        'branches': whole,
+        'four_point': no_recipe,
+        'disturbance_m': _no_disturbance(result, fold),
+        'steady_states': 'no stretch holds its amplitude for long enough',
+        **_unobserved(result),
+        **_undated(result.days),
+    }
+    if not result.branches:
+        # Not at some speeds: nowhere.
+        why |= {'branches.stable_amplitude_m': whole, 'branches.unstable_amplitude_m': whole}
+    else:
+        why.pop('branches')
+    if result.steady_states:
+        why.pop('steady_states')
+    for name in COEFFICIENTS:
+        names = ('critical', 'time') if name in ('D1', 'D7') else ('critical', 'time', 'cubic')
+        lack = support.reason(*names) or no_fold
+        why[f'coefficients.{name}'] = lack or f'the law has no normal form, or {_FEW_DRAWS}'
+    return {key: reason for key, reason in why.items() if reason}
+
+
+def _bounded(reason: str, days: Days | None) -> str:
+    """Add what free motion says of v_c all the same: it is above any speed of a decay."""
+    if days is None:
+        return reason
+    decay, growth = days.bracket()
+    if decay is not None and growth is not None:
+        return (
+            f'{reason}; free motion still decayed at {decay:.3g} m/s, so that v_c is higher than'
+            f' that, and grew from {growth:.3g} m/s on, by its size and the day'
+        )
+    if decay is not None:
+        return f'{reason}; free motion still decayed at {decay:.3g} m/s: v_c is higher than that'
+    if growth is not None:
+        return (
+            f'{reason}; free motion grew from {growth:.3g} m/s on, which large motion does'
+            ' below v_c too'
+        )
+    return reason
+
+
+def _no_disturbance(result: Identification, fold: str) -> str:
+    if result.v_n is None:
+        return fold
+    if result.observed.v_c is None:
+        return 'no jump up was observed, speed rising'
+    return f'the unstable branch does not reach {result.observed.v_c:.3g} m/s, the observed jump'
+
+
+def _unobserved(result: Identification) -> dict[str, str]:
+    observed = result.observed
+    if observed.threshold is None:
+        reason = 'all amplitudes are of one kind: nothing jumped'
+        return {'observed': reason}
+    jump = 'no run shows steady states either side of a jump {0}, speed {1}, without a kick'
+    up, down = jump.format('up', 'rising'), jump.format('down', 'falling')
+    return {
+        'observed.v_c': up,
+        'observed.v_n': down,
+        'observed.hysteresis_width': up if observed.v_c is None else down,
+        'observed.step_mps': 'no jump was observed',
+    }
+
+
+def _undated(days: Days | None) -> dict[str, str]:
+    """Reasons for what the days do not show."""
+    if days is None:
+        return {'days': 'the recordings were not sorted by day'}
+    several = len(days.summaries) > 1
+    apart = (
+        'no two days have measured the limit cycle at the same speeds'
+        if several
+        else 'all recordings are of one day'
+    )
+    return {
+        'days.day_std_m': apart,
+        'days.summary.shift_m': apart,
+        'days.summary.observed_v_c': 'a day without a jump up, speed rising',
+        'days.summary.observed_v_n': 'a day without a jump down, speed falling',
+        'days.summary.highest_decay_mps': 'a day on which no free motion at one speed decayed',
+        'days.summary.lowest_growth_mps': 'a day on which no free motion at one speed grew',
+        'days.highest_decay_mps': 'no free motion at one speed decayed',
+        'days.lowest_growth_mps': 'no free motion at one speed grew',
+    }

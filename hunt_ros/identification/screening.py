@@ -1,0 +1,215 @@
+"""
+What is wrong with recordings before any fit: told apart here, named, left out or refused.
+
+A recording that cannot be what it says it is (a dead sensor, a speed of zero, the same
+file twice) is left out with its reason; where none is left the first reason is the error.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hunt_ros.errors import IdentificationError
+from hunt_ros.identification.envelope import Channels, channels_of
+from hunt_ros.identification.hunting_frequency import find_frequency
+from hunt_ros.identification.settings import IdentificationSettings
+from hunt_ros.samples import Record
+
+#: Below this share of its highest speed a rig stands: there is nothing to learn there.
+_STANDING = 0.05
+#: Lateral motion larger or smaller than these in units of d0, and speeds outside this
+#: range (m/s), are rather a wrong unit.
+_LATERAL_RANGE = (2e-5, 5.0)
+_SPEED_RANGE = (0.05, 150.0)
+#: Factor between the hunting frequencies of two runs at one speed that one rig does not show.
+_OTHER_RIG = 1.35
+
+
+def distinct(records: Sequence[Record], warnings: list[str]) -> list[Record]:
+    """
+    Leave out what was given twice, and give each recording a name of its own.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        As given by the user.
+    warnings : list of str
+        Grows by what was left out, and by what opening showed to be wrong.
+
+    Raises
+    ------
+    IdentificationError
+        If the recordings say that they are of different rigs.
+    """
+    _one_rig(records)
+    seen: dict[str, str] = {}
+    named: dict[str, int] = {}
+    kept = []
+    for record in records:
+        source = record.source or 'record'
+        problems = record.notes.get('problems')
+        if problems:
+            warnings.append(f'{source}: damaged: {problems}')
+        print_of_it = _fingerprint(record)
+        if print_of_it in seen:
+            warnings.append(f'left out: {source}: the same samples as {seen[print_of_it]}')
+            continue
+        seen[print_of_it] = source
+        named[source] = named.get(source, 0) + 1
+        if named[source] > 1:
+            record = replace(record, source=f'{source} ({named[source]})')
+        kept.append(record)
+    return kept
+
+
+def _one_rig(records: Sequence[Record]) -> None:
+    rigs: dict[str, str] = {}
+    for record in records:
+        rig = record.notes.get('rig', '').strip()
+        if rig:
+            rigs.setdefault(rig, record.source)
+    if len(rigs) > 1:
+        (one, first), (other, second) = list(rigs.items())[:2]
+        raise IdentificationError(
+            f'recordings of different rigs: {one!r} in {first} and {other!r} in {second},'
+            ' expected those of one rig'
+        )
+
+
+def _fingerprint(record: Record) -> str:
+    """Tell recordings apart by their lateral samples; speed alone does not make one new."""
+    digest = hashlib.sha256()
+    for name in ('lateral', 'speed'):
+        if name in record:
+            digest.update(name.encode())
+            digest.update(record[name].stamps_ns.tobytes())
+            digest.update(record[name].values.tobytes())
+    return digest.hexdigest()
+
+
+def moving(record: Record) -> list[Channels]:
+    """
+    Bring a record onto its lateral samples, without the stretches in which the rig stands.
+
+    Raises
+    ------
+    IdentificationError
+        As `channels_of`; for a lateral channel that never changes, and for a speed that
+        is zero or negative throughout.
+    """
+    channels = channels_of(record)
+    finite = channels.lateral[np.isfinite(channels.lateral)]
+    if finite.size == 0:
+        raise IdentificationError(
+            f'{channels.source}: no lateral sample lies within the time of the roller channel'
+        )
+    if float(np.ptp(finite)) == 0.0:
+        raise IdentificationError(
+            f'{channels.source}: lateral is {finite[0]:.3g} m throughout: a sensor that measures'
+            ' nothing'
+        )
+    top = float(channels.speed.max())
+    if top <= 0.0:
+        raise IdentificationError(
+            f'{channels.source}: speed is {"0" if top == 0.0 else "negative"} throughout'
+            f' ({float(channels.speed.min()):.3g} to {top:.3g} m/s), expected a positive running'
+            ' speed'
+        )
+    runs = channels.speed > _STANDING * top
+    if runs.all():
+        return [channels]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], runs, [False]]).astype(np.int8)))
+    parts = [
+        _cut(channels, int(first), int(last))
+        for first, last in edges.reshape(-1, 2)
+        if last - first >= 50 and channels.time[last - 1] - channels.time[first] >= 3.0
+    ]
+    if not parts:
+        raise IdentificationError(
+            f'{channels.source}: the rig never runs for 3 s on end (highest speed {top:.3g} m/s)'
+        )
+    return parts
+
+
+def _cut(channels: Channels, first: int, last: int) -> Channels:
+    """Return the samples from first to before last; the time of the record stays."""
+    part = slice(first, last)
+    return replace(
+        channels,
+        time=channels.time[part],
+        lateral=channels.lateral[part],
+        speed=channels.speed[part],
+        roller=channels.roller[part] if channels.roller.size else channels.roller,
+    )
+
+
+def doubts(channels: Sequence[Channels], settings: IdentificationSettings) -> list[str]:
+    """
+    Say what looks like a wrong unit, or like another rig.
+
+    Parameters
+    ----------
+    channels : sequence of Channels
+        All that are used.
+    settings : IdentificationSettings
+        For d0, and where the hunting frequency is looked for.
+
+    Returns
+    -------
+    list of str
+        One line for each doubt.
+    """
+    found = []
+    for channel in channels:
+        reach = _swing(channel)
+        low, high = (bound * settings.length_scale for bound in _LATERAL_RANGE)
+        if not low <= reach <= high:
+            found.append(
+                f'{channel.source}: lateral motion of {reach:.2g} m with d0 ='
+                f' {settings.length_scale:g} m: is the unit right? (lateral=SOURCE*0.001 for mm)'
+            )
+        speed = float(np.median(channel.speed))
+        if not _SPEED_RANGE[0] <= speed <= _SPEED_RANGE[1]:
+            found.append(
+                f'{channel.source}: speed of {speed:.3g} m/s: is the unit right?'
+                ' (speed=SOURCE*0.001 for mm/s)'
+            )
+    return found + _other_rig(channels, settings)
+
+
+def _swing(channel: Channels) -> float:
+    """Half the central 98 % of the lateral motion about its median, m."""
+    known = channel.lateral[np.isfinite(channel.lateral)]
+    low, high = np.percentile(known, [1.0, 99.0])
+    return 0.5 * float(high - low)
+
+
+def _other_rig(channels: Sequence[Channels], settings: IdentificationSettings) -> list[str]:
+    """Compare the hunting frequencies of runs at one speed that hunt."""
+    if len(channels) < 2 or settings.frequency_hz is not None:
+        return []
+    swings = [_swing(channel) for channel in channels]
+    hunting = [c for c, swing in zip(channels, swings, strict=True) if swing > 0.3 * max(swings)]
+    if len(hunting) < 2:
+        return []
+    known = []
+    for channel in hunting:
+        try:
+            known.append((find_frequency([channel], settings), channel))
+        except IdentificationError:
+            continue  # too short or too broken to say; it is dealt with where it is fitted
+    known.sort(key=lambda pair: pair[0])
+    for low, one in known:
+        for high, other in reversed(known):
+            if high < _OTHER_RIG * low:
+                break
+            if abs(float(np.median(one.speed)) / float(np.median(other.speed)) - 1.0) < 0.1:
+                return [
+                    f'{one.source} moves at {low:.3g} Hz and {other.source} at {high:.3g} Hz at'
+                    ' one speed: are they of one rig?'
+                ]
+    return []
