@@ -14,7 +14,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hunt_ros.detection import decisions
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.journal import JournalEntry
 from hunt_ros.detection.merge import ChannelMerger
@@ -173,11 +172,7 @@ class HuntingDetector:
         now_ns : int
             For the journal.
         """
-        memory = self._rows.memory
-        if memory[decisions.M_ALARM] > 0.0:
-            memory[decisions.M_ACKNOWLEDGED] = 1.0
-            if int(memory[decisions.M_STATE]) not in (State.ESCAPING, State.LIMIT_CYCLE):
-                memory[decisions.M_ALARM] = memory[decisions.M_ACKNOWLEDGED] = 0.0
+        self._rows.acknowledge()
         self._note('acknowledged', now_ns)
         row = self._last_row
         event = Event(
@@ -239,7 +234,7 @@ class HuntingDetector:
             if count
         }
         row = self._last_row
-        alarm = bool(self._rows.memory[decisions.M_ALARM] > 0.0)
+        alarm = self._rows.alarm
         if row is None:
             return DetectorStatus(alarm=alarm, dropped=dropped)
         refused = tuple(

@@ -6,18 +6,18 @@ import math
 
 import numpy as np
 
-from hunt_ros.detection import decisions, health
+from hunt_ros.detection import doubts, health
 from hunt_ros.detection.regions import State
 from hunt_ros.samples import CHANNELS
 
 _DOUBTS: tuple[tuple[int, str], ...] = (
-    (decisions.D_NO_ESTIMATE, 'no estimate of the hunting amplitude yet'),
-    (decisions.D_SETTLING, 'learning the noise floor'),
-    (decisions.D_NO_SPEED, 'region unknown: no speed'),
-    (decisions.D_NO_FORM, 'region unknown: no normal form and no critical speeds'),
-    (decisions.D_HYSTERESIS, 'hysteresis region: a disturbance can start hunting'),
-    (decisions.D_UNSTABLE, 'above the linear critical speed'),
-    (decisions.D_DECAYING, 'hunting is dying out'),
+    (doubts.NO_ESTIMATE, 'no estimate of the hunting amplitude yet'),
+    (doubts.SETTLING, 'learning the noise floor'),
+    (doubts.NO_SPEED, 'region unknown: no speed'),
+    (doubts.NO_FORM, 'region unknown: no normal form and no critical speeds'),
+    (doubts.HYSTERESIS, 'hysteresis region: a disturbance can start hunting'),
+    (doubts.UNSTABLE, 'above the linear critical speed'),
+    (doubts.DECAYING, 'hunting is dying out'),
 )
 
 
@@ -43,12 +43,12 @@ def reasons_of(row: np.void) -> tuple[str, ...]:
         found.append(f'escaping from the quiet state{soon}')
     elif state is State.LIMIT_CYCLE:
         found.append('limit cycle')
-    doubts = int(row['doubts'])
-    if doubts & decisions.D_MARGIN:
+    bits = int(row['doubts'])
+    if bits & doubts.MARGIN:
         found.append(f'margin {float(row["margin"]):.2f} is low')
-    if doubts & decisions.D_DISAGREE:
+    if bits & doubts.DISAGREE:
         found.append('filter and Hilbert envelope disagree on the amplitude')
-    found += [words for bit, words in _DOUBTS if doubts & bit]
+    found += [words for bit, words in _DOUBTS if bits & bit]
     return (*found, *channel_reasons(row, health.MILD))
 
 

@@ -21,6 +21,7 @@ from hunt_ros.detection.health import ChannelHealth
 from hunt_ros.detection.merge import MergedBlock
 from hunt_ros.detection.output import ESTIMATE_DTYPE, TRACKER_FIELDS
 from hunt_ros.detection.regions import Level, State
+from hunt_ros.detection.rules import rules_of
 from hunt_ros.detection.second_opinion import SecondOpinion
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.estimation.kalman import HuntingTracker, TrackerConfig
@@ -32,24 +33,10 @@ _EDGE_NS = NANOSECONDS
 _BLIND = health.SEVERE & ~health.SATURATED
 #: Kept when the clocks were set back: the alarm, and what is known of the rig.
 _LASTING = (
-    decisions.M_ALARM,
-    decisions.M_ACKNOWLEDGED,
-    decisions.M_FLOOR2,
-    decisions.M_FLOOR_ROWS,
-)
-
-_DECIDED = (
-    'noise_floor',
-    'noise_intensity',
-    'unstable_amplitude',
-    'unstable_amplitude_std',
-    'stable_amplitude',
-    'margin',
-    'margin_low',
-    'margin_high',
-    'escape_probability',
-    'outlook',
-    'time_to_limit_cycle',
+    ('state', 'alarm'),
+    ('state', 'acknowledged'),
+    ('floor', 'square'),
+    ('floor', 'learnt'),
 )
 
 
@@ -66,8 +53,8 @@ class RowMaker:
 
     Attributes
     ----------
-    memory : ndarray
-        Of the decisions, see `hunt_ros.detection.decisions`.
+    memory : ndarray of decisions.MEMORY, shape (1,)
+        What the decisions remember.
     """
 
     def __init__(self, config: DetectorConfig, drain_ns: int) -> None:
@@ -101,9 +88,8 @@ class RowMaker:
             v_n = nowhere if fold is None else fold
         self._numbers = form_numbers(identified)
         self._edges = EdgeTable(form)
-        self._rules = decisions.rules_of(self.config, v_n, v_c)
-        self.memory[decisions.M_NOISE] = math.nan
-        self.memory[decisions.M_NOISE_ROWS] = 0.0
+        self._rules = rules_of(self.config, v_n, v_c)
+        self.memory['noise'] = decisions.fresh_memory()['noise']
         self._edge_second = -1
 
     def start_again(self) -> None:
@@ -117,9 +103,22 @@ class RowMaker:
         for opinion in self._opinions.values():
             opinion.reset()
         memory = decisions.fresh_memory()
-        memory[list(_LASTING)] = self.memory[list(_LASTING)]
+        for part, name in _LASTING:
+            memory[part][name] = self.memory[part][name]
         self.memory = memory
         self._edge_second = -1
+
+    @property
+    def alarm(self) -> bool:
+        """The latched alarm."""
+        return bool(self.memory['state']['alarm'][0])
+
+    def acknowledge(self) -> None:
+        """Take the alarm back: at once, or once the hunting is over."""
+        memory = self.memory['state'][0]
+        if memory['alarm']:
+            hunting = memory['state'] in (State.ESCAPING, State.LIMIT_CYCLE)
+            memory['acknowledged'] = memory['alarm'] = hunting
 
     def make(
         self, after_ns: int | None, until_ns: int, blocks: dict[str, MergedBlock]
@@ -233,10 +232,7 @@ class RowMaker:
         if main == 'yaw' and np.isfinite(rows['lateral_amplitude']).any():
             main = 'lateral'
         amplitude = np.where(trusted, rows[f'{main}_amplitude'], math.nan)
-        spread = rows[f'{main}_amplitude_std']
-        numbers = np.empty((rows.size, decisions.N_OUTPUT))
-        regions, states = np.zeros(rows.size, np.int8), np.zeros(rows.size, np.int8)
-        doubts, alarms = np.zeros(rows.size, np.uint32), np.zeros(rows.size, np.bool_)
+        spread = np.ascontiguousarray(rows[f'{main}_amplitude_std'])
         seconds = rows['stamp_ns'] // _EDGE_NS
         starts = np.flatnonzero(np.diff(seconds, prepend=self._edge_second))
         bounds = [0, *starts[starts > 0].tolist(), rows.size]
@@ -249,29 +245,15 @@ class RowMaker:
                 self._rules,
                 self._numbers,
                 self.memory,
-                np.ascontiguousarray(amplitude[part]),
-                np.ascontiguousarray(spread[part]),
-                np.ascontiguousarray(rows['growth_rate'][part]),
-                np.ascontiguousarray(rows['growth_rate_std'][part]),
-                np.ascontiguousarray(rows['speed'][part]),
-                np.ascontiguousarray(rows['lateral_roughness'][part]),
+                amplitude[part],
+                spread[part],
                 disagree[part],
-                numbers[part],
-                regions[part],
-                states[part],
-                doubts[part],
-                alarms[part],
+                rows[part],
             )
-        for column, name in enumerate(_DECIDED):
-            rows[name] = numbers[:, column]
-        rows['region'], rows['state'] = regions, states
-        rows['doubts'], rows['alarm'] = doubts, alarms
 
     def _look_up_edge(self, speed: float) -> None:
-        edge = self._edges.at(speed, float(self.memory[decisions.M_NOISE]))
-        self.memory[decisions.M_EDGE_CENTRE] = edge.centre
-        self.memory[decisions.M_EDGE_WIDTH] = edge.width
-        self.memory[decisions.M_EDGE_RATE] = edge.rate
+        edge = self._edges.at(speed, float(self.memory['noise']['intensity'][0]))
+        self.memory['edge'] = tuple(edge)
 
     def _levels(self, rows: NDArray[np.void]) -> None:
         """Fill in the level: the worst of what the decisions and the channels say."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.detection import decisions, health
+from hunt_ros.detection import doubts, health
 from hunt_ros.detection.output import ESTIMATE_DTYPE, Event
 from hunt_ros.detection.regions import Level, Region, State
 
@@ -42,7 +42,7 @@ class Transitions:
         for name in (*watched, 'doubts', *(f'{name}_wrong' for name in self._channels)):
             values = rows[name]
             if name == 'doubts':
-                values = values & decisions.D_MARGIN
+                values = values & doubts.MARGIN
             elif name.endswith('_wrong'):
                 values = values & (health.SILENT | health.FAULTS)
             last = self._before[name][0]
@@ -69,7 +69,7 @@ class Transitions:
                 found.append((f'{_REGIONS[old_region]}_left', ''))
             if region in _REGIONS:
                 found.append((f'{_REGIONS[region]}_entered', ''))
-        low = bool(int(row['doubts']) & decisions.D_MARGIN)
+        low = bool(int(row['doubts']) & doubts.MARGIN)
         if low != bool(before['doubts']):
             found.append(('margin_low' if low else 'margin_restored', ''))
         old_state, state = State(before['state']), State(int(row['state']))

@@ -1,0 +1,87 @@
+"""
+Doubts: what makes the level WARN at least, as bits of a row, each held against chatter.
+
+Called by the kernel of the decisions, row by row.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from hunt_ros.compiled import compiled_part
+from hunt_ros.detection.regions import Region, State, held, switched
+from hunt_ros.detection.rules import Rules
+
+MARGIN, DISAGREE, NO_FORM, NO_SPEED, SETTLING, NO_ESTIMATE = 1, 2, 4, 8, 16, 32
+DECAYING, HYSTERESIS, UNSTABLE = 64, 128, 256
+
+_UNKNOWN, _HYSTERESIS, _UNSTABLE = map(int, (Region.UNKNOWN, Region.HYSTERESIS, Region.UNSTABLE))
+_DECAYING = int(State.DECAYING)
+
+#: What is remembered: doubts in force (0 or 1), and the rows for which the contrary was seen.
+DOUBTS: np.dtype[np.void] = np.dtype(
+    [
+        ('margin_low', np.int64),
+        ('margin_waited', np.int64),
+        ('disagree', np.int64),
+        ('disagree_waited', np.int64),
+    ],
+    align=True,
+)
+
+
+@compiled_part
+def hold_doubts(rules: Rules, memory: Any, region: int, disagree: bool, margin: float) -> int:
+    """
+    Take in a row; return the doubts in force about margin and agreement.
+
+    Parameters
+    ----------
+    rules, memory
+        Thresholds, and a record of DOUBTS.
+    region : int
+        Region of the speed.
+    disagree : bool
+        The two amplitude estimates differ in this row.
+    margin : float
+        Unstable amplitude over amplitude; NaN without the first.
+    """
+    on = memory['margin_low'] > 0
+    low = switched(on, -margin, -rules.margin_in, -rules.margin_out)
+    if math.isnan(margin):
+        # no unstable branch: below v_n there is room enough, above v_c there is none
+        low = on and region >= _HYSTERESIS
+    now, waited = held(memory['margin_low'], int(low), memory['margin_waited'], rules.margin_hold)
+    memory['margin_low'] = now
+    memory['margin_waited'] = waited
+    bits = MARGIN if now > 0 else 0
+    now, waited = held(
+        memory['disagree'], int(disagree), memory['disagree_waited'], rules.disagree_hold
+    )
+    memory['disagree'] = now
+    memory['disagree_waited'] = waited
+    return bits | DISAGREE if now > 0 else bits
+
+
+@compiled_part
+def present(region: int, state: int, v: float, known: bool, settling: bool) -> int:
+    """Return the doubts that need no memory: about speed, form, estimate, floor and state."""
+    bits = 0
+    if math.isnan(v):
+        bits |= NO_SPEED
+    elif region == _UNKNOWN:
+        bits |= NO_FORM
+    if not known:
+        bits |= NO_ESTIMATE
+    elif settling:
+        bits |= SETTLING
+    if state == _DECAYING:
+        bits |= DECAYING
+    if region == _HYSTERESIS:
+        bits |= HYSTERESIS
+    if region == _UNSTABLE:
+        bits |= UNSTABLE
+    return bits
