@@ -33,6 +33,8 @@ _FIRST_DATE_NS = 946_684_800 * NANOSECONDS
 UNDATED = 'undated'
 #: A transient at one speed: change of the speed along it, relative.
 _ONE_SPEED = 0.01
+#: Free motion is larger than the quiet one by this factor: Rayleigh's amplitude is not.
+_ABOVE_QUIET = 8.0
 
 
 def day_of(record: Record) -> str:
@@ -187,6 +189,9 @@ def _hits(
     """Free motion at one speed, out of the noise."""
     if threshold is None:
         return []
+    everywhere = np.concatenate([envelope.amplitude for envelope in envelopes])
+    still = everywhere[np.isfinite(everywhere) & (everywhere <= threshold)]
+    quiet = float(np.sqrt(np.mean(still**2))) if still.size else 0.0
     hits = []
     for segment in segments:
         if segment.kind != 'transient':
@@ -195,7 +200,7 @@ def _hits(
             continue
         amplitude = _along(segment, envelopes)
         # Below this it is noise that wanders, whatever its trend.
-        if amplitude.size < 2 or float(amplitude.max()) < 0.5 * threshold:
+        if amplitude.size < 2 or float(amplitude.max()) < _ABOVE_QUIET * quiet:
             continue
         begin, end = float(amplitude[0]), float(amplitude[-1])
         # What shrinks onto the limit cycle from above has not decayed.

@@ -31,7 +31,7 @@ from hunt_ros.identification.law_choice import fit_laws
 from hunt_ros.identification.path_likelihood import Path
 from hunt_ros.identification.plateaus import analyse_record
 from hunt_ros.identification.result import Identification
-from hunt_ros.identification.screening import distinct, doubts, moving
+from hunt_ros.identification.screening import above_noise, distinct, doubts, moving
 from hunt_ros.identification.segments import Segment, find_kicks
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.uncertainty import ENOUGH_RUNS
@@ -166,6 +166,7 @@ def _envelopes(
         raise IdentificationError(
             f'none of {len(channels)} records has a stretch free of drop-outs'
         )
+    above_noise([run.envelope for run in runs])
     if len(runs) < ENOUGH_RUNS:
         warnings.append(
             f'{len(runs)} independent runs, fewer than {ENOUGH_RUNS}: the intervals rest on'

@@ -115,13 +115,15 @@ def _undated(days: Days | None) -> dict[str, str]:
         if several
         else 'all recordings are of one day'
     )
+    decayed = 'no free motion at one speed decayed, on some day or on any'
+    grew = 'no free motion at one speed grew, on some day or on any'
     return {
         'days.day_std_m': apart,
         'days.summary.shift_m': apart,
         'days.summary.observed_v_c': 'a day without a jump up, speed rising',
         'days.summary.observed_v_n': 'a day without a jump down, speed falling',
-        'days.summary.highest_decay_mps': 'a day on which no free motion at one speed decayed',
-        'days.summary.lowest_growth_mps': 'a day on which no free motion at one speed grew',
-        'days.highest_decay_mps': 'no free motion at one speed decayed',
-        'days.lowest_growth_mps': 'no free motion at one speed grew',
+        'days.summary.highest_decay_mps': decayed,
+        'days.summary.lowest_growth_mps': grew,
+        'days.highest_decay_mps': decayed,
+        'days.lowest_growth_mps': grew,
     }

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from hunt_ros.errors import IdentificationError
-from hunt_ros.identification.envelope import Channels, channels_of
+from hunt_ros.identification.envelope import Channels, Envelope, channels_of
 from hunt_ros.identification.hunting_frequency import find_frequency
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import Record
@@ -25,6 +25,8 @@ _STANDING = 0.05
 #: range (m/s), are rather a wrong unit.
 _LATERAL_RANGE = (2e-5, 5.0)
 _SPEED_RANGE = (0.05, 150.0)
+#: Power of the motion over that of the noise, at its 95th percentile.
+_ABOVE_NOISE = 5.0
 #: Factor between the hunting frequencies of two runs at one speed that one rig does not show.
 _OTHER_RIG = 1.35
 
@@ -170,15 +172,38 @@ def doubts(channels: Sequence[Channels], settings: IdentificationSettings) -> li
         if not low <= reach <= high:
             found.append(
                 f'{channel.source}: lateral motion of {reach:.2g} m with d0 ='
-                f' {settings.length_scale:g} m: is the unit right? (lateral=SOURCE*0.001 for mm)'
+                f' {settings.length_scale:g} m: is the unit right? (metres; SOURCE*0.001 for mm)'
             )
         speed = float(np.median(channel.speed))
         if not _SPEED_RANGE[0] <= speed <= _SPEED_RANGE[1]:
             found.append(
                 f'{channel.source}: speed of {speed:.3g} m/s: is the unit right?'
-                ' (speed=SOURCE*0.001 for mm/s)'
+                ' (metres a second; SOURCE*0.001 for mm/s)'
             )
     return found + _other_rig(channels, settings)
+
+
+def above_noise(envelopes: Sequence[Envelope]) -> None:
+    """
+    Refuse recordings of nothing but noise, whose strongest line is a line of chance.
+
+    Raises
+    ------
+    IdentificationError
+        If the power at the hunting frequency is what white noise has anywhere.
+    """
+    power = np.concatenate([envelope.amplitude for envelope in envelopes]) ** 2
+    noise = 2.0 * np.concatenate([envelope.noise for envelope in envelopes]) ** 2
+    known = np.isfinite(power) & np.isfinite(noise) & (noise > 0.0)
+    if not known.any():
+        return
+    # Of white noise the ratio is exponential with mean one: 3.0 at this percentile.
+    if float(np.percentile(power[known] / noise[known], 95.0)) < _ABOVE_NOISE:
+        raise IdentificationError(
+            'no hunting motion stands out of the noise of the lateral channel'
+            f' ({float(np.sqrt(np.median(power[known]))):.2g} m at'
+            f' {float(np.median(envelopes[0].frequency)):.3g} Hz, its strongest line)'
+        )
 
 
 def _swing(channel: Channels) -> float:

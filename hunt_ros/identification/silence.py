@@ -19,9 +19,7 @@ _LISTS = ('branches', 'steady_states')
 
 #: Reasons that lie in what a quantity is, not in the data.
 _ALWAYS: Mapping[str, str] = {
-    'branches.stable_amplitude_m': 'at some speeds the law has no stable limit cycle',
-    'branches.unstable_amplitude_m': 'at some speeds the law has no unstable limit cycle',
-    'branches': 'where there is no limit cycle it has no interval',
+    'branches': 'at some speeds the law has no such limit cycle',
     'steady_states.amplitude_std_m': 'some steady states are too short for a deviation',
     'steady_states': 'the mean of the maxima is taken on plateaus only, over two cycles or more',
     'segments': 'a growth rate is read where a free transient is small for long enough',
@@ -112,3 +110,24 @@ def is_silence(warning: str) -> bool:
     """Whether a warning is one that only says why keys are null."""
     keys, mark, _ = warning.partition(NOT_KNOWN)
     return bool(mark) and re.fullmatch(r'[\w.]+(, [\w.]+)*', keys) is not None
+
+
+def worth_saying(warnings: Sequence[str]) -> list[str]:
+    """
+    Leave out the silences that concern only entries of tables, for a reader in a hurry.
+
+    Parameters
+    ----------
+    warnings : sequence of str
+        Of a result.
+    """
+    tables = ('branches.', 'steady_states.', 'segments.', 'days.')
+    return [
+        line
+        for line in warnings
+        if not is_silence(line) or not all(key.startswith(tables) for key in _keys(line))
+    ]
+
+
+def _keys(warning: str) -> list[str]:
+    return warning.partition(NOT_KNOWN)[0].split(', ')

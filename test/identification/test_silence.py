@@ -1,0 +1,257 @@
+"""Bad input: a refusal in one line, or a result in which every null has its reason."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from hunt_ros.dynamics.normal_form import NormalForm
+from hunt_ros.errors import HuntError
+from hunt_ros.identification import identify
+from hunt_ros.identification.silence import NOT_KNOWN, is_silence, nulls_of, reason_in, silences
+from hunt_ros.samples import Record, Series
+
+OTHER = NormalForm(8.0, 0.12, 900.0, -0.06, 1900.0, -7e6, frequency_hz=4.4)
+
+
+def changed(record, source=None, **channels):
+    """The same record with the values of some channels replaced."""
+    series = {
+        name: Series(one.stamps_ns, np.asarray(channels[name](one.values), dtype=float))
+        if name in channels
+        else one
+        for name, one in record.items()
+    }
+    return Record(series, source or record.source, record.notes)
+
+
+def only(record, *names):
+    return Record({name: record[name] for name in names}, record.source)
+
+
+def held(make, speeds, seconds=40.0, kick=1e-4, **kwargs):
+    return [
+        make(
+            lambda t, v=v: np.full_like(t, v), seconds, 10 + i, forcing=5e-6,
+            kicks=[(5.0, kick)] if kick else [], **kwargs,
+        )
+        for i, v in enumerate(speeds)
+    ]  # fmt: skip
+
+
+def quiet_start(t):
+    return np.where(t < 40.0, 0.0, 5.8 + 0.02 * (t - 40.0))
+
+
+def cases(make, records):
+    """Name -> records; each one a thing that a lab has handed in by mistake."""
+    loop = records['sweep'][0]
+    lateral = loop['lateral']
+    ten = Record({k: Series(s.stamps_ns[:10], s.values[:10]) for k, s in loop.items()}, 'ten')
+    shifted = Record(
+        {k: Series(s.stamps_ns + 86_400_000_000_000, s.values) for k, s in loop.items()}, 'louder'
+    )
+    return {
+        'one speed only': held(make, [7.2], 120.0),
+        'one speed only, two runs': held(make, [7.2, 7.2]),
+        'only decays': held(make, [6.4, 6.8, 7.2, 7.5, 6.6, 7.0]),
+        'only the upper branch': [make(lambda t: 8.8 - 0.01 * t, 150.0, 2, start=7e-4)],
+        'never hunts': [make(lambda t: 5.5 + 0.01 * t, 150.0, 3, forcing=5e-6)],
+        'never hunts, no noise': [make(lambda t: 5.5 + 0.01 * t, 150.0, 3, noise=0.0)],
+        'ten samples': [ten],
+        'five seconds': [make(lambda t: np.full_like(t, 7.0), 5.0, 4, forcing=5e-6)],
+        'contradictory runs': [loop, changed(shifted, lateral=lambda y: 1.4 * y)],
+        'dropped out': [changed(loop, lateral=lambda y: np.full_like(y, np.nan))],
+        'nine of ten dropped out': [
+            changed(loop, lateral=lambda y: np.where(np.arange(y.size) % 10, np.nan, y))
+        ],
+        'long gaps': [
+            changed(loop, lateral=lambda y: np.where(np.arange(y.size) % 4000 < 3600, np.nan, y))
+        ],
+        'speed zero': [changed(loop, speed=np.zeros_like)],
+        'speed negative': [changed(loop, speed=lambda v: -v)],
+        'speed NaN': [changed(loop, speed=lambda v: np.full_like(v, np.nan))],
+        'speed of infinity': [changed(loop, speed=lambda v: np.full_like(v, np.inf))],
+        'stands at first': [make(quiet_start, 180.0, 5, forcing=5e-6)],
+        'constant lateral': [changed(loop, lateral=lambda y: np.full_like(y, 1e-4))],
+        'lateral zero': [changed(loop, lateral=np.zeros_like)],
+        'millimetres as metres': [changed(loop, lateral=lambda y: 1e3 * y)],
+        'metres as millimetres': [changed(loop, lateral=lambda y: 1e-3 * y)],
+        'speed in mm/s': [changed(loop, speed=lambda v: 1e3 * v)],
+        'lateral of infinities': [
+            changed(loop, lateral=lambda y: np.where(np.arange(y.size) % 50, y, np.inf))
+        ],
+        'yaw only': [Record({'yaw': lateral, 'speed': loop['speed']}, 'yaw only')],
+        'no speed': [only(loop, 'lateral')],
+        'given twice': [loop, loop],
+        'noise only': [
+            changed(loop, lateral=lambda y: np.random.default_rng(0).normal(0.0, 1e-5, y.size))
+        ],
+        'stamps all equal': [
+            Record(
+                {k: Series(np.full_like(s.stamps_ns, 7), s.values) for k, s in loop.items()}, 'eq'
+            )
+        ],
+        'stamps in reverse': [
+            Record({k: Series(s.stamps_ns[::-1], s.values) for k, s in loop.items()}, 'reverse')
+        ],
+        'an empty record': [Record({}, 'empty')],
+        'no record': [],
+        'runs of two rigs': [
+            *held(make, [8.6], kick=3e-4),
+            *held(make, [8.7], kick=3e-4, form=OTHER),
+        ],
+    }
+
+
+NAMES = [
+    'one speed only', 'one speed only, two runs', 'only decays', 'only the upper branch',
+    'never hunts', 'never hunts, no noise', 'ten samples', 'five seconds', 'contradictory runs',
+    'dropped out', 'nine of ten dropped out', 'long gaps', 'speed zero', 'speed negative',
+    'speed NaN', 'speed of infinity', 'stands at first', 'constant lateral', 'lateral zero',
+    'millimetres as metres', 'metres as millimetres', 'speed in mm/s', 'lateral of infinities',
+    'yaw only', 'no speed', 'given twice', 'noise only', 'stamps all equal', 'stamps in reverse',
+    'an empty record', 'no record', 'runs of two rigs',
+]  # fmt: skip
+
+
+@pytest.fixture(scope='module')
+def outcome(make, records):
+    """Name -> the document, or the refusal; each worked out once."""
+    given = cases(make, records)
+    assert list(given) == NAMES
+    known = {}
+
+    def work(name):
+        if name not in known:
+            try:
+                known[name] = identify(given[name]).to_json()
+            except HuntError as error:
+                known[name] = error
+        return known[name]
+
+    return work
+
+
+def numbers(entry):
+    """Every number of a document."""
+    if isinstance(entry, dict):
+        entry = list(entry.values())
+    if isinstance(entry, list):
+        for below in entry:
+            yield from numbers(below)
+    elif isinstance(entry, float):
+        yield entry
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_bad_input_is_refused_in_a_line_or_every_null_has_its_reason(outcome, name):
+    document = outcome(name)
+    if isinstance(document, HuntError):
+        assert '\n' not in str(document)
+        assert len(str(document)) > 20
+        return
+    json.dumps(document, allow_nan=False)
+    assert all(math.isfinite(number) for number in numbers(document))
+    for key in nulls_of(document):
+        reason = reason_in(document['warnings'], key)
+        assert reason, f'{key} is null, and no warning names it'
+        assert reason != 'the data do not show it', key
+
+
+@pytest.mark.parametrize(
+    ('name', 'words'),
+    [
+        ('ten samples', 'ten: 10 lateral samples'),
+        ('dropped out', 'no finite sample'),
+        ('nine of ten dropped out', 'drop-outs'),
+        ('speed zero', 'speed is 0 throughout'),
+        ('speed negative', 'speed is negative throughout'),
+        ('speed NaN', "'speed' has no finite sample"),
+        ('constant lateral', 'lateral is 0.0001 m throughout'),
+        ('yaw only', "no channel 'lateral'"),
+        ('no speed', "no channel 'speed'"),
+        ('noise only', 'no hunting motion stands out'),
+        ('stamps all equal', 'too few'),
+        ('no record', 'none of 0'),
+    ],
+)
+def test_what_cannot_be_used_is_refused_by_its_own_name(outcome, name, words):
+    assert words in str(outcome(name))
+    assert isinstance(outcome(name), HuntError)
+
+
+@pytest.mark.parametrize(
+    'name',
+    [
+        'one speed only', 'one speed only, two runs', 'only decays', 'only the upper branch',
+        'never hunts', 'never hunts, no noise', 'five seconds', 'contradictory runs',
+        'runs of two rigs',
+    ],
+)  # fmt: skip
+def test_no_coefficient_and_no_fold_without_support(outcome, name):
+    document = outcome(name)
+    assert document['v_n'] is None
+    assert document['hysteresis_width'] is None
+    assert document['coefficients']['D15'] is None
+    assert document['branches'] == []
+
+
+@pytest.mark.parametrize(
+    'name', ['millimetres as metres', 'metres as millimetres', 'speed in mm/s']
+)
+def test_a_wrong_unit_is_doubted(outcome, name):
+    assert any('is the unit right?' in warning for warning in outcome(name)['warnings'])
+
+
+def test_the_right_unit_is_not_doubted(outcome, records):
+    for name in ('given twice', 'never hunts', 'only decays'):
+        assert not any('unit' in warning for warning in outcome(name)['warnings'])
+
+
+def test_the_same_recording_twice_counts_once(outcome, records):
+    once, twice = identify(records['sweep']).to_json(), outcome('given twice')
+    assert any('the same samples' in warning for warning in twice['warnings'])
+    assert twice['v_n'] == once['v_n']
+    assert twice['fit'] == once['fit']
+
+
+def test_runs_of_two_rigs_are_told_by_their_frequency(outcome):
+    assert any('one rig' in warning for warning in outcome('runs of two rigs')['warnings'])
+
+
+def test_recordings_that_name_different_rigs_are_refused(records):
+    loop = records['sweep'][0]
+    other = Record(dict(loop), 'b', {'rig': 'north'})
+    with pytest.raises(HuntError, match=r"different rigs: 'south' in a and 'north' in b"):
+        identify([Record(dict(loop), 'a', {'rig': 'south'}), other])
+
+
+def test_standing_still_first_does_not_spoil_the_run_after_it(outcome):
+    document = outcome('stands at first')
+    assert document['v_c']['value'] == pytest.approx(8.0, abs=0.3)
+    assert min(state['speed_mps'] for state in document['steady_states']) > 5.0
+
+
+def test_damage_that_opening_showed_is_in_the_warnings(records):
+    loop = records['sweep'][0]
+    damaged = Record(dict(loop), 'cut', {'problems': 'the file ends in the middle of a chunk'})
+    warnings = identify([damaged]).to_json()['warnings']
+    assert 'cut: damaged: the file ends in the middle of a chunk' in warnings
+
+
+def test_a_silence_names_every_key_once_and_the_longest_reason_counts():
+    document = {'a': None, 'b': {'c': None, 'd': 1.0}, 'branches': [], 'list': [{'x': None}] * 3}
+    lines = silences(document, {'a': 'one', 'b': 'other', 'b.c': 'one', 'list': 'two'})
+    assert lines == [
+        'branches not known: at some speeds the law has no such limit cycle',
+        'a, b.c not known: one',
+        'list.x not known: two',
+    ]
+    assert reason_in(lines, 'list.2.x') == 'two'
+    assert reason_in(lines, 'b.d') == ''
+    assert all(is_silence(line) for line in lines)
+    assert not is_silence(f'the run is short{NOT_KNOWN}really')
