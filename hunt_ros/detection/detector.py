@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.journal import JournalEntry
-from hunt_ros.detection.merge import ChannelMerger
+from hunt_ros.detection.merge import ChannelMerger, LateRun
 from hunt_ros.detection.output import (
     EMPTY,
     NUMBERS,
@@ -119,12 +119,8 @@ class HuntingDetector:
             )
         if not stamps.size:
             return EMPTY
-        late, resumed = self._merger.push(channel, stamps, numbers)
-        if resumed:
-            newest = self._merger.intakes[channel].last_ns
-            self._note('resumed', channels={channel: newest})
-        if late:  # one entry for all: a detector that is behind must not fall further behind
-            self._note('late', channels={channel: late[-1]}, stamps=tuple(late))
+        for kind, name, stamp in self._merger.push(channel, stamps, numbers):
+            self._note(kind, channels={name: stamp})
         return self._advance()
 
     def tick(self, now_ns: int) -> Output:
@@ -196,9 +192,9 @@ class HuntingDetector:
         self._limit = None
         return self._advance()
 
-    def expect_late(self, channel: str, stamp_ns: int) -> None:
-        """For a replay: drop a sample that came too late in the live run."""
-        self._merger.known_late.setdefault(channel, set()).add(stamp_ns)
+    def expect_late(self, channel: str, run: LateRun) -> None:
+        """For a replay: drop samples that came too late in the live run."""
+        self._merger.known_late.setdefault(channel, []).append(run)
 
     def repeat(self, entry: JournalEntry) -> Output:
         """For a replay: do what an entry says."""
@@ -266,12 +262,9 @@ class HuntingDetector:
         now_ns: int = 0,
         channels: dict[str, int | None] | None = None,
         text: str = '',
-        stamps: tuple[int, ...] = (),
     ) -> None:
         position, epoch = self._merger.position_ns, self._merger.epoch
-        self._journal.append(
-            JournalEntry(kind, position, epoch, now_ns, channels or {}, text, stamps)
-        )
+        self._journal.append(JournalEntry(kind, position, epoch, now_ns, channels or {}, text))
 
     def _until(self) -> int | None:
         """Stamp up to which rows may be made: the watermark, or where a replay holds."""
@@ -305,6 +298,8 @@ class HuntingDetector:
                         outputs.append(self._make_rows(position, last))
                         continue
             if merger.epoch_over and merger.more_epochs and self._free_to_leave():
+                if merger.silent:  # whether they were is not in the samples
+                    self._note('clock')
                 self._next_epoch()
                 continue
             break
@@ -314,8 +309,11 @@ class HuntingDetector:
 
     def _next_epoch(self) -> None:
         """Begin anew after the clocks were set back."""
+        silent = self._merger.silent.copy()
         self._merger.next_epoch()
         self._rows.start_again()
+        if silent:
+            self._note('resumed', channels=dict.fromkeys(sorted(silent)))
 
     def _make_rows(self, after_ns: int | None, until_ns: int) -> Output:
         """Work on the samples in (after_ns, until_ns]."""

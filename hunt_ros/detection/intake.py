@@ -1,5 +1,5 @@
 """
-What one channel delivers: which stamps are believed, and the queue of believed samples.
+What one channel delivers: which stamps are believed, and the queues of believed samples.
 
 The verdict on a stamp depends on the channel's own sequence alone, so it is the
 same however the samples of the channels are interleaved and cut into blocks.
@@ -12,106 +12,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.detection.sample_queue import SampleQueue
+
 #: Bits that ride on the next believed sample: what went wrong since the one before.
 REPEATED, BACKWARD, AHEAD, LATE = 1, 2, 4, 8
 
 _Stamps = NDArray[np.int64]
 _Values = NDArray[np.float64]
-_Marks = NDArray[np.uint8]
-
-
-class SampleQueue:
-    """Samples waiting to be merged: three arrays that grow at the end and shrink in front."""
-
-    def __init__(self) -> None:
-        self._stamps = np.empty(256, dtype=np.int64)
-        self._values = np.empty(256, dtype=np.float64)
-        self._marks = np.empty(256, dtype=np.uint8)
-        self._head = 0
-        self._tail = 0
-
-    def __len__(self) -> int:
-        return self._tail - self._head
-
-    @property
-    def stamps(self) -> _Stamps:
-        """Stamps of the waiting samples, ns, shape (n,); valid until the next call."""
-        return self._stamps[self._head : self._tail]
-
-    @property
-    def first_ns(self) -> int | None:
-        """Stamp of the oldest waiting sample, ns."""
-        return int(self._stamps[self._head]) if self._tail > self._head else None
-
-    @property
-    def last_ns(self) -> int | None:
-        """Stamp of the newest waiting sample, ns."""
-        return int(self._stamps[self._tail - 1]) if self._tail > self._head else None
-
-    def push_one(self, stamp_ns: int, value: float, mark: int) -> None:
-        """Append one sample."""
-        if self._tail == self._stamps.size:
-            self._make_room(1)
-        tail = self._tail
-        self._stamps[tail] = stamp_ns
-        self._values[tail] = value
-        self._marks[tail] = mark
-        self._tail = tail + 1
-
-    def push(self, stamps_ns: _Stamps, values: _Values) -> None:
-        """Append samples, arrays of shape (n,)."""
-        count = stamps_ns.size
-        if self._tail + count > self._stamps.size:
-            self._make_room(count)
-        end = self._tail + count
-        self._stamps[self._tail : end] = stamps_ns
-        self._values[self._tail : end] = values
-        self._marks[self._tail : end] = 0
-        self._tail = end
-
-    def take(self, until_ns: int) -> tuple[_Stamps, _Values, _Marks]:
-        """Remove and return the samples with stamp <= until_ns, arrays of shape (n,)."""
-        count = int(np.searchsorted(self.stamps, until_ns, side='right'))
-        part = slice(self._head, self._head + count)
-        self._head += count
-        return self._stamps[part].copy(), self._values[part].copy(), self._marks[part].copy()
-
-    def peek(self) -> tuple[int, float] | None:
-        """Return stamp (ns) and value of the oldest waiting sample, without removing it."""
-        if self._tail == self._head:
-            return None
-        return int(self._stamps[self._head]), float(self._values[self._head])
-
-    def drop(self, stamp_ns: int, mark: int) -> bool:
-        """
-        Remove one sample; its marks, and `mark`, go over to the next.
-
-        Returns
-        -------
-        bool
-            False where there is no next sample to carry the marks.
-        """
-        at = self._head + int(np.searchsorted(self.stamps, stamp_ns))
-        marks = int(self._marks[at]) | mark
-        for array in (self._stamps, self._values, self._marks):
-            array[at : self._tail - 1] = array[at + 1 : self._tail]
-        self._tail -= 1
-        if at == self._tail:
-            return False
-        self._marks[at] |= marks
-        return True
-
-    def _make_room(self, count: int) -> None:
-        waiting = len(self)
-        size = self._stamps.size
-        while size < 2 * (waiting + count):
-            size *= 2
-        for name in ('_stamps', '_values', '_marks'):
-            old = getattr(self, name)
-            new = np.empty(size, dtype=old.dtype)
-            new[:waiting] = old[self._head : self._tail]
-            setattr(self, name, new)
-        self._head, self._tail = 0, waiting
 
 
 @dataclass
@@ -149,8 +56,8 @@ class Intake:
     ----------
     queues : list of SampleQueue
         Believed samples, one queue an epoch, the present epoch of the merger first.
-    last_ns : int or None
-        Newest believed stamp.
+    counts : StampCounts
+        Refused so far.
     refused_since : int
         Samples refused since the last believed one.
     """
@@ -158,12 +65,16 @@ class Intake:
     stamp_jump_ns: int
     clock_reset_ns: int
     queues: list[SampleQueue] = field(default_factory=lambda: [SampleQueue()])
-    last_ns: int | None = None
     counts: StampCounts = field(default_factory=StampCounts)
     refused_since: int = 0
     _held: tuple[int, float] | None = None
     _behind: list[tuple[int, float]] = field(default_factory=list)
     _mark: int = 0
+
+    @property
+    def last_ns(self) -> int | None:
+        """Newest believed stamp, ns."""
+        return self.queues[-1].newest_ns
 
     def push(self, stamps_ns: _Stamps, values: _Values) -> None:
         """Judge samples in the order given; arrays of shape (n,)."""
@@ -177,7 +88,6 @@ class Intake:
                 self._believe(int(stamps_ns[begin]), float(values[begin]))
                 if end > begin + 1:
                     self.queues[-1].push(stamps_ns[begin + 1 : end], values[begin + 1 : end])
-                    self.last_ns = int(stamps_ns[end - 1])
                 begin = end
             else:
                 self.push_one(int(stamps_ns[begin]), float(values[begin]))
@@ -201,17 +111,52 @@ class Intake:
         else:
             self._believe(stamp_ns, value)
 
-    def drop_late(self, queue: SampleQueue, stamp_ns: int) -> None:
-        """Take a believed sample out again because it came too late; the next one tells of it."""
-        self.counts.late += 1
-        if not queue.drop(stamp_ns, LATE):
-            self.refused_since += 1
-            self._mark |= LATE
+    def drop_late(self, begin: int, end: int) -> None:
+        """Take samples begin..end of the first queue out again: they came too late."""
+        self.counts.late += end - begin
+        self._drop(self.queues[0], begin, end, LATE)
+
+    def returned_ns(self) -> int | None:
+        """
+        Stamp at which a clock that had leapt is back where it would have been; None if not.
+
+        The leap, ahead or back, must have lasted as long as the stamps say it did. A set
+        clock, or a channel that was off for a while, does not do that.
+        """
+        if len(self.queues) < 2:
+            return None
+        old, new = self.queues[:2]
+        first, newest = new.first_ns, old.newest_ns
+        if first is None or newest is None:
+            return None
+        if old.leapt_beyond(first):
+            away, since = old.length_of_run, first - (old.before_run_ns or 0)
+            return first if abs(away - since) <= self.stamp_jump_ns else None
+        place = int(np.searchsorted(new.stamps, newest, side='right'))
+        if not 0 < place < len(new):
+            return None
+        back, end = int(new.stamps[place]), int(new.stamps[place - 1])
+        away, since = end - first, back - newest
+        leapt = back - end > self.stamp_jump_ns
+        return back if leapt and abs(away - since) <= self.stamp_jump_ns else None
+
+    def rejoin(self) -> None:
+        """Go on in the present epoch after a leap, without the samples taken in it."""
+        old, new = self.queues[0], self.queues.pop(1)
+        first, newest = int(new.stamps[0]), old.newest_ns
+        if old.leapt_beyond(first):
+            place, count = int(np.searchsorted(old.stamps, first)), len(old)
+            new.mark_first(old.drop(place, count, AHEAD))
+            self.counts.ahead += count - place
+        elif newest is not None:
+            count = int(np.searchsorted(new.stamps, newest, side='right'))
+            new.drop(0, count, BACKWARD)
+            self.counts.backward += count
+        old.extend(new)
 
     def start_again(self) -> None:
         """Forget what waits and the newest stamp: the clock starts anew."""
         self.queues = [SampleQueue()]
-        self.last_ns = None
         self._held = None
         self._behind.clear()
 
@@ -223,6 +168,12 @@ class Intake:
             self._believe(stamp, value)
         self._drop_behind()
 
+    def _drop(self, queue: SampleQueue, begin: int, end: int, mark: int) -> None:
+        marks = queue.drop(begin, end, mark)
+        if marks:  # nothing waits that could carry them
+            self.refused_since += end - begin
+            self._mark |= marks
+
     def _follows(self, stamp_ns: int) -> bool:
         """Tell whether a stamp comes after the last one as it should."""
         if self._held is not None or self.last_ns is None:
@@ -232,8 +183,7 @@ class Intake:
     def _believe(self, stamp_ns: int, value: float) -> None:
         if self._behind:
             self._drop_behind()
-        self.queues[-1].push_one(stamp_ns, value, self._mark)
-        self.last_ns = stamp_ns
+        self.queues[-1].push_one(stamp_ns, value, self._mark, self.stamp_jump_ns)
         self._mark = 0
         self.refused_since = 0
 

@@ -18,7 +18,9 @@ KINDS = (
     'start',  # of the detector, or after reset(): everything begins anew
     'released',  # tick: `channels` were silent and are not waited for any more
     'resumed',  # `channels` speak again and are waited for
-    'late',  # samples of `channels` with `stamps` came behind the position: dropped
+    'late_from',  # samples of `channels`, from this stamp on, came behind the position: dropped
+    'late_to',  # ... up to and with this one
+    'late',  # of earlier recordings: the samples with `stamps` were dropped
     'clock',  # tick: the epoch was left because the clocks were set back
     'normal_form',  # set_normal_form: `text` is its parameter file, empty for none
     'acknowledged',  # acknowledge
@@ -42,7 +44,8 @@ class JournalEntry:
     now_ns : int
         The time given with the call; 0 where none is.
     channels : mapping of str to int or None
-        Channel and its newest stamp when it was released, resumed, or too late.
+        Channel and its newest stamp when it was released or resumed, or the stamp of a
+        sample that was too late.
     text : str
         For 'normal_form'.
     stamps : tuple of int

@@ -39,6 +39,24 @@ class MergedBlock:
     following: tuple[int, float] | None
 
 
+@dataclass(frozen=True)
+class LateRun:
+    """
+    Samples of one channel that came too late, one after the other.
+
+    Parameters
+    ----------
+    epoch : int
+        Number of clock resets before it.
+    first_ns, last_ns : int
+        First and last of them; None: to the end of the epoch.
+    """
+
+    epoch: int
+    first_ns: int
+    last_ns: int | None
+
+
 class ChannelMerger:
     """
     Waits until every channel has spoken.
@@ -72,71 +90,104 @@ class ChannelMerger:
         self.position_ns: int | None = None
         self.silent: set[str] = set()
         self.epoch = 0
-        #: Stamps per channel to be treated as late, for a replay of a journal.
-        self.known_late: dict[str, set[int]] = {}
+        #: Per channel what is to be treated as late, for a replay of a journal.
+        self.known_late: dict[str, list[LateRun]] = {}
         self._timeouts = dict(timeouts_ns)
         self._drain_ns = drain_ns
         self._first_tick_ns: int | None = None
         self._finished = False
+        #: Channels whose samples come too late just now, with the newest of them.
+        self._late_until: dict[str, int] = {}
 
     def push(
         self, channel: str, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]
-    ) -> tuple[list[int], bool]:
+    ) -> list[tuple[str, str, int]]:
         """
         Take samples of one channel in.
 
         Returns
         -------
-        late : list of int
-            Stamps that came too late and were dropped, ns.
-        resumed : bool
-            True where the channel had been let go and speaks again.
+        list of (str, str, int)
+            What a replay must know, as kind of journal entry, channel and stamp (ns): where
+            samples began and ceased to come too late, and that a channel speaks again.
         """
         intake = self.intakes[channel]
-        newest = intake.last_ns
+        newest, epochs = intake.last_ns, len(intake.queues)
         self._finished = False
         if stamps_ns.size == 1:
             intake.push_one(int(stamps_ns[0]), float(values[0]))
         elif stamps_ns.size:
             intake.push(stamps_ns, values)
-        queue = intake.queues[0]
-        late = []
-        first = queue.first_ns
-        while first is not None and self.position_ns is not None and first <= self.position_ns:
-            intake.drop_late(queue, first)
-            late.append(first)
-            first = queue.first_ns
-        if self.known_late.get(channel):
-            late += self._drop_known(channel)
-        resumed = channel in self.silent and self._speaks_again(channel, newest)
-        if resumed:
+        opened = len(intake.queues) > epochs
+        notes = []
+        for name in {channel: None, **dict.fromkeys(self._rejoin())}:
+            notes += self._drop_late(name)
+        if channel in self.silent and (opened or self._speaks_again(channel, newest)):
             self.silent.discard(channel)
-        return late, resumed
+            notes.append(('resumed', channel, intake.last_ns or 0))
+        return notes
+
+    def _drop_late(self, channel: str) -> list[tuple[str, str, int]]:
+        """Drop what lies behind the position; tell where such a run begins and ends."""
+        self._drop_known(channel)
+        intake = self.intakes[channel]
+        waiting = intake.queues[0].stamps
+        notes = []
+        if self.position_ns is not None and waiting.size and waiting[0] <= self.position_ns:
+            count = int(np.searchsorted(waiting, self.position_ns, side='right'))
+            if channel not in self._late_until:
+                notes.append(('late_from', channel, int(waiting[0])))
+            self._late_until[channel] = int(waiting[count - 1])
+            intake.drop_late(0, count)
+        if channel in self._late_until and len(intake.queues[0]):
+            notes.append(('late_to', channel, self._late_until.pop(channel)))
+        return notes
+
+    def _drop_known(self, channel: str) -> None:
+        """Drop what a journal says came too late."""
+        intake = self.intakes[channel]
+        for run in self.known_late.get(channel, ()):
+            waiting = intake.queues[0].stamps
+            if run.epoch != self.epoch or not waiting.size:
+                continue
+            begin = int(np.searchsorted(waiting, run.first_ns))
+            end = waiting.size
+            if run.last_ns is not None:
+                end = int(np.searchsorted(waiting, run.last_ns, side='right'))
+            if end > begin:
+                intake.drop_late(begin, end)
+
+    def _rejoin(self) -> list[str]:
+        """Take channels back into the present epoch whose clock had leapt; return them."""
+        back = []
+        for name, intake in self.intakes.items():
+            while (stamp := intake.returned_ns()) is not None and self._is_time(stamp, intake):
+                intake.rejoin()
+                back.append(name)
+        return back
+
+    def _is_time(self, stamp_ns: int, apart: Intake) -> bool:
+        """Tell whether another channel came to a stamp in the present epoch without a leap."""
+        for intake in self.intakes.values():
+            queue = intake.queues[0]
+            if intake is apart or queue.run_ns is None or queue.newest_ns is None:
+                continue
+            if queue.run_ns <= stamp_ns <= queue.newest_ns:
+                return True
+        return False
 
     def _speaks_again(self, channel: str, newest: int | None) -> bool:
         """
         Tell whether a silent channel is back: with samples that are new, and not far behind.
 
         They may be too late themselves, for the others did not wait; from now on they do.
+        One that lags by about its timeout must not be let go and waited for in turns.
         """
         intake = self.intakes[channel]
         last = intake.last_ns
-        if len(intake.queues) > 1:
-            return True
-        if last is None or (newest is not None and last <= newest):
+        if len(intake.queues) > 1 or last is None or (newest is not None and last <= newest):
             return False
-        return self.position_ns is None or self.position_ns - last <= self._timeouts[channel]
-
-    def _drop_known(self, channel: str) -> list[int]:
-        """Drop the samples that a journal says came too late."""
-        intake, known = self.intakes[channel], self.known_late[channel]
-        dropped = []
-        for queue in intake.queues:
-            for stamp in sorted(known.intersection(queue.stamps.tolist())):
-                intake.drop_late(queue, stamp)
-                known.discard(stamp)
-                dropped.append(stamp)
-        return dropped
+        return self.position_ns is None or 2 * (self.position_ns - last) <= self._timeouts[channel]
 
     @property
     def watermark_ns(self) -> int | None:
@@ -146,9 +197,7 @@ class ChannelMerger:
         newest = None
         complete = None
         for name, intake in self.intakes.items():
-            last = intake.last_ns
-            if len(intake.queues) > 1:
-                continue
+            last = intake.queues[0].newest_ns
             if name in self.silent:
                 if last is not None and (newest is None or last > newest):
                     newest = last
@@ -163,15 +212,25 @@ class ChannelMerger:
 
     @property
     def epoch_over(self) -> bool:
-        """True where no channel has anything more to say in the present epoch."""
+        """
+        True where no channel has anything more to say in the present epoch.
+
+        Clocks that are set back are set back together: where one channel was long before
+        the others, its clock has leapt, and may come back.
+        """
         if self._finished:
             return True
-        waiting = [
-            name
-            for name, intake in self.intakes.items()
-            if len(intake.queues) == 1 and name not in self.silent
-        ]
-        return not waiting and any(len(intake.queues) > 1 for intake in self.intakes.values())
+        ends = []
+        for name, intake in self.intakes.items():
+            if name in self.silent:
+                continue
+            end = intake.queues[0].newest_ns
+            if len(intake.queues) == 1 or end is None:
+                return False
+            ends.append(end)
+        if not ends:
+            return self.more_epochs
+        return max(ends) - min(ends) <= max(self._timeouts.values())
 
     @property
     def more_epochs(self) -> bool:
@@ -204,9 +263,10 @@ class ChannelMerger:
             self._first_tick_ns = now_ns
         found = {}
         for name, intake in self.intakes.items():
-            if name in self.silent or len(intake.queues) > 1:
+            if name in self.silent:
                 continue
-            since = self._first_tick_ns if intake.last_ns is None else intake.last_ns
+            newest = intake.queues[0].newest_ns
+            since = self._first_tick_ns if newest is None else newest
             if now_ns - since > self._timeouts[name]:
                 found[name] = intake.last_ns
         return found
@@ -215,6 +275,7 @@ class ChannelMerger:
         """True where a channel whose clock was set back agrees with `now_ns`."""
         return any(
             len(intake.queues) > 1
+            and intake.returned_ns() is None
             and intake.last_ns is not None
             and now_ns - intake.last_ns <= self._timeouts[name]
             for name, intake in self.intakes.items()
@@ -238,8 +299,11 @@ class ChannelMerger:
             else:
                 intake.start_again()
         self.silent.clear()
+        self._late_until.clear()
         self.position_ns = None
         self.epoch += 1
+        for name in self.intakes:
+            self._drop_known(name)
 
     def finish(self) -> None:
         """No more samples will come: everything waiting is complete."""

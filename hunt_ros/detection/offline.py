@@ -139,8 +139,12 @@ def collect(outputs: Iterator[Output]) -> tuple[Summary, list[Event]]:
 
 
 def _stretches(series: Series, start_ns: int) -> NDArray[np.int64]:
-    """Number the stretch of each sample; a stamp that jumps back stays where it was recorded."""
-    numbers: NDArray[np.int64] = np.maximum.accumulate(
-        np.maximum(0, series.stamps_ns - start_ns) // _STRETCH_NS
-    )
+    """Number the stretch of each sample by when it came: where a clock leaps, no time passes."""
+    if not len(series):
+        return np.zeros(0, dtype=np.int64)
+    steps = np.diff(series.stamps_ns)
+    steps[(steps < 0) | (steps > _STRETCH_NS)] = 0
+    first = max(0, int(series.stamps_ns[0]) - start_ns)
+    passed = np.concatenate(([first], first + np.cumsum(steps)))
+    numbers: NDArray[np.int64] = passed // _STRETCH_NS
     return numbers

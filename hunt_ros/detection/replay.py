@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from hunt_ros.detection.detector import HuntingDetector
 from hunt_ros.detection.journal import JournalEntry
+from hunt_ros.detection.merge import LateRun
 from hunt_ros.detection.output import Output
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.samples import Record, Series
+
+_LATE = ('late_from', 'late_to', 'late')
 
 
 def replay_journal(
@@ -45,15 +48,12 @@ def replay_journal(
         text = entries.pop(0).text
         detector.set_normal_form(IdentifiedNormalForm.from_yaml(text) if text else None)
     detector.reset()
-    for entry in entries:
-        if entry.kind == 'late':
-            for channel in entry.channels:
-                for stamp in entry.stamps:
-                    detector.expect_late(channel, stamp)
+    for channel, run in _late_runs(entries):
+        detector.expect_late(channel, run)
     feed = _Feed(detector, record, entries)
     outputs = []
     for entry in entries:
-        if entry.kind == 'late':
+        if entry.kind in _LATE:
             continue
         outputs.append(detector.hold_at(entry))
         outputs += feed.run()
@@ -64,6 +64,22 @@ def replay_journal(
     outputs.append(detector.let_go())
     outputs += feed.run()
     return Output.joined(outputs)
+
+
+def _late_runs(entries: Sequence[JournalEntry]) -> Iterator[tuple[str, LateRun]]:
+    """Give the runs of samples that came too late, by channel."""
+    begun: dict[tuple[str, int], int] = {}
+    for entry in entries:
+        for channel, stamp in entry.channels.items():
+            place = channel, entry.epoch
+            if entry.kind == 'late':
+                yield from ((channel, LateRun(entry.epoch, at, at)) for at in entry.stamps)
+            elif entry.kind == 'late_from' and stamp is not None:
+                begun[place] = stamp
+            elif entry.kind == 'late_to' and place in begun:
+                yield channel, LateRun(entry.epoch, begun.pop(place), stamp)
+    for (channel, epoch), first in begun.items():
+        yield channel, LateRun(epoch, first, None)
 
 
 class _Feed:
