@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import math
+import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,8 +12,10 @@ from typing import TYPE_CHECKING
 from hunt_ros.errors import HuntError
 
 if TYPE_CHECKING:
+    from hunt_ros.cli.output import Advance
     from hunt_ros.identification import Identification, IdentificationSettings
-    from hunt_ros.samples import Uncertain
+    from hunt_ros.identification.days import Days
+    from hunt_ros.samples import Record, Uncertain
 
 SUMMARY = 'identify the normal form, with intervals, from recordings'
 EXAMPLE = 'hunt identify bags/2024-05-14/*.mcap --out normal_form.yaml --json -'
@@ -35,6 +39,11 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
         help='where a channel stands: lateral=/daq/ch0.data[3]*0.001, or speed=16.3',
     )
     parser.add_argument('--mapping', metavar='FILE', help='the same as a YAML file')
+    parser.add_argument(
+        '--day',
+        metavar='PATTERN',
+        help="regular expression: its first group in a bag's path is its day (else the date)",
+    )
     parser.add_argument('--prior-v-c', metavar='V[:STD]', help='known v_c, m/s (STD: 1 %%)')
     parser.add_argument('--prior-D1', metavar='D[:STD]', help='known D1 (STD: 10 %%)')
     parser.add_argument('--length-scale', type=float, metavar='M', help='d0, m (0.0485)')
@@ -56,17 +65,12 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Identify, and say what was found; 1 where the data carry no normal form."""
-    from hunt_ros.bag.columns import read_record
     from hunt_ros.cli.output import progress, write_json
     from hunt_ros.identification import identify
 
     settings = settings_of(arguments)
-    mapping = mapping_of(arguments)
     with progress('reading') as advance:
-        records = []
-        for count, path in enumerate(arguments.bags):
-            records.append(read_record(path, mapping))
-            advance((count + 1) / len(arguments.bags))
+        records = records_of(arguments, advance)
     with progress('identifying') as advance:
         result = identify(records, settings, advance)
     if arguments.out:
@@ -81,6 +85,39 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json != '-':
         print(describe(result))
     return 0 if result.normal_form is not None else 1
+
+
+def records_of(arguments: argparse.Namespace, advance: Advance) -> list[Record]:
+    """Read the recordings, each with its day where the user says how to find it."""
+    from dataclasses import replace
+
+    from hunt_ros.bag.columns import read_record
+
+    mapping = mapping_of(arguments)
+    pattern = _pattern(arguments.day)
+    records = []
+    for count, path in enumerate(arguments.bags):
+        record = read_record(path, mapping)
+        if pattern is not None:
+            found = pattern.search(str(path))
+            if found is None:
+                raise HuntError(f'--day: {pattern.pattern!r} is not found in {path}')
+            record = replace(record, notes={**record.notes, 'day': found.group(1)})
+        records.append(record)
+        advance((count + 1) / len(arguments.bags))
+    return records
+
+
+def _pattern(text: str | None) -> re.Pattern[str] | None:
+    if text is None:
+        return None
+    try:
+        pattern = re.compile(text)
+    except re.error as error:
+        raise HuntError(f'--day: {text!r} is no regular expression ({error})') from error
+    if pattern.groups < 1:
+        raise HuntError(f'--day: expected a group in parentheses, got {text!r}')
+    return pattern
 
 
 def settings_of(arguments: argparse.Namespace) -> IdentificationSettings:
@@ -141,6 +178,8 @@ def _write(path: str, text: str) -> None:
 
 def describe(result: Identification) -> str:
     """Return the result as a few lines for a person."""
+    from hunt_ros.identification.silence import worth_saying
+
     lines = []
 
     def line(name: str, number: Uncertain | None, unit: str) -> None:
@@ -165,5 +204,19 @@ def describe(result: Identification) -> str:
     observed = result.observed
     seen: list[tuple[str, float | None]] = [('v_c', observed.v_c), ('v_n', observed.v_n)]
     lines += [f'observed jump, {name}: {x:.4g} m/s' for name, x in seen if x is not None]
-    lines += [f'warning: {warning}' for warning in result.warnings]
+    lines += _days(result.days)
+    lines += [f'warning: {warning}' for warning in worth_saying(result.warnings)]
     return '\n'.join(lines)
+
+
+def _days(days: Days | None) -> list[str]:
+    """Say how far the days are apart; nothing of a single day."""
+    if days is None or len(days.summaries) < 2:
+        return []
+    lines = []
+    for one in days.summaries:
+        shift = f', {1e3 * one.shift:+.3g} mm' if math.isfinite(one.shift) else ''
+        lines.append(f'day {one.day}: {one.recordings} recordings{shift}')
+    if math.isfinite(days.day_std):
+        lines.append(f'limit cycle, day to day: {1e3 * days.day_std:.3g} mm (standard deviation)')
+    return lines

@@ -89,6 +89,8 @@ def run(arguments: argparse.Namespace) -> int:
             form = read_form(arguments.normal_form) if arguments.normal_form else None
             outputs = watch(record, HuntingDetector(config, form), advance)
         summary, events = collect(outputs)
+    if 'problems' in record.notes:
+        remarks = [*remarks, f'damaged: {record.notes["problems"]}']
     if arguments.json:
         write_json(_document(record, config, summary, events), arguments.json)
     if arguments.json != '-':

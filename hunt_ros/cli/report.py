@@ -33,20 +33,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Identify, analyse, draw, write; 1 where the data carry no normal form."""
-    from hunt_ros.bag.columns import read_record
-    from hunt_ros.cli.identify import mapping_of, settings_of
+    from hunt_ros.cli.identify import records_of, settings_of
     from hunt_ros.cli.output import progress, write_json
     from hunt_ros.identification import identify
     from hunt_ros.report.compose import Report
     from hunt_ros.report.style import save_figures
 
     page = _places(arguments)
-    settings, mapping = settings_of(arguments), mapping_of(arguments)
+    settings = settings_of(arguments)
     with progress('reading') as advance:
-        records = []
-        for count, path in enumerate(arguments.bags):
-            records.append(read_record(path, mapping, require=('lateral', 'speed')))
-            advance((count + 1) / len(arguments.bags))
+        records = records_of(arguments, advance)
     with progress('identifying') as advance:
         identification = identify(records, settings, advance)
     with progress('detecting') as advance:

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import json
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -47,3 +49,49 @@ def test_json_alone_stands_on_standard_output(bag, capsys):
 def test_a_wrong_option_is_one_line_and_exit_2(bag, words, capsys):
     assert main(['identify', str(bag), *words]) == 2
     assert capsys.readouterr().err.count('\n') == 1
+
+
+FLUTTER = Path(__file__).parents[2] / '../shared/data/flutter_rig'
+
+
+@pytest.mark.skipif(not FLUTTER.is_dir(), reason='the flutter recordings are not on this machine')
+def test_days_of_the_flutter_rig_are_reported_with_their_spread(tmp_path, capsys):
+    pytest.importorskip('scipy.io')
+    chosen = [
+        path
+        for path in sorted(FLUTTER.glob('*.mat'))
+        if re.search(r'_V(198|20[67]|24[12]|250|25[589])_', path.name)
+    ]
+    bags = []
+    for path in chosen:
+        speed = float(re.search(r'_V(\d+)_', path.name).group(1)) / 10.0
+        bags.append(str(tmp_path / path.stem))
+        channels = ['--channel', 'lateral=data[1]*0.47', '--channel', f'speed={speed}']
+        assert main(['import', str(path), bags[-1], *channels, '--rate', '250']) == 0
+    capsys.readouterr()
+    words = ['--length-scale', '0.1', '--day', r'/(\d{8})_', '--json', '-']
+    assert main(['identify', *bags, *words]) == 1
+    document = json.loads(capsys.readouterr().out)
+    days = document['days']
+    assert [day['day'] for day in days['summary']] == ['17092018', '18092018', '19092018']
+    # Amplitudes of some tens of millimetres, days a few millimetres apart.
+    assert 3e-4 < days['day_std_m'] < 5e-3
+    assert days['stable_branch']
+    for point in days['stable_branch']:
+        assert point['days'] >= 2
+        low, high = point['ci95_m']
+        assert low < point['amplitude_m'] < high
+    # Hits decayed up to 23.7 m/s and grew from 25.9 m/s on; between, it depended on the day.
+    assert 23.7 <= days['highest_decay_mps'] <= 25.9
+    assert 23.7 <= days['lowest_growth_mps'] <= 25.9
+    assert any(rate['day_std_per_s'] > 0.3 for rate in days['growth_rates'])
+    assert document['v_c'] is None
+    assert any('free motion still decayed' in warning for warning in document['warnings'])
+
+
+@pytest.mark.parametrize('pattern', ['2024', '(', r'(\d{9})'])
+def test_a_pattern_of_days_that_does_not_fit_is_one_line_and_exit_2(bag, pattern, capsys):
+    assert main(['identify', str(bag), '--day', pattern]) == 2
+    error = capsys.readouterr().err
+    assert error.count('\n') == 1
+    assert '--day' in error
