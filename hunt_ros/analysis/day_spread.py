@@ -23,6 +23,8 @@ from hunt_ros.samples import Uncertain
 _SPEEDS = 21
 #: Largest gap between two states of one day, relative to the speed, that is bridged.
 _BRIDGE = 0.08
+#: Speeds that differ by no more than this share are one.
+_SAME_SPEED = 1e-3
 #: Replications of the bootstrap over days.
 _REPLICATIONS = 2000
 
@@ -180,7 +182,11 @@ def branch_by_day(states: Sequence[DayAmplitude]) -> DayBranches:
     if not days:
         return DayBranches((), np.zeros(0), np.zeros((0, 0)))
     speeds = np.array([state.speed for state in states])
-    grid = np.unique(np.linspace(speeds.min(), speeds.max(), _SPEEDS))
+    held = {round(state.speed, 2) for state in states}
+    shared = [
+        speed for speed in held if len({s.day for s in states if round(s.speed, 2) == speed}) > 1
+    ]
+    grid = np.unique([*np.linspace(speeds.min(), speeds.max(), _SPEEDS), *shared])
     table = np.stack([_on_grid([s for s in states if s.day == day], grid) for day in days])
     return DayBranches(days, grid, table)
 
@@ -196,10 +202,11 @@ def _on_grid(states: Sequence[DayAmplitude], grid: NDArray[np.float64]) -> NDArr
     at = np.array(speeds)
     on_grid = np.interp(grid, at, values, left=np.nan, right=np.nan)
     right = np.clip(np.searchsorted(at, grid), 1, max(at.size - 1, 1))
-    if at.size < 2:
-        return np.where(np.abs(grid - at[0]) < 1e-3 * at[0], values[0], np.nan)
-    wide = at[right] - at[right - 1] > _BRIDGE * np.abs(grid)
-    return np.where(wide & ~np.isin(grid, at), np.nan, on_grid)
+    nearest = np.abs(grid[:, None] - at).argmin(axis=1)
+    if at.size > 1:
+        on_grid[at[right] - at[right - 1] > _BRIDGE * np.abs(grid)] = np.nan
+    same = np.abs(at[nearest] - grid) <= _SAME_SPEED * np.abs(grid)
+    return np.where(same, np.array(values)[nearest], on_grid)
 
 
 def hits_by_speed(hits: Sequence[Hit], seed: int = 0, tolerance: float = 0.01) -> list[Spread]:

@@ -33,11 +33,11 @@ def test_kicked_runs_of_two_days_stand_side_by_side(make):
     # At 7.2 m/s the unstable amplitude is 0.26 mm: the small kicks decay, the large grow.
     runs = [
         run(7.2, 1.2e-4, 1, 0),
-        run(7.2, 5.0e-4, 2, 0),
-        run(7.6, 5.0e-4, 3, 0),
+        run(7.2, 3.3e-4, 2, 0),
+        run(7.6, 2.4e-4, 3, 0),
         run(7.2, 1.2e-4, 4, 1),
-        run(7.6, 5.0e-4, 5, 1),
-        run(8.4, 3.0e-4, 6, 1),
+        run(7.6, 2.4e-4, 5, 1),
+        run(8.4, 5e-5, 6, 1),
     ]
     days = identify(runs).to_json()['days']
     assert [day['day'] for day in days['summary']] == ['2023-11-14', '2023-11-15']
