@@ -18,6 +18,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from hunt_ros.dynamics.mode_shape import ModeShape
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, NormalForm
 from hunt_ros.errors import ConfigError
 
@@ -42,11 +43,14 @@ class IdentifiedNormalForm:
         Of (v_c, D1, D4, D7, D10, D15), in their units; zeros for a form taken as exact.
     provenance : mapping of str to str
         Where it comes from: recordings, method, date as given by the caller.
+    mode_shape : ModeShape, optional
+        How the yaw sensor sees the same motion, where that is known.
     """
 
     form: NormalForm
     covariance: NDArray[np.float64] = field(default_factory=lambda: np.zeros((6, 6)))
     provenance: Mapping[str, str] = field(default_factory=dict)
+    mode_shape: ModeShape | None = None
 
     def __post_init__(self) -> None:
         covariance = np.asarray(self.covariance, dtype=np.float64)
@@ -95,11 +99,14 @@ class IdentifiedNormalForm:
         """
         Return the parameter file: a ROS 2 parameter file with a `normal_form` group.
 
-        The covariance stands as the 21 numbers of its lower triangle, row by row.
+        The covariance stands as the 21 numbers of its lower triangle, row by row; the
+        mode shape, where it is known, as the lists `mode_shape.KEYS`.
         """
         group: dict[str, Any] = {'v_c': float(self.form.critical_speed)}
         group |= {name: float(getattr(self.form, name)) for name in COEFFICIENTS + SCALES}
         group['covariance'] = [float(x) for x in self.covariance[np.tril_indices(6)]]
+        if self.mode_shape is not None:
+            group |= self.mode_shape.to_parameters()
         group['provenance'] = [f'{key}: {value}' for key, value in self.provenance.items()] or ['']
         document = {'/**': {'ros__parameters': {'normal_form': group}}}
         text: str = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=99)
@@ -159,7 +166,8 @@ class IdentifiedNormalForm:
         # Remarks for people: whatever stands there never stops a detector.
         lines = provenance if isinstance(provenance, list | tuple) else ()
         parts = (str(line).partition(': ') for line in lines if line)
-        return cls(form, covariance, {key: value for key, _, value in parts})
+        shape = ModeShape.from_parameters(group, source)
+        return cls(form, covariance, {key: value for key, _, value in parts}, shape)
 
     def std(self, name: str) -> float:
         """Return the standard deviation of one of `PARAMETERS`."""

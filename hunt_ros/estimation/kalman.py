@@ -7,6 +7,8 @@ The filter itself, and the model behind it, is in `hunt_ros.estimation.tracker.b
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -55,12 +57,27 @@ _NUMBERS = (
     'bandwidth',
     'second_mode_amplitude',
     'since_kick',
+    'lateral_tied',
 )
 
 #: One estimate. Amplitudes, biases, residuals in the unit of the sensor (m, rad); rates per
-#: second; phase and yaw_lag in rad (y = amplitude cos(phase)); bandwidth in 1/s.
+#: second; phase and yaw_lag in rad (y = amplitude cos(phase)); bandwidth in 1/s; lateral_tied
+#: is 1 where the lateral amplitude is that of yaw through the mode shape, 0 where it is measured.
 TRACK_DTYPE: np.dtype[np.void] = np.dtype(
     [('stamp_ns', np.int64), *((name, np.float64) for name in _NUMBERS)]
+)
+
+#: Columns that are per second.
+_RATES = (
+    at.O_Y_RATE,
+    at.O_Y_RATE_STD,
+    at.O_P_RATE,
+    at.O_P_RATE_STD,
+    at.O_FREQUENCY,
+    at.O_FREQUENCY_STD,
+    at.O_GROWTH,
+    at.O_GROWTH_STD,
+    at.O_BANDWIDTH,
 )
 
 _NEVER = np.iinfo(np.int64).min // 2
@@ -90,23 +107,26 @@ class HuntingTracker:
     def __init__(self, config: TrackerConfig | None = None) -> None:
         self.config = config or TrackerConfig()
         c = self.config
-        nominal = 2.0 * math.pi * c.frequency_hz
+        scale = c.time_scale  # from here on, time in units that make the nominal 2.84 Hz
+        turn = 2.0 * math.pi / scale
+        nominal = turn * c.frequency_hz
         self._modes = c.mode_table()
         settings = np.zeros(at.N_CONFIG)
-        settings[at.C_BIN] = round(c.bin_s * 1e9) * 1e-9
-        settings[at.C_OMEGA_MIN] = 2.0 * math.pi * c.frequency_min_hz
-        settings[at.C_OMEGA_MAX] = 2.0 * math.pi * c.frequency_max_hz
+        settings[at.C_SECOND] = 1e-9 * scale
+        settings[at.C_BIN] = round(c.bin_s * 1e9) * settings[at.C_SECOND]
+        settings[at.C_OMEGA_MIN] = turn * c.frequency_min_hz
+        settings[at.C_OMEGA_MAX] = turn * c.frequency_max_hz
         settings[at.C_OMEGA_STD] = c.frequency_std * nominal
-        settings[at.C_OMEGA_DRIFT] = c.frequency_drift * nominal
-        settings[at.C_GROWTH_STD] = c.growth_rate_std
-        settings[at.C_GROWTH_DRIFT] = c.growth_rate_drift
+        settings[at.C_OMEGA_DRIFT] = c.frequency_drift * nominal / math.sqrt(scale)
+        settings[at.C_GROWTH_STD] = c.growth_rate_std / scale
+        settings[at.C_GROWTH_DRIFT] = c.growth_rate_drift / (scale * math.sqrt(scale))
         settings[at.C_RATIO_STD] = c.yaw_ratio_std
         settings[at.C_RATIO_FLOOR] = c.yaw_ratio_floor
         settings[at.C_GATE] = c.surprise
-        settings[at.C_NOISE_TIME] = c.noise_time
-        settings[at.C_BANDWIDTH_TIME] = c.bandwidth_time
-        settings[at.C_STUCK] = c.stuck_s
-        settings[at.C_GAP] = c.gap_s
+        settings[at.C_NOISE_TIME] = c.noise_time * scale
+        settings[at.C_BANDWIDTH_TIME] = c.bandwidth_time * scale
+        settings[at.C_STUCK] = c.stuck_s * scale
+        settings[at.C_GAP] = c.gap_s * scale
         self._settings = settings
         self.reset()
 
@@ -115,10 +135,10 @@ class HuntingTracker:
         memory = np.zeros(at.N_MEMORY)
         memory[[at.M_KICK, at.M_STEP]] = -math.inf
         memory[[at.M_SPEED, at.M_SPEED_SEEN]] = math.nan
-        if math.isnan(self._modes[0, 2]):
+        if math.isnan(self._modes[0, 0, 2]):
             memory[at.M_RATIO_VAR] = 1.0
         else:
-            memory[at.M_RATIO_RE] = 1.0
+            memory[at.M_RATIO_RE] = memory[at.M_RATIO_KNOWN] = 1.0
             memory[at.M_RATIO_VAR] = self.config.yaw_ratio_std**2
         sensors = np.zeros((2, at.N_SENSOR))
         sensors[:, at.S_VALUE] = math.nan
@@ -196,6 +216,8 @@ class HuntingTracker:
             raise HuntError(f'tracker: output stamps must increase, got {outputs[0]} first')
         rows = np.full((outputs.size, at.N_OUTPUT), math.nan)
         self._run(stamps, sensors, measured, angles, speeds, outputs, rows)
+        rows[:, _RATES] *= self.config.time_scale
+        rows[:, at.O_SINCE_KICK] /= self.config.time_scale
         track = np.empty(outputs.size, dtype=TRACK_DTYPE)
         track['stamp_ns'] = outputs
         track.view(np.float64).reshape(outputs.size, len(_NUMBERS) + 1)[:, 1:] = rows
@@ -213,9 +235,35 @@ class HuntingTracker:
     ) -> None:
         track_block(self._filter, stamps, sensors, values, angles, speeds, outputs, rows)
 
+    def set_modes(self, modes: Sequence[ModePoint], yaw_ratio_std: float | None = None) -> None:
+        """
+        Use another table of modes from the next sample on; what was learnt is kept.
+
+        Parameters
+        ----------
+        modes : sequence of ModePoint
+            As in `TrackerConfig.modes`; empty: the constants of the settings.
+        yaw_ratio_std : float, optional
+            As in `TrackerConfig`; None: as before.
+
+        Raises
+        ------
+        ConfigError
+            For a table `TrackerConfig` would not take.
+        """
+        self.config = replace(
+            self.config,
+            modes=tuple(modes),
+            yaw_ratio_std=self.config.yaw_ratio_std if yaw_ratio_std is None else yaw_ratio_std,
+        )
+        self._modes = self.config.mode_table()
+        self._settings[at.C_RATIO_STD] = self.config.yaw_ratio_std
+        self._filter = self._filter._replace(modes=self._modes)
+        self._filter.m[at.M_CHANGED] = 1.0
+
     @property
     def state(self) -> NDArray[np.float64]:
-        """Copy of the state vector, shape (20,), in the order of `tracker.layout`."""
+        """Copy of the state vector, (20,), in the order of `tracker.layout`, in its time."""
         state: NDArray[np.float64] = self._filter.x.copy()
         return state
 

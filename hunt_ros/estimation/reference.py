@@ -143,12 +143,14 @@ def process_noise(f: at.Filter, dt: float) -> _F:
     """Return Q for a step of dt seconds, shape (20, 20)."""
     Q = np.zeros((at.N, at.N))
     alive = f.sensors[:, at.S_ALIVE] > 0.0
+    speaking = np.array([algebra.speaks(f, k) for k in range(2)])
+    heard = speaking if speaking.any() else alive
     density = f.sensors[:, at.S_NOISE] * f.sensors[:, at.S_STEP]
     ratio = complex(f.m[at.M_RHO_RE], f.m[at.M_RHO_IM])
     spread = f.m[at.M_RHO_VAR]
     size = abs(ratio) ** 2 + 2.0 * spread
-    tied = alive[1] and (not alive[0] or abs(ratio) ** 2 > 2.0 * spread)
-    information = (1.0 / density[0] if alive[0] else 0.0) + (size / density[1] if tied else 0.0)
+    tied = heard[1] and (not heard[0] or abs(ratio) ** 2 > 2.0 * spread)
+    information = (1.0 / density[0] if heard[0] else 0.0) + (size / density[1] if tied else 0.0)
     q = math.exp(2.0 * f.m[at.M_LAMBDA]) / information * dt
     z, w = slice(at.Z, at.Z + 4), slice(at.W, at.W + 4)
     Q[z, z] = _rank_one(q, ratio, spread)

@@ -20,7 +20,7 @@ from hunt_ros.errors import ConfigError
 @dataclass(frozen=True)
 class ModePoint:
     """
-    What linear theory says of the rig's two modes at one speed.
+    What is known of the rig's two modes at one speed and amplitude.
 
     Parameters
     ----------
@@ -35,6 +35,11 @@ class ModePoint:
         sensors (rad/m in SI). None: unknown, learnt from the data.
     second_yaw_ratio : complex, optional
         The same for the second mode. None: the two sensors see it independently.
+    amplitude : float
+        Lateral amplitude it holds for, m.
+    yaw_ratio_std : float
+        Relative standard deviation of `yaw_ratio` here, beside that of the scale of the
+        sensors, which is `TrackerConfig.yaw_ratio_std` and common to all points.
 
     Raises
     ------
@@ -48,6 +53,8 @@ class ModePoint:
     second_decay: float
     yaw_ratio: complex | None = None
     second_yaw_ratio: complex | None = None
+    amplitude: float = 0.0
+    yaw_ratio_std: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ('frequency_hz', 'second_frequency_hz', 'second_decay'):
@@ -56,6 +63,16 @@ class ModePoint:
                 raise ConfigError(f'mode point: {name} must be positive, got {value}')
         if not math.isfinite(self.speed):
             raise ConfigError(f'mode point: speed must be finite, got {self.speed}')
+        for name in ('amplitude', 'yaw_ratio_std'):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ConfigError(f'mode point: {name} must not be negative, got {value}')
+
+
+#: The hunting frequency the times inside the tracker are meant for, Hz: it counts time in units
+#: that make the nominal frequency this one, so that a rig of another frequency gets the same
+#: filter, slower or faster.
+REFERENCE_HZ = 2.84
 
 
 def _positive(name: str, value: float) -> None:
@@ -67,6 +84,8 @@ def _positive(name: str, value: float) -> None:
 class TrackerConfig:
     """
     Settings of `HuntingTracker`; the defaults suit any rig that hunts at 1 to 6 Hz.
+
+    For another rig `TrackerConfig.at` gives the same filter, slower or faster.
 
     Parameters
     ----------
@@ -92,6 +111,8 @@ class TrackerConfig:
         Relative accuracy with which one ratio describes all amplitudes and speeds.
     modes : tuple of ModePoint
         The same by speed, replacing the constants above; interpolated, held at its ends.
+        Where the ratio depends on the amplitude there is a point for every speed and
+        amplitude of a grid, sorted by speed, then amplitude.
     bin_s : float
         Samples of one sensor are averaged over bins of this length, s, before they
         enter the filter (0: every sample by itself). See `hunt_ros.estimation.tracker.block`.
@@ -137,19 +158,67 @@ class TrackerConfig:
         for setting in fields(self):
             if setting.name not in free:
                 _positive(setting.name, getattr(self, setting.name))
-        if not 0.0 <= self.bin_s <= 0.02:
-            raise ConfigError(f'tracker: bin_s must be within 0..0.02 s, got {self.bin_s}')
+        longest = 0.02 * REFERENCE_HZ / self.frequency_hz
+        if not 0.0 <= self.bin_s <= longest:
+            raise ConfigError(
+                f'tracker: bin_s must be within 0..{longest:.3g} s, got {self.bin_s}'
+            )
         if not self.frequency_min_hz < self.frequency_hz < self.frequency_max_hz:
             raise ConfigError(
                 f'tracker: frequency_hz {self.frequency_hz} must lie between frequency_min_hz'
                 f' {self.frequency_min_hz} and frequency_max_hz {self.frequency_max_hz}'
             )
-        speeds = [point.speed for point in self.modes]
-        if any(b <= a for a, b in pairwise(speeds)):
-            raise ConfigError(f'tracker: speeds of modes must increase, got {speeds}')
+        places = [(point.speed, point.amplitude) for point in self.modes]
+        if any(b <= a for a, b in pairwise(places)):
+            raise ConfigError(f'tracker: speeds of modes must increase, got {places}')
+        by_speed: dict[float, list[float]] = {}
+        for speed, amplitude in places:
+            by_speed.setdefault(speed, []).append(amplitude)
+        if any(found != by_speed[places[0][0]] for found in by_speed.values()):
+            raise ConfigError('tracker: modes must have the same amplitudes at every speed')
         known = {point.yaw_ratio is None for point in self.modes}
         if len(known) > 1:
             raise ConfigError('tracker: yaw_ratio must be given at every speed or at none')
+
+    @property
+    def time_scale(self) -> float:
+        """Units of the tracker's time in a second."""
+        return self.frequency_hz / REFERENCE_HZ
+
+    @classmethod
+    def at(cls, frequency_hz: float, lowest_hz: float, highest_hz: float) -> TrackerConfig:
+        """
+        Return the settings for a rig that hunts at another frequency: all times with it.
+
+        Parameters
+        ----------
+        frequency_hz, lowest_hz, highest_hz : float
+            Nominal hunting frequency, and the range it may lie in, Hz.
+
+        Raises
+        ------
+        ConfigError
+            If they are not positive and in this order.
+        """
+        _positive('frequency_hz', frequency_hz)
+        faster = frequency_hz / REFERENCE_HZ
+        plain = cls()
+        return cls(
+            frequency_hz=frequency_hz,
+            frequency_min_hz=lowest_hz,
+            frequency_max_hz=highest_hz,
+            frequency_drift=plain.frequency_drift * math.sqrt(faster),
+            growth_rate_std=plain.growth_rate_std * faster,
+            growth_rate_drift=plain.growth_rate_drift * faster * math.sqrt(faster),
+            second_frequency_hz=plain.second_frequency_hz * faster,
+            second_decay=plain.second_decay * faster,
+            bin_s=plain.bin_s / faster,
+            noise_time=plain.noise_time / faster,
+            bandwidth_time=plain.bandwidth_time / faster,
+            # What repeats a value is a sensor, whose rate does not rise with the frequency.
+            stuck_s=plain.stuck_s / min(faster, 1.0),
+            gap_s=plain.gap_s / faster,
+        )
 
     def mode_table(self) -> NDArray[np.float64]:
         """
@@ -157,10 +226,13 @@ class TrackerConfig:
 
         Returns
         -------
-        ndarray of float64, shape (n, 8)
-            Speed; hunting frequency, rad/s; ratio, real and imaginary (NaN: unknown);
-            second frequency, rad/s; second decay, 1/s; its ratio, real and imaginary.
+        ndarray of float64, shape (speeds, amplitudes, 10)
+            Speed; hunting frequency; ratio, real and imaginary (NaN: unknown); second
+            frequency, decay, its ratio, real and imaginary; amplitude; relative
+            standard deviation of the ratio. Frequencies and the decay are in rad and 1
+            per unit of the tracker's time, see `time_scale`.
         """
+        scale = self.time_scale
         points = self.modes or (
             ModePoint(
                 0.0,
@@ -179,13 +251,16 @@ class TrackerConfig:
             rows.append(
                 (
                     point.speed,
-                    2.0 * math.pi * point.frequency_hz,
+                    2.0 * math.pi * point.frequency_hz / scale,
                     ratio.real,
                     ratio.imag,
-                    2.0 * math.pi * point.second_frequency_hz,
-                    point.second_decay,
+                    2.0 * math.pi * point.second_frequency_hz / scale,
+                    point.second_decay / scale,
                     second.real,
                     second.imag,
+                    point.amplitude,
+                    point.yaw_ratio_std,
                 )
             )
-        return np.array(rows, dtype=np.float64)
+        speeds = len({row[0] for row in rows})
+        return np.array(rows, dtype=np.float64).reshape(speeds, -1, 10)

@@ -17,6 +17,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from hunt_ros.dynamics.identified import PARAMETERS, SCALES, IdentifiedNormalForm
+from hunt_ros.dynamics.mode_shape import KEYS as MODE_SHAPE
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.errors import ConfigError
 from hunt_ros.settings import Settings
@@ -174,6 +175,7 @@ def declare_normal_form(node: Node) -> IdentifiedNormalForm | None:
     given: dict[str, Any] = {}
     kinds = dict.fromkeys((*PARAMETERS, *SCALES), Parameter.Type.DOUBLE)
     kinds['covariance'] = Parameter.Type.DOUBLE_ARRAY
+    kinds |= dict.fromkeys(MODE_SHAPE, Parameter.Type.DOUBLE_ARRAY)
     kinds['provenance'] = Parameter.Type.STRING_ARRAY
     for name, kind in kinds.items():
         full = f'normal_form.{name}'

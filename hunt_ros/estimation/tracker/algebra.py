@@ -131,15 +131,25 @@ def density(f: at.Filter, k: int) -> float:
 
 
 @compiled_part
+def speaks(f: at.Filter, k: int) -> bool:
+    """Tell whether sensor k has started, and has not been silent for a hunting period."""
+    silence = f.m[at.M_TIME] - f.sensors[k, at.S_LAST]
+    return bool(f.sensors[k, at.S_ALIVE] > 0.0 and silence * f.m[at.M_OMEGA0] <= 2.0 * math.pi)
+
+
+@compiled_part
 def lateral_density(f: at.Filter) -> float:
     """Noise density of both sensors together, referred to the lateral phasor."""
     gain = f.m[at.M_RHO_RE] ** 2 + f.m[at.M_RHO_IM] ** 2 + 2.0 * f.m[at.M_RHO_VAR]
     information = 0.0
-    if f.sensors[0, at.S_ALIVE] > 0.0:
+    lateral, yaw = speaks(f, 0), speaks(f, 1)
+    if not lateral and not yaw:  # both are silent: as they were
+        lateral, yaw = f.sensors[0, at.S_ALIVE] > 0.0, f.sensors[1, at.S_ALIVE] > 0.0
+    if lateral:
         information += 1.0 / density(f, 0)
-        if f.sensors[1, at.S_ALIVE] > 0.0 and gain > 4.0 * f.m[at.M_RHO_VAR]:
+        if yaw and gain > 4.0 * f.m[at.M_RHO_VAR]:
             information += gain / density(f, 1)
-    elif f.sensors[1, at.S_ALIVE] > 0.0:
+    elif yaw:
         information = gain / density(f, 1)
     return 1.0 / information
 

@@ -18,7 +18,12 @@ from hunt_ros.estimation.tracker.algebra import (
     project,
 )
 from hunt_ros.estimation.tracker.kicks import handle_kick, kicked
-from hunt_ros.estimation.tracker.ratio import learn_ratio, ratio_in_force
+from hunt_ros.estimation.tracker.ratio import (
+    learn_ratio,
+    put_in_force,
+    ratio_in_force,
+    tie_silent,
+)
 from hunt_ros.estimation.tracker.tuning import gather_start, stop_sensor, tune
 
 _F = NDArray[np.float64]
@@ -88,6 +93,9 @@ def absorb(f: at.Filter, k: int, t: float, mean: float, count: float, row: _F) -
     f.sensors[k, at.S_CLEAN_SUM] += count * (mean - f.x[at.BIAS + k] - rough)
     f.sensors[k, at.S_CLEAN_COUNT] += count
     learn_ratio(f)
+    tie_silent(f, k)
+    if f.modes.shape[1] > 1:
+        put_in_force(f)  # the shape depends on the amplitude, which has moved
 
 
 @compiled_part
@@ -142,9 +150,9 @@ def measures(counters: _I, sensors: _F, m: _F, cfg: _F, k: int, stamp: int, valu
     if counters[at.I_STARTED] == 0:
         counters[at.I_STARTED] = 1
         # A grid that does not depend on where a record starts.
-        counters[at.I_ORIGIN] = stamp - stamp % max(round(cfg[at.C_BIN] * 1e9), 1)
-        m[at.M_TIME] = (stamp - counters[at.I_ORIGIN]) * 1e-9
-    t = (stamp - counters[at.I_ORIGIN]) * 1e-9
+        counters[at.I_ORIGIN] = stamp - stamp % max(round(cfg[at.C_BIN] / cfg[at.C_SECOND]), 1)
+        m[at.M_TIME] = (stamp - counters[at.I_ORIGIN]) * cfg[at.C_SECOND]
+    t = (stamp - counters[at.I_ORIGIN]) * cfg[at.C_SECOND]
     counters[at.I_LAST] = stamp
     counters[at.I_LAST_LATERAL + k] = stamp
     if value != sensors[k, at.S_VALUE]:

@@ -57,7 +57,7 @@ from hunt_ros.compiled import compiled, source_stamp
 from hunt_ros.estimation.tracker import algebra, bins, kicks, ratio, rows, tuning
 from hunt_ros.estimation.tracker import layout as at
 from hunt_ros.estimation.tracker.bins import accumulate, advance, close_bin, measures
-from hunt_ros.estimation.tracker.ratio import look_up
+from hunt_ros.estimation.tracker.ratio import look_up, take_modes
 from hunt_ros.estimation.tracker.rows import write_row
 
 _F = NDArray[np.float64]
@@ -89,13 +89,13 @@ def _kernel(source: int) -> Callable[..., None]:
         row = np.zeros(5)  # H of the update at hand: hunting, cos, sin, cos 2, sin 2
         written = 0
         angle, cosine, sine = math.nan, 0.0, 0.0
-        bin_ns = max(round(f.cfg[at.C_BIN] * 1e9), 1)
+        bin_ns = max(round(f.cfg[at.C_BIN] / f.cfg[at.C_SECOND]), 1)
         for i in range(stamps.size + 1):
             done = i == stamps.size
             while written < outputs.size and (done or outputs[written] < stamps[i]):
                 close_bin(f, row)
                 if f.counters[at.I_STARTED] == 1:
-                    advance(f, (outputs[written] - f.counters[at.I_ORIGIN]) * 1e-9)
+                    advance(f, (outputs[written] - f.counters[at.I_ORIGIN]) * f.cfg[at.C_SECOND])
                     write_row(f, table[written])
                 f.counters[at.I_OUTPUT] = outputs[written]
                 written += 1
@@ -109,11 +109,13 @@ def _kernel(source: int) -> Callable[..., None]:
             if place != f.counters[at.I_BIN] or f.cfg[at.C_BIN] == 0.0:
                 close_bin(f, row)
                 f.counters[at.I_BIN] = place
+            if f.m[at.M_CHANGED] > 0.0 and not math.isnan(f.m[at.M_SPEED]):
+                take_modes(f)
             if math.isfinite(speeds[i]):
                 if speeds[i] != f.m[at.M_SPEED]:
                     look_up(f, speeds[i])
             elif math.isnan(f.m[at.M_SPEED]):
-                look_up(f, f.modes[0, 0])  # no speed yet: the first of the table
+                look_up(f, f.modes[0, 0, 0])  # no speed yet: the first of the table
                 f.m[at.M_SPEED_SEEN] = math.nan
             known = math.isfinite(angles[i])
             if known and angles[i] != angle:
@@ -122,7 +124,7 @@ def _kernel(source: int) -> Callable[..., None]:
             accumulate(
                 f.sums,
                 k,
-                elapsed * 1e-9 - place * f.cfg[at.C_BIN],
+                elapsed * f.cfg[at.C_SECOND] - place * f.cfg[at.C_BIN],
                 value,
                 known,
                 cosine,

@@ -35,8 +35,9 @@ ROUGH = 12  # cos, sin, cos 2, sin 2: lateral 12..15, yaw 16..19
     C_BANDWIDTH_TIME,
     C_STUCK,
     C_GAP,
+    C_SECOND,  # units of the kernel's time in a nanosecond: see `tracker.block`
     N_CONFIG,
-) = range(15)
+) = range(16)
 
 # --- memory common to both sensors ---------------------------------------------------
 (
@@ -49,6 +50,10 @@ ROUGH = 12  # cos, sin, cos 2, sin 2: lateral 12..15, yaw 16..19
     M_RHO_IM,
     M_RHO_VAR,
     M_RATIO_TIME,  # when it was last learnt
+    M_RATIO_SPEED,  # where: mean speed, and mean logarithm of the lateral amplitude
+    M_RATIO_LOG,
+    M_RATIO_KNOWN,  # 1 where the ratio is given, or has been learnt
+    M_CHANGED,  # 1 where the table of modes is another one since the last sample
     M_KICK,  # time of the last kick
     M_KICK_SIZE,  # lateral variance it opened
     M_STEP,  # time of the last step of a level
@@ -62,8 +67,9 @@ ROUGH = 12  # cos, sin, cos 2, sin 2: lateral 12..15, yaw 16..19
     M_DECAY2,
     M_RHO2_RE,
     M_RHO2_IM,
+    M_GIVEN_STD,  # relative, of the ratio given at this speed and amplitude
     N_MEMORY,
-) = range(23)
+) = range(28)
 
 # --- memory of each sensor ------------------------------------------------------------
 (
@@ -103,8 +109,9 @@ ROUGH = 12  # cos, sin, cos 2, sin 2: lateral 12..15, yaw 16..19
     S_BOOT_REF,
     S_BEFORE,  # 1 where the sensor has been started before
     S_ROLLER,  # 1 where the roller angle is known
+    S_TIED,  # 1 while its phasor is that of the other sensor through the ratio
     N_SENSOR,
-) = range(37)
+) = range(38)
 
 # --- running sums of the bin that is open ----------------------------------------------
 A_COUNT, A_VALUE, A_TIME, A_TIME2, A_C1, A_S1, A_C2, A_S2, A_ANGLES, N_ACCUMULATOR = range(10)
@@ -167,8 +174,9 @@ A_COUNT, A_VALUE, A_TIME, A_TIME2, A_C1, A_S1, A_C2, A_S2, A_ANGLES, N_ACCUMULAT
     O_BANDWIDTH,
     O_SECOND,
     O_SINCE_KICK,
+    O_Y_TIED,
     N_OUTPUT,
-) = range(37)
+) = range(38)
 
 
 class Filter(NamedTuple):
@@ -181,5 +189,5 @@ class Filter(NamedTuple):
     sums: _F  # the bin that is open, (2, N_ACCUMULATOR)
     counters: _I  # (N_COUNTER,)
     cfg: _F  # (N_CONFIG,)
-    modes: _F  # TrackerConfig.mode_table(), (n, 8)
+    modes: _F  # TrackerConfig.mode_table(), (speeds, amplitudes, 10)
     g: _F  # P H' of the update at hand, (N,)

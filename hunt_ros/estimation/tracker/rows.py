@@ -33,7 +33,7 @@ def write_row(f: at.Filter, row: _F) -> None:
     """Write one row of output from the state as it stands."""
     growth = f.x[at.GROWTH]
     for k in range(2):
-        if f.sensors[k, at.S_ALIVE] == 0.0:
+        if f.sensors[k, at.S_ALIVE] == 0.0 and f.sensors[k, at.S_TIED] == 0.0:
             continue
         z, r = at.Z + 2 * k, at.ROUGH + 4 * k
         amplitude = math.hypot(f.x[z], f.x[z + 1])
@@ -51,6 +51,8 @@ def write_row(f: at.Filter, row: _F) -> None:
         row[o + 1] = math.sqrt(variance)
         row[o + 2] = growth * amplitude
         row[o + 3] = math.sqrt(max(rate_variance, 0.0))
+        if f.sensors[k, at.S_ALIVE] == 0.0:
+            continue  # it has never spoken: its phasor is all that is known of it
         if f.sensors[k, at.S_ROLLER] > 0.0:
             o = at.O_Y_ROUGH if k == 0 else at.O_P_ROUGH
             row[o] = math.hypot(f.x[r], f.x[r + 1])
@@ -67,7 +69,9 @@ def write_row(f: at.Filter, row: _F) -> None:
     lateral, yaw = f.sensors[0, at.S_ALIVE] > 0.0, f.sensors[1, at.S_ALIVE] > 0.0
     if not lateral and not yaw:
         return
-    z = at.Z if lateral else at.Z + 2
+    tied = f.sensors[0, at.S_TIED]
+    row[at.O_Y_TIED] = tied
+    z = at.Z if lateral or tied > 0.0 else at.Z + 2
     power = f.x[z] ** 2 + f.x[z + 1] ** 2
     row[at.O_PHASE] = math.atan2(f.x[z + 1], f.x[z])
     if power > 0.0:
@@ -81,7 +85,7 @@ def write_row(f: at.Filter, row: _F) -> None:
     row[at.O_FREQUENCY_STD] = math.sqrt(max(f.P[at.OMEGA, at.OMEGA], 0.0)) / (2.0 * math.pi)
     row[at.O_GROWTH] = growth
     row[at.O_GROWTH_STD] = math.sqrt(max(f.P[at.GROWTH, at.GROWTH], 0.0))
-    if lateral and yaw:
+    if yaw and (lateral or tied > 0.0):
         size = math.hypot(f.m[at.M_RHO_RE], f.m[at.M_RHO_IM])
         row[at.O_RATIO] = size
         row[at.O_RATIO_STD] = math.sqrt(f.m[at.M_RHO_VAR])

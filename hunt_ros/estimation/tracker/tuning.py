@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled_part
 from hunt_ros.estimation.tracker import layout as at
-from hunt_ros.estimation.tracker.algebra import open_modes
+from hunt_ros.estimation.tracker.algebra import open_modes, speaks
 from hunt_ros.estimation.tracker.ratio import SETTLING, loosen
 
 _F = NDArray[np.float64]
@@ -49,6 +49,7 @@ def start_sensor(f: at.Filter, k: int, t: float) -> None:
             if first == at.ROUGH + 4 * k:
                 f.P[i, i] *= roller
     f.x[at.BIAS + k] = f.sensors[k, at.S_BOOT_REF] + mean
+    f.sensors[k, at.S_TIED] = 0.0
     if f.sensors[1 - k, at.S_ALIVE] == 0.0:
         f.m[at.M_TIME] = t
         f.x[at.OMEGA] = f.m[at.M_OMEGA0]
@@ -203,7 +204,7 @@ def tune(
     if not settled:
         return
     rate = 0.5 * dt / f.cfg[at.C_BANDWIDTH_TIME]
-    alive = f.sensors[0, at.S_ALIVE] + f.sensors[1, at.S_ALIVE]
+    alive = 2.0 if speaks(f, 0) and speaks(f, 1) else 1.0
     power = f.sensors[k, at.S_H_RE] ** 2 + f.sensors[k, at.S_H_IM] ** 2
     f.m[at.M_LAMBDA] = tuned(f.m[at.M_LAMBDA], power, rate / alive, 0.2, 100.0)
     power = f.sensors[k, at.S_B] ** 2
