@@ -2,19 +2,23 @@
 Whether a newly identified normal form may replace the one in force without being asked.
 
 A form that makes the alarm later, or less sure of itself, waits for a person; one
-that makes it earlier or sharper is taken at once.
+that makes it earlier or sharper is taken at once. So is one that a person went back to:
+it carries a mark, and whoever set the mark has seen what it does.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.settings import Settings, setting
+
+#: Line of the provenance that marks a form which a person went back to.
+_MARK = 'rolled back'
 
 #: Speeds between v_n and v_c at which two thresholds are compared, as fractions.
 _PLACES = np.array([0.25, 0.5, 0.75, 0.9])
@@ -47,7 +51,8 @@ def objections(
     Parameters
     ----------
     new, current : IdentifiedNormalForm
-        `current` None: nothing is in force, and nothing speaks against.
+        `current` None: nothing is in force, and nothing speaks against. Nor does
+        anything speak against a `new` one that a person went back to.
     config : AcceptanceConfig
         The bounds.
 
@@ -56,7 +61,7 @@ def objections(
     list of str
         One line each; empty where the new form may be taken over.
     """
-    if current is None:
+    if current is None or is_rolled_back(new):
         return []
     found = []
     factor = _amplitude_factor(new.form, current.form)
@@ -76,6 +81,27 @@ def objections(
     if before > 0.0 and after > before * config.accept_width_factor:
         found.append(f'widens the standard deviation of v_c from {before:.3f} to {after:.3f} m/s')
     return found
+
+
+def rolled_back(form: IdentifiedNormalForm) -> IdentifiedNormalForm:
+    """Return the form with the mark that a person went back to it."""
+    return replace(form, provenance={**form.provenance, _MARK: 'by the operator'})
+
+
+def is_rolled_back(form: IdentifiedNormalForm) -> bool:
+    """Whether a person went back to this form."""
+    return _MARK in form.provenance
+
+
+def form_event(form: IdentifiedNormalForm | None) -> tuple[str, str]:
+    """Return the word and the detail of the event that a form was taken over."""
+    if form is None:
+        return 'normal_form_changed', 'none is in force'
+    v_n = form.form.nonlinear_critical_speed
+    detail = f'v_c {form.form.critical_speed:.3f} m/s'
+    if v_n is not None:
+        detail += f', v_n {v_n:.3f} m/s'
+    return ('normal_form_reverted' if is_rolled_back(form) else 'normal_form_changed'), detail
 
 
 def _amplitude_factor(new: NormalForm, current: NormalForm) -> float:

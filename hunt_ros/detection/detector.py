@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hunt_ros.detection.acceptance import form_event
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.journal import JournalEntry
 from hunt_ros.detection.merge import ChannelMerger, LateRun
@@ -27,7 +28,7 @@ from hunt_ros.detection.output import (
 from hunt_ros.detection.reasons import reasons_of
 from hunt_ros.detection.regions import Level, Region, State
 from hunt_ros.detection.rows import RowMaker
-from hunt_ros.detection.transitions import Transitions
+from hunt_ros.detection.transitions import Transitions, event_of
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import HuntError
 from hunt_ros.samples import CHANNELS, NANOSECONDS, Record
@@ -153,11 +154,21 @@ class HuntingDetector:
         return self._advance()
 
     def set_normal_form(self, form: IdentifiedNormalForm | None) -> Output:
-        """Use another normal form (None: none) from the next row on."""
+        """
+        Use another normal form (None: none) from the next row on.
+
+        Once there are rows this is an event, 'normal_form_changed', or
+        'normal_form_reverted' where a person went back to an earlier form.
+        """
         self._form = form
         self._rows.set_normal_form(form)
         self._note('normal_form', text='' if form is None else form.to_yaml())
-        return self._advance()
+        row = self._last_row
+        output = self._advance()
+        if row is None:
+            return output
+        event = event_of(row, *form_event(form))
+        return replace(output, events=(event, *output.events))
 
     def acknowledge(self, now_ns: int = 0) -> Output:
         """

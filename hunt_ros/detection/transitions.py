@@ -56,7 +56,7 @@ class Transitions:
             for word, detail in self._changes(
                 row, {name: int(x[k]) for name, x in before.items()}
             ):
-                events.append(_event(row, word, detail))
+                events.append(event_of(row, word, detail))
         return events
 
     def _changes(self, row: np.void, before: dict[str, int]) -> list[tuple[str, str]]:
@@ -92,7 +92,8 @@ def _channel_changes(name: str, old: int, new: int) -> list[tuple[str, str]]:
     return found
 
 
-def _event(row: np.void, word: str, detail: str) -> Event:
+def event_of(row: np.void, word: str, detail: str = '') -> Event:
+    """Return the event of a word at a row."""
     amplitude = float(row['lateral_amplitude'])
     return Event(
         int(row['stamp_ns']),

@@ -7,7 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hunt_ros.detection.acceptance import AcceptanceConfig, objections
+from hunt_ros.detection.acceptance import (
+    AcceptanceConfig,
+    is_rolled_back,
+    objections,
+    rolled_back,
+)
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 
@@ -44,3 +49,18 @@ def test_a_form_that_alarms_earlier_is_taken_over() -> None:
 )
 def test_a_form_that_alarms_later_or_is_less_sure_waits(new, word) -> None:
     assert any(word in line for line in objections(new, _identified(), CONFIG))
+
+
+def test_a_form_that_a_person_went_back_to_is_taken_over_whatever_it_does() -> None:
+    later = _identified(2.0, D4=1400.0, critical_speed=8.4)
+    assert objections(later, _identified(), CONFIG)
+    assert objections(rolled_back(later), _identified(), CONFIG) == []
+
+
+def test_the_mark_survives_the_parameter_file_and_the_numbers_stay() -> None:
+    form = _identified(critical_speed=8.4)
+    back = IdentifiedNormalForm.from_yaml(rolled_back(form).to_yaml())
+    assert is_rolled_back(back)
+    assert not is_rolled_back(IdentifiedNormalForm.from_yaml(form.to_yaml()))
+    assert back.form == form.form
+    assert rolled_back(back).to_yaml() == back.to_yaml()

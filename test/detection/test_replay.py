@@ -10,6 +10,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, JournalEntry, Level
+from hunt_ros.detection.acceptance import rolled_back
 from hunt_ros.detection.output import Output
 from hunt_ros.detection.replay import replay_journal
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
@@ -65,6 +66,8 @@ def _live(
             outputs.append(detector.acknowledge(stamp))
         elif what == 'form':
             outputs.append(detector.set_normal_form(None))
+        elif what == 'back':
+            outputs.append(detector.set_normal_form(rolled_back(PAPER)))
         else:
             arrived[what].append((stamp, value))
             outputs.append(detector.update(what, stamp, value))
@@ -154,3 +157,13 @@ def test_a_journal_line_that_is_none_is_refused() -> None:
     for text in ('', '{}', '{"kind":"guess","position_ns":null}', '[1]'):
         with pytest.raises(HuntError):
             JournalEntry.from_text(text)
+
+
+def test_going_back_to_an_earlier_form_is_an_event_live_and_in_the_replay(recorded) -> None:
+    record = recorded(7.2, 6.0, kicks=[(2.0, 400e-6)])
+    live, arrived = _live(record, [], [], [(3.0, 'form'), (4.0, 'back')], seed=1)
+    words = [event.event for event in live.events]
+    assert words.index('normal_form_changed') < words.index('normal_form_reverted')
+    reverted = live.events[words.index('normal_form_reverted')]
+    assert reverted.detail == 'v_c 8.000 m/s, v_n 6.406 m/s'
+    _assert_same(live, _repeated(live, arrived))
