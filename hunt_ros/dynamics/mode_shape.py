@@ -126,7 +126,7 @@ class ModeShape:
             tables['second_mode_ratio_real'] = self.second_ratio.real
             tables['second_mode_ratio_imag'] = self.second_ratio.imag
         return {
-            name: [float(f'{value:.6g}') for value in table.ravel()]
+            name: [float(value) for value in table.ravel()]
             for name, table in tables.items()
             if table is not None
         }
@@ -172,10 +172,10 @@ class ModeShape:
                 lists['second_mode_decay'],
                 None if second[0] is None or second[1] is None else second[0] + 1j * second[1],
             )
-        except ValueError as error:
-            raise ConfigError(f'{source}: lists of the mode shape differ in length') from error
         except ConfigError as error:
             raise ConfigError(f'{source}: {error}') from error
+        except ValueError as error:
+            raise ConfigError(f'{source}: lists of the mode shape differ in length') from error
 
 
 def _between(x: float, nodes: _F, values: NDArray[np.complex128]) -> complex:

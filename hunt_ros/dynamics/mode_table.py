@@ -36,7 +36,7 @@ def fitted_shape(
     ratio: ArrayLike,
     relative_std: ArrayLike,
     frequency_hz: ArrayLike,
-    least_std: float = _LEAST_STD,
+    alike: float = _ALIKE,
 ) -> ModeShape | None:
     """
     Smooth table through scattered values of the ratio.
@@ -50,8 +50,9 @@ def fitted_shape(
     speed, amplitude, ratio, relative_std, frequency_hz : array_like, shape (k,)
         m/s; lateral amplitude, m; yaw over lateral phasor, rad/m; its relative standard
         deviation; frequency of the motion, Hz. Not finite: left out.
-    least_std : float
-        Relative standard deviation below which the table is not believed.
+    alike : float
+        What each value is off by, relative, beside its own standard deviation, in a way it
+        shares with its neighbours.
 
     Returns
     -------
@@ -67,7 +68,7 @@ def fitted_shape(
     v, a, s, values, turning = v[good], a[good], s[good], values[good], turning[good]
     # Windows of one run share what the polynomial cannot follow: they are no more than so many
     # independent values, and none is exact.
-    s = np.hypot(s, _ALIKE) * math.sqrt(max(1.0, s.size / _INDEPENDENT))
+    s = np.hypot(s, alike) * math.sqrt(max(1.0, s.size / _INDEPENDENT))
     middle, largest = float(np.median(v)), float(np.max(a))
     # A ratio that is wrong by a turn of a phase or a factor must not draw the rest along.
     centre = complex(_weighted_median(values.real, s), _weighted_median(values.imag, s))
@@ -100,12 +101,19 @@ def fitted_shape(
     )
     shape = speeds.size, amplitudes.size
     table = (centre * (grid @ terms)).reshape(shape)
-    variance = np.einsum('ij,jk,ik->i', grid, covariance, grid) * spread**2 + least_std**2
+    variance = np.einsum('ij,jk,ik->i', grid, covariance, grid) * spread**2 + _LEAST_STD**2
     std = np.sqrt(variance).reshape(shape)
     if not np.min(std) < 0.5 or not np.all(np.abs(table) > 0.0):
         return None
     frequency = _line(v / middle - 1.0, turning, s, speeds / middle - 1.0)
-    return ModeShape(speeds, amplitudes, frequency, table, std)
+    digits = [_short(numbers) for numbers in (speeds, amplitudes, frequency, std)]
+    ratios = _short(table.real) + 1j * _short(table.imag)
+    return ModeShape(digits[0], digits[1], digits[2], ratios, digits[3])
+
+
+def _short(table: _F) -> _F:
+    """Round to six digits, which a file holds exactly and more than are known."""
+    return np.array([float(f'{value:.6g}') for value in table.ravel()]).reshape(table.shape)
 
 
 def _line(e: _F, frequency: _F, std: _F, wanted: _F) -> _F:
@@ -153,13 +161,14 @@ def shape_of(rig: RigParameters, branch: Branch | None = None) -> ModeShape:
     frequency = [mode.frequency_hz for mode in modes]
     if branch is not None:
         inside = (branch.speed >= speeds[0]) & (branch.speed <= speeds[-1])
-        for k in np.flatnonzero(inside):
+        places = np.flatnonzero(inside)
+        for k in places[:: max(1, places.size // (2 * speeds.size))]:
             speed.append(float(branch.speed[k]))
             amplitude.append(float(branch.amplitude[k]))
             ratio.append(cycle_ratio(branch, int(k)))
             frequency.append(float(branch.frequency_hz[k]))
     std = np.full(len(speed), 0.002)
-    table = fitted_shape(speed, amplitude, ratio, std, frequency)
+    table = fitted_shape(speed, amplitude, ratio, std, frequency, alike=0.0)
     if table is None:
         raise ConfigError(f'{rig.name}: no mode shape')
     at = [_second(rig, float(v)) for v in table.speeds]
@@ -172,9 +181,10 @@ def shape_of(rig: RigParameters, branch: Branch | None = None) -> ModeShape:
         table.frequency_hz,
         table.ratio,
         table.ratio_std,
-        np.array([value.imag / (2.0 * math.pi) for value, _ in known]),
-        np.array([-value.real for value, _ in known]),
-        np.array([ratio for _, ratio in known]),
+        _short(np.array([value.imag / (2.0 * math.pi) for value, _ in known])),
+        _short(np.array([-value.real for value, _ in known])),
+        _short(np.array([ratio.real for _, ratio in known]))
+        + 1j * _short(np.array([ratio.imag for _, ratio in known])),
     )
 
 

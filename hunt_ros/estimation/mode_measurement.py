@@ -24,7 +24,7 @@ _CYCLES, _STEP = 4.0, 2.0
 #: Samples a window must hold, and the share of those it should.
 _LEAST, _SHARE = 24, 0.6
 #: Windows looked at in one record: a long one is thinned evenly.
-_MOST = 1500
+_MOST = 600
 #: The lateral line must stand this many standard deviations clear, or the ratio is biased.
 _CLEAR = 8.0
 

@@ -28,6 +28,7 @@ from hunt_ros.identification.growth_law import GrowthScales
 from hunt_ros.identification.hunting_frequency import find_frequency, tracked_envelope
 from hunt_ros.identification.lack_of_fit import following, lack_of_fit
 from hunt_ros.identification.law_choice import fit_laws
+from hunt_ros.identification.mode import measured_shape
 from hunt_ros.identification.path_likelihood import Path
 from hunt_ros.identification.plateaus import analyse_record
 from hunt_ros.identification.result import Identification
@@ -109,6 +110,10 @@ def identify(
     result = conclude(
         evidence, settings, warnings, lambda part: tell(_FITTED + (1.0 - _FITTED) * part)
     )
+    if result.normal_form is not None:
+        shape = measured_shape(records, frequency, settings)
+        form = replace(result.normal_form, mode_shape=shape)
+        result = replace(result, normal_form=form)
     tell(1.0)
     return result
 

@@ -1,0 +1,168 @@
+"""One sensor through the mode shape: the lateral amplitude from yaw, and how well."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hunt_ros.estimation.kalman import HuntingTracker, ModePoint, TrackerConfig
+from hunt_ros.estimation.reference import PlainTracker, ReferenceTracker
+
+RATIO = -3.94 + 2.37j
+
+
+def modes(ratio: complex = RATIO, std: float = 0.01) -> tuple[ModePoint, ...]:
+    return tuple(
+        ModePoint(v, 2.84, 3.3, 9.4, ratio * factor, amplitude=a, yaw_ratio_std=std)
+        for v in (6.0, 9.0)
+        for a, factor in ((0.0, 0.9), (1e-4, 1.0), (1e-3, 1.0))
+    )
+
+
+def known(ratio: complex = RATIO) -> HuntingTracker:
+    tracker = HuntingTracker()
+    tracker.set_modes(modes(ratio), 0.03)
+    return tracker
+
+
+@pytest.mark.parametrize('dead_from', [0.0, 2.0, 6.0])
+def test_yaw_alone_tells_the_lateral_amplitude_through_a_known_shape(hunting_signal, dead_from):
+    for seed in range(3):
+        signal = hunting_signal(seed, duration=14.0, kick_at=8.0, kick=3e-4, noise=5e-6)
+        signal.lateral[signal.stamps * 1e-9 > dead_from] = np.nan
+        rows, phasor = signal.track(known())
+        last = rows[1000:]
+        error = last['lateral_amplitude'] / np.abs(phasor[1000:]) - 1.0
+        assert np.abs(error).mean() < 0.03
+        assert (last['lateral_tied'] == 1.0).all()
+        relative = last['lateral_amplitude_std'] / last['lateral_amplitude']
+        assert relative.min() > 0.025  # the scale of the sensors is not known better
+        assert relative.max() < 0.06
+
+
+def test_without_a_shape_a_sensor_that_never_spoke_gives_nothing(hunting_signal):
+    signal = hunting_signal(0, duration=8.0)
+    rows, _ = signal.track(HuntingTracker(), sensors=(1,))
+    assert np.isnan(rows['lateral_amplitude']).all()
+    assert np.isfinite(rows['yaw_amplitude'][100:]).all()
+
+
+def test_the_error_of_a_ratio_learnt_on_noise_is_within_what_is_claimed(hunting_signal):
+    """Learnt on a small motion made by noise, used on a large one after a kick."""
+    scores = []
+    for seed in range(12):
+        signal = hunting_signal(
+            seed,
+            duration=12.0,
+            amplitude=1e-5,
+            forcing=1e-10,
+            noise=5e-6,
+            kick_at=6.0,
+            kick=4e-4,
+            second=1e-4,
+        )
+        signal.lateral[signal.stamps > 4_000_000_000] = np.nan
+        rows, phasor = signal.track(HuntingTracker())
+        last = slice(1000, 1200)
+        error = rows['lateral_amplitude'][last] - np.abs(phasor[last])
+        scores.append(np.mean(error / rows['lateral_amplitude_std'][last]))
+    assert np.sqrt(np.mean(np.square(scores))) < 1.6
+    assert np.abs(scores).max() < 3.5
+
+
+def test_a_ratio_learnt_in_this_run_carries_on_with_more_doubt_elsewhere(hunting_signal):
+    signal = hunting_signal(3, duration=16.0, kick_at=9.0, kick=4e-4, noise=5e-6)
+    signal.lateral[signal.stamps > 7_000_000_000] = np.nan
+    signal.speed[signal.stamps > 12_000_000_000] *= 1.3
+    rows, phasor = signal.track(HuntingTracker())
+    relative = rows['lateral_amplitude_std'] / rows['lateral_amplitude']
+    error = np.abs(rows['lateral_amplitude'] / np.abs(phasor) - 1.0)
+    same, elsewhere = slice(800, 890), slice(1250, 1600)
+    assert error[same].max() < 0.05
+    assert relative[same].max() < 0.08
+    assert relative[elsewhere].min() > 0.1
+    assert error[elsewhere].max() < 0.1
+
+
+def test_a_shape_may_come_while_the_tracker_runs_and_go_again(hunting_signal):
+    signal = hunting_signal(4, duration=9.0, noise=5e-6)
+    whole, blocks = HuntingTracker(), HuntingTracker()
+    cut, end = 3_000_000_000, 6_000_000_000
+    outcomes = []
+    for tracker, steps in ((whole, [cut, end, 9 * 10**9]), (blocks, None)):
+        stops = steps or sorted({*range(0, 9 * 10**9 + 1, 170_000_000), cut, end, 9 * 10**9} - {0})
+        rows, before = [], 0
+        for stop in stops:
+            part = (signal.stamps > before) & (signal.stamps <= stop)
+            stamps = np.repeat(signal.stamps[part], 2)
+            rows.append(
+                tracker.update(
+                    stamps,
+                    np.tile(np.array([0, 1], np.int8), part.sum()),
+                    np.stack([np.full(part.sum(), np.nan), signal.yaw[part]], 1).ravel(),
+                    np.repeat(signal.angle[part], 2),
+                    np.repeat(signal.speed[part], 2),
+                    np.arange(before // 10**7 + 1, stop // 10**7 + 1) * 10**7,
+                )
+            )
+            before = stop
+            if stop == cut:
+                tracker.set_modes(modes(), 0.03)
+            elif stop == end:
+                tracker.set_modes(())
+        outcomes.append(np.concatenate(rows))
+    assert outcomes[0].tobytes() == outcomes[1].tobytes()
+    amplitude = outcomes[0]['lateral_amplitude']
+    assert np.isnan(amplitude[:300]).all()
+    assert np.abs(amplitude[350:600] / 2e-4 - 1.0).max() < 0.05
+    assert np.abs(amplitude[610:] / 2e-4 - 1.0).max() < 0.05  # what was known is kept
+
+
+def test_a_shape_of_other_sensors_is_found_out(hunting_signal):
+    """The yaw sensor is scaled by 1.3 against the one the shape was measured with."""
+    signal = hunting_signal(5, duration=30.0, noise=5e-6)
+    signal.lateral[signal.stamps > 20_000_000_000] = np.nan
+    rows, _ = signal.track(known(RATIO / 1.3))
+    assert np.abs(rows['lateral_amplitude'][500:1900] / 2e-4 - 1.0).max() < 0.03
+    assert np.abs(rows['lateral_amplitude'][2200:] / 2e-4 - 1.0).max() < 0.06
+
+
+def test_the_kernel_gives_filterpys_numbers_with_a_shape_and_a_silent_sensor(hunting_signal):
+    signal = hunting_signal(6, duration=3.0, rate=200.0, kick_at=2.0, kick=1e-4)
+    signal.lateral[(signal.stamps > 1_200_000_000) & (signal.stamps < 2_500_000_000)] = np.nan
+    tables = []
+    for tracker in (HuntingTracker(), PlainTracker(), ReferenceTracker()):
+        tracker.set_modes(modes(), 0.03)
+        tables.append(signal.track(tracker)[0])
+    for other in tables[1:]:
+        for name in ('lateral_amplitude', 'lateral_amplitude_std', 'growth_rate', 'yaw_ratio'):
+            assert np.allclose(tables[0][name], other[name], rtol=1e-8, atol=0.0, equal_nan=True)
+
+
+@pytest.mark.parametrize('factor', [0.2, 0.5, 3.0, 7.0])
+def test_another_frequency_is_the_same_filter_slower_or_faster(hunting_signal, factor):
+    signal = hunting_signal(7, duration=8.0, kick_at=5.0, kick=1e-4, second=1e-4, growth=0.3)
+    rows, _ = signal.track(HuntingTracker())
+    plain = TrackerConfig()
+    other = TrackerConfig.at(
+        plain.frequency_hz * factor,
+        plain.frequency_min_hz * factor,
+        plain.frequency_max_hz * factor,
+    )
+    signal.stamps = np.round(signal.stamps / factor).astype(np.int64)
+    slow = HuntingTracker(other)
+    outputs = np.round(rows['stamp_ns'] / factor).astype(np.int64)
+    sensor = np.tile(np.array([0, 1], dtype=np.int8), signal.stamps.size)
+    scaled = slow.update(
+        np.repeat(signal.stamps, 2),
+        sensor,
+        np.stack([signal.lateral, signal.yaw], axis=1).ravel(),
+        np.repeat(signal.angle, 2),
+        np.repeat(signal.speed, 2),
+        outputs,
+    )
+    late = slice(200, None)
+    for name, power in (('lateral_amplitude', 0), ('growth_rate', 1), ('frequency_hz', 1)):
+        expected = rows[name][late] * factor**power
+        spread = rows[f'{name}_std'][late] * factor**power
+        assert np.abs(scaled[name][late] - expected).max() < 0.5 * spread.max(), name
