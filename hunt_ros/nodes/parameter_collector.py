@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import rclpy
 from rcl_interfaces.srv import GetParameters, ListParameters
@@ -81,12 +81,19 @@ class ParameterCollector:
         self._asked.add(node)
 
         def listed(future) -> None:
-            names = list(future.result().result.names)
+            get(list(future.result().result.names))
+
+        def get(names: list[str]) -> None:
             request = GetParameters.Request(names=names)
             getter.call_async(request).add_done_callback(lambda reply: got(names, reply))
 
-        def got(names: Sequence[str], future) -> None:
-            self._tell(node, parameter_text(node, names, future.result().values))
+        def got(names: list[str], future) -> None:
+            values = future.result().values
+            if len(values) < len(names):
+                # A node stops answering at the first parameter without a value: leave it out.
+                get([*names[: len(values)], *names[len(values) + 1 :]])
+                return
+            self._tell(node, parameter_text(node, names, values))
 
         lister.call_async(ListParameters.Request()).add_done_callback(listed)
 
