@@ -284,6 +284,98 @@ def _bad_detector_input(make: Callable[[], Any]) -> None:
     assert status.reasons
 
 
+def _climb(seed: int) -> tuple[np.ndarray, ...]:
+    """44 s of quiet response at four speeds, and a short blow of hunting."""
+    from hunt_ros.dynamics.parameters import paper_rig
+    from hunt_ros.dynamics.simulation import RollerRig
+    from hunt_ros.dynamics.simulation_settings import SensorModel, SimulationSettings
+
+    settings_ = SimulationSettings(
+        sample_rate_hz=100.0,
+        initial_speed=4.0,
+        broadband=2e-5,
+        lateral_sensor=SensorModel(noise=5e-6),
+    )
+    targets = np.repeat([4.0, 5.0, 6.0, 7.0], 1100)
+    block = RollerRig(paper_rig(), settings_, seed=seed).advance(targets.size, targets)
+    quiet = np.ones(targets.size, dtype=np.bool_)
+    quiet[3000:3010] = False
+    values = block.lateral.copy()
+    values[[500, 501, 2600]] = np.nan
+    return block.stamps_ns, values, block.speed, block.roller_angle, quiet
+
+
+def _make_forecast() -> Any:
+    from hunt_ros.detection.forecast import CriticalSpeedForecast, ForecastSettings
+
+    return CriticalSpeedForecast(ForecastSettings(refresh_s=6.0, shortest_level_s=4.0))
+
+
+def _feed_forecast(forecast: Any, record: Any, begin: int, end: int) -> Outputs:
+    forecast.update(*(column[begin:end] for column in record))
+    return [np.zeros(0)]
+
+
+def _numbers_of(forecast: Any) -> np.ndarray:
+    critical = forecast.critical_speed
+    numbers = (np.nan, np.nan, np.nan) if critical is None else (critical.value, critical.std, 0.0)
+    return np.array(
+        [forecast.stamp_ns, forecast.levels, forecast.misfit, *numbers, *forecast.growth_rates]
+    )
+
+
+def _spoilt_climb(seed: int) -> tuple[np.ndarray, ...]:
+    """The climb with samples that are not finite, or whose stamp is behind the one before."""
+    columns = _climb(seed)
+    at = 2000
+    inserted = (columns[0][at - 30], 1.0, 9.0, 0.0, True)
+    late = [np.insert(c, at, one) for c, one in zip(columns, inserted, strict=True)]
+    nothing = (late[0][at + 1] - 1000, np.inf, 6.0, 0.0, True)
+    return tuple(np.insert(c, at + 1, one) for c, one in zip(late, nothing, strict=True))
+
+
+def _bad_forecast_input(make: Callable[[], Any]) -> None:
+    clean, spoilt = make(), make()
+    clean.update(*_climb(0))
+    spoilt.update(*_spoilt_climb(0))
+    expected, found = _numbers_of(clean.finish()), _numbers_of(spoilt.finish())
+    assert expected.size > 6  # there is a fit
+    assert np.array_equal(found, expected, equal_nan=True)
+
+
+def _make_companions() -> Any:
+    from hunt_ros.detection.companions import CompanionConfig, Companions
+
+    config = CompanionConfig(
+        criteria=('cfr_213_333', 'ten_peaks'), criteria_scale=2e-4, criteria_rate_hz=100.0
+    )
+    return Companions.of(config)
+
+
+def _feed_companions(companions: Any, record: Any, begin: int, end: int) -> Outputs:
+    from hunt_ros.detection.output import Motion
+
+    verdicts = companions.take(Motion(*(column[begin:end] for column in record)))
+    return [
+        np.array([[v.stamp_ns, v.exceeded, v.index] for v in verdicts if v.criterion == name])
+        .reshape(-1, 3)
+        .ravel()
+        for name in ('cfr_213_333', 'ten_peaks')
+    ] + [np.zeros(0)]
+
+
+def _bad_companions_input(make: Callable[[], Any]) -> None:
+    clean, spoilt = make(), make()
+    record, bad = _climb(0), _spoilt_climb(0)
+    expected = _feed_companions(clean, record, 0, record[0].size)
+    found = _feed_companions(spoilt, bad, 0, bad[0].size)
+    assert expected[0].size
+    assert all(np.array_equal(a, b) for a, b in zip(found, expected, strict=True))
+    assert np.array_equal(
+        _numbers_of(spoilt.finish()), _numbers_of(clean.finish()), equal_nan=True
+    )
+
+
 STREAMS: list[Stream] = [
     Stream(
         'hunting tracker',
@@ -325,6 +417,24 @@ STREAMS: list[Stream] = [
         _feed_detector,
         _bad_detector_input,
         finish=lambda detector: [detector.finish().estimates],
+    ),
+    Stream(
+        'forecast of v_c',
+        _make_forecast,
+        _climb,
+        lambda record: int(record[0].size),
+        _feed_forecast,
+        _bad_forecast_input,
+        finish=lambda forecast: [_numbers_of(forecast.finish())],
+    ),
+    Stream(
+        'companions',
+        _make_companions,
+        _climb,
+        lambda record: int(record[0].size),
+        _feed_companions,
+        _bad_companions_input,
+        finish=lambda companions: [np.zeros(0), np.zeros(0), _numbers_of(companions.finish())],
     ),
     *(_criterion(name) for name in ('cfr_213_333', 'six_peaks', 'ten_peaks', 'uic_518')),
 ]

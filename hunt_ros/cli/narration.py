@@ -25,6 +25,8 @@ _SENTENCES: dict[str, str] = {
     'interlock_armed': 'interlock armed',
     'interlock_disarmed': 'INTERLOCK DISARMED',
     'acknowledged': 'alarm acknowledged',
+    'criterion_exceeded': 'CRITERION EXCEEDED',
+    'criterion_cleared': 'criterion no longer exceeded',
 }
 
 #: Colour of a level on a terminal.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from hunt_ros.detection import DetectorConfig, JournalEntry
+from hunt_ros.detection import CompanionConfig, DetectorConfig, JournalEntry
 
 _DETECTOR = 'hunting_detector'
 _JOURNAL = 'hunting/journal'
@@ -20,11 +20,14 @@ class RecordedRun:
     ----------
     config : DetectorConfig
         Settings of the live detector.
+    companions : CompanionConfig
+        Of what ran beside it.
     journal : list of JournalEntry
         From the detector's last start on.
     """
 
     config: DetectorConfig
+    companions: CompanionConfig
     journal: list[JournalEntry]
 
 
@@ -60,4 +63,5 @@ def recorded_run(path: Path) -> RecordedRun | None:
         return None
     source = f'{path}: recorded parameters of {_DETECTOR}'
     config = settings_from_text(DetectorConfig, _DETECTOR, detectors[-1], source)
-    return RecordedRun(config, journal)
+    companions = settings_from_text(CompanionConfig, _DETECTOR, detectors[-1], source)
+    return RecordedRun(config, companions, journal)

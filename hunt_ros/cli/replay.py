@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from hunt_ros.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from hunt_ros.detection import DetectorConfig
-    from hunt_ros.detection.offline import Summary
-    from hunt_ros.detection.output import Event
+    from hunt_ros.detection import CompanionConfig, Companions, DetectorConfig
     from hunt_ros.dynamics.identified import IdentifiedNormalForm
     from hunt_ros.samples import Record
 
@@ -40,7 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='NAME=VALUE',
-        help='one setting of hunting_detector, e.g. roughness=false; repeatable',
+        help='one setting of hunting_detector, e.g. criteria=[cfr_213_333]; repeatable',
     )
     parser.add_argument(
         '--channel',
@@ -73,28 +69,28 @@ def run(arguments: argparse.Namespace) -> int:
         return replay_live(arguments)
     from hunt_ros.cli.output import progress, write_json
     from hunt_ros.cli.recorded_run import recorded_run
+    from hunt_ros.cli.replay_report import document, tell
     from hunt_ros.detection import HuntingDetector
     from hunt_ros.detection.offline import collect, config_for, watch
     from hunt_ros.detection.replay import replay_journal
 
     record = read(arguments)
-    config, remarks = config_for(record, _config(arguments))
+    asked, beside = _settings(arguments)
+    config, remarks = config_for(record, asked)
     live = None if _asks_for_another_run(arguments) else recorded_run(arguments.bag)
     with progress(f'replaying {arguments.bag.name}') as advance:
         if live is not None:
-            config = live.config
+            config, beside = live.config, live.companions
             remarks = ['the live run of this recording, with its settings and journal']
             outputs = iter([replay_journal(HuntingDetector(config), record, live.journal)])
         else:
             form = read_form(arguments.normal_form) if arguments.normal_form else None
             outputs = watch(record, HuntingDetector(config, form), advance)
-        summary, events = collect(outputs)
-    if 'problems' in record.notes:
-        remarks = [*remarks, f'damaged: {record.notes["problems"]}']
+        found = collect(outputs, _companions(beside, config))
     if arguments.json:
-        write_json(_document(record, config, summary, events), arguments.json)
+        write_json(document(record, config, found), arguments.json)
     if arguments.json != '-':
-        _print(record, config, summary, events, remarks)
+        tell(record, config, found, remarks)
     return 0
 
 
@@ -131,66 +127,26 @@ def read_form(path: Path) -> IdentifiedNormalForm:
     return IdentifiedNormalForm.from_yaml(text, str(path))
 
 
-def _config(arguments: argparse.Namespace) -> DetectorConfig:
+def _settings(arguments: argparse.Namespace) -> tuple[DetectorConfig, CompanionConfig]:
+    """Read the settings of the detector node: those of the detector, and what runs beside it."""
     from hunt_ros.cli.settings_file import read_settings
-    from hunt_ros.detection import DetectorConfig
+    from hunt_ros.detection import CompanionConfig, DetectorConfig
 
-    return read_settings(DetectorConfig, 'hunting_detector', arguments.params, arguments.param)
-
-
-def _document(
-    record: Record, config: DetectorConfig, summary: Summary, events: Sequence[Event]
-) -> dict[str, Any]:
-    from hunt_ros.cli.output import known
-
-    row_s = config.period_ns / 1e9
-    levels = ('OK', 'WARN', 'ERROR', 'STALE')
-    regions = ('unknown', 'stable', 'hysteresis', 'unstable')
-    return {
-        'summary': {
-            'duration_s': record.duration_s,
-            'samples': sum(len(series) for series in record.values()),
-            'level_time_s': {name: row_s * summary.level_rows[name] for name in levels},
-            'region_time_s': {name: row_s * summary.region_rows[name] for name in regions},
-            'max_amplitude_m': known(summary.max_amplitude_m),
-        },
-        'events': [
-            {
-                't_s': (event.stamp_ns - record.start_ns) / 1e9,
-                'event': event.event,
-                'speed_mps': known(event.speed_mps),
-                'amplitude_m': known(event.amplitude_m),
-                'growth_rate_per_s': known(event.growth_rate_per_s),
-                'level': event.level.label,
-                'detail': event.detail,
-            }
-            for event in events
-        ],
-    }
+    where = 'hunting_detector', arguments.params, arguments.param
+    config = read_settings(DetectorConfig, *where, others=[CompanionConfig])
+    return config, read_settings(CompanionConfig, *where, others=[DetectorConfig])
 
 
-def _print(
-    record: Record,
-    config: DetectorConfig,
-    summary: Summary,
-    events: Sequence[Event],
-    remarks: Sequence[str],
-) -> None:
-    from hunt_ros.cli.narration import event_line, length
+def _companions(beside: CompanionConfig, config: DetectorConfig) -> Companions:
+    """Make criteria and forecast; the forecast is made once, from the whole recording."""
+    from hunt_ros.detection import Companions
+    from hunt_ros.dynamics.parameters import RigParameters
 
-    for remark in remarks:
-        print(remark)
-    for event in events:
-        texts = {
-            'stamp_ns': str(event.stamp_ns),
-            'event': event.event,
-            'speed_mps': str(event.speed_mps),
-            'amplitude_m': str(event.amplitude_m),
-            'message': event.detail,
-        }
-        print(event_line(texts, record.start_ns))
-    row_s = config.period_ns / 1e9
-    times = ', '.join(f'{name} {row_s * n:.1f} s' for name, n in summary.level_rows.items())
-    print(
-        f'{record.duration_s:.1f} s: {times}; largest amplitude {length(summary.max_amplitude_m)}'
-    )
+    rig = None
+    if beside.forecast == 'wheelset' and beside.forecast_rig:
+        path = Path(beside.forecast_rig)
+        try:
+            rig = RigParameters.from_yaml(path.read_text(encoding='utf-8'), str(path))
+        except OSError as error:
+            raise ConfigError(f'{path}: cannot read the rig ({error.strerror})') from error
+    return Companions.of(beside, config.channels, rig, live=False)

@@ -16,7 +16,11 @@ _Kind = TypeVar('_Kind', bound=Settings)
 
 
 def read_settings(
-    kind: type[_Kind], node: str, files: Sequence[Path], words: Sequence[str] = ()
+    kind: type[_Kind],
+    node: str,
+    files: Sequence[Path],
+    words: Sequence[str] = (),
+    others: Sequence[type[Settings]] = (),
 ) -> _Kind:
     """
     Build the settings of a node the way ROS would.
@@ -31,6 +35,8 @@ def read_settings(
         ROS 2 parameter files; a later one wins.
     words : sequence of str
         NAME=VALUE, value as YAML; these win over the files.
+    others : sequence of type of Settings
+        Further settings of the node, whose names are passed over here.
 
     Raises
     ------
@@ -38,15 +44,18 @@ def read_settings(
         Naming the file or word, and what was expected.
     """
     known = {item.name: item.default for item in fields(kind)}
+    foreign = {item.name: item.default for other in others for item in fields(other)}
     values: dict[str, Any] = {}
     for path in files:
         found = _section(_read(path), node, str(path))
         values |= {k: v for k, v in found.items() if k in known}
     for word in words:
         name, equals, text = word.partition('=')
-        if not equals or name not in known:
-            raise ConfigError(f'--param {word}: expected NAME=VALUE with one of {_listed(known)}')
-        values[name] = yaml.safe_load(text)
+        if not equals or name not in known | foreign:
+            names = _listed(known | foreign)
+            raise ConfigError(f'--param {word}: expected NAME=VALUE with one of {names}')
+        if name in known:
+            values[name] = yaml.safe_load(text)
     return kind(**{name: _like(known[name], value) for name, value in values.items()})
 
 
@@ -97,6 +106,9 @@ def _section(text: str, node: str, source: str) -> dict[str, Any]:
 
 
 def _like(default: Any, value: Any) -> Any:
+    """Make of a YAML value what the setting is: a tuple, or a word that YAML takes for a bool."""
+    if isinstance(default, str) and isinstance(value, bool):
+        return 'on' if value else 'off'
     return tuple(value) if isinstance(default, tuple) and isinstance(value, list) else value
 
 

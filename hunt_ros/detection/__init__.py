@@ -1,5 +1,6 @@
 """From estimates to region, state and alarm."""
 
+from hunt_ros.detection.companions import CompanionConfig, Companions
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.detector import HuntingDetector, detect
 from hunt_ros.detection.journal import JournalEntry
@@ -7,6 +8,8 @@ from hunt_ros.detection.output import DetectorStatus, Event, Output
 from hunt_ros.detection.regions import Level, Region, State
 
 __all__ = [
+    'CompanionConfig',
+    'Companions',
     'DetectorConfig',
     'DetectorStatus',
     'Event',

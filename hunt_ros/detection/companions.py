@@ -1,129 +1,156 @@
 """
 What runs beside the detector on the same samples: the railway criteria and the forecast of v_c.
 
-Both want the displacement with the speed and the roller angle of the same moment;
-lateral samples wait here until both are known.
+    companions = Companions.of(CompanionConfig(criteria=('cfr_213_333',)))
+    verdicts = companions.update(detect(HuntingDetector(), record))
+
+They are fed with what the detector gives out, after its merging: what is late, silent or
+stuck is so for them as well, and a replay of a live run tells them what the run told.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
+from hunt_ros.detection.criteria import CRITERIA, CriteriaPanel, Verdict
+from hunt_ros.detection.forecast import CriticalSpeedForecast, Forecast, ForecastSettings
+from hunt_ros.detection.output import Motion, Output
+from hunt_ros.dynamics.parameters import RigParameters, paper_rig
+from hunt_ros.errors import ConfigError
+from hunt_ros.samples import CHANNELS
+from hunt_ros.settings import Settings, setting
 
-from hunt_ros.detection.criteria import CriteriaPanel, Verdict
-from hunt_ros.detection.forecast import CriticalSpeedForecast, Forecast
 
-#: Lateral samples that wait for speed and roller at the most; older ones are let go.
-_MOST_WAITING = 20_000
+@dataclass(frozen=True)
+class CompanionConfig(Settings):
+    """
+    Settings of what runs beside the detector.
+
+    Raises
+    ------
+    ConfigError
+        For an unknown criterion, or a value out of its range.
+    """
+
+    criteria: tuple[str, ...] = setting(
+        ('',), f'railway criteria to run as well: {", ".join(CRITERIA)}', fixed=True
+    )
+    criteria_scale: float = setting(1.0, 'their limits times this', low=1e-4, high=1e4, fixed=True)
+    criteria_rate_hz: float = setting(
+        200.0, 'rate at which they work', unit='Hz', low=50.0, high=2000.0, fixed=True
+    )
+    forecast: str = setting(
+        'smooth',
+        'damping law of the forecast of v_c from the quiet response',
+        choices=('off', 'smooth', 'wheelset'),
+        fixed=True,
+    )
+    forecast_rig: str = setting(
+        '', "YAML file of the rig for the law 'wheelset'; empty: the built-in rig", fixed=True
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in self.criteria:
+            if name and name not in CRITERIA:
+                raise ConfigError(f'criteria: unknown {name!r}, expected some of {list(CRITERIA)}')
 
 
 class Companions:
     """
-    Criteria and forecast, fed channel by channel like the detector.
+    Criteria and forecast, fed with the outputs of a detector.
+
+    Feeding the outputs of a run one by one, or joined, gives the same verdicts and the
+    same forecasts. What becomes of bad samples: the detector has left them out.
 
     Parameters
     ----------
     criteria : CriteriaPanel or None
-        The criteria the user has listed.
+        The criteria the user has listed; they are for the lateral displacement.
     forecast : CriticalSpeedForecast or None
         None: no forecast.
-    roller : bool
-        Whether the rig has a roller angle; without it the roughness line stays in.
     """
 
     def __init__(
-        self,
-        criteria: CriteriaPanel | None,
-        forecast: CriticalSpeedForecast | None,
-        roller: bool = True,
+        self, criteria: CriteriaPanel | None, forecast: CriticalSpeedForecast | None
     ) -> None:
         self._criteria = criteria
         self._forecast = forecast
-        self._slow = ('speed', 'roller') if roller else ('speed',)
-        self.reset()
 
-    def reset(self) -> None:
-        """Forget everything: as new."""
-        self._waiting: list[tuple[int, float]] = []
-        self._known: dict[str, list[tuple[int, float]]] = {name: [] for name in self._slow}
-        for part in (self._criteria, self._forecast):
-            if part is not None:
-                part.reset()
+    @classmethod
+    def of(
+        cls,
+        config: CompanionConfig,
+        channels: Sequence[str] = CHANNELS,
+        rig: RigParameters | None = None,
+        live: bool = True,
+    ) -> Companions:
+        """
+        Make what the settings ask for.
+
+        Parameters
+        ----------
+        config : CompanionConfig
+            What to run.
+        channels : sequence of str
+            What the detector has: without a lateral sensor the forecast is made from yaw.
+        rig : RigParameters, optional
+            For the law 'wheelset'; without it the built-in rig.
+        live : bool
+            Forecast as the run goes; False: only when asked to `finish`.
+
+        Raises
+        ------
+        ConfigError
+            For criteria without a lateral sensor.
+        """
+        names = [name for name in config.criteria if name]
+        channel = 'lateral' if 'lateral' in channels else 'yaw'
+        if names and channel != 'lateral':
+            raise ConfigError(f'criteria: {names} need the lateral channel, got {channels}')
+        scales = {name: {'scale': config.criteria_scale} for name in names}
+        panel = CriteriaPanel(names, config.criteria_rate_hz, scales) if names else None
+        if config.forecast == 'off':
+            return cls(panel, None)
+        law = (rig or paper_rig()) if config.forecast == 'wheelset' else None
+        settings = ForecastSettings(live=live, channel=channel)
+        return cls(panel, CriticalSpeedForecast(settings, law))
+
+    @property
+    def idle(self) -> bool:
+        """True where there is nothing to do."""
+        return self._criteria is None and self._forecast is None
 
     @property
     def forecast(self) -> Forecast | None:
         """The latest forecast; None where none is made."""
         return None if self._forecast is None else self._forecast.forecast
 
-    def update(
-        self,
-        channel: str,
-        stamps_ns: NDArray[np.int64],
-        values: NDArray[np.float64],
-        quiet: bool = True,
-    ) -> tuple[Verdict, ...]:
-        """
-        Take samples of one channel.
+    def reset(self) -> None:
+        """Forget everything: as new."""
+        for part in (self._criteria, self._forecast):
+            if part is not None:
+                part.reset()
 
-        Parameters
-        ----------
-        channel : str
-            'lateral' (m), 'speed' (m/s) or 'roller' (rad); others are passed over.
-        stamps_ns : ndarray of int64, shape (n,)
-            Header stamps.
-        values : ndarray of float64, shape (n,)
-            The samples.
-        quiet : bool
-            False while the detector sees the wheelset hunt.
+    def update(self, output: Output) -> tuple[Verdict, ...]:
+        """
+        Take what the detector has given out.
 
         Returns
         -------
         tuple of Verdict
             Criteria that began or ceased to exceed their limit.
         """
-        samples = zip(stamps_ns.tolist(), values.tolist(), strict=True)
-        if channel == 'lateral':
-            self._waiting += samples
-            del self._waiting[:-_MOST_WAITING]
-        elif channel in self._known:
-            self._known[channel] += samples
-        else:
-            return ()
-        return self._release(quiet)
+        return tuple(verdict for motion in output.motion for verdict in self.take(motion))
 
-    def _release(self, quiet: bool) -> tuple[Verdict, ...]:
-        """Hand over the lateral samples up to which speed and roller are known."""
-        if not self._waiting or not all(self._known.values()):
-            return ()
-        until = min(known[-1][0] for known in self._known.values())
-        count = sum(stamp <= until for stamp, _ in self._waiting)
-        if not count:
-            return ()
-        ready, self._waiting = self._waiting[:count], self._waiting[count:]
-        stamps = np.array([stamp for stamp, _ in ready], dtype=np.int64)
-        lateral = np.array([value for _, value in ready])
-        slow = {name: _interpolated(stamps, known) for name, known in self._known.items()}
-        for known in self._known.values():
-            behind = sum(stamp <= stamps[-1] for stamp, _ in known)
-            del known[: max(0, behind - 1)]
+    def take(self, motion: Motion) -> tuple[Verdict, ...]:
+        """Do what `update` does, for one stretch of samples."""
+        samples = motion.stamps_ns, motion.values, motion.speed
         if self._forecast is not None:
-            angle = slow.get('roller', np.full(stamps.size, np.nan))
-            self._forecast.update(stamps, lateral, slow['speed'], angle, quiet=quiet)
-        if self._criteria is None:
-            return ()
-        return self._criteria.update(stamps, lateral, slow['speed'])
+            self._forecast.update(*samples, motion.roller_angle, motion.quiet)
+        return () if self._criteria is None else self._criteria.update(*samples)
 
-
-def _interpolated(
-    stamps_ns: NDArray[np.int64], known: Sequence[tuple[int, float]]
-) -> NDArray[np.float64]:
-    times = np.array([stamp for stamp, _ in known], dtype=np.int64)
-    values = np.array([value for _, value in known])
-    order = np.argsort(times, kind='stable')
-    origin = int(stamps_ns[0])
-    result: NDArray[np.float64] = np.interp(
-        stamps_ns - origin, times[order] - origin, values[order]
-    )
-    return result
+    def finish(self) -> Forecast | None:
+        """Forecast from all that was fed; None where none is made."""
+        return None if self._forecast is None else self._forecast.finish()

@@ -191,7 +191,7 @@ class HuntingDetector:
             Level.STALE if row is None else Level(int(row['level'])),
         )
         output = self._advance()
-        return Output(output.estimates, (event, *output.events), output.journal)
+        return replace(output, events=(event, *output.events))
 
     def hold_at(self, entry: JournalEntry) -> Output:
         """For a replay: make the rows up to the position of a journal entry, and no more."""
@@ -328,13 +328,13 @@ class HuntingDetector:
 
     def _make_rows(self, after_ns: int | None, until_ns: int) -> Output:
         """Work on the samples in (after_ns, until_ns]."""
-        rows = self._rows.make(after_ns, until_ns, self._merger.take(until_ns))
+        rows, motion = self._rows.make(after_ns, until_ns, self._merger.take(until_ns))
         if not rows.size:
             return EMPTY
         events = self._transitions.update(rows)
         self._sequence += rows.size
         self._last_row = rows[-1]
-        return Output(rows, tuple(events))
+        return Output(rows, tuple(events), motion=(motion,))
 
 
 def detect(detector: HuntingDetector, record: Record) -> Output:

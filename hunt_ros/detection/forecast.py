@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -182,7 +183,7 @@ class CriticalSpeedForecast:
         lateral: ArrayLike,
         speed: ArrayLike,
         roller_angle: ArrayLike = math.nan,
-        quiet: bool = True,
+        quiet: ArrayLike = True,
     ) -> Forecast:
         """
         Take a block of samples.
@@ -197,7 +198,7 @@ class CriticalSpeedForecast:
             m/s.
         roller_angle : array_like, shape (n,) or scalar
             Continuous angle of the roller, rad; NaN where it is not known.
-        quiet : bool
+        quiet : array_like of bool, shape (n,) or scalar
             False while the wheelset hunts or decays: such samples say nothing of the
             quiet response, and end the level they fall into.
 
@@ -208,16 +209,20 @@ class CriticalSpeedForecast:
         """
         stamps = np.atleast_1d(np.asarray(stamps_ns, dtype=np.int64))
         shape = stamps.shape
-        values, speeds, angles = (
+        columns = [
             np.ascontiguousarray(np.broadcast_to(np.asarray(x, dtype=np.float64), shape))
             for x in (lateral, speed, roller_angle)
-        )
-        if not quiet:
-            self._levels.mark_disturbed()
-            return self._forecast
-        for end in self._levels.update(stamps, values, speeds, angles):
-            if self.settings.live:
-                self._refresh(end)
+        ]
+        calm = np.broadcast_to(np.asarray(quiet, dtype=np.bool_), shape)
+        changes = (np.flatnonzero(np.diff(calm)) + 1).tolist()
+        for begin, end in pairwise([0, *changes, stamps.size] if stamps.size else []):
+            if not calm[begin]:
+                self._levels.mark_disturbed()
+                continue
+            parts = (column[begin:end] for column in columns)
+            for block_ns in self._levels.update(stamps[begin:end], *parts):
+                if self.settings.live:
+                    self._refresh(block_ns)
         return self._forecast
 
     def finish(self) -> Forecast:

@@ -15,10 +15,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.detection.companions import Companions
 from hunt_ros.detection.configuration import DetectorConfig
+from hunt_ros.detection.criteria import Verdict
 from hunt_ros.detection.detector import HuntingDetector
+from hunt_ros.detection.forecast import Forecast
 from hunt_ros.detection.output import Event, Output
 from hunt_ros.detection.regions import Level, Region
+from hunt_ros.detection.transitions import event_of
 from hunt_ros.samples import NANOSECONDS, Record, Series
 
 #: Time that is fed at once: one channel waits for the others no longer than this.
@@ -59,6 +63,28 @@ class Summary:
         known = amplitudes[np.isfinite(amplitudes)]
         if known.size:
             self.max_amplitude_m = float(np.fmax(self.max_amplitude_m, known.max()))
+
+
+@dataclass
+class Findings:
+    """
+    What came of a record.
+
+    Parameters
+    ----------
+    summary : Summary
+    events : list of Event
+        Transitions of the detector, and of the criteria.
+    verdicts : list of Verdict
+        Railway criteria that began or ceased to exceed their limit.
+    forecast : Forecast or None
+        Of v_c, from the quiet response of the whole record; None where none was made.
+    """
+
+    summary: Summary = field(default_factory=Summary)
+    events: list[Event] = field(default_factory=list)
+    verdicts: list[Verdict] = field(default_factory=list)
+    forecast: Forecast | None = None
 
 
 def config_for(record: Record, config: DetectorConfig) -> tuple[DetectorConfig, list[str]]:
@@ -127,15 +153,40 @@ def watch(
     yield detector.finish()
 
 
-def collect(outputs: Iterator[Output]) -> tuple[Summary, list[Event]]:
-    """Add up what a detector said."""
-    summary = Summary()
-    events: list[Event] = []
+def collect(outputs: Iterator[Output], companions: Companions | None = None) -> Findings:
+    """
+    Add up what a detector said, and what runs beside it.
+
+    Parameters
+    ----------
+    outputs : iterator of Output
+        As from `watch`.
+    companions : Companions, optional
+        Fed with the outputs, and finished at their end.
+    """
+    found = Findings()
     for output in outputs:
         if output.estimates.size:
-            summary.add(output.estimates)
-        events += output.events
-    return summary, events
+            found.summary.add(output.estimates)
+        events = list(output.events)
+        if companions is not None:
+            verdicts = companions.update(output)
+            found.verdicts += verdicts
+            events += [_event_of(verdict, output.estimates) for verdict in verdicts]
+            if verdicts:
+                events.sort(key=lambda event: event.stamp_ns)
+        found.events += events
+    if companions is not None:
+        found.forecast = companions.finish()
+    return found
+
+
+def _event_of(verdict: Verdict, rows: NDArray[np.void]) -> Event:
+    """Put a verdict among the events, at the first row that could know it."""
+    row = rows[min(int(np.searchsorted(rows['stamp_ns'], verdict.stamp_ns)), rows.size - 1)]
+    index = f'{verdict.index:.3g} m/s^2' if math.isfinite(verdict.index) else 'not defined'
+    word = 'criterion_exceeded' if verdict.exceeded else 'criterion_cleared'
+    return event_of(row, word, f'{verdict.criterion}: {index}, limit {verdict.limit:.3g} m/s^2')
 
 
 def _stretches(series: Series, start_ns: int) -> NDArray[np.int64]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,6 +106,47 @@ class Event:
 
 
 @dataclass(frozen=True, eq=False)
+class Motion:
+    """
+    Merged samples: the motion with speed and roller angle of the same moment.
+
+    What runs beside the detector (`hunt_ros.detection.companions`) is fed with these, so
+    that it hears the same live and in a replay.
+
+    Parameters
+    ----------
+    stamps_ns : ndarray of int64, shape (n,)
+    values : ndarray, shape (n,)
+        Lateral displacement, m; yaw, rad, where there is no lateral sensor. Samples that
+        are not finite, or of a sensor that is stuck, are left out.
+    speed : ndarray, shape (n,)
+        m/s; NaN where it is not known.
+    roller_angle : ndarray, shape (n,)
+        rad; NaN where it is not known, and without `roughness`.
+    quiet : ndarray of bool, shape (n,)
+        False while the wheelset hunts.
+    """
+
+    stamps_ns: NDArray[np.int64]
+    values: NDArray[np.float64]
+    speed: NDArray[np.float64]
+    roller_angle: NDArray[np.float64]
+    quiet: NDArray[np.bool_]
+
+    def told(self, rows: NDArray[np.void]) -> Motion:
+        """Return the same with what the rows (ESTIMATE_DTYPE, at least one) say of the state."""
+        row = np.searchsorted(rows['stamp_ns'], self.stamps_ns)
+        states = rows['state'][np.minimum(row, rows.size - 1)]
+        return replace(self, quiet=states <= State.DISTURBED)
+
+    @classmethod
+    def joined(cls, motions: Sequence[Motion]) -> Motion:
+        """Return several stretches, at least one, as one."""
+        names = [item.name for item in fields(cls)]
+        return cls(*(np.concatenate([getattr(part, name) for part in motions]) for name in names))
+
+
+@dataclass(frozen=True, eq=False)
 class Output:
     """
     What one call added.
@@ -118,11 +159,14 @@ class Output:
         Transitions, in order.
     journal : tuple of JournalEntry
         What a replay needs beside the samples.
+    motion : tuple of Motion
+        The samples that the rows were made of, in order.
     """
 
     estimates: NDArray[np.void]
     events: tuple[Event, ...] = ()
     journal: tuple[JournalEntry, ...] = ()
+    motion: tuple[Motion, ...] = ()
 
     @classmethod
     def joined(cls, outputs: list[Output]) -> Output:
@@ -136,6 +180,7 @@ class Output:
             np.concatenate([output.estimates for output in full]),
             tuple(event for output in full for event in output.events),
             tuple(entry for output in full for entry in output.journal),
+            tuple(motion for output in full for motion in output.motion),
         )
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,9 +70,12 @@ def _fill_cells(
         cell[0] += 1.0
         cell[1] += values[k]
         cell[2] += speeds[k]
-        for h in range(HARMONICS):
-            cell[3 + 2 * h] += np.cos((h + 1) * angles[k])
-            cell[4 + 2 * h] += np.sin((h + 1) * angles[k])
+        cosine, sine = np.cos(angles[k]), np.sin(angles[k])
+        re, im = cosine, sine
+        for h in range(HARMONICS):  # the next harmonic is the last one turned by the angle
+            cell[3 + 2 * h] += re
+            cell[4 + 2 * h] += im
+            re, im = re * cosine - im * sine, re * sine + im * cosine
     return done
 
 
@@ -176,8 +180,10 @@ class QuietLevels:
             numbers,
             cells,
         )
-        for number, cell in zip(numbers[:count].tolist(), cells[:count], strict=True):
-            block, place = divmod(number, BLOCK)
+        blocks, places = np.divmod(numbers[:count], BLOCK)
+        changes = (np.flatnonzero(np.diff(blocks)) + 1).tolist()
+        for begin, end in pairwise([0, *changes, count] if count else []):
+            block = int(blocks[begin])
             if block != self._block_number:
                 if self._block_number is not None:
                     self._take_block()
@@ -186,7 +192,7 @@ class QuietLevels:
                     yield (self._block_number + 1) * BLOCK * self._cell_ns
                 self._block_number = block
                 self._block[:] = 0.0
-            self._block[place] = cell
+            self._block[places[begin:end]] = cells[begin:end]
 
     def mark_disturbed(self) -> None:
         """Close the level: what comes now is not the quiet response (a kick, hunting)."""

@@ -19,7 +19,7 @@ from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.grid import RowGrid, SlowChannel
 from hunt_ros.detection.health import ChannelHealth
 from hunt_ros.detection.merge import MergedBlock
-from hunt_ros.detection.output import ESTIMATE_DTYPE, TRACKER_FIELDS
+from hunt_ros.detection.output import ESTIMATE_DTYPE, TRACKER_FIELDS, Motion
 from hunt_ros.detection.regions import Level, State
 from hunt_ros.detection.rules import rules_of
 from hunt_ros.detection.second_opinion import SecondOpinion
@@ -122,7 +122,7 @@ class RowMaker:
 
     def make(
         self, after_ns: int | None, until_ns: int, blocks: dict[str, MergedBlock]
-    ) -> NDArray[np.void]:
+    ) -> tuple[NDArray[np.void], Motion]:
         """
         Make the rows in (after_ns, until_ns].
 
@@ -137,7 +137,9 @@ class RowMaker:
 
         Returns
         -------
-        ndarray of ESTIMATE_DTYPE, shape (m,)
+        rows : ndarray of ESTIMATE_DTYPE, shape (m,)
+        motion : Motion
+            The usable samples of the motion in that stretch.
         """
         stamps = np.sort(np.concatenate([block.stamps_ns for block in blocks.values()]))
         rows_ns = self._grid.rows(after_ns, until_ns, stamps)
@@ -146,19 +148,20 @@ class RowMaker:
         usable = {}
         for name, block in blocks.items():
             rows[f'{name}_wrong'], usable[name] = self._health[name].update(block, rows_ns)
-        disagree = self._estimate(rows, blocks, usable)
+        disagree, motion = self._estimate(rows, blocks, usable)
         if rows.size:
             trusted = self._trusted(rows)
             self._decide(rows, trusted, disagree)
             self._levels(rows)
-        return rows
+            motion = motion.told(rows)
+        return rows, motion
 
     def _estimate(
         self,
         rows: NDArray[np.void],
         blocks: dict[str, MergedBlock],
         usable: dict[str, NDArray[np.bool_]],
-    ) -> NDArray[np.bool_]:
+    ) -> tuple[NDArray[np.bool_], Motion]:
         """Run tracker and second opinion; return the rows at which they disagree."""
         stamps, sensors, values = [], [], []
         for number, name in enumerate(('lateral', 'yaw')):
@@ -211,7 +214,15 @@ class RowMaker:
                     track[f'{name}_amplitude_std'],
                 )
                 disagree |= differs
-        return disagree
+        own = np.flatnonzero(sensor == (0 if 'lateral' in blocks else 1))
+        motion = Motion(
+            stamp[own],
+            value[own],
+            slow['speed'][own],
+            slow['roller'][own],
+            np.ones(own.size, dtype=np.bool_),
+        )
+        return disagree, motion
 
     def _trusted(self, rows: NDArray[np.void]) -> NDArray[np.bool_]:
         """Tell the rows with a motion sensor to trust; a roller at rest is not stuck."""

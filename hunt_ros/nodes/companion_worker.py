@@ -3,46 +3,17 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from queue import Empty, SimpleQueue
 
-import numpy as np
-
-from hunt_ros.detection.companions import Companions
-from hunt_ros.detection.criteria import CRITERIA, CriteriaPanel, Verdict
-from hunt_ros.detection.forecast import CriticalSpeedForecast, Forecast
-from hunt_ros.errors import ConfigError
+from hunt_ros.detection.companions import CompanionConfig, Companions
+from hunt_ros.detection.criteria import Verdict
+from hunt_ros.detection.forecast import Forecast
+from hunt_ros.detection.output import Motion, Output
 from hunt_ros.nodes.parameters import read_rig
-from hunt_ros.settings import Settings, setting
 
-
-@dataclass(frozen=True)
-class CompanionConfig(Settings):
-    """Parameters of what runs beside the detector."""
-
-    criteria: tuple[str, ...] = setting(
-        ('',), f'railway criteria to run as well: {", ".join(CRITERIA)}', fixed=True
-    )
-    criteria_scale: float = setting(1.0, 'their limits times this', low=1e-4, high=1e4, fixed=True)
-    criteria_rate_hz: float = setting(
-        200.0, 'rate at which they work', unit='Hz', low=50.0, high=2000.0, fixed=True
-    )
-    forecast: str = setting(
-        'smooth',
-        'damping law of the forecast of v_c from the quiet response',
-        choices=('off', 'smooth', 'wheelset'),
-        fixed=True,
-    )
-    forecast_rig: str = setting(
-        '', "YAML file of the rig for the law 'wheelset'; empty: the built-in rig", fixed=True
-    )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in self.criteria:
-            if name and name not in CRITERIA:
-                raise ConfigError(f'criteria: unknown {name!r}, expected some of {list(CRITERIA)}')
+#: What has come is worked on this often, s: seldom enough to cost little.
+_ROUND_S = 0.1
 
 
 class CompanionWorker:
@@ -53,25 +24,23 @@ class CompanionWorker:
     ----------
     config : CompanionConfig
         What to run.
-    roller : bool
-        Whether the rig has a roller angle.
+    channels : sequence of str
+        What the detector has.
     tell : callable
         Gets each `Verdict`, in the worker's thread.
     """
 
     def __init__(
-        self, config: CompanionConfig, roller: bool, tell: Callable[[Verdict], None]
+        self, config: CompanionConfig, channels: Sequence[str], tell: Callable[[Verdict], None]
     ) -> None:
-        names = [name for name in config.criteria if name]
-        scales = {name: {'scale': config.criteria_scale} for name in names}
-        panel = CriteriaPanel(names, config.criteria_rate_hz, scales) if names else None
         rig = read_rig(config.forecast_rig) if config.forecast == 'wheelset' else None
-        forecast = None if config.forecast == 'off' else CriticalSpeedForecast(rig=rig)
-        self._companions = Companions(panel, forecast, roller)
+        self._companions = Companions.of(config, channels, rig)
         self._tell = tell
-        self._queue: SimpleQueue[tuple[str, np.ndarray, np.ndarray, bool] | None] = SimpleQueue()
-        self._running = panel is not None or forecast is not None
-        if self._running:
+        self._queue: SimpleQueue[Motion | None] = SimpleQueue()
+        self._stopped = threading.Event()
+        if self._companions.idle:
+            self._stopped.set()
+        else:
             threading.Thread(target=self._work, name='companions', daemon=True).start()
 
     @property
@@ -79,28 +48,38 @@ class CompanionWorker:
         """The latest forecast; None where none is made."""
         return self._companions.forecast
 
-    def offer(self, channel: str, stamps: np.ndarray, values: np.ndarray, quiet: bool) -> None:
-        """Hand samples over; returns at once."""
-        if self._running:
-            self._queue.put((channel, stamps, values, quiet))
+    def offer(self, output: Output) -> None:
+        """Hand over what the detector has given out; returns at once."""
+        if not self._stopped.is_set():
+            for motion in output.motion:
+                self._queue.put(motion)
 
     def reset(self) -> None:
         """Begin anew with the next samples."""
-        if self._running:
+        if not self._stopped.is_set():
             self._queue.put(None)
 
     def close(self) -> None:
         """Stop working."""
-        self._running = False
+        self._stopped.set()
 
     def _work(self) -> None:
-        while self._running:
-            try:
-                order = self._queue.get(timeout=0.2)
-            except Empty:
-                continue
-            if order is None:
-                self._companions.reset()
-                continue
-            for verdict in self._companions.update(*order):
+        while not self._stopped.wait(_ROUND_S):
+            motions: list[Motion] = []
+            while True:
+                try:
+                    motion = self._queue.get_nowait()
+                except Empty:
+                    break
+                if motion is None:
+                    self._take(motions)
+                    motions.clear()
+                    self._companions.reset()
+                else:
+                    motions.append(motion)
+            self._take(motions)
+
+    def _take(self, motions: Sequence[Motion]) -> None:
+        if motions:
+            for verdict in self._companions.take(Motion.joined(motions)):
                 self._tell(verdict)

@@ -23,14 +23,14 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from hunt_ros.detection.acceptance import AcceptanceConfig, objections
+from hunt_ros.detection.companions import CompanionConfig
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.criteria import Verdict
 from hunt_ros.detection.detector import HuntingDetector
 from hunt_ros.detection.output import Output
-from hunt_ros.detection.regions import State as DetectorState
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
-from hunt_ros.nodes.companion_worker import CompanionConfig, CompanionWorker
+from hunt_ros.nodes.companion_worker import CompanionWorker
 from hunt_ros.nodes.conversions import JointReader, SpeedReader, diagnostic, vector_layout
 from hunt_ros.nodes.detector_messages import event_message, status_message
 from hunt_ros.nodes.diagnostics import Diagnostics, Health, steady_clock
@@ -75,7 +75,6 @@ class HuntingDetectorNode(LifecycleNode):
         self._inbox: dict[str, tuple[list[int], list[float]]] = {
             name: ([], []) for name in self._config.channels
         }
-        self._state = DetectorState.QUIET
         self._newest_ns = dict.fromkeys(self._config.channels, 0)
         self._next_row_ns = 0
         self._active = False
@@ -95,8 +94,7 @@ class HuntingDetectorNode(LifecycleNode):
         )
         self._vector = vector_layout(self._settings.frame_id)
         self._verdicts = self.create_publisher(DiagnosticArray, 'hunting/criteria', EVENTS)
-        roller = 'roller' in self._config.channels
-        self._companions = CompanionWorker(companions, roller, self._on_verdict)
+        self._companions = CompanionWorker(companions, self._config.channels, self._on_verdict)
         self._inputs: list[tuple[Subscription, Callable[[bytes], None]]] = []
         self._subscribe()
         self.create_subscription(String, 'hunting/normal_form', self._on_form, latched())
@@ -178,7 +176,6 @@ class HuntingDetectorNode(LifecycleNode):
                 self._received += len(stamps)
                 stamps.clear()
                 values.clear()
-                self._companions.offer(channel, *block, self._is_quiet())
                 self._publish(self._detector.update(channel, *block))
 
     def _take_waiting(self) -> None:
@@ -205,8 +202,8 @@ class HuntingDetectorNode(LifecycleNode):
 
     def _publish(self, output: Output) -> None:
         if len(output.estimates):
-            self._state = DetectorState(int(output.estimates['state'][-1]))
             self._estimates.publish(output.estimates)
+            self._companions.offer(output)
         for event in output.events:
             self._events.publish(event_message(event))
         if output.journal:
@@ -221,9 +218,6 @@ class HuntingDetectorNode(LifecycleNode):
     def close(self) -> None:
         """Stop the worker."""
         self._companions.close()
-
-    def _is_quiet(self) -> bool:
-        return self._state in (DetectorState.QUIET, DetectorState.DISTURBED)
 
     def _on_verdict(self, verdict: Verdict) -> None:
         """Publish that a railway criterion began or ceased to exceed its limit."""

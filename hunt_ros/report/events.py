@@ -42,7 +42,7 @@ def events_of(
 
     # Only the channels it has: one that is promised and silent would be a fault.
     config, _ = config_for(record, DetectorConfig())
-    _, events = collect(watch(record, HuntingDetector(config, normal_form), progress))
+    events = collect(watch(record, HuntingDetector(config, normal_form), progress)).events
     return [
         RunEvent(
             seconds=(event.stamp_ns - record.start_ns) / NANOSECONDS,

@@ -137,3 +137,24 @@ def test_json_never_holds_nan(tmp_path) -> None:
     assert known(float('inf')) is None
     with pytest.raises(ValueError, match='not JSON compliant'):
         write_json({'x': float('nan')}, str(tmp_path / 'x.json'))
+
+
+def test_replay_runs_criteria_and_forecast_beside_the_detector(capsys) -> None:
+    bags = Path(__file__).parents[2] / 'bags'
+    words = ['replay', str(bags / 'kick_escapes'), '--normal-form', str(bags / 'paper.yaml')]
+    beside = ['--param', 'criteria=[cfr_213_333]', '--param', 'criteria_scale=0.03']
+    assert main([*words, *beside, '--json', '-']) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert [item['exceeded'] for item in result['criteria']] == [True, False]
+    first = result['criteria'][0]
+    assert first['criterion'] == 'cfr_213_333'
+    assert first['index_mps2'] > first['limit_mps2'] == pytest.approx(0.03 * 0.3 * 9.80665)
+    spoken = [event for event in result['events'] if event['event'].startswith('criterion')]
+    assert [event['event'] for event in spoken] == ['criterion_exceeded', 'criterion_cleared']
+    assert spoken[0]['speed_mps'] == pytest.approx(7.2, abs=0.01)
+    assert result['summary']['forecast']['v_c_mps'] is None
+    assert result['summary']['forecast']['reason'] == 'collecting speed levels'
+    assert main([*words, '--param', 'forecast=off']) == 0
+    printed = capsys.readouterr().out
+    assert 'v_c from' not in printed
+    assert 'CRITERION' not in printed

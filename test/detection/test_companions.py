@@ -1,56 +1,119 @@
-"""Criteria and forecast beside the detector hear what they would hear alone."""
+"""Criteria and forecast beside the detector hear what the detector hears."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from hunt_ros.detection.companions import Companions
-from hunt_ros.detection.criteria import CriteriaPanel
-from hunt_ros.detection.forecast import CriticalSpeedForecast
+from hunt_ros.detection import CompanionConfig, Companions, DetectorConfig, HuntingDetector, detect
+from hunt_ros.detection.criteria import Verdict
+from hunt_ros.detection.offline import collect, config_for, watch
+from hunt_ros.detection.output import Output
+from hunt_ros.detection.replay import replay_journal
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.simulation import SensorModel, SimulationSettings, SpeedProfile, simulate
+from hunt_ros.dynamics.simulation import (
+    Roughness,
+    SensorModel,
+    SimulationSettings,
+    SpeedProfile,
+    simulate,
+)
+from hunt_ros.errors import ConfigError
+from hunt_ros.samples import Record, Series
 
-
-def _fed(companions: Companions, record, block_ns: int) -> list:
-    verdicts = []
-    for start in range(record.start_ns, record.end_ns + 1, block_ns):
-        for name, series in record.between(start, start + block_ns).items():
-            verdicts += companions.update(name, series.stamps_ns, series.values)
-    return verdicts
+HUNTING = CompanionConfig(criteria=('cfr_213_333',), criteria_scale=0.02, forecast='off')
 
 
 @pytest.fixture(scope='module')
-def staircase():
-    settings = SimulationSettings(
-        sample_rate_hz=100.0, broadband=2e-5, lateral_sensor=SensorModel(noise=5e-6)
+def staircase() -> Record:
+    settings_ = SimulationSettings(
+        sample_rate_hz=100.0,
+        broadband=2e-5,
+        roughness=Roughness((30e-6,)),
+        lateral_sensor=SensorModel(noise=5e-6),
+        yaw_sensor=SensorModel(noise=2e-5),
     )
     profile = SpeedProfile.staircase(*np.arange(4.0, 7.1, 0.6).tolist(), hold_s=40.0)
-    return simulate(paper_rig(), settings, profile, seed=2)
+    return simulate(paper_rig(), settings_, profile, seed=2)
 
 
-def test_the_forecast_is_made_from_channels_that_come_apart(staircase) -> None:
-    companions = Companions(None, CriticalSpeedForecast(rig=paper_rig()))
-    _fed(companions, staircase, 50_000_000)
-    forecast = companions.forecast
-    assert forecast is not None
-    assert forecast.critical_speed is not None, forecast.reason
-    assert forecast.critical_speed.value == pytest.approx(8.0, rel=0.1)
+@pytest.fixture(scope='module')
+def hunting() -> Record:
+    settings_ = SimulationSettings(sample_rate_hz=200.0, broadband=8e-6)
+    return simulate(paper_rig(), settings_, SpeedProfile.constant(9.0), 40.0, seed=1)
 
 
-def test_a_criterion_speaks_when_its_limit_is_passed_and_after_reset_again() -> None:
-    settings = SimulationSettings(sample_rate_hz=200.0, broadband=8e-6)
-    record = simulate(paper_rig(), settings, SpeedProfile.constant(9.0), 40.0, seed=1)
-    limits = {'cfr_213_333': {'scale': 0.02}}
-    companions = Companions(CriteriaPanel(['cfr_213_333'], 200.0, limits), None)
-    first = _fed(companions, record, 100_000_000)
-    assert [v.exceeded for v in first] == [True]
+def test_the_forecast_is_made_from_what_the_detector_merged(staircase) -> None:
+    for channels in (('lateral', 'yaw', 'roller', 'speed'), ('yaw', 'roller', 'speed')):
+        config = DetectorConfig(channels=channels)
+        companions = Companions.of(CompanionConfig(), channels, live=False)
+        companions.update(detect(HuntingDetector(config), staircase))
+        forecast = companions.finish()
+        assert forecast is not None
+        assert forecast.critical_speed is not None, forecast.reason
+        assert forecast.critical_speed.low < 8.0 < forecast.critical_speed.high
+        assert forecast.critical_speed.value == pytest.approx(8.0, rel=0.12)
+
+
+def test_a_criterion_speaks_when_its_limit_is_passed_and_after_reset_again(hunting) -> None:
+    config, _ = config_for(hunting, DetectorConfig())
+    companions = Companions.of(HUNTING, config.channels)
+    output = detect(HuntingDetector(config), hunting)
+    first = companions.update(output)
+    assert [verdict.exceeded for verdict in first] == [True]
     companions.reset()
-    again = _fed(companions, record, 1_000_000_000)
-    assert [(v.stamp_ns, v.criterion) for v in again] == [(v.stamp_ns, v.criterion) for v in first]
+    assert companions.update(output) == first
+    assert companions.finish() is None
 
 
-def test_without_speed_nothing_is_said() -> None:
-    companions = Companions(CriteriaPanel(['six_peaks'], 200.0), None)
-    stamps = np.arange(1000) * 5_000_000
-    assert companions.update('lateral', stamps, np.sin(stamps * 1e-8)) == ()
+def test_live_with_ticks_and_its_replay_say_what_the_whole_record_says(hunting) -> None:
+    config, _ = config_for(hunting, DetectorConfig())
+    whole = collect(watch(hunting, HuntingDetector(config)), Companions.of(HUNTING))
+    live, detector = Companions.of(HUNTING), HuntingDetector(config)
+    verdicts: list[Verdict] = []
+    outputs = []
+    for now in range(0, hunting.end_ns + 1, 50_000_000):
+        for name, series in hunting.between(now, now + 50_000_000).items():
+            outputs.append(detector.update(name, series.stamps_ns, series.values))
+            verdicts += live.update(outputs[-1])
+        outputs.append(detector.tick(now + 50_000_000))
+        verdicts += live.update(outputs[-1])
+    assert verdicts == whole.verdicts != []
+    again = replay_journal(HuntingDetector(config), hunting, Output.joined(outputs).journal)
+    assert list(Companions.of(HUNTING).update(again)) == verdicts
+
+
+def test_hunting_says_nothing_of_the_quiet_response(recorded, true_form) -> None:
+    record = recorded(7.2, 20.0, kicks=[(3.0, 400e-6)])
+    output = detect(HuntingDetector(normal_form=true_form), record)
+    quiet = np.concatenate([motion.quiet for motion in output.motion])
+    stamps = np.concatenate([motion.stamps_ns for motion in output.motion])
+    assert quiet[stamps < 3_000_000_000].all()
+    assert not quiet[stamps > 8_000_000_000].any()
+    companions = Companions.of(CompanionConfig())
+    companions.update(output)
+    forecast = companions.finish()
+    assert forecast is not None
+    assert forecast.levels == 0
+
+
+def test_a_stuck_sensor_and_a_missing_speed_are_not_heard(recorded) -> None:
+    record = recorded(6.0, 6.0)
+    lateral = record['lateral']
+    stuck = np.where(lateral.stamps_ns > 3_000_000_000, 1e-5, lateral.values)
+    output = detect(
+        HuntingDetector(), Record({**record, 'lateral': Series(lateral.stamps_ns, stuck)})
+    )
+    assert max(int(motion.stamps_ns[-1]) for motion in output.motion) < 3_300_000_000
+    channels = tuple(name for name in record if name != 'speed')
+    output = detect(HuntingDetector(DetectorConfig(channels=channels)), record)
+    assert all(np.isnan(motion.speed).all() for motion in output.motion)
+    companions = Companions.of(CompanionConfig(criteria=('uic_518',)), channels)
+    assert companions.update(output) == ()
+
+
+def test_what_cannot_be_run_is_refused() -> None:
+    with pytest.raises(ConfigError, match='cfr_213_333'):
+        CompanionConfig(criteria=('cfr',))
+    with pytest.raises(ConfigError, match='lateral'):
+        Companions.of(HUNTING, ('yaw', 'speed'))

@@ -13,7 +13,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import signal
 
 from hunt_ros.compiled import compiled
 from hunt_ros.errors import ConfigError
@@ -110,10 +109,13 @@ class LateralAcceleration:
                 f'pass band {low_hz:g} to {high_hz:g} Hz: expected 0 < low < high < half the'
                 f' rate of {rate_hz:g} Hz'
             )
+        from scipy import signal  # here: it takes long, and few runs have a criterion
+
         self.rate_hz = rate_hz
         self._sections = signal.butter(
             4, [low_hz, high_hz], btype='bandpass', fs=rate_hz, output='sos'
         )
+        self._sosfilt = signal.sosfilt
         self._step = round(NANOSECONDS / rate_hz)
         self._gap = max(round(longest_gap_s * NANOSECONDS), 2 * self._step)
         self.reset()
@@ -206,7 +208,7 @@ class LateralAcceleration:
         joined = np.concatenate([self._before, lateral])
         self._before = joined[-2:].copy()
         second = (joined[2:] - 2.0 * joined[1:-1] + joined[:-2]) * self.rate_hz**2
-        filtered, self._memory = signal.sosfilt(self._sections, second, zi=self._memory)
+        filtered, self._memory = self._sosfilt(self._sections, second, zi=self._memory)
         return np.asarray(filtered, dtype=np.float64)
 
 

@@ -1,0 +1,112 @@
+"""What `hunt replay` says of a recording: JSON for machines, lines for people."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from hunt_ros.cli.narration import event_line, length
+from hunt_ros.cli.output import known
+from hunt_ros.detection import DetectorConfig
+from hunt_ros.detection.forecast import Forecast
+from hunt_ros.detection.offline import Findings
+from hunt_ros.samples import Record
+
+_LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
+_REGIONS = ('unknown', 'stable', 'hysteresis', 'unstable')
+
+
+def document(record: Record, config: DetectorConfig, found: Findings) -> dict[str, Any]:
+    """
+    Return what was found, as JSON.
+
+    `summary.forecast` is the forecast of v_c from the quiet response: `v_c_mps`, `std` and
+    `ci95` are null where it cannot be known, for the `reason` given; it is null itself where
+    none was asked for. A railway criterion that begins or ceases to exceed its limit stands
+    among the events, and with its numbers in `criteria`.
+    """
+    row_s = config.period_ns / 1e9
+    summary = found.summary
+
+    def seconds(stamp_ns: int) -> float:
+        return (stamp_ns - record.start_ns) / 1e9
+
+    return {
+        'summary': {
+            'duration_s': record.duration_s,
+            'samples': sum(len(series) for series in record.values()),
+            'level_time_s': {name: row_s * summary.level_rows[name] for name in _LEVELS},
+            'region_time_s': {name: row_s * summary.region_rows[name] for name in _REGIONS},
+            'max_amplitude_m': known(summary.max_amplitude_m),
+            'forecast': _forecast(found.forecast),
+        },
+        'events': [
+            {
+                't_s': seconds(event.stamp_ns),
+                'event': event.event,
+                'speed_mps': known(event.speed_mps),
+                'amplitude_m': known(event.amplitude_m),
+                'growth_rate_per_s': known(event.growth_rate_per_s),
+                'level': event.level.label,
+                'detail': event.detail,
+            }
+            for event in found.events
+        ],
+        'criteria': [
+            {
+                't_s': seconds(verdict.stamp_ns),
+                'criterion': verdict.criterion,
+                'exceeded': verdict.exceeded,
+                'index_mps2': known(verdict.index),
+                'limit_mps2': verdict.limit,
+            }
+            for verdict in found.verdicts
+        ],
+    }
+
+
+def tell(record: Record, config: DetectorConfig, found: Findings, remarks: Sequence[str]) -> None:
+    """Print remarks, events in their order, and the summary."""
+    for remark in remarks:
+        print(remark)
+    for event in found.events:
+        texts = {
+            'stamp_ns': str(event.stamp_ns),
+            'event': event.event,
+            'speed_mps': str(event.speed_mps),
+            'amplitude_m': str(event.amplitude_m),
+            'message': event.detail,
+        }
+        print(event_line(texts, record.start_ns))
+    row_s = config.period_ns / 1e9
+    summary = found.summary
+    times = ', '.join(f'{name} {row_s * n:.1f} s' for name, n in summary.level_rows.items())
+    print(
+        f'{record.duration_s:.1f} s: {times}; largest amplitude {length(summary.max_amplitude_m)}'
+    )
+    if found.forecast is not None:
+        print(_forecast_line(found.forecast))
+
+
+def _forecast(forecast: Forecast | None) -> dict[str, Any] | None:
+    if forecast is None:
+        return None
+    critical = forecast.critical_speed
+    return {
+        'v_c_mps': None if critical is None else known(critical.value),
+        'std': None if critical is None else known(critical.std),
+        'ci95': None if critical is None else [critical.low, critical.high],
+        'reason': forecast.reason,
+        'law': forecast.law,
+        'levels': forecast.levels,
+    }
+
+
+def _forecast_line(forecast: Forecast) -> str:
+    critical = forecast.critical_speed
+    if critical is None:
+        return f'v_c from the quiet response: unknown ({forecast.reason})'
+    return (
+        f'v_c from the quiet response: {critical.value:.2f} m/s'
+        f' (95 %: {critical.low:.2f} to {critical.high:.2f}), {forecast.levels} speed levels'
+    )
