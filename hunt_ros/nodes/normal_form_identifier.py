@@ -3,7 +3,9 @@ The node that refits the normal form from recordings as they close.
 
 It reads the last recordings together, publishes the refitted form on
 `hunting/normal_form`, and writes the parameter file beside them; earlier files
-are kept. The work runs in a thread, so that services answer meanwhile.
+are kept, and `hunting/revert_normal_form` goes back to the one before, in the file,
+on the topic, and in what the next refit rests on. The work runs in a thread, so that
+services answer meanwhile.
 """
 
 from __future__ import annotations
@@ -22,15 +24,19 @@ from std_srvs.srv import Trigger
 
 from hunt_ros.bag.columns import read_record
 from hunt_ros.errors import HuntError
-from hunt_ros.identification import IdentificationSettings, identify
+from hunt_ros.identification import Identification, IdentificationSettings, update
 from hunt_ros.nodes.diagnostics import Diagnostics, Health
+from hunt_ros.nodes.form_files import FormFiles
 from hunt_ros.nodes.parameters import declare, warn_unknown
 from hunt_ros.nodes.qos import latched
 from hunt_ros.nodes.runtime import run
+from hunt_ros.samples import Record
 from hunt_ros.settings import Settings, setting
 
-#: Name of the parameter file with the newest form; earlier ones carry a number.
-NEWEST = 'normal_form.yaml'
+#: What the identification reads: of a long history every channel costs memory.
+_CHANNELS = ('lateral', 'roller', 'speed')
+#: Results that are remembered, to know what an earlier form rested on.
+_REMEMBERED = 20
 
 
 @dataclass(frozen=True)
@@ -51,13 +57,21 @@ class NormalFormIdentifierNode(Node):
         super().__init__('normal_form_identifier')
         self._config = declare(self, IdentifierConfig)
         warn_unknown(self)
-        self._recordings: deque[Path] = deque(maxlen=self._config.history)
+        self._files = FormFiles(Path(self._config.directory))
+        self._seen: deque[Path] = deque(maxlen=1000)
+        self._waiting: list[Path] = []
+        #: Results behind the newest form and the ones before it, as far as known.
+        self._results: deque[Identification | None] = deque(maxlen=_REMEMBERED)
+        self._latest: Identification | None = None
+        self._reverts = 0
+        self._lock = threading.Lock()
         self._orders: SimpleQueue[None] = SimpleQueue()
         self._state = ('OK', 'no recording yet')
         self._forms = 0
         self._publisher = self.create_publisher(String, 'hunting/normal_form', latched())
         self.create_subscription(String, 'recording/closed', self._on_closed, latched())
         self.create_service(Trigger, 'identify', self._on_identify)
+        self.create_service(Trigger, 'hunting/revert_normal_form', self._on_revert)
         self._diagnostics = Diagnostics(self, self._health)
         self._running = True
         self._thread = threading.Thread(target=self._work, name='identify', daemon=True)
@@ -70,28 +84,60 @@ class NormalFormIdentifierNode(Node):
 
     def _on_closed(self, message: String) -> None:
         path = Path(message.data)
-        if path not in self._recordings:
-            self._recordings.append(path)
+        if path in self._seen:
+            return
+        with self._lock:
+            self._seen.append(path)
+            self._waiting.append(path)
         if self._config.on_close:
             self._orders.put(None)
 
     def _on_identify(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        response.success = bool(self._recordings)
+        response.success = bool(self._seen)
         response.message = (
-            f'identifying from {len(self._recordings)} recordings'
-            if self._recordings
+            f'identifying from {self._recordings} recordings'
+            if self._seen
             else 'no recording was closed yet'
         )
-        if self._recordings:
+        if self._seen:
             self._orders.put(None)
         return response
+
+    def _on_revert(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Go back to the form before the newest; it is the operator who wants it so."""
+        with self._lock:
+            try:
+                text = self._files.go_back()
+            except HuntError as error:
+                response.success, response.message = False, str(error)
+                return response
+            # What came since the earlier form is what led away from it: it stays out.
+            self._reverts += 1
+            self._waiting.clear()
+            if self._results:
+                self._results.pop()
+            self._latest = self._results[-1] if self._results else None
+            self._publisher.publish(String(data=text))
+            self._state = ('OK', 'back to the normal form before, by the operator')
+        response.success, response.message = (
+            True,
+            f'{self._files.newest} is the earlier form again',
+        )
+        self.get_logger().warning(response.message)
+        return response
+
+    @property
+    def _recordings(self) -> int:
+        """Recordings that the next refit rests on."""
+        before = 0 if self._latest is None else len(self._latest.records)
+        return min(before + len(self._waiting), self._config.history)
 
     def _work(self) -> None:
         while self._running:
             try:
-                self._orders.get(timeout=0.2)
+                self._orders.get(timeout=0.5)
             except Empty:
                 continue
             try:
@@ -101,43 +147,54 @@ class NormalFormIdentifierNode(Node):
                 self.get_logger().warning(str(error))
 
     def _identify(self) -> None:
-        recordings = list(self._recordings)
-        self._state = ('OK', f'identifying from {len(recordings)} recordings')
+        with self._lock:
+            paths, prior, reverts = list(self._waiting), self._latest, self._reverts
+            self._state = ('OK', f'identifying from {self._recordings} recordings')
         begin = time.monotonic()
-        result = identify([read_record(path) for path in recordings], IdentificationSettings())
+        records = self._read(paths)
+        if not records and (prior is None or not prior.records):
+            return
+        result = update(prior, records, IdentificationSettings(), self._config.history)
         for warning in result.warnings:
             self.get_logger().warning(warning)
-        if result.normal_form is None:
-            self._state = ('WARN', 'the recordings do not determine a normal form')
-            return
-        text = result.normal_form.to_yaml()
-        path = self._keep(text)
-        self._forms += 1
-        self._publisher.publish(String(data=text))
-        self._state = ('OK', f'{path} from {len(recordings)} recordings')
+        with self._lock:
+            if reverts != self._reverts:
+                self.get_logger().warning('reverted meanwhile: this identification is dropped')
+                return
+            self._waiting = [path for path in self._waiting if path not in paths]
+            self._latest = result
+            if result.normal_form is None:
+                self._state = ('WARN', 'the recordings do not determine a normal form')
+                return
+            text = result.normal_form.to_yaml()
+            path = self._files.keep(text)
+            self._results.append(result)
+            self._forms += 1
+            self._publisher.publish(String(data=text))
+            self._state = ('OK', f'{path} from {len(result.records)} recordings')
         self.get_logger().info(
-            f'normal form from {len(recordings)} recordings in'
+            f'normal form from {len(result.records)} recordings in'
             f' {time.monotonic() - begin:.1f} s: {path}'
         )
 
-    def _keep(self, text: str) -> Path:
-        """Write the parameter file; the one before stays under a number."""
-        directory = Path(self._config.directory)
-        directory.mkdir(parents=True, exist_ok=True)
-        newest = directory / NEWEST
-        if newest.exists():
-            number = 1
-            while (earlier := newest.with_stem(f'{newest.stem}_{number:03d}')).exists():
-                number += 1
-            newest.rename(earlier)
-        partial = newest.with_suffix('.part')
-        partial.write_text(text, encoding='utf-8')
-        partial.rename(newest)
-        return newest
+    def _read(self, paths: list[Path]) -> list[Record]:
+        """Read recordings; one that cannot be read does not spoil the others."""
+        records = []
+        for path in paths:
+            try:
+                record = read_record(path)
+            except HuntError as error:
+                self.get_logger().warning(str(error))
+                with self._lock:
+                    self._waiting = [other for other in self._waiting if other != path]
+                continue
+            kept = {name: record[name] for name in _CHANNELS if name in record}
+            records.append(Record(kept, record.source, record.notes))
+        return records
 
     def _health(self) -> Health:
         level, text = self._state
-        return level, text, {'recordings': len(self._recordings), 'forms': self._forms}
+        return level, text, {'recordings': self._recordings, 'forms': self._forms}
 
 
 def main() -> int:

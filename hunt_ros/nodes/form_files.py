@@ -1,0 +1,112 @@
+"""
+The parameter files of a rig: the newest normal form, and the earlier ones by number.
+
+`normal_form.yaml` is the newest. When another comes it stays as `normal_form_001.yaml`,
+`_002`, ..., the highest number being the latest. One that a person went back from stays
+too, as `normal_form_reverted_001.yaml`: nothing is ever deleted.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from hunt_ros.detection.acceptance import rolled_back
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.errors import HuntError
+
+#: Name of the parameter file with the newest form.
+NEWEST = 'normal_form.yaml'
+
+
+class FormFiles:
+    """
+    The parameter files in one folder.
+
+    Parameters
+    ----------
+    directory : Path
+        Made when the first file is kept.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        self._directory = directory
+
+    @property
+    def newest(self) -> Path:
+        """Where the newest form stands."""
+        return self._directory / NEWEST
+
+    def earlier(self) -> list[Path]:
+        """Return the earlier forms, the oldest first."""
+        return self._numbered('normal_form')
+
+    def keep(self, text: str) -> Path:
+        """
+        Write the parameter file; the one before stays under a number.
+
+        Raises
+        ------
+        HuntError
+            If the folder or the file cannot be written.
+        """
+        try:
+            self._directory.mkdir(parents=True, exist_ok=True)
+            if self.newest.exists():
+                self.newest.rename(self._next('normal_form'))
+            self._write(text)
+        except OSError as error:
+            raise HuntError(
+                f'{self.newest}: cannot keep the normal form ({error.strerror})'
+            ) from error
+        return self.newest
+
+    def go_back(self) -> str:
+        """
+        Make the latest of the earlier forms the newest again, marked as what it is.
+
+        Returns
+        -------
+        str
+            The parameter file, with the mark of `detection.acceptance.rolled_back`.
+
+        Raises
+        ------
+        HuntError
+            If no earlier form is kept, or it cannot be read: then nothing is changed.
+        """
+        earlier = self.earlier()
+        if not earlier:
+            raise HuntError(f'{self._directory}: no earlier normal form is kept there')
+        latest = earlier[-1]
+        try:
+            form = IdentifiedNormalForm.from_yaml(latest.read_text(encoding='utf-8'), str(latest))
+            text = rolled_back(form).to_yaml()
+            if self.newest.exists():
+                self.newest.rename(self._next('normal_form_reverted'))
+            self._write(text)
+            latest.unlink()
+        except OSError as error:
+            raise HuntError(f'{latest}: cannot go back to it ({error.strerror})') from error
+        return text
+
+    def _write(self, text: str) -> None:
+        """Write the newest whole or not at all."""
+        partial = self.newest.with_suffix('.part')
+        partial.write_text(text, encoding='utf-8')
+        partial.replace(self.newest)
+
+    def _numbered(self, stem: str) -> list[Path]:
+        pattern = re.compile(re.escape(stem) + r'_(\d{3,})\.yaml')
+        found = {}
+        for path in self._directory.glob(f'{stem}_*.yaml'):
+            matched = pattern.fullmatch(path.name)
+            if matched:
+                found[int(matched.group(1))] = path
+        return [found[number] for number in sorted(found)]
+
+    def _next(self, stem: str) -> Path:
+        """Return the name after the highest number, so that the order is that of time."""
+        used = self._numbered(stem)
+        number = 1 + (int(used[-1].stem.rpartition('_')[2]) if used else 0)
+        return self._directory / f'{stem}_{number:03d}.yaml'

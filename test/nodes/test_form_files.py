@@ -1,0 +1,68 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from hunt_ros.detection.acceptance import is_rolled_back
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+from hunt_ros.errors import HuntError
+from hunt_ros.nodes.form_files import FormFiles
+
+
+def text(v_c: float) -> str:
+    return IdentifiedNormalForm(replace(PAPER_NORMAL_FORM, critical_speed=v_c)).to_yaml()
+
+
+def v_c(path_text: str) -> float:
+    return IdentifiedNormalForm.from_yaml(path_text).form.critical_speed
+
+
+def test_earlier_forms_stay_under_their_numbers_in_the_order_of_time(tmp_path) -> None:
+    files = FormFiles(tmp_path / 'rig')
+    for speed in (7.0, 7.5, 8.0):
+        files.keep(text(speed))
+    assert v_c(files.newest.read_text()) == 8.0
+    assert [v_c(path.read_text()) for path in files.earlier()] == [7.0, 7.5]
+    assert [path.name for path in files.earlier()] == [
+        'normal_form_001.yaml',
+        'normal_form_002.yaml',
+    ]
+
+
+def test_going_back_walks_through_all_of_them_and_deletes_nothing(tmp_path) -> None:
+    files = FormFiles(tmp_path)
+    for speed in (7.0, 7.5, 8.0):
+        files.keep(text(speed))
+    for speed in (7.5, 7.0):
+        back = files.go_back()
+        assert is_rolled_back(IdentifiedNormalForm.from_yaml(back))
+        assert v_c(back) == speed
+        assert files.newest.read_text() == back
+    with pytest.raises(HuntError, match='no earlier normal form'):
+        files.go_back()
+    kept = sorted(v_c(path.read_text()) for path in tmp_path.iterdir())
+    assert kept == [7.0, 7.5, 8.0]
+
+
+def test_a_new_form_after_going_back_does_not_overwrite_one(tmp_path) -> None:
+    files = FormFiles(tmp_path)
+    for speed in (7.0, 7.5):
+        files.keep(text(speed))
+    files.go_back()
+    files.keep(text(8.5))
+    assert v_c(files.newest.read_text()) == 8.5
+    assert [v_c(path.read_text()) for path in files.earlier()] == [7.0]
+    assert v_c((tmp_path / 'normal_form_reverted_001.yaml').read_text()) == 7.5
+
+
+def test_an_earlier_form_that_cannot_be_read_changes_nothing(tmp_path) -> None:
+    files = FormFiles(tmp_path)
+    for speed in (7.0, 7.5):
+        files.keep(text(speed))
+    files.earlier()[-1].write_text('half a file: [')
+    before = {path.name: path.read_text() for path in tmp_path.iterdir()}
+    with pytest.raises(HuntError):
+        files.go_back()
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == before
