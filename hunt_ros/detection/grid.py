@@ -12,8 +12,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.compiled import compiled
+
 _Stamps = NDArray[np.int64]
 _Values = NDArray[np.float64]
+
+#: Stands for the stamp of a sample that there is not.
+_NEVER = -(2**62)
 
 
 class RowGrid:
@@ -96,11 +101,8 @@ class SlowChannel:
 
     def reset(self) -> None:
         """Forget every sample."""
-        self._stamp = 0
-        self._value = math.nan  # last sample, valid or not
-        self._valid_stamp = 0
-        self._valid = math.nan
-        self._rate = 0.0
+        self._whole = np.zeros(2, dtype=np.int64)
+        self._real = np.array([math.nan, math.nan, 0.0])
 
     def at(
         self,
@@ -125,56 +127,73 @@ class SlowChannel:
         -------
         ndarray of float64, shape (n,)
         """
-        ends = () if following is None else (following,)
-        t = np.array([self._stamp, *(stamp for stamp, _ in ends)], dtype=np.int64)
-        x = np.array([self._value, *(value for _, value in ends)], dtype=np.float64)
-        t, x = np.insert(t, 1, stamps_ns), np.insert(x, 1, values)
-        x[~np.isfinite(x)] = math.nan
-        step = np.diff(t)
-        with np.errstate(divide='ignore', invalid='ignore'):
-            slope = np.where((step > 0) & (step <= self._timeout), np.diff(x) / (step * 1e-9), 0.0)
-        joined = np.isfinite(slope) & (step > 0) & (step <= self._timeout)
-        known = stamps_ns.size + 1  # samples that lie behind, the carried one included
-        valid = np.where(np.isfinite(x[:known]), np.arange(known), -1)
-        valid = np.maximum.accumulate(valid)
-        rate = self._rates(slope, joined, valid)
-        left = np.searchsorted(t[:known], wanted_ns, side='right') - 1
-        left = np.maximum(left, 0)
-        behind = valid[left]
-        old = behind < 0
-        anchor_t = np.where(old, self._valid_stamp, t[behind])
-        anchor_x = np.where(old, self._valid, x[behind])
-        anchor_rate = np.where(old, self._rate, rate[behind])
-        age = wanted_ns - anchor_t
-        held = anchor_x + (anchor_rate * (age * 1e-9) if self._rising else 0.0)
-        held[age > self._timeout] = math.nan
-        line = np.zeros(wanted_ns.size, dtype=bool)
-        inside = left < joined.size
-        line[inside] = joined[left[inside]]
-        at_left = np.minimum(left, slope.size - 1) if slope.size else left
-        straight = x[left] + (slope[at_left] if slope.size else 0.0) * (
-            (wanted_ns - t[left]) * 1e-9
+        found = np.empty(wanted_ns.size)
+        after_ns, after = (_NEVER, math.nan) if following is None else following
+        _evaluate(
+            wanted_ns,
+            stamps_ns,
+            values,
+            after_ns,
+            after,
+            self._timeout,
+            self._rising,
+            self._whole,
+            self._real,
+            found,
         )
-        result: _Values = np.where(line, straight, held)
-        self._keep(t, x, valid, rate, known)
-        return result
+        return found
 
-    def _rates(
-        self, slope: _Values, joined: NDArray[np.bool_], valid: NDArray[np.int64]
-    ) -> _Values:
-        """Rate behind each sample: of the line that ends there, else the one before it."""
-        rate = np.empty(valid.size)
-        rate[0] = self._rate
-        ends = np.where(joined[: valid.size - 1], np.arange(1, valid.size), 0)
-        latest = np.maximum.accumulate(ends) if ends.size else ends
-        rate[1:] = np.where(latest > 0, slope[np.maximum(latest, 1) - 1], self._rate)
-        return rate
 
-    def _keep(
-        self, t: _Stamps, x: _Values, valid: NDArray[np.int64], rate: _Values, known: int
-    ) -> None:
-        self._stamp, self._value = int(t[known - 1]), float(x[known - 1])
-        at = int(valid[known - 1])
-        if at >= 0:
-            self._valid_stamp, self._valid = int(t[at]), float(x[at])
-        self._rate = float(rate[known - 1])
+@compiled
+def _evaluate(
+    wanted: _Stamps,
+    stamps: _Stamps,
+    values: _Values,
+    after_stamp: int,
+    after: float,
+    timeout: int,
+    rising: bool,
+    whole: _Stamps,
+    real: _Values,
+    found: _Values,
+) -> None:
+    """
+    Run `SlowChannel.at`.
+
+    whole = [stamp of the last sample, and of the last valid one]; real = [value of the
+    last sample (NaN: invalid), and of the last valid one, rate of the last line].
+    """
+    n = 0
+    for k in range(wanted.size):
+        stamp = wanted[k]
+        while n < stamps.size and stamps[n] <= stamp:
+            _take(stamps[n], values[n], timeout, whole, real)
+            n += 1
+        end, value = after_stamp, after
+        if n < stamps.size:
+            end, value = stamps[n], values[n]
+        step = end - whole[0]
+        if 0 < step <= timeout and np.isfinite(value) and np.isfinite(real[0]):
+            slope = (value - real[0]) / (step * 1e-9)
+            found[k] = real[0] + slope * ((stamp - whole[0]) * 1e-9)
+            continue
+        age = stamp - whole[1]
+        found[k] = np.nan
+        if age <= timeout:
+            found[k] = real[1] + (real[2] * (age * 1e-9) if rising else 0.0)
+    while n < stamps.size:
+        _take(stamps[n], values[n], timeout, whole, real)
+        n += 1
+
+
+@compiled
+def _take(stamp: int, value: float, timeout: int, whole: _Stamps, real: _Values) -> None:
+    """Take one sample."""
+    if not np.isfinite(value):
+        whole[0], real[0] = stamp, np.nan
+        return
+    step = stamp - whole[0]
+    if 0 < step <= timeout and np.isfinite(real[0]):
+        real[2] = (value - real[0]) / (step * 1e-9)
+    whole[0] = whole[1] = stamp
+    real[0] = real[1] = value

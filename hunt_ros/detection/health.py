@@ -196,9 +196,10 @@ def _sample(
 ) -> bool:
     """Take one sample; return whether it may be used."""
     whole[_I_ANY] = stamp
-    for bit in range(4):
-        if mark & (1 << bit):
-            whole[_I_SEEN + bit] = stamp
+    if mark != 0:
+        for bit in range(4):
+            if mark & (1 << bit):
+                whole[_I_SEEN + bit] = stamp
     if not np.isfinite(value):
         whole[_I_SEEN + 4] = stamp
         return False

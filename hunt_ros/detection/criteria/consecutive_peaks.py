@@ -53,12 +53,14 @@ class SixPeaks(Criterion):
     """
     Chinese practice: six consecutive peaks above 8 m/s^2 in 0.5 to 10 Hz.
 
-    Peaks of either sign count, one each half cycle.
+    Peaks of either sign count, one each half cycle; who counts one a cycle sets `peaks`
+    to twice as many.
 
     References
     ----------
-    GB/T 5599-2019, Specification for dynamic performance assessment and testing
-    verification of rolling stock, lateral stability of the bogie frame.
+    GB/T 5599-2019 (in force 1 July 2020; before it GB/T 5599-1985), Specification for
+    dynamic performance assessment and testing verification of rolling stock, lateral
+    stability of the bogie frame.
     """
 
     name = 'six_peaks'
@@ -91,10 +93,13 @@ class TenPeaks(SixPeaks):
     """
     High-speed interoperability: ten consecutive peaks above 8 m/s^2 in 3 to 9 Hz.
 
+    Counted as in `SixPeaks`: half cycles. Ten whole cycles are ``peaks=20``.
+
     References
     ----------
-    Commission Decision 2008/232/EC (TSI High-Speed Rolling Stock), instability
-    detection of the bogie.
+    Commission Decision 2008/232/EC of 21 February 2008 (technical specification for
+    interoperability, rolling stock of the trans-European high-speed rail system, OJ L 84,
+    26.3.2008, p. 132), instability of the running gear.
     """
 
     name = 'ten_peaks'

@@ -77,14 +77,18 @@ class TrackSafetyStandards(Criterion):
     """
     49 CFR 213.333: RMS of the truck-frame lateral acceleration over two seconds.
 
-    Truck hunting is a sustained oscillation with an RMS of the lateral acceleration,
-    0.5 to 10 Hz, trend removed, above 0.3 g over a 2 s window. The text before 2013
-    removed the mean and allowed 0.4 g: ``trend='mean', limit=3.92``.
+    Truck hunting is a sustained oscillation with an RMS of the lateral acceleration of
+    the truck frame, pass band 0.5 to 10 Hz, linear trend removed, above 0.3 g over a
+    sliding window of 2 s. The text in force until 2013 removed the mean and allowed 0.4 g:
+    ``trend='mean', limit=3.92``. Here the acceleration is that of the wheelset, derived
+    from its displacement.
 
     References
     ----------
     US Federal Railroad Administration, Track Safety Standards, 49 CFR 213.333, table of
-    vehicle/track interaction safety limits; revised by 78 FR 16052 (13 March 2013).
+    vehicle/track interaction safety limits, truck lateral acceleration and its footnotes.
+    As revised by 78 FR 16052 (13 March 2013, in force 11 July 2013); before that 63 FR
+    34029 (22 June 1998), footnotes 3 and 4.
     """
 
     name = 'cfr_213_333'
@@ -188,13 +192,15 @@ class SlidingRms(Criterion):
 
     The normal method limits the sum of guiding forces, which a rig without measuring
     wheelsets does not have; this is the simplified method, on the lateral acceleration
-    of the frame, whose limit is half of (12 - M/5) m/s^2. The standard moves the window
-    in steps of 10 m; here it moves with every sample. Without a speed it stays undefined.
+    of the frame, whose limit is half of (12 - M/5) m/s^2; the default is that of a bogie
+    without mass, so give the limit of yours. f0 is the frequency of the instability, which
+    has to be known beforehand. The standard moves the window in steps of 10 m; here it
+    moves with every sample. Without a speed it stays undefined.
 
     References
     ----------
-    UIC Code 518, 4th edition (2009), instability criterion; EN 14363:2016, assessment of
-    stability.
+    UIC Code 518, 4th edition (September 2009), and EN 14363:2016: instability criterion,
+    filtering at f0 -/+ 2 Hz and sliding RMS.
     """
 
     name = 'uic_518'
