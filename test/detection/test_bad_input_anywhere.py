@@ -1,0 +1,243 @@
+"""
+Any fault on any channel or two, at any rate, however stamps and samples come.
+
+Each is named in the status while it lasts, the level is not OK then, and some seconds
+after it all is as it was before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+
+from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, detect
+from hunt_ros.detection.output import Output
+from hunt_ros.detection.reasons import reasons_of
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.simulation import simulate
+from hunt_ros.dynamics.simulation_settings import Roughness, SensorModel, SimulationSettings
+from hunt_ros.dynamics.speed_profile import SpeedProfile
+from hunt_ros.samples import CHANNELS, Record, Series
+
+SECOND = 1_000_000_000
+BEGIN, END, DURATION = 6 * SECOND, 8 * SECOND, 13 * SECOND
+#: After the fault begins it must be named within this time, ns.
+NOTICED = 600_000_000
+CONFIG = DetectorConfig(lateral_range_m=2e-3, yaw_range_rad=2e-3)
+PAPER = IdentifiedNormalForm(PAPER_NORMAL_FORM)
+
+_Columns = tuple[np.ndarray, np.ndarray]
+_MOTION = ('lateral', 'yaw')
+
+
+@dataclass(frozen=True)
+class Fault:
+    """How a channel is spoilt: spoil(stamps, values, places) in place; the words expected."""
+
+    words: tuple[str, ...]
+    spoil: Callable[[np.ndarray, np.ndarray, np.ndarray], None]
+    channels: tuple[str, ...] = CHANNELS
+
+
+def _value(number: float, every: int = 1) -> Callable[..., None]:
+    def spoil(t: np.ndarray, x: np.ndarray, bad: np.ndarray) -> None:
+        x[bad[::every]] = number
+
+    return spoil
+
+
+def _stuck(t: np.ndarray, x: np.ndarray, bad: np.ndarray) -> None:
+    x[bad] = x[bad[0]]
+
+
+def _moved(by_ns: int, every: int = 1, first: int = 0) -> Callable[..., None]:
+    def spoil(t: np.ndarray, x: np.ndarray, bad: np.ndarray) -> None:
+        t[bad[first::every]] += by_ns
+
+    return spoil
+
+
+def _repeated(t: np.ndarray, x: np.ndarray, bad: np.ndarray) -> None:
+    t[bad[3::5]] = t[bad[3::5] - 1]
+
+
+def _halted(t: np.ndarray, x: np.ndarray, bad: np.ndarray) -> None:
+    t[bad] = t[bad[0] - 1]
+
+
+SILENT = Fault(('silent',), lambda t, x, bad: None)
+_BACK, _AHEAD = 'stamps that jump back', 'stamps that jump ahead'
+FAULTS: dict[str, Fault] = {
+    'nan': Fault(('only NaN or infinite',), _value(np.nan)),
+    'inf': Fault(('only NaN or infinite',), _value(-np.inf)),
+    'some nan': Fault(('NaN or infinite',), _value(np.nan, every=7)),
+    'stuck': Fault(('stuck',), _stuck, ('lateral', 'yaw', 'roller')),
+    'saturated': Fault(('saturated',), _value(2e-3), _MOTION),
+    'zero': Fault(('zero',), _value(0.0), ('speed',)),
+    'negative': Fault(('negative',), _value(-6.0), ('speed',)),
+    'repeated': Fault(('repeated stamps',), _repeated),
+    'clock stands': Fault(('silent', 'repeated stamps'), _halted),
+    'some back': Fault((_BACK,), _moved(-300_000_000, every=20, first=5)),
+    'some far back': Fault((_BACK,), _moved(-3600 * SECOND, every=20, first=5)),
+    'some ahead': Fault((_AHEAD,), _moved(3600 * SECOND, every=20, first=5)),
+    'clock back': Fault(('silent', _BACK), _moved(-3600 * SECOND)),
+    'clock ahead': Fault(('silent', _AHEAD), _moved(3600 * SECOND)),
+    'clock a little ahead': Fault(('silent', _AHEAD), _moved(3 * SECOND)),
+    'silent': SILENT,
+}
+
+
+@cache
+def _recorded(rate_hz: int, seed: int) -> Record:
+    settings_ = SimulationSettings(
+        sample_rate_hz=float(rate_hz),
+        broadband=8e-6,
+        roughness=Roughness((50e-6, 20e-6)),
+        lateral_sensor=SensorModel(noise=5e-6),
+        yaw_sensor=SensorModel(noise=2e-5),
+    )
+    profile = SpeedProfile.constant(6.0)  # below v_n: all is OK but for the faults
+    return simulate(paper_rig(), settings_, profile, DURATION / SECOND, (), seed)
+
+
+def _timed(series: Series, timing: str, seed: int) -> Series:
+    """Take the samples at other times: jittered, or ten at once and then none for a while."""
+    stamps = series.stamps_ns
+    if timing == 'jittered':
+        step = float(np.median(np.diff(stamps)))
+        moved = np.random.default_rng(seed).uniform(-0.4, 0.4, stamps.size) * step
+        at = stamps + moved.astype(np.int64)
+    elif timing == 'bursty':
+        bursts = stamps // 20_000_000
+        place = np.arange(stamps.size) - np.searchsorted(bursts, bursts)
+        at = bursts * 20_000_000 + place * 100_000
+    else:
+        return series
+    return Series(at, np.interp(at, stamps, series.values))
+
+
+def _spoilt(series: Series, fault: Fault) -> _Columns:
+    stamps, values = series.stamps_ns.copy(), series.values.copy()
+    bad = np.flatnonzero((stamps >= BEGIN) & (stamps < END))
+    if fault is SILENT:
+        return np.delete(stamps, bad), np.delete(values, bad)
+    fault.spoil(stamps, values, bad)
+    return stamps, values
+
+
+def _live(
+    detector: HuntingDetector,
+    spoilt: dict[str, _Columns],
+    arrival: dict[str, np.ndarray],
+    step: int,
+) -> Output:
+    """Feed what has come every `step` ns, each time with a tick."""
+    outputs = []
+    done = dict.fromkeys(spoilt, 0)
+    for now in range(step, DURATION + step, step):
+        for name, (stamps, values) in spoilt.items():
+            end = int(np.searchsorted(arrival[name], now, side='right'))
+            part = slice(done[name], end)
+            outputs.append(detector.update(name, stamps[part], values[part]))
+            done[name] = end
+        outputs.append(detector.tick(now))
+    return Output.joined(outputs)
+
+
+@st.composite
+def _cases(draw: st.DrawFn) -> list[tuple[str, str]]:
+    channels = draw(st.lists(st.sampled_from(CHANNELS), min_size=1, max_size=2, unique=True))
+    return [
+        (name, draw(st.sampled_from([f for f, one in FAULTS.items() if name in one.channels])))
+        for name in channels
+    ]
+
+
+def _check(
+    faults: list[tuple[str, str]],
+    rate_hz: int = 500,
+    timing: str = 'even',
+    step_ns: int | None = 50_000_000,
+    form: bool = True,
+    seed: int = 1,
+) -> None:
+    """Spoil a record, feed it (step_ns None: whole), and look at every row."""
+    record = {
+        name: _timed(series, timing if name in _MOTION else 'even', seed)
+        for name, series in _recorded(rate_hz, seed).items()
+    }
+    chosen = {name: FAULTS[fault] for name, fault in faults}
+    spoilt = {name: (one.stamps_ns, one.values) for name, one in record.items()}
+    spoilt |= {name: _spoilt(record[name], fault) for name, fault in chosen.items()}
+    detector = HuntingDetector(CONFIG, PAPER if form else None)
+    if step_ns is None:
+        output = detect(detector, Record({name: Series(*both) for name, both in spoilt.items()}))
+    else:
+        arrival = {
+            name: spoilt[name][0] if chosen.get(name) is SILENT else one.stamps_ns
+            for name, one in record.items()
+        }
+        output = _live(detector, spoilt, arrival, step_ns)
+    rows = output.estimates
+    stamps = rows['stamp_ns']
+    during = rows[(stamps >= BEGIN + NOTICED) & (stamps < END)]
+    assert during.size >= 138
+    assert (during['level'] != Level.OK).all()
+    for row in during[::6]:
+        reasons = reasons_of(row)
+        for name, fault in chosen.items():
+            assert any(
+                reason.startswith(f'{name}: ') and word in reason
+                for reason in reasons
+                for word in fault.words
+            ), (name, fault.words, reasons)
+    [before] = rows[stamps == BEGIN - SECOND]
+    after = rows[stamps > END + 4 * SECOND]
+    assert after.size >= 98
+    usual = set(reasons_of(before))
+    assert all(set(reasons_of(row)) <= usual for row in after[::7]), reasons_of(after[-1])
+    assert set(detector.status.reasons) <= usual
+    assert not form or detector.status.level is Level.OK
+    assert not detector.status.alarm
+
+
+@pytest.mark.parametrize('fault', FAULTS)
+def test_each_fault_on_each_channel(fault: str) -> None:
+    for channel in FAULTS[fault].channels:
+        _check([(channel, fault)])
+        _check([(channel, fault)], step_ns=None)
+
+
+@settings(
+    max_examples=40,
+    deadline=None,
+    suppress_health_check=list(HealthCheck),
+    phases=[Phase.explicit, Phase.generate],
+)
+@given(
+    faults=_cases(),
+    rate_hz=st.sampled_from([100, 500, 2000]),
+    timing=st.sampled_from(['even', 'jittered', 'bursty']),
+    step_ns=st.sampled_from([10_000_000, 50_000_000, 100_000_000, None]),
+    form=st.booleans(),
+    seed=st.integers(1, 2),
+)
+def test_faults_on_one_or_two_channels_at_any_rate(
+    faults: list[tuple[str, str]],
+    rate_hz: int,
+    timing: str,
+    step_ns: int | None,
+    form: bool,
+    seed: int,
+) -> None:
+    if ('roller', 'stuck') in faults and ('speed', 'zero') in faults:
+        return  # a rig that stands still: its roller does not turn
+    _check(faults, rate_hz, timing, step_ns, form, seed)
