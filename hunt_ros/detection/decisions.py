@@ -102,14 +102,27 @@ def _kernel(source: int) -> Callable[..., None]:
             if predictable:
                 damping = prediction.branches(form, v, out['lateral_roughness'], out)
                 if known:
-                    prediction.judge(form, m['edge'], v, a, s, damping, rules.outlook_s, out)
+                    prediction.judge(
+                        form,
+                        m['edge'],
+                        m['noise']['spread'],
+                        v,
+                        a,
+                        s,
+                        damping,
+                        rules.outlook_s,
+                        out,
+                    )
+            quiet = False
             if known:
                 noise_floor.observe(rules, m['floor'], a)
                 steadiness.watch(rules, m['steadiness'], a, s)
                 if m['state']['state'] <= states.DISTURBED:
                     quiet = noise_floor.learn(rules, m['floor'], m['steadiness'], a, s)
-                    if quiet and predictable:
-                        noise_intensity.learn(rules, form, m['noise'], v, a)
+            if quiet and predictable:
+                noise_intensity.learn(rules, form, m['noise'], v, a, out['phase'])
+            else:
+                noise_intensity.interrupt(m['noise'])
             out['noise_floor'] = noise_floor.floor_of(rules, m['floor'], m['steadiness'], s)
             out['noise_intensity'] = m['noise']['intensity']
             if known:

@@ -21,6 +21,8 @@ EDGE: np.dtype[np.void] = np.dtype(
 )
 
 _NORMAL_95 = 1.959964
+#: Gauss-Hermite quadrature of three points: the outer ones, and the weight of the middle.
+_NODE, _MIDDLE = math.sqrt(3.0), 2.0 / 3.0
 #: The time to the limit cycle is that to this part of the stable amplitude,
 _ARRIVED = 0.9
 #: from at least this part of the unstable amplitude, about which time stands still.
@@ -111,6 +113,7 @@ def _place(form: FormNumbers, v: float) -> tuple[int, float]:
 def judge(
     form: FormNumbers,
     edge_noise: Any,
+    noise_spread: float,
     v: float,
     a: float,
     s: float,
@@ -125,6 +128,8 @@ def judge(
     ----------
     form, edge_noise
         The form, and what the noise does at the edge of the basin.
+    noise_spread : float
+        Standard deviation of the logarithm of the noise intensity.
     v, a, s : float
         Speed, m/s; amplitude and its standard deviation, m.
     damping : float
@@ -148,12 +153,7 @@ def judge(
     if not math.isnan(edge):
         spread = out['unstable_amplitude_std']
         spread = 0.0 if math.isnan(spread) else spread
-        width = math.sqrt((edge_noise['width'] * edge) ** 2 + s * s + spread * spread)
-        distance = a - edge_noise['centre'] * edge
-        if width > 0.0:
-            inside = 0.5 * math.erfc(-distance / (width * math.sqrt(2.0)))
-        else:
-            inside = 1.0 if distance > 0.0 else 0.0
+        inside = _beyond(edge_noise, noise_spread, edge, a, s * s + spread * spread)
         out['margin'] = edge / a if a > 0.0 else math.inf
         out['margin_low'] = max(edge - _NORMAL_95 * spread, 0.0) / (a + _NORMAL_95 * s)
         least = a - _NORMAL_95 * s
@@ -164,6 +164,28 @@ def judge(
     out['escape_probability'] = probability
     stays = (1.0 - probability) * math.exp(-outlook_s * edge_noise['rate'])
     out['outlook'] = 1.0 - stays
+
+
+@compiled_part
+def _beyond(edge_noise: Any, noise_spread: float, edge: float, a: float, variance: float) -> float:
+    """
+    Committor averaged over the uncertainty of amplitude, edge (`variance`, m^2) and noise.
+
+    The noise is uncertain by a factor: Gauss-Hermite quadrature over its logarithm. The
+    width of the edge goes with the root of the intensity, its shift with the intensity.
+    """
+    total = 0.0
+    for k in range(3):
+        factor = math.exp((k - 1) * _NODE * noise_spread)
+        centre = max(1.0 - (1.0 - edge_noise['centre']) * factor, 0.5)
+        width = math.sqrt((edge_noise['width'] * edge) ** 2 * factor + variance)
+        distance = a - centre * edge
+        if width > 0.0:
+            beyond = 0.5 * math.erfc(-distance / (width * math.sqrt(2.0)))
+        else:
+            beyond = 1.0 if distance > 0.0 else 0.0
+        total += (_MIDDLE if k == 1 else 0.5 * (1.0 - _MIDDLE)) * beyond
+    return total
 
 
 @compiled_part

@@ -6,6 +6,9 @@ from typing import NamedTuple
 
 from hunt_ros.detection.configuration import DetectorConfig
 
+#: Spacing of the marks between which steps of the phasor are taken, in hunting periods.
+_MARK_PERIODS = 0.75
+
 
 class Rules(NamedTuple):
     """Settings in kernel form: amplitudes in m, rates in 1/s, hold times in rows."""
@@ -17,6 +20,7 @@ class Rules(NamedTuple):
     region_hold: int
     floor: float
     floor_rows: float
+    mark: int
     disturbed_in: float
     disturbed_out: float
     disturbed_hold: int
@@ -66,6 +70,7 @@ def rules_of(config: DetectorConfig, v_n: float, v_c: float) -> Rules:
         region_hold=rows(config.region_hold_s),
         floor=config.noise_floor_m,
         floor_rows=config.floor_time_s / period,
+        mark=max(rows(_MARK_PERIODS / config.hunting_frequency_hz), 1),
         disturbed_in=config.disturbed_in,
         disturbed_out=config.disturbed_out,
         disturbed_hold=rows(config.disturbed_hold_s),

@@ -26,7 +26,6 @@ STATE: np.dtype[np.void] = np.dtype(
         ('waited', np.int64),
         ('reference', np.float64),
         ('disturbed', np.bool_),
-        ('escaping', np.bool_),
         ('growing', np.bool_),
         ('alarm', np.bool_),
         ('acknowledged', np.bool_),
@@ -111,16 +110,11 @@ def _wanted(
     )
     memory['disturbed'] = disturbed
     edge, stable = out['unstable_amplitude'], out['stable_amplitude']
-    certain = out['escape_probability']
     # Near v_c the edge of the basin sinks into the noise: crossing it there means nothing.
-    in_noise = a <= rules.disturbed_in * floor
-    no_edge = math.isnan(edge) and not a > rules.disturbed_in * floor
-    if (in_noise or no_edge) and not math.isnan(certain):
-        certain = 0.0
-    escaping = switched(memory['escaping'], certain, rules.probability_in, rules.probability_out)
-    if math.isnan(certain):
-        escaping = False
-    memory['escaping'] = escaping
+    clear_of_noise = disturbed or (math.isnan(floor) and not math.isnan(edge))
+    # The easier threshold is for staying: one row above the other does not open it.
+    needed = rules.probability_out if state == ESCAPING else rules.probability_in
+    escaping = clear_of_noise and out['escape_probability'] > needed
     # Without a limit cycle in the form, or without a form, what is seen to grow is growing.
     growing = memory['growing']
     clear = rules.growth_floor * noise_floor.clearance(rules, floor_memory)
