@@ -91,7 +91,8 @@ class SlowChannel:
     timeout_ns : int
         Of the channel.
     rising : bool
-        True for an angle, which goes on at its last rate.
+        True for an angle, which goes on at its last rate. A reading that repeats the one
+        before says nothing then: the encoder is coarse, or it is stuck.
     """
 
     def __init__(self, timeout_ns: int, rising: bool) -> None:
@@ -167,13 +168,14 @@ def _evaluate(
     for k in range(wanted.size):
         stamp = wanted[k]
         while n < stamps.size and stamps[n] <= stamp:
-            _take(stamps[n], values[n], timeout, whole, real)
+            _take(stamps[n], values[n], timeout, rising, whole, real)
             n += 1
         end, value = after_stamp, after
         if n < stamps.size:
             end, value = stamps[n], values[n]
         step = end - whole[0]
-        if 0 < step <= timeout and np.isfinite(value) and np.isfinite(real[0]):
+        known = np.isfinite(value) and np.isfinite(real[0]) and not (rising and value == real[0])
+        if known and 0 < step <= timeout:
             slope = (value - real[0]) / (step * 1e-9)
             found[k] = real[0] + slope * ((stamp - whole[0]) * 1e-9)
             continue
@@ -182,13 +184,17 @@ def _evaluate(
         if age <= timeout:
             found[k] = real[1] + (real[2] * (age * 1e-9) if rising else 0.0)
     while n < stamps.size:
-        _take(stamps[n], values[n], timeout, whole, real)
+        _take(stamps[n], values[n], timeout, rising, whole, real)
         n += 1
 
 
 @compiled
-def _take(stamp: int, value: float, timeout: int, whole: _Stamps, real: _Values) -> None:
+def _take(
+    stamp: int, value: float, timeout: int, rising: bool, whole: _Stamps, real: _Values
+) -> None:
     """Take one sample."""
+    if rising and value == real[0]:
+        return
     if not np.isfinite(value):
         whole[0], real[0] = stamp, np.nan
         return

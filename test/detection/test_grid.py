@@ -52,9 +52,30 @@ def test_between_samples_lies_a_straight_line_and_beyond_them_the_last_rate() ->
     assert speed.at(wanted[2:3], stamps, np.array([0.0, 1.0, 3.0]), None) == pytest.approx([3.0])
 
 
+def test_an_angle_that_repeats_goes_on_at_its_rate_until_the_timeout() -> None:
+    stamps = np.arange(0, 12, dtype=np.int64) * 10 * MS
+    values = np.array([0.0, 1.0, 2.0, 3.0, *[3.0] * 8])
+    angle = SlowChannel(50 * MS, rising=True)
+    found = angle.at(np.array([45, 75, 85], dtype=np.int64) * MS, stamps, values, None)
+    assert found[:2] == pytest.approx([4.5, 7.5])
+    assert np.isnan(found[2])
+
+
+def test_a_coarse_encoder_gives_a_straight_line() -> None:
+    stamps = np.arange(1, 101, dtype=np.int64) * 10 * MS
+    coarse = np.floor(stamps / (25 * MS)) * 0.1  # a step every two or three samples
+    angle = SlowChannel(200 * MS, rising=True)
+    found = angle.at(stamps[10:], stamps, coarse, None)
+    assert np.abs(found - (stamps[10:] / (25 * MS) * 0.1 - 0.02)).max() < 0.1
+
+
 @settings(deadline=None)
 @given(
-    values=st.lists(st.one_of(st.floats(-10, 10), st.just(float('nan'))), min_size=3, max_size=40),
+    values=st.lists(
+        st.one_of(st.floats(-10, 10), st.sampled_from([float('nan'), 1.0])),
+        min_size=3,
+        max_size=40,
+    ),
     data=st.data(),
 )
 def test_the_slow_channel_does_not_depend_on_blocks(values, data) -> None:
