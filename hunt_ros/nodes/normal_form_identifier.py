@@ -33,8 +33,6 @@ from hunt_ros.nodes.runtime import run
 from hunt_ros.samples import Record
 from hunt_ros.settings import Settings, setting
 
-#: What the identification reads: of a long history every channel costs memory.
-_CHANNELS = ('lateral', 'roller', 'speed')
 #: Results that are remembered, to know what an earlier form rested on.
 _REMEMBERED = 20
 
@@ -182,14 +180,11 @@ class NormalFormIdentifierNode(Node):
         records = []
         for path in paths:
             try:
-                record = read_record(path)
+                records.append(read_record(path))
             except HuntError as error:
                 self.get_logger().warning(str(error))
                 with self._lock:
                     self._waiting = [other for other in self._waiting if other != path]
-                continue
-            kept = {name: record[name] for name in _CHANNELS if name in record}
-            records.append(Record(kept, record.source, record.notes))
         return records
 
     def _health(self) -> Health:
