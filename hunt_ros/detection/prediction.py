@@ -155,8 +155,8 @@ def judge(
         spread = 0.0 if math.isnan(spread) else spread
         inside = _beyond(edge_noise, noise_spread, edge, a, s * s + spread * spread)
         out['margin'] = edge / a if a > 0.0 else math.inf
-        out['margin_low'] = max(edge - _NORMAL_95 * spread, 0.0) / (a + _NORMAL_95 * s)
-        least = a - _NORMAL_95 * s
+        most, least = a + _NORMAL_95 * s, a - _NORMAL_95 * s
+        out['margin_low'] = max(edge - _NORMAL_95 * spread, 0.0) / most if most > 0.0 else math.inf
         out['margin_high'] = (edge + _NORMAL_95 * spread) / least if least > 0.0 else math.inf
     elif damping >= 0.0:
         quiet = min(quiet, 0.5) if not exact else 0.0

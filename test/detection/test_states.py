@@ -1,0 +1,150 @@
+"""The state machine: what leads from each state to which, and that nothing chatters."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hunt_ros.detection import decisions, states
+from hunt_ros.detection.configuration import DetectorConfig
+from hunt_ros.detection.output import ESTIMATE_DTYPE
+from hunt_ros.detection.regions import State
+from hunt_ros.detection.rules import rules_of
+
+CONFIG = DetectorConfig()
+RULES = rules_of(CONFIG, 6.4, 8.0)
+EDGE, CYCLE, FLOOR = 240e-6, 630e-6, 10e-6
+
+
+class Machine:
+    """The state machine alone, fed with the numbers of rows."""
+
+    def __init__(self, state: State = State.QUIET) -> None:
+        self.memory = decisions.fresh_memory()
+        self.memory['state']['state'] = state
+        self.memory['state']['reference'] = CYCLE
+        self.memory['floor']['square'] = FLOOR**2
+        self.memory['floor']['learnt'] = 1e4
+
+    def feed(
+        self,
+        amplitude: float,
+        probability: float,
+        rows: int = 1,
+        growth: float = 0.0,
+        edge: float = EDGE,
+        stable: float = CYCLE,
+        trend: float = 0.0,
+    ) -> State:
+        row = np.zeros(1, dtype=ESTIMATE_DTYPE)
+        row['noise_floor'], row['escape_probability'] = FLOOR, probability
+        row['unstable_amplitude'], row['stable_amplitude'] = edge, stable
+        memory = self.memory[0]
+        for _ in range(rows):
+            watched = self.memory['steadiness']
+            watched['rows'] = 1e3
+            watched['slow'] = watched['long'] = amplitude
+            watched['fast'] = amplitude * (1.0 + trend)
+            watched['slow_square'] = watched['long_square'] = 2.0 * amplitude**2  # not steady
+            states.next_state(
+                RULES,
+                memory['state'],
+                memory['floor'],
+                memory['steadiness'],
+                amplitude,
+                1e-6,
+                growth,
+                0.02,
+                row[0],
+            )
+            states.latch(memory['state'])
+        return State(int(memory['state']['state']))
+
+
+HOLD = RULES.escape_hold + 2
+
+
+def test_a_disturbance_and_its_end() -> None:
+    machine = Machine()
+    assert machine.feed(4.0 * FLOOR, 0.0, RULES.disturbed_hold + 2) is State.DISTURBED
+    assert machine.feed(2.5 * FLOOR, 0.0, 500) is State.DISTURBED  # between the thresholds
+    assert machine.feed(1.5 * FLOOR, 0.0, RULES.quiet_hold + 2) is State.QUIET
+
+
+@pytest.mark.parametrize('start', [State.QUIET, State.DISTURBED])
+def test_a_sure_escape_is_called_after_its_hold(start: State) -> None:
+    machine = Machine(start)
+    assert machine.feed(EDGE * 1.3, 0.96, RULES.escape_hold) is not State.ESCAPING
+    assert machine.feed(EDGE * 1.3, 0.96, 2) is State.ESCAPING
+    assert bool(machine.memory['state']['alarm'][0])
+
+
+def test_a_moment_of_certainty_is_no_escape() -> None:
+    machine = Machine()
+    machine.feed(EDGE * 1.3, 0.99, 2)  # the overshoot of the filter after a kick
+    assert machine.feed(EDGE, 0.7, 200) is State.DISTURBED
+
+
+def test_an_escape_is_over_only_when_it_is_unlikely() -> None:
+    machine = Machine()
+    machine.feed(EDGE * 1.3, 0.99, HOLD)
+    assert machine.feed(EDGE, 0.6, 300) is State.ESCAPING
+    assert machine.feed(EDGE * 0.9, 0.4, RULES.decay_hold + 2) is State.DECAYING
+    assert machine.feed(FLOOR, 0.0, RULES.quiet_hold + 2) is State.QUIET
+
+
+def test_inside_the_noise_nothing_escapes() -> None:
+    machine = Machine()
+    assert machine.feed(2.9 * FLOOR, 1.0, 500, edge=FLOOR) is State.QUIET
+
+
+def test_the_limit_cycle_is_reached_kept_and_left() -> None:
+    machine = Machine()
+    machine.feed(EDGE * 1.5, 1.0, HOLD)
+    assert machine.feed(0.9 * CYCLE, 1.0, RULES.cycle_hold + 2) is State.LIMIT_CYCLE
+    assert machine.feed(0.75 * CYCLE, 1.0, 500) is State.LIMIT_CYCLE  # slower: a smaller cycle
+    fallen = machine.feed(0.5 * CYCLE, 1.0, RULES.decay_hold + 2, growth=-1.0, trend=-0.5)
+    assert fallen is State.DECAYING
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.lists(st.floats(0.51, 0.949), min_size=5, max_size=200), st.sampled_from(list(State)))
+def test_chances_between_the_thresholds_never_raise_and_never_end_an_alarm(
+    chances: list[float], start: State
+) -> None:
+    machine = Machine(start)
+    seen = [machine.feed(EDGE * 1.1, chance) for chance in chances]
+    if start is State.ESCAPING:
+        assert set(seen) == {State.ESCAPING}
+    else:
+        assert State.ESCAPING not in seen
+    assert np.count_nonzero(np.diff([start, *seen])) <= 1
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.lists(st.tuples(st.floats(1e-9, 1e-3), st.floats(0.0, 1.0)), max_size=150))
+def test_no_state_lasts_for_less_than_the_hold_of_the_next(rows) -> None:
+    machine = Machine()
+    holds = {
+        State.QUIET: RULES.quiet_hold,
+        State.DISTURBED: RULES.disturbed_hold,
+        State.ESCAPING: RULES.escape_hold,
+        State.LIMIT_CYCLE: RULES.cycle_hold,
+        State.DECAYING: 0,
+    }
+    last, lasted = State.QUIET, 10**6
+    for amplitude, chance in rows:
+        now = machine.feed(amplitude, chance, edge=EDGE)
+        if now is not last:
+            assert lasted >= holds[now]
+            last, lasted = now, 0
+        lasted += 1
+
+
+def test_unknown_chances_raise_no_alarm() -> None:
+    machine = Machine()
+    assert machine.feed(EDGE, math.nan, 100, edge=math.nan, stable=math.nan) is State.DISTURBED
