@@ -22,6 +22,11 @@ class DetectorConfig(Settings):
     the branches of the normal form where there is one, so that the defaults suit a
     wheelset that moves tenths of a millimetre and a rig that moves decimetres.
 
+    The times and rates by which the motion is judged (`floor_time_s`, `quiet_hold_s`,
+    `growth_hold_s`, `limit_cycle_hold_s`, `limit_cycle_growth_per_s`, `decay_rate_per_s`,
+    `decay_hold_s`) are those of a rig that hunts at 2.84 Hz: with another
+    `hunting_frequency_hz` they count as many periods, not as many seconds.
+
     Raises
     ------
     ConfigError
@@ -128,7 +133,11 @@ class DetectorConfig(Settings):
         low=0.0,
     )
     floor_time_s: float = setting(
-        20.0, 'time constant of the learnt noise floor', unit='s', low=1.0, high=3600.0
+        20.0,
+        'time constant of the learnt noise floor (at 2.84 Hz)',
+        unit='s',
+        low=1.0,
+        high=3600.0,
     )
     disturbed_in: float = setting(
         3.0, 'disturbed above this many noise floors', low=1.0, high=100.0
@@ -140,7 +149,7 @@ class DetectorConfig(Settings):
         0.02, 'disturbed after this time above', unit='s', low=0.0, high=60.0
     )
     quiet_hold_s: float = setting(
-        0.5, 'quiet after this time below', unit='s', low=0.0, high=600.0
+        0.5, 'quiet after this time below (at 2.84 Hz)', unit='s', low=0.0, high=600.0
     )
 
     escape_probability_in: float = setting(
@@ -166,7 +175,7 @@ class DetectorConfig(Settings):
     )
     growth_hold_s: float = setting(
         1.0,
-        'without a normal form, escaping after growing for this time',
+        'without a normal form, escaping after growing for this time (at 2.84 Hz)',
         unit='s',
         low=0.0,
         high=60.0,
@@ -183,7 +192,7 @@ class DetectorConfig(Settings):
     )
     limit_cycle_growth_per_s: float = setting(
         0.15,
-        'without a normal form, a limit cycle grows or decays by less',
+        'without a normal form, a limit cycle grows or decays by less (at 2.84 Hz)',
         unit='1/s',
         low=0.001,
         high=10.0,
@@ -192,7 +201,7 @@ class DetectorConfig(Settings):
         0.0, 'amplitude that is a limit cycle whatever else is known (0: none)', unit='m', low=0.0
     )
     limit_cycle_hold_s: float = setting(
-        1.0, 'limit cycle after this time', unit='s', low=0.0, high=60.0
+        1.0, 'limit cycle after this time (at 2.84 Hz)', unit='s', low=0.0, high=60.0
     )
     decay_fraction: float = setting(
         0.7,
@@ -202,12 +211,14 @@ class DetectorConfig(Settings):
     )
     decay_rate_per_s: float = setting(
         0.3,
-        'decaying also when it falls faster than this, for sure',
+        'decaying also when it falls faster than this, for sure (at 2.84 Hz)',
         unit='1/s',
         low=0.001,
         high=100.0,
     )
-    decay_hold_s: float = setting(0.3, 'decaying after this time', unit='s', low=0.0, high=60.0)
+    decay_hold_s: float = setting(
+        0.3, 'decaying after this time (at 2.84 Hz)', unit='s', low=0.0, high=60.0
+    )
 
     margin_in: float = setting(
         2.0, 'WARN below this ratio of unstable amplitude to amplitude', low=1.0, high=100.0

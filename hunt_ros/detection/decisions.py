@@ -84,8 +84,8 @@ def _kernel(source: int) -> Callable[..., None]:
         disagree : ndarray of bool, shape (m,)
             The two amplitude estimates differ in this row.
         rows : ndarray of ESTIMATE_DTYPE, shape (m,)
-            With the fields of the tracker and the speed. Filled in: noise floor and
-            intensity, all that `prediction` knows, region, state, doubts, alarm.
+            With the fields of the tracker, the speed, and the doubts about these. Filled in:
+            noise floor and intensity, all that `prediction` knows, region, state, doubts, alarm.
         """
         if source < 0:  # it never is: what is closed over is part of the key of the cache
             return
@@ -146,7 +146,7 @@ def _kernel(source: int) -> Callable[..., None]:
             out['state'] = state
             out['alarm'] = m['state']['alarm']
             settling = state == states.QUIET and noise_floor.unlearnt(rules, m['floor'])
-            out['doubts'] = bits | doubts.present(region, state, v, known, settling)
+            out['doubts'] |= bits | doubts.present(region, state, v, known, settling)
 
     return decide
 

@@ -17,6 +17,9 @@ from hunt_ros.detection.rules import Rules
 
 MARGIN, DISAGREE, NO_FORM, NO_SPEED, SETTLING, NO_ESTIMATE = 1, 2, 4, 8, 16, 32
 DECAYING, HYSTERESIS, UNSTABLE = 64, 128, 256
+#: Of the estimates themselves, told by `rows`: the lateral amplitude is that of yaw through the
+#: mode shape; only yaw is known, and judged; the motion is outside the range that is tracked.
+FROM_YAW, IN_YAW, TOO_SLOW, TOO_FAST = 512, 1024, 2048, 4096
 
 _UNKNOWN, _HYSTERESIS, _UNSTABLE = map(int, (Region.UNKNOWN, Region.HYSTERESIS, Region.UNSTABLE))
 _DECAYING = int(State.DECAYING)

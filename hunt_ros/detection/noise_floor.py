@@ -56,7 +56,7 @@ STD_FLOORS = 1.5
 def observe(rules: Rules, memory: Any, a: float) -> None:
     """Take in the amplitude of a row, m, whatever the wheelset does."""
     memory['rows'] += 1.0
-    weight = max(1.0 / memory['rows'], rules.period_s / _RECENT_S)
+    weight = max(1.0 / memory['rows'], rules.stride / _RECENT_S)
     memory['recent'] += weight * (a * a - memory['recent'])
 
 
@@ -71,15 +71,15 @@ def learn(rules: Rules, memory: Any, steadiness: Any, a: float, s: float) -> boo
         True where the row is one of the quiet motion, by the floor there was.
     """
     if math.isnan(memory['square']):
-        elapsed = memory['rows'] * rules.period_s
+        elapsed = memory['rows'] * rules.stride
         large = steadiness['rows'] > _MOSTLY * memory['rows']
         patience = _PATIENCE_S if large else _SETTLE_S
         if elapsed >= patience and not (large and steady(rules, steadiness)):
             memory['square'] = max(memory['recent'], 1e-300)
-            memory['learnt'] = _SETTLE_S / rules.period_s
+            memory['learnt'] = _SETTLE_S / rules.stride
         return False
     if memory['recent'] < _FALLEN * memory['square']:
-        memory['square'] += rules.period_s / _RECENT_S * (memory['recent'] - memory['square'])
+        memory['square'] += rules.stride / _RECENT_S * (memory['recent'] - memory['square'])
     square = a * a
     limit = rules.disturbed_in**2 * memory['square']
     quiet = square <= limit
@@ -105,7 +105,7 @@ def floor_of(rules: Rules, memory: Any, steadiness: Any, s: float) -> float:
     floor = rules.floor
     if not math.isnan(memory['square']):
         floor = max(floor, math.sqrt(memory['square']))
-    elif floor == 0.0 and memory['rows'] * rules.period_s >= _SETTLE_S:
+    elif floor == 0.0 and memory['rows'] * rules.stride >= _SETTLE_S:
         floor = STD_FLOORS * (steadiness['std'] if steadiness['rows'] > 0.0 else s)
     return floor if floor > 0.0 else math.nan
 
@@ -119,7 +119,7 @@ def unlearnt(rules: Rules, memory: Any) -> bool:
 @compiled_part
 def clearance(rules: Rules, memory: Any) -> float:
     """Return by how much more a motion must stand clear of a floor that is still young."""
-    return float(1.0 + _YOUNG_S / (max(memory['learnt'], 1.0) * rules.period_s))
+    return float(1.0 + _YOUNG_S / (max(memory['learnt'], 1.0) * rules.stride))
 
 
 @compiled_part

@@ -18,6 +18,12 @@ _DOUBTS: tuple[tuple[int, str], ...] = (
     (doubts.HYSTERESIS, 'hysteresis region: a disturbance can start hunting'),
     (doubts.UNSTABLE, 'above the linear critical speed'),
     (doubts.DECAYING, 'hunting is dying out'),
+    (
+        doubts.IN_YAW,
+        'lateral amplitude unknown: yaw is judged, by its growth and steadiness alone',
+    ),
+    (doubts.TOO_SLOW, 'the strongest motion is slower than hunting_frequency_min_hz: not tracked'),
+    (doubts.TOO_FAST, 'the strongest motion is faster than hunting_frequency_max_hz: not tracked'),
 )
 
 
@@ -48,6 +54,11 @@ def reasons_of(row: np.void) -> tuple[str, ...]:
         found.append(f'margin {float(row["margin"]):.2f} is low')
     if bits & doubts.DISAGREE:
         found.append('filter and Hilbert envelope disagree on the amplitude')
+    if bits & doubts.FROM_YAW:
+        spread = 100.0 * float(row['lateral_amplitude_std']) / float(row['lateral_amplitude'])
+        found.append(
+            f'lateral amplitude is that of yaw through the mode shape, +/- {spread:.0f} %'
+        )
     found += [words for bit, words in _DOUBTS if bits & bit]
     return (*found, *channel_reasons(row, health.MILD))
 

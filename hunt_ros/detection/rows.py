@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.detection import decisions, health
+from hunt_ros.detection import decisions, doubts, health
 from hunt_ros.detection.basin import EdgeTable, form_numbers
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.grid import RowGrid, SlowChannel
@@ -23,8 +23,18 @@ from hunt_ros.detection.output import ESTIMATE_DTYPE, TRACKER_FIELDS, Motion
 from hunt_ros.detection.regions import Level, State
 from hunt_ros.detection.rules import rules_of
 from hunt_ros.detection.second_opinion import SecondOpinion
+from hunt_ros.detection.tracking import (
+    SCALE_STD,
+    JudgedChannel,
+    in_yaw,
+    line_search,
+    mode_points,
+    tracker_config,
+)
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.estimation.kalman import HuntingTracker, TrackerConfig
+from hunt_ros.dynamics.mode_shape import ModeShape
+from hunt_ros.estimation.kalman import HuntingTracker
+from hunt_ros.estimation.line_search import LineSearch
 from hunt_ros.samples import CHANNELS, NANOSECONDS
 
 #: The noise at the edge of the basin is looked up once in this time.
@@ -72,6 +82,10 @@ class RowMaker:
         self._opinions = {
             name: SecondOpinion(config) for name in ('lateral', 'yaw') if name in self._channels
         }
+        self._lines: dict[str, LineSearch] = {name: line_search(config) for name in self._opinions}
+        self._judged = JudgedChannel(config)
+        self._judging = ''
+        self._shape: ModeShape | None = None
         self._edge_second = -1
         self.set_normal_form(None)
 
@@ -86,11 +100,24 @@ class RowMaker:
             # A subcritical form without a fold has an unstable branch at any speed below v_c.
             nowhere = math.nan if form.criticality == 'supercritical' else 0.0
             v_n = nowhere if fold is None else fold
+        self._take_shape(None if identified is None else identified.mode_shape)
         self._numbers = form_numbers(identified)
         self._edges = EdgeTable(form)
         self._rules = rules_of(self.config, v_n, v_c)
+        self._yaw_rules = rules_of(in_yaw(self.config), v_n, v_c)
         self.memory['noise'] = decisions.fresh_memory()['noise']
         self._edge_second = -1
+
+    def _take_shape(self, shape: ModeShape | None) -> None:
+        """Tell the tracker of another mode shape; what it has learnt by itself it keeps."""
+        if shape is self._shape:
+            return
+        self._shape = shape
+        plain = tracker_config(self.config)
+        if shape is None:
+            self._tracker.set_modes((), plain.yaw_ratio_std)
+        else:
+            self._tracker.set_modes(mode_points(shape, plain), SCALE_STD)
 
     def start_again(self) -> None:
         """Begin anew after the clocks were set back; form, alarm and noise floor are kept."""
@@ -102,6 +129,13 @@ class RowMaker:
             watch.reset()
         for opinion in self._opinions.values():
             opinion.reset()
+        for lines in self._lines.values():
+            lines.reset()
+        self._judged.reset()
+        self._forget()
+
+    def _forget(self) -> None:
+        """Forget what the decisions remember, but for what lasts."""
         memory = decisions.fresh_memory()
         for part, name in _LASTING:
             memory[part][name] = self.memory[part][name]
@@ -214,6 +248,9 @@ class RowMaker:
                     track[f'{name}_amplitude_std'],
                 )
                 disagree |= differs
+                rows['doubts'] |= self._out_of_range(name, track)
+        if 'lateral' in self._channels:
+            rows['doubts'][track['lateral_tied'] == 1.0] |= np.uint32(doubts.FROM_YAW)
         own = np.flatnonzero(sensor == (0 if 'lateral' in blocks else 1))
         motion = Motion(
             stamp[own],
@@ -223,6 +260,15 @@ class RowMaker:
             np.ones(own.size, dtype=np.bool_),
         )
         return disagree, motion
+
+    def _out_of_range(self, name: str, track: NDArray[np.void]) -> NDArray[np.uint32]:
+        """Return the doubts about motion that is slower or faster than all that is tracked."""
+        signal = track[f'{name}_clean'] + track[f'{name}_bias']
+        line = self._lines[name].update(signal)
+        bits = np.zeros(line.size, dtype=np.uint32)
+        bits[line < self.config.hunting_frequency_hz] = doubts.TOO_SLOW
+        bits[line > self.config.hunting_frequency_hz] = doubts.TOO_FAST
+        return bits
 
     def _trusted(self, rows: NDArray[np.void]) -> NDArray[np.bool_]:
         """Tell the rows with a motion sensor to trust; a roller at rest is not stuck."""
@@ -238,12 +284,31 @@ class RowMaker:
     def _decide(
         self, rows: NDArray[np.void], trusted: NDArray[np.bool_], disagree: NDArray[np.bool_]
     ) -> None:
-        """Run the decisions, stretch by stretch of one edge of the basin."""
-        main = 'lateral' if 'lateral' in self._channels else 'yaw'
-        if main == 'yaw' and np.isfinite(rows['lateral_amplitude']).any():
-            main = 'lateral'
-        amplitude = np.where(trusted, rows[f'{main}_amplitude'], math.nan)
-        spread = np.ascontiguousarray(rows[f'{main}_amplitude_std'])
+        """Run the decisions, stretch by stretch of one channel that is judged."""
+        for begin, end, channel in self._judged.stretches(rows):
+            if channel != self._judging:
+                if self._judging == 'yaw':
+                    self._forget()
+                    self.memory['floor'] = decisions.fresh_memory()['floor']  # it is in rad
+                self._judging = channel
+            part = slice(begin, end)
+            self._decide_on(channel, rows[part], trusted[part], disagree[part])
+
+    def _decide_on(
+        self,
+        channel: str,
+        rows: NDArray[np.void],
+        trusted: NDArray[np.bool_],
+        disagree: NDArray[np.bool_],
+    ) -> None:
+        """Run the decisions on one channel, stretch by stretch of one edge of the basin."""
+        amplitude = np.where(trusted, rows[f'{channel}_amplitude'], math.nan)
+        spread = np.ascontiguousarray(rows[f'{channel}_amplitude_std'])
+        rules, numbers = self._rules, self._numbers
+        if channel == 'yaw':  # the form speaks of metres
+            rules, numbers = self._yaw_rules, form_numbers(None)
+            if 'lateral' in self._channels or self._numbers.known:
+                rows['doubts'] |= np.uint32(doubts.IN_YAW)
         seconds = rows['stamp_ns'] // _EDGE_NS
         starts = np.flatnonzero(np.diff(seconds, prepend=self._edge_second))
         bounds = [0, *starts[starts > 0].tolist(), rows.size]
@@ -253,8 +318,8 @@ class RowMaker:
                 self._look_up_edge(float(rows['speed'][begin]))
             part = slice(begin, end)
             decisions.decide(
-                self._rules,
-                self._numbers,
+                rules,
+                numbers,
                 self.memory,
                 amplitude[part],
                 spread[part],
@@ -289,13 +354,4 @@ def channel_health(config: DetectorConfig, channel: str) -> ChannelHealth:
         ranges.get(channel, 0.0),
         config.hunting_frequency_hz,
         config.standstill_mps,
-    )
-
-
-def tracker_config(config: DetectorConfig) -> TrackerConfig:
-    """Return the part of the settings that is the tracker's."""
-    return TrackerConfig(
-        frequency_hz=config.hunting_frequency_hz,
-        frequency_min_hz=config.hunting_frequency_min_hz,
-        frequency_max_hz=config.hunting_frequency_max_hz,
     )

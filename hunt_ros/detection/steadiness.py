@@ -57,12 +57,12 @@ def watch(rules: Rules, memory: Any, a: float, s: float) -> None:
     square = a * a
     memory['rows'] += 1.0
     rows = memory['rows']
-    memory['fast'] += max(1.0 / rows, rules.period_s / _FAST_S) * (a - memory['fast'])
-    weight = max(1.0 / rows, rules.period_s / _SLOW_S)
+    memory['fast'] += max(1.0 / rows, rules.stride / _FAST_S) * (a - memory['fast'])
+    weight = max(1.0 / rows, rules.stride / _SLOW_S)
     memory['slow'] += weight * (a - memory['slow'])
     memory['slow_square'] += weight * (square - memory['slow_square'])
     memory['std'] += weight * (s - memory['std'])
-    weight = max(1.0 / rows, rules.period_s / _LONG_S)
+    weight = max(1.0 / rows, rules.stride / _LONG_S)
     memory['long'] += weight * (a - memory['long'])
     memory['long_square'] += weight * (square - memory['long_square'])
 
@@ -70,9 +70,10 @@ def watch(rules: Rules, memory: Any, a: float, s: float) -> None:
 @compiled_part
 def trend(rules: Rules, memory: Any) -> float:
     """Relative rate of change of the well-known amplitude, 1/s; NaN before it is known."""
-    if memory['rows'] * rules.period_s < _SLOW_S:
+    if memory['rows'] * rules.stride < _SLOW_S:
         return math.nan
-    return float((memory['fast'] - memory['slow']) / ((_SLOW_S - _FAST_S) * memory['slow']))
+    lead = memory['fast'] - memory['slow']
+    return float(lead / ((_SLOW_S - _FAST_S) * memory['slow']) * rules.stride / rules.period_s)
 
 
 @compiled_part
@@ -86,7 +87,7 @@ def steady(rules: Rules, memory: Any) -> bool:
 @compiled_part
 def very_steady(rules: Rules, memory: Any) -> bool:
     """Tell an amplitude that noise cannot hold as steady for as long."""
-    if memory['rows'] * rules.period_s < 0.5 * _LONG_S or not steady(rules, memory):
+    if memory['rows'] * rules.stride < 0.5 * _LONG_S or not steady(rules, memory):
         return False
     variance = memory['long_square'] - memory['long'] ** 2
     return bool(variance < (_VERY_STEADY * memory['long']) ** 2)

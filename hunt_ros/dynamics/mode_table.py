@@ -20,6 +20,9 @@ _F = NDArray[np.float64]
 _SPEEDS, _AMPLITUDES = 5, 9
 #: How far a table reaches beyond the values it is made from.
 _BEYOND = 1.3
+#: And what is not known there of the ratio, relative: per change of ln(speed), and at the node
+#: beyond the largest amplitude.
+_CARRY_SPEED, _CARRY_AMPLITUDE = 0.5, 0.1
 #: Terms of the ratio in (speed, amplitude squared), with their prior size as shares of it:
 #: those of the normal form, Eq. (24), by which the growth rate of Eq. (2) enters the shape.
 _PRIOR = (0.5, 0.5, 0.2, 0.2, 0.1)
@@ -90,19 +93,22 @@ def fitted_shape(
         kept = off < 4.0 * spread
         if np.count_nonzero(kept) < 3:
             return None
-    # Beyond the values too, so that the table says how little it knows there.
     within = np.linspace(v.min(), v.max(), _SPEEDS)
+    # One more node beyond the values on each side: held there, and known to little.
     speeds: _F = np.unique(np.concatenate([[v.min() / _BEYOND], within, [v.max() * _BEYOND]]))
     parts = np.append(np.sqrt(np.linspace(0.0, 1.0, _AMPLITUDES)), _BEYOND)  # even in A^2
     amplitudes: _F = np.unique(largest * parts)
+    held = np.clip(speeds, v.min(), v.max())
     grid = _basis(
-        np.repeat(speeds / middle - 1.0, amplitudes.size),
-        np.tile(amplitudes / unit, speeds.size),
+        np.repeat(held / middle - 1.0, amplitudes.size),
+        np.tile(np.minimum(amplitudes, largest) / unit, speeds.size),
     )
+    doubt = (_CARRY_SPEED * np.log(speeds / held))[:, None] ** 2
+    doubt = doubt + (_CARRY_AMPLITUDE * (amplitudes > largest)) ** 2
     shape = speeds.size, amplitudes.size
     table = (centre * (grid @ terms)).reshape(shape)
     variance = np.einsum('ij,jk,ik->i', grid, covariance, grid) * spread**2 + _LEAST_STD**2
-    std = np.sqrt(variance).reshape(shape)
+    std = np.sqrt(variance.reshape(shape) + doubt)
     if not np.min(std) < 0.5 or not np.all(np.abs(table) > 0.0):
         return None
     frequency = _line(v / middle - 1.0, turning, s, speeds / middle - 1.0)

@@ -1,0 +1,112 @@
+"""
+Between tracker and decisions: what the one is told of the rig, and what the others judge.
+
+The settings that are the tracker's own, the mode shape, the range of frequencies, and
+which sensor's amplitude counts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.detection.configuration import DetectorConfig
+from hunt_ros.dynamics.mode_shape import ModeShape
+from hunt_ros.estimation.line_search import LineSearch
+from hunt_ros.estimation.tracker_config import ModePoint, TrackerConfig
+
+#: Scale of the yaw sensor against that of the lateral one, then and now: what a mode shape
+#: from recordings or from theory cannot know of the sensors at hand.
+SCALE_STD = 0.03
+
+
+def tracker_config(config: DetectorConfig) -> TrackerConfig:
+    """Return the part of the settings that is the tracker's, its times those of the rig."""
+    return TrackerConfig.at(
+        config.hunting_frequency_hz,
+        config.hunting_frequency_min_hz,
+        config.hunting_frequency_max_hz,
+    )
+
+
+def mode_points(shape: ModeShape, plain: TrackerConfig) -> tuple[ModePoint, ...]:
+    """
+    Return the tables of a mode shape as the tracker takes them.
+
+    Parameters
+    ----------
+    shape : ModeShape
+        Of the rig.
+    plain : TrackerConfig
+        Gives the second mode where the shape does not.
+    """
+    points = []
+    for i, speed in enumerate(shape.speeds):
+        second, decay = plain.second_frequency_hz, plain.second_decay
+        if shape.second_frequency_hz is not None and shape.second_decay is not None:
+            second, decay = float(shape.second_frequency_hz[i]), float(shape.second_decay[i])
+        ratio = None if shape.second_ratio is None else complex(shape.second_ratio[i])
+        points += [
+            ModePoint(
+                speed=float(speed),
+                frequency_hz=float(shape.frequency_hz[i]),
+                second_frequency_hz=second,
+                second_decay=decay,
+                yaw_ratio=complex(shape.ratio[i, j]),
+                second_yaw_ratio=ratio,
+                amplitude=float(amplitude),
+                yaw_ratio_std=float(shape.ratio_std[i, j]),
+            )
+            for j, amplitude in enumerate(shape.amplitudes)
+        ]
+    return tuple(points)
+
+
+def line_search(config: DetectorConfig) -> LineSearch:
+    """Return the search for motion outside the range that is tracked."""
+    rate = 1e9 / config.period_ns
+    high = min(config.hunting_frequency_max_hz, 0.3 * rate)
+    return LineSearch(rate, min(config.hunting_frequency_min_hz, 0.5 * high), high)
+
+
+def in_yaw(config: DetectorConfig) -> DetectorConfig:
+    """Return the settings without those that are lengths: for judging an angle."""
+    return replace(config, noise_floor_m=0.0, limit_cycle_amplitude_m=0.0)
+
+
+class JudgedChannel:
+    """
+    Which amplitude the decisions judge: lateral, or yaw while lateral has never been known.
+
+    A lateral sensor that has spoken once, or whose motion yaw tells through a mode shape, is
+    judged for good; without either the yaw amplitude is judged by itself after a second.
+
+    Parameters
+    ----------
+    config : DetectorConfig
+    """
+
+    def __init__(self, config: DetectorConfig) -> None:
+        waits = 'lateral' in config.channels
+        self._patience = round(1e9 / config.period_ns) if waits else 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every row."""
+        self._lateral = False
+        self._waited = 0
+
+    def stretches(self, rows: NDArray[np.void]) -> list[tuple[int, int, str]]:
+        """Return (begin, end, channel) for the rows of ESTIMATE_DTYPE, in order."""
+        if self._lateral:
+            return [(0, rows.size, 'lateral')]
+        known = np.flatnonzero(np.isfinite(rows['lateral_amplitude']))
+        lateral = int(known[0]) if known.size else rows.size
+        seen = self._waited + np.cumsum(np.isfinite(rows['yaw_amplitude'][:lateral]))
+        yaw = int(np.searchsorted(seen, self._patience, side='right'))
+        self._waited = int(seen[-1]) if lateral else self._waited
+        self._lateral = known.size > 0
+        parts = ((0, yaw, 'lateral'), (yaw, lateral, 'yaw'), (lateral, rows.size, 'lateral'))
+        return [part for part in parts if part[1] > part[0]]

@@ -1,0 +1,112 @@
+"""Which sensor the decisions judge, and motion outside the range, as the detector tells them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect
+from hunt_ros.detection.replay import replay_journal
+from hunt_ros.dynamics.limit_cycle import limit_cycles
+from hunt_ros.dynamics.mode_table import shape_of
+from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.samples import Record, Series
+
+
+@pytest.fixture(scope='module')
+def shaped(true_form):
+    rig = paper_rig()
+    return replace(true_form, mode_shape=shape_of(rig, limit_cycles(rig)))
+
+
+def without(record: Record, channel: str, after_ns: int = 0) -> Record:
+    series = record[channel]
+    values = np.where(series.stamps_ns >= after_ns, np.nan, series.values)
+    return Record({**record, channel: Series(series.stamps_ns, values)})
+
+
+@pytest.mark.parametrize('dead_from', [0, 2_000_000_000, 14_000_000_000])
+def test_with_the_mode_shape_yaw_alone_gives_the_lateral_amplitude(
+    recorded, shaped, dead_from
+) -> None:
+    record = recorded(7.2, 25.0, kicks=[(9.0, 330e-6)])
+    truth = detect(HuntingDetector(normal_form=shaped), without(record, 'yaw')).estimates
+    detector = HuntingDetector(normal_form=shaped)
+    rows = detect(detector, without(record, 'lateral', dead_from)).estimates
+    last = rows['stamp_ns'] > 18_000_000_000
+    error = rows['lateral_amplitude'][last] / truth['lateral_amplitude'][last] - 1.0
+    assert abs(error.mean()) < 0.02  # the roughness makes it beat
+    assert np.abs(error).max() < 0.15
+    assert detector.status.state is State.LIMIT_CYCLE
+    assert detector.status.alarm
+    assert detector.status.level is Level.STALE
+    assert any('through the mode shape' in reason for reason in detector.status.reasons)
+
+
+def test_without_a_shape_yaw_is_judged_by_itself(recorded, true_form) -> None:
+    record = without(recorded(7.2, 40.0, kicks=[(14.0, 330e-6)]), 'lateral')
+    detector = HuntingDetector(normal_form=true_form)
+    output = detect(detector, record)
+    assert np.isnan(output.estimates['lateral_amplitude']).all()
+    assert detector.status.state is State.LIMIT_CYCLE
+    first = next(e for e in output.events if e.event in ('escaping', 'limit_cycle'))
+    assert 14.0 < first.stamp_ns * 1e-9 < 26.0
+    assert any('yaw is judged' in reason for reason in detector.status.reasons)
+
+
+def test_a_lateral_sensor_that_comes_late_is_judged_from_then_on(recorded, true_form) -> None:
+    record = recorded(7.2, 12.0)
+    series = record['lateral']
+    values = np.where(series.stamps_ns < 5_000_000_000, np.nan, series.values)
+    late = Record({**record, 'lateral': Series(series.stamps_ns, values)})
+    rows = detect(HuntingDetector(normal_form=true_form), late).estimates
+    known = np.flatnonzero(np.isfinite(rows['lateral_amplitude']))[0]
+    assert np.isnan(rows['margin'][:known]).all()
+    assert np.isfinite(rows['margin'][known + 300 :]).all()
+    assert (rows['state'] == State.QUIET).all()
+
+
+def test_a_shape_that_arrives_while_running_is_replayed_bit_for_bit(recorded, shaped) -> None:
+    record = without(recorded(7.2, 10.0, kicks=[(6.0, 330e-6)]), 'lateral')
+    record = Record({name: one.between(0, 10_000_000_000) for name, one in record.items()})
+    detector = HuntingDetector()
+    outputs = []
+    for until in range(100_000_000, 10_000_000_001, 100_000_000):
+        for name, one in record.items():
+            part = one.between(until - 100_000_000, until)
+            outputs.append(detector.update(name, part.stamps_ns, part.values))
+        if until == 4_000_000_000:
+            outputs.append(detector.set_normal_form(shaped))
+    outputs.append(detector.finish())
+    live = np.concatenate([o.estimates for o in outputs if o.estimates.size])
+    journal = [entry for o in outputs for entry in o.journal]
+    again = replay_journal(HuntingDetector(), record, journal).estimates
+    for name in live.dtype.names:
+        assert np.array_equal(again[name], live[name], equal_nan=True), name
+    assert np.isnan(live['lateral_amplitude'][:390]).all()
+    assert np.isfinite(live['lateral_amplitude'][450:]).all()
+
+
+@pytest.mark.parametrize(('stretch', 'words'), [(3.6, 'slower than'), (0.35, 'faster than')])
+def test_a_rig_outside_the_range_is_told_so(recorded, stretch, words) -> None:
+    record = recorded(7.2, 30.0, kicks=[(5.0, 330e-6)])
+    changed = {
+        name: Series(np.round(one.stamps_ns * stretch).astype(np.int64), one.values)
+        for name, one in record.items()
+    }
+    detector = HuntingDetector()
+    detect(detector, Record(changed))
+    assert any(words in reason for reason in detector.status.reasons)
+    assert detector.status.level is not Level.OK
+    inside = DetectorConfig(
+        hunting_frequency_hz=2.84 / stretch,
+        hunting_frequency_min_hz=1.0 / stretch,
+        hunting_frequency_max_hz=6.0 / stretch,
+        output_rate_hz=100.0 / min(stretch, 1.0),
+    )
+    detector = HuntingDetector(inside)
+    detect(detector, Record(changed))
+    assert not any(words in reason for reason in detector.status.reasons)
+    assert detector.status.state is State.LIMIT_CYCLE
