@@ -2,10 +2,12 @@
 
 from hunt_ros.detection.companions import CompanionConfig, Companions
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.detector import HuntingDetector, detect
+from hunt_ros.detection.detector import HuntingDetector
 from hunt_ros.detection.journal import JournalEntry
-from hunt_ros.detection.output import DetectorStatus, Event, Output
+from hunt_ros.detection.offline import detect
+from hunt_ros.detection.output import Event, Output
 from hunt_ros.detection.regions import Level, Region, State
+from hunt_ros.detection.status import DetectorStatus
 
 __all__ = [
     'CompanionConfig',

@@ -18,25 +18,15 @@ from hunt_ros.detection.acceptance import form_event
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.journal import JournalEntry
 from hunt_ros.detection.merge import ChannelMerger, LateRun
-from hunt_ros.detection.output import (
-    EMPTY,
-    NUMBERS,
-    DetectorStatus,
-    Event,
-    Output,
-)
-from hunt_ros.detection.reasons import reasons_of
-from hunt_ros.detection.regions import Level, Region, State
+from hunt_ros.detection.output import EMPTY, Event, Output
+from hunt_ros.detection.regions import Level
 from hunt_ros.detection.rows import RowMaker
+from hunt_ros.detection.schedule import Schedule
+from hunt_ros.detection.status import DetectorStatus, status_of
 from hunt_ros.detection.transitions import Transitions, event_of
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import HuntError
-from hunt_ros.samples import CHANNELS, NANOSECONDS, Record
-
-__all__ = ['DetectorConfig', 'DetectorStatus', 'Event', 'HuntingDetector', 'Output']
-
-#: Longest stretch worked on at once: bounds the memory an hour of samples takes.
-_CHUNK_NS = 60 * NANOSECONDS
+from hunt_ros.samples import CHANNELS
 
 
 class HuntingDetector:
@@ -77,12 +67,12 @@ class HuntingDetector:
         self._merger = ChannelMerger(
             timeouts, round(c.stamp_jump_s * 1e9), round(c.clock_reset_s * 1e9), drain
         )
+        self._schedule = Schedule(self._merger, c.period_ns)
         self._rows = RowMaker(c, drain)
         self._rows.set_normal_form(self._form)
         self._transitions = Transitions(self._channels)
         self._last_row: np.void | None = None
         self._sequence = 0
-        self._limit: tuple[int, int | None] | None = None
         self._journal: list[JournalEntry] = []
         self._note('start', text='' if self._form is None else self._form.to_yaml())
 
@@ -195,12 +185,12 @@ class HuntingDetector:
 
     def hold_at(self, entry: JournalEntry) -> Output:
         """For a replay: make the rows up to the position of a journal entry, and no more."""
-        self._limit = (entry.epoch, entry.position_ns)
+        self._schedule.hold_at(entry)
         return self._advance()
 
     def let_go(self) -> Output:
         """For a replay: end `hold_at`."""
-        self._limit = None
+        self._schedule.let_go()
         return self._advance()
 
     def expect_late(self, channel: str, run: LateRun) -> None:
@@ -234,38 +224,9 @@ class HuntingDetector:
     @property
     def status(self) -> DetectorStatus:
         """The present view."""
-        dropped = {
-            f'{channel} {reason}': count
-            for channel, intake in self._merger.intakes.items()
-            for reason, count in vars(intake.counts).items()
-            if count
-        }
-        row = self._last_row
-        alarm = self._rows.alarm
-        if row is None:
-            return DetectorStatus(alarm=alarm, dropped=dropped)
-        refused = tuple(
-            f'{channel}: {intake.refused_since} samples refused for their stamps'
-            for channel, intake in self._merger.intakes.items()
-            if intake.refused_since
-        )
-        until = self._merger.watermark_ns
-        return DetectorStatus(
-            stamp_ns=int(row['stamp_ns']),
-            level=Level(int(row['level'])),
-            region=Region(int(row['region'])),
-            state=State(int(row['state'])),
-            reasons=(*reasons_of(row), *refused),
-            alarm=alarm,
-            sequence=self._sequence,
-            inputs_until_ns=int(row['stamp_ns']) if until is None else until,
-            numbers={name: float(row[name]) for name in NUMBERS},
-            dropped=dropped,
-        )
-
-    def _last_row_ns(self, until_ns: int) -> int:
-        """Return the last grid stamp not after `until_ns`."""
-        return until_ns // self.config.period_ns * self.config.period_ns
+        merger = self._merger
+        until = merger.watermark_ns
+        return status_of(self._last_row, merger.intakes, self._rows.alarm, self._sequence, until)
 
     def _note(
         self,
@@ -277,43 +238,19 @@ class HuntingDetector:
         position, epoch = self._merger.position_ns, self._merger.epoch
         self._journal.append(JournalEntry(kind, position, epoch, now_ns, channels or {}, text))
 
-    def _until(self) -> int | None:
-        """Stamp up to which rows may be made: the watermark, or where a replay holds."""
-        until = self._merger.watermark_ns
-        if self._limit is None or self._merger.epoch < self._limit[0]:
-            return until
-        epoch, position = self._limit
-        if until is None or position is None or self._merger.epoch > epoch:
-            return None
-        return min(until, position)
-
-    def _free_to_leave(self) -> bool:
-        """Tell whether a replay lets the epoch end here."""
-        return self._limit is None or self._merger.epoch < self._limit[0]
-
     def _advance(self) -> Output:
         """Make every row that is complete."""
-        merger = self._merger
         outputs: list[Output] = []
         while True:
-            until = self._until()
-            position = merger.position_ns
-            if until is not None:
-                last = self._last_row_ns(until)
-                if position is None or last > position:
-                    waiting = merger.first_ns
-                    begin = last if waiting is None else waiting
-                    begin = begin if position is None else max(begin, position)
-                    last = min(last, self._last_row_ns(begin + _CHUNK_NS))
-                    if position is None or last > position:
-                        outputs.append(self._make_rows(position, last))
-                        continue
-            if merger.epoch_over and merger.more_epochs and self._free_to_leave():
-                if merger.silent:  # whether they were is not in the samples
+            last_ns = self._schedule.next_ns
+            if last_ns is not None:
+                outputs.append(self._make_rows(self._merger.position_ns, last_ns))
+            elif self._schedule.epoch_ends:
+                if self._merger.silent:  # whether they were is not in the samples
                     self._note('clock')
                 self._next_epoch()
-                continue
-            break
+            else:
+                break
         journal, self._journal = tuple(self._journal), []
         output = Output.joined(outputs)
         return replace(output, journal=journal) if journal else output
@@ -335,27 +272,3 @@ class HuntingDetector:
         self._sequence += rows.size
         self._last_row = rows[-1]
         return Output(rows, tuple(events), motion=(motion,))
-
-
-def detect(detector: HuntingDetector, record: Record) -> Output:
-    """
-    Run a whole recording through a detector.
-
-    Parameters
-    ----------
-    detector : HuntingDetector
-        Fresh, or gone on with.
-    record : Record
-        Channels the detector has not been told of are left out.
-
-    Returns
-    -------
-    Output
-        Everything, in order.
-    """
-    outputs = [
-        detector.update(name, series.stamps_ns, series.values)
-        for name, series in record.items()
-        if name in detector.config.channels
-    ]
-    return Output.joined([*outputs, detector.finish()])

@@ -117,6 +117,30 @@ def config_for(record: Record, config: DetectorConfig) -> tuple[DetectorConfig, 
     return replace(config, channels=present, roughness=roughness), remarks
 
 
+def detect(detector: HuntingDetector, record: Record) -> Output:
+    """
+    Run a whole recording through a detector.
+
+    Parameters
+    ----------
+    detector : HuntingDetector
+        Fresh, or gone on with.
+    record : Record
+        Channels the detector has not been told of are left out.
+
+    Returns
+    -------
+    Output
+        Everything, in order.
+    """
+    outputs = [
+        detector.update(name, series.stamps_ns, series.values)
+        for name, series in record.items()
+        if name in detector.config.channels
+    ]
+    return Output.joined([*outputs, detector.finish()])
+
+
 def watch(
     record: Record,
     detector: HuntingDetector,

@@ -1,16 +1,15 @@
-"""What the detector says: estimates, events, and the status that is published."""
+"""What the detector gives out: rows of estimates, events, and the samples they were made of."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.detection.journal import JournalEntry
-from hunt_ros.detection.regions import Level, Region, State
+from hunt_ros.detection.regions import Level, State
 
 #: One row of the estimates. Amplitudes in m (yaw: rad), rates per second, unknown as NaN.
 #: The first block is taken from the tracker, the second is the detector's own.
@@ -186,48 +185,3 @@ class Output:
 
 #: Nothing new.
 EMPTY = Output(np.zeros(0, dtype=ESTIMATE_DTYPE))
-
-
-@dataclass(frozen=True)
-class DetectorStatus:
-    """
-    The detector's present view.
-
-    Parameters
-    ----------
-    stamp_ns : int
-        Row it was taken at; 0 before the first.
-    level : Level
-    region : Region
-    state : State
-    reasons : tuple of str
-        Why the level is what it is: one short sentence each, empty when OK.
-    alarm : bool
-        Latched: hunting was seen and has not been acknowledged.
-    sequence : int
-        Number of rows so far.
-    inputs_until_ns : int
-        Stamp up to which all inputs are known; 0 before that.
-    numbers : mapping of str to float
-        Every number of `NUMBERS`; NaN where unknown.
-    dropped : mapping of str to int
-        Refused samples, 'channel reason' to count.
-    """
-
-    stamp_ns: int = 0
-    level: Level = Level.STALE
-    region: Region = Region.UNKNOWN
-    state: State = State.QUIET
-    reasons: tuple[str, ...] = ('no data yet',)
-    alarm: bool = False
-    sequence: int = 0
-    inputs_until_ns: int = 0
-    numbers: Mapping[str, float] = field(default_factory=lambda: dict.fromkeys(NUMBERS, math.nan))
-    dropped: Mapping[str, int] = field(default_factory=dict)
-
-    def __getattr__(self, name: str) -> float:
-        """Return one of the numbers by its name."""
-        numbers = self.__dict__.get('numbers', {})
-        if name in numbers:
-            return float(numbers[name])
-        raise AttributeError(name)

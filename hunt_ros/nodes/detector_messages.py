@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from diagnostic_msgs.msg import DiagnosticArray
 
-from hunt_ros.detection.output import DetectorStatus, Event
+from hunt_ros.detection.output import Event
+from hunt_ros.detection.status import DetectorStatus
 from hunt_ros.nodes.conversions import diagnostic
 
 #: Number of the detector -> key in `hunting/status`; all others keep their name.

@@ -1,0 +1,110 @@
+"""The detector's present view, as it is published."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hunt_ros.detection.intake import Intake
+from hunt_ros.detection.output import NUMBERS
+from hunt_ros.detection.reasons import reasons_of
+from hunt_ros.detection.regions import Level, Region, State
+
+
+@dataclass(frozen=True)
+class DetectorStatus:
+    """
+    The detector's present view.
+
+    Parameters
+    ----------
+    stamp_ns : int
+        Row it was taken at; 0 before the first.
+    level : Level
+    region : Region
+    state : State
+    reasons : tuple of str
+        Why the level is what it is: one short sentence each, empty when OK.
+    alarm : bool
+        Latched: hunting was seen and has not been acknowledged.
+    sequence : int
+        Number of rows so far.
+    inputs_until_ns : int
+        Stamp up to which all inputs are known; 0 before that.
+    numbers : mapping of str to float
+        Every number of `NUMBERS`; NaN where unknown.
+    dropped : mapping of str to int
+        Refused samples, 'channel reason' to count.
+    """
+
+    stamp_ns: int = 0
+    level: Level = Level.STALE
+    region: Region = Region.UNKNOWN
+    state: State = State.QUIET
+    reasons: tuple[str, ...] = ('no data yet',)
+    alarm: bool = False
+    sequence: int = 0
+    inputs_until_ns: int = 0
+    numbers: Mapping[str, float] = field(default_factory=lambda: dict.fromkeys(NUMBERS, math.nan))
+    dropped: Mapping[str, int] = field(default_factory=dict)
+
+    def __getattr__(self, name: str) -> float:
+        """Return one of the numbers by its name."""
+        numbers = self.__dict__.get('numbers', {})
+        if name in numbers:
+            return float(numbers[name])
+        raise AttributeError(name)
+
+
+def status_of(
+    row: np.void | None,
+    intakes: Mapping[str, Intake],
+    alarm: bool,
+    sequence: int,
+    inputs_until_ns: int | None,
+) -> DetectorStatus:
+    """
+    Put the last row and the counts of the channels into a status.
+
+    Parameters
+    ----------
+    row : void of ESTIMATE_DTYPE or None
+        The last row; None before the first.
+    intakes : mapping of str to Intake
+        The channels: what they refused is told.
+    alarm : bool
+        The latched alarm.
+    sequence : int
+        Number of rows so far.
+    inputs_until_ns : int or None
+        Stamp up to which all inputs are known; None: that of the row.
+    """
+    dropped = {
+        f'{channel} {reason}': count
+        for channel, intake in intakes.items()
+        for reason, count in vars(intake.counts).items()
+        if count
+    }
+    if row is None:
+        return DetectorStatus(alarm=alarm, dropped=dropped)
+    refused = tuple(
+        f'{channel}: {intake.refused_since} samples refused for their stamps'
+        for channel, intake in intakes.items()
+        if intake.refused_since
+    )
+    stamp_ns = int(row['stamp_ns'])
+    return DetectorStatus(
+        stamp_ns=stamp_ns,
+        level=Level(int(row['level'])),
+        region=Region(int(row['region'])),
+        state=State(int(row['state'])),
+        reasons=(*reasons_of(row), *refused),
+        alarm=alarm,
+        sequence=sequence,
+        inputs_until_ns=stamp_ns if inputs_until_ns is None else inputs_until_ns,
+        numbers={name: float(row[name]) for name in NUMBERS},
+        dropped=dropped,
+    )
