@@ -169,6 +169,8 @@ def read_record(
     columns = read_columns(path, sources, start_ns=start_ns, end_ns=end_ns)
     filled = {name: columns[name] for name in CHANNELS if name in columns and len(columns[name])}
     for name in require:
+        if name in columns and name not in filled:
+            raise BagError(f'{path.path}: channel {name} holds no messages')
         if name not in filled:
             raise BagError(
                 f'{path.path}: channel {name} is not in it, expected a topic named {name}'

@@ -159,7 +159,8 @@ def _joint(message: bytes, wanted: Wanted) -> tuple[int, tuple[int, bytes] | Non
     if wanted.alone and len(names) < 2:
         return 0, None
     shown = ', '.join(text.rstrip(b'\0').decode('utf-8', 'replace') for _, text in names[:12])
-    raise ValueError(f'there is no joint {wanted.joint!r}, it has {shown or "none"}')
+    more = f' and {len(names) - 12} more' if len(names) > 12 else ''
+    raise ValueError(f'there is no joint {wanted.joint!r}, it has {shown or "none"}{more}')
 
 
 def _fits(

@@ -96,7 +96,9 @@ class Bag:
         present = folder_files(self.path)
         if not description.exists():
             if not present:
-                raise BagError(f'{self.path}: an empty folder, expected a rosbag2 recording')
+                raise BagError(
+                    f'{self.path}: no .mcap or .db3 file in it, expected a rosbag2 recording'
+                )
             self.problems.append('it was not closed: there is no metadata.yaml')
             return present
         try:

@@ -15,7 +15,7 @@ from hunt_ros.bag.mcap_writer import McapWriter
 from hunt_ros.bag.message_types import definition_text
 from hunt_ros.bag.reader import ACTIVE, read_metadata
 from hunt_ros.bag.salvage import Salvage, salvage_mcap
-from hunt_ros.bag.sqlite_file import SqliteFile
+from hunt_ros.bag.sqlite_file import SALVAGE_HINT, SqliteFile
 from hunt_ros.bag.storage_files import expand_file, folder_files
 from hunt_ros.errors import BagError
 
@@ -52,7 +52,9 @@ class Repair:
 
     def __str__(self) -> str:
         lost = sum(last - first for first, last in self.lost_spans_ns) / 1e9
-        text = f'{self.path}: {self.messages} messages saved, {self.lost_bytes} bytes lost'
+        text = f'{self.path}: {self.messages} messages saved'
+        if self.lost_bytes or not self.problems:
+            text += f', {self.lost_bytes} bytes lost'
         return f'{text} ({lost:.2f} s in lost chunks)' if lost else text
 
 
@@ -179,7 +181,9 @@ def _copy(storage: SqliteFile, target: Path, compressed: bool) -> Salvage:
                         writer.add(keys[key], log_ns, whole.data[start : start + length].tobytes())
                         result.saved[topics[key].name] += 1
         except BagError as error:
-            result.problems.append(str(error))
+            # The name of the file is put in front by whoever has its own, not the copy's.
+            text = str(error).removeprefix(f'{storage.path}: ').removesuffix(SALVAGE_HINT)
+            result.problems.append(text)
         writer.close()
     except OSError as error:
         raise BagError(f'{target}: cannot write the recording ({error.strerror})') from error

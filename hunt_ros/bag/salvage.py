@@ -144,7 +144,8 @@ class _Saver:
         if kept:
             reason = f'{reason}; {kept} whole messages of the chunk that was cut are saved'
         self._lose(position, end, reason)
-        self.result.lost_bytes -= end - position - left
+        if kept:
+            self.result.lost_bytes -= end - position - left
         return end
 
     def _lose(self, start: int, end: int, reason: str) -> None:

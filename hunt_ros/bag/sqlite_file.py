@@ -16,6 +16,9 @@ from hunt_ros.errors import BagError
 _ROWS = 20_000
 _BYTES = 1 << 22
 
+#: What a message about a damaged file ends with; SQLite knows no checksum.
+SALVAGE_HINT = '; "hunt info --repair OUT" saves what stands before the damage'
+
 
 class SqliteFile:
     """
@@ -146,7 +149,8 @@ class SqliteFile:
 
     def _damage(self, error: Exception) -> BagError:
         reason = ' '.join(str(error).split())
-        return BagError(f'{self.path}: not a sound SQLite recording ({reason:.120})')
+        hint = '' if 'not a database' in reason else SALVAGE_HINT
+        return BagError(f'{self.path}: not a sound SQLite recording ({reason:.120}){hint}')
 
 
 def _stamp(value: object) -> int:

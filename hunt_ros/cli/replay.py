@@ -87,8 +87,9 @@ def run(arguments: argparse.Namespace) -> int:
             form = read_form(arguments.normal_form) if arguments.normal_form else None
             outputs = watch(record, HuntingDetector(config, form), advance)
         found = collect(outputs, _companions(beside, config))
+    remarks += _damage(record)
     if arguments.json:
-        write_json(document(record, config, found), arguments.json)
+        write_json(document(record, config, found, remarks), arguments.json)
     if arguments.json != '-':
         tell(record, config, found, remarks)
     return 0
@@ -114,6 +115,12 @@ def read(arguments: argparse.Namespace) -> Record:
     if not {'lateral', 'yaw'} & set(record):
         raise ConfigError(f'{arguments.bag}: neither lateral nor yaw in it, expected one of them')
     return record
+
+
+def _damage(record: Record) -> list[str]:
+    """Say what opening the recording showed to be wrong: its end may be missing."""
+    problems = record.notes.get('problems')
+    return [f'damaged: {problems}; "hunt info" says more'] if problems else []
 
 
 def read_form(path: Path) -> IdentifiedNormalForm:

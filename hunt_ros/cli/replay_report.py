@@ -16,14 +16,17 @@ _LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
 _REGIONS = ('unknown', 'stable', 'hysteresis', 'unstable')
 
 
-def document(record: Record, config: DetectorConfig, found: Findings) -> dict[str, Any]:
+def document(
+    record: Record, config: DetectorConfig, found: Findings, remarks: Sequence[str]
+) -> dict[str, Any]:
     """
     Return what was found, as JSON.
 
     `summary.forecast` is the forecast of v_c from the quiet response: `v_c_mps`, `std` and
     `ci95` are null where it cannot be known, for the `reason` given; it is null itself where
     none was asked for. A railway criterion that begins or ceases to exceed its limit stands
-    among the events, and with its numbers in `criteria`.
+    among the events, and with its numbers in `criteria`. `warnings` says what the recording
+    lacks and what is wrong with it.
     """
     row_s = config.period_ns / 1e9
     summary = found.summary
@@ -62,6 +65,7 @@ def document(record: Record, config: DetectorConfig, found: Findings) -> dict[st
             }
             for verdict in found.verdicts
         ],
+        'warnings': list(remarks),
     }
 
 

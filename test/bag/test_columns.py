@@ -17,6 +17,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from hunt_ros.bag import Bag, BagWriter, ChannelSource, read_columns, read_record, write_record
+from hunt_ros.bag.record_rows import serialise
 from hunt_ros.bag.topic_fields import find_topic
 from hunt_ros.errors import BagError
 from hunt_ros.samples import Record, Series
@@ -268,7 +269,7 @@ def test_what_is_not_there_is_said_in_one_line(bag: Path, source: str, words: st
 def test_missing_bags_and_channels_are_said_in_one_line(bag: Path, tmp_path: Path) -> None:
     with pytest.raises(BagError, match='no such recording'):
         read_record(tmp_path / 'nothing')
-    with pytest.raises(BagError, match='an empty folder'):
+    with pytest.raises(BagError, match=r'no \.mcap or \.db3 file in it'):
         read_record(tmp_path)
     (tmp_path / 'empty.mcap').touch()
     with pytest.raises(BagError, match='empty'):
@@ -289,6 +290,13 @@ def test_missing_bags_and_channels_are_said_in_one_line(bag: Path, tmp_path: Pat
     path = write_record(tmp_path / 'yaw', only_yaw)
     with pytest.raises(BagError, match='channel speed is not in it'):
         read_record(path, require=['speed'])
+    with BagWriter(tmp_path / 'mute') as writer:
+        writer.topic('/rig/speed', 'geometry_msgs/msg/TwistStamped')
+        key = writer.topic('/rig/yaw', 'sensor_msgs/msg/JointState')
+        for stamp, message in zip([1, 2], serialise('yaw', only_yaw['yaw']), strict=True):
+            writer.write(key, stamp, bytes(message))
+    with pytest.raises(BagError, match='channel speed holds no messages'):
+        read_record(tmp_path / 'mute', require=['speed'])
 
 
 def test_a_joint_is_found_by_its_name_in_any_order(tmp_path: Path) -> None:

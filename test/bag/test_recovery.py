@@ -72,6 +72,16 @@ def test_every_prefix_is_read_inspected_and_repaired(small: Path, tmp_path: Path
     assert best == len(whole)
 
 
+def test_a_beginning_of_a_chunk_that_holds_nothing_counts_as_lost(
+    small: Path, tmp_path: Path
+) -> None:
+    with Bag(small) as bag:
+        last = bag.files[0]._layout.chunks[-1]
+    file = tmp_path / 'cut.mcap'
+    file.write_bytes((small / 'run_0.mcap').read_bytes()[: last.data + 3])
+    assert repair(file, tmp_path / 'saved').lost_bytes == last.data + 3 - last.offset
+
+
 def test_a_chunk_with_a_wrong_crc_is_named_and_left_out(small: Path, tmp_path: Path) -> None:
     with Bag(small) as bag:
         chunks = bag.files[0]._layout.chunks
@@ -168,9 +178,13 @@ def test_a_cut_sqlite_bag_saves_what_can_be_read(new_record, tmp_path: Path) -> 
     whole = message_set(file)
     data = file.read_bytes()
     file.write_bytes(data[: len(data) * 6 // 10])
-    with pytest.raises(BagError, match='SQLite'):
+    with pytest.raises(BagError, match=r'SQLite.*--repair'):
         read_record(file)
     report = repair(tmp_path / 'peer', tmp_path / 'saved')
+    # Neither a count of bytes that nobody knows, nor the name of the copy it worked on.
+    assert 'bytes' not in str(report)
+    (problem,) = report.problems
+    assert problem.startswith(f'{file.name}: not a sound SQLite recording')
     saved = message_set(tmp_path / 'saved')
     assert saved < whole
     assert len(saved) > 0.3 * len(whole)

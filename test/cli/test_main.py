@@ -158,3 +158,16 @@ def test_replay_runs_criteria_and_forecast_beside_the_detector(capsys) -> None:
     printed = capsys.readouterr().out
     assert 'v_c from' not in printed
     assert 'CRITERION' not in printed
+
+
+def test_replay_says_that_the_recording_was_cut_short(capsys, tmp_path) -> None:
+    bag = _bag(tmp_path, {'lateral': 0.0, 'speed': 7.0})
+    (file,) = bag.glob('*.mcap')
+    cut = tmp_path / 'cut.mcap'
+    cut.write_bytes(file.read_bytes()[:-100])
+    assert main(['replay', str(bag), '--json', '-']) == 0
+    assert not any('damaged' in line for line in json.loads(capsys.readouterr().out)['warnings'])
+    assert main(['replay', str(cut), '--json', '-']) == 0
+    warnings = json.loads(capsys.readouterr().out)['warnings']
+    assert any(line.startswith('damaged: ') for line in warnings)
+    assert 'no yaw channel in the recording' in warnings
