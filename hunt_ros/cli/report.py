@@ -28,6 +28,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--figures', metavar='DIR', help='write each figure as SVG and PNG here')
     parser.add_argument('--title', metavar='TEXT', help='of the page')
+    parser.add_argument(
+        '--roller-diameter',
+        type=float,
+        metavar='M',
+        help='where the roller angle was not recorded: sections once a revolution by the speed',
+    )
     parser.add_argument('--json', metavar='PATH|-', help='write the identification as JSON too')
 
 
@@ -40,6 +46,9 @@ def run(arguments: argparse.Namespace) -> int:
     from hunt_ros.report.style import save_figures
 
     page = _places(arguments)
+    diameter = arguments.roller_diameter
+    if diameter is not None and not diameter > 0.0:
+        raise HuntError(f'--roller-diameter: expected a length in m, got {diameter:g}')
     settings = settings_of(arguments)
     with progress('reading') as advance:
         records = records_of(arguments, advance)
@@ -49,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
         events = _events(identification, advance)
     with progress('drawing') as advance:
         title = {} if arguments.title is None else {'title': arguments.title}
-        report = Report(identification, events, **title)
+        report = Report(identification, events, roller_diameter=diameter, **title)
         drawings = report.drawings()
         advance(0.6)
         written: list[Path] = []

@@ -191,7 +191,8 @@ def _hits(
         return []
     everywhere = np.concatenate([envelope.amplitude for envelope in envelopes])
     still = everywhere[np.isfinite(everywhere) & (everywhere <= threshold)]
-    quiet = float(np.sqrt(np.mean(still**2))) if still.size else 0.0
+    # Rayleigh's distribution by its median, which the hits themselves do not move.
+    quiet = float(np.median(still)) / 0.83 if still.size else 0.0
     hits = []
     for segment in segments:
         if segment.kind != 'transient':

@@ -129,7 +129,7 @@ class Quantities:
         fold = self._law.saddle_node(self._lowest)
         if fold is not None and self._low < fold < self._high:
             speeds = np.unique(np.concatenate([speeds, fold + np.array([1e-4, 0.01, 0.03, 0.1])]))
-        drawn = [one.steady_amplitudes(speeds) for one in self._drawn]
+        drawn = [_inner(*one.steady_amplitudes(speeds)) for one in self._drawn]
         unstable, stable = self._law.steady_amplitudes(speeds)
 
         def at(k: int, value: float, index: int) -> Uncertain | None:
@@ -151,6 +151,14 @@ class Quantities:
         value = float(self._law.steady_amplitudes(speed)[0][0])
         sample = np.array([float(one.steady_amplitudes(speed)[0][0]) for one in self._drawn])
         return summary(value, sample, least=0.5)
+
+
+def _inner(
+    unstable: NDArray[np.float64], stable: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Leave out an unstable branch beyond the stable one: there the law is not to be believed."""
+    with np.errstate(invalid='ignore'):
+        return np.where(unstable < stable, unstable, np.nan), stable
 
 
 def _values(values: Sequence[float | None]) -> NDArray[np.float64]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from hunt_ros.errors import IdentificationError
 from hunt_ros.report import drawings, listings, style, tables, words
 from hunt_ros.report.choice import either_side, four_states
+from hunt_ros.report.days import days_tables
 from hunt_ros.report.drawings import Drawing
 from hunt_ros.report.frequency import Frequencies, hunting_frequencies
 from hunt_ros.report.overview import RunEvent
@@ -38,11 +39,14 @@ class Report:
         Of all records.
     title : str
         Of the page.
+    roller_diameter : float, optional
+        m; where the angle of the roller was not recorded, to count its revolutions.
     """
 
     identification: Identification
     events: Sequence[RunEvent] = ()
     title: str = 'Hunting motion: bifurcations and normal form'
+    roller_diameter: float | None = None
 
     @cached_property
     def document(self) -> Mapping[str, Any]:
@@ -106,6 +110,7 @@ class Report:
             **drawings.form_drawings(self.identification.normal_form, self.result),
             **drawings.response_drawings(self.responses),
             **drawings.poincare_drawing(self.pair),
+            **drawings.days_drawing(self.identification.days),
             **drawings.frequency_drawing(None if isinstance(found, str) else found),
         }
 
@@ -125,7 +130,8 @@ class Report:
     def _response(self, state: SteadyState) -> Response:
         """Analyse the record over a steady state."""
         record = next(x for x in self.identification.records if x.source == state.source)
-        return response_of(record.between(state.start_ns, state.end_ns), state.speed)
+        stretch = record.between(state.start_ns, state.end_ns)
+        return response_of(stretch, state.speed, self.roller_diameter)
 
     def _sections(self, shown: Mapping[str, str]) -> list[Section]:
         result, found = self.result, self.frequencies
@@ -169,6 +175,7 @@ class Report:
                 pick('fig07') or _unknown('no settled state on both sides of it, speed up'),
             ),
             Section('frequency', 'Frequency against amplitude', pick('frequency') + law),
+            Section('days', 'From day to day', pick('days') + days_tables(result)),
             Section('fit', 'Fit', tables.fit_quality(result)),
             Section(
                 'tables',

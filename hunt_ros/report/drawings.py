@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hunt_ros.report.cubic import cubic_alone
+from hunt_ros.report.days import days_apart
 from hunt_ros.report.disturbance import disturbance_from_width
 from hunt_ros.report.frequency import Frequencies, frequency_diagram
-from hunt_ros.report.hysteresis import hysteresis_loop
+from hunt_ros.report.hysteresis import has_maxima, hysteresis_loop
 from hunt_ros.report.normal_form_diagram import diagram, normal_form_alone
 from hunt_ros.report.overview import RunEvent, run_overview
 from hunt_ros.report.response import Response
@@ -28,8 +29,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from hunt_ros.dynamics.identified import IdentifiedNormalForm
+    from hunt_ros.identification.days import Days
     from hunt_ros.identification.result import Identification
 
+_MAXIMA = 'Pale: the mean of the maxima, which the paper plots; roughness and noise are in it. '
 #: Recordings whose run is drawn; the table of recordings has all of them.
 _RUNS_DRAWN = 4
 
@@ -111,8 +114,10 @@ def loop_drawing(result: Result, marks: Mapping[str, tuple[float, float]]) -> di
         return {}
     caption = (
         'Steady-state amplitude of the lateral displacement as measured, speed increasing '
-        'and decreasing; bars are standard deviations. The critical speeds are read off the '
-        'jumps, shaded over half a speed step either side. Letters are the panels of Fig. 5.'
+        'and decreasing; bars are standard deviations. Dark: the hunting component alone, which '
+        f'the normal form speaks of. {_MAXIMA if has_maxima(result) else ""}The critical speeds '
+        'are read off the jumps, shaded over half a speed step either side. Letters are the '
+        'panels of Fig. 5.'
     )
     loop = hysteresis_loop(result, marks)
     return {'fig06_hysteresis': Drawing(loop, 'Fig. 6', caption, 'Hysteresis loop')}
@@ -173,8 +178,8 @@ def response_drawings(responses: Mapping[str, Response]) -> dict[str, Drawing]:
             f'Fig. 5{letter}',
             f'{response.speed:.2f} m/s: time history, power spectrum with the hunting and '
             'roughness lines, phase portrait, Poincaré section '
-            f'({escape(response.kind)}), and the distance of neighbouring orbits with the '
-            f'largest Lyapunov exponent. {_not_known(response)}',
+            f'({escape(response.kind)}; {response.cut}), and the distance of neighbouring '
+            f'orbits with the largest Lyapunov exponent. {_not_known(response)}',
             f'Response at {response.speed:.2f} m/s',
         )
         for letter, response in responses.items()
@@ -188,12 +193,24 @@ def poincare_drawing(pair: tuple[Response, Response] | None) -> dict[str, Drawin
     below, above = pair
     caption = (
         f'Poincaré maps below ({escape(below.kind)}) and above ({escape(above.kind)}) the linear '
-        'critical speed, speed increasing: one point a revolution of the roller, on the scale of '
-        'the whole orbit.'
+        f'critical speed, speed increasing: {above.cut}, on the scale of the whole orbit.'
     )
     figure = poincare_pair(below, above)
     description = 'Poincaré maps either side of the critical speed'
     return {'fig07_poincare': Drawing(figure, 'Fig. 7', caption, description, wide=True)}
+
+
+def days_drawing(days: Days | None) -> dict[str, Drawing]:
+    """Draw the days side by side; nothing of a single day."""
+    if days is None or len(days.summaries) < 2:
+        return {}
+    caption = (
+        'The rig on different days. Left: limit cycle of each day against the mean of the days, '
+        'with their standard deviation shaded. Right: growth rate of free motion while it was '
+        'small; bars are standard deviations.'
+    )
+    figure = days_apart(days)
+    return {'days': Drawing(figure, '', caption, 'The days side by side', wide=True)}
 
 
 def frequency_drawing(found: Frequencies | None) -> dict[str, Drawing]:

@@ -44,10 +44,13 @@ def hysteresis_loop(
         axes = figure.subplots()
         style.frame(axes, style.SPEED_LABEL, style.AMPLITUDE_LABEL)
         for direction in style.DIRECTIONS:
-            measured_points(axes, result.steady_states(direction), direction, joined=True)
+            states = result.steady_states(direction)
+            _maxima(axes, states, direction)
+            # Runs held at one speed each have no neighbours to be joined to.
+            measured_points(axes, states, direction, joined=direction != 'hold')
         axes.margins(x=0.06)
         # Room above the loop for the names of the critical speeds.
-        axes.set_ylim(0.0, 1.24 * axes.get_ylim()[1])
+        axes.set_ylim(0.0, 1.3 * axes.get_ylim()[1])
         _observed_speeds(axes, result)
         for letter, (speed, amplitude) in (marks or {}).items():
             axes.annotate(
@@ -59,7 +62,7 @@ def hysteresis_loop(
                 color=style.INK,
             )
         if axes.get_legend_handles_labels()[0]:
-            style.legend_above(axes, columns=3)
+            style.legend_above(axes, columns=2)
         return figure
 
 
@@ -101,6 +104,35 @@ def measured_points(
     )
 
 
+def has_maxima(result: Result) -> bool:
+    """Whether the paper's amplitude is known of any steady state."""
+    return any(state.get('maxima_m') is not None for state in result.steady_states())
+
+
+def _maxima(axes: Axes, states: list[Mapping[str, Any]], direction: str) -> None:
+    """Plot the paper's amplitude, pale behind the hunting component's."""
+    known = [state for state in states if state.get('maxima_m') is not None]
+    if not known:
+        return
+    marker, colour, _ = style.DIRECTIONS[direction]
+    axes.plot(
+        [float(state['speed_mps']) for state in known],
+        [style.MILLIMETRES * float(state['maxima_m']) for state in known],
+        marker,
+        color=colour,
+        markerfacecolor='none',
+        markeredgewidth=0.6,
+        markersize=2.6,
+        alpha=0.45,
+        zorder=2,
+        label='mean of the maxima' if not _named(axes, 'mean of the maxima') else None,
+    )
+
+
+def _named(axes: Axes, label: str) -> bool:
+    return label in axes.get_legend_handles_labels()[1]
+
+
 def _observed_speeds(axes: Axes, result: Result) -> None:
     """Mark the critical speeds as read off the jumps, with half a speed step either side."""
     step = result.value('observed.step_mps') or 0.0
@@ -113,6 +145,11 @@ def _observed_speeds(axes: Axes, result: Result) -> None:
     for key, speed in seen.items():
         if speed is None:
             continue
+        # A name at the edge would lie on the numbers of the axis.
+        if speed < left + 0.15 * (right - left):
+            sides[key] = 'left'
+        elif speed > right - 0.15 * (right - left):
+            sides[key] = 'right'
         if step:
             axes.axvspan(speed - step / 2, speed + step / 2, color=style.GRID, lw=0, zorder=0)
         axes.axvline(speed, color=style.MUTED, linewidth=0.6, linestyle=(0, (4, 2)), zorder=1)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.analysis.lyapunov import LyapunovExponent, largest_lyapunov_exponent
 from hunt_ros.analysis.phase_portrait import PhasePortrait, phase_portrait
-from hunt_ros.analysis.poincare import PoincareSection, poincare_section
+from hunt_ros.analysis.poincare import PoincareSection, own_section, poincare_section
 from hunt_ros.analysis.spectrum import Spectrum, power_spectrum
 from hunt_ros.analysis.uniform import on_stamps, uniform
 from hunt_ros.errors import IdentificationError
@@ -45,7 +45,7 @@ class Response:
     portrait : PhasePortrait or None
         Displacement and velocity.
     section : PoincareSection or None
-        Once a revolution of the roller.
+        Once a revolution of the roller, or once a cycle where there is none.
     lyapunov : LyapunovExponent or None
         The largest one.
     unknown : mapping of str to str
@@ -67,11 +67,21 @@ class Response:
         if self.section is None:
             return 'not known'
         if self.section.kind == 'periodic' and self.section.period > 1:
-            return f'periodic, {self.section.period} revolutions'
+            turns = 'revolutions' if self.section.cut == 'revolution' else 'cycles'
+            return f'periodic, {self.section.period} {turns}'
+        if self.section.kind == 'noise-driven':
+            return 'noise-driven, not periodic'
         return self.section.kind
 
+    @property
+    def cut(self) -> str:
+        """Where the section was cut, in words."""
+        if self.section is not None and self.section.cut == 'hunting':
+            return 'one point a hunting cycle, as there is no roller'
+        return 'one point a revolution of the roller'
 
-def response_of(record: Record, speed: float) -> Response:
+
+def response_of(record: Record, speed: float, diameter: float | None = None) -> Response:
     """
     Analyse a steady stretch of a record.
 
@@ -81,6 +91,10 @@ def response_of(record: Record, speed: float) -> Response:
         Cut to the stretch; `lateral`, and `roller` where there is one.
     speed : float
         Mean running speed there, m/s.
+    diameter : float, optional
+        Of the roller, m, where its angle was not recorded: its revolutions are then
+        counted from the speed, Eq. (1). With neither, the motion is cut at a phase of its
+        own.
 
     Returns
     -------
@@ -105,17 +119,25 @@ def response_of(record: Record, speed: float) -> Response:
     if angle is not None and not np.isfinite(angle).all():
         angle = None
     seconds: NDArray[np.float64] = (stamps - stamps[0]) / NANOSECONDS
-    diameter = _roller_diameter(seconds, angle, speed)
     # Without a roller no line is its roughness, and there is no revolution to cut at.
-    turning = speed if angle is not None else math.nan
+    turning = speed if angle is not None or diameter is not None else math.nan
+    across = _roller_diameter(seconds, angle, speed) if diameter is None else diameter
+
+    def section() -> PoincareSection:
+        if math.isfinite(turning):
+            return poincare_section(lateral, rate, angle, turning, across)
+        yaw = on_stamps(record['yaw'], stamps) if 'yaw' in record else None
+        known = yaw is not None and bool(np.isfinite(yaw).all()) and float(np.ptp(yaw)) > 0.0
+        return own_section(lateral, rate, yaw if known else None)
+
     step = max(round(rate / _LYAPUNOV_HZ), 1)
     return Response(
         speed,
         seconds,
         lateral - lateral.mean(),
-        tried('power spectrum', lambda: power_spectrum(lateral, rate, turning, diameter)),
+        tried('power spectrum', lambda: power_spectrum(lateral, rate, turning, across)),
         tried('phase portrait', lambda: phase_portrait(lateral, rate)),
-        tried('section', lambda: poincare_section(lateral, rate, angle, turning, diameter)),
+        tried('section', section),
         tried(
             'Lyapunov exponent', lambda: largest_lyapunov_exponent(lateral[::step], rate / step)
         ),

@@ -13,6 +13,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from hunt_ros.identification.silence import is_silence, reason_in
+
 #: What a warning must speak of to be the reason of a null, by the start of its key. The
 #: first that matches counts, so the narrow ones stand first.
 _SUBJECTS: tuple[tuple[str, str], ...] = (
@@ -87,6 +89,11 @@ class Result:
         """The warnings, in their order."""
         return tuple(str(line) for line in self.document.get('warnings') or ())
 
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """The warnings, without those that only give the reason of a null."""
+        return tuple(line for line in self.warnings if not is_silence(line))
+
     def steady_states(self, direction: str | None = None) -> list[Mapping[str, Any]]:
         """Return the measured steady states, all or of one direction, by speed."""
         entries: Sequence[Mapping[str, Any]] = self.document.get('steady_states') or ()
@@ -109,7 +116,11 @@ class Result:
         The warnings that speak of it; for a branch, on which side of the model's
         critical speeds its speed lies; and if nothing gives a reason, that.
         """
-        known = self._branch_reason(path) or self._segment_reason(path)
+        known = (
+            self._branch_reason(path)
+            or self._segment_reason(path)
+            or reason_in(self.warnings, path)
+        )
         if known:
             return known
         for key, subject in _SUBJECTS:

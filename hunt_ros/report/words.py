@@ -50,8 +50,8 @@ def lead(result: Result) -> str:
             '<b>The normal form does not fit these data</b> (lack of fit): '
             'its fold and branches are not to be relied on.'
         )
-    if result.warnings:
-        count = len(result.warnings)
+    if result.notices:
+        count = len(result.notices)
         verb = 'is a warning' if count == 1 else f'are {count} warnings'
         sentences.append(f'There {verb} <a href="#warnings">below</a>.')
     return f'<p>{" ".join(sentences)}</p>'
@@ -104,7 +104,7 @@ def recordings(records: Sequence[Record]) -> str:
 
 def warnings(result: Result) -> str:
     """Return the warnings as a list."""
-    if not result.warnings:
+    if not result.notices:
         return '<p>None.</p>'
-    items = ''.join(f'<li>{escape(line)}</li>' for line in result.warnings)
+    items = ''.join(f'<li>{escape(line)}</li>' for line in result.notices)
     return f'<ul class="warnings">{items}</ul>'

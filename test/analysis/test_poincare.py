@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hunt_ros.analysis.phase_portrait import phase_portrait
-from hunt_ros.analysis.poincare import poincare_section
+from hunt_ros.analysis.poincare import own_section, poincare_section
 from hunt_ros.analysis.spectrum import roughness_frequency
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.simulation import (
@@ -126,3 +126,55 @@ def test_few_revolutions_decide_nothing():
     lateral, angle = running(8.3, 1e-3)
     count = round(3 * RATE)
     assert poincare_section(lateral[:count], RATE, angle[:count]).kind == 'undecided'
+
+
+@pytest.mark.parametrize('seed', range(4))
+@pytest.mark.parametrize('speed', [7.2, 7.8])
+def test_quiet_motion_that_noise_drives_is_not_called_a_curve(speed, seed):
+    rig = RollerRig(
+        paper_rig(),
+        SimulationSettings(sample_rate_hz=RATE, initial_speed=speed, broadband=1e-5),
+        seed,
+    )
+    block = rig.advance(round(60 * RATE))
+    begin = round(20 * RATE)
+    section = poincare_section(block.lateral[begin:], RATE, block.roller_angle[begin:])
+    assert section.kind == 'noise-driven'
+
+
+def hopf(noise: float, seconds: float = 60.0, size: float = 1.0, seed: int = 0):
+    """A limit cycle, or with size 0 damped noise, at 2.5 Hz; y and a quarter of a cycle behind."""
+    random = np.random.default_rng(seed)
+    z, dt = complex(size), 1.0 / RATE
+    path = np.empty(round(seconds * RATE), dtype=complex)
+    for k in range(path.size):
+        growth = 1.0 - abs(z) ** 2 if size else -0.5
+        z += growth * z * dt + noise * math.sqrt(dt) * complex(*random.standard_normal(2))
+        path[k] = z
+    turning = path * np.exp(2j * np.pi * 2.5 * np.arange(path.size) / RATE)
+    return 1e-3 * turning.real, 4e-3 * turning.imag
+
+
+@pytest.mark.parametrize('with_yaw', [False, True])
+def test_without_a_roller_a_limit_cycle_is_a_point_of_its_own_section(with_yaw):
+    lateral, yaw = hopf(0.02)
+    section = own_section(lateral, RATE, yaw if with_yaw else None)
+    assert section.cut == 'hunting'
+    assert (section.kind, section.period) == ('periodic', 1)
+    assert section.displacement.size == pytest.approx(60 * 2.5, abs=3)
+    assert abs(section.displacement).mean() == pytest.approx(1e-3, rel=0.05)
+    assert math.isnan(section.rotation_number)
+
+
+@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('with_yaw', [False, True])
+def test_without_a_roller_noise_is_noise(with_yaw, seed):
+    lateral, yaw = hopf(0.1, size=0.0, seed=seed)
+    section = own_section(lateral, RATE, yaw if with_yaw else None)
+    assert section.kind == 'noise-driven'
+
+
+def test_too_few_cycles_are_refused():
+    time = np.arange(round(1.2 * RATE)) / RATE
+    with pytest.raises(IdentificationError, match='cycles'):
+        own_section(np.sin(2 * np.pi * 2.5 * time), RATE)

@@ -274,4 +274,9 @@ def test_a_campaign_on_a_real_rig_claims_no_fold_and_draws_what_was_measured() -
         one.spectrum is not None and one.spectrum.line('roughness') is None
         for one in report.responses.values()
     )
-    assert [one.kind for one in report.responses.values()] == ['not known'] * 4
+    # Nor is there a revolution to cut at: a limit cycle is a point in its own section.
+    for response in report.responses.values():
+        assert response.kind == 'periodic'
+        assert response.section is not None
+        assert response.section.cut == 'hunting'
+    assert 'one point a hunting cycle' in page
