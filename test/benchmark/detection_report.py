@@ -139,7 +139,7 @@ def _bounds(measured: Measured) -> str:
     v, hours = BENCHES['paper'].kick_speeds[1], 24.0
     return (
         '**After any kick**, limits of the CFR structure that speak as often in quiet running as'
-        ' `disturbed`. Given limits of its own for each speed, noise and roughness it sees the jump'
+        ' `disturbed`. Given limits for each speed, noise and roughness it sees the jump'
         ' of the kick itself; but so it does of kicks that come back, as the table above says.\n\n'
         + markdown(['detector', 'delay, s (median / 95 %)', 'missed within 8 s'], rows)
         + '\n\n**Delays against the bounds**, A_rms/A_u up to 0.05, medians. The window is the'
