@@ -9,6 +9,7 @@ is the envelope, late by half the length of the filter.
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -131,6 +132,7 @@ class HilbertEnvelope:
         return envelope
 
 
+@cache  # a tenth of a second, and every detector has two of the same
 def _analytic_taps(count: int, rate_hz: float, low_hz: float, high_hz: float) -> _F:
     """
     Real and imaginary taps, shape (2, count), of the best one-sided band-pass.
