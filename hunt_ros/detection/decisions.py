@@ -4,7 +4,7 @@ The decisions, row by row: what is quiet, what the form says, and what follows.
 One compiled kernel over a block of rows, with its memory in a record, so that an hour
 of rows costs a fraction of a second and the live detector runs the very same code on one
 row. Its parts are `noise_floor`, `steadiness` and `noise_intensity` (what quiet is),
-`prediction` (what the form says), `states` and `doubts` (what follows).
+`prediction` (what the form says), `evidence`, `states` and `doubts` (what follows).
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from hunt_ros.compiled import compiled, compiled_part, source_stamp
 from hunt_ros.detection import (
     doubts,
+    evidence,
     noise_floor,
     noise_intensity,
     prediction,
@@ -40,6 +41,7 @@ MEMORY: np.dtype[np.void] = np.dtype(
         ('edge', prediction.EDGE),
         ('region', np.int64),
         ('region_waited', np.int64),
+        ('evidence', evidence.EVIDENCE),
         ('state', states.STATE),
         ('doubts', doubts.DOUBTS),
     ],
@@ -52,7 +54,7 @@ def fresh_memory() -> NDArray[np.void]:
     memory = np.zeros(1, dtype=MEMORY)
     memory['floor']['square'] = math.nan
     memory['noise']['intensity'] = math.nan
-    memory['state']['reference'] = math.nan
+    memory['evidence']['reference'] = math.nan
     memory['edge']['centre'] = 1.0
     return memory
 
@@ -126,17 +128,19 @@ def _kernel(source: int) -> Callable[..., None]:
             out['noise_floor'] = noise_floor.floor_of(rules, m['floor'], m['steadiness'], s)
             out['noise_intensity'] = m['noise']['intensity']
             if known:
-                states.next_state(
+                found = evidence.gather(
                     rules,
-                    m['state'],
+                    m['evidence'],
                     m['floor'],
                     m['steadiness'],
+                    m['state']['state'],
                     a,
                     s,
                     out['growth_rate'],
                     out['growth_rate_std'],
                     out,
                 )
+                states.next_state(rules, m['state'], m['evidence'], m['floor'], found, a)
             state = m['state']['state']
             if known and form.known and state == states.ESCAPING:
                 out['time_to_limit_cycle'] = prediction.time_to_cycle(form, v, a, out)
@@ -159,5 +163,7 @@ def _region(rules: Rules, now: int, waited: int, v: float) -> tuple[int, int]:
 
 
 decide = _kernel(
-    source_stamp(doubts, noise_floor, noise_intensity, prediction, regions, states, steadiness)
+    source_stamp(
+        doubts, evidence, noise_floor, noise_intensity, prediction, regions, states, steadiness
+    )
 )

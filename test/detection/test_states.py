@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hunt_ros.detection import decisions, states
+from hunt_ros.detection import decisions, evidence, states
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.output import ESTIMATE_DTYPE
 from hunt_ros.detection.regions import State
@@ -26,7 +26,7 @@ class Machine:
     def __init__(self, state: State = State.QUIET) -> None:
         self.memory = decisions.fresh_memory()
         self.memory['state']['state'] = state
-        self.memory['state']['reference'] = CYCLE
+        self.memory['evidence']['reference'] = CYCLE
         self.memory['floor']['square'] = FLOOR**2
         self.memory['floor']['learnt'] = 1e4
 
@@ -50,16 +50,20 @@ class Machine:
             watched['slow'] = watched['long'] = amplitude
             watched['fast'] = amplitude * (1.0 + trend)
             watched['slow_square'] = watched['long_square'] = 2.0 * amplitude**2  # not steady
-            states.next_state(
+            found = evidence.gather(
                 RULES,
-                memory['state'],
+                memory['evidence'],
                 memory['floor'],
                 memory['steadiness'],
+                memory['state']['state'],
                 amplitude,
                 1e-6,
                 growth,
                 0.02,
                 row[0],
+            )
+            states.next_state(
+                RULES, memory['state'], memory['evidence'], memory['floor'], found, amplitude
             )
             states.latch(memory['state'])
         return State(int(memory['state']['state']))

@@ -1,0 +1,158 @@
+"""
+The evidence: what a row says about the motion, as plain yes and no.
+
+Each question is one function; what follows from the answers is in `states`. Called by the
+kernel of the decisions, row by row.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hunt_ros.compiled import compiled_part
+from hunt_ros.detection import noise_floor, steadiness
+from hunt_ros.detection.regions import State, switched
+from hunt_ros.detection.rules import Rules
+
+#: What is remembered: answers with a memory, and the amplitude of the hunting (m, NaN before any).
+EVIDENCE: np.dtype[np.void] = np.dtype(
+    [('reference', np.float64), ('disturbed', np.bool_), ('growing', np.bool_)], align=True
+)
+
+_ESCAPING, _DECAYING = int(State.ESCAPING), int(State.DECAYING)
+
+#: About the unstable branch a motion lingers without being a limit cycle.
+_LINGER_HIGH = 1.35
+#: With a stable branch in the form, a limit cycle is at least this share of it.
+_CYCLE_AT_LEAST = 0.5
+#: Without a noise floor, hunting is over below this part of its amplitude.
+_OVER = 0.1
+
+
+class Evidence(NamedTuple):
+    """
+    The answers.
+
+    Fields
+    ------
+    disturbed : bool
+        The amplitude stands clear of the noise floor.
+    beyond : bool
+        By the form, it ends on the limit cycle with the set probability.
+    growing : bool
+        It has been seen to grow for sure, where the form knows no limit cycle to escape to.
+    arrived : bool
+        It is on the stable branch, or above the amplitude that is a limit cycle anyway.
+    steady : bool
+        It stays as a limit cycle does.
+    lost : bool
+        It has left the limit cycle it was on: much smaller, or falling for sure.
+    over : bool
+        Nothing is left of the hunting.
+    """
+
+    disturbed: bool
+    beyond: bool
+    growing: bool
+    arrived: bool
+    steady: bool
+    lost: bool
+    over: bool
+
+
+@compiled_part
+def gather(
+    rules: Rules,
+    memory: Any,
+    floor_memory: Any,
+    steady_memory: Any,
+    state: int,
+    a: float,
+    s: float,
+    growth: float,
+    growth_std: float,
+    out: Any,
+) -> Evidence:
+    """
+    Answer all questions about a row.
+
+    Parameters
+    ----------
+    rules, memory, floor_memory, steady_memory
+        Thresholds; records of EVIDENCE, NOISE_FLOOR and STEADINESS.
+    state : int
+        The state in force: to stay is easier than to enter.
+    a, s, growth, growth_std : float
+        Amplitude, m, and growth rate, 1/s, with their standard deviations.
+    out
+        Row of the estimates with noise floor and predictions filled in.
+    """
+    floor, stable = out['noise_floor'], out['stable_amplitude']
+    trend = steadiness.trend(rules, steady_memory)
+    grows = growth > rules.sigma * growth_std and trend > 0.0
+    falls = growth < -rules.sigma * growth_std and trend < 0.0
+    disturbed = switched(
+        memory['disturbed'], a, rules.disturbed_in * floor, rules.disturbed_out * floor
+    )
+    memory['disturbed'] = disturbed
+    clear = rules.growth_floor * noise_floor.clearance(rules, floor_memory)
+    if falls or not math.isnan(stable):
+        memory['growing'] = False
+    elif grows and a > clear * floor:
+        memory['growing'] = True
+    over = not disturbed and not math.isnan(floor)
+    if noise_floor.unlearnt(rules, floor_memory):
+        over = a < _OVER * memory['reference']
+    lost = a < rules.decay_fraction * memory['reference']
+    return Evidence(
+        disturbed,
+        _beyond(rules, state, disturbed, out),
+        memory['growing'],
+        _arrived(rules, a, disturbed, out),
+        _steady(rules, memory, steady_memory, state, a, s, out),
+        lost or (falls and growth < -rules.decay_rate),
+        over,
+    )
+
+
+@compiled_part
+def _beyond(rules: Rules, state: int, disturbed: bool, out: Any) -> bool:
+    """Tell whether the chance of escape is high enough: to stay in it, less will do."""
+    # Near v_c the edge of the basin sinks into the noise: crossing it there means nothing.
+    edge_is_known = not math.isnan(out['unstable_amplitude'])
+    clear = disturbed or (math.isnan(out['noise_floor']) and edge_is_known)
+    needed = rules.probability_out if state == _ESCAPING else rules.probability_in
+    return bool(clear and out['escape_probability'] > needed)
+
+
+@compiled_part
+def _arrived(rules: Rules, a: float, disturbed: bool, out: Any) -> bool:
+    """Tell an amplitude on the stable branch; a branch that comes from zero has noise on it."""
+    if rules.cycle_amplitude > 0.0 and a > rules.cycle_amplitude:
+        return True
+    clear = disturbed or not math.isnan(out['unstable_amplitude'])
+    return bool(clear and a > rules.cycle_fraction * out['stable_amplitude'])
+
+
+@compiled_part
+def _steady(
+    rules: Rules, memory: Any, steady_memory: Any, state: int, a: float, s: float, out: Any
+) -> bool:
+    """Tell an amplitude that stays, and at which a limit cycle can be."""
+    if a < _LINGER_HIGH * out['unstable_amplitude']:
+        return False  # below the edge of the basin, or lingering near it
+    if a < _CYCLE_AT_LEAST * out['stable_amplitude']:
+        return False  # lingering where growth is slow: near the critical speed
+    floor = out['noise_floor']
+    least = rules.cycle_floor * floor
+    if state in (_ESCAPING, _DECAYING):  # what was seen to grow need not stand as far above it
+        least = max(rules.disturbed_in * floor, 0.5 * memory['reference'])
+    if steady_memory['slow'] > least and steadiness.steady(rules, steady_memory):
+        return True
+    # The floor may have been learnt on the hunting itself: the sensor noise has not.
+    least = rules.cycle_floor * noise_floor.STD_FLOORS * steady_memory['std']
+    sure = steady_memory['slow'] > least and steadiness.well_known(a, s)
+    return bool(sure and steadiness.very_steady(rules, steady_memory))
