@@ -1,0 +1,118 @@
+"""The noise floor: what it learns, how fast, and what it does not take for quiet."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from hunt_ros.detection import decisions, noise_floor, steadiness
+from hunt_ros.detection.configuration import DetectorConfig
+from hunt_ros.detection.rules import rules_of
+
+PERIOD = 0.01
+STD = 1e-6
+
+
+def _quiet(seconds: float, rms: float, seed: int = 1, damping: float = 0.35) -> np.ndarray:
+    """Amplitude of narrow-band noise, m."""
+    rng = np.random.default_rng(seed)
+    keep = math.exp(-damping * PERIOD)
+    z = rms / math.sqrt(2.0) * (rng.standard_normal() + 1j * rng.standard_normal())
+    found = []
+    for _ in range(round(seconds / PERIOD)):
+        step = rng.standard_normal() + 1j * rng.standard_normal()
+        z = keep * z + rms * math.sqrt(0.5 * (1.0 - keep**2)) * step
+        found.append(abs(z))
+    return np.array(found)
+
+
+class Floor:
+    """The noise floor alone, fed with amplitudes."""
+
+    def __init__(self, **changes: float) -> None:
+        self.rules = rules_of(DetectorConfig(**changes), 6.4, 8.0)  # type: ignore[arg-type]
+        self.memory = decisions.fresh_memory()
+
+    def feed(self, amplitudes: np.ndarray) -> float:
+        memory = self.memory[0]
+        for a in amplitudes:
+            noise_floor.observe(self.rules, memory['floor'], a)
+            steadiness.watch(self.rules, memory['steadiness'], a, STD)
+            noise_floor.learn(self.rules, memory['floor'], memory['steadiness'], a, STD)
+        return float(noise_floor.floor_of(self.rules, memory['floor'], memory['steadiness'], STD))
+
+
+@pytest.mark.parametrize('rms', [8e-6, 80e-6])
+def test_the_floor_is_the_rms_of_the_quiet_amplitude(rms: float) -> None:
+    floors = [Floor().feed(_quiet(60.0, rms, seed)) for seed in range(5)]
+    assert np.mean(floors) == pytest.approx(rms, rel=0.3)
+
+
+def test_before_anything_is_known_there_is_no_floor() -> None:
+    assert math.isnan(Floor().feed(_quiet(0.5, 8e-6)))
+
+
+def test_a_floor_that_is_set_is_the_least_there_is() -> None:
+    floor = Floor(noise_floor_m=20e-6)
+    assert floor.feed(_quiet(0.5, 8e-6)) == 20e-6
+    assert floor.feed(_quiet(60.0, 8e-6)) == 20e-6
+    assert Floor(noise_floor_m=1e-6).feed(_quiet(60.0, 8e-6)) > 4e-6
+
+
+def test_a_disturbance_raises_the_floor_little_and_its_end_brings_it_back() -> None:
+    floor = Floor()
+    before = floor.feed(_quiet(40.0, 8e-6))
+    during = floor.feed(np.full(200, 200e-6))
+    assert during < 2.0 * before
+    assert floor.feed(_quiet(60.0, 8e-6, 2)) < 1.6 * before
+
+
+def test_the_floor_follows_at_once_where_the_motion_dies_down() -> None:
+    floor = Floor()
+    before = floor.feed(_quiet(40.0, 80e-6))
+    # By its time constant of 20 s alone it would be at 0.78 of it.
+    assert floor.feed(_quiet(10.0, 4e-6, 2)) < 0.6 * before
+
+
+def test_hunting_from_the_start_is_not_taken_for_quiet() -> None:
+    floor = Floor()
+    assert not floor.feed(np.full(3000, 600e-6)) > 60e-6
+
+
+def test_a_young_floor_asks_for_more_clearance() -> None:
+    floor = Floor()
+    floor.feed(_quiet(3.0, 8e-6))
+    young = noise_floor.clearance(floor.rules, floor.memory[0]['floor'])
+    floor.feed(_quiet(60.0, 8e-6))
+    old = noise_floor.clearance(floor.rules, floor.memory[0]['floor'])
+    assert young > 1.5 > 1.3 > old >= 1.0
+
+
+def test_a_floor_learnt_on_the_hunting_is_forgotten() -> None:
+    floor = Floor()
+    floor.feed(_quiet(20.0, 8e-6))
+    memory = floor.memory[0]['floor']
+    noise_floor.reconsider(memory, 100.0 * math.sqrt(float(memory['square'])))
+    assert not math.isnan(memory['square'])
+    noise_floor.reconsider(memory, 2.0 * math.sqrt(float(memory['square'])))
+    assert math.isnan(memory['square'])
+
+
+def test_a_limit_cycle_is_steady_and_growth_and_noise_are_not() -> None:
+    rules = rules_of(DetectorConfig(), 6.4, 8.0)
+
+    def ends(amplitudes: np.ndarray) -> tuple[bool, bool]:
+        memory = decisions.fresh_memory()['steadiness']
+        for a in amplitudes:
+            steadiness.watch(rules, memory[0], a, STD)
+        very = steadiness.very_steady(rules, memory[0])
+        return bool(steadiness.steady(rules, memory[0])), bool(very)
+
+    seconds = np.arange(0.0, 8.0, PERIOD)
+    wobble = np.random.default_rng(1).normal(1.0, 0.02, seconds.size)
+    assert ends(600e-6 * wobble) == (True, True)
+    assert ends(50e-6 * np.exp(0.3 * seconds)) == (False, False)
+    held = [ends(_quiet(8.0, 50e-6, seed))[1] for seed in range(60)]
+    assert not any(held)
