@@ -45,7 +45,7 @@ _R = TypeVar('_R')
 
 #: What scale 1 means: hours of quiet running, and numbers of seeds.
 HOURS = {'paper': 24.0, '14 m/s': 3.0, 'supercritical': 4.0, 'other forms': 1.5}
-SEEDS = {'kicks': 24, '14 m/s kicks': 5, 'other forms': 6, 'steady': 3, 'sweep': 16, 'stairs': 8}
+SEEDS = {'kicks': 24, '14 m/s kicks': 4, 'other forms': 6, 'steady': 3, 'sweep': 16, 'stairs': 8}
 CLONES = 7
 REFITS = 3
 
@@ -83,7 +83,9 @@ def all_critical(work: Workers) -> dict[tuple[str, float, str, float], float]:
     return dict(zip(keys, work('critical kicks', _critical, keys), strict=True))
 
 
-def measure_kicks(work: Workers, measured: Measured, watchers: list[Knowledge]) -> None:
+def measure_kicks(
+    work: Workers, measured: Measured, watchers: list[Knowledge], forms: list[Knowledge]
+) -> None:
     """Kicks of the paper's rig: of all noise under the true form, of little under the others."""
     critical, scale = all_critical(work), measured.scale
     truth = told_truth('paper')
@@ -95,8 +97,9 @@ def measure_kicks(work: Workers, measured: Measured, watchers: list[Knowledge]) 
     measured.other_kicks = work('kicks, other knowledge', kicks.judge, others, 4)
     rig = '14 m/s'
     some = kicks.schedule(rig, critical, _seeds('14 m/s kicks', scale), near=2)
-    both = told_truth(rig), told_truth(rig, False)
-    tasks = [kicks.Task(kick, watcher) for watcher in both for kick in some]
+    fits = [one for one in forms if one.name.startswith(f'{rig}:')]
+    told = [told_truth(rig), told_truth(rig, False), *fits[:1]]
+    tasks = [kicks.Task(kick, watcher) for watcher in told for kick in some]
     measured.rig_kicks = work('kicks, 14 m/s', kicks.judge, tasks, 4)
 
 
@@ -175,7 +178,7 @@ def measure(work: Workers, scale: float) -> Measured:
         told_speeds('paper'),
         told_nothing('paper'),
     ]
-    measure_kicks(work, measured, [*told, *impaired('paper')])
+    measure_kicks(work, measured, [*told, *impaired('paper')], forms)
     measure_quiet(work, measured, told)
     measure_sweeps(work, measured, forms)
     measure_steady(work, measured)

@@ -210,9 +210,10 @@ def _other_rig(measured: Measured) -> str:
     for key in dict.fromkeys((one.watcher, one.kick.ratio) for one in measured.rig_kicks):
         some = [one for one in measured.rig_kicks if (one.watcher, one.kick.ratio) == key]
         rows.append([key[0].split(': ')[1], key[1], *_summary(some)])
+    kicks = sum(one.watcher == '14 m/s: true form' for one in measured.rig_kicks)
     shortest = window('14 m/s', BENCHES['14 m/s'].kick_speeds[1], 1.2)
     return (
-        f'**The rig of 14 m/s and 2 Hz**, {len(measured.rig_kicks) // 2} kicks, nominal'
+        f'**The rig of 14 m/s and 2 Hz**, {kicks} kicks, nominal'
         f' frequency 2 Hz, all else as it comes; 5 % window {shortest:.2f} s. Quiet running:'
         f' {_quiet_alarms(measured.quiet_of("14 m/s: true form"))} alarms.\n\n'
         + markdown(['the detector has', 'A_rms/A_u', *_SUMMARY], rows)
