@@ -25,6 +25,8 @@ from hunt_ros.samples import NANOSECONDS, Record
 
 _Result = TypeVar('_Result')
 
+#: Spread of a section of one point from which the noise about it is told.
+_NOISY = 0.1
 #: Rate at which neighbours are followed, Hz: enough for hunting and the roughness line.
 _LYAPUNOV_HZ = 100.0
 
@@ -71,6 +73,8 @@ class Response:
             return f'periodic, {self.section.period} {turns}'
         if self.section.kind == 'noise-driven':
             return 'noise-driven, not periodic'
+        if self.section.kind == 'periodic' and self.section.spread > _NOISY:
+            return 'periodic, with noise about it'
         return self.section.kind
 
     @property

@@ -175,6 +175,8 @@ def coefficients(result: Result) -> str:
         '<var>D</var>′<sub>7</sub>, <var>D</var>′<sub>10</sub> and <var>D</var>′<sub>15</sub> '
         'are effective: they hold for the speeds and amplitudes measured.'
     )
+    if result.get('four_point') is None:
+        caption += f' The four-point recipe is {not_known(result, "four_point")}.'
     header = ['', 'identified', '95 % interval', 'four-point recipe (3.3)', 'paper, Eq. (33)']
     return table(header, rows, caption)
 
@@ -187,7 +189,7 @@ def _as_published(value: float) -> str:
 
 def _four_point(result: Result, name: str) -> str:
     if result.get('four_point') is None:
-        return not_known(result, 'four_point')
+        return '<span class="unknown">not known</span>'  # the reason stands in the caption
     return 'taken as known' if name == 'D1' else number(result, f'four_point.{name}', digits=3)
 
 
