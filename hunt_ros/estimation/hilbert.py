@@ -132,7 +132,7 @@ class HilbertEnvelope:
         return envelope
 
 
-@cache  # a tenth of a second, and every detector has two of the same
+@cache  # every detector has two of the same
 def _analytic_taps(count: int, rate_hz: float, low_hz: float, high_hz: float) -> _F:
     """
     Real and imaginary taps, shape (2, count), of the best one-sided band-pass.

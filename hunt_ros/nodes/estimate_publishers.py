@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 
 import numpy as np
 from geometry_msgs.msg import Vector3Stamped
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 
 from hunt_ros.nodes.conversions import FixedLayout, joint_layout, vector_layout
 from hunt_ros.nodes.qos import stream
 
 _Column = str | Callable[[np.ndarray], np.ndarray]
+#: publisher, layout, columns in it, zeros after them
+_Output = tuple[Publisher, FixedLayout, tuple[_Column, ...], int]
+
+#: Topics are looked at this often for somebody who listens, s.
+_LOOK_S = 0.2
 
 
 def _angular_frequency(rows: np.ndarray) -> np.ndarray:
@@ -59,7 +66,10 @@ _NUMBERS: dict[str, _Column] = {
 
 class EstimatePublishers:
     """
-    Publishes rows of estimates on the topics of the design.
+    Publishes rows of estimates on the topics of the design, where somebody listens.
+
+    Most of what the detector node costs is writing to the middleware; a topic that nobody
+    has subscribed is left out. Who comes later hears it from `_LOOK_S` on at the latest.
 
     Parameters
     ----------
@@ -73,7 +83,9 @@ class EstimatePublishers:
 
     def __init__(self, node: Node, rate_hz: float, frame: str) -> None:
         qos = stream(int(rate_hz))
-        self._outputs: list[tuple[object, FixedLayout, tuple[_Column, ...], int]] = []
+        self._outputs: list[_Output] = []
+        self._heard: list[_Output] = []
+        self._look_at = 0.0
         for topic, (names, positions, velocities) in _JOINTS.items():
             publisher = node.create_publisher(JointState, topic, qos)
             layout = joint_layout(names, frame, velocity=bool(velocities))
@@ -85,9 +97,13 @@ class EstimatePublishers:
 
     def publish(self, rows: np.ndarray) -> None:
         """Publish every row of the detector's estimates (`ESTIMATE_DTYPE`)."""
+        now = time.monotonic()
+        if now >= self._look_at:
+            self._look_at = now + _LOOK_S
+            self._heard = [out for out in self._outputs if out[0].get_subscription_count()]
         stamps = rows['stamp_ns'].tolist()
         zeros = [0.0] * len(stamps)
-        for publisher, layout, columns, padding in self._outputs:
+        for publisher, layout, columns, padding in self._heard:
             values = [_values(rows, column) for column in columns] + [zeros] * padding
             for stamp_ns, *numbers in zip(stamps, *values, strict=True):
                 publisher.publish(layout.encode(stamp_ns, *numbers))

@@ -10,15 +10,12 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import TwistStamped, Vector3Stamped
+from geometry_msgs.msg import Vector3Stamped
 from rclpy.lifecycle import LifecycleNode, State, TransitionCallbackReturn
-from rclpy.subscription import Subscription
-from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -31,22 +28,19 @@ from hunt_ros.detection.output import Output
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.companion_worker import CompanionWorker
-from hunt_ros.nodes.conversions import JointReader, SpeedReader, diagnostic, vector_layout
+from hunt_ros.nodes.conversions import diagnostic, vector_layout
+from hunt_ros.nodes.detector_inbox import DetectorInbox
 from hunt_ros.nodes.detector_messages import event_message, status_message
 from hunt_ros.nodes.diagnostics import Diagnostics, Health, steady_clock
 from hunt_ros.nodes.estimate_publishers import EstimatePublishers
 from hunt_ros.nodes.parameters import declare, declare_normal_form, on_change, warn_unknown
-from hunt_ros.nodes.qos import EVENTS, STATUS, latched, stream
+from hunt_ros.nodes.qos import EVENTS, STATUS, latched
 from hunt_ros.nodes.runtime import run
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 
-#: A channel that lags by more than this is not waited for before the others are handed over.
-_LAG_NS = 20_000_000
 _TICK_S = 0.05
 _STATUS_S = 0.05
-#: One second of the fastest sensor.
-_DEPTH = 2000
 
 
 @dataclass(frozen=True)
@@ -72,14 +66,7 @@ class HuntingDetectorNode(LifecycleNode):
         warn_unknown(self)
         self._compile_kernels()
         self._detector = HuntingDetector(self._config, self._form)
-        self._inbox: dict[str, tuple[list[int], list[float]]] = {
-            name: ([], []) for name in self._config.channels
-        }
-        self._newest_ns = dict.fromkeys(self._config.channels, 0)
-        self._next_row_ns = 0
         self._active = False
-        self._received = 0
-        self._unreadable = 0
         self._estimates = EstimatePublishers(
             self, self._config.output_rate_hz, self._settings.frame_id
         )
@@ -95,8 +82,9 @@ class HuntingDetectorNode(LifecycleNode):
         self._vector = vector_layout(self._settings.frame_id)
         self._verdicts = self.create_publisher(DiagnosticArray, 'hunting/criteria', EVENTS)
         self._companions = CompanionWorker(companions, self._config.channels, self._on_verdict)
-        self._inputs: list[tuple[Subscription, Callable[[bytes], None]]] = []
-        self._subscribe()
+        self._inbox = DetectorInbox(
+            self, self._config.channels, self._config.period_ns, self._drain
+        )
         self.create_subscription(String, 'hunting/normal_form', self._on_form, latched())
         self.create_service(Trigger, 'hunting/acknowledge_alarm', self._on_acknowledge)
         self.create_service(Trigger, 'hunting/accept_normal_form', self._on_accept)
@@ -109,9 +97,7 @@ class HuntingDetectorNode(LifecycleNode):
         """Begin with a fresh detector."""
         self._detector.reset()
         self._companions.reset()
-        for stamps, values in self._inbox.values():
-            stamps.clear()
-            values.clear()
+        self._inbox.clear()
         self._active = True
         return super().on_activate(state)
 
@@ -130,73 +116,16 @@ class HuntingDetectorNode(LifecycleNode):
             rehearsal.update(channel, stamps_ns, values.get(channel, noise))
         rehearsal.finish()
 
-    def _subscribe(self) -> None:
-        """Subscribe to the channels the rig has, as bytes."""
-        for channel in self._config.channels:
-            if channel == 'speed':
-                kind, reader = TwistStamped, SpeedReader()
-            else:
-                kind, reader = JointState, JointReader(channel)
-            receive = self._receiver(channel, reader)
-            subscription = self.create_subscription(
-                kind, channel, receive, stream(_DEPTH), raw=True
-            )
-            self._inputs.append((subscription, receive))
-
-    def _receiver(self, channel: str, reader: JointReader | SpeedReader):
-        stamps, values = self._inbox[channel]
-        newest = self._newest_ns
-
-        def receive(wire: bytes) -> None:
-            found = reader.read(wire)
-            if found is None:
-                self._unreadable += 1
-                return
-            stamp_ns, value = found
-            stamps.append(stamp_ns)
-            values.append(value)
-            newest[channel] = stamp_ns
-            if stamp_ns >= self._next_row_ns and (
-                stamp_ns >= self._next_row_ns + _LAG_NS
-                or min(newest.values()) >= self._next_row_ns
-            ):
-                self._drain()
-
-        return receive
-
     def _drain(self) -> None:
         """Hand what has come to the detector, and publish what it says."""
-        period_ns = self._config.period_ns
-        self._next_row_ns = (max(self._newest_ns.values()) // period_ns + 1) * period_ns
-        if not self._active:
-            return
-        for channel, (stamps, values) in self._inbox.items():
-            if stamps:
-                block = np.array(stamps, dtype=np.int64), np.array(values)
-                self._received += len(stamps)
-                stamps.clear()
-                values.clear()
-                self._publish(self._detector.update(channel, *block))
-
-    def _take_waiting(self) -> None:
-        """
-        Take what still waits in the readers, so that no backlog is mistaken for silence.
-
-        The EventsExecutor takes one message an event: messages whose event was lost
-        would stay in the reader, and everything after them would come late for ever.
-        """
-        for subscription, receive in self._inputs:
-            with subscription.handle:
-                while True:
-                    taken = subscription.handle.take_message(subscription.msg_type, True)
-                    if taken is None:
-                        break
-                    receive(taken[0])
+        for channel, stamps_ns, values in self._inbox.empty():
+            if self._active:
+                self._publish(self._detector.update(channel, stamps_ns, values))
 
     def _tick(self) -> None:
         now_ns = self.get_clock().now().nanoseconds
         if self._active and now_ns > 0:
-            self._take_waiting()
+            self._inbox.take_waiting()
             self._drain()
             self._publish(self._detector.tick(now_ns))
 
@@ -287,8 +216,8 @@ class HuntingDetectorNode(LifecycleNode):
     def _health(self) -> Health:
         status = self._detector.status
         values = {
-            'received': self._received,
-            'unreadable': self._unreadable,
+            'received': self._inbox.received,
+            'unreadable': self._inbox.unreadable,
             'dropped': sum(status.dropped.values()),
         }
         forecast = self._companions.forecast
@@ -298,8 +227,9 @@ class HuntingDetectorNode(LifecycleNode):
             values['forecast_v_c_std'] = math.nan if v_c is None else v_c.std
         if not self._active:
             return 'OK', 'inactive', values
-        if self._unreadable:
-            return 'WARN', f'{self._unreadable} messages without the expected joint', values
+        if self._inbox.unreadable:
+            text = f'{self._inbox.unreadable} messages without the expected joint'
+            return 'WARN', text, values
         if self._waiting is not None:
             return 'WARN', 'a normal form waits for hunting/accept_normal_form', values
         return 'OK', f'{status.state.label}, region {status.region.label}', values
