@@ -42,6 +42,8 @@ class SteadyState:
         The paper's amplitude (mean of the maxima), m; NaN where not worked out.
     noise : float
         Amplitude that noise alone would show, m.
+    line_power : float
+        Sum of the squared amplitudes of the roller's lines beside it, m^2.
     kind : 'plateau' or 'ramp'
     source : str
     start_ns, end_ns : int
@@ -59,6 +61,7 @@ class SteadyState:
     source: str = ''
     start_ns: int = 0
     end_ns: int = 0
+    line_power: float = 0.0
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry of `steady_states`; what is not known is None."""

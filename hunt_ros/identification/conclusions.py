@@ -14,7 +14,7 @@ from hunt_ros.dynamics.normal_form import COEFFICIENTS
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.days import by_day
 from hunt_ros.identification.envelope import Envelope
-from hunt_ros.identification.four_point import PAPER_DETUNINGS, FourPoint, four_point
+from hunt_ros.identification.four_point import FourPoint, at_detunings, four_point
 from hunt_ros.identification.growth_law import QUINTIC, GrowthScales
 from hunt_ros.identification.guards import support_of
 from hunt_ros.identification.lack_of_fit import (
@@ -31,7 +31,7 @@ from hunt_ros.identification.result import FitSummary, Identification
 from hunt_ros.identification.segments import Segment
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.silence import silences
-from hunt_ros.identification.uncertainty import draw_laws, robust_covariance
+from hunt_ros.identification.uncertainty import critical_speed_bound, draw_laws, robust_covariance
 from hunt_ros.samples import Record, Uncertain
 
 #: RMS misfit of the limit cycle from which a law is no normal form of the rig.
@@ -105,7 +105,7 @@ def conclude(
         warnings.append('the misfit is too large for a normal form: none is given')
         identified = None
     cubic = support.cubic and not trust.no_form
-    four, no_recipe = _recipe(identified, evidence.hunting, warnings)
+    four, no_recipe = _recipe(identified, evidence, warnings)
     unknown: dict[str, Uncertain | None] = dict.fromkeys(COEFFICIENTS)
     result = Identification(
         normal_form=identified,
@@ -181,6 +181,14 @@ def _trust(best: FittedLaw, evidence: Evidence, warnings: list[str]) -> _Trust:
             f'{missed} of {transients} free transients go another way than the {name} law says'
         )
         warnings.append(f'lack of fit: {astray}; no fold is claimed')
+    # Growth that ends again inside the data is a parabola's, and no rig's.
+    other, (low, high) = best.law.other_root, evidence.speeds
+    if not astray and other is not None and low < other < high:
+        astray = (
+            f'the linear growth rate of the {name} law falls through zero again at'
+            f' {other:.3g} m/s, inside the speeds of the data'
+        )
+        warnings.append(f'lack of fit: {astray}; no fold is claimed')
     # The paper's form may miss what a richer one follows: that too is to be known.
     quintic = next(
         lack_of_fit(one.law, evidence.hunting) for one in evidence.laws if one.law.name == QUINTIC
@@ -201,23 +209,19 @@ def _trust(best: FittedLaw, evidence: Evidence, warnings: list[str]) -> _Trust:
 
 
 def _recipe(
-    identified: IdentifiedNormalForm | None,
-    hunting: Sequence[SteadyState],
-    warnings: list[str],
+    identified: IdentifiedNormalForm | None, evidence: Evidence, warnings: list[str]
 ) -> tuple[FourPoint | None, str]:
-    """Run the paper's recipe on the hunting states nearest to its four detunings; or why not."""
+    """Run the paper's recipe on the limit cycles at its four detunings; or why not."""
     if identified is None:
         return None, 'the four-point recipe needs v_c and D1 of a normal form, and none is given'
-    if len(hunting) < 4:
-        return None, f'the four-point recipe needs four limit cycles, {len(hunting)} were measured'
     form = identified.form
-    eps = np.array([state.speed / form.critical_speed - 1.0 for state in hunting])
-    chosen = sorted({int(np.argmin(np.abs(eps - target))) for target in PAPER_DETUNINGS})
-    if len(chosen) < 4:
-        return None, 'no four limit cycles near eps = -0.2, -0.1, 0, 0.1, as the recipe needs'
-    radii = np.array([hunting[k].amplitude for k in chosen]) / (2.0 * form.length_scale)
+    chosen = at_detunings(evidence.hunting, evidence.segments, form.critical_speed)
+    if isinstance(chosen, str):
+        return None, chosen
+    eps = np.array([state.speed / form.critical_speed - 1.0 for state in chosen])
+    radii = np.array([state.amplitude for state in chosen]) / (2.0 * form.length_scale)
     try:
-        recipe = four_point(eps[chosen], radii, form.D1)
+        recipe = four_point(eps, radii, form.D1)
     except (IdentificationError, np.linalg.LinAlgError) as error:
         return None, f'four-point recipe: {error}'
     if recipe.warnings:
@@ -246,6 +250,7 @@ def _summary(laws: Sequence[FittedLaw], evidence: Evidence, trust: _Trust) -> Fi
         lack_of_fit=bool(trust.no_fold) or trust.quintic.flagged,
         lack_of_fit_p=trust.misfit.p,
         condition_number=robust_covariance(best.fit, len(evidence.envelopes)).condition_number,
+        v_c_bound=critical_speed_bound(best),
     )
 
 

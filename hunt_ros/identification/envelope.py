@@ -17,19 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled
-from hunt_ros.errors import IdentificationError
+from hunt_ros.identification.channels import Channels
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.samples import NANOSECONDS, Record, Series
 
 #: Length of the window and distance of the outputs, in cycles of the hunting mode.
 #: With a Blackman window twice as long as the step the noise of neighbours is nearly
-#: independent (correlation 0.1), and nothing of the signal is left unused.
+#: independent, and nothing of the signal is left unused.
 WINDOW_CYCLES = 3.0
 STEP_CYCLES = 1.5
 #: Variance of a Blackman window of half-length one.
 WINDOW_VARIANCE = 0.1017
 #: Mean distance of two instants drawn from it.
 WINDOW_REACH = 0.3629
+#: Correlation of white noise between two windows one step apart.
+WINDOW_OVERLAP = 0.0896
 
 #: A window with less of its weight on samples than this gives no value.
 LEAST_WEIGHT = 0.6
@@ -55,6 +56,8 @@ class Envelope:
         Running speed averaged over the window, m/s.
     roughness : ndarray, shape (n,)
         Amplitude of the roughness line, m; NaN without a roller channel.
+    line_power : ndarray, shape (n,)
+        Sum of the squared amplitudes of the roller's lines, m^2; NaN without a roller channel.
     noise : ndarray, shape (n,)
         Standard deviation of the phasor's parts by what the window leaves over, m.
     frequency : ndarray, shape (n,)
@@ -71,6 +74,7 @@ class Envelope:
     phasor: NDArray[np.complex128]
     speed: NDArray[np.float64]
     roughness: NDArray[np.float64]
+    line_power: NDArray[np.float64]
     noise: NDArray[np.float64]
     frequency: NDArray[np.float64]
     residual: NDArray[np.float64]
@@ -100,7 +104,7 @@ def _local_phasors(
     half: float,
     out: NDArray[np.float64],
 ) -> None:
-    """Fit each window; out rows: re, im, roughness amplitude, noise, weight, residual."""
+    """Fit each window; out rows: re, im, roughness, noise, weight, residual, line power."""
     count = 5 + 2 * harmonics
     basis = np.zeros(count)
     matrix = np.zeros((count, count))
@@ -142,7 +146,7 @@ def _local_phasors(
                 power += weight * y * y
                 seen += weight
             i += 1
-        for j in range(6):
+        for j in range(7):
             out[k, j] = math.nan
         out[k, 4] = seen
         if seen <= 0.0 or i - first < 2 * count:
@@ -181,76 +185,12 @@ def _local_phasors(
         out[k, 1] = basis[2]
         if harmonics > 0:
             out[k, 2] = math.sqrt(basis[5] * basis[5] + basis[6] * basis[6])
+            out[k, 6] = 0.0
+            for h in range(2 * harmonics):
+                out[k, 6] += basis[5 + h] * basis[5 + h]
         left = max(power - explained, 0.0) / seen
         out[k, 3] = math.sqrt(left * (spread[1, 1] + spread[2, 2])) / (0.5 * seen) / math.sqrt(2.0)
         out[k, 5] = math.sqrt(left)
-
-
-def _sorted(series: Series, start_ns: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return time (s) in order without repeats, and the values with it."""
-    time, first = np.unique((series.stamps_ns - start_ns) / NANOSECONDS, return_index=True)
-    return time, series.values[first]
-
-
-@dataclass(frozen=True, eq=False)
-class Channels:
-    """
-    One record on the time of its lateral samples.
-
-    Parameters
-    ----------
-    time, lateral, speed, roller : ndarray, shape (n,)
-        s, m, m/s, rad; lateral NaN where a sample dropped out, roller empty without roller.
-    rate_hz : float
-        Sample rate by the median spacing.
-    """
-
-    source: str
-    start_ns: int
-    time: NDArray[np.float64]
-    lateral: NDArray[np.float64]
-    speed: NDArray[np.float64]
-    roller: NDArray[np.float64]
-    rate_hz: float
-
-
-def channels_of(record: Record) -> Channels:
-    """
-    Bring a record onto the time of its lateral samples.
-
-    Raises
-    ------
-    IdentificationError
-        Where lateral or speed is missing, has no finite sample, or is too short.
-    """
-    name = record.source or 'record'
-    for channel in ('lateral', 'speed'):
-        if channel not in record or not len(record[channel]):
-            raise IdentificationError(f'{name}: no channel {channel!r}, identification needs it')
-        if not np.isfinite(record[channel].values).any():
-            raise IdentificationError(
-                f'{name}: channel {channel!r} has no finite sample among {len(record[channel])}'
-            )
-    start_ns = int(record['lateral'].stamps_ns.min())
-    time, lateral = _sorted(record['lateral'], start_ns)
-    if time.size < 50 or time[-1] < 3.0:
-        raise IdentificationError(
-            f'{name}: {time.size} lateral samples over {time[-1] - time[0]:.1f} s are too few,'
-            f' expected at least 50 over 3 s'
-        )
-    speed_time, speed = _sorted(record['speed'], start_ns)
-    known = np.isfinite(speed)
-    on_time = np.interp(time, speed_time[known], speed[known])
-    roller = np.zeros(0)
-    if 'roller' in record and np.isfinite(record['roller'].values).sum() > 10:
-        roller_time, angle = _sorted(record['roller'], start_ns)
-        known = np.isfinite(angle)
-        roller = np.interp(time, roller_time[known], angle[known])
-        # Beyond the encoder's own samples the angle is not known, and neither is the line.
-        outside = (time < roller_time[known][0]) | (time > roller_time[known][-1])
-        lateral = np.where(outside, np.nan, lateral)
-    rate = 1.0 / float(np.median(np.diff(time)))
-    return Channels(name, start_ns, time, lateral, on_time, roller, rate)
 
 
 def envelope_of(
@@ -283,7 +223,7 @@ def envelope_of(
     phase = 2.0 * np.pi * np.cumsum(increments)
     harmonics = settings.roughness_harmonics if channels.roller.size else 0
     roller = channels.roller if harmonics else np.zeros(1)
-    out = np.empty((centres.size, 6))
+    out = np.empty((centres.size, 7))
     _local_phasors(time, channels.lateral, phase, roller, harmonics, centres, half, out)
     # Weight of a full window, by the nominal rate: what is missing is missing from this.
     full = 0.42 * 2.0 * half * channels.rate_hz
@@ -299,6 +239,8 @@ def envelope_of(
         out[:, 0] + 1j * out[:, 1],
         speed,
         out[:, 2],
+        # A line of nothing but noise has the power of its two parts.
+        np.maximum(out[:, 6] - 2.0 * harmonics * out[:, 3] ** 2, 0.0),
         out[:, 3],
         np.interp(centres, time, frequency),
         out[:, 5],

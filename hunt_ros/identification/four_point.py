@@ -9,17 +9,22 @@ sign of the unstable branch. Its condition number is part of the answer.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.errors import IdentificationError
+from hunt_ros.identification.segments import Segment
 
 #: Detunings at which the paper takes its four amplitudes.
 PAPER_DETUNINGS: tuple[float, ...] = (-0.2, -0.1, 0.0, 0.1)
+#: How far from them a limit cycle may be.
+_NEAR = 0.05
 
 
 @dataclass(frozen=True)
@@ -54,6 +59,64 @@ class FourPoint:
             'D15': self.D15,
             'condition_number': self.condition_number,
         }
+
+
+def at_detunings(
+    states: Sequence[SteadyState], segments: Sequence[Segment], critical_speed: float
+) -> list[SteadyState] | str:
+    """
+    Choose the limit cycles at the paper's four detunings.
+
+    Parameters
+    ----------
+    states : sequence of SteadyState
+        Limit cycles only.
+    segments : sequence of Segment
+        A hold in which the rig was also on its way to or from hunting is left out: its
+        amplitude may not have settled.
+    critical_speed : float
+        m/s.
+
+    Returns
+    -------
+    list of SteadyState, or str
+        Four, in the order of the detunings; or why there are not four.
+    """
+    if len(states) < 4:
+        return f'the four-point recipe needs four limit cycles, {len(states)} were measured'
+    moving = [part for part in segments if part.kind in ('transient', 'kick')]
+
+    def settled(state: SteadyState) -> bool:
+        hold = next(
+            (
+                part
+                for part in segments
+                if part.kind == state.kind
+                and part.source == state.source
+                and part.start_ns <= state.start_ns <= part.end_ns
+            ),
+            None,
+        )
+        start, end = state.start_ns if hold is None else hold.start_ns, state.end_ns
+        return not any(
+            part.source == state.source and part.start_ns < end and part.end_ns > start
+            for part in moving
+        )
+
+    still = [state for state in states if settled(state)]
+    still = [state for state in still if state.kind == 'plateau'] or still
+    chosen = []
+    for target in PAPER_DETUNINGS:
+        off = [abs(state.speed / critical_speed - 1.0 - target) for state in still]
+        if not off or min(off) > _NEAR:
+            return (
+                f'no settled limit cycle near eps = {target:g}; the recipe needs'
+                f' {", ".join(f"{x:g}" for x in PAPER_DETUNINGS)}'
+            )
+        chosen.append(still[int(np.argmin(off))])
+    if len({state.speed for state in chosen}) < 4:
+        return 'no four limit cycles near eps = -0.2, -0.1, 0, 0.1, as the recipe needs'
+    return chosen
 
 
 def four_point(detunings: NDArray[np.float64], radii: NDArray[np.float64], D1: float) -> FourPoint:

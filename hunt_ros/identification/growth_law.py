@@ -1,5 +1,5 @@
 """
-The growth laws a recording is fitted with, and their way to and from the normal form.
+The growth laws a recording is fitted with.
 
     quintic        d ln A / dt = p0 + p1 u + p2 u^2 + (p3 + p4 u) w + p5 w^2
     eps r^5        the same + p6 u w^2
@@ -9,6 +9,10 @@ with u = v / v_ref - 1 and w = (A / A_ref)^2. The quintic law is Eq. (24) withou
 critical speed in it: of order one, and defined even where the data hold no critical
 speed. The third lets the amplitude act through the equivalent conicity
 K(A) = 3/4 beta30 A^2 + 5/8 beta50 A^4 alone, as it does where only y is nonlinear.
+
+A line of amplitude B that the roller forces on y beside hunting takes part in the cubic and
+quintic terms: A^2 -> A^2 + 2 B^2, A^4 -> A^4 + 6 A^2 B^2 + 3 B^4. The laws are those of a
+rig without it, and `line` says how much of it there is.
 """
 
 from __future__ import annotations
@@ -19,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hunt_ros.dynamics.normal_form import Criticality, NormalForm
+from hunt_ros.dynamics.normal_form import Criticality
 
 Array = NDArray[np.float64]
 
@@ -87,13 +91,29 @@ class GrowthLaw:
         value: Array = self.p[0] + (self.p[1] + self.p[2] * u) * u
         return value
 
-    def growth_rate(self, speed: ArrayLike, amplitude: ArrayLike) -> Array:
-        """Growth rate d ln A / dt, 1/s, at speeds (m/s) and amplitudes (m), broadcast."""
+    def growth_rate(self, speed: ArrayLike, amplitude: ArrayLike, line: ArrayLike = 0.0) -> Array:
+        """
+        Growth rate d ln A / dt.
+
+        Parameters
+        ----------
+        speed, amplitude, line : array_like
+            m/s, m and B^2 in m^2; broadcast.
+
+        Returns
+        -------
+        ndarray
+            1/s.
+        """
         u = self.detuning(speed)
         w = (np.asarray(amplitude, dtype=np.float64) / self.scales.amplitude) ** 2
+        b = np.asarray(line, dtype=np.float64) / self.scales.amplitude**2
         first, second = self.p[3] + self.p[4] * u, self._second(u)
-        acting = w * (1.0 + self.p[5] * w) if self.name == CONICITY else w
-        rate: Array = self.linear(u) + (first + second * acting) * acting
+        cubic, quintic = w + 2.0 * b, w**2 + (6.0 * w + 3.0 * b) * b
+        if self.name == CONICITY:
+            cubic += self.p[5] * quintic
+            quintic = cubic**2
+        rate: Array = self.linear(u) + first * cubic + second * quintic
         return rate
 
     def _second(self, u: Array) -> Array:
@@ -140,7 +160,7 @@ class GrowthLaw:
         cubic = self.p[3] + self.p[4] * float(self.detuning(v_c))
         return 'subcritical' if cubic > 0.0 else 'supercritical'
 
-    def steady_amplitudes(self, speed: ArrayLike) -> tuple[Array, Array]:
+    def steady_amplitudes(self, speed: ArrayLike, line: ArrayLike = 0.0) -> tuple[Array, Array]:
         """
         Nontrivial steady states.
 
@@ -148,6 +168,8 @@ class GrowthLaw:
         ----------
         speed : array_like, shape (n,)
             m/s.
+        line : array_like, shape (n,) or ()
+            B^2, m^2.
 
         Returns
         -------
@@ -155,17 +177,22 @@ class GrowthLaw:
             m; NaN where there is none. The stable one is the first above the unstable.
         """
         u = np.atleast_1d(self.detuning(speed))
+        b = np.asarray(line, dtype=np.float64) / self.scales.amplitude**2
         first, second = self.p[3] + self.p[4] * u, self._second(u)
-        acting = _quadratic(second, first, self.linear(u))
-        w = acting
+        p5 = self.p[5] if self.name == CONICITY else 0.0
         if self.name == CONICITY:
-            flat = np.full_like(acting, self.p[5])
-            w = _quadratic(flat, np.ones_like(acting), -acting).reshape(-1, u.size)
+            acting = _quadratic(second, first, self.linear(u))
+            bent = np.full_like(acting, p5)
+            w = _quadratic(bent, 1.0 + 6.0 * p5 * b, (2.0 + 3.0 * p5 * b) * b - acting)
+            w = w.reshape(-1, u.size)
+        else:
+            rest = self.linear(u) + (2.0 * first + 3.0 * second * b) * b
+            w = _quadratic(second, first + 6.0 * second * b, rest)
         with np.errstate(invalid='ignore', over='ignore'):
-            slope = first + 2.0 * second * w
+            slope = first + 2.0 * second * (w + 3.0 * b)
             if self.name == CONICITY:
-                k = w * (1.0 + self.p[5] * w)
-                slope = (first + 2.0 * second * k) * (1.0 + 2.0 * self.p[5] * w)
+                k = w + 2.0 * b + p5 * (w**2 + (6.0 * w + 3.0 * b) * b)
+                slope = (first + 2.0 * second * k) * (1.0 + 2.0 * p5 * (w + 3.0 * b))
             exists = (w > 0.0) & (w < _LARGEST)
             unstable = np.min(np.where(exists & (slope > 0.0), w, np.inf), axis=0)
             above = exists & (slope < 0.0) & ((w > unstable) | ~np.isfinite(unstable))
@@ -197,55 +224,14 @@ class GrowthLaw:
             return None
         last = int(np.flatnonzero(~pair)[-1])
         low, high = float(speeds[last]), float(speeds[last + 1])
-        for _ in range(30):
-            middle = 0.5 * (low + high)
-            a, b = self.steady_amplitudes(middle)
-            if np.isfinite(a[0]) and np.isfinite(b[0]):
-                high = middle
-            else:
-                low = middle
+        for _ in range(3):
+            finer = np.linspace(low, high, 34)
+            unstable, stable = self.steady_amplitudes(finer)
+            pair = np.isfinite(unstable) & np.isfinite(stable)
+            # The upper end has the pair: the interval it was taken from says so.
+            last = int(np.flatnonzero(~pair[:-1])[-1]) if not pair[:-1].all() else 0
+            low, high = float(finer[last]), float(finer[last + 1])
         return high
-
-    def normal_form(self, low: float, high: float) -> NormalForm | None:
-        """
-        Normal form of the law: exact for the quintic, else the nearest on its branches.
-
-        Parameters
-        ----------
-        low, high : float
-            Range of speeds over which it shall hold, m/s.
-
-        Returns
-        -------
-        NormalForm or None
-            In the amplitude coordinate; None without a critical speed. D7, D10 and D15
-            are effective coefficients over this range.
-        """
-        p = self.p if self.name == QUINTIC else self._nearest_quintic(low, high)
-        return to_normal_form(p, self.scales)
-
-    def _nearest_quintic(self, low: float, high: float) -> Array:
-        """Quintic with the same linear growth, nearest in ln A on both branches."""
-        speeds = np.linspace(low, high, 61)
-        u = self.detuning(speeds)
-        rows, right = [], []
-        for branch in self.steady_amplitudes(speeds):
-            here = np.isfinite(branch)
-            w = (branch[here] / self.scales.amplitude) ** 2
-            x = u[here]
-            nearby = branch[here] * 1e-4
-            above = self.growth_rate(speeds[here], branch[here] + nearby)
-            below = self.growth_rate(speeds[here], branch[here] - nearby)
-            # Next to the fold the slope vanishes: a floor keeps its weight finite.
-            steep = np.maximum(np.abs(above - below) / 2e-4, 0.2 * np.max(np.abs(self.p[3:5])))
-            rows.append(np.stack([w, x * w, w**2], axis=1) / steep[:, None])
-            right.append(-self.linear(x) / steep)
-        matrix, target = np.concatenate(rows), np.concatenate(right)
-        if len(matrix) < 6:
-            taylor = self.p[5] if self.name == EXTENDED else self.p[3] * self.p[5] + self.p[6]
-            return np.array([*self.p[:5], taylor])
-        nonlinear = np.linalg.lstsq(matrix, target, rcond=None)[0]
-        return np.concatenate([self.p[:3], nonlinear])
 
 
 def _quadratic(a: Array, b: Array, c: Array) -> Array:
@@ -258,60 +244,6 @@ def _quadratic(a: Array, b: Array, c: Array) -> Array:
 def _root(w: Array) -> Array:
     """Square root with NaN for what is not there."""
     return np.sqrt(np.where(np.isfinite(w), w, math.nan))
-
-
-def to_normal_form(p: Array, scales: GrowthScales) -> NormalForm | None:
-    """
-    Normal form of a quintic law.
-
-    Parameters
-    ----------
-    p : ndarray, shape (6,)
-        Coefficients, 1/s.
-    scales : GrowthScales
-        Units of p, and those of the form.
-
-    Returns
-    -------
-    NormalForm or None
-        None where the linear growth rate nowhere rises through zero: there is no v_c.
-    """
-    v_c = GrowthLaw(QUINTIC, p, scales).critical_speed
-    if v_c is None:
-        return None
-    u_c = v_c / scales.speed - 1.0
-    stretch = v_c / scales.speed  # u - u_c = eps * stretch
-    tau, ratio = scales.time_scale, scales.ratio
-    return NormalForm(
-        critical_speed=v_c,
-        D1=float((p[1] + 2.0 * p[2] * u_c) * stretch * tau),
-        D4=float((p[3] + p[4] * u_c) * tau / ratio),
-        D7=float(p[2] * stretch**2 * tau),
-        D10=float(p[4] * stretch * tau / ratio),
-        D15=float(p[5] * tau / ratio**2),
-        length_scale=scales.length_scale,
-        time_scale=tau,
-        frequency_hz=scales.frequency_hz,
-    )
-
-
-def from_normal_form(form: NormalForm, scales: GrowthScales) -> Array:
-    """Quintic law of a normal form, shape (6,); the inverse of `to_normal_form`."""
-    tau = scales.time_scale
-    # The form's own scales may differ: bring its coefficients onto ours first.
-    time = tau / form.time_scale
-    length = (scales.length_scale / form.length_scale) ** 2
-    d1, d7 = form.D1 * time, form.D7 * time
-    d4, d10, d15 = form.D4 * time * length, form.D10 * time * length, form.D15 * time * length**2
-    stretch = form.critical_speed / scales.speed
-    u_c = stretch - 1.0
-    ratio = scales.ratio
-    p2 = d7 / stretch**2 / tau
-    p1 = d1 / stretch / tau - 2.0 * p2 * u_c
-    p0 = -p1 * u_c - p2 * u_c**2
-    p4 = d10 / stretch * ratio / tau
-    p3 = d4 * ratio / tau - p4 * u_c
-    return np.array([p0, p1, p2, p3, p4, d15 * ratio**2 / tau])
 
 
 def monomials(u: Array, w: Array) -> Array:

@@ -9,11 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.errors import IdentificationError
-from hunt_ros.identification.envelope import Channels, Envelope, envelope_of
+from hunt_ros.identification.channels import Channels
+from hunt_ros.identification.envelope import Envelope, envelope_of
 from hunt_ros.identification.settings import IdentificationSettings
 
 #: Length of a piece of the search, s: fine enough to tell lines 0.1 Hz apart.
 _PIECE_S = 10.24
+#: Samples in a cycle of the first pass, at least.
+_COARSE = 40.0
 
 
 def find_frequency(records: Sequence[Channels], settings: IdentificationSettings) -> float:
@@ -95,11 +98,12 @@ def tracked_envelope(
     -------
     Envelope
     """
-    constant = np.full(record.time.size, frequency_hz)
-    first = envelope_of(record, constant, settings)
+    # The first pass needs the turning alone: a few dozen samples a cycle show it.
+    coarse = record.thinned(max(int(record.rate_hz / (_COARSE * frequency_hz)), 1))
+    first = envelope_of(coarse, np.full(coarse.time.size, frequency_hz), settings)
     offset = _frequency_offset(first)
     if offset is None:
-        return first
+        return envelope_of(record, np.full(record.time.size, frequency_hz), settings)
     # Never beyond what the first pass could have seen without folding.
     limit = 0.3 / first.step
     along = frequency_hz + np.clip(np.interp(record.time, first.time, offset), -limit, limit)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from hunt_ros.analysis.steady_state import (
     SteadyState,
@@ -15,21 +16,23 @@ from hunt_ros.analysis.steady_state import (
 )
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.beat import without_beat
+from hunt_ros.identification.channels import Channels
 from hunt_ros.identification.conclusions import Evidence, conclude
 from hunt_ros.identification.discrepancy import held_less
 from hunt_ros.identification.envelope import (
+    STEP_CYCLES,
     WINDOW_CYCLES,
+    WINDOW_OVERLAP,
     WINDOW_REACH,
     WINDOW_VARIANCE,
-    Channels,
     Envelope,
 )
 from hunt_ros.identification.growth_law import GrowthScales
 from hunt_ros.identification.hunting_frequency import find_frequency, tracked_envelope
 from hunt_ros.identification.lack_of_fit import following, lack_of_fit
-from hunt_ros.identification.law_choice import fit_laws
+from hunt_ros.identification.law_choice import fit_again, fit_laws
 from hunt_ros.identification.mode import measured_shape
-from hunt_ros.identification.path_likelihood import Path
+from hunt_ros.identification.path import Path
 from hunt_ros.identification.plateaus import analyse_record
 from hunt_ros.identification.result import Identification
 from hunt_ros.identification.screening import above_noise, distinct, doubts, moving
@@ -42,6 +45,8 @@ from hunt_ros.samples import Record
 _BLOCK_S = 15.0
 #: Share of the work that is done when the fit stands and the intervals begin.
 _FITTED = 0.5
+#: Instants over which the power of the roller's lines is taken to be one.
+_LINE_SPAN = 9
 
 
 def identify(
@@ -92,7 +97,7 @@ def identify(
     misfit = lack_of_fit(best.law, hunting)
     if misfit.significant:
         held = held_less(best, misfit, hunting, [run.envelope for run in runs])
-        laws = fit_laws(held, scales, settings, observed.v_c, _floor(held))
+        laws = fit_again(laws, held, settings)
         warnings.append(
             f'the {best.law.name} law misses the limit cycle by {100.0 * misfit.share:.2g} %,'
             f' beyond chance: the limit cycle counts less, and the intervals hold the misfit'
@@ -217,8 +222,22 @@ def _path(
         cluster=np.concatenate(clusters),
         blur=WINDOW_VARIANCE * half**2,
         reach=WINDOW_REACH * half,
+        overlap=WINDOW_OVERLAP,
+        line=np.concatenate([_line(run.envelope) for run in runs]) / scales.amplitude**2,
+        spacing=STEP_CYCLES / frequency,
     )
     return path, scales
+
+
+def _line(envelope: Envelope) -> NDArray[np.float64]:
+    """Power of the roller's lines along one record, m^2: a running median, 0 where unknown."""
+    power = envelope.line_power
+    known = np.isfinite(power)
+    if not known.any():
+        return np.zeros(power.size)
+    filled = np.interp(np.arange(power.size), np.flatnonzero(known), power[known])
+    smooth: NDArray[np.float64] = median_filter(filled, size=_LINE_SPAN, mode='nearest')
+    return smooth
 
 
 def _floor(path: Path) -> float:

@@ -81,7 +81,7 @@ def lack_of_fit(law: GrowthLaw, states: Sequence[SteadyState]) -> LackOfFit:
     amplitude = np.array([state.amplitude for state in states])
     if np.ptp(speed) < 0.02 * float(np.mean(speed)):
         return LackOfFit()
-    _, stable = law.steady_amplitudes(speed)
+    _, stable = law.steady_amplitudes(speed, np.array([state.line_power for state in states]))
     with np.errstate(invalid='ignore'):
         residual = np.log(amplitude / stable)
     residual = np.where(np.isfinite(stable), residual, _ABSENT)
@@ -137,11 +137,12 @@ def missed_transients(
             inside = (stamp >= segment.start_ns - 1e6) & (stamp <= segment.end_ns + 1e6)
             amplitude, speed = envelope.amplitude[inside], envelope.speed[inside]
             time = envelope.time[inside]
+            line = np.nan_to_num(envelope.line_power[inside])
             large = np.isfinite(amplitude) & (amplitude > floor)
             if large.sum() < 4:
                 continue
             amplitude, speed, time = amplitude[large], speed[large], time[large]
-            rate = law.growth_rate(speed, amplitude)
+            rate = law.growth_rate(speed, amplitude, line[large])
             said = float(np.sum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time)))
             seen = math.log(float(amplitude[-1] / amplitude[0]))
             count += 1

@@ -24,11 +24,11 @@ from hunt_ros.identification.growth_law import (
     TERMS,
     GrowthLaw,
     GrowthScales,
-    from_normal_form,
-    to_normal_form,
 )
 from hunt_ros.identification.integral_fit import integral_start
-from hunt_ros.identification.path_likelihood import Path
+from hunt_ros.identification.normal_form_map import from_normal_form, to_normal_form
+from hunt_ros.identification.path import Path
+from hunt_ros.identification.path_likelihood import NOISE_TERMS
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.trajectory_fit import Prior, TrajectoryFit, fit_path
 
@@ -98,7 +98,7 @@ def fit_laws(
     quintic, path = _fit_quintic(path, scales, settings, v_c, floor)
     fits = {QUINTIC: (quintic, path)}
     theta = quintic.theta
-    extended = np.concatenate([theta[:6], [0.0], theta[-3:]])
+    extended = np.concatenate([theta[:6], [0.0], theta[-NOISE_TERMS:]])
     fits[EXTENDED] = (_finish(EXTENDED, path, extended, scales, settings), path)
     # The way to the quintic optimum may lead round by the richer law.
     shorter = np.delete(fits[EXTENDED][0].theta, 6)
@@ -108,6 +108,40 @@ def fit_laws(
     bent = replace(path, conicity=True)
     shape = _conicity_start(fits[EXTENDED][0].theta)
     fits[CONICITY] = (_finish(CONICITY, bent, shape, scales, settings), bent)
+    return _weighed(fits, scales)
+
+
+def fit_again(
+    laws: Sequence[FittedLaw], path: Path, settings: IdentificationSettings
+) -> list[FittedLaw]:
+    """
+    Fit laws to the same path under other weights, from where they are.
+
+    Parameters
+    ----------
+    laws : sequence of FittedLaw
+        As fitted.
+    path : Path
+        With the weights of its instants.
+    settings : IdentificationSettings
+        For what is known from elsewhere.
+
+    Returns
+    -------
+    list of FittedLaw
+        The one with the most evidence first.
+    """
+    fits = {}
+    scales = laws[0].law.scales
+    for one in laws:
+        name = one.law.name
+        used = replace(path, conicity=name == CONICITY)
+        fits[name] = (_finish(name, used, one.fit.theta, scales, settings), used)
+    return _weighed(fits, scales)
+
+
+def _weighed(fits: dict[str, tuple[TrajectoryFit, Path]], scales: GrowthScales) -> list[FittedLaw]:
+    """Laws with their shares of the evidence, the largest first."""
     evidence = {name: _evidence(fit, name, scales) for name, (fit, _) in fits.items()}
     top = max(max(evidence.values()), -1e300)
     weights = {name: math.exp(max(value - top, -50.0)) for name, value in evidence.items()}
@@ -158,7 +192,7 @@ def _conicity_start(theta: NDArray[np.float64]) -> NDArray[np.float64]:
     """Conicity law near an extended one: its curvature goes into K."""
     p = theta[:7]
     bend = float(np.clip(p[5] / p[3], -2.0, 2.0)) if abs(p[3]) > 1e-6 else 0.0
-    return np.concatenate([p[:5], [bend, 0.0], theta[-3:]])
+    return np.concatenate([p[:5], [bend, 0.0], theta[-NOISE_TERMS:]])
 
 
 def _evidence(fit: TrajectoryFit, name: str, scales: GrowthScales) -> float:
@@ -186,7 +220,7 @@ def _fit_quintic(
     usual = float(np.nanmedian(change)) ** 2 if np.isfinite(change).any() else 1.0
     noise = np.log([max(0.3 * usual / step, 1e-12), max(0.3 * usual, 1e-12), 1e-3])
     # From broad to narrow: under little noise the hills are too steep to find the highest.
-    noise = np.maximum(noise, _BROAD)
+    noise = np.concatenate([[0.0, 0.0], np.maximum(noise, _BROAD)])
     priors = priors_of(scales, settings)
     laws = [integral_start(path, floor, fastest_rate(scales)), *_templates(path, scales, v_c)]
     starts = [

@@ -14,12 +14,16 @@ by its outcome.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled
+from hunt_ros.identification.path import Path
+
+#: Number of parameters behind those of the law: how ln Q changes with u and with w, then
+#: ln Q (at u = w = 0), ln R and the log of the phase noise.
+NOISE_TERMS = 5
 
 #: Longest step of the integration relative to the fastest rate met, 1.
 _STEP = 0.5
@@ -28,36 +32,39 @@ _LARGEST = 25.0
 
 
 @compiled
-def _rate(p: NDArray[np.float64], u: float, w: float) -> float:
-    """Growth rate; p[7] tells the conicity law (1) from the polynomial (0)."""
+def _rate(p: NDArray[np.float64], u: float, w: float, b: float) -> float:
+    """Growth rate beside a line of power b; p[7] tells the conicity law from the polynomial."""
     rate: float = p[0] + (p[1] + p[2] * u) * u
+    cubic = w + 2.0 * b
+    quintic = w * w + (6.0 * w + 3.0 * b) * b
     if p[7] > 0.5:
-        conicity = w * (1.0 + p[5] * w)
+        conicity = cubic + p[5] * quintic
         rate += (p[3] + p[4] * u + p[6] * conicity) * conicity
     else:
-        rate += (p[3] + p[4] * u) * w + (p[5] + p[6] * u) * w * w
+        rate += (p[3] + p[4] * u) * cubic + (p[5] + p[6] * u) * quintic
     return rate
 
 
 @compiled
-def _slope(p: NDArray[np.float64], u: float, w: float) -> float:
+def _slope(p: NDArray[np.float64], u: float, w: float, b: float) -> float:
     """Derivative of the growth rate by ln A."""
+    quintic = 2.0 * w + 6.0 * b
     if p[7] > 0.5:
-        conicity = w * (1.0 + p[5] * w)
-        steep = 2.0 * w * (1.0 + 2.0 * p[5] * w)
+        conicity = w + 2.0 * b + p[5] * (w * w + (6.0 * w + 3.0 * b) * b)
+        steep = 2.0 * w * (1.0 + p[5] * quintic)
         slope: float = (p[3] + p[4] * u + 2.0 * p[6] * conicity) * steep
     else:
-        slope = 2.0 * w * (p[3] + p[4] * u + 2.0 * (p[5] + p[6] * u) * w)
+        slope = 2.0 * w * (p[3] + p[4] * u + (p[5] + p[6] * u) * quintic)
     return slope
 
 
 @compiled
 def _propagate(
-    p: NDArray[np.float64], u0: float, u1: float, dt: float, log_amplitude: float
+    p: NDArray[np.float64], u0: float, u1: float, dt: float, log_amplitude: float, b: float
 ) -> tuple[float, float]:
     """Carry ln A over dt while u goes from u0 to u1; also the integral of the slope."""
     w = min(math.exp(2.0 * log_amplitude), _LARGEST)
-    fastest = abs(_slope(p, u0, w)) + 2.0 * abs(_rate(p, u0, w))
+    fastest = abs(_slope(p, u0, w, b)) + 2.0 * abs(_rate(p, u0, w, b))
     count = int(min(max(math.ceil(dt * fastest / _STEP), 2.0), 60.0))
     h = dt / count
     du = (u1 - u0) / count
@@ -67,16 +74,16 @@ def _propagate(
         ua = u0 + i * du
         ub = ua + 0.5 * du
         uc = ua + du
-        k1 = 2.0 * w * _rate(p, ua, w)
+        k1 = 2.0 * w * _rate(p, ua, w, b)
         w2 = min(max(w + 0.5 * h * k1, 0.0), _LARGEST)
-        k2 = 2.0 * w2 * _rate(p, ub, w2)
+        k2 = 2.0 * w2 * _rate(p, ub, w2, b)
         w3 = min(max(w + 0.5 * h * k2, 0.0), _LARGEST)
-        k3 = 2.0 * w3 * _rate(p, ub, w3)
+        k3 = 2.0 * w3 * _rate(p, ub, w3, b)
         w4 = min(max(w + h * k3, 0.0), _LARGEST)
-        k4 = 2.0 * w4 * _rate(p, uc, w4)
-        slope = _slope(p, ua, w) + 2.0 * (_slope(p, ub, w2) + _slope(p, ub, w3))
+        k4 = 2.0 * w4 * _rate(p, uc, w4, b)
+        slope = _slope(p, ua, w, b) + 2.0 * (_slope(p, ub, w2, b) + _slope(p, ub, w3, b))
         w = min(max(w + h * (k1 + 2.0 * (k2 + k3) + k4) / 6.0, 1e-18), _LARGEST)
-        total += h * (slope + _slope(p, uc, w4)) / 6.0
+        total += h * (slope + _slope(p, uc, w4, b)) / 6.0
     return 0.5 * math.log(w), total
 
 
@@ -88,17 +95,21 @@ def _innovations(
     u: NDArray[np.float64],
     real: NDArray[np.float64],
     imag: NDArray[np.float64],
+    line: NDArray[np.float64],
     restart: NDArray[np.bool_],
-    blur: float,
-    reach: float,
+    window: NDArray[np.float64],
     out: NDArray[np.float64],
 ) -> None:
     """Fill out[k] = whitened radial and tangential innovation, and the log of their variances."""
-    q = math.exp(noise[0])
-    r = math.exp(noise[1])
-    jitter = math.exp(noise[2])
+    r = math.exp(noise[3])
+    jitter = math.exp(noise[4])
+    blur, reach, shared, spacing = window[0], window[1], window[2], window[3]
+    # Windows overlap: n_k = e_k + shared e_{k-1}. The last e is part of the state: its
+    # estimate, its variances, and its covariances with the amplitude.
+    fresh = r / (1.0 + shared * shared)
     started = False
     a_re = a_im = p_r = p_t = 0.0
+    e_re = e_im = v_r = v_t = x_r = x_t = 0.0
     last = 0
     for k in range(time.size):
         out[k, 0] = 0.0
@@ -112,20 +123,28 @@ def _innovations(
         if not started:
             started = True
             seen = max(math.sqrt(real[k] * real[k] + imag[k] * imag[k]), 1e-9)
-            sharp = 1.0 / _blurred(p, u[k], seen, blur)
-            sharp = 1.0 / _blurred(p, u[k], seen * sharp, blur)
+            sharp = 1.0 / _blurred(p, u[k], seen, line[k], blur)
+            sharp = 1.0 / _blurred(p, u[k], seen * sharp, line[k], blur)
             a_re = real[k] * sharp
             a_im = imag[k] * sharp
             p_r = r
             p_t = r
+            e_re = e_im = 0.0
+            v_r = v_t = fresh
+            x_r = x_t = -fresh
             last = k
             continue
         dt = time[k] - time[last]
+        b = shared if dt < 1.5 * spacing else 0.0
         amplitude = max(math.sqrt(a_re * a_re + a_im * a_im), 1e-9)
         c = a_re / amplitude
         s = a_im / amplitude
         before = math.log(amplitude)
-        x, slope = _propagate(p, u[last], u[k], dt, before)
+        # How much of the forcing reaches the mode changes with speed and amplitude.
+        near = min(amplitude * amplitude, 2.0)
+        push = noise[2] + noise[0] * 0.5 * (u[last] + u[k]) + noise[1] * near
+        q = math.exp(min(max(push, -40.0), 10.0))
+        x, slope = _propagate(p, u[last], u[k], dt, before, 0.5 * (line[last] + line[k]))
         grown = x - before
         # Sensitivities: along the radius it is that of the amplitude, across it that of the turn.
         log_r = max(min(grown + slope, 20.0), -40.0)
@@ -135,34 +154,48 @@ def _innovations(
         p_t = math.exp(2.0 * log_t) * p_t + q * dt * _mean_exp(2.0 * log_t)
         turning = jitter * amplitude * amplitude
         p_t += turning * dt
-        gain = _blurred(p, u[k], amplitude, blur)
-        e_r = c * real[k] + s * imag[k] - gain * amplitude
-        e_t = c * imag[k] - s * real[k]
+        gain = _blurred(p, u[k], amplitude, line[k], blur)
+        i_r = c * real[k] + s * imag[k] - gain * amplitude - b * (c * e_re + s * e_im)
+        i_t = c * imag[k] - s * real[k] - b * (c * e_im - s * e_re)
         # A window smooths the random motion inside it: the variance it takes away counts
         # as noise below zero (exact for a random walk, and in the limit of fast return).
-        r_r = r - 0.5 * reach * q / (1.0 + reach * max(-log_r / dt, 0.0))
-        r_t = r - 0.5 * reach * (q + turning) / (1.0 + reach * max(-log_t / dt, 0.0))
-        s_r = max(p_r + r_r, 0.1 * p_r + 0.01 * r)
-        s_t = max(p_t + r_t, 0.1 * p_t + 0.01 * r)
-        out[k, 0] = e_r / math.sqrt(s_r)
-        out[k, 1] = e_t / math.sqrt(s_t)
+        less_r = 0.5 * reach * q / (1.0 + reach * max(-log_r / dt, 0.0))
+        less_t = 0.5 * reach * (q + turning) / (1.0 + reach * max(-log_t / dt, 0.0))
+        x_r *= b * math.exp(log_r)
+        x_t *= b * math.exp(log_t)
+        noise_r = b * b * v_r + (fresh if b > 0.0 else r)
+        noise_t = b * b * v_t + (fresh if b > 0.0 else r)
+        s_r = max(p_r + 2.0 * x_r + noise_r - less_r, 0.1 * p_r + 0.01 * r)
+        s_t = max(p_t + 2.0 * x_t + noise_t - less_t, 0.1 * p_t + 0.01 * r)
+        out[k, 0] = i_r / math.sqrt(s_r)
+        out[k, 1] = i_t / math.sqrt(s_t)
         out[k, 2] = math.log(s_r)
         out[k, 3] = math.log(s_t)
-        along = amplitude + p_r / s_r * e_r
-        across = p_t / s_t * e_t
+        k_r = (p_r + x_r) / s_r
+        k_t = (p_t + x_t) / s_t
+        along = amplitude + k_r * i_r
+        across = k_t * i_t
         a_re = c * along - s * across
         a_im = s * along + c * across
-        p_r = p_r * (1.0 - p_r / s_r)
-        p_t = p_t * (1.0 - p_t / s_t)
+        along = fresh / s_r * i_r
+        across = fresh / s_t * i_t
+        e_re = c * along - s * across
+        e_im = s * along + c * across
+        x_r = -k_r * fresh
+        x_t = -k_t * fresh
+        v_r = fresh - fresh * fresh / s_r
+        v_t = fresh - fresh * fresh / s_t
+        p_r -= k_r * k_r * s_r
+        p_t -= k_t * k_t * s_t
         last = k
 
 
 @compiled
-def _blurred(p: NDArray[np.float64], u: float, amplitude: float, blur: float) -> float:
+def _blurred(p: NDArray[np.float64], u: float, amplitude: float, b: float, blur: float) -> float:
     """How much larger a window shows an amplitude that bends: 1 + sigma^2 A'' / 2 A."""
     w = min(amplitude * amplitude, _LARGEST)
-    rate = _rate(p, u, w)
-    bend = 0.5 * blur * rate * (rate + _slope(p, u, w))
+    rate = _rate(p, u, w, b)
+    bend = 0.5 * blur * rate * (rate + _slope(p, u, w, b))
     return 1.0 + max(min(bend, 0.5), -0.3)
 
 
@@ -174,67 +207,15 @@ def _mean_exp(x: float) -> float:
     return (math.exp(x) - 1.0) / x
 
 
-@dataclass(frozen=True, eq=False)
-class Path:
-    """
-    The envelope of all records in a row, in the variables of the fit.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-        s, rising within each segment.
-    u : ndarray, shape (n,)
-        v / v_ref - 1.
-    phasor : ndarray of complex, shape (n,)
-        z / A_ref; NaN where nothing was measured.
-    restart : ndarray of bool, shape (n,)
-        True where a segment begins: the amplitude there is free.
-    cluster : ndarray of int, shape (n,)
-        Run or block each instant belongs to, 0-based, for robust variances.
-    blur : float
-        Variance of the window in which each phasor was measured, s^2.
-    reach : float
-        Mean distance of two instants of such a window, s.
-    conicity : bool
-        Whether the law is that of the equivalent conicity.
-    weight : ndarray, shape (n,), optional
-        What an instant counts, where a law is not to be held to all of them.
-    """
-
-    time: NDArray[np.float64]
-    u: NDArray[np.float64]
-    phasor: NDArray[np.complex128]
-    restart: NDArray[np.bool_]
-    cluster: NDArray[np.int64]
-    blur: float = 0.0
-    reach: float = 0.0
-    conicity: bool = False
-    weight: NDArray[np.float64] | None = None
-
-    @property
-    def clusters(self) -> int:
-        """Number of clusters."""
-        return int(self.cluster.max()) + 1 if self.cluster.size else 0
-
-    def broken_at(self, jumps: NDArray[np.bool_]) -> Path:
-        """Return the path with new segments after `jumps`, whose windows are left out."""
-        hit = jumps.copy()
-        hit[:-1] |= jumps[1:]
-        hit[1:] |= jumps[:-1] & ~self.restart[1:]
-        after = self.restart.copy()
-        after[1:] |= hit[:-1]
-        return replace(self, phasor=np.where(hit, np.nan, self.phasor), restart=after)
-
-
 def innovations(theta: NDArray[np.float64], path: Path) -> NDArray[np.float64]:
     """
     Whitened innovations and log variances along a path.
 
     Parameters
     ----------
-    theta : ndarray, shape (6 + 3,) or (7 + 3,)
-        Growth law p, then ln Q, ln R (in units of A_ref^2 / s and A_ref^2) and the log of
-        the phase noise (rad^2 / s).
+    theta : ndarray, shape (6 + 5,) or (7 + 5,)
+        Growth law p, then d ln Q / du and d ln Q / dw, ln Q and ln R (in units of
+        A_ref^2 / s and A_ref^2) and the log of the phase noise (rad^2 / s).
     path : Path
         The measured envelope.
 
@@ -245,19 +226,26 @@ def innovations(theta: NDArray[np.float64], path: Path) -> NDArray[np.float64]:
         variances; zeros where a sample carries no information.
     """
     law = np.zeros(8)
-    law[: theta.size - 3] = theta[:-3]
+    law[: theta.size - NOISE_TERMS] = theta[:-NOISE_TERMS]
     law[7] = float(path.conicity)
     out = np.empty((path.time.size, 4))
     _innovations(
         law,
-        np.ascontiguousarray(theta[-3:]),
+        np.ascontiguousarray(theta[-NOISE_TERMS:]),
         path.time,
         path.u,
         np.ascontiguousarray(path.phasor.real),
         np.ascontiguousarray(path.phasor.imag),
+        np.zeros(path.time.size) if path.line is None else path.line,
         path.restart,
-        path.blur,
-        path.reach,
+        np.array([path.blur, path.reach, _shared(path.overlap), path.spacing]),
         out,
     )
     return out
+
+
+def _shared(correlation: float) -> float:
+    """Coefficient b of the moving average e_k + b e_{k-1} of a correlation b / (1 + b^2)."""
+    if correlation == 0.0:
+        return 0.0
+    return (1.0 - math.sqrt(1.0 - 4.0 * correlation**2)) / (2.0 * correlation)

@@ -24,7 +24,8 @@ from hunt_ros.analysis.steady_state import (
     mean_of_maxima,
     standard_error,
 )
-from hunt_ros.identification.envelope import Channels, Envelope
+from hunt_ros.identification.channels import Channels
+from hunt_ros.identification.envelope import Envelope
 from hunt_ros.identification.segments import (
     Kind,
     Segment,
@@ -34,6 +35,7 @@ from hunt_ros.identification.segments import (
     steady_part,
 )
 from hunt_ros.identification.settings import IdentificationSettings
+from hunt_ros.identification.transients import find_transients, mean_growth
 
 #: Relative error of an amplitude from which the beat with the roughness is not removed.
 _LOCKED = 0.02
@@ -114,9 +116,9 @@ def analyse_record(
             if state is not None:
                 states.append(state)
         edge = end
-    for start, end in _transients(envelope, kicked):
+    for start, end in find_transients(envelope, kicked):
         note('transient', start, end, True, 'free motion between quiet and limit cycle')
-        rate, error = _mean_growth(envelope, start, end)
+        rate, error = mean_growth(envelope, start, end)
         segments[-1] = replace(segments[-1], growth_rate=rate, growth_rate_std=error)
     segments.sort(key=lambda segment: segment.start_ns)
     return segments, states
@@ -154,7 +156,14 @@ def _state(
         source=envelope.source,
         start_ns=envelope.start_ns + int(1e9 * envelope.time[start]),
         end_ns=envelope.start_ns + int(1e9 * envelope.time[end - 1]),
+        line_power=_median(envelope.line_power[start:end]),
     )
+
+
+def _median(values: NDArray[np.float64]) -> float:
+    """Median of what is known; 0 where nothing is."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else 0.0
 
 
 def _on_plateau(
@@ -267,33 +276,3 @@ def _monotonic(
     if end - first > 1:
         parts.append((first, end))
     return parts
-
-
-def _mean_growth(envelope: Envelope, start: int, end: int) -> tuple[float, float]:
-    """Slope of ln A over the small part of a transient, and its deviation, 1/s."""
-    amplitude, time = envelope.amplitude[start:end], envelope.time[start:end]
-    small = amplitude < 0.5 * float(amplitude.max())
-    if small.sum() < 5:
-        return math.nan, math.nan
-    line, covariance = np.polyfit(time[small], np.log(amplitude[small]), 1, cov=True)
-    return float(line[0]), math.sqrt(float(covariance[0, 0]))
-
-
-def _transients(envelope: Envelope, kicked: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Stretches in which the amplitude is on its way from one state to another."""
-    amplitude = envelope.amplitude
-    threshold = hunting_threshold(amplitude)
-    if threshold is None:
-        return []
-    logs = np.log(np.where(amplitude > 0.0, amplitude, np.nan))
-    span = 6
-    moving = np.zeros(amplitude.size, dtype=bool)
-    for k in range(amplitude.size - span):
-        piece = logs[k : k + span + 1]
-        if np.isfinite(piece).all() and not kicked[k : k + span + 1].any():
-            steps = np.diff(piece)
-            drift = piece[-1] - piece[0]
-            # A drift against the scatter of its own steps, and not a small one.
-            if abs(drift) > 0.3 and abs(drift) > 2.0 * float(np.std(steps)) * math.sqrt(span):
-                moving[k : k + span + 1] = True
-    return [(a, b) for a, b in runs(moving) if np.nanmax(amplitude[a:b]) > 0.5 * threshold]

@@ -13,6 +13,7 @@ from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, NormalForm
 from hunt_ros.identification.growth_law import GrowthLaw
 from hunt_ros.identification.guards import Support
+from hunt_ros.identification.normal_form_map import normal_form_of
 from hunt_ros.identification.result import BranchPoint
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.uncertainty import summary
@@ -48,9 +49,9 @@ class Quantities:
     ) -> None:
         self._law, self._drawn, self._settings = law, drawn, settings
         self._low, self._high = speeds
-        self.form = law.normal_form(self._low, self._high)
+        self.form = normal_form_of(law, self._low, self._high)
         self.forms: list[NormalForm | None] = [
-            one.normal_form(self._low, self._high) for one in drawn
+            normal_form_of(one, self._low, self._high) for one in drawn
         ]
         self._folds = [one.saddle_node(self._lowest) for one in drawn]
 
@@ -129,13 +130,14 @@ class Quantities:
         fold = self._law.saddle_node(self._lowest)
         if fold is not None and self._low < fold < self._high:
             speeds = np.unique(np.concatenate([speeds, fold + np.array([1e-4, 0.01, 0.03, 0.1])]))
-        drawn = [_inner(*one.steady_amplitudes(speeds)) for one in self._drawn]
+        drawn = [
+            _continued(one, below, speeds)
+            for one, below in zip(self._drawn, self._folds, strict=True)
+        ]
         unstable, stable = self._law.steady_amplitudes(speeds)
 
         def at(k: int, value: float, index: int) -> Uncertain | None:
             sample = np.array([pair[index][k] for pair in drawn])
-            # Where a draw has no such branch there it has met zero or the fold: that is
-            # part of its interval, and no reason to hide the branch.
             return summary(value, sample, least=0.3)
 
         return tuple(
@@ -153,12 +155,29 @@ class Quantities:
         return summary(value, sample, least=0.5)
 
 
-def _inner(
-    unstable: NDArray[np.float64], stable: NDArray[np.float64]
+def _continued(
+    law: GrowthLaw, fold: float | None, speeds: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Leave out an unstable branch beyond the stable one: there the law is not to be believed."""
+    """
+    Branches of a draw, continued beyond their ends: at zero beyond v_c, at the fold's amplitude
+    below v_n. A draw without the branch at a speed is part of the interval there, not a gap in it.
+    """
+    unstable, stable = law.steady_amplitudes(speeds)
     with np.errstate(invalid='ignore'):
-        return np.where(unstable < stable, unstable, np.nan), stable
+        # An unstable branch beyond the stable one: there the law is not to be believed.
+        unstable = np.where(unstable < stable, unstable, np.nan)
+    v_c = law.critical_speed
+    if v_c is not None:
+        unstable = np.where(np.isnan(unstable) & (speeds >= v_c), 0.0, unstable)
+        if law.criticality == 'supercritical':
+            stable = np.where(np.isnan(stable) & (speeds <= v_c), 0.0, stable)
+    if fold is not None:
+        low, high = law.steady_amplitudes(np.array([fold]))
+        end = 0.5 * float(low[0] + high[0])
+        below = speeds <= fold
+        unstable = np.where(below & np.isnan(unstable), end, unstable)
+        stable = np.where(below & np.isnan(stable), end, stable)
+    return unstable, stable
 
 
 def _values(values: Sequence[float | None]) -> NDArray[np.float64]:

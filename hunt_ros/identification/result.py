@@ -68,6 +68,8 @@ class FitSummary:
         Probability of a discrepancy this large if the law were right.
     condition_number : float
         Of the information, scaled to unit diagonal.
+    v_c_bound : float
+        Cramer and Rao's bound on the deviation of v_c under the law, m/s.
     """
 
     method: str
@@ -79,6 +81,7 @@ class FitSummary:
     lack_of_fit: bool
     lack_of_fit_p: float
     condition_number: float
+    v_c_bound: float = math.nan
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry `fit`."""

@@ -14,11 +14,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.identification.path_likelihood import Path, innovations
+from hunt_ros.identification.damping_bias import damping_correction
+from hunt_ros.identification.path import Path
+from hunt_ros.identification.path_likelihood import NOISE_TERMS, innovations
 
 #: A prior: function of the law's coefficients, expected value, standard deviation.
 Prior = tuple[Callable[[NDArray[np.float64]], float], float, float]
 
+#: Standard deviations of the prior on d ln Q / du, forcing that rises with a power of v, and
+#: on d ln Q / dw; and where they end: forcing is no other than that, it cannot stand in for
+#: what the law fails to follow.
+_SLOPES = np.array([3.0, 0.5])
+_STEEPEST = np.array([9.0, 1.0])
+#: Gain of the log likelihood below which a fit stands: a thirtieth of a deviation.
+_GAIN = 1e-3
 #: Bounds of ln Q, ln R, ln phase noise: beyond them nothing changes any more.
 _LOG_LOW, _LOG_HIGH = -32.0, 5.0
 
@@ -30,16 +39,18 @@ class TrajectoryFit:
 
     Parameters
     ----------
-    theta : ndarray, shape (terms + 3,)
-        Law, then ln Q, ln R, ln phase noise.
-    information : ndarray, shape (terms + 3, terms + 3)
+    theta : ndarray, shape (terms + 5,)
+        Law, then the noise as in `path_likelihood.innovations`.
+    information : ndarray, shape (terms + 5, terms + 5)
         Fisher information, with the priors.
-    scores : ndarray, shape (clusters, terms + 3)
+    scores : ndarray, shape (clusters, terms + 5)
         Gradient of the log likelihood of each cluster at `theta`.
     log_likelihood : float
     innovations : ndarray, shape (n, 4)
     iterations : int
     converged : bool
+    correction : ndarray, shape (terms,)
+        What to add to the law for the bias of the damping of its quiet motion.
     """
 
     theta: NDArray[np.float64]
@@ -49,11 +60,13 @@ class TrajectoryFit:
     innovations: NDArray[np.float64]
     iterations: int
     converged: bool
+    correction: NDArray[np.float64]
 
     @property
     def law(self) -> NDArray[np.float64]:
-        """Coefficients of the growth law."""
-        return self.theta[:-3]
+        """Coefficients of the growth law, freed from the bias of the damping."""
+        law: NDArray[np.float64] = self.theta[:-NOISE_TERMS] + self.correction
+        return law
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +76,7 @@ class _Expansion:
     information: NDArray[np.float64]
     scores: NDArray[np.float64]
     innovations: NDArray[np.float64]
+    derivative: NDArray[np.float64]
 
 
 def _objective(
@@ -75,9 +89,9 @@ def _objective(
     """Negative log posterior, and never NaN."""
     out = innovations(theta, path)
     value = 0.5 * float(np.sum(weight[:, None] * (out[:, :2] ** 2 + out[:, 2:])))
-    value += 0.5 * float(np.sum((theta[:-3] / scale) ** 2))
+    value += 0.5 * float(np.sum((theta[: scale.size] / scale) ** 2))
     for function, mean, std in priors:
-        value += 0.5 * ((function(theta[:-3]) - mean) / std) ** 2
+        value += 0.5 * ((function(theta[:-NOISE_TERMS]) - mean) / std) ** 2
     return value if np.isfinite(value) else float('inf')
 
 
@@ -87,8 +101,9 @@ def _expand(
     weight: NDArray[np.float64],
     scale: NDArray[np.float64],
     priors: Sequence[Prior],
+    central: bool,
 ) -> _Expansion:
-    """Value, gradient, expected information and scores by cluster, by central differences."""
+    """Value, gradient, expected information and scores by cluster, by differences."""
     n = theta.size
     base = innovations(theta, path)
     derivative = np.empty((n, *base.shape))
@@ -97,7 +112,10 @@ def _expand(
         above, below = theta.copy(), theta.copy()
         above[j] += h
         below[j] -= h
-        derivative[j] = (innovations(above, path) - innovations(below, path)) / (2.0 * h)
+        if central:
+            derivative[j] = (innovations(above, path) - innovations(below, path)) / (2.0 * h)
+        else:
+            derivative[j] = (innovations(above, path) - base) / h
     e, d_e, d_l = base[:, :2], derivative[:, :, :2], derivative[:, :, 2:]
     point = -np.einsum('jnc,nc->nj', d_e, e) - 0.5 * d_l.sum(axis=2).T
     scores = np.zeros((path.clusters, n))
@@ -107,12 +125,13 @@ def _expand(
     spread = (d_l * root).reshape(n, -1)
     information = mean @ mean.T + 0.5 * spread @ spread.T
     gradient = scores.sum(axis=0)
-    law = theta[:-3]
-    gradient[:-3] -= law / scale**2
-    information[np.arange(n - 3), np.arange(n - 3)] += 1.0 / scale**2
+    law = theta[:-NOISE_TERMS]
+    weak = np.arange(scale.size)
+    gradient[weak] -= theta[weak] / scale**2
+    information[weak, weak] += 1.0 / scale**2
     for function, expected, std in priors:
         slope = np.zeros(n)
-        for j in range(n - 3):
+        for j in range(law.size):
             h = 1e-5 * max(abs(law[j]), 0.1)
             above, below = law.copy(), law.copy()
             above[j] += h
@@ -122,7 +141,7 @@ def _expand(
             gradient -= slope * (function(law) - expected) / std**2
             information += np.outer(slope, slope) / std**2
     value = _objective(theta, path, weight, scale, priors)
-    return _Expansion(value, gradient, information, scores, base)
+    return _Expansion(value, gradient, information, scores, base, d_e)
 
 
 def fit_path(
@@ -140,8 +159,8 @@ def fit_path(
     ----------
     path : Path
         The measured envelope.
-    start : ndarray, shape (terms + 3,)
-        Law and log variances to start from.
+    start : ndarray, shape (terms + 5,)
+        Law and noise to start from.
     scale : ndarray, shape (terms,)
         Standard deviations of the weak prior on the coefficients of the law, 1/s: no mode
         that still oscillates grows faster than its own angular frequency.
@@ -161,16 +180,23 @@ def fit_path(
     Fisher scoring with Levenberg's damping; the likelihood is that of the extended Kalman
     filter (Ljung, L., System Identification, 1999, Sect. 7.4).
     """
+    terms = scale.size
+    scale = np.concatenate([scale, _SLOPES])
     weight = np.ones(path.time.size) if path.weight is None else path.weight
     if cluster_weight is not None:
         weight = weight * cluster_weight[path.cluster]
     theta = np.array(start, dtype=np.float64)
     theta[-3:] = np.clip(theta[-3:], _LOG_LOW, _LOG_HIGH)
-    current = _expand(theta, path, weight, scale, priors)
+    # One-sided differences climb at half the cost; two-sided ones find the top.
+    central = False
+    current = _expand(theta, path, weight, scale, priors, central)
     damping = 1e-3
     done = False
     count = 0
-    while count < iterations and not done:
+    while count < iterations and not (done and central):
+        if done:
+            central, done = True, False
+            current = _expand(theta, path, weight, scale, priors, central)
         count += 1
         improved = False
         for _ in range(12):
@@ -179,11 +205,13 @@ def fit_path(
             )
             step = np.linalg.solve(matrix, current.gradient)
             # A law an order away from the last one has left the hill it was climbing.
-            longest = np.max(np.abs(step[:-3]) / np.maximum(np.abs(theta[:-3]), 0.05 * scale))
+            size = np.maximum(np.abs(theta[:terms]), 0.05 * scale[:terms])
+            longest = np.max(np.abs(step[:terms]) / size)
             step *= min(1.0, 0.7 / longest) if longest > 0.0 else 1.0
             step[-3:] = np.clip(step[-3:], -1.0, 2.0)
             trial = theta + step
             trial[-3:] = np.clip(trial[-3:], _LOG_LOW, _LOG_HIGH)
+            trial[-5:-3] = np.clip(trial[-5:-3], -_STEEPEST, _STEEPEST)
             value = _objective(trial, path, weight, scale, priors)
             if value < current.value:
                 improved = True
@@ -191,12 +219,12 @@ def fit_path(
             damping *= 6.0
         if not improved:
             done = True
-            break
+            continue
         gain = current.value - value
         theta = trial
         damping = max(damping / 8.0, 1e-9)
-        current = _expand(theta, path, weight, scale, priors)
-        done = gain < 1e-4
+        current = _expand(theta, path, weight, scale, priors, central)
+        done = gain < _GAIN
     return TrajectoryFit(
         theta,
         current.information,
@@ -205,4 +233,5 @@ def fit_path(
         current.innovations,
         count,
         done,
+        damping_correction(theta, path, current.derivative, current.information),
     )

@@ -18,6 +18,7 @@ from scipy import stats
 from hunt_ros.identification.bootstrap import bootstrap
 from hunt_ros.identification.growth_law import GrowthLaw
 from hunt_ros.identification.law_choice import FittedLaw
+from hunt_ros.identification.path_likelihood import NOISE_TERMS
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.trajectory_fit import TrajectoryFit
 from hunt_ros.samples import Uncertain
@@ -74,7 +75,7 @@ def robust_covariance(fit: TrajectoryFit, runs: int) -> Covariance:
     ----------
     Cameron, A. C., Miller, D. L. (2015), J. Human Resources 50, 317-372, Sects. II, VI.
     """
-    terms = fit.theta.size - 3
+    terms = fit.theta.size - NOISE_TERMS
     if not np.isfinite(fit.information).all():
         # A law that ran away says nothing: so wide that every guard sees it.
         return Covariance(1e6 * np.eye(terms), 2.0, math.inf)
@@ -98,6 +99,36 @@ def robust_covariance(fit: TrajectoryFit, runs: int) -> Covariance:
     diagonal = np.sqrt(np.maximum(np.diag(fit.information)[:terms], 1e-300))
     scaled = fit.information[:terms, :terms] / np.outer(diagonal, diagonal)
     return Covariance(covariance, degrees, float(np.linalg.cond(scaled)))
+
+
+def critical_speed_bound(fitted: FittedLaw) -> float:
+    """
+    Smallest deviation v_c can have under the law, m/s: by the information alone.
+
+    Parameters
+    ----------
+    fitted : FittedLaw
+        The law.
+
+    Returns
+    -------
+    float
+        NaN where the law has no critical speed.
+
+    References
+    ----------
+    Cramer, H. (1946), Mathematical Methods of Statistics, Sect. 32.3.
+    """
+    terms = fitted.law.p.size
+    u_c = fitted.law.critical_speed
+    if u_c is None or not np.isfinite(fitted.fit.information).all():
+        return math.nan
+    u = float(fitted.law.detuning(u_c))
+    slope = float(fitted.law.p[1] + 2.0 * fitted.law.p[2] * u)
+    inverse = np.linalg.pinv(fitted.fit.information, rcond=1e-13, hermitian=True)[:terms, :terms]
+    way = np.zeros(terms)
+    way[:3] = fitted.law.scales.speed / slope * np.array([1.0, u, u * u])
+    return math.sqrt(max(float(way @ inverse @ way), 0.0))
 
 
 def widening(runs: int) -> float:

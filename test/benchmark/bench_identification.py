@@ -2,23 +2,25 @@
 Identification: ours beside pysindy on one set of trajectories, and against the full model.
 
 Run with --quick for 3 realisations and seeds, without publication; --seeds N for another
-number. pysindy is the extra `bench`; without it only our columns are printed.
+number; progress goes to stderr. pysindy is the extra `bench`; without it only our columns are printed.
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from importlib.util import find_spec
 from multiprocessing import get_context
 from pathlib import Path
 from runpy import run_path
 
 import numpy as np
-from scipy.signal import butter, hilbert, sosfiltfilt
+from sindy_peer import sindy
 from tables import markdown, publish
 
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM, NormalForm
@@ -38,6 +40,13 @@ NAMES = (*COEFFICIENTS, 'v_n', 'A_u 7.0', 'A_u 7.6')
 FULL_FOLD = 6.433
 FULL_UNSTABLE = ((6.6, 379e-6), (7.2, 237e-6), (7.6, 155e-6))
 FULL_STABLE = ((7.2, 635e-6), (8.0, 678e-6), (8.8, 703e-6))
+#: Broadband forcing and roughness (m) of the staircases.
+STAIRCASES = ((8e-6, 3e-5), (1.2e-5, 3e-5), (1.2e-5, 0.0), (2e-5, 3e-5), (3e-5, 3e-5))
+
+
+def say(text: str) -> None:
+    """Show how far the work is."""
+    print(text, file=sys.stderr, flush=True)
 
 
 def numbers(form: NormalForm | None) -> np.ndarray:
@@ -48,64 +57,6 @@ def numbers(form: NormalForm | None) -> np.ndarray:
     unstable = form.unstable_amplitude(UNSTABLE_AT)
     values = [getattr(form, name) for name in COEFFICIENTS]
     return np.array([*values, np.nan if fold is None else fold, *unstable])
-
-
-def radii(records: Sequence[Record]) -> tuple[list[np.ndarray], float]:
-    """Envelopes for the peer: band-pass, Hilbert, 1.5 s trimmed at each end, at 50 Hz.
-
-    Band, rate and the windows of the weak form are those that served the peer best of
-    half a dozen that were tried.
-    """
-    band = butter(4, [2.2, 3.5], 'bandpass', fs=100.0, output='sos')
-    paths = []
-    for record in records:
-        lateral = record['lateral'].values
-        envelope = np.abs(hilbert(sosfiltfilt(band, lateral - lateral.mean())))
-        paths.append(envelope[150:-150:2])
-    return paths, float(np.percentile(np.concatenate(paths), 95.0))
-
-
-def terms() -> list[Callable[[np.ndarray, np.ndarray], np.ndarray]]:
-    """Return the five known terms of Eq. (24) as functions of r and eps."""
-    return [
-        lambda r, e: e * r,
-        lambda r, e: r**3 + 0.0 * e,
-        lambda r, e: e**2 * r,
-        lambda r, e: e * r**3,
-        lambda r, e: r**5 + 0.0 * e,
-    ]
-
-
-def sindy(records: Sequence[Record], weak: bool) -> NormalForm | None:
-    """Fit the five known terms with pysindy, v_c being told to it."""
-    import pysindy as ps
-
-    form = PAPER_NORMAL_FORM
-    paths, size = radii(records)
-    data = []
-    for record, path in zip(records, paths, strict=True):
-        eps = float(form.detuning(np.median(record['speed'].values)))
-        data.append(np.stack([path / size, np.full(path.size, eps)], axis=1))
-    time_s = np.arange(paths[0].size) * 0.02
-    library = ps.CustomLibrary(library_functions=terms())
-    options: dict[str, object] = {}
-    if weak:
-        np.random.seed(0)  # noqa: NPY002 - the peer draws its windows from numpy's global state
-        library = ps.WeakPDELibrary(library, spatiotemporal_grid=time_s, K=100, H_xt=[4.0])
-    else:
-        options['differentiation_method'] = ps.SmoothedFiniteDifference()
-    model = ps.SINDy(
-        optimizer=ps.STLSQ(threshold=0.0, alpha=1e-10, normalize_columns=True),
-        feature_library=library,
-        **options,
-    )
-    with warnings.catch_warnings():
-        warnings.simplefilter('ignore')
-        model.fit(data, t=time_s)
-        found = np.asarray(model.coefficients())[0][:5]
-    unit = (size / (2.0 * form.length_scale)) ** 2
-    d1, d4, d7, d10, d15 = found * form.time_scale / np.array([1, unit, 1, unit, unit**2])
-    return NormalForm(8.0, float(d1), float(d4), float(d7), float(d10), float(d15))
 
 
 def ours(records: Sequence[Record]) -> NormalForm | None:
@@ -147,12 +98,20 @@ def covered(seed: int) -> np.ndarray:
     return np.array(inside)
 
 
-def staircase(seed: int) -> list[float]:
+def stepped(seed: int, broadband: float, roughness: float) -> Record:
+    """One staircase of the full model up and down, 0.2 m/s steps, 25 s holds."""
+    settings = replace(_MAKERS['rig_settings'](roughness), broadband=broadband)
+    up = np.arange(6.0, 8.9, 0.2)
+    profile = SpeedProfile.staircase(*up, *up[-2::-1], hold_s=25.0)
+    return simulate(paper_rig(), settings, profile, seed=seed)
+
+
+def staircase(task: tuple[int, float, float]) -> list[float]:
     """Errors from one staircase of the full model."""
-    result = identify([_MAKERS['staircase'](seed)], IdentificationSettings(seed=seed))
+    result = identify([stepped(*task)], IdentificationSettings(seed=task[0]))
     form = None if result.normal_form is None else result.normal_form.form
     if form is None or result.v_n is None or result.v_c is None:
-        return [np.nan] * 6
+        return [np.nan] * 7
     speeds = [point.speed for point in result.branches if point.unstable is not None]
     bands = [point.unstable for point in result.branches if point.unstable is not None]
     inside = []
@@ -166,6 +125,7 @@ def staircase(seed: int) -> list[float]:
         result.v_n.value - FULL_FOLD,
         result.v_c.value - 8.0,
         result.v_c.std,
+        result.fit.v_c_bound,
         stable,
         unstable,
         float(np.mean(inside)),
@@ -195,6 +155,7 @@ def comparison(count: int, pool: ProcessPoolExecutor) -> str:
         if peers:
             best = np.nanmin([rms[name] for name in rms if name != 'ours'], axis=0)
             rows.append(['best peer / ours', 'rms', *(best / rms['ours']), ''])
+        say(f'trajectories at {1e6 * noise:.0f} um: done')
         text.append(
             f'Noise {1e6 * noise:.0f} um, roughness line {1e6 * roughness:.0f} um; error in %'
             f' of the true value over {count} realisations:\n\n'
@@ -205,7 +166,11 @@ def comparison(count: int, pool: ProcessPoolExecutor) -> str:
 
 def coverage(count: int, pool: ProcessPoolExecutor) -> str:
     """Return the table of how often the intervals hold the truth."""
-    inside = np.sum(list(pool.map(covered, range(1000, 1000 + count))), axis=0)
+    inside = np.zeros(len(COEFFICIENTS) + 4, dtype=int)
+    for done, one in enumerate(pool.map(covered, range(1000, 1000 + count)), start=1):
+        inside += one
+        if done % 20 == 0:
+            say(f'coverage: {done} of {count}: {list(inside)}')
     header = [*COEFFICIENTS, 'v_n', 'v_c', 'A_u 7.0', 'A_u 7.6']
     goal = f'{round(0.91 * count)} to {round(0.985 * count)}'
     return (
@@ -215,29 +180,49 @@ def coverage(count: int, pool: ProcessPoolExecutor) -> str:
 
 
 def full_model(count: int, pool: ProcessPoolExecutor) -> str:
-    """Return the table of staircases of the full model."""
-    found = np.array(list(pool.map(staircase, range(count))))
-    known = found[np.isfinite(found[:, 0])]
-    v_n, v_c, std, stable, unstable, inside = known.T
-    rows = [
-        ['answers', f'{len(known)} of {count}', 'all'],
-        ['v_n within 0.05 m/s', f'{np.mean(np.abs(v_n) <= 0.05):.0%}', '90 %'],
-        ['stable branch within 2 %', f'{np.mean(stable <= 0.02):.0%}', '90 %'],
-        [
-            'v_c within 0.1 m/s or two deviations',
-            f'{np.mean(np.abs(v_c) <= np.maximum(0.1, 2.0 * std)):.0%}',
-            '90 %',
-        ],
-        ['bias and rms of v_n (m/s)', f'{v_n.mean():+.3f}, {np.sqrt(np.mean(v_n**2)):.3f}', ''],
-        ['bias and rms of v_c (m/s)', f'{v_c.mean():+.3f}, {np.sqrt(np.mean(v_c**2)):.3f}', ''],
-        ['median reported deviation of v_c (m/s)', f'{np.median(std):.3f}', ''],
-        ['median largest error of the unstable branch', f'{np.median(unstable):.1%}', ''],
-        ['true unstable branch inside its band', f'{inside.mean():.0%}', '95 %'],
+    """Return the table of staircases of the full model, a column for each forcing."""
+    columns = []
+    for broadband, roughness in STAIRCASES:
+        tasks = [(seed, broadband, roughness) for seed in range(count)]
+        found = np.array(list(pool.map(staircase, tasks)))
+        known = found[np.isfinite(found[:, 0])]
+        v_n, v_c, std, bound, stable, unstable, inside = known.T
+        columns.append(
+            [
+                f'{len(known)} of {count}',
+                f'{np.mean(np.abs(v_n) <= 0.05):.0%}',
+                f'{np.mean(stable <= 0.02):.0%}',
+                f'{np.mean(np.abs(v_c) <= np.maximum(0.1, 2.0 * std)):.0%}',
+                f'{np.median(std / bound):.2f}',
+                f'{inside.mean():.0%}',
+                f'{v_n.mean():+.3f}, {np.sqrt(np.mean(v_n**2)):.3f}',
+                f'{v_c.mean():+.3f}, {np.sqrt(np.mean(v_c**2)):.3f}',
+                f'{np.median(std):.3f}, {np.median(bound):.3f}',
+                f'{np.median(stable):.1%}, {np.median(unstable):.1%}',
+            ]
+        )
+        say(f'staircases at broadband {broadband:g}: {columns[-1]}')
+    labels = [
+        ('answers', 'all'),
+        ('v_n within 0.05 m/s', '90 %'),
+        ('stable branch within 2 %', '90 %'),
+        ('v_c within 0.1 m/s or two deviations', '90 %'),
+        ('reported deviation of v_c over its bound, median', '1.5'),
+        ('true unstable branch inside its band', '95 %'),
+        ('bias and rms of v_n (m/s)', ''),
+        ('bias and rms of v_c (m/s)', ''),
+        ('reported deviation of v_c and its bound, medians (m/s)', ''),
+        ('median largest error, stable and unstable branch', ''),
     ]
+    rows = [
+        [label, *(column[k] for column in columns), goal] for k, (label, goal) in enumerate(labels)
+    ]
+    header = [f'{wn:g}, {1e6 * line:.0f} um' for wn, line in STAIRCASES]
     return (
-        'One staircase of the full model (2), (3): 0.2 m/s steps, 25 s holds, roughness 30 um,'
-        ' broadband 8e-6, noise 5 um. Truth: the branches of the model without roughness.\n\n'
-        + markdown(['', 'found', 'goal'], rows)
+        f'One staircase of the full model (2), (3): 0.2 m/s steps, 25 s holds, noise 5 um, {count}'
+        ' seeds; a column for each broadband forcing and roughness. Truth: the branches of the'
+        ' model without roughness. The bound is that of Cramer and Rao under the law that was'
+        ' chosen.\n\n' + markdown(['', *header, 'goal'], rows)
     )
 
 
@@ -247,17 +232,20 @@ def hour() -> str:
     profile = SpeedProfile.staircase(*up, *up[-2::-1], hold_s=62.0)
     settings = SimulationSettings(sample_rate_hz=1000.0, broadband=8e-6, drive_rate_hz=1000.0)
     record = simulate(paper_rig(), settings, profile, seed=1)
+    identify([stepped(0, 8e-6, 0.0)])  # compile before the clock starts
     begin = time.perf_counter()
     result = identify([record])
     point = time.perf_counter() - begin
     begin = time.perf_counter()
     identify([record], IdentificationSettings(bootstrap=100))
     drawn = time.perf_counter() - begin - point
-    fold = 'none' if result.v_n is None else f'{result.v_n.value:.3f} m/s'
+    fold = 'none'
+    if result.v_n is not None:
+        fold = f'{result.v_n.value:.3f} m/s, {result.v_n.low:.3f} to {result.v_n.high:.3f}'
     return (
         f'{record.duration_s / 60.0:.0f} minutes of three channels at 1 kHz: {point:.1f} s with'
         f' linearised intervals (goal 10 s), {drawn:.1f} s more for 100 bootstrap'
-        f' replications (goal 60 s); v_n {fold}.'
+        f' replications (goal 60 s); v_n {fold} (true: {FULL_FOLD}).'
     )
 
 
@@ -272,8 +260,15 @@ def main() -> None:
     count = 3 if arguments.quick else arguments.seeds
     cover = 6 if arguments.quick else arguments.coverage
     with ProcessPoolExecutor(arguments.jobs, mp_context=get_context('spawn')) as pool:
-        parts = [comparison(count, pool), coverage(cover, pool), full_model(count, pool)]
-    parts.append(hour())
+        parts = []
+        for part in (
+            lambda: comparison(count, pool),
+            lambda: full_model(count, pool),
+            hour,
+            lambda: coverage(cover, pool),
+        ):
+            parts.append(part())
+            say(parts[-1])
     text = '\n\n'.join(parts)
     if arguments.quick:
         print(text)
@@ -285,11 +280,9 @@ FALLS_SHORT = (
     'Both methods are told v_c and the five terms; the peer gets r(t) from band-pass and Hilbert'
     ' transform, with the settings that served it best of those tried, and gives no interval, no'
     ' fold and no v_c of its own. Times are those of processes that share the machine. What falls'
-    ' short: single realisations in which the weak form does well on v_n and the unstable'
-    ' amplitude leave it two to four times our error there, not five; intervals at 20 um are'
-    ' slightly narrow for D1 and v_n. On the full model v_c comes'
-    ' out about 0.05 m/s low, by the roughness and the misfit of the quintic form, and v_n of the'
-    ' hour 0.03 m/s high, with an interval that does not know of it.'
+    ' short: the unstable amplitude of a single staircase between 7 and 7.6 m/s comes out one to'
+    ' three per cent high under little forcing, where no motion passes it, and its band, which'
+    ' holds chance and the choice of the law, does not know of that.'
 )
 
 

@@ -17,7 +17,7 @@ SETTINGS = IdentificationSettings(jobs=1, seed=7)
 
 @pytest.fixture(scope='module')
 def fitted(records):
-    runs = _envelopes(_usable(records['trajectories'], []), 2.835, SETTINGS, [])
+    runs = _envelopes(_usable(records['trajectories'], SETTINGS, []), 2.835, SETTINGS, [])
     path, scales = _path(runs, 2.835, SETTINGS)
     return fit_laws(path, scales, SETTINGS, None, 0.02)[0]
 

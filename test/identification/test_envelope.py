@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from hunt_ros.errors import IdentificationError
-from hunt_ros.identification.envelope import channels_of, envelope_of
+from hunt_ros.identification.channels import channels_of
+from hunt_ros.identification.envelope import envelope_of
 from hunt_ros.identification.hunting_frequency import find_frequency, tracked_envelope
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import Record, Series

@@ -3,9 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.errors import IdentificationError
-from hunt_ros.identification.four_point import four_point
+from hunt_ros.identification.four_point import at_detunings, four_point
+from hunt_ros.identification.segments import Segment
 
 
 def radii(eps):
@@ -48,3 +50,27 @@ def test_a_point_without_a_real_state_is_said():
 def test_fewer_than_four_points_are_refused(eps, r):
     with pytest.raises(IdentificationError, match='four-point recipe'):
         four_point(np.array(eps, dtype=float), np.array(r, dtype=float), 0.12)
+
+
+def state(speed, start=0):
+    return SteadyState(speed, 6e-4, 1e-6, 'up', 50, start_ns=start + 5, end_ns=start + 9)
+
+
+def segment(kind, speed, start, end):
+    return Segment(kind, '', start, end, speed, speed, True, '')
+
+
+def test_a_hold_that_contains_a_jump_is_not_one_of_the_four():
+    speeds = [6.5, 7.2, 8.0, 8.02, 8.8]
+    states = [state(speed, start=20 * k) for k, speed in enumerate(speeds)]
+    holds = [segment('plateau', speed, 20 * k, 20 * k + 10) for k, speed in enumerate(speeds)]
+    chosen = at_detunings(states, holds, 8.0)
+    assert [one.speed for one in chosen] == [6.5, 7.2, 8.0, 8.8]
+    jump = segment('transient', 8.0, 41, 44)  # before the amplitude had settled, in the same hold
+    chosen = at_detunings(states, [*holds, jump], 8.0)
+    assert [one.speed for one in chosen] == [6.5, 7.2, 8.02, 8.8]
+
+
+def test_limit_cycles_far_from_the_four_detunings_do_not_stand_in_for_them():
+    states = [state(speed, start=20 * k) for k, speed in enumerate([7.4, 7.6, 8.0, 8.8, 9.2])]
+    assert 'near eps = -0.2' in at_detunings(states, [], 8.0)

@@ -12,7 +12,10 @@ from hunt_ros.identification.growth_law import (
     QUINTIC,
     GrowthLaw,
     GrowthScales,
+)
+from hunt_ros.identification.normal_form_map import (
     from_normal_form,
+    normal_form_of,
     to_normal_form,
 )
 
@@ -73,7 +76,7 @@ def test_growth_vanishes_on_the_branches_and_changes_sign_as_named(name, extra):
 def test_the_nearest_quintic_keeps_both_branches_of_another_law():
     p = np.concatenate([from_normal_form(PAPER_NORMAL_FORM, SCALES), [-1.0]])
     law = GrowthLaw(EXTENDED, p, SCALES)
-    form = law.normal_form(6.6, 8.8)
+    form = normal_form_of(law, 6.6, 8.8)
     assert form is not None
     assert form.critical_speed == pytest.approx(law.critical_speed)
     speeds = np.linspace(6.9, 7.6, 6)
@@ -87,3 +90,22 @@ def test_no_critical_speed_where_the_growth_never_rises_through_zero():
     law = GrowthLaw(QUINTIC, np.array([-1.0, -1.0, 0.0, 1.0, 0.0, -1.0]), SCALES)
     assert law.critical_speed is None or law.critical_speed < 0.0 or law.p[1] > 0.0
     assert to_normal_form(np.array([-1.0, 0.0, -1.0, 1.0, 0.0, -1.0]), SCALES) is None
+
+
+@pytest.mark.parametrize('name', [QUINTIC, EXTENDED, CONICITY])
+def test_steady_amplitudes_beside_a_line_neither_grow_nor_fade(name):
+    quintic = from_normal_form(PAPER_NORMAL_FORM, SCALES)
+    bent = {
+        QUINTIC: quintic,
+        EXTENDED: [*quintic, 0.2],
+        CONICITY: [*quintic[:5], -0.1, quintic[5]],
+    }
+    law = GrowthLaw(name, np.array(bent[name]), SCALES)
+    speed, line = np.array([6.8, 7.2, 7.6]), np.array([0.0, 1e-9, 3e-9])
+    unstable, stable = law.steady_amplitudes(speed, line)
+    for branch in (unstable, stable):
+        assert np.isfinite(branch).all()
+        assert np.abs(law.growth_rate(speed, branch, line)).max() < 1e-9
+    # Roughness lowers the threshold, by about B^2 / A_u.
+    alone, _ = law.steady_amplitudes(speed)
+    assert (unstable[1:] < alone[1:]).all()

@@ -1,16 +1,20 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.identification import path_likelihood
-from hunt_ros.identification.growth_law import GrowthScales, from_normal_form
-from hunt_ros.identification.path_likelihood import Path, innovations
+from hunt_ros.identification.growth_law import CONICITY, TERMS, GrowthLaw, GrowthScales
+from hunt_ros.identification.normal_form_map import from_normal_form
+from hunt_ros.identification.path import Path
+from hunt_ros.identification.path_likelihood import innovations
 
 SCALES = GrowthScales(7.4, 7e-4, 0.0485, 1.0 / 25.91, 2.84)
 LAW = from_normal_form(PAPER_NORMAL_FORM, SCALES)
-QUIET = np.array([-30.0, -12.0, -20.0])
+QUIET = np.array([0.0, 0.0, -30.0, -12.0, -20.0])
 
 
 def path_of(speed: float, start: float, step: float = 0.5, count: int = 60) -> Path:
@@ -72,10 +76,65 @@ def test_innovations_are_white_and_of_unit_variance_under_the_true_law():
     restart = np.zeros(n, dtype=bool)
     restart[0] = True
     path = Path(np.arange(n) * step, np.zeros(n), seen, restart, np.zeros(n, dtype=np.int64))
-    theta = np.array([-damping, 0, 0, 0, 0, 0, 2 * np.log(forcing), 2 * np.log(noise), -40.0])
+    logs = [2 * np.log(forcing), 2 * np.log(noise), -40.0]
+    theta = np.array([-damping, 0, 0, 0, 0, 0, 0, 0, *logs])
     out = innovations(theta, path)[10:, :2]
     assert out.std(axis=0) == pytest.approx([1.0, 1.0], abs=0.02)
     assert abs(np.mean(out[1:, 0] * out[:-1, 0])) < 0.02
+
+
+def test_noise_shared_by_overlapping_windows_is_told_from_motion():
+    rng = np.random.default_rng(4)
+    n, step, noise, shared = 20_000, 0.5, 2e-3, 0.1
+    white = rng.standard_normal((n + 1, 2)) @ np.array([1.0, 1.0j])
+    size = noise / np.sqrt(1.0 + shared**2)
+    seen = 0.1 + size * (white[1:] + shared * white[:-1])
+    restart = np.zeros(n, dtype=bool)
+    restart[0] = True
+    path = Path(
+        np.arange(n) * step,
+        np.zeros(n),
+        seen,
+        restart,
+        np.zeros(n, dtype=np.int64),
+        overlap=shared / (1.0 + shared**2),
+        spacing=step,
+    )
+    theta = np.array([0, 0, 0, 0, 0, 0, 0, 0, -32.0, 2 * np.log(noise), -32.0])
+    out = innovations(theta, path)[10:, :2]
+    assert out.std(axis=0) == pytest.approx([1.0, 1.0], abs=0.02)
+    assert abs(np.mean(out[1:, 0] * out[:-1, 0])) < 0.02
+    apart = innovations(theta, replace(path, overlap=0.0))[10:, :2]
+    assert np.mean(apart[1:, 0] * apart[:-1, 0]) > 0.07
+
+
+@pytest.mark.parametrize('name', list(TERMS))
+def test_a_line_beside_hunting_acts_in_the_likelihood_as_in_the_law(name):
+    p = np.concatenate([LAW, [0.3]])[: TERMS[name]]
+    law = GrowthLaw(name, p, SCALES)
+    line, step, speed = 4e-9, 0.02, 7.2
+    start, n = 3e-4, 40
+    amplitude = np.empty(n)
+    amplitude[0] = start
+    for k in range(1, n):
+        rate = float(law.growth_rate(speed, amplitude[k - 1], line))
+        half = amplitude[k - 1] * np.exp(0.5 * step * rate)
+        amplitude[k] = amplitude[k - 1] * np.exp(step * float(law.growth_rate(speed, half, line)))
+    restart = np.zeros(n, dtype=bool)
+    restart[0] = True
+    path = Path(
+        np.arange(n) * step,
+        np.full(n, speed / SCALES.speed - 1.0),
+        amplitude / SCALES.amplitude + 0j,
+        restart,
+        np.zeros(n, dtype=np.int64),
+        conicity=name == CONICITY,
+        line=np.full(n, line / SCALES.amplitude**2),
+    )
+    out = innovations(np.concatenate([p, QUIET]), path)
+    assert np.abs(out[:, 0]).max() < 0.02
+    without = innovations(np.concatenate([p, QUIET]), replace(path, line=None))
+    assert np.abs(without[:, 0]).max() > 0.05
 
 
 def test_the_kernel_gives_the_same_numbers_as_plain_python():
@@ -93,12 +152,11 @@ def test_the_kernel_gives_the_same_numbers_as_plain_python():
         path.u,
         path.phasor.real.copy(),
         path.phasor.imag.copy(),
+        np.full(12, 0.01),
         path.restart,
-        0.03,
-        0.2,
+        np.array([0.03, 0.2, path_likelihood._shared(0.1), 0.5]),
         out,
     )
-    from dataclasses import replace
-
-    compiled = innovations(np.concatenate([LAW, QUIET]), replace(path, blur=0.03, reach=0.2))
+    path = replace(path, blur=0.03, reach=0.2, overlap=0.1, spacing=0.5, line=np.full(12, 0.01))
+    compiled = innovations(np.concatenate([LAW, QUIET]), path)
     np.testing.assert_allclose(compiled, out, rtol=1e-9, atol=1e-9)

@@ -1,0 +1,88 @@
+"""One record on the time of its lateral samples, in order and without repeats."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.errors import IdentificationError
+from hunt_ros.samples import NANOSECONDS, Record, Series
+
+
+def _sorted(series: Series, start_ns: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return time (s) in order without repeats, and the values with it."""
+    time, first = np.unique((series.stamps_ns - start_ns) / NANOSECONDS, return_index=True)
+    return time, series.values[first]
+
+
+@dataclass(frozen=True, eq=False)
+class Channels:
+    """
+    One record on the time of its lateral samples.
+
+    Parameters
+    ----------
+    time, lateral, speed, roller : ndarray, shape (n,)
+        s, m, m/s, rad; lateral NaN where a sample dropped out, roller empty without roller.
+    rate_hz : float
+        Sample rate by the median spacing.
+    """
+
+    source: str
+    start_ns: int
+    time: NDArray[np.float64]
+    lateral: NDArray[np.float64]
+    speed: NDArray[np.float64]
+    roller: NDArray[np.float64]
+    rate_hz: float
+
+    def thinned(self, stride: int) -> Channels:
+        """Return every so many-th sample."""
+        if stride <= 1:
+            return self
+        time, lateral, speed = (x[::stride] for x in (self.time, self.lateral, self.speed))
+        rate = self.rate_hz / stride
+        return Channels(
+            self.source, self.start_ns, time, lateral, speed, self.roller[::stride], rate
+        )
+
+
+def channels_of(record: Record) -> Channels:
+    """
+    Bring a record onto the time of its lateral samples.
+
+    Raises
+    ------
+    IdentificationError
+        Where lateral or speed is missing, has no finite sample, or is too short.
+    """
+    name = record.source or 'record'
+    for channel in ('lateral', 'speed'):
+        if channel not in record or not len(record[channel]):
+            raise IdentificationError(f'{name}: no channel {channel!r}, identification needs it')
+        if not np.isfinite(record[channel].values).any():
+            raise IdentificationError(
+                f'{name}: channel {channel!r} has no finite sample among {len(record[channel])}'
+            )
+    start_ns = int(record['lateral'].stamps_ns.min())
+    time, lateral = _sorted(record['lateral'], start_ns)
+    if time.size < 50 or time[-1] < 3.0:
+        raise IdentificationError(
+            f'{name}: {time.size} lateral samples over {time[-1] - time[0]:.1f} s are too few,'
+            f' expected at least 50 over 3 s'
+        )
+    speed_time, speed = _sorted(record['speed'], start_ns)
+    known = np.isfinite(speed)
+    on_time = np.interp(time, speed_time[known], speed[known])
+    roller = np.zeros(0)
+    if 'roller' in record and np.isfinite(record['roller'].values).sum() > 10:
+        roller_time, angle = _sorted(record['roller'], start_ns)
+        known = np.isfinite(angle)
+        roller = np.interp(time, roller_time[known], angle[known])
+        # Beyond the encoder's own samples the angle is not known, and neither is the line.
+        outside = (time < roller_time[known][0]) | (time > roller_time[known][-1])
+        lateral = np.where(outside, np.nan, lateral)
+    rate = 1.0 / float(np.median(np.diff(time)))
+    return Channels(name, start_ns, time, lateral, on_time, roller, rate)

@@ -1,0 +1,69 @@
+"""The measured envelopes of all records in a row: what a growth law is fitted to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """
+    The envelope of all records in a row, in the variables of the fit.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        s, rising within each segment.
+    u : ndarray, shape (n,)
+        v / v_ref - 1.
+    phasor : ndarray of complex, shape (n,)
+        z / A_ref; NaN where nothing was measured.
+    restart : ndarray of bool, shape (n,)
+        True where a segment begins: the amplitude there is free.
+    cluster : ndarray of int, shape (n,)
+        Run or block each instant belongs to, 0-based, for robust variances.
+    blur : float
+        Variance of the window in which each phasor was measured, s^2.
+    reach : float
+        Mean distance of two instants of such a window, s.
+    overlap : float
+        Correlation of the noise of windows that are `spacing` apart, below 1/2.
+    spacing : float
+        Distance of neighbouring windows, s.
+    conicity : bool
+        Whether the law is that of the equivalent conicity.
+    line : ndarray, shape (n,), optional
+        Power (B / A_ref)^2 of the lines that the roller forces on y beside hunting.
+    weight : ndarray, shape (n,), optional
+        What an instant counts, where a law is not to be held to all of them.
+    """
+
+    time: NDArray[np.float64]
+    u: NDArray[np.float64]
+    phasor: NDArray[np.complex128]
+    restart: NDArray[np.bool_]
+    cluster: NDArray[np.int64]
+    blur: float = 0.0
+    reach: float = 0.0
+    overlap: float = 0.0
+    spacing: float = 0.0
+    conicity: bool = False
+    line: NDArray[np.float64] | None = None
+    weight: NDArray[np.float64] | None = None
+
+    @property
+    def clusters(self) -> int:
+        """Number of clusters."""
+        return int(self.cluster.max()) + 1 if self.cluster.size else 0
+
+    def broken_at(self, jumps: NDArray[np.bool_]) -> Path:
+        """Return the path with new segments after `jumps`, whose windows are left out."""
+        hit = jumps.copy()
+        hit[:-1] |= jumps[1:]
+        hit[1:] |= jumps[:-1] & ~self.restart[1:]
+        after = self.restart.copy()
+        after[1:] |= hit[:-1]
+        return replace(self, phasor=np.where(hit, np.nan, self.phasor), restart=after)
