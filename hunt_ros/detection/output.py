@@ -10,33 +10,32 @@ from numpy.typing import NDArray
 
 from hunt_ros.detection.journal import JournalEntry
 from hunt_ros.detection.regions import Level, State
+from hunt_ros.estimation.kalman import TRACK_DTYPE
 
-#: One row of the estimates. Amplitudes in m (yaw: rad), rates per second, unknown as NaN.
-#: The first block is taken from the tracker, the second is the detector's own.
-_FROM_TRACKER = (
-    'lateral_amplitude',
-    'lateral_amplitude_std',
-    'lateral_amplitude_rate',
-    'lateral_amplitude_rate_std',
-    'yaw_amplitude',
-    'yaw_amplitude_std',
-    'yaw_amplitude_rate',
-    'yaw_amplitude_rate_std',
-    'phase',
-    'phase_std',
-    'frequency_hz',
-    'frequency_hz_std',
-    'growth_rate',
-    'growth_rate_std',
-    'lateral_roughness',
-    'lateral_roughness_std',
-    'yaw_roughness',
-    'yaw_roughness_std',
-    'lateral_bias',
-    'yaw_bias',
-    'lateral_noise_std',
-    'yaw_noise_std',
+#: Columns of the tracker that stay inside: of use to the detector, or to who tunes the filter.
+_INSIDE = {
+    'stamp_ns',
+    'lateral_roughness_second',
+    'yaw_roughness_second',
+    'lateral_residual',
+    'yaw_residual',
+    'lateral_nis',
+    'yaw_nis',
+    'lateral_clean',
+    'yaw_clean',
+    'yaw_ratio',
+    'yaw_ratio_std',
+    'yaw_lag',
+    'bandwidth',
+    'second_mode_amplitude',
+    'since_kick',
+    'lateral_tied',
+}
+#: Columns that are taken over from the tracker.
+TRACKER_FIELDS: tuple[str, ...] = tuple(
+    name for name in TRACK_DTYPE.names or () if name not in _INSIDE
 )
+#: The detector's own.
 _OWN = (
     'speed',
     'lateral_envelope',
@@ -54,10 +53,11 @@ _OWN = (
     'time_to_limit_cycle',
 )
 
+#: One row of the estimates. Amplitudes in m (yaw: rad), rates per second, unknown as NaN.
 ESTIMATE_DTYPE: np.dtype[np.void] = np.dtype(
     [
         ('stamp_ns', np.int64),
-        *((name, np.float64) for name in (*_FROM_TRACKER, *_OWN)),
+        *((name, np.float64) for name in (*TRACKER_FIELDS, *_OWN)),
         ('region', np.int8),
         ('state', np.int8),
         ('level', np.int8),
@@ -70,10 +70,8 @@ ESTIMATE_DTYPE: np.dtype[np.void] = np.dtype(
     ]
 )
 
-TRACKER_FIELDS: tuple[str, ...] = _FROM_TRACKER
-
 #: The numbers of the status, in the order in which they are published.
-NUMBERS: tuple[str, ...] = (*_FROM_TRACKER, *_OWN)
+NUMBERS: tuple[str, ...] = (*TRACKER_FIELDS, *_OWN)
 
 
 @dataclass(frozen=True)

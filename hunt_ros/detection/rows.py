@@ -1,5 +1,5 @@
 """
-From merged samples to rows: health of the channels, tracker, second opinion, decisions.
+From merged samples to rows: estimates, decisions, level.
 
 What is done to a stretch of samples once it is complete; the merging before it and
 the events after it are elsewhere.
@@ -16,25 +16,14 @@ from numpy.typing import NDArray
 from hunt_ros.detection import decisions, doubts, health
 from hunt_ros.detection.basin import EdgeTable, form_numbers
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.grid import RowGrid, SlowChannel
-from hunt_ros.detection.health import ChannelHealth
+from hunt_ros.detection.estimates import Estimator
+from hunt_ros.detection.grid import RowGrid
 from hunt_ros.detection.merge import MergedBlock
-from hunt_ros.detection.output import ESTIMATE_DTYPE, TRACKER_FIELDS, Motion
+from hunt_ros.detection.output import Motion
 from hunt_ros.detection.regions import Level, State
 from hunt_ros.detection.rules import rules_of
-from hunt_ros.detection.second_opinion import SecondOpinion
-from hunt_ros.detection.tracking import (
-    SCALE_STD,
-    JudgedChannel,
-    in_yaw,
-    line_search,
-    mode_points,
-    tracker_config,
-)
+from hunt_ros.detection.tracking import JudgedChannel, in_yaw
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.mode_shape import ModeShape
-from hunt_ros.estimation.kalman import HuntingTracker
-from hunt_ros.estimation.line_search import LineSearch
 from hunt_ros.samples import CHANNELS, NANOSECONDS
 
 #: The noise at the edge of the basin is looked up once in this time.
@@ -72,20 +61,9 @@ class RowMaker:
         self.memory = decisions.fresh_memory()
         self._channels = tuple(name for name in CHANNELS if name in config.channels)
         self._grid = RowGrid(config.period_ns, drain_ns)
-        self._health = {name: channel_health(config, name) for name in self._channels}
-        self._slow: dict[str, SlowChannel] = {
-            name: SlowChannel(config.timeout_ns(name), rising=name == 'roller')
-            for name in ('roller', 'speed')
-            if name in self._channels
-        }
-        self._tracker = HuntingTracker(tracker_config(config))
-        self._opinions = {
-            name: SecondOpinion(config) for name in ('lateral', 'yaw') if name in self._channels
-        }
-        self._lines: dict[str, LineSearch] = {name: line_search(config) for name in self._opinions}
+        self._estimator = Estimator(config)
         self._judged = JudgedChannel(config)
         self._judging = ''
-        self._shape: ModeShape | None = None
         self._edge_second = -1
         self.set_normal_form(None)
 
@@ -100,7 +78,7 @@ class RowMaker:
             # A subcritical form without a fold has an unstable branch at any speed below v_c.
             nowhere = math.nan if form.criticality == 'supercritical' else 0.0
             v_n = nowhere if fold is None else fold
-        self._take_shape(None if identified is None else identified.mode_shape)
+        self._estimator.set_mode_shape(None if identified is None else identified.mode_shape)
         self._numbers = form_numbers(identified)
         self._edges = EdgeTable(form)
         self._rules = rules_of(self.config, v_n, v_c)
@@ -108,29 +86,10 @@ class RowMaker:
         self.memory['noise'] = decisions.fresh_memory()['noise']
         self._edge_second = -1
 
-    def _take_shape(self, shape: ModeShape | None) -> None:
-        """Tell the tracker of another mode shape; what it has learnt by itself it keeps."""
-        if shape is self._shape:
-            return
-        self._shape = shape
-        plain = tracker_config(self.config)
-        if shape is None:
-            self._tracker.set_modes((), plain.yaw_ratio_std)
-        else:
-            self._tracker.set_modes(mode_points(shape, plain), SCALE_STD)
-
     def start_again(self) -> None:
         """Begin anew after the clocks were set back; form, alarm and noise floor are kept."""
         self._grid.reset()
-        self._tracker.reset()
-        for slow in self._slow.values():
-            slow.reset()
-        for watch in self._health.values():
-            watch.reset()
-        for opinion in self._opinions.values():
-            opinion.reset()
-        for lines in self._lines.values():
-            lines.reset()
+        self._estimator.reset()
         self._judged.reset()
         self._forget()
 
@@ -177,12 +136,7 @@ class RowMaker:
         """
         stamps = np.sort(np.concatenate([block.stamps_ns for block in blocks.values()]))
         rows_ns = self._grid.rows(after_ns, until_ns, stamps)
-        rows = np.zeros(rows_ns.size, dtype=ESTIMATE_DTYPE)
-        rows['stamp_ns'] = rows_ns
-        usable = {}
-        for name, block in blocks.items():
-            rows[f'{name}_wrong'], usable[name] = self._health[name].update(block, rows_ns)
-        disagree, motion = self._estimate(rows, blocks, usable)
+        rows, disagree, motion = self._estimator.run(rows_ns, blocks)
         if rows.size:
             trusted = self._trusted(rows)
             self._decide(rows, trusted, disagree)
@@ -190,91 +144,8 @@ class RowMaker:
             motion = motion.told(rows)
         return rows, motion
 
-    def _estimate(
-        self,
-        rows: NDArray[np.void],
-        blocks: dict[str, MergedBlock],
-        usable: dict[str, NDArray[np.bool_]],
-    ) -> tuple[NDArray[np.bool_], Motion]:
-        """Run tracker and second opinion; return the rows at which they disagree."""
-        stamps, sensors, values = [], [], []
-        for number, name in enumerate(('lateral', 'yaw')):
-            if name in blocks:
-                good = usable[name]
-                stamps.append(blocks[name].stamps_ns[good])
-                values.append(blocks[name].values[good])
-                sensors.append(np.full(stamps[-1].size, number, dtype=np.int8))
-        stamp, value = np.concatenate(stamps), np.concatenate(values)
-        sensor = np.concatenate(sensors)
-        order = np.argsort(stamp, kind='stable')
-        stamp, value, sensor = stamp[order], value[order], sensor[order]
-        wanted = np.concatenate([stamp, rows['stamp_ns']])
-        sorting = np.argsort(wanted, kind='stable')
-        slow = {}
-        for name in ('roller', 'speed'):
-            found = np.full(wanted.size, math.nan)
-            if name in blocks:
-                block = blocks[name]
-                readings = np.where(usable[name], block.values, math.nan)
-                found[sorting] = self._slow[name].at(
-                    wanted[sorting], block.stamps_ns, readings, block.following
-                )
-            elif name == 'speed' and self.config.constant_speed_mps > 0.0:
-                found[:] = self.config.constant_speed_mps
-            slow[name] = found
-        if not self.config.roughness:
-            slow['roller'][:] = math.nan
-        count = stamp.size
-        track = self._tracker.update(
-            stamp,
-            sensor,
-            value,
-            slow['roller'][:count],
-            slow['speed'][:count],
-            rows['stamp_ns'],
-        )
-        for name in TRACKER_FIELDS:
-            rows[name] = track[name]
-        rows['speed'] = slow['speed'][count:]
-        disagree = np.zeros(rows.size, dtype=np.bool_)
-        for name in ('lateral', 'yaw'):
-            rows[f'{name}_envelope'] = math.nan
-            if name in self._opinions:
-                rows[f'{name}_envelope'], differs = self._opinions[name].update(
-                    rows['stamp_ns'],
-                    track[f'{name}_clean'],
-                    track[f'{name}_noise_std'],
-                    track[f'{name}_amplitude'],
-                    track[f'{name}_amplitude_std'],
-                )
-                disagree |= differs
-                rows['doubts'] |= self._out_of_range(name, track)
-        if 'lateral' in self._channels:
-            rows['doubts'][track['lateral_tied'] == 1.0] |= np.uint32(doubts.FROM_YAW)
-        own = np.flatnonzero(sensor == (0 if 'lateral' in blocks else 1))
-        motion = Motion(
-            stamp[own],
-            value[own],
-            slow['speed'][own],
-            slow['roller'][own],
-            np.ones(own.size, dtype=np.bool_),
-        )
-        return disagree, motion
-
-    def _out_of_range(self, name: str, track: NDArray[np.void]) -> NDArray[np.uint32]:
-        """Return the doubts about motion that is slower or faster than all that is tracked."""
-        signal = track[f'{name}_clean'] + track[f'{name}_bias']
-        line = self._lines[name].update(signal)
-        bits = np.zeros(line.size, dtype=np.uint32)
-        bits[line < self.config.hunting_frequency_hz] = doubts.TOO_SLOW
-        bits[line > self.config.hunting_frequency_hz] = doubts.TOO_FAST
-        return bits
-
     def _trusted(self, rows: NDArray[np.void]) -> NDArray[np.bool_]:
-        """Tell the rows with a motion sensor to trust; a roller at rest is not stuck."""
-        if 'roller' in self._channels:
-            still = ~(rows['speed'] > self.config.standstill_mps)
-            rows['roller_wrong'][still] &= ~np.uint32(health.STUCK)
+        """Tell the rows with a motion sensor to trust."""
         trusted = np.zeros(rows.size, dtype=np.bool_)
         for name in ('lateral', 'yaw'):
             if name in self._channels:
@@ -341,17 +212,3 @@ class RowMaker:
         level[hunting] = Level.ERROR
         level[(wrong & health.SEVERE) != 0] = Level.STALE
         rows['level'] = level
-
-
-def channel_health(config: DetectorConfig, channel: str) -> ChannelHealth:
-    """Return the watch over one channel."""
-    ranges = {'lateral': config.lateral_range_m, 'yaw': config.yaw_range_rad}
-    return ChannelHealth(
-        channel,
-        config.timeout_ns(channel),
-        round(config.fault_hold_s * 1e9),
-        round(config.stuck_time_s * 1e9),
-        ranges.get(channel, 0.0),
-        config.hunting_frequency_hz,
-        config.standstill_mps,
-    )

@@ -1,0 +1,209 @@
+"""
+From merged samples to estimates: health of the channels, tracker, second opinion.
+
+What the numbers mean for the rig is decided elsewhere (`rows`, `decisions`).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.detection import doubts, health
+from hunt_ros.detection.configuration import DetectorConfig
+from hunt_ros.detection.grid import SlowChannel
+from hunt_ros.detection.health import ChannelHealth
+from hunt_ros.detection.merge import MergedBlock
+from hunt_ros.detection.output import ESTIMATE_DTYPE, TRACKER_FIELDS, Motion
+from hunt_ros.detection.second_opinion import SecondOpinion
+from hunt_ros.detection.tracking import SCALE_STD, line_search, mode_points, tracker_config
+from hunt_ros.dynamics.mode_shape import ModeShape
+from hunt_ros.estimation.kalman import HuntingTracker
+from hunt_ros.estimation.line_search import LineSearch
+from hunt_ros.samples import CHANNELS
+
+_MOTION = ('lateral', 'yaw')
+
+
+class Estimator:
+    """
+    Turns stretches of samples into estimates at the rows asked for.
+
+    Parameters
+    ----------
+    config : DetectorConfig
+        Settings.
+    """
+
+    def __init__(self, config: DetectorConfig) -> None:
+        self.config = config
+        self._channels = tuple(name for name in CHANNELS if name in config.channels)
+        self._health = {name: channel_health(config, name) for name in self._channels}
+        self._slow: dict[str, SlowChannel] = {
+            name: SlowChannel(config.timeout_ns(name), rising=name == 'roller')
+            for name in ('roller', 'speed')
+            if name in self._channels
+        }
+        self._tracker = HuntingTracker(tracker_config(config))
+        self._opinions = {
+            name: SecondOpinion(config) for name in _MOTION if name in self._channels
+        }
+        self._lines: dict[str, LineSearch] = {name: line_search(config) for name in self._opinions}
+        self._shape: ModeShape | None = None
+
+    def reset(self) -> None:
+        """Forget every sample; the mode shape is kept."""
+        self._tracker.reset()
+        for slow in self._slow.values():
+            slow.reset()
+        for watch in self._health.values():
+            watch.reset()
+        for opinion in self._opinions.values():
+            opinion.reset()
+        for lines in self._lines.values():
+            lines.reset()
+
+    def set_mode_shape(self, shape: ModeShape | None) -> None:
+        """Tell the tracker of another mode shape; what it has learnt by itself it keeps."""
+        if shape is self._shape:
+            return
+        self._shape = shape
+        plain = tracker_config(self.config)
+        if shape is None:
+            self._tracker.set_modes((), plain.yaw_ratio_std)
+        else:
+            self._tracker.set_modes(mode_points(shape, plain), SCALE_STD)
+
+    def run(
+        self, rows_ns: NDArray[np.int64], blocks: dict[str, MergedBlock]
+    ) -> tuple[NDArray[np.void], NDArray[np.bool_], Motion]:
+        """
+        Take samples, and estimate.
+
+        Parameters
+        ----------
+        rows_ns : ndarray of int64, shape (m,)
+            Stamps at which estimates are wanted.
+        blocks : dict of str to MergedBlock
+            All samples since the last call, by channel.
+
+        Returns
+        -------
+        rows : ndarray of ESTIMATE_DTYPE, shape (m,)
+            Without what the decisions say.
+        disagree : ndarray of bool, shape (m,)
+            True where filter and Hilbert envelope differ on the amplitude.
+        motion : Motion
+            The usable samples of the motion.
+        """
+        rows = np.zeros(rows_ns.size, dtype=ESTIMATE_DTYPE)
+        rows['stamp_ns'] = rows_ns
+        usable = {}
+        for name, block in blocks.items():
+            rows[f'{name}_wrong'], usable[name] = self._health[name].update(block, rows_ns)
+        stamp, sensor, value = _in_order(blocks, usable)
+        slow = self._slow_at(np.concatenate([stamp, rows_ns]), blocks, usable)
+        count = stamp.size
+        angle, speed = slow['roller'][:count], slow['speed'][:count]
+        track = self._tracker.update(stamp, sensor, value, angle, speed, rows_ns)
+        for name in TRACKER_FIELDS:
+            rows[name] = track[name]
+        rows['speed'] = slow['speed'][count:]
+        if 'roller' in self._channels:
+            self._excuse_roller(rows)
+        own = np.flatnonzero(sensor == _MOTION.index(next(n for n in _MOTION if n in blocks)))
+        quiet = np.ones(own.size, dtype=np.bool_)
+        motion = Motion(stamp[own], value[own], speed[own], angle[own], quiet)
+        return rows, self._compare(rows, track), motion
+
+    def _slow_at(
+        self,
+        wanted: NDArray[np.int64],
+        blocks: dict[str, MergedBlock],
+        usable: dict[str, NDArray[np.bool_]],
+    ) -> dict[str, NDArray[np.float64]]:
+        """Return roller angle and speed at stamps in any order."""
+        sorting = np.argsort(wanted, kind='stable')
+        slow = {}
+        for name in ('roller', 'speed'):
+            found = np.full(wanted.size, math.nan)
+            if name in blocks:
+                block = blocks[name]
+                readings = np.where(usable[name], block.values, math.nan)
+                found[sorting] = self._slow[name].at(
+                    wanted[sorting], block.stamps_ns, readings, block.following
+                )
+            elif name == 'speed' and self.config.constant_speed_mps > 0.0:
+                found[:] = self.config.constant_speed_mps
+            slow[name] = found
+        if not self.config.roughness:
+            slow['roller'][:] = math.nan
+        return slow
+
+    def _excuse_roller(self, rows: NDArray[np.void]) -> None:
+        """A roller at rest is not stuck; where a speed channel is silent, it may be."""
+        if 'speed' in self._channels:
+            still = rows['speed'] <= self.config.standstill_mps
+        else:
+            still = ~(rows['speed'] > self.config.standstill_mps)
+        rows['roller_wrong'][still] &= ~np.uint32(health.STUCK)
+
+    def _compare(self, rows: NDArray[np.void], track: NDArray[np.void]) -> NDArray[np.bool_]:
+        """Ask for the second opinion; return the rows at which the two disagree."""
+        disagree = np.zeros(rows.size, dtype=np.bool_)
+        for name in _MOTION:
+            rows[f'{name}_envelope'] = math.nan
+            if name in self._opinions:
+                rows[f'{name}_envelope'], differs = self._opinions[name].update(
+                    rows['stamp_ns'],
+                    track[f'{name}_clean'],
+                    track[f'{name}_noise_std'],
+                    track[f'{name}_amplitude'],
+                    track[f'{name}_amplitude_std'],
+                )
+                disagree |= differs
+                rows['doubts'] |= self._out_of_range(name, track)
+        if 'lateral' in self._channels:
+            rows['doubts'][track['lateral_tied'] == 1.0] |= np.uint32(doubts.FROM_YAW)
+        return disagree
+
+    def _out_of_range(self, name: str, track: NDArray[np.void]) -> NDArray[np.uint32]:
+        """Return the doubts about motion that is slower or faster than all that is tracked."""
+        signal = track[f'{name}_clean'] + track[f'{name}_bias']
+        line = self._lines[name].update(signal)
+        bits = np.zeros(line.size, dtype=np.uint32)
+        bits[line < self.config.hunting_frequency_hz] = doubts.TOO_SLOW
+        bits[line > self.config.hunting_frequency_hz] = doubts.TOO_FAST
+        return bits
+
+
+def _in_order(
+    blocks: dict[str, MergedBlock], usable: dict[str, NDArray[np.bool_]]
+) -> tuple[NDArray[np.int64], NDArray[np.int8], NDArray[np.float64]]:
+    """Return stamps, sensors (0 lateral, 1 yaw) and values of the usable samples, by stamp."""
+    stamps, sensors, values = [], [], []
+    for number, name in enumerate(_MOTION):
+        if name in blocks:
+            good = usable[name]
+            stamps.append(blocks[name].stamps_ns[good])
+            values.append(blocks[name].values[good])
+            sensors.append(np.full(stamps[-1].size, number, dtype=np.int8))
+    stamp = np.concatenate(stamps)
+    order = np.argsort(stamp, kind='stable')
+    return stamp[order], np.concatenate(sensors)[order], np.concatenate(values)[order]
+
+
+def channel_health(config: DetectorConfig, channel: str) -> ChannelHealth:
+    """Return the watch over one channel."""
+    ranges = {'lateral': config.lateral_range_m, 'yaw': config.yaw_range_rad}
+    return ChannelHealth(
+        channel,
+        config.timeout_ns(channel),
+        round(config.fault_hold_s * 1e9),
+        round(config.stuck_time_s * 1e9),
+        ranges.get(channel, 0.0),
+        config.hunting_frequency_hz,
+        config.standstill_mps,
+    )
