@@ -8,6 +8,7 @@ import numpy as np
 from detection_bounds import window
 from detection_kicks import WAITS
 from detection_measured import TRUTH, Measured, disturbed_against_cfr
+from detection_rigs import BENCHES
 from detection_steady import bias, worst
 from detection_verdicts import (
     Reliability,
@@ -108,7 +109,10 @@ def _calibration(measured: Measured) -> list[list[object]]:
         gap, errors = found.worst
         text = f'{gap:.3f}, {errors:.1f} sampling errors; Brier {found.brier:.4f}'
         name = f'reliability of P {wait:g} s after a kick, worst bin'
-        rows.append(_row(name, '<= 0.05', text, gap <= 0.05))
+        row = _row(name, '<= 0.05', text, gap <= 0.05)
+        if gap > 0.05 and errors < 2.0:
+            row[3] = 'open: too few kicks to tell'
+        rows.append(row)
     return rows
 
 
@@ -152,8 +156,9 @@ def _speeds(measured: Measured) -> list[list[object]]:
     found = sum(not math.isnan(one.lead) for one in hunting)
     false = sum(len(one.false_speeds) for one in measured.courses)
     supercritical = [one for one in measured.courses if one.run.bench == 'supercritical']
+    v_c = BENCHES['supercritical'].v_c
     below = sum(
-        any(np.array(one.false_speeds) < 0.999 * 8.0) or one.alarm_speed < 0.98 * 8.0
+        any(np.array(one.false_speeds) < 0.999 * v_c) or one.alarm_speed < 0.98 * v_c
         for one in supercritical
     )
     claimed = sum(one.hysteresis_claimed for one in supercritical)
