@@ -158,7 +158,7 @@ class Report:
                 'Normal form',
                 words.EQUATION
                 + tables.coefficients(result)
-                + (pick('fig09', 'fig10') or _unknown(result.reason('coefficients')))
+                + (pick('fig09', 'fig10') or _unknown(result.reason('coefficients.D4')))
                 + pick('fig03'),
             ),
             Section('disturbance', 'Disturbance', words.disturbance(result) + pick('fig11')),

@@ -128,7 +128,7 @@ class Result:
             if not found:
                 continue
             words = subject.format(**found.groupdict()) if found.groupdict() else subject
-            lines = [line for line in self.warnings if re.search(words, line, re.IGNORECASE)]
+            lines = [line for line in self.notices if re.search(words, line, re.IGNORECASE)]
             if lines:
                 return lines[0].rstrip('.')
         if path.startswith('observed'):

@@ -95,3 +95,19 @@ def test_a_pattern_of_days_that_does_not_fit_is_one_line_and_exit_2(bag, pattern
     error = capsys.readouterr().err
     assert error.count('\n') == 1
     assert '--day' in error
+
+
+def test_a_bag_that_was_cut_is_used_and_said_to_be_damaged(bag, tmp_path, capsys):
+    cut = tmp_path / 'cut.mcap'
+    (whole,) = bag.glob('*.mcap')
+    content = whole.read_bytes()
+    cut.write_bytes(content[: len(content) * 9 // 10])
+    main(['identify', str(cut), '--json', '-'])
+    warnings = json.loads(capsys.readouterr().out)['warnings']
+    assert any(warning.startswith(f'{cut}: damaged: ') for warning in warnings)
+
+
+def test_the_roller_diameter_of_a_report_is_a_length(bag, tmp_path, capsys):
+    words = ['report', str(bag), '--out', str(tmp_path / 'r.html'), '--roller-diameter', '-0.3']
+    assert main(words) == 2
+    assert '--roller-diameter' in capsys.readouterr().err
