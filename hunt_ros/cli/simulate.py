@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from hunt_ros.dynamics.parameters import RigParameters
     from hunt_ros.dynamics.simulation import SimulationSettings, SpeedProfile
 
+#: Of one sensor: a day at 1 kHz, and what a machine's memory holds.
+_MOST_SAMPLES = 1e8
+
 SUMMARY = 'simulate the rig over a speed profile and write the recording as a bag'
 EXAMPLE = 'hunt simulate sweep --sweep 6 8.8 0.02 --kick 60:0.0001 --seed 3'
 
@@ -80,6 +83,16 @@ def run(arguments: argparse.Namespace) -> int:
     duration_s = profile.duration_s if arguments.duration is None else arguments.duration
     if not 0.0 < duration_s <= 864_000.0:
         raise ConfigError(f'--duration: {duration_s:g} s is not within 0 to 864000 s')
+    if duration_s * arguments.rate > _MOST_SAMPLES:
+        raise ConfigError(
+            f'--rate: {duration_s:g} s at {arguments.rate:g} Hz are more than'
+            f' {_MOST_SAMPLES:g} samples a sensor'
+        )
+    if arguments.seed < 0:
+        raise ConfigError(f'--seed: {arguments.seed} is negative, expected 0 or more')
+    for time_s, _ in arguments.kick:
+        if not 0.0 <= time_s <= duration_s:
+            raise ConfigError(f'--kick: {time_s:g} s is not within the {duration_s:g} s simulated')
     kicks = [Kick(time_s, lateral_m=size) for time_s, size in arguments.kick]
     record = simulate(rig, settings, profile, duration_s, kicks=kicks, seed=arguments.seed)
     notes = {'source': 'hunt simulate', 'seed': str(arguments.seed)}
@@ -119,6 +132,8 @@ def _profile(arguments: argparse.Namespace) -> SpeedProfile:
         up = np.append(np.arange(low, high - 0.5 * step, step), high).tolist()
         return SpeedProfile.staircase(*up, *up[-2::-1], hold_s=hold_s)
     low, high, rate = arguments.sweep or (6.0, 8.8, 0.02)
+    if high < low:
+        raise ConfigError(f'--sweep: no way up from {low:g} to {high:g} m/s')
     return SpeedProfile.sweep(low, high, rate)
 
 

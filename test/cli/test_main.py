@@ -171,3 +171,24 @@ def test_replay_says_that_the_recording_was_cut_short(capsys, tmp_path) -> None:
     warnings = json.loads(capsys.readouterr().out)['warnings']
     assert any(line.startswith('damaged: ') for line in warnings)
     assert 'no yaw channel in the recording' in warnings
+
+
+@pytest.mark.parametrize(
+    ('words', 'option'),
+    [
+        (['--rate', '1e9'], '--rate'),
+        (['--seed', '-1'], '--seed'),
+        (['--kick', '50:1e-4'], '--kick'),
+        (['--kick', 'nan:1e-4'], '--kick'),
+        (['--rate', 'nan'], 'sample_rate_hz'),
+    ],
+)
+def test_simulate_refuses_what_it_cannot_simulate(capsys, tmp_path, words, option) -> None:
+    line = _refused(['simulate', str(tmp_path / 'x'), '--profile', '0:7,2:7', *words], capsys)
+    assert option in line
+    assert not (tmp_path / 'x').exists()
+
+
+def test_simulate_sweeps_upwards(capsys, tmp_path) -> None:
+    words = ['simulate', str(tmp_path / 'x'), '--sweep', '8', '6', '0.5']
+    assert '--sweep' in _refused(words, capsys)
