@@ -36,8 +36,9 @@ from hunt_ros.identification.path import Path
 from hunt_ros.identification.plateaus import analyse_record
 from hunt_ros.identification.result import Identification
 from hunt_ros.identification.screening import above_noise, distinct, doubts, moving
-from hunt_ros.identification.segments import Segment, find_kicks
+from hunt_ros.identification.segments import Segment, after_gap, find_kicks
 from hunt_ros.identification.settings import IdentificationSettings
+from hunt_ros.identification.stops import measuring
 from hunt_ros.identification.uncertainty import ENOUGH_RUNS
 from hunt_ros.samples import Record
 
@@ -79,7 +80,7 @@ def identify(
     settings = settings or IdentificationSettings()
     tell = progress or (lambda fraction: None)
     warnings: list[str] = []
-    records = distinct(records, warnings)
+    records = _measuring(distinct(records, warnings), warnings)
     channels = _usable(records, settings, warnings)
     frequency = find_frequency(channels, settings)
     runs = _envelopes(channels, frequency, settings, warnings)
@@ -132,6 +133,19 @@ class _Run:
     segments: Sequence[Segment]
     states: Sequence[SteadyState]
     kicks: Sequence[tuple[str, int]]
+
+
+def _measuring(records: Sequence[Record], warnings: list[str]) -> list[Record]:
+    """Take out what no sensor measured; a record of which nothing is left goes with it."""
+    kept = []
+    for record in records:
+        try:
+            kept.append(measuring(record, warnings))
+        except IdentificationError as error:
+            if len(records) == 1:
+                raise
+            warnings.append(f'left out: {error}')
+    return kept
 
 
 def _usable(
@@ -196,6 +210,7 @@ def _path(
         kicked = find_kicks(run.envelope)
         begins = kicked.copy()
         begins[1:] |= kicked[:-1]
+        begins |= after_gap(run.envelope)
         begins[0] = True
         restart.append(begins)
         phasor.append(np.where(kicked, np.nan, run.corrected.phasor))

@@ -104,7 +104,7 @@ def analyse_record(
     for start, end in runs(kicked):
         note('kick', start, end, False, 'motion that no growth law makes; a new segment begins')
     for start, end in runs(~np.isfinite(envelope.amplitude)):
-        note('gap', start, end, False, 'lateral samples dropped out')
+        note('gap', start, end, False, 'no lateral samples, or none that the sensor measured')
     holds = speed_holds(time, speed, settings.minimum_hold_s)
     tolerance = 0.004 * float(np.median(np.abs(speed)))
     edge = 0

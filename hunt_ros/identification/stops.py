@@ -1,0 +1,197 @@
+"""
+Stretches in which a sensor does not measure: at the end of its range, or standing still.
+
+A sine dwells at its tops, but it fills the values just below them too. Where nearly
+everything that comes near the largest reading is the largest reading, the sensor has
+ended and not the motion. Such stretches are taken out, as if their samples had dropped
+out, and said: what they would show is an amplitude that the sensor made.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.errors import IdentificationError
+from hunt_ros.identification.segments import runs
+from hunt_ros.samples import NANOSECONDS, Record, Series
+
+#: Readings at the end of the range over those in a band of the same width below it. A sine
+#: has 2.4; one with its top flattened by its third harmonic as far as it stays single, 5.3.
+_PILED = 8.0
+#: Readings at the end of the range, and visits there, fewer than which say nothing.
+_FEWEST, _VISITS = 20, 5
+#: Samples of a visit, on average.
+_LASTING = 5.0
+#: Bands of 2^-14 to 2^-5 of all the motion: noise behind the end of the range widens it.
+_FINEST, _COARSEST = 14, 5
+#: Visits belong to one stretch where they are no further apart than so many usual ones.
+_APART = 10.0
+#: Longest time for which a sensor that measures repeats one reading, s.
+_STILL_S = 1.0
+#: Motion of fewer steps of the reading than this may end in a reading that stays.
+_RESOLVED = 4.0
+
+
+def measuring(record: Record, warnings: list[str]) -> Record:
+    """
+    Take out the stretches in which the displacement sensors do not measure.
+
+    Parameters
+    ----------
+    record : Record
+        Channels `lateral` and `yaw` are looked at.
+    warnings : list of str
+        Grows by what was taken out, and why.
+
+    Returns
+    -------
+    Record
+        With NaN for what was taken out.
+
+    Raises
+    ------
+    IdentificationError
+        If nothing is left of the lateral channel.
+    """
+    channels = dict(record)
+    for name in ('lateral', 'yaw'):
+        if name not in record:
+            continue
+        cleaned, said = _without_stops(record[name])
+        if not said:
+            continue
+        source = record.source or 'record'
+        if name == 'lateral' and not np.isfinite(cleaned.values).any():
+            raise IdentificationError(f'{source}: {name} {said}: nothing of it is left')
+        warnings.append(f'{source}: {name} {said}: left out')
+        channels[name] = cleaned
+    return replace(record, channels=channels)
+
+
+def _without_stops(series: Series) -> tuple[Series, str]:
+    """Return the series with NaN where the sensor stops, and what was found; '' for nothing."""
+    order = np.argsort(series.stamps_ns, kind='stable')
+    time = (series.stamps_ns[order] - series.stamps_ns[order[:1]]) / NANOSECONDS
+    values = series.values[order]
+    finite = np.isfinite(values)
+    if finite.sum() < _FEWEST or float(np.ptp(values[finite])) == 0.0:
+        return series, ''  # a channel that is dead throughout is refused by that name
+    time, known = time[finite], values[finite]
+    step = float(np.median(np.diff(time)))
+    lost = _standing(time, known)
+    said = []
+    if lost.any():
+        said.append(f'is stuck at one reading for {step * lost.sum():.3g} s')
+    moves = np.flatnonzero(~lost)
+    clipped = np.zeros(known.size, dtype=bool)
+    levels = []
+    for sign in (1.0, -1.0):
+        at_end = end_of_range(sign * known[moves])
+        if at_end.any():
+            clipped[moves] |= _stretches(time[moves], at_end)
+            levels.append(f'{float(np.median(known[moves][at_end])):.3g}')
+    if levels:
+        said.append(f'is saturated at {" and ".join(levels)} ({step * clipped.sum():.3g} s)')
+        lost |= clipped
+    if not said:
+        return series, ''
+    kept = values.copy()
+    kept[np.flatnonzero(finite)[lost]] = np.nan
+    result = np.empty_like(kept)
+    result[order] = kept
+    return Series(series.stamps_ns, result), ' and '.join(said)
+
+
+def end_of_range(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """
+    Readings at the upper end of a sensor's range.
+
+    A top cut by less than about four steps of the readings' resolution is not told from
+    one that is whole.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Finite readings in the order of time, any unit.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        All False where the largest readings are those of a motion that turns round.
+    """
+    nothing = np.zeros(values.size, dtype=bool)
+    if values.size < _FEWEST or float(np.ptp(values)) == 0.0:
+        return nothing
+    top, span = float(values.max()), float(np.ptp(values))
+    levels = np.diff(np.unique(values[values > top - span / 2.0]))
+    levels = levels[levels > 1e-9 * span]
+    # No finer than the readings' own resolution, or each of their steps is a pile.
+    width = max(1.01 * float(levels.min()) if levels.size else 0.0, span / 2.0**_FINEST)
+    while width <= span / 2.0**_COARSEST:
+        at_end: NDArray[np.bool_] = values > top - width
+        below = int(np.sum(values > top - 2.0 * width)) - int(at_end.sum())
+        if (
+            at_end.sum() >= max(_FEWEST, _PILED * (below + 2))
+            and _stays(values, at_end)
+            and _returns(values, at_end, top - 4.0 * width)
+        ):
+            return at_end
+        width *= 2.0
+    return nothing
+
+
+def _stays(values: NDArray[np.float64], at_end: NDArray[np.bool_]) -> bool:
+    """
+    Whether visits last for more samples than a rounded top sampled coarsely, or a spike.
+
+    Of a parabola with five samples in a band the next lie less than a band further down, so
+    that they would have been counted there. Readings that repeat need fewer.
+    """
+    visits = runs(at_end)
+    mean = float(at_end.sum()) / max(len(visits), 1)
+    repeated = (
+        float(np.mean(np.diff(values)[at_end[1:] & at_end[:-1]] == 0.0)) if mean > 1 else 0.0
+    )
+    return mean >= _LASTING or (mean >= 0.5 * _LASTING and repeated > 0.5)
+
+
+def _returns(values: NDArray[np.float64], at_end: NDArray[np.bool_], well_below: float) -> bool:
+    """Whether the motion leaves the end again and again: an offset of a quiet signal stays."""
+    visits = runs(at_end)
+    left = [bool(values[a[1] : b[0]].min() < well_below) for a, b in pairwise(visits)]
+    return len(left) >= _VISITS - 1 and sum(left) >= 0.5 * len(left)
+
+
+def _stretches(time: NDArray[np.float64], at_end: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Join visits that follow one another into stretches: between them it is clipped too."""
+    visits = runs(at_end)
+    gaps = [float(time[b[0]] - time[a[1] - 1]) for a, b in pairwise(visits)]
+    joined: NDArray[np.bool_] = at_end.copy()
+    for (before, after), gap in zip(pairwise(visits), gaps, strict=True):
+        if gap <= _APART * float(np.median(gaps)):
+            joined[before[1] : after[0]] = True
+    return joined
+
+
+def _standing(time: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Readings that repeat for longer than any that is measured: a stuck sensor's."""
+    still = np.zeros(values.size, dtype=bool)
+    for first, last in runs(np.diff(values) == 0.0):
+        if last - first >= _FEWEST and time[last] - time[first] >= _STILL_S:
+            if first > 0:
+                beside = (time >= time[first] - _STILL_S) & (time <= time[first])
+            else:
+                beside = (time >= time[last]) & (time <= time[last] + _STILL_S)
+            still[first : last + 1] = _moved(values[beside])
+    return still
+
+
+def _moved(values: NDArray[np.float64]) -> bool:
+    """Whether there was motion worth several steps of the reading, and not one that died out."""
+    steps = np.abs(np.diff(values))
+    steps = steps[steps > 0.0]
+    return bool(steps.size) and float(np.ptp(values)) > _RESOLVED * float(steps.min())
