@@ -25,6 +25,7 @@ from hunt_ros.identification.lack_of_fit import (
     missed_transients,
 )
 from hunt_ros.identification.law_choice import FittedLaw
+from hunt_ros.identification.observed import resolved
 from hunt_ros.identification.quantities import Quantities
 from hunt_ros.identification.reasons import reasons_of
 from hunt_ros.identification.result import FitSummary, Identification
@@ -107,18 +108,20 @@ def conclude(
     cubic = support.cubic and not trust.no_form
     four, no_recipe = _recipe(identified, evidence, warnings)
     unknown: dict[str, Uncertain | None] = dict.fromkeys(COEFFICIENTS)
+    criticality = best.law.criticality if support.cubic and not trust.astray else None
+    observed = resolved(evidence.observed, criticality)
     result = Identification(
         normal_form=identified,
         v_c=numbers.critical_speed() if support.critical and not trust.astray else None,
         v_n=numbers.fold() if fold else None,
         hysteresis_width=numbers.width() if fold else None,
         coefficients=unknown if trust.no_form else numbers.coefficients(support),
-        criticality=best.law.criticality if support.cubic and not trust.astray else None,
+        criticality=criticality,
         length_scale=settings.length_scale,
         time_scale=settings.time_scale,
         branches=numbers.branches() if cubic else (),
         steady_states=tuple(evidence.states),
-        observed=evidence.observed,
+        observed=observed.speeds,
         disturbance=numbers.disturbance(evidence.observed) if fold else None,
         four_point=four,
         fit=_summary(laws, evidence, trust),
@@ -133,10 +136,11 @@ def conclude(
             evidence.envelopes,
             evidence.observed.threshold,
             settings.seed,
+            criticality,
         ),
         warnings=(),
     )
-    why = reasons_of(result, support, trust.no_fold, no_recipe)
+    why = reasons_of(result, support, trust.no_fold, no_recipe, observed.reason)
     said = [line for line in warnings if line not in why.values()]
     return replace(result, warnings=(*said, *silences(result.to_json(), why)))
 

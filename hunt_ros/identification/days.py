@@ -23,7 +23,9 @@ from hunt_ros.analysis.day_spread import (
     hits_by_speed,
 )
 from hunt_ros.analysis.steady_state import SteadyState, observed_critical_speeds
+from hunt_ros.dynamics.normal_form import Criticality
 from hunt_ros.identification.envelope import Envelope
+from hunt_ros.identification.observed import resolved
 from hunt_ros.identification.segments import Segment
 from hunt_ros.samples import NANOSECONDS, Record
 
@@ -138,6 +140,7 @@ def by_day(
     envelopes: Sequence[Envelope],
     threshold: float | None,
     seed: int = 0,
+    criticality: Criticality | None = None,
 ) -> Days:
     """
     Sort what was seen by day.
@@ -152,6 +155,8 @@ def by_day(
         Amplitude that parts quiet from hunting, m.
     seed : int
         Of the bootstrap over days.
+    criticality : 'subcritical', 'supercritical' or None
+        Of the rig: one without a fold has no fall to be observed.
     """
     day = {record.source or 'record': day_of(record) for record in records}
     hunting = [s for s in states if threshold is not None and s.amplitude > threshold]
@@ -163,7 +168,7 @@ def by_day(
     summaries = []
     for name in sorted(set(day.values())):
         own = [state for state in states if day.get(state.source, UNDATED) == name]
-        observed = observed_critical_speeds(own)
+        observed = resolved(observed_critical_speeds(own), criticality).speeds
         mine = [hit for hit in hits if hit.day == name]
         summaries.append(
             DaySummary(

@@ -20,6 +20,7 @@ from hunt_ros.identification.envelope import Envelope
 from hunt_ros.identification.law_choice import FittedLaw
 from hunt_ros.identification.segments import Segment
 from hunt_ros.identification.settings import IdentificationSettings
+from hunt_ros.identification.uncertainty import robust_covariance
 
 #: Relative range of speeds below which a record is one at one speed.
 _ONE_SPEED = 0.02
@@ -99,10 +100,10 @@ def support_of(
     low, high = float(speed.min()), float(speed.max())
     several = high - low > _ONE_SPEED * float(np.median(speed))
     if not several:
-        rate = float(best.law.linear(best.law.detuning(np.median(speed))))
         reasons.append(
-            f'one speed only ({np.median(speed):.3g} m/s; linear growth rate about'
-            f' {rate:.2g} 1/s): v_c and the coefficients cannot be known'
+            f'one speed only ({np.median(speed):.3g} m/s;'
+            f' {_growth_there(best, float(np.median(speed)), len(envelopes))}): v_c and the'
+            ' coefficients cannot be known'
         )
     enough = int(np.isfinite(amplitude).sum()) >= _FEWEST_STEPS
     if not enough:
@@ -153,6 +154,18 @@ def _share(forms: Sequence[NormalForm | None], name: str) -> tuple[float, float]
     return float(middle), 0.5 * float(high - low)
 
 
+def _growth_there(best: FittedLaw, speed: float, runs: int) -> str:
+    """Linear growth rate at one speed, where the motion shows its sign; or that it does not."""
+    u = float(best.law.detuning(speed))
+    rate = float(best.law.linear(best.law.detuning(speed)))
+    slopes = np.zeros(best.law.p.size)
+    slopes[:3] = 1.0, u, u * u
+    variance = float(slopes @ robust_covariance(best.fit, runs).matrix @ slopes)
+    if not variance < (_VAGUE * rate) ** 2:
+        return 'this motion does not show its linear growth rate'
+    return f'linear growth rate {rate:.2g} +/- {math.sqrt(variance):.1g} 1/s'
+
+
 def _critical(
     best: FittedLaw,
     forms: Sequence[NormalForm | None],
@@ -172,14 +185,15 @@ def _critical(
     low, high = speeds
     reach = 0.5 * (high - low)
     if not low - reach <= v_c <= high + reach and settings.prior_v_c is None:
+        side = 'above' if v_c > high else 'below'
         reasons.append(
-            f'v_c = {v_c:.3g} m/s would lie far outside the speeds of the data'
-            f' ({low:.3g} to {high:.3g} m/s): it is not given'
+            f'v_c would lie far {side} the speeds of the data ({low:.3g} to {high:.3g} m/s):'
+            ' it is not given'
         )
         return False
     if not low <= v_c <= high:
         reasons.append(
-            f'v_c = {v_c:.3g} m/s is a forecast: the data end at'
+            f'v_c = {v_c:.3g} +/- {std:.1g} m/s is a forecast: the data end at'
             f' {high if v_c > high else low:.3g} m/s'
         )
     return True

@@ -11,7 +11,11 @@ _FEW_DRAWS = 'too few of the laws that the data allow have one'
 
 
 def reasons_of(
-    result: Identification, support: Support, no_fold: str, no_recipe: str
+    result: Identification,
+    support: Support,
+    no_fold: str,
+    no_recipe: str,
+    no_hysteresis: str = '',
 ) -> dict[str, str]:
     """
     Collect the reasons why what is null in a result is null.
@@ -26,6 +30,8 @@ def reasons_of(
         Why the law is not believed; '' where it is.
     no_recipe : str
         Why there is no four-point recipe; '' where there is one.
+    no_hysteresis : str
+        Why a fall of the amplitude is not given as observed v_n; '' where it is.
 
     Returns
     -------
@@ -45,8 +51,8 @@ def reasons_of(
         'four_point': no_recipe,
         'disturbance_m': _no_disturbance(result, fold),
         'steady_states': 'no stretch holds its amplitude for long enough',
-        **_unobserved(result),
-        **_undated(result.days),
+        **_unobserved(result, no_hysteresis),
+        **_undated(result.days, no_hysteresis),
     }
     if not result.branches:
         # Not at some speeds: nowhere.
@@ -90,13 +96,14 @@ def _no_disturbance(result: Identification, fold: str) -> str:
     return f'the unstable branch does not reach {result.observed.v_c:.3g} m/s, the observed jump'
 
 
-def _unobserved(result: Identification) -> dict[str, str]:
+def _unobserved(result: Identification, no_hysteresis: str) -> dict[str, str]:
     observed = result.observed
     if observed.threshold is None:
         reason = 'all amplitudes are of one kind: nothing jumped'
         return {'observed': reason}
     jump = 'no run shows steady states either side of a jump {0}, speed {1}, without a kick'
     up, down = jump.format('up', 'rising'), jump.format('down', 'falling')
+    down = no_hysteresis or down
     return {
         'observed.v_c': up,
         'observed.v_n': down,
@@ -105,7 +112,7 @@ def _unobserved(result: Identification) -> dict[str, str]:
     }
 
 
-def _undated(days: Days | None) -> dict[str, str]:
+def _undated(days: Days | None, no_hysteresis: str) -> dict[str, str]:
     """Reasons for what the days do not show."""
     if days is None:
         return {'days': 'the recordings were not sorted by day'}
@@ -121,7 +128,7 @@ def _undated(days: Days | None) -> dict[str, str]:
         'days.day_std_m': apart,
         'days.summary.shift_m': apart,
         'days.summary.observed_v_c': 'a day without a jump up, speed rising',
-        'days.summary.observed_v_n': 'a day without a jump down, speed falling',
+        'days.summary.observed_v_n': no_hysteresis or 'a day without a jump down, speed falling',
         'days.summary.highest_decay_mps': decayed,
         'days.summary.lowest_growth_mps': grew,
         'days.highest_decay_mps': decayed,

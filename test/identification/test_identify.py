@@ -173,7 +173,20 @@ def test_one_speed_only_says_so(make):
     assert result.v_c is None
     assert result.normal_form is None
     assert all(value is None for value in result.coefficients.values())
-    assert any('one speed only' in warning for warning in result.warnings)
+    said = next(line for line in result.warnings if 'one speed only' in line)
+    # The small motion before and after the kick shows the growth rate: with its deviation.
+    rate, std = (float(x) for x in re.search(r'rate (\S+) \+/- (\S+) 1/s', said).groups())
+    form = PAPER_NORMAL_FORM
+    eps = 7.2 / form.critical_speed - 1.0
+    true = (form.D1 * eps + form.D7 * eps**2) / form.time_scale
+    assert abs(rate - true) < 3.0 * std
+
+
+def test_the_limit_cycle_at_one_speed_says_nothing_of_the_linear_growth_rate(make):
+    record = make(lambda t: np.full_like(t, 7.2), 120.0, 1, forcing=5e-6, start=6.3e-4)
+    said = next(line for line in identify([record]).warnings if 'one speed only' in line)
+    assert 'does not show its linear growth rate' in said
+    assert '1/s' not in said
 
 
 def test_only_decays_do_not_give_a_limit_cycle(make):
