@@ -112,7 +112,8 @@ def gather(
         _beyond(rules, state, disturbed, out),
         memory['growing'],
         _arrived(rules, a, disturbed, out),
-        _steady(rules, memory, steady_memory, state, a, s, out),
+        # What falls for sure, however slowly, is no limit cycle.
+        not falls and _steady(rules, memory, steady_memory, state, a, s, out),
         lost or (falls and growth < -rules.decay_rate),
         over,
     )

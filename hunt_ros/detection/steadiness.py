@@ -26,6 +26,7 @@ STEADINESS: np.dtype[np.void] = np.dtype(
         ('slow_square', np.float64),
         ('long', np.float64),
         ('long_square', np.float64),
+        ('long_rows', np.float64),
         ('std', np.float64),
     ],
     align=True,
@@ -41,6 +42,10 @@ _STEADY = 0.1
 #: Narrow-band noise of a damping as low as 0.08 1/s does not keep its amplitude within
 #: this for 3 s once in 24 hours (simulated).
 _VERY_STEADY = 0.08
+#: The long means begin anew where the fast one leaves them by this part.
+_ELSEWHERE = 0.25
+#: How long the amplitude must have been steady, in units of `_LONG_S`.
+_FROM_START, _AFTER_CHANGE = 0.5, 2.0
 
 
 @compiled_part
@@ -62,7 +67,12 @@ def watch(rules: Rules, memory: Any, a: float, s: float) -> None:
     memory['slow'] += weight * (a - memory['slow'])
     memory['slow_square'] += weight * (square - memory['slow_square'])
     memory['std'] += weight * (s - memory['std'])
-    weight = max(1.0 / rows, rules.stride / _LONG_S)
+    # The motion before a growth or a decay says nothing of what it has come to.
+    if abs(memory['fast'] - memory['long']) > _ELSEWHERE * memory['long']:
+        memory['long_rows'] = 0.0
+        memory['long'] = memory['long_square'] = 0.0
+    memory['long_rows'] += 1.0
+    weight = max(1.0 / memory['long_rows'], rules.stride / _LONG_S)
     memory['long'] += weight * (a - memory['long'])
     memory['long_square'] += weight * (square - memory['long_square'])
 
@@ -87,7 +97,10 @@ def steady(rules: Rules, memory: Any) -> bool:
 @compiled_part
 def very_steady(rules: Rules, memory: Any) -> bool:
     """Tell an amplitude that noise cannot hold as steady for as long."""
-    if memory['rows'] * rules.stride < 0.5 * _LONG_S or not steady(rules, memory):
+    # After a change it takes longer: a noise-driven motion lingers at the top of its excursions.
+    changed = memory['long_rows'] < memory['rows']
+    span = _AFTER_CHANGE if changed else _FROM_START
+    if memory['long_rows'] * rules.stride < span * _LONG_S or not steady(rules, memory):
         return False
     variance = memory['long_square'] - memory['long'] ** 2
     return bool(variance < (_VERY_STEADY * memory['long']) ** 2)

@@ -76,19 +76,19 @@ def test_hits_that_grow_alarm_and_hits_that_decay_do_not(
         assert detector.status.alarm
         assert detector.status.level is Level.ERROR
     else:
-        # One hit lingers on the unstable cycle for seconds, steady as a limit cycle, before
-        # it decays: called one for that while, but none is ever seen to escape.
-        assert 'escaping' not in words
-        assert detector.status.level is not Level.ERROR
-        assert words in ([], ['limit_cycle', 'decaying', 'quiet'])
+        # One of them lingers near the unstable cycle for seconds before it decays.
+        assert words == []
+        assert not detector.status.alarm
 
 
-def test_at_most_one_hit_that_decays_raises_an_alarm(detector: HuntingDetector) -> None:
-    alarms = 0
-    for path in HITS:
-        record = _record(path)
-        if _half_range(record['lateral'].values[-500:]) < 10e-3:
-            detector.reset()
-            detect(detector, record)
-            alarms += detector.status.alarm
-    assert alarms <= 1
+@pytest.mark.parametrize('path', HITS, ids=lambda path: path.stem[9:])
+def test_a_hit_that_grows_alarms_before_long(path: Path, detector: HuntingDetector) -> None:
+    record = _record(path)
+    values = record['lateral'].values
+    if _half_range(values[-500:]) < 10e-3:
+        pytest.skip('it decays')
+    detector.reset()
+    alarm = next(event for event in detect(detector, record).events if event.level is Level.ERROR)
+    largest = np.maximum.accumulate(np.abs(values - np.median(values)))
+    grown = record['lateral'].stamps_ns[int(np.argmax(largest > 0.8 * largest[-1]))]
+    assert alarm.stamp_ns - grown < 13_000_000_000  # some 35 periods

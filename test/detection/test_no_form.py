@@ -1,0 +1,93 @@
+"""No form known: growth, steadiness and noise floor decide, on rigs of any frequency and size."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from hunt_ros.detection import DetectorConfig, HuntingDetector, State, detect
+from hunt_ros.samples import Record, Series
+
+#: Frequency (Hz), unstable amplitude (m), damping in a period.
+RIGS = [(0.6, 3e-2, 0.06), (2.84, 2e-4, 0.12), (11.0, 2e-5, 0.2)]
+PERIODS, SAMPLES = 160, 60
+
+
+def trial(rig, seed: int, first: float, hit: float, noise: float = 0.03, forcing: float = 0.05):
+    """
+    Amplitude equation with a subcritical law; amplitudes in units of the unstable one.
+
+    `first` is the amplitude at the start, `hit` what is added to the phasor after 60 periods;
+    return detector, output and the true amplitude at the end.
+    """
+    frequency, unstable, damping = rig
+    rng = np.random.default_rng(seed)
+    step = 1.0 / SAMPLES
+    steps = rng.normal(size=(PERIODS * SAMPLES, 2)) @ np.array([1.0, 1j])
+    z = first * np.exp(2j * np.pi * rng.random())
+    path = np.empty(steps.size, dtype=np.complex128)
+    turn = np.exp(2j * np.pi * step)
+    for k, shock in enumerate(steps):
+        if k == 60 * SAMPLES:
+            z += hit * np.exp(2j * np.pi * rng.random())
+        power = abs(z) ** 2
+        growth = -damping * (1.0 - power) * (1.0 - power / 7.0)
+        z = z * turn * math.exp(max(growth * step, -0.5)) + forcing * shock * math.sqrt(
+            damping * step
+        )
+        path[k] = z
+    values = unstable * (path.real + noise * rng.normal(size=path.size) + 3.0)
+    stamps = np.round((np.arange(path.size) + 1) * step / frequency * 1e9).astype(np.int64)
+    record = Record({'lateral': Series(stamps, values)})
+    nominal = 1.1 * frequency
+    config = DetectorConfig(
+        channels=('lateral',),
+        roughness=False,
+        hunting_frequency_hz=nominal,
+        hunting_frequency_min_hz=0.35 * nominal,
+        hunting_frequency_max_hz=2.1 * nominal,
+        output_rate_hz=max(100.0, round(3.5 * nominal) * 10.0),
+    )
+    detector = HuntingDetector(config)
+    return detector, detect(detector, record), float(np.abs(path[-SAMPLES:]).mean())
+
+
+@pytest.mark.parametrize('rig', RIGS)
+@pytest.mark.parametrize('hit', [0.0, 0.5])
+def test_quiet_running_and_bumps_raise_no_alarm(rig, hit) -> None:
+    for seed in range(2):
+        detector, _, end = trial(rig, seed, 0.05, hit)
+        assert end < 0.5
+        assert not detector.status.alarm
+        assert detector.status.state in (State.QUIET, State.DISTURBED)
+
+
+@pytest.mark.parametrize('rig', RIGS)
+def test_a_motion_that_hunts_from_the_start_is_found_within_25_periods(rig) -> None:
+    detector, output, end = trial(rig, 3, math.sqrt(7.0), 0.0)
+    assert end > 2.0
+    assert detector.status.state is State.LIMIT_CYCLE
+    alarm = next(event for event in output.events if event.event in ('escaping', 'limit_cycle'))
+    assert alarm.stamp_ns * 1e-9 * rig[0] < 25.0
+
+
+@pytest.mark.parametrize('rig', RIGS)
+def test_a_hit_that_grows_is_an_alarm_soon_after_it_hunts(rig) -> None:
+    detector, output, end = trial(rig, 4, 0.05, 1.5)
+    assert end > 2.0
+    assert detector.status.alarm
+    assert detector.status.state is State.LIMIT_CYCLE
+    alarm = next(event for event in output.events if event.event in ('escaping', 'limit_cycle'))
+    assert 60.0 < alarm.stamp_ns * 1e-9 * rig[0] < 110.0
+
+
+def test_the_same_motion_slower_and_smaller_is_judged_alike() -> None:
+    words = []
+    for frequency, unstable in ((2.84, 2e-4), (0.71, 5e-2), (1.42, 1e-6)):
+        rig = frequency, unstable, 0.12
+        _, output, _ = trial(rig, 5, 0.05, 1.5)
+        words.append([event.event for event in output.events])
+    assert words[0] == words[1] == words[2]
+    assert words[0][:1] == ['escaping']
