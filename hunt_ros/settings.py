@@ -69,7 +69,8 @@ class Settings:
         for item in fields(self):
             value = getattr(self, item.name)
             if type(item.default) is float and type(value) is int:
-                object.__setattr__(self, item.name, float(value))
+                value = float(value)
+                object.__setattr__(self, item.name, value)
             problem = _problem(value, item.default, item.metadata)
             if problem:
                 raise ConfigError(f'{item.name}: {value!r} is {problem}')

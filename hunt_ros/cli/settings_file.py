@@ -109,6 +109,12 @@ def _like(default: Any, value: Any) -> Any:
     """Make of a YAML value what the setting is: a tuple, or a word that YAML takes for a bool."""
     if isinstance(default, str) and isinstance(value, bool):
         return 'on' if value else 'off'
+    if isinstance(default, float) and isinstance(value, str):
+        # YAML 1.1 takes 1e-5 for a word, ROS and people for a number.
+        try:
+            return float(value)
+        except ValueError:
+            return value
     return tuple(value) if isinstance(default, tuple) and isinstance(value, list) else value
 
 

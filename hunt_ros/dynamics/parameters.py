@@ -263,7 +263,18 @@ def paper_rig() -> RigParameters:
     return RigParameters(beta={'30': 446.87, '50': -2.74748e6}, name='paper rig')
 
 
+def _number(value: Any) -> Any:
+    """Return what YAML 1.1 takes for a word and people for a number, 1e-5, as a number."""
+    if not isinstance(value, str):
+        return value
+    try:
+        return float(value)
+    except ValueError:
+        return value
+
+
 def _positive(name: str, value: Any) -> float:
+    value = _number(value)
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ConfigError(f'{name} must be a number, got {value!r}')
     if not (math.isfinite(value) and value > 0.0):
@@ -282,6 +293,7 @@ def _coefficients(name: str, value: Any) -> dict[str, float]:
             raise ConfigError(
                 f'{name}: unknown key {key!r}, expected ij with i + j = 3 or 5, quoted'
             )
+        number = _number(number)
         if isinstance(number, bool) or not isinstance(number, int | float):
             raise ConfigError(f'{name} {text} must be a number, got {number!r}')
         if not math.isfinite(number):

@@ -68,7 +68,7 @@ class IdentificationSettings:
     def __post_init__(self) -> None:
         for name in ('length_scale', 'time_scale', 'minimum_hold_s'):
             _require(name, getattr(self, name), getattr(self, name) > 0.0, 'a positive number')
-        for name in ('speed_resolution', 'speed_scale_std', 'bootstrap', 'jobs'):
+        for name in ('speed_resolution', 'speed_scale_std', 'bootstrap', 'seed', 'jobs'):
             _require(name, getattr(self, name), getattr(self, name) >= 0, 'zero or more')
         low, high = self.frequency_range_hz
         _require('frequency_range_hz', self.frequency_range_hz, 0.0 < low < high, '0 < low < high')

@@ -192,3 +192,17 @@ def test_simulate_refuses_what_it_cannot_simulate(capsys, tmp_path, words, optio
 def test_simulate_sweeps_upwards(capsys, tmp_path) -> None:
     words = ['simulate', str(tmp_path / 'x'), '--sweep', '8', '6', '0.5']
     assert '--sweep' in _refused(words, capsys)
+
+
+@pytest.mark.parametrize('number', ['3', '3.0', '3e0', '30.0e-1'])
+def test_a_number_may_be_written_in_any_way(number: str) -> None:
+    from hunt_ros.cli.settings_file import read_settings
+    from hunt_ros.detection import DetectorConfig
+
+    config = read_settings(DetectorConfig, 'x', [], [f'hunting_frequency_hz={number}'])
+    assert config.hunting_frequency_hz == 3.0
+
+
+def test_a_negative_seed_is_refused(capsys, tmp_path) -> None:
+    bag = _bag(tmp_path, {'lateral': 0.0, 'speed': 7.0})
+    assert 'seed' in _refused(['identify', str(bag), '--seed', '-1'], capsys)

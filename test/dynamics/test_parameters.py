@@ -89,3 +89,9 @@ def test_a_bad_file_is_answered_in_one_line_that_names_the_value(text: str, mess
 def test_unquoted_keys_that_yaml_reads_as_numbers_are_understood() -> None:
     rig = RigParameters.from_yaml('beta: {30: 1.0, 03: 2.0, 50: 3.0}')
     assert rig.beta == {'30': 1.0, '03': 2.0, '50': 3.0}
+
+
+def test_an_exponent_without_a_point_is_a_number() -> None:
+    rig = RigParameters.from_yaml("tread_angle: 4e-2\nbeta: {'50': -2e6}", 'rig.yaml')
+    assert rig.tread_angle == 0.04
+    assert rig.beta['50'] == -2e6
