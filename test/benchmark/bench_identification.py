@@ -2,7 +2,8 @@
 Identification: ours beside pysindy on one set of trajectories, and against the full model.
 
 Run with --quick for 3 realisations and seeds, without publication; --seeds N for another
-number; progress goes to stderr. pysindy is the extra `bench`; without it only our columns are printed.
+number; progress goes to stderr. pysindy is the extra `bench`; without it only our columns are
+printed.
 """
 
 from __future__ import annotations

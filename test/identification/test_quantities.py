@@ -1,0 +1,58 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+from hunt_ros.identification.growth_law import QUINTIC, GrowthLaw, GrowthScales
+from hunt_ros.identification.normal_form_map import from_normal_form
+from hunt_ros.identification.quantities import Quantities
+from hunt_ros.identification.settings import IdentificationSettings
+
+SCALES = GrowthScales(7.4, 7e-4, 0.0485, 1.0 / 25.91, 2.84)
+LAW = GrowthLaw(QUINTIC, from_normal_form(PAPER_NORMAL_FORM, SCALES), SCALES)
+
+
+@pytest.fixture(scope='module')
+def branches():
+    """Branches of the paper's form, v_n known to 0.03 m/s and v_c to 0.05 m/s."""
+    rng = np.random.default_rng(1)
+    drawn = []
+    for _ in range(400):
+        p = LAW.p.copy()
+        p[0] += 0.02 * rng.standard_normal()
+        p[5] *= 1.0 + 0.01 * rng.standard_normal()
+        drawn.append(GrowthLaw(QUINTIC, p, SCALES))
+    return Quantities(LAW, drawn, (6.2, 8.8), IdentificationSettings()).branches()
+
+
+def test_the_bands_hold_the_branches_and_widen_towards_the_fold(branches):
+    known = [
+        point for point in branches if point.unstable is not None and point.stable is not None
+    ]
+    assert len(known) > 15
+    for point in known:
+        for one in (point.stable, point.unstable):
+            assert one.low <= one.value <= one.high
+    widths = [point.unstable.high - point.unstable.low for point in known[:8]]
+    assert widths[0] > 1.2 * widths[-1]
+
+
+def test_the_edges_of_the_bands_are_smooth_up_to_the_fold(branches):
+    known = [
+        point for point in branches if point.unstable is not None and point.stable is not None
+    ]
+    speed = np.array([point.speed for point in known])
+    for edge in ('low', 'high'):
+        for branch in ('stable', 'unstable'):
+            line = np.array([getattr(getattr(point, branch), edge) for point in known])
+            # Amplitudes rise or fall all along an edge, but for a plateau at the fold itself.
+            slopes = np.diff(line) / np.diff(speed)
+            slopes = slopes[speed[:-1] > speed[0] + 0.1]
+            assert (slopes > -2e-6).all() or (slopes < 2e-6).all()
+
+
+def test_draws_that_have_lost_the_branch_beyond_v_c_pull_its_lower_edge_to_zero(branches):
+    last = [point for point in branches if point.unstable is not None][-1]
+    assert last.speed < 8.0
+    assert last.unstable.low == pytest.approx(0.0, abs=0.5 * last.unstable.value)
