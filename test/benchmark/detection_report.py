@@ -79,7 +79,8 @@ def _near_critical(measured: Measured) -> str:
         '**Kicks of 0.95 and 1.05 times the critical kick**: error of P > 0.5, balanced over'
         ' what really happened. The true chance is that of wheelsets which go on from the same'
         ' motion under other noise (a part of the kicks without roughness): knowing the motion'
-        ' exactly, nobody decides better.\n\n' + near_critical_table(measured.kicks)
+        ' exactly nobody decides better, but for the scatter of seven such wheelsets.\n\n'
+        + near_critical_table(measured.kicks)
     )
 
 
