@@ -223,17 +223,11 @@ def _sample(
             return False
         if kind == _MOTION and _clipped(value, length, settings, whole, real):
             whole[_I_SEEN + 10] = stamp
-    else:
-        _new_value(stamp, value, whole, real)
-    return True
-
-
-@compiled
-def _new_value(stamp: int, value: float, whole: _Ints, real: _Floats) -> None:
-    """Close the run of equal values, and widen the extremes."""
-    if whole[_I_RUN] > 0:
-        length = float(stamp - whole[_I_RUN_START])
-        real[_F_RUN] += 0.05 * (min(length, 4.0 * real[_F_RUN] + 1e6) - real[_F_RUN])
+        return True
+    # In line, not a function: it runs for every sample, and the call costs as much again.
+    if whole[_I_RUN] > 0:  # close the run of equal values, and widen the extremes
+        run = float(stamp - whole[_I_RUN_START])
+        real[_F_RUN] += 0.05 * (min(run, 4.0 * real[_F_RUN] + 1e6) - real[_F_RUN])
         step = abs(value - real[_F_VALUE])
         if step < real[_F_STEP]:
             real[_F_STEP] = step
@@ -248,6 +242,7 @@ def _new_value(stamp: int, value: float, whole: _Ints, real: _Floats) -> None:
         real[_F_LOW] = value
     real[_F_HIGH] = max(real[_F_HIGH], value)
     real[_F_LOW] = min(real[_F_LOW], value)
+    return True
 
 
 @compiled
