@@ -92,6 +92,8 @@ def identify(
         observed = replace(observed, threshold=hunting_threshold(amplitude))
     path, scales = _path(runs, frequency, settings)
     laws = fit_laws(path, scales, settings, observed.v_c, _floor(path))
+    if laws[0].path.line is None:
+        states = [replace(state, line_power=0.0) for state in states]
     tell(0.8 * _FITTED)
     hunting = [s for s in states if observed.threshold and s.amplitude > observed.threshold]
     best = following(laws, hunting)[0]

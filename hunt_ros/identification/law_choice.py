@@ -32,6 +32,8 @@ from hunt_ros.identification.path_likelihood import NOISE_TERMS
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.trajectory_fit import Prior, TrajectoryFit, fit_path
 
+#: Gain of the log likelihood from which a roughness line is taken as not felt.
+_FELT = 2.0
 #: Rounds in which jumps of the path are looked for.
 _GATES = 6
 _MOST_JUMPS = 0.005
@@ -236,6 +238,12 @@ def _fit_quintic(
             break
         path = path.broken_at(jumps)
         fit = fit_path(path, fit.theta, widths, priors)
+    # A line that the sensor sees and the wheelset does not feel (run-out) is no part of the law.
+    if path.line is not None and np.any(path.line > 0.0):
+        bare = replace(path, line=None)
+        other = fit_path(bare, fit.theta, widths, priors)
+        if other.log_likelihood > fit.log_likelihood + _FELT:
+            return other, bare
     return fit, path
 
 
