@@ -23,6 +23,9 @@ limit cycle         lost       decaying     decay_hold
                     -          limit cycle  -
 ==================  =========  ===========  ====================
 
+Whatever else is wanted, quiet ends after `disturbed_hold` of a disturbance: what is on its
+way to a limit cycle is not quiet until that is sure.
+
 Called by the kernel of the decisions, row by row.
 """
 
@@ -38,12 +41,14 @@ from hunt_ros.detection.evidence import Evidence
 from hunt_ros.detection.regions import State, held
 from hunt_ros.detection.rules import Rules
 
-#: What is remembered: the state, the state that was asked for and for how many rows; the alarm.
+#: What is remembered: the state, the state that was asked for and for how many rows; for how
+#: many rows on end the motion has been disturbed; the alarm.
 STATE: np.dtype[np.void] = np.dtype(
     [
         ('state', np.int64),
         ('wanted', np.int64),
         ('waited', np.int64),
+        ('stirred', np.int64),
         ('alarm', np.bool_),
         ('acknowledged', np.bool_),
     ],
@@ -94,7 +99,10 @@ def next_state(
     a : float
         Amplitude, m.
     """
+    memory['stirred'] = memory['stirred'] + 1 if evidence.disturbed else 0
     state = memory['state']
+    if state == QUIET and memory['stirred'] > rules.disturbed_hold:
+        state = DISTURBED
     want, hold = wanted(rules, state, evidence)
     waited = memory['waited'] if want == memory['wanted'] else 0
     memory['wanted'] = want

@@ -87,6 +87,30 @@ def test_a_sure_escape_is_called_after_its_hold(start: State) -> None:
     assert bool(machine.memory['state']['alarm'][0])
 
 
+def test_the_larger_the_disturbance_the_sooner_the_first_word() -> None:
+    def rows_of_quiet(amplitude: float, probability: float) -> int:
+        machine, rows = Machine(), 0
+        while machine.feed(amplitude, probability) is State.QUIET:
+            rows += 1
+        return rows
+
+    small = rows_of_quiet(0.8 * EDGE, 0.1)
+    assert small == RULES.disturbed_hold
+    assert rows_of_quiet(2.0 * EDGE, 1.0) == small  # escaping, but not yet for its hold
+    assert rows_of_quiet(1.1 * CYCLE, 1.0) == small
+    growing = Machine()
+    growing.feed(0.8 * EDGE, 0.1, RULES.disturbed_hold)  # asks for another word on its way
+    assert growing.feed(1.3 * EDGE, 0.99) is State.DISTURBED
+
+
+@pytest.mark.parametrize('early', [0, 1, 5])
+def test_to_be_disturbed_meanwhile_delays_no_alarm(early: int) -> None:
+    machine = Machine()
+    machine.feed(0.8 * EDGE, 0.1, early)
+    assert machine.feed(1.3 * EDGE, 0.96, RULES.escape_hold) is State.DISTURBED
+    assert machine.feed(1.3 * EDGE, 0.96, 1) is State.ESCAPING
+
+
 def test_a_moment_of_certainty_is_no_escape() -> None:
     machine = Machine()
     machine.feed(EDGE * 1.3, 0.99, 2)  # the overshoot of the filter after a kick
@@ -132,6 +156,7 @@ def test_chances_between_the_thresholds_never_raise_and_never_end_an_alarm(
 @settings(deadline=None, max_examples=40)
 @given(st.lists(st.tuples(st.floats(1e-9, 1e-3), st.floats(0.0, 1.0)), max_size=150))
 def test_no_state_lasts_for_less_than_the_hold_of_the_next(rows) -> None:
+    # Before hunting, quiet and disturbed count as one: the wait goes on from one to the other.
     machine = Machine()
     holds = {
         State.QUIET: RULES.quiet_hold,
@@ -145,7 +170,8 @@ def test_no_state_lasts_for_less_than_the_hold_of_the_next(rows) -> None:
         now = machine.feed(amplitude, chance, edge=EDGE)
         if now is not last:
             assert lasted >= holds[now]
-            last, lasted = now, 0
+            calm_before = now is State.DISTURBED and last is State.QUIET
+            last, lasted = now, lasted if calm_before else 0
         lasted += 1
 
 
