@@ -125,6 +125,26 @@ class DetectorConfig(Settings):
     standstill_mps: float = setting(
         0.05, 'below this speed the rig stands still', unit='m/s', low=0.0, high=10.0
     )
+    roller_diameter_m: float = setting(
+        0.0,
+        'of the roller, to check the speed by its angle (0: learnt while both move)',
+        unit='m',
+        low=0.0,
+        high=10.0,
+    )
+    speed_contradiction_mps: float = setting(
+        0.3,
+        'speed and roller angle contradict each other beyond this (0: not compared)',
+        unit='m/s',
+        low=0.0,
+        high=100.0,
+    )
+    speed_contradiction_fraction: float = setting(
+        0.05, 'and this fraction of the speed', low=0.0, high=10.0
+    )
+    speed_contradiction_hold_s: float = setting(
+        2.0, 'and for this time', unit='s', low=0.0, high=600.0
+    )
 
     noise_floor_m: float = setting(
         0.0,

@@ -18,6 +18,7 @@ from hunt_ros.detection.health import ChannelHealth
 from hunt_ros.detection.merge import MergedBlock
 from hunt_ros.detection.output import ESTIMATE_DTYPE, TRACKER_FIELDS, Motion
 from hunt_ros.detection.second_opinion import SecondOpinion
+from hunt_ros.detection.speed_check import SpeedCheck
 from hunt_ros.detection.tracking import SCALE_STD, line_search, mode_points, tracker_config
 from hunt_ros.dynamics.mode_shape import ModeShape
 from hunt_ros.estimation.kalman import HuntingTracker
@@ -46,6 +47,7 @@ class Estimator:
             for name in ('roller', 'speed')
             if name in self._channels
         }
+        self._speed_check = SpeedCheck(config) if len(self._slow) == 2 else None
         self._tracker = HuntingTracker(tracker_config(config))
         self._opinions = {
             name: SecondOpinion(config) for name in _MOTION if name in self._channels
@@ -60,6 +62,8 @@ class Estimator:
             slow.reset()
         for watch in self._health.values():
             watch.reset()
+        if self._speed_check is not None:
+            self._speed_check.reset()
         for opinion in self._opinions.values():
             opinion.reset()
         for lines in self._lines.values():
@@ -107,12 +111,17 @@ class Estimator:
         slow = self._slow_at(np.concatenate([stamp, rows_ns]), blocks, usable)
         count = stamp.size
         angle, speed = slow['roller'][:count], slow['speed'][:count]
+        if not self.config.roughness:
+            angle = np.full(count, math.nan)
         track = self._tracker.update(stamp, sensor, value, angle, speed, rows_ns)
         for name in TRACKER_FIELDS:
             rows[name] = track[name]
         rows['speed'] = slow['speed'][count:]
         if 'roller' in self._channels:
             self._excuse_roller(rows)
+        if self._speed_check is not None:
+            contrary = self._speed_check.update(rows_ns, slow['roller'][count:], rows['speed'])
+            rows['speed_wrong'][contrary] |= np.uint32(health.CONTRADICTED)
         own = np.flatnonzero(sensor == _MOTION.index(next(n for n in _MOTION if n in blocks)))
         quiet = np.ones(own.size, dtype=np.bool_)
         motion = Motion(stamp[own], value[own], speed[own], angle[own], quiet)
@@ -138,8 +147,6 @@ class Estimator:
             elif name == 'speed' and self.config.constant_speed_mps > 0.0:
                 found[:] = self.config.constant_speed_mps
             slow[name] = found
-        if not self.config.roughness:
-            slow['roller'][:] = math.nan
         return slow
 
     def _excuse_roller(self, rows: NDArray[np.void]) -> None:

@@ -27,13 +27,15 @@ STUCK = 512
 SATURATED = 1024
 NEGATIVE = 2048
 _BITS = 12
+#: Found by `speed_check`, not by the kernel below.
+CONTRADICTED = 4096
 
 #: Told in the status, but the channel is still believed.
 MILD = REPEATED_STAMP | BACKWARD_STAMP | AHEAD_STAMP | LATE | INVALID | STANDSTILL
 #: The channel cannot be trusted.
-SEVERE = WAITING | SILENT | NO_VALUE | STUCK | SATURATED | NEGATIVE
+SEVERE = WAITING | SILENT | NO_VALUE | STUCK | SATURATED | NEGATIVE | CONTRADICTED
 #: Of these, the ones that are a fault of the sensor rather than missing input.
-FAULTS = NO_VALUE | STUCK | SATURATED | NEGATIVE
+FAULTS = NO_VALUE | STUCK | SATURATED | NEGATIVE | CONTRADICTED
 
 WORDS: dict[int, str] = {
     REPEATED_STAMP: 'repeated stamps',
@@ -48,6 +50,7 @@ WORDS: dict[int, str] = {
     STUCK: 'stuck at one value',
     SATURATED: 'saturated',
     NEGATIVE: 'negative',
+    CONTRADICTED: 'contradicts the roller angle',
 }
 
 _MOTION, _ROLLER, _SPEED = 0, 1, 2
