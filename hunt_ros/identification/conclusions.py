@@ -18,7 +18,6 @@ from hunt_ros.identification.four_point import FourPoint, at_detunings, four_poi
 from hunt_ros.identification.growth_law import QUINTIC, GrowthScales
 from hunt_ros.identification.guards import support_of
 from hunt_ros.identification.lack_of_fit import (
-    LackOfFit,
     contradictions,
     following,
     lack_of_fit,
@@ -26,6 +25,7 @@ from hunt_ros.identification.lack_of_fit import (
 )
 from hunt_ros.identification.law_choice import FittedLaw
 from hunt_ros.identification.observed import resolved
+from hunt_ros.identification.pure_error import LackOfFit
 from hunt_ros.identification.quantities import Quantities
 from hunt_ros.identification.reasons import reasons_of
 from hunt_ros.identification.result import FitSummary, Identification
@@ -177,7 +177,7 @@ class _Trust:
 def _trust(best: FittedLaw, evidence: Evidence, warnings: list[str]) -> _Trust:
     """Judge the law by limit cycles, transients and runs that contradict each other."""
     name = best.law.name
-    misfit = lack_of_fit(best.law, evidence.hunting)
+    misfit = lack_of_fit(best.law, evidence.hunting, best.noise)
     missed, transients = missed_transients(best, evidence.segments, evidence.envelopes)
     astray = ''
     if missed > max(0.3 * transients, 0.5):
@@ -195,7 +195,9 @@ def _trust(best: FittedLaw, evidence: Evidence, warnings: list[str]) -> _Trust:
         warnings.append(f'lack of fit: {astray}; no fold is claimed')
     # The paper's form may miss what a richer one follows: that too is to be known.
     quintic = next(
-        lack_of_fit(one.law, evidence.hunting) for one in evidence.laws if one.law.name == QUINTIC
+        lack_of_fit(one.law, evidence.hunting, one.noise)
+        for one in evidence.laws
+        if one.law.name == QUINTIC
     )
     if quintic.flagged and not misfit.flagged:
         warnings.append(

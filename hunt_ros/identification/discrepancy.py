@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.identification.envelope import Envelope
-from hunt_ros.identification.lack_of_fit import LackOfFit
 from hunt_ros.identification.law_choice import FittedLaw
 from hunt_ros.identification.path import Path
+from hunt_ros.identification.pure_error import LackOfFit
 
 #: Width of a cell of speeds within which a discrepancy is the same, relative to the speed.
 _CELL = 0.03

@@ -174,7 +174,9 @@ class GrowthLaw:
         Returns
         -------
         unstable, stable : ndarray, shape (n,)
-            m; NaN where there is none. The stable one is the first above the unstable.
+            m; NaN where there is none. Where rest is stable the unstable one bounds its basin,
+            and the stable one is the first above it; where rest is unstable the stable one is
+            the first that growth from rest meets.
         """
         u = np.atleast_1d(self.detuning(speed))
         b = np.asarray(line, dtype=np.float64) / self.scales.amplitude**2
@@ -194,7 +196,9 @@ class GrowthLaw:
                 k = w + 2.0 * b + p5 * (w**2 + (6.0 * w + 3.0 * b) * b)
                 slope = (first + 2.0 * second * k) * (1.0 + 2.0 * p5 * (w + 3.0 * b))
             exists = (w > 0.0) & (w < _LARGEST)
-            unstable = np.min(np.where(exists & (slope > 0.0), w, np.inf), axis=0)
+            leaves = self.growth_rate(speed, 0.0, line) > 0.0
+            barrier = exists & (slope > 0.0) & ~leaves
+            unstable = np.min(np.where(barrier, w, np.inf), axis=0)
             above = exists & (slope < 0.0) & ((w > unstable) | ~np.isfinite(unstable))
         stable = np.min(np.where(above, w, np.inf), axis=0)
         size = self.scales.amplitude

@@ -97,7 +97,7 @@ def identify(
     tell(0.8 * _FITTED)
     hunting = [s for s in states if observed.threshold and s.amplitude > observed.threshold]
     best = following(laws, hunting)[0]
-    misfit = lack_of_fit(best.law, hunting)
+    misfit = lack_of_fit(best.law, hunting, best.noise)
     if misfit.significant:
         held = held_less(best, misfit, hunting, [run.envelope for run in runs])
         laws = fit_again(laws, held, settings)

@@ -4,61 +4,39 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from scipy import stats
+from numpy.typing import NDArray
 
 from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.identification.envelope import Envelope
 from hunt_ros.identification.growth_law import GrowthLaw
 from hunt_ros.identification.law_choice import FittedLaw
+from hunt_ros.identification.pure_error import LackOfFit, against_curve, against_repeats
 from hunt_ros.identification.segments import Segment
+from hunt_ros.identification.stationary import forcing, stationary_amplitude
 
-#: A discrepancy is a lack of fit if chance makes it in one case of a hundred, and it is
-#: more than this share of the amplitude.
-_LEVEL = 0.01
-_SHARE = 0.01
 #: Logarithm of the amplitude that a state counts as off where the law has no limit cycle.
 _ABSENT = 0.3
+#: Relative deviation from which an amplitude wanders too far to be compared: which part of
+#: its wandering a plateau shows, and whether it counts as hunting, is chance.
+_WANDERS = 0.2
+#: Distance from the fold, relative, within which a state lingers.
+_LINGERING = 0.025
 #: Time over which random forcing adds up before damping forgets it, s.
 _MEMORY_S = 5.0
 
 
-@dataclass(frozen=True)
-class LackOfFit:
-    """
-    Result of the test.
-
-    Parameters
-    ----------
-    p : float
-        Probability of a discrepancy this large if the law held; NaN where there are too
-        few steady states to tell.
-    share : float
-        RMS of the systematic discrepancy, relative to the amplitude.
-    """
-
-    p: float = math.nan
-    share: float = 0.0
-
-    @property
-    def significant(self) -> bool:
-        """Whether there is a discrepancy beyond chance, however small."""
-        return self.p < _LEVEL
-
-    @property
-    def flagged(self) -> bool:
-        """Whether the law does not fit."""
-        return self.p < _LEVEL and self.share > _SHARE
-
-
-def lack_of_fit(law: GrowthLaw, states: Sequence[SteadyState]) -> LackOfFit:
+def lack_of_fit(
+    law: GrowthLaw, states: Sequence[SteadyState], noise: NDArray[np.float64] | None = None
+) -> LackOfFit:
     """
     Test the stable branch of a law against steady amplitudes.
 
     The logarithmic residuals are regressed on a cubic in the speed. A law that fits
-    leaves nothing for it; the scatter of the states around the cubic is the pure error.
+    leaves nothing for it; the scatter of the states around the cubic is the pure error. Where
+    speeds were run several times, a misfit that no cubic follows shows against the repeats.
 
     Parameters
     ----------
@@ -66,6 +44,9 @@ def lack_of_fit(law: GrowthLaw, states: Sequence[SteadyState]) -> LackOfFit:
         The law that was fitted.
     states : sequence of SteadyState
         Hunting states only.
+    noise : ndarray, shape (5,), optional
+        Forcing found beside the law: the states are then compared with the mean amplitude
+        of the forced motion, which near a critical speed is not that of the branch.
 
     Returns
     -------
@@ -81,26 +62,45 @@ def lack_of_fit(law: GrowthLaw, states: Sequence[SteadyState]) -> LackOfFit:
     amplitude = np.array([state.amplitude for state in states])
     if np.ptp(speed) < 0.02 * float(np.mean(speed)):
         return LackOfFit()
-    _, stable = law.steady_amplitudes(speed, np.array([state.line_power for state in states]))
+    expected, error = _expected(law, states, noise)
     with np.errstate(invalid='ignore'):
-        residual = np.log(amplitude / stable)
-    residual = np.where(np.isfinite(stable), residual, _ABSENT)
-    fold = law.saddle_node(float(speed.min()))
+        residual = np.log(amplitude / expected)
+    residual = np.where(np.isfinite(residual), residual, _ABSENT)
+    told = np.isfinite(error)
+    residual, speed, error = residual[told], speed[told], error[told]
+    if residual.size < 8:
+        return LackOfFit()
+    # Also just below the data: a line forced by the roller moves the fold a little.
+    fold = law.saddle_node((1.0 - 2.0 * _LINGERING) * float(speed.min()))
     if fold is not None:
         # Next to the fold time stands still, and a state lingers while the speed falls on.
-        away = np.abs(speed / fold - 1.0) > 0.025
-        residual, speed = residual[away], speed[away]
+        away = np.abs(speed / fold - 1.0) > _LINGERING
+        residual, speed, error = residual[away], speed[away], error[away]
     if residual.size < 8:
         return LackOfFit()
     residual = np.clip(residual, -_ABSENT, _ABSENT)
-    x = (speed - speed.mean()) / max(float(np.ptp(speed)), 1e-9)
-    basis = np.vander(x, 4)
-    fitted = basis @ np.linalg.lstsq(basis, residual, rcond=None)[0]
-    freedom = residual.size - 4
-    # A floor on the pure error: amplitudes are not known to better than this.
-    pure = max(float(np.sum((residual - fitted) ** 2)) / freedom, 1e-8)
-    ratio = float(np.sum(fitted**2)) / 4.0 / pure
-    return LackOfFit(float(stats.f.sf(ratio, 4, freedom)), float(np.sqrt(np.mean(fitted**2))))
+    smooth = against_curve(speed, residual, error)
+    repeated = against_repeats(speed, residual, error)
+    return repeated if repeated.flagged and not smooth.flagged else smooth
+
+
+def _expected(
+    law: GrowthLaw, states: Sequence[SteadyState], noise: NDArray[np.float64] | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Amplitudes that the law expects, m, and by how much a plateau's mean may be off, of it."""
+    speed = np.array([state.speed for state in states])
+    line = np.array([state.line_power for state in states])
+    if noise is None:
+        return law.steady_amplitudes(speed, line)[1], np.zeros(speed.size)
+    mean, std = stationary_amplitude(law, noise, speed, line)
+    seconds = np.array([max(state.end_ns - state.start_ns, 1) / 1e9 for state in states])
+    u, w = law.detuning(speed), (mean / law.scales.amplitude) ** 2
+    push = law.scales.amplitude**2 * forcing(noise, u, np.nan_to_num(w))
+    # An amplitude held weakly wanders slowly: std^2 = Q / 2 rate, and few of its turns fit in.
+    share = np.minimum(1.0, 4.0 * std**2 / (push * seconds))
+    error = std / mean * np.sqrt(share)
+    blurred = std > _WANDERS * mean
+    return mean, np.nan_to_num(np.where(blurred, np.inf, error), nan=0.0, posinf=np.inf)
 
 
 def missed_transients(
@@ -164,9 +164,11 @@ def following(laws: Sequence[FittedLaw], states: Sequence[SteadyState]) -> list[
     Returns
     -------
     list of FittedLaw
-        With shares that sum to one, the largest first; all of them where all miss it.
+        With shares that sum to one, in their order; all of them where all miss it.
     """
-    good = [one for one in laws if not lack_of_fit(one.law, states).flagged] or list(laws)
+    good = [one for one in laws if not lack_of_fit(one.law, states, one.noise).flagged] or list(
+        laws
+    )
     total = sum(one.weight for one in good)
     if total <= 0.0:
         return [replace(good[0], weight=1.0), *good[1:]]

@@ -73,6 +73,19 @@ def test_growth_vanishes_on_the_branches_and_changes_sign_as_named(name, extra):
         assert (sign * law.growth_rate(speeds, 1.001 * branch) > 0.0).all()
 
 
+@pytest.mark.parametrize('fifth', [-0.5, 0.0, 0.2])
+def test_a_soft_law_keeps_its_limit_cycle_whatever_bounds_it_far_above(fifth):
+    # With a destabilising quintic term the unstable root lies above the limit cycle.
+    law = GrowthLaw(QUINTIC, np.array([-0.07, 3.5, 0.0, -0.36, -3.0, fifth]), SCALES)
+    speeds = law.critical_speed * np.linspace(1.01, 1.1, 6)
+    unstable, stable = law.steady_amplitudes(speeds)
+    assert np.isnan(unstable).all()
+    assert (np.diff(stable) > 0.0).all()
+    assert law.growth_rate(speeds, stable) == pytest.approx(0.0, abs=1e-9)
+    assert (law.growth_rate(speeds, 1.01 * stable) < 0.0).all()
+    assert np.isnan(law.steady_amplitudes(0.98 * law.critical_speed)[1]).all()
+
+
 def test_the_nearest_quintic_keeps_both_branches_of_another_law():
     p = np.concatenate([from_normal_form(PAPER_NORMAL_FORM, SCALES), [-1.0]])
     law = GrowthLaw(EXTENDED, p, SCALES)
