@@ -4,6 +4,8 @@ Which growth law: each is fitted, and the evidence weighs them.
 The quintic law is the paper's. Where a recording shows that it does not follow it, a law
 with one more term does better, and where the recording cannot tell, the intervals hold
 what all of them say. The weights are those of Laplace's approximation to the evidence.
+Among several laws one always fits best by chance: the richer ones share between them what
+the quintic law is given beforehand, and one of them is chosen only on substantial evidence.
 """
 
 from __future__ import annotations
@@ -41,6 +43,12 @@ _MOST_JUMPS = 0.005
 _BROAD = np.array([-8.0, -9.0, -6.0])
 #: Standard deviation of the prior on the seventh coefficient, in units of the first six's.
 _EXTRA = 0.3
+#: Standard deviation of the prior on the logarithm of a variance: two decades.
+_FREE_NOISE = 4.6
+#: What each law is given beforehand: half for the paper's, half for all others together.
+_BEFOREHAND = {QUINTIC: 0.5, EXTENDED: 0.25, CONICITY: 0.25}
+#: Odds from which evidence is more than barely worth a mention (Jeffreys 1961, App. B).
+_SUBSTANTIAL = math.sqrt(10.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +70,11 @@ class FittedLaw:
     fit: TrajectoryFit
     path: Path
     weight: float
+
+    @property
+    def noise(self) -> NDArray[np.float64]:
+        """Forcing and noise found beside the law, shape (5,)."""
+        return self.fit.theta[-NOISE_TERMS:]
 
 
 def fastest_rate(scales: GrowthScales) -> float:
@@ -95,7 +108,7 @@ def fit_laws(
     Returns
     -------
     list of FittedLaw
-        The one with the most evidence first.
+        The one chosen first: the quintic, or the one with the most evidence if substantial.
     """
     quintic, path = _fit_quintic(path, scales, settings, v_c, floor)
     fits = {QUINTIC: (quintic, path)}
@@ -131,7 +144,7 @@ def fit_again(
     Returns
     -------
     list of FittedLaw
-        The one with the most evidence first.
+        The one chosen first: the quintic, or the one with the most evidence if substantial.
     """
     fits = {}
     scales = laws[0].law.scales
@@ -143,16 +156,44 @@ def fit_again(
 
 
 def _weighed(fits: dict[str, tuple[TrajectoryFit, Path]], scales: GrowthScales) -> list[FittedLaw]:
-    """Laws with their shares of the evidence, the largest first."""
-    evidence = {name: _evidence(fit, name, scales) for name, (fit, _) in fits.items()}
+    """Laws with their shares of the evidence, the one chosen first."""
+    evidence = {
+        name: _evidence(fit, name, scales) - _one_block(fit, path, *fits[QUINTIC])
+        for name, (fit, path) in fits.items()
+    }
     top = max(max(evidence.values()), -1e300)
-    weights = {name: math.exp(max(value - top, -50.0)) for name, value in evidence.items()}
+    weights = {
+        name: _BEFOREHAND[name] * math.exp(max(value - top, -50.0))
+        for name, value in evidence.items()
+    }
     total = sum(weights.values())
     laws = [
         FittedLaw(GrowthLaw(name, fit.law, scales), fit, used, weights[name] / total)
         for name, (fit, used) in fits.items()
     ]
-    return sorted(laws, key=lambda one: -one.weight)
+    laws.sort(key=lambda one: -one.weight)
+    if laws[0].weight < _SUBSTANTIAL * next(o.weight for o in laws if o.law.name == QUINTIC):
+        laws.sort(key=lambda one: one.law.name != QUINTIC)
+    return laws
+
+
+def _one_block(fit: TrajectoryFit, path: Path, quintic: TrajectoryFit, beside: Path) -> float:
+    """
+    Return the gain of log likelihood over the quintic law in the one cluster with the largest.
+
+    One stretch of a record may be odd, and a richer law bends to it: it must be better
+    without that stretch too.
+    """
+    gain = _by_cluster(fit, path) - _by_cluster(quintic, beside)
+    # A law that ran away has no evidence to begin with.
+    return max(float(gain.max()), 0.0) if gain.size and np.isfinite(gain).all() else 0.0
+
+
+def _by_cluster(fit: TrajectoryFit, path: Path) -> NDArray[np.float64]:
+    """Log likelihood of each cluster, up to a constant."""
+    weight = np.ones(path.time.size) if path.weight is None else path.weight
+    point = -0.5 * weight * (fit.innovations[:, :2] ** 2 + fit.innovations[:, 2:]).sum(axis=1)
+    return np.bincount(path.cluster, point, minlength=path.clusters).astype(np.float64)
 
 
 def _widths(name: str, scales: GrowthScales) -> NDArray[np.float64]:
@@ -201,7 +242,12 @@ def _evidence(fit: TrajectoryFit, name: str, scales: GrowthScales) -> float:
     """Laplace's approximation to the log evidence, up to a constant."""
     if not (np.isfinite(fit.information).all() and math.isfinite(fit.log_likelihood)):
         return -math.inf
-    sign, logarithm = np.linalg.slogdet(fit.information)
+    information = fit.information.copy()
+    # A noise that is too small to be seen leaves its logarithm free: without a bound on how
+    # free, the law beside which it vanished would win for that alone.
+    noise = np.arange(information.shape[0])[-3:]
+    information[noise, noise] += _FREE_NOISE**-2
+    sign, logarithm = np.linalg.slogdet(information)
     if sign <= 0.0:
         return -math.inf
     widths = _widths(name, scales)

@@ -1,14 +1,17 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+from hunt_ros.analysis.steady_state import SteadyState
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.identification import IdentificationSettings, identify
-from hunt_ros.identification.growth_law import QUINTIC
+from hunt_ros.identification.growth_law import EXTENDED, QUINTIC
 from hunt_ros.identification.identify import _envelopes, _path, _usable
 from hunt_ros.identification.lack_of_fit import following, lack_of_fit, missed_transients
-from hunt_ros.identification.law_choice import fit_laws
+from hunt_ros.identification.law_choice import _evidence, _one_block, _weighed, fit_laws
 from hunt_ros.identification.uncertainty import draw_laws, robust_covariance, summary
 
 SETTINGS = IdentificationSettings()
@@ -59,16 +62,12 @@ def test_no_transient_of_the_law_itself_is_missed_and_those_of_another_are(fitte
     missed, count = missed_transients(laws[0], segments, envelopes)
     assert count >= 10
     assert missed == 0
-    from dataclasses import replace
-
     wrong = replace(laws[0], law=replace(laws[0].law, p=-laws[0].law.p))
     missed, count = missed_transients(wrong, segments, envelopes)
     assert missed > 0.8 * count
 
 
 def test_a_limit_cycle_that_the_law_does_not_follow_is_a_lack_of_fit(fitted):
-    from hunt_ros.analysis.steady_state import SteadyState
-
     laws, _ = fitted
     law = laws[0].law
     rng = np.random.default_rng(0)
@@ -108,3 +107,98 @@ def test_priors_pull_and_are_not_needed(records):
     d1 = tied.coefficients['D1']
     assert d1 is not None
     assert d1.value == pytest.approx(PAPER_NORMAL_FORM.D1, abs=5e-4)
+
+
+def test_a_noise_that_vanishes_beside_a_law_is_no_evidence_for_it(fitted):
+    laws, _ = fitted
+    fit, scales = laws[0].fit, laws[0].law.scales
+    information = fit.information.copy()
+    information[-1, :] = information[:, -1] = 0.0
+    information[-1, -1] = 1e-9
+    gone = replace(fit, information=information)
+    # The same likelihood: the logarithm of a noise that is not seen decides nothing.
+    gain = _evidence(gone, QUINTIC, scales) - _evidence(fit, QUINTIC, scales)
+    seen = fit.information[-1, -1]
+    assert gain < 0.5 * np.log1p(seen * 4.6**2) + 0.5
+
+
+def test_a_richer_law_needs_substantial_evidence(fitted):
+    laws, _ = fitted
+    scales = laws[0].law.scales
+    fits = {one.law.name: (one.fit, one.path) for one in laws}
+    base = {name: _evidence(fit, name, scales) for name, (fit, _) in fits.items()}
+
+    held = _one_block(*fits[EXTENDED], *fits[QUINTIC])
+
+    def chosen(odds):
+        """Raise the likelihood of the extended law until its odds are as asked."""
+        fit, path = fits[EXTENDED]
+        more = base[QUINTIC] - base[EXTENDED] + np.log(2.0 * odds) + held
+        raised = replace(fit, log_likelihood=fit.log_likelihood + more)
+        return _weighed({**fits, EXTENDED: (raised, path)}, scales)
+
+    barely, clearly = chosen(3.0), chosen(3.4)
+    assert barely[0].law.name == QUINTIC
+    assert clearly[0].law.name == EXTENDED
+    # Not chosen, it still has its share of the intervals.
+    share = {one.law.name: one.weight for one in barely}
+    assert share[EXTENDED] == pytest.approx(3.0 * share[QUINTIC])
+
+
+def test_one_odd_stretch_does_not_choose_the_law(fitted):
+    laws, _ = fitted
+    scales = laws[0].law.scales
+    fits = {one.law.name: (one.fit, one.path) for one in laws}
+    fit, path = fits[EXTENDED]
+
+    def gaining(clusters):
+        """The extended law with 40 more of log likelihood, shared between some clusters."""
+        innovations = fit.innovations.copy()
+        for cluster in clusters:
+            first = np.flatnonzero((path.cluster == cluster) & (innovations[:, 2] != 0.0))[0]
+            innovations[first, 2] -= 2.0 * 40.0 / len(clusters)
+        raised = replace(fit, innovations=innovations, log_likelihood=fit.log_likelihood + 40.0)
+        return _weighed({**fits, EXTENDED: (raised, path)}, scales)[0].law.name
+
+    assert gaining([3]) == QUINTIC
+    assert gaining(range(4, 14)) == EXTENDED
+
+
+def test_a_misfit_at_one_speed_shows_against_repeats_where_no_cubic_follows_it(fitted):
+    law = fitted[0][0].law
+    rng = np.random.default_rng(1)
+    speeds = np.repeat(np.linspace(6.8, 9.0, 12), 2)
+    right = law.steady_amplitudes(speeds)[1] * (1.0 + 0.004 * rng.standard_normal(24))
+    off = np.where(np.abs(speeds - 7.8) < 0.05, 1.08, 1.0)
+
+    def states(amplitudes):
+        return [SteadyState(v, a, 1e-6, 'up', 70) for v, a in zip(speeds, amplitudes, strict=True)]
+
+    assert not lack_of_fit(law, states(right)).flagged
+    assert lack_of_fit(law, states(right * off)).flagged
+
+
+def test_a_state_that_lingers_below_the_fold_is_no_lack_of_fit(fitted):
+    law = fitted[0][0].law
+    fold = law.saddle_node(5.0)
+    speeds = np.linspace(1.05 * fold, 8.8, 12)
+    amplitude = law.steady_amplitudes(speeds)[1]
+    states = [SteadyState(v, a, 1e-6, 'down', 70) for v, a in zip(speeds, amplitude, strict=True)]
+    states.append(SteadyState(0.999 * fold, 0.8 * amplitude[0], 1e-6, 'down', 70))
+    assert not lack_of_fit(law, states).significant
+
+
+def test_a_soft_onset_blurred_by_noise_is_no_lack_of_fit(make):
+    form = NormalForm(8.0, 0.12, -450.0, -0.06, 0.0, -3.4e6)
+    steps = np.array([*np.arange(6.8, 9.01, 0.2), *np.arange(8.8, 6.79, -0.2)])
+
+    def staircase(t):
+        return steps[np.minimum((t / 22.0).astype(int), steps.size - 1)]
+
+    for seed in (3, 4):
+        record = make(staircase, 22.0 * steps.size, seed, form=form, forcing=2e-5)
+        result = identify([record])
+        assert not result.fit.lack_of_fit
+        assert result.criticality in ('supercritical', None)
+        assert result.v_n is None
+        assert result.v_c.low < 8.0 < result.v_c.high
