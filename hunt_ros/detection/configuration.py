@@ -24,7 +24,7 @@ class DetectorConfig(Settings):
 
     The times and rates by which the motion is judged (`floor_time_s`, `quiet_hold_s`,
     `growth_hold_s`, `limit_cycle_hold_s`, `limit_cycle_growth_per_s`, `decay_rate_per_s`,
-    `decay_hold_s`) are those of a rig that hunts at 2.84 Hz: with another
+    `decay_hold_s`, `margin_restore_s`) are those of a rig that hunts at 2.84 Hz: with another
     `hunting_frequency_hz` they count as many periods, not as many seconds.
 
     Raises
@@ -245,7 +245,18 @@ class DetectorConfig(Settings):
     )
     margin_out: float = setting(3.0, 'no longer WARN above this ratio', low=1.0, high=100.0)
     margin_hold_s: float = setting(
-        0.1, 'margin low (restored) after this time', unit='s', low=0.0, high=60.0
+        0.1,
+        'margin low after this time, and restored once there is room',
+        unit='s',
+        low=0.0,
+        high=60.0,
+    )
+    margin_restore_s: float = setting(
+        20.0,
+        'in the hysteresis region restored after this time: noise comes back (at 2.84 Hz)',
+        unit='s',
+        low=0.0,
+        high=600.0,
     )
     agreement_sigma: float = setting(
         4.0,

@@ -144,7 +144,9 @@ def _kernel(source: int) -> Callable[..., None]:
             state = m['state']['state']
             if known and form.known and state == states.ESCAPING:
                 out['time_to_limit_cycle'] = prediction.time_to_cycle(form, v, a, out)
-            bits = doubts.hold_doubts(rules, m['doubts'], region, disagree[k], out['margin'])
+            bits = doubts.hold_doubts(
+                rules, m['doubts'], region, state, known, disagree[k], out['margin']
+            )
             states.latch(m['state'])
             out['region'] = region
             out['state'] = state

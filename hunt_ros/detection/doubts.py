@@ -21,8 +21,8 @@ DECAYING, HYSTERESIS, UNSTABLE = 64, 128, 256
 #: mode shape; only yaw is known, and judged; the motion is outside the range that is tracked.
 FROM_YAW, IN_YAW, TOO_SLOW, TOO_FAST = 512, 1024, 2048, 4096
 
-_UNKNOWN, _HYSTERESIS, _UNSTABLE = map(int, (Region.UNKNOWN, Region.HYSTERESIS, Region.UNSTABLE))
-_DECAYING = int(State.DECAYING)
+_UNKNOWN, _STABLE, _HYSTERESIS, _UNSTABLE = map(int, Region)
+_ESCAPING, _DECAYING = int(State.ESCAPING), int(State.DECAYING)
 
 #: What is remembered: doubts in force (0 or 1), and the rows for which the contrary was seen.
 DOUBTS: np.dtype[np.void] = np.dtype(
@@ -37,7 +37,15 @@ DOUBTS: np.dtype[np.void] = np.dtype(
 
 
 @compiled_part
-def hold_doubts(rules: Rules, memory: Any, region: int, disagree: bool, margin: float) -> int:
+def hold_doubts(
+    rules: Rules,
+    memory: Any,
+    region: int,
+    state: int,
+    known: bool,
+    disagree: bool,
+    margin: float,
+) -> int:
     """
     Take in a row; return the doubts in force about margin and agreement.
 
@@ -47,6 +55,10 @@ def hold_doubts(rules: Rules, memory: Any, region: int, disagree: bool, margin: 
         Thresholds, and a record of DOUBTS.
     region : int
         Region of the speed.
+    state : int
+        Of the motion.
+    known : bool
+        The amplitude is known.
     disagree : bool
         The two amplitude estimates differ in this row.
     margin : float
@@ -54,10 +66,14 @@ def hold_doubts(rules: Rules, memory: Any, region: int, disagree: bool, margin: 
     """
     on = memory['margin_low'] > 0
     low = switched(on, -margin, -rules.margin_in, -rules.margin_out)
+    hold = rules.margin_hold
     if math.isnan(margin):
-        # no unstable branch: below v_n there is room enough, above v_c there is none
-        low = on and region >= _HYSTERESIS
-    now, waited = held(memory['margin_low'], int(low), memory['margin_waited'], rules.margin_hold)
+        # No unstable branch: below v_n there is room enough, above v_c there is none. What
+        # hunts, or is not known, has none to be restored.
+        low = on and (region != _STABLE or state >= _ESCAPING or not known)
+    elif on:
+        hold = rules.margin_restore
+    now, waited = held(memory['margin_low'], int(low), memory['margin_waited'], hold)
     memory['margin_low'] = now
     memory['margin_waited'] = waited
     bits = MARGIN if now > 0 else 0

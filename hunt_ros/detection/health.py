@@ -34,6 +34,8 @@ CONTRADICTED = 4096
 MILD = REPEATED_STAMP | BACKWARD_STAMP | AHEAD_STAMP | LATE | INVALID | STANDSTILL
 #: The channel cannot be trusted.
 SEVERE = WAITING | SILENT | NO_VALUE | STUCK | SATURATED | NEGATIVE | CONTRADICTED
+#: A saturated sensor still shows that there is motion; the others show nothing.
+BLIND = SEVERE & ~SATURATED
 #: Of these, the ones that are a fault of the sensor rather than missing input.
 FAULTS = NO_VALUE | STUCK | SATURATED | NEGATIVE | CONTRADICTED
 

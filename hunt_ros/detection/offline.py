@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.detection import doubts, health
 from hunt_ros.detection.companions import Companions
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.criteria import Verdict
@@ -27,6 +28,9 @@ from hunt_ros.samples import NANOSECONDS, Record, Series
 
 #: Time that is fed at once: one channel waits for the others no longer than this.
 _STRETCH_NS = 2 * NANOSECONDS
+#: Standard deviations by which an amplitude may be too large: after a kick, or when a sensor
+#: dies, it is hardly known for a moment.
+_FOR_SURE = 4.0
 
 
 @dataclass
@@ -41,13 +45,16 @@ class Summary:
     level_rows, region_rows : Counter
         Rows on each level and in each region.
     max_amplitude_m : float
-        Largest amplitude of the hunting component, m; NaN where nothing was known.
+        Largest amplitude of the hunting component that there was for sure, m: that of the
+        row whose amplitude less 4 standard deviations is the largest, of those with a sensor
+        to trust. NaN where nothing was known.
     """
 
     rows: int = 0
     level_rows: Counter[str] = field(default_factory=Counter)
     region_rows: Counter[str] = field(default_factory=Counter)
     max_amplitude_m: float = math.nan
+    _for_sure_m: float = field(default=-math.inf, repr=False)
 
     def add(self, rows: NDArray[np.void]) -> None:
         """Take in rows of estimates."""
@@ -59,10 +66,15 @@ class Summary:
             numbers, counts = np.unique(rows[column], return_counts=True)
             for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
                 counter[kind(number).label] += count
-        amplitudes = rows['lateral_amplitude']
-        known = amplitudes[np.isfinite(amplitudes)]
-        if known.size:
-            self.max_amplitude_m = float(np.fmax(self.max_amplitude_m, known.max()))
+        amplitude = rows['lateral_amplitude']
+        least = amplitude - _FOR_SURE * rows['lateral_amplitude_std']
+        from_yaw = (rows['doubts'] & doubts.FROM_YAW) != 0
+        wrong = np.where(from_yaw, rows['yaw_wrong'], rows['lateral_wrong'])
+        least[~np.isfinite(least) | ((wrong & health.BLIND) != 0)] = -math.inf
+        best = int(np.argmax(least)) if rows.size else 0
+        if rows.size and least[best] > self._for_sure_m:
+            self._for_sure_m = float(least[best])
+            self.max_amplitude_m = float(amplitude[best])
 
 
 @dataclass

@@ -51,7 +51,8 @@ def reasons_of(row: np.void) -> tuple[str, ...]:
         found.append('limit cycle')
     bits = int(row['doubts'])
     if bits & doubts.MARGIN:
-        found.append(f'margin {float(row["margin"]):.2f} is low')
+        margin = float(row['margin'])
+        found.append('low margin' + (f': now {margin:.2f}' if math.isfinite(margin) else ''))
     if bits & doubts.DISAGREE:
         found.append('filter and Hilbert envelope disagree on the amplitude')
     if bits & doubts.FROM_YAW:

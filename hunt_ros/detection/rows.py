@@ -28,8 +28,6 @@ from hunt_ros.samples import CHANNELS, NANOSECONDS
 
 #: The noise at the edge of the basin is looked up once in this time.
 _EDGE_NS = NANOSECONDS
-#: A saturated sensor still shows that there is motion; the others show nothing.
-_BLIND = health.SEVERE & ~health.SATURATED
 #: Kept when the clocks were set back: the alarm, and what is known of the rig.
 _LASTING = (
     ('state', 'alarm'),
@@ -149,7 +147,7 @@ class RowMaker:
         trusted = np.zeros(rows.size, dtype=np.bool_)
         for name in ('lateral', 'yaw'):
             if name in self._channels:
-                trusted |= (rows[f'{name}_wrong'] & _BLIND) == 0
+                trusted |= (rows[f'{name}_wrong'] & health.BLIND) == 0
         return trusted
 
     def _decide(

@@ -49,6 +49,7 @@ class Rules(NamedTuple):
     margin_in: float
     margin_out: float
     margin_hold: int
+    margin_restore: int
     disagree_hold: int
     outlook_s: float
 
@@ -105,6 +106,7 @@ def rules_of(config: DetectorConfig, v_n: float, v_c: float) -> Rules:
         margin_in=config.margin_in,
         margin_out=config.margin_out,
         margin_hold=rows(config.margin_hold_s),
+        margin_restore=strides(config.margin_restore_s),
         disagree_hold=rows(config.agreement_hold_s),
         outlook_s=config.outlook_s,
     )
