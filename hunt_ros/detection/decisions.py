@@ -120,7 +120,8 @@ def _kernel(source: int) -> Callable[..., None]:
                 noise_floor.observe(rules, m['floor'], a)
                 steadiness.watch(rules, m['steadiness'], a, s)
                 if m['state']['state'] <= states.DISTURBED:
-                    quiet = noise_floor.learn(rules, m['floor'], m['steadiness'], a, s)
+                    basin = not out['escape_probability'] > rules.probability_in
+                    quiet = noise_floor.learn(rules, m['floor'], m['steadiness'], a, s, basin)
             if quiet and predictable:
                 noise_intensity.learn(rules, form, m['noise'], v, a, out['phase'])
             else:
@@ -130,6 +131,7 @@ def _kernel(source: int) -> Callable[..., None]:
             if known:
                 found = evidence.gather(
                     rules,
+                    form,
                     m['evidence'],
                     m['floor'],
                     m['steadiness'],

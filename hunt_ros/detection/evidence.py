@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hunt_ros.compiled import compiled_part
-from hunt_ros.detection import noise_floor, steadiness
+from hunt_ros.detection import noise_floor, prediction, steadiness
+from hunt_ros.detection.basin import FormNumbers
 from hunt_ros.detection.regions import State, switched
 from hunt_ros.detection.rules import Rules
 
@@ -28,6 +29,8 @@ _ESCAPING, _DECAYING = int(State.ESCAPING), int(State.DECAYING)
 _LINGER_HIGH = 1.35
 #: With a stable branch in the form, a limit cycle is at least this share of it.
 _CYCLE_AT_LEAST = 0.5
+#: A limit cycle stands this many standard deviations of its amplitude clear of the noise.
+_WANDERS = 2.0
 #: Without a noise floor, hunting is over below this part of its amplitude.
 _OVER = 0.1
 
@@ -41,7 +44,8 @@ class Evidence(NamedTuple):
     disturbed : bool
         The amplitude stands clear of the noise floor.
     beyond : bool
-        By the form, it ends on the limit cycle with the set probability.
+        By the form, it ends on the limit cycle with the set probability; near v_c, where noise
+        alone carries it over the edge, without coming back into the noise before.
     growing : bool
         It has been seen to grow for sure, where the form knows no limit cycle to escape to.
     arrived : bool
@@ -66,6 +70,7 @@ class Evidence(NamedTuple):
 @compiled_part
 def gather(
     rules: Rules,
+    form: FormNumbers,
     memory: Any,
     floor_memory: Any,
     steady_memory: Any,
@@ -81,8 +86,8 @@ def gather(
 
     Parameters
     ----------
-    rules, memory, floor_memory, steady_memory
-        Thresholds; records of EVIDENCE, NOISE_FLOOR and STEADINESS.
+    rules, form, memory, floor_memory, steady_memory
+        Thresholds; normal form; records of EVIDENCE, NOISE_FLOOR and STEADINESS.
     state : int
         The state in force: to stay is easier than to enter.
     a, s, growth, growth_std : float
@@ -109,38 +114,70 @@ def gather(
     lost = a < rules.decay_fraction * memory['reference']
     return Evidence(
         disturbed,
-        _beyond(rules, state, disturbed, out),
+        _beyond(rules, form, state, disturbed, a, out),
         memory['growing'],
-        _arrived(rules, a, disturbed, out),
+        _arrived(rules, form, a, disturbed, out),
         # What falls for sure, however slowly, is no limit cycle.
-        not falls and _steady(rules, memory, steady_memory, state, a, s, out),
+        not falls and _steady(rules, form, memory, steady_memory, state, a, s, out),
         lost or (falls and growth < -rules.decay_rate),
         over,
     )
 
 
 @compiled_part
-def _beyond(rules: Rules, state: int, disturbed: bool, out: Any) -> bool:
+def _beyond(
+    rules: Rules, form: FormNumbers, state: int, disturbed: bool, a: float, out: Any
+) -> bool:
     """Tell whether the chance of escape is high enough: to stay in it, less will do."""
-    # Near v_c the edge of the basin sinks into the noise: crossing it there means nothing.
-    edge_is_known = not math.isnan(out['unstable_amplitude'])
-    clear = disturbed or (math.isnan(out['noise_floor']) and edge_is_known)
     needed = rules.probability_out if state == _ESCAPING else rules.probability_in
-    return bool(clear and out['escape_probability'] > needed)
+    floor, edge = out['noise_floor'], out['unstable_amplitude']
+    if not out['escape_probability'] > needed:
+        return False
+    if math.isnan(floor):
+        return disturbed or not math.isnan(edge)
+    if not disturbed:
+        return False
+    # Near v_c the edge of the basin sinks into the noise, and all that is quiet is beyond it.
+    # Sooner or later it hunts: it escapes when it does not come back into the noise before.
+    back, diffusion = rules.disturbed_out * floor, out['noise_intensity']
+    if edge > back or math.isnan(out['stable_amplitude']) or not diffusion > 0.0:
+        return True
+    if _cycle_in_noise(rules, form, out):
+        return False
+    cycle = rules.cycle_fraction * out['stable_amplitude']
+    return prediction.stays_up(form, out['speed'], a, back, cycle, diffusion) > needed
 
 
 @compiled_part
-def _arrived(rules: Rules, a: float, disturbed: bool, out: Any) -> bool:
+def _cycle_in_noise(rules: Rules, form: FormNumbers, out: Any) -> bool:
+    """Tell a limit cycle so small that the noise takes it back to what counts as quiet."""
+    cycle, diffusion = out['stable_amplitude'], out['noise_intensity']
+    if math.isnan(cycle) or not diffusion > 0.0:
+        return False
+    least = cycle - _WANDERS * prediction.wander(form, out['speed'], cycle, diffusion)
+    return bool(least < rules.disturbed_out * out['noise_floor'])
+
+
+@compiled_part
+def _arrived(rules: Rules, form: FormNumbers, a: float, disturbed: bool, out: Any) -> bool:
     """Tell an amplitude on the stable branch; a branch that comes from zero has noise on it."""
     if rules.cycle_amplitude > 0.0 and a > rules.cycle_amplitude:
         return True
-    clear = disturbed or not math.isnan(out['unstable_amplitude'])
+    clear = not math.isnan(out['unstable_amplitude'])
+    clear = clear or (disturbed and not _cycle_in_noise(rules, form, out))
     return bool(clear and a > rules.cycle_fraction * out['stable_amplitude'])
 
 
 @compiled_part
 def _steady(
-    rules: Rules, memory: Any, steady_memory: Any, state: int, a: float, s: float, out: Any
+    rules: Rules,
+    form: FormNumbers,
+    memory: Any,
+    steady_memory: Any,
+    state: int,
+    a: float,
+    s: float,
+    out: Any,
 ) -> bool:
     """Tell an amplitude that stays, and at which a limit cycle can be."""
     if a < _LINGER_HIGH * out['unstable_amplitude']:
@@ -149,7 +186,9 @@ def _steady(
         return False  # lingering where growth is slow: near the critical speed
     floor = out['noise_floor']
     least = rules.cycle_floor * floor
-    if state in (_ESCAPING, _DECAYING):  # what was seen to grow need not stand as far above it
+    dies = out['escape_probability'] < rules.probability_out or _cycle_in_noise(rules, form, out)
+    if state in (_ESCAPING, _DECAYING) and not dies:
+        # What was seen to grow need not stand as far above it.
         least = max(rules.disturbed_in * floor, 0.5 * memory['reference'])
     if steady_memory['slow'] > least and steadiness.steady(rules, steady_memory):
         return True

@@ -61,9 +61,14 @@ def observe(rules: Rules, memory: Any, a: float) -> None:
 
 
 @compiled_part
-def learn(rules: Rules, memory: Any, steadiness: Any, a: float, s: float) -> bool:
+def learn(
+    rules: Rules, memory: Any, steadiness: Any, a: float, s: float, basin: bool = True
+) -> bool:
     """
     Learn the floor from a row that is not hunting: amplitude and standard deviation, m.
+
+    Without a quiet `basin` at this speed, by the form, what stands clear of the sensor noise
+    is hunting that begins: the floor does not rise on it.
 
     Returns
     -------
@@ -86,9 +91,9 @@ def learn(rules: Rules, memory: Any, steadiness: Any, a: float, s: float) -> boo
     pace = 1.0
     if not quiet:
         square = limit
-        pace = _DISTURBED
+        pace = _DISTURBED if basin else 0.0
     elif square > memory['square'] and well_known(a, s):
-        pace = _WARY
+        pace = _WARY if basin else 0.0
     memory['learnt'] += pace
     weight = pace * max(1.0 / memory['learnt'], 1.0 / rules.floor_rows)
     memory['square'] += weight * (square - memory['square'])

@@ -28,6 +28,8 @@ _ARRIVED = 0.9
 #: from at least this part of the unstable amplitude, about which time stands still.
 _LEFT = 1.02
 _PIECES = 64
+#: Far below the edge the chance is settled; this keeps its parts finite.
+_LARGEST_EXPONENT = 600.0
 
 
 @compiled_part
@@ -186,6 +188,67 @@ def _beyond(edge_noise: Any, noise_spread: float, edge: float, a: float, varianc
             beyond = 1.0 if distance > 0.0 else 0.0
         total += (_MIDDLE if k == 1 else 0.5 * (1.0 - _MIDDLE)) * beyond
     return total
+
+
+@compiled_part
+def stays_up(
+    form: FormNumbers, v: float, a: float, low: float, high: float, diffusion: float
+) -> float:
+    """
+    Chance that a motion reaches the amplitude `high` before it falls to `low`.
+
+    From dA = (s A + D / A) dt + sqrt(2 D) dW, with s the growth rate of the form: the scale
+    function has the density exp(-int s A dA / D) / A (Gardiner, Handbook of Stochastic
+    Methods, 2004, Eq. (5.2.189)). Simpson's rule in ln A.
+
+    Parameters
+    ----------
+    form : FormNumbers
+        A form that is known.
+    v, a, low, high : float
+        Speed, m/s, and amplitudes, m; `low` above zero.
+    diffusion : float
+        Noise intensity D, m^2/s, above zero.
+    """
+    if a <= low or high <= low:
+        return 0.0
+    if a >= high:
+        return 1.0
+    fallen = _scale(form, v, a, low, a, diffusion)
+    return fallen / (fallen + _scale(form, v, a, a, high, diffusion))
+
+
+@compiled_part
+def _scale(
+    form: FormNumbers, v: float, a: float, low: float, high: float, diffusion: float
+) -> float:
+    """Scale function from `low` to `high`, but for a factor that depends on `a`."""
+    eps = v / form.critical_speed - 1.0
+    first = form.D1 * eps + form.D7 * eps**2
+    second, third = 0.5 * (form.D4 + form.D10 * eps), form.D15 / 3.0
+    size = 4.0 * form.length_scale**2
+    factor = 0.5 * size / (form.time_scale * diffusion)
+    r2 = a * a / size
+    here = r2 * (first + r2 * (second + r2 * third))
+    step = math.log(high / low) / _PIECES
+    total = 0.0
+    for k in range(_PIECES + 1):
+        r2 = (low * math.exp(k * step)) ** 2 / size
+        fall = here - r2 * (first + r2 * (second + r2 * third))
+        weight = 1.0 if k == 0 or k == _PIECES else 4.0 if k % 2 else 2.0
+        total += weight * math.exp(min(factor * fall, _LARGEST_EXPONENT))
+    return total * step / 3.0
+
+
+@compiled_part
+def wander(form: FormNumbers, v: float, a: float, diffusion: float) -> float:
+    """
+    Standard deviation, m, of the amplitude about a stable branch `a`, m, under noise.
+
+    Linearised: sqrt(D / -(A ds/dA)); infinite where nothing holds it.
+    """
+    pull = (growth_at(form, v, 0.99 * a) - growth_at(form, v, 1.01 * a)) / 0.02
+    return math.sqrt(diffusion / pull) if pull > 0.0 else math.inf
 
 
 @compiled_part

@@ -112,7 +112,8 @@ def next_state(
     if new in (LIMIT_CYCLE, ESCAPING):
         if new != state:
             seen['reference'] = a
-            noise_floor.reconsider(floor_memory, a)
+            if new == LIMIT_CYCLE:
+                noise_floor.reconsider(floor_memory, a)
         elif new == ESCAPING:
             seen['reference'] = max(seen['reference'], a)
         else:

@@ -35,12 +35,12 @@ class Floor:
         self.rules = rules_of(DetectorConfig(**changes), 6.4, 8.0)  # type: ignore[arg-type]
         self.memory = decisions.fresh_memory()
 
-    def feed(self, amplitudes: np.ndarray) -> float:
+    def feed(self, amplitudes: np.ndarray, basin: bool = True) -> float:
         memory = self.memory[0]
         for a in amplitudes:
             noise_floor.observe(self.rules, memory['floor'], a)
             steadiness.watch(self.rules, memory['steadiness'], a, STD)
-            noise_floor.learn(self.rules, memory['floor'], memory['steadiness'], a, STD)
+            noise_floor.learn(self.rules, memory['floor'], memory['steadiness'], a, STD, basin)
         return float(noise_floor.floor_of(self.rules, memory['floor'], memory['steadiness'], STD))
 
 
@@ -67,6 +67,15 @@ def test_a_disturbance_raises_the_floor_little_and_its_end_brings_it_back() -> N
     during = floor.feed(np.full(200, 200e-6))
     assert during < 2.0 * before
     assert floor.feed(_quiet(60.0, 8e-6, 2)) < 1.6 * before
+
+
+def test_where_the_form_knows_no_quiet_motion_the_floor_does_not_rise_but_falls() -> None:
+    floor = Floor()
+    before = floor.feed(_quiet(40.0, 8e-6))
+    rising = np.linspace(12e-6, 60e-6, 6000)
+    assert floor.feed(rising, basin=False) == pytest.approx(before)
+    assert floor.feed(_quiet(30.0, 2e-6, 2), basin=False) < 0.6 * before
+    assert floor.feed(rising) > 1.5 * before
 
 
 def test_the_floor_follows_at_once_where_the_motion_dies_down() -> None:

@@ -129,3 +129,49 @@ def test_without_a_limit_cycle_there_is_no_time_to_it_and_on_it_none_is_left() -
     prediction.branches(EXACT, 7.2, 0.0, rows[0])
     stable = float(rows[0]['stable_amplitude'])
     assert prediction.time_to_cycle(EXACT, 7.2, 0.95 * stable, rows[0]) == 0.0
+
+
+@pytest.mark.parametrize('speed', [7.6, FORM.critical_speed, 8.2])
+def test_the_chance_to_stay_up_is_that_of_simulated_paths(speed: float) -> None:
+    diffusion, low, high = 3e-10, 60e-6, 300e-6
+    rng = np.random.default_rng(3)
+    step = 2e-3
+    for start in (90e-6, 130e-6):
+        z = np.full(2000, start, dtype=np.complex128)
+        risen, left = 0, z.size
+        while left > 20:
+            shock = rng.standard_normal((z.size, 2)) @ np.array([1.0, 1j])
+            rate = np.asarray(FORM.growth_rate(speed, np.abs(z)))
+            z = z * (1.0 + rate * step) + math.sqrt(2.0 * diffusion * step) * shock
+            size = np.abs(z)
+            risen += int((size >= high).sum())
+            z = z[(size < high) & (size > low)]
+            left = z.size
+        chance = prediction.stays_up(EXACT, speed, start, low, high, diffusion)
+        assert chance == pytest.approx(risen / (2000 - left), abs=0.05)
+
+
+@settings(deadline=None)
+@given(speeds, st.floats(1e-13, 1e-8), st.floats(1e-6, 1e-4))
+def test_the_chance_to_stay_up_grows_from_0_to_1(speed, diffusion, low) -> None:
+    amplitudes = np.linspace(low, 5e-4, 30)
+    chances = [prediction.stays_up(EXACT, speed, a, low, 5e-4, diffusion) for a in amplitudes]
+    assert chances[0] == 0.0
+    assert chances[-1] == 1.0
+    assert np.all(np.diff(chances) >= -1e-9)
+
+
+def test_a_limit_cycle_wanders_as_its_linear_law_says() -> None:
+    speed, diffusion = 8.2, 2e-10
+    stable = float(FORM.stable_amplitude(speed))
+    rng = np.random.default_rng(4)
+    step = 2e-3
+    z = np.full(400, stable, dtype=np.complex128)
+    for _ in range(4000):
+        shock = rng.standard_normal((z.size, 2)) @ np.array([1.0, 1j])
+        z *= 1.0 + np.asarray(FORM.growth_rate(speed, np.abs(z))) * step
+        z += math.sqrt(2.0 * diffusion * step) * shock
+    expected = prediction.wander(EXACT, speed, stable, diffusion)
+    assert np.abs(z).std() == pytest.approx(expected, rel=0.15)
+    edge = float(FORM.unstable_amplitude(7.4))
+    assert prediction.wander(EXACT, 7.4, edge, diffusion) == math.inf
