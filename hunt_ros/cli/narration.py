@@ -17,6 +17,8 @@ _SENTENCES: dict[str, str] = {
     'disturbed': 'disturbed, inside the basin of the quiet state',
     'margin_low': 'margin is low',
     'margin_restored': 'margin is restored',
+    'motion_outside_range': 'MOTION OUTSIDE THE RANGE THAT IS FOLLOWED',
+    'motion_outside_range_over': 'no more motion outside the range that is followed',
     'sensor_fault': 'SENSOR FAULT',
     'sensor_recovered': 'sensor recovered',
     'input_stale': 'INPUT STALE: the estimates cannot be trusted',

@@ -72,6 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
     from hunt_ros.cli.replay_report import document, tell
     from hunt_ros.detection import HuntingDetector
     from hunt_ros.detection.offline import collect, config_for, watch
+    from hunt_ros.detection.record_frequency import frequency_for
     from hunt_ros.detection.replay import replay_journal
 
     record = read(arguments)
@@ -85,6 +86,9 @@ def run(arguments: argparse.Namespace) -> int:
             outputs = iter([replay_journal(HuntingDetector(config), record, live.journal)])
         else:
             form = read_form(arguments.normal_form) if arguments.normal_form else None
+            if form is None:
+                config, more = frequency_for(record, config)
+                remarks += more
             outputs = watch(record, HuntingDetector(config, form), advance)
         found = collect(outputs, _companions(beside, config))
     remarks += _damage(record)

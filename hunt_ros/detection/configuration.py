@@ -7,10 +7,18 @@ The ROS parameters of the detector node are declared from these fields.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import CHANNELS
 from hunt_ros.settings import Settings, setting
+
+#: The hunting frequencies: lowest, nominal and highest, and the least that each may be, Hz.
+HUNTING_HZ = {
+    'hunting_frequency_min_hz': 0.03,
+    'hunting_frequency_hz': 0.05,
+    'hunting_frequency_max_hz': 0.1,
+}
 
 
 @dataclass(frozen=True)
@@ -25,7 +33,8 @@ class DetectorConfig(Settings):
     The times and rates by which the motion is judged (`floor_time_s`, `quiet_hold_s`,
     `growth_hold_s`, `limit_cycle_hold_s`, `limit_cycle_growth_per_s`, `decay_rate_per_s`,
     `decay_hold_s`, `margin_restore_s`) are those of a rig that hunts at 2.84 Hz: with another
-    `hunting_frequency_hz` they count as many periods, not as many seconds.
+    `hunting_frequency_hz` they count as many periods, not as many seconds. Frequencies
+    that are not given (0) follow the normal form, see `frequencies`.
 
     Raises
     ------
@@ -50,18 +59,29 @@ class DetectorConfig(Settings):
         100.0, 'rate of the estimates', unit='Hz', low=1.0, high=1000.0, fixed=True
     )
     hunting_frequency_hz: float = setting(
-        2.84,
-        'nominal hunting frequency; 30 % off costs nothing',
+        0.0,
+        'nominal hunting frequency; 30 % off costs nothing'
+        ' (0: that of the normal form, else 2.84 Hz)',
         unit='Hz',
-        low=0.1,
+        low=0.0,
         high=50.0,
         fixed=True,
     )
     hunting_frequency_min_hz: float = setting(
-        1.0, 'lowest hunting frequency considered', unit='Hz', low=0.05, high=50.0, fixed=True
+        0.0,
+        'lowest hunting frequency considered (0: 0.35 of the nominal one)',
+        unit='Hz',
+        low=0.0,
+        high=40.0,
+        fixed=True,
     )
     hunting_frequency_max_hz: float = setting(
-        6.0, 'highest hunting frequency considered', unit='Hz', low=0.1, high=100.0, fixed=True
+        0.0,
+        'highest hunting frequency considered (0: 2.1 of the nominal one)',
+        unit='Hz',
+        low=0.0,
+        high=150.0,
+        fixed=True,
     )
 
     critical_speed_mps: float = setting(
@@ -289,16 +309,27 @@ class DetectorConfig(Settings):
             ('disturbed_in', 'disturbed_out'),
             ('escape_probability_in', 'escape_probability_out'),
             ('margin_out', 'margin_in'),
-            ('hunting_frequency_max_hz', 'hunting_frequency_hz'),
-            ('hunting_frequency_hz', 'hunting_frequency_min_hz'),
         ):
             if getattr(self, high) < getattr(self, low):
                 raise ConfigError(
                     f'{high}: {getattr(self, high)} must not be below {low} ({getattr(self, low)})'
                 )
+        self._check_frequencies()
         v_n, v_c = self.nonlinear_critical_speed_mps, self.critical_speed_mps
         if v_n > 0.0 and not v_n < v_c:
             raise ConfigError(f'nonlinear_critical_speed_mps: {v_n} must lie below v_c ({v_c})')
+
+    def _check_frequencies(self) -> None:
+        """Refuse hunting frequencies out of order; one that is 0 is not given."""
+        given = [(name, getattr(self, name)) for name in HUNTING_HZ if getattr(self, name) > 0.0]
+        for name, value in given:
+            if value < HUNTING_HZ[name]:
+                raise ConfigError(
+                    f'{name}: {value} is below {HUNTING_HZ[name]:g} Hz (0: not given)'
+                )
+        for (low, below), (high, above) in pairwise(given):
+            if not below < above:
+                raise ConfigError(f'{high}: {above} must be above {low} ({below})')
 
     @property
     def period_ns(self) -> int:

@@ -20,6 +20,7 @@ DECAYING, HYSTERESIS, UNSTABLE = 64, 128, 256
 #: Of the estimates themselves, told by `rows`: the lateral amplitude is that of yaw through the
 #: mode shape; only yaw is known, and judged; the motion is outside the range that is tracked.
 FROM_YAW, IN_YAW, TOO_SLOW, TOO_FAST = 512, 1024, 2048, 4096
+OUTSIDE = TOO_SLOW | TOO_FAST
 
 _UNKNOWN, _STABLE, _HYSTERESIS, _UNSTABLE = map(int, Region)
 _ESCAPING, _DECAYING = int(State.ESCAPING), int(State.DECAYING)

@@ -19,7 +19,14 @@ from hunt_ros.detection.merge import MergedBlock
 from hunt_ros.detection.output import ESTIMATE_DTYPE, TRACKER_FIELDS, Motion
 from hunt_ros.detection.second_opinion import SecondOpinion
 from hunt_ros.detection.speed_check import SpeedCheck
-from hunt_ros.detection.tracking import SCALE_STD, line_search, mode_points, tracker_config
+from hunt_ros.detection.tracking import (
+    SCALE_STD,
+    USUAL_ROLLER_M,
+    Turning,
+    line_search,
+    mode_points,
+    tracker_config,
+)
 from hunt_ros.dynamics.mode_shape import ModeShape
 from hunt_ros.estimation.kalman import HuntingTracker
 from hunt_ros.estimation.line_search import LineSearch
@@ -35,7 +42,7 @@ class Estimator:
     Parameters
     ----------
     config : DetectorConfig
-        Settings.
+        Settings, with numbers for the frequencies (`frequencies.with_frequencies`).
     """
 
     def __init__(self, config: DetectorConfig) -> None:
@@ -48,12 +55,26 @@ class Estimator:
             if name in self._channels
         }
         self._speed_check = SpeedCheck(config) if len(self._slow) == 2 else None
+        self._turning = Turning(config.roller_diameter_m or USUAL_ROLLER_M)
+        self._shape: ModeShape | None = None
+        self._follow(config)
+
+    def _follow(self, config: DetectorConfig) -> None:
+        """Make what depends on where the hunting frequency is."""
         self._tracker = HuntingTracker(tracker_config(config))
         self._opinions = {
             name: SecondOpinion(config) for name in _MOTION if name in self._channels
         }
         self._lines: dict[str, LineSearch] = {name: line_search(config) for name in self._opinions}
-        self._shape: ModeShape | None = None
+
+    def retune(self, config: DetectorConfig) -> None:
+        """Follow other frequencies from the next sample on; the channels are watched on."""
+        self.config = config
+        self._follow(config)
+        for watch in self._health.values():
+            watch.retune(config.hunting_frequency_hz)
+        shape, self._shape = self._shape, None
+        self.set_mode_shape(shape)
 
     def reset(self) -> None:
         """Forget every sample; the mode shape is kept."""
@@ -64,6 +85,7 @@ class Estimator:
             watch.reset()
         if self._speed_check is not None:
             self._speed_check.reset()
+        self._turning.reset()
         for opinion in self._opinions.values():
             opinion.reset()
         for lines in self._lines.values():
@@ -125,7 +147,8 @@ class Estimator:
         own = np.flatnonzero(sensor == _MOTION.index(next(n for n in _MOTION if n in blocks)))
         quiet = np.ones(own.size, dtype=np.bool_)
         motion = Motion(stamp[own], value[own], speed[own], angle[own], quiet)
-        return rows, self._compare(rows, track), motion
+        turning = self._turning.update(rows_ns, slow['roller'][count:], rows['speed'])
+        return rows, self._compare(rows, track, turning), motion
 
     def _slow_at(
         self,
@@ -157,11 +180,16 @@ class Estimator:
             still = ~(rows['speed'] > self.config.standstill_mps)
         rows['roller_wrong'][still] &= ~np.uint32(health.STUCK)
 
-    def _compare(self, rows: NDArray[np.void], track: NDArray[np.void]) -> NDArray[np.bool_]:
+    def _compare(
+        self, rows: NDArray[np.void], track: NDArray[np.void], turning: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:
         """Ask for the second opinion; return the rows at which the two disagree."""
         disagree = np.zeros(rows.size, dtype=np.bool_)
+        rows['followed_min_hz'] = self.config.hunting_frequency_min_hz
+        rows['followed_max_hz'] = self.config.hunting_frequency_max_hz
+        rows['outside_hz'] = math.nan
         for name in _MOTION:
-            rows[f'{name}_envelope'] = math.nan
+            rows[f'{name}_envelope'] = rows[f'outside_{name}'] = math.nan
             if name in self._opinions:
                 rows[f'{name}_envelope'], differs = self._opinions[name].update(
                     rows['stamp_ns'],
@@ -171,19 +199,28 @@ class Estimator:
                     track[f'{name}_amplitude_std'],
                 )
                 disagree |= differs
-                rows['doubts'] |= self._out_of_range(name, track)
+                self._look_outside(name, track, turning, rows)
         if 'lateral' in self._channels:
             rows['doubts'][track['lateral_tied'] == 1.0] |= np.uint32(doubts.FROM_YAW)
         return disagree
 
-    def _out_of_range(self, name: str, track: NDArray[np.void]) -> NDArray[np.uint32]:
-        """Return the doubts about motion that is slower or faster than all that is tracked."""
+    def _look_outside(
+        self,
+        name: str,
+        track: NDArray[np.void],
+        turning: NDArray[np.float64],
+        rows: NDArray[np.void],
+    ) -> None:
+        """Say what moves slower or faster than all that is tracked."""
         signal = track[f'{name}_clean'] + track[f'{name}_bias']
-        line = self._lines[name].update(signal)
-        bits = np.zeros(line.size, dtype=np.uint32)
-        bits[line < self.config.hunting_frequency_hz] = doubts.TOO_SLOW
-        bits[line > self.config.hunting_frequency_hz] = doubts.TOO_FAST
-        return bits
+        frequency, amplitude = self._lines[name].update(signal, turning)
+        there = np.isfinite(frequency)
+        slower = frequency < self.config.hunting_frequency_hz
+        rows['doubts'][there & slower] |= np.uint32(doubts.TOO_SLOW)
+        rows['doubts'][there & ~slower] |= np.uint32(doubts.TOO_FAST)
+        first = np.isnan(rows['outside_hz'])
+        rows['outside_hz'] = np.where(first, frequency, rows['outside_hz'])
+        rows[f'outside_{name}'] = amplitude
 
 
 def _in_order(

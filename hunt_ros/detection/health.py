@@ -126,6 +126,10 @@ class ChannelHealth:
         )
         self.reset()
 
+    def retune(self, frequency_hz: float) -> None:
+        """Measure flat tops against another frequency from now on."""
+        self._settings[_S_OMEGA] = 2.0 * np.pi * frequency_hz
+
     def reset(self) -> None:
         """Forget every sample."""
         self._whole = np.full(_I_SEEN + _BITS, _NEVER, dtype=np.int64)

@@ -53,11 +53,23 @@ _OWN = (
     'time_to_limit_cycle',
 )
 
+#: The strongest motion outside the range that is followed, NaN where there is none: its
+#: frequency, its amplitude in m and rad; and the range, Hz.
+OUTSIDE: tuple[str, ...] = (
+    'outside_hz',
+    'outside_lateral',
+    'outside_yaw',
+    'followed_min_hz',
+    'followed_max_hz',
+)
+
 #: One row of the estimates. Amplitudes in m (yaw: rad), rates per second, unknown as NaN.
 ESTIMATE_DTYPE: np.dtype[np.void] = np.dtype(
     [
         ('stamp_ns', np.int64),
         *((name, np.float64) for name in (*TRACKER_FIELDS, *_OWN)),
+        # Motion outside the range of frequencies that is followed, and that range.
+        *((name, np.float64) for name in OUTSIDE),
         ('region', np.int8),
         ('state', np.int8),
         ('level', np.int8),

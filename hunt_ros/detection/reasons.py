@@ -22,8 +22,6 @@ _DOUBTS: tuple[tuple[int, str], ...] = (
         doubts.IN_YAW,
         'lateral amplitude unknown: yaw is judged, by its growth and steadiness alone',
     ),
-    (doubts.TOO_SLOW, 'the strongest motion is slower than hunting_frequency_min_hz: not tracked'),
-    (doubts.TOO_FAST, 'the strongest motion is faster than hunting_frequency_max_hz: not tracked'),
 )
 
 
@@ -60,8 +58,24 @@ def reasons_of(row: np.void) -> tuple[str, ...]:
         found.append(
             f'lateral amplitude is that of yaw through the mode shape, +/- {spread:.0f} %'
         )
+    if bits & doubts.OUTSIDE:
+        found.append(outside_words(row))
     found += [words for bit, words in _DOUBTS if bits & bit]
     return (*found, *channel_reasons(row, health.MILD))
+
+
+def outside_words(row: np.void) -> str:
+    """Say of a row with motion outside the range that is followed what it is, and what to do."""
+    lateral, yaw = float(row['outside_lateral']), float(row['outside_yaw'])
+    if math.isfinite(lateral):
+        motion = f'a motion of {1e3 * lateral:.2g} mm'
+    else:
+        motion = f'a yaw motion of {1e3 * yaw:.2g} mrad'
+    low, high = float(row['followed_min_hz']), float(row['followed_max_hz'])
+    return (
+        f'{motion} at {float(row["outside_hz"]):.2g} Hz lies outside the hunting frequencies'
+        f' {low:.3g} to {high:.3g} Hz that are followed: set hunting_frequency_hz if it is hunting'
+    )
 
 
 def channel_reasons(row: np.void, among: int) -> list[str]:

@@ -17,6 +17,7 @@ from hunt_ros.detection import decisions, doubts, health
 from hunt_ros.detection.basin import EdgeTable, form_numbers
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.estimates import Estimator
+from hunt_ros.detection.frequencies import nominal_hz, with_frequencies
 from hunt_ros.detection.grid import RowGrid
 from hunt_ros.detection.merge import MergedBlock
 from hunt_ros.detection.output import Motion
@@ -24,6 +25,7 @@ from hunt_ros.detection.regions import Level, State
 from hunt_ros.detection.rules import rules_of
 from hunt_ros.detection.tracking import JudgedChannel, in_yaw
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 from hunt_ros.samples import CHANNELS, NANOSECONDS
 
 #: The noise at the edge of the basin is looked up once in this time.
@@ -55,11 +57,13 @@ class RowMaker:
     """
 
     def __init__(self, config: DetectorConfig, drain_ns: int) -> None:
-        self.config = config
+        self._asked = config
+        self._nominal_hz = REFERENCE_HZ
+        self.config = with_frequencies(config)
         self.memory = decisions.fresh_memory()
         self._channels = tuple(name for name in CHANNELS if name in config.channels)
         self._grid = RowGrid(config.period_ns, drain_ns)
-        self._estimator = Estimator(config)
+        self._estimator = Estimator(self.config)
         self._judged = JudgedChannel(config)
         self._judging = ''
         self._edge_second = -1
@@ -76,6 +80,7 @@ class RowMaker:
             # A subcritical form without a fold has an unstable branch at any speed below v_c.
             nowhere = math.nan if form.criticality == 'supercritical' else 0.0
             v_n = nowhere if fold is None else fold
+        self._follow(None if form is None else form.frequency_hz)
         self._estimator.set_mode_shape(None if identified is None else identified.mode_shape)
         self._numbers = form_numbers(identified)
         self._edges = EdgeTable(form)
@@ -83,6 +88,18 @@ class RowMaker:
         self._yaw_rules = rules_of(in_yaw(self.config), v_n, v_c)
         self.memory['noise'] = decisions.fresh_memory()['noise']
         self._edge_second = -1
+
+    def _follow(self, form_hz: float | None) -> None:
+        """Look for the motion where the normal form says; elsewhere than before: begin anew."""
+        self._nominal_hz = nominal_hz(self._asked, form_hz, self._nominal_hz)
+        tuned = with_frequencies(self._asked, self._nominal_hz)
+        if tuned == self.config:
+            return
+        self.config = tuned
+        self._estimator.retune(tuned)
+        self._forget()
+        # What it has learnt is the noise at another frequency.
+        self.memory['floor'] = decisions.fresh_memory()['floor']
 
     def start_again(self) -> None:
         """Begin anew after the clocks were set back; form, alarm and noise floor are kept."""

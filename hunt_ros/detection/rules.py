@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from hunt_ros.detection.configuration import DetectorConfig
+from hunt_ros.detection.frequencies import with_frequencies
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 
 #: Spacing of the marks between which steps of the phasor are taken, in hunting periods.
@@ -61,10 +62,11 @@ def rules_of(config: DetectorConfig, v_n: float, v_c: float) -> Rules:
     Parameters
     ----------
     config : DetectorConfig
-        In SI.
+        In SI, with numbers for the frequencies or not.
     v_n, v_c : float
         Boundaries of the regions, m/s; NaN: none, unknown.
     """
+    config = with_frequencies(config)
     period = config.period_ns * 1e-9
     faster = config.hunting_frequency_hz / REFERENCE_HZ
     stride = period * faster

@@ -7,11 +7,13 @@ which sensor's amplitude counts.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.compiled import compiled
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.dynamics.mode_shape import ModeShape
 from hunt_ros.estimation.line_search import LineSearch
@@ -20,6 +22,11 @@ from hunt_ros.estimation.tracker_config import ModePoint, TrackerConfig
 #: Scale of the yaw sensor against that of the lateral one, then and now: what a mode shape
 #: from recordings or from theory cannot know of the sensors at hand.
 SCALE_STD = 0.03
+#: Diameter of the roller where nothing is said of it, m: that of the paper. A line at its
+#: turning frequency is its roughness, also where no roller channel tells its angle.
+USUAL_ROLLER_M = 0.3
+#: The turning of the roller is averaged over this time, s: an encoder counts whole steps.
+_TURNING_S = 1.0
 
 
 def tracker_config(config: DetectorConfig) -> TrackerConfig:
@@ -69,6 +76,58 @@ def line_search(config: DetectorConfig) -> LineSearch:
     rate = 1e9 / config.period_ns
     high = min(config.hunting_frequency_max_hz, 0.3 * rate)
     return LineSearch(rate, min(config.hunting_frequency_min_hz, 0.5 * high), high)
+
+
+class Turning:
+    """
+    How fast the roller turns, row by row: by its angle, or where that is not known by the speed.
+
+    Parameters
+    ----------
+    diameter_m : float
+        Of the roller, m.
+    """
+
+    def __init__(self, diameter_m: float) -> None:
+        self._around = math.pi * diameter_m
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every row."""
+        self._memory = np.array([math.nan, math.nan])
+        self._last_ns = 0
+
+    def update(
+        self, rows_ns: NDArray[np.int64], angle: NDArray[np.float64], speed: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return turns per second at rows; angle in rad and speed in m/s, or NaN."""
+        turning: NDArray[np.float64] = speed / self._around
+        if rows_ns.size:
+            seconds = np.diff(rows_ns, prepend=self._last_ns) * 1e-9
+            self._last_ns = int(rows_ns[-1])
+            _count_turns(seconds, angle, self._memory, turning)
+        return turning
+
+
+@compiled
+def _count_turns(
+    seconds: NDArray[np.float64],
+    angle: NDArray[np.float64],
+    memory: NDArray[np.float64],
+    turning: NDArray[np.float64],
+) -> None:
+    for i in range(angle.size):
+        last, mean = memory[0], memory[1]
+        memory[0] = angle[i]
+        if not (math.isfinite(angle[i] - last) and seconds[i] > 0.0):
+            memory[1] = math.nan
+            continue
+        turns = (angle[i] - last) / (2.0 * math.pi * seconds[i])
+        if math.isnan(mean):
+            mean = turning[i] if math.isfinite(turning[i]) else turns
+        mean += min(seconds[i] / _TURNING_S, 1.0) * (turns - mean)
+        memory[1] = mean
+        turning[i] = mean
 
 
 def in_yaw(config: DetectorConfig) -> DetectorConfig:

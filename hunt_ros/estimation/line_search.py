@@ -24,6 +24,15 @@ _BEYOND, _EDGE = 3.0, 1.1
 #: A line stands this many times above the noise in the bank (its median), and this many times
 #: above the strongest one inside the range, for this many periods of the lowest frequency.
 _CLEAR, _STRONGER, _PERIODS = 5.0, 2.0, 3.0
+#: It goes on while it is this many times lower, and is over after so many of those times.
+_RELAXED, _GONE = 1.5, 2.0
+#: Width of a line that is known not to be of interest, as a share of its frequency.
+_KNOWN = 0.1
+#: Periods over which frequency and amplitude of a line are averaged.
+_AVERAGED = 2.0
+# What is remembered: two running means; rows for which a line has stood out, rows seen; a
+# line is on (0 or 1), rows since it stood out, its resonator.
+_M_MEAN, _M_SLOW, _M_STOOD, _M_SEEN, _M_ON, _M_ABSENT, _M_PLACE, _N_MEMORY = range(8)
 
 
 class LineSearch:
@@ -61,17 +70,20 @@ class LineSearch:
         self._poles = np.stack([width * np.cos(turn), width * np.sin(turn), 1.0 - width], axis=1)
         inside = (self.frequencies > low_hz / _EDGE) & (self.frequencies < high_hz * _EDGE)
         self._inside = inside.astype(np.bool_)
+        self._average = 1.0 - np.exp(-turn / (2.0 * math.pi * _AVERAGED))
         self._slow = 1.0 - math.exp(-2.0 * math.pi * low_hz / (2.0 * _BEYOND) / rate_hz)
         self._hold = float(round(_PERIODS * rate_hz / low_hz))
+        self._rate = rate_hz
         self.reset()
 
     def reset(self) -> None:
         """Forget everything seen."""
-        self._bank = np.zeros((self.frequencies.size, 2))
-        # Two running means, rows for which a line has stood out, rows seen.
-        self._memory = np.array([math.nan, 0.0, 0.0, 0.0])
+        # Of each resonator its state, and the averages of its power and of its turning.
+        self._bank = np.zeros((self.frequencies.size, 5))
+        self._memory = np.zeros(_N_MEMORY)
+        self._memory[_M_MEAN] = math.nan
 
-    def update(self, values: ArrayLike) -> _F:
+    def update(self, values: ArrayLike, known_hz: ArrayLike = math.nan) -> _F:
         """
         Take the next values.
 
@@ -79,69 +91,122 @@ class LineSearch:
         ----------
         values : array_like, shape (n,)
             The signal, in any unit.
+        known_hz : array_like, shape (n,) or ()
+            A line that is passed over here, and at twice this frequency; NaN: none.
 
         Returns
         -------
-        ndarray, shape (n,)
-            Frequency of the strongest line, Hz, where that lies outside the range; else NaN.
+        ndarray, shape (2, n)
+            Frequency (Hz) and amplitude (in the unit of the values) of the strongest line
+            where that lies outside the range; else NaN.
         """
         block = np.ascontiguousarray(values, dtype=np.float64)
-        found = np.full(block.size, math.nan)
+        known = np.ascontiguousarray(np.broadcast_to(known_hz, block.shape), dtype=np.float64)
+        found = np.full((3, block.size), math.nan)
         _search(
             block,
+            known,
             self._bank,
             self._memory,
             self._poles,
+            self._average,
             self.frequencies,
             self._inside,
             self._slow,
             self._hold,
             found,
         )
-        return found
+        place, turn, size = found
+        line = np.full((2, block.size), math.nan)
+        there = np.isfinite(place)
+        line[0, there] = turn[there] * self._rate / (2.0 * math.pi)
+        line[1, there] = 2.0 * size[there] / self._gain(place[there].astype(np.intp), turn[there])
+        return line
+
+    def _gain(self, place: NDArray[np.intp], turn: _F) -> _F:
+        """Gain of resonators, and of what is before them, at a turning in rad per value."""
+        re, im, into = self._poles[place].T
+        back = np.exp(-1j * turn)
+        resonator = into / (1.0 - (re + 1j * im) * back)
+        keep = 1.0 - self._slow
+        drift = keep * (1.0 - back) / (1.0 - keep * back)
+        gain: _F = np.abs(resonator * drift * drift)
+        return gain
 
 
 @compiled
 def _search(
     values: _F,
+    known: _F,
     bank: _F,
     memory: _F,
     poles: _F,
+    average: _F,
     frequencies: _F,
     inside: NDArray[np.bool_],
     slow: float,
     hold: float,
     found: _F,
 ) -> None:
-    power = np.zeros(frequencies.size)
+    count = frequencies.size
+    power = np.zeros(count)
     for i in range(values.size):
         x = values[i]
         if not math.isfinite(x):
             x = 0.0
         else:  # its slow drift taken off twice
-            if math.isnan(memory[0]):
-                memory[0] = x
-            memory[0] += slow * (x - memory[0])
-            x -= memory[0]
-            memory[1] += slow * (x - memory[1])
-            x -= memory[1]
-        memory[3] += 1.0
-        best_in, best_out, place = 0.0, 0.0, 0
-        for j in range(frequencies.size):
+            if math.isnan(memory[_M_MEAN]):
+                memory[_M_MEAN] = x
+            memory[_M_MEAN] += slow * (x - memory[_M_MEAN])
+            x -= memory[_M_MEAN]
+            memory[_M_SLOW] += slow * (x - memory[_M_SLOW])
+            x -= memory[_M_SLOW]
+        memory[_M_SEEN] += 1.0
+        best_in = 0.0
+        for j in range(count):
             re, im = bank[j, 0], bank[j, 1]
             bank[j, 0] = poles[j, 0] * re - poles[j, 1] * im + poles[j, 2] * x
             bank[j, 1] = poles[j, 1] * re + poles[j, 0] * im
             square = bank[j, 0] ** 2 + bank[j, 1] ** 2
+            bank[j, 2] += average[j] * (square - bank[j, 2])
+            bank[j, 3] += average[j] * (bank[j, 0] * re + bank[j, 1] * im - bank[j, 3])
+            bank[j, 4] += average[j] * (bank[j, 1] * re - bank[j, 0] * im - bank[j, 4])
             power[j] = square / frequencies[j]  # white noise: alike in all
             if inside[j]:
                 best_in = max(best_in, square)
-            elif square > best_out:
-                best_out, place = square, j
-        stands = best_out > _STRONGER**2 * best_in
+        best_out, place = 0.0, -1
+        for j in range(1, count - 1):  # at either end it is the flank of something further out
+            square = power[j] * frequencies[j]
+            if inside[j] or square <= best_out:
+                continue
+            if square < max(bank[j - 1, 2], bank[j + 1, 2]) and bank[j, 2] < max(
+                bank[j - 1, 2], bank[j + 1, 2]
+            ):
+                continue
+            if math.isfinite(known[i]) and (
+                abs(frequencies[j] - known[i]) < _KNOWN * known[i]
+                or abs(frequencies[j] - 2.0 * known[i]) < _KNOWN * 2.0 * known[i]
+            ):
+                continue
+            best_out, place = square, j
+        easier = _RELAXED if memory[_M_ON] > 0.0 else 1.0
+        stands = best_out * easier**2 > _STRONGER**2 * best_in and place > 0
         if stands:
-            middle = np.sort(power)[frequencies.size // 2]
-            stands = power[place] > _CLEAR**2 * middle
-        memory[2] = memory[2] + 1.0 if stands else max(memory[2] - 2.0, 0.0)
-        memory[2] = min(memory[2], 1.5 * hold)
-        if memory[2] > hold and memory[3] > 2.0 * hold and stands:
-            found[i] = frequencies[place]
+            middle = np.sort(power)[count // 2]
+            stands = power[place] * easier**2 > _CLEAR**2 * middle
+        if stands:
+            memory[_M_STOOD] = min(memory[_M_STOOD] + 1.0, 1.5 * hold)
+            memory[_M_ABSENT] = 0.0
+            memory[_M_PLACE] = place
+        else:
+            memory[_M_STOOD] = max(memory[_M_STOOD] - 2.0, 0.0)
+            memory[_M_ABSENT] += 1.0
+        if memory[_M_STOOD] > hold and memory[_M_SEEN] > 2.0 * hold:
+            memory[_M_ON] = 1.0
+        elif memory[_M_ABSENT] > _GONE * hold:
+            memory[_M_ON] = 0.0
+        if memory[_M_ON] > 0.0:
+            j = int(memory[_M_PLACE])
+            found[0, i] = j
+            found[1, i] = math.atan2(bank[j, 4], bank[j, 3])
+            found[2, i] = math.sqrt(bank[j, 2])

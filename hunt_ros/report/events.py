@@ -39,9 +39,12 @@ def events_of(
     """
     from hunt_ros.detection import DetectorConfig, HuntingDetector
     from hunt_ros.detection.offline import collect, config_for, watch
+    from hunt_ros.detection.record_frequency import frequency_for
 
     # Only the channels it has: one that is promised and silent would be a fault.
     config, _ = config_for(record, DetectorConfig())
+    if normal_form is None:
+        config, _ = frequency_for(record, config)
     events = collect(watch(record, HuntingDetector(config, normal_form), progress)).events
     return [
         RunEvent(

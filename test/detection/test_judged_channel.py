@@ -89,8 +89,9 @@ def test_a_shape_that_arrives_while_running_is_replayed_bit_for_bit(recorded, sh
     assert np.isfinite(live['lateral_amplitude'][450:]).all()
 
 
-@pytest.mark.parametrize(('stretch', 'words'), [(3.6, 'slower than'), (0.35, 'faster than')])
-def test_a_rig_outside_the_range_is_told_so(recorded, stretch, words) -> None:
+@pytest.mark.parametrize('stretch', [3.6, 0.35])
+def test_a_rig_outside_the_range_is_told_so(recorded, stretch) -> None:
+    words = 'outside the hunting frequencies 1 to 6 Hz'
     record = recorded(7.2, 30.0, kicks=[(5.0, 330e-6)])
     changed = {
         name: Series(np.round(one.stamps_ns * stretch).astype(np.int64), one.values)

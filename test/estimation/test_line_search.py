@@ -17,7 +17,7 @@ TIME = np.arange(3000) / RATE
 def found(frequency: float, noise: float, seed: int = 0, scale: float = 1e-4) -> np.ndarray:
     rng = np.random.default_rng(seed)
     signal = np.cos(2.0 * np.pi * frequency * TIME + 0.7) + noise * rng.normal(size=TIME.size)
-    return LineSearch(RATE, 1.0, 6.0).update(scale * (signal + 3.0))
+    return LineSearch(RATE, 1.0, 6.0).update(scale * (signal + 3.0))[0]
 
 
 @settings(max_examples=25, deadline=None)
@@ -46,7 +46,7 @@ def test_neither_white_noise_nor_drift_is_a_motion() -> None:
     rng = np.random.default_rng(3)
     white = rng.normal(size=360_000)
     for signal in (white, 0.003 * np.cumsum(white) + 0.1 * rng.normal(size=white.size)):
-        assert np.isnan(LineSearch(RATE, 1.0, 6.0).update(signal)).mean() > 0.9999
+        assert np.isnan(LineSearch(RATE, 1.0, 6.0).update(signal)[0]).mean() > 0.9999
 
 
 def test_blocks_gaps_and_reset_change_nothing() -> None:
@@ -57,9 +57,42 @@ def test_blocks_gaps_and_reset_change_nothing() -> None:
     whole = search.update(signal)
     search.reset()
     cuts = np.sort(rng.integers(0, TIME.size, 40))
-    parts = np.concatenate([search.update(part) for part in np.split(signal, cuts)])
+    parts = np.concatenate([search.update(part) for part in np.split(signal, cuts)], axis=1)
     assert whole.tobytes() == parts.tobytes()
-    assert np.isfinite(whole[-500:]).mean() > 0.8
+    assert np.isfinite(whole[0, -500:]).mean() > 0.8
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.sampled_from([0.5, 0.8, 7.4, 9.0, 12.7, 16.0]), st.floats(0.0, 0.2), st.integers(0, 99))
+def test_its_amplitude_is_told(frequency, noise, seed) -> None:
+    rng = np.random.default_rng(seed)
+    signal = np.cos(2.0 * np.pi * frequency * TIME) + noise * rng.normal(size=TIME.size)
+    told = LineSearch(RATE, 1.0, 6.0).update(9e-4 * signal)
+    assert np.median(told[0, 2000:]) == pytest.approx(frequency, rel=0.02)
+    assert np.median(told[1, 2000:]) == pytest.approx(9e-4, rel=0.06)
+
+
+@pytest.mark.parametrize('harmonic', [1.0, 2.0])
+def test_a_line_that_is_known_is_passed_over_but_hides_no_other(harmonic) -> None:
+    turning = 7.6
+    line = np.cos(2.0 * np.pi * harmonic * turning * TIME)
+    search = LineSearch(RATE, 1.0, 6.0)
+    assert np.isfinite(search.update(line)[0, 1500:]).all()
+    search.reset()
+    assert np.isnan(search.update(line, 1.02 * turning)[0]).all()
+    search.reset()
+    slow = search.update(line + 0.8 * np.cos(2.0 * np.pi * 0.6 * TIME), turning)[0]
+    assert np.median(slow[1500:]) == pytest.approx(0.6, rel=0.05)
+
+
+def test_a_motion_at_the_limit_of_being_seen_does_not_chatter() -> None:
+    rng = np.random.default_rng(5)
+    time = np.arange(60_000) / RATE
+    hunting = 0.5 * np.cos(2.0 * np.pi * 3.0 * time)  # as strong as may be beside the other
+    swell = 1.0 + 0.1 * np.sin(2.0 * np.pi * 0.05 * time)
+    signal = swell * np.cos(2.0 * np.pi * 9.0 * time) + hunting + 0.02 * rng.normal(size=time.size)
+    seen = np.isfinite(LineSearch(RATE, 1.0, 6.0).update(signal)[0])
+    assert np.count_nonzero(np.diff(seen)) <= 2
 
 
 def test_a_range_beyond_the_rate_is_refused() -> None:

@@ -1,0 +1,189 @@
+"""Where the detector looks: the settings first, then the normal form; elsewhere it says so."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect
+from hunt_ros.detection.frequencies import nominal_hz, with_frequencies
+from hunt_ros.detection.record_frequency import frequency_for
+from hunt_ros.detection.replay import replay_journal
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.errors import ConfigError
+from hunt_ros.samples import Record, Series
+
+
+def stretched(record: Record, factor: float) -> Record:
+    """The same rig, slower or faster; the speed stays, so that the form holds for both."""
+    return Record(
+        {
+            name: Series(np.round(one.stamps_ns * factor).astype(np.int64), one.values)
+            for name, one in record.items()
+        }
+    )
+
+
+def slower(form: IdentifiedNormalForm, factor: float) -> IdentifiedNormalForm:
+    scales = {
+        'frequency_hz': form.form.frequency_hz / factor,
+        'time_scale': form.form.time_scale * factor,
+    }
+    return replace(form, form=replace(form.form, **scales))
+
+
+def range_of(config: DetectorConfig) -> tuple[float, float, float]:
+    return (
+        config.hunting_frequency_min_hz,
+        config.hunting_frequency_hz,
+        config.hunting_frequency_max_hz,
+    )
+
+
+positive = st.one_of(st.just(0.0), st.floats(0.1, 40.0))
+
+
+@given(positive, positive, positive, st.floats(0.02, 300.0), st.floats(5.0, 1000.0))
+def test_whatever_is_given_there_is_a_range(low, middle, high, form_hz, rate) -> None:
+    names = ('hunting_frequency_min_hz', 'hunting_frequency_hz', 'hunting_frequency_max_hz')
+    given_values = dict(zip(names, (low, middle, high), strict=True))
+    in_order = [value for value in (low, middle, high) if value > 0.0]
+    if any(b <= a for a, b in pairwise(in_order)):
+        with pytest.raises(ConfigError, match='must be above'):
+            DetectorConfig(**given_values)
+        return
+    asked = DetectorConfig(output_rate_hz=rate, **given_values)
+    found = with_frequencies(asked, nominal_hz(asked, form_hz, 2.84))
+    lowest, nominal, highest = range_of(found)
+    assert lowest < nominal < highest
+    for value, told in zip((low, middle, high), range_of(found), strict=True):
+        assert value in (0.0, told)
+    assert with_frequencies(found) == found
+
+
+def test_nothing_given_is_the_usual_range_and_a_near_form_leaves_it() -> None:
+    asked = DetectorConfig()
+    assert range_of(with_frequencies(asked)) == (1.0, 2.84, 6.0)
+    assert nominal_hz(asked, 2.5, 2.84) == 2.84
+    assert nominal_hz(asked, None, 0.8) == 0.8
+    assert nominal_hz(asked, 0.8, 2.84) == 0.8
+    assert nominal_hz(replace(asked, hunting_frequency_hz=5.0), 0.8, 2.84) == 5.0
+    assert range_of(with_frequencies(asked, 0.8)) == pytest.approx((0.8 / 2.84, 0.8, 4.8 / 2.84))
+
+
+@pytest.mark.parametrize('factor', [3.6, 0.35])
+def test_the_frequency_of_the_form_is_followed(recorded, true_form, factor) -> None:
+    record = stretched(recorded(7.2, 30.0, kicks=[(5.0, 330e-6)]), factor)
+    form = slower(true_form, factor)
+    output = detect(HuntingDetector(normal_form=form), record)
+    assert 'limit_cycle' in [event.event for event in output.events]
+    assert 'motion_outside_range' not in [event.event for event in output.events]
+    last = output.estimates[-1]
+    usual = detect(HuntingDetector(normal_form=true_form), stretched(record, 1.0 / factor))
+    truth = usual.estimates['lateral_amplitude'][-1]
+    assert last['lateral_amplitude'] == pytest.approx(truth, rel=0.03)
+    assert last['frequency_hz'] == pytest.approx(2.84 / factor, rel=0.1)
+
+
+@pytest.mark.parametrize('factor', [3.6, 0.35])
+def test_motion_outside_is_an_event_and_its_end_another(recorded, factor) -> None:
+    record = stretched(recorded(7.2, 30.0, kicks=[(5.0, 330e-6)]), factor)
+    end = max(int(one.stamps_ns[-1]) for one in record.values())
+    still = {}
+    for name, one in record.items():  # the motion stops, the rest goes on
+        more = np.arange(1, 60 * 200 + 1) * 5_000_000 + end
+        rng = np.random.default_rng(1)
+        noise = 2e-6 * rng.normal(size=more.size)
+        last = noise if name in ('lateral', 'yaw') else np.full(more.size, one.values[-1])
+        if name == 'roller':
+            last = one.values[-1] + np.arange(1, more.size + 1) * 0.005 * 7.2 / 0.15
+        still[name] = Series(
+            np.concatenate([one.stamps_ns, more]), np.concatenate([one.values, last])
+        )
+    output = detect(HuntingDetector(), Record(still))
+    events = [e for e in output.events if e.event.startswith('motion_outside')]
+    names = [event.event for event in events]
+    assert names[0] == 'motion_outside_range'
+    assert names[-1] == 'motion_outside_range_over'
+    assert names.count('motion_outside_range_over') == 1
+    assert len(names) <= 4
+    said = [event.detail for event in events[:-1]]
+    assert any(f'at {2.84 / factor:.1f}'[:4] in words for words in said)
+    assert all('set hunting_frequency_hz' in words for words in said)
+    begin, over = events[0].stamp_ns, events[-1].stamp_ns
+    rows = output.estimates
+    outside = (rows['stamp_ns'] >= begin) & (rows['stamp_ns'] < over)
+    assert (rows['level'][outside] != Level.OK).all()
+
+
+def test_a_form_of_another_frequency_that_arrives_is_replayed_bit_for_bit(
+    recorded, true_form
+) -> None:
+    record = stretched(recorded(7.2, 30.0, kicks=[(5.0, 330e-6)]), 0.35)
+    form = slower(true_form, 0.35)
+    detector = HuntingDetector()
+    outputs, step = [], 100_000_000
+    for until in range(step, 105 * step + 1, step):
+        for name, one in record.items():
+            part = one.between(until - step, until)
+            outputs.append(detector.update(name, part.stamps_ns, part.values))
+        if until == 40 * step:
+            outputs.append(detector.set_normal_form(form))
+    outputs.append(detector.finish())
+    live = np.concatenate([o.estimates for o in outputs if o.estimates.size])
+    journal = [entry for o in outputs for entry in o.journal]
+    fed = Record({name: one.between(0, 105 * step) for name, one in record.items()})
+    again = replay_journal(HuntingDetector(), fed, journal).estimates
+    for name in live.dtype.names:
+        assert np.array_equal(again[name], live[name], equal_nan=True), name
+    assert set(live['followed_max_hz'][:395]) == {6.0}
+    assert live['followed_max_hz'][-1] == pytest.approx(6.0 / 0.35, rel=0.02)
+    assert live['state'][-1] == State.LIMIT_CYCLE
+
+
+@pytest.mark.parametrize('factor', [3.6, 0.35])
+def test_a_record_tells_its_frequency_where_nobody_has(recorded, factor) -> None:
+    record = stretched(recorded(7.2, 30.0, kicks=[(5.0, 330e-6)]), factor)
+    config, remarks = frequency_for(record, DetectorConfig())
+    assert config.hunting_frequency_hz == pytest.approx(2.84 / factor, rel=0.1)
+    assert len(remarks) == 1
+    asked = DetectorConfig(hunting_frequency_hz=2.84)
+    assert frequency_for(record, asked) == (asked, [])
+    plain = recorded(7.2, 30.0, kicks=[(5.0, 330e-6)])
+    assert frequency_for(plain, DetectorConfig()) == (DetectorConfig(), [])
+
+
+@pytest.mark.parametrize(
+    'kind', ['hum', 'roller', 'no roller', 'unknown ratio', 'drift', 'nothing']
+)
+def test_hum_roughness_and_drift_are_not_taken_for_hunting(kind) -> None:
+    rng = np.random.default_rng(7)
+    time = np.arange(0.0, 120.0, 0.004)
+    speed = np.interp(time, [0.0, 20.0, 60.0, 80.0, 120.0], [5.0, 5.0, 7.2, 7.2, 6.0])
+    turns = np.cumsum(speed) * 0.004 / (np.pi * 0.3)
+    lateral = 5e-6 * rng.normal(size=time.size)
+    lateral += {
+        'hum': 2e-4 * np.sin(2.0 * np.pi * 50.0 * time),
+        'roller': 2e-4 * np.cos(2.0 * np.pi * turns),
+        'no roller': 2e-4 * np.cos(2.0 * np.pi * turns),
+        'unknown ratio': 2e-4 * np.cos(2.0 * np.pi * 1.37 * turns),
+        'drift': 1e-5 * np.cumsum(rng.normal(size=time.size)) * 0.063,
+        'nothing': 0.0,
+    }[kind]
+    stamps = np.round(time * 1e9).astype(np.int64)
+    channels = {'lateral': lateral, 'speed': speed}
+    if kind in ('hum', 'roller'):
+        channels['roller'] = 2.0 * np.pi * turns
+    record = Record({name: Series(stamps, values) for name, values in channels.items()})
+    assert frequency_for(record, DetectorConfig()) == (DetectorConfig(), [])
+    if kind == 'unknown ratio':
+        return
+    names = tuple(channels)
+    config = DetectorConfig(channels=names, roughness='roller' in names)
+    output = detect(HuntingDetector(config), record)
+    assert 'motion_outside_range' not in [event.event for event in output.events]
