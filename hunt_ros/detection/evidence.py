@@ -104,7 +104,8 @@ def gather(
     )
     memory['disturbed'] = disturbed
     clear = rules.growth_floor * noise_floor.clearance(rules, floor_memory)
-    if falls or not math.isnan(stable):
+    fallen = not disturbed and not math.isnan(floor)
+    if falls or fallen or not math.isnan(stable):
         memory['growing'] = False
     elif grows and a > clear * floor:
         memory['growing'] = True

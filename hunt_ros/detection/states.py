@@ -104,7 +104,10 @@ def next_state(
     if state == QUIET and memory['stirred'] > rules.disturbed_hold:
         state = DISTURBED
     want, hold = wanted(rules, state, evidence)
-    waited = memory['waited'] if want == memory['wanted'] else 0
+    leaves = want in (QUIET, DECAYING) and memory['wanted'] in (QUIET, DECAYING)
+    # Whether quiet or still dying: from one to the other and back, the escape is over.
+    same = want == memory['wanted'] or (state == ESCAPING and leaves)
+    waited = memory['waited'] if same else 0
     memory['wanted'] = want
     new, waited = held(state, want, waited, hold)
     memory['state'] = new
