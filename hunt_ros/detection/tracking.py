@@ -52,8 +52,10 @@ def mode_points(shape: ModeShape, plain: TrackerConfig) -> tuple[ModePoint, ...]
     points = []
     for i, speed in enumerate(shape.speeds):
         second, decay = plain.second_frequency_hz, plain.second_decay
+        doubt = plain.second_std
         if shape.second_frequency_hz is not None and shape.second_decay is not None:
             second, decay = float(shape.second_frequency_hz[i]), float(shape.second_decay[i])
+            doubt = 0.0
         ratio = None if shape.second_ratio is None else complex(shape.second_ratio[i])
         points += [
             ModePoint(
@@ -65,6 +67,7 @@ def mode_points(shape: ModeShape, plain: TrackerConfig) -> tuple[ModePoint, ...]
                 second_yaw_ratio=ratio,
                 amplitude=float(amplitude),
                 yaw_ratio_std=float(shape.ratio_std[i, j]),
+                second_std=doubt,
             )
             for j, amplitude in enumerate(shape.amplitudes)
         ]

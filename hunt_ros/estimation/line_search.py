@@ -195,13 +195,16 @@ def _search(
             middle = np.sort(power)[count // 2]
             stands = power[place] * easier**2 > _CLEAR**2 * middle
         if stands:
-            memory[_M_STOOD] = min(memory[_M_STOOD] + 1.0, 1.5 * hold)
+            memory[_M_STOOD] = min(memory[_M_STOOD] + 1.0, 1.5 * _BEYOND * hold)
             memory[_M_ABSENT] = 0.0
             memory[_M_PLACE] = place
         else:
             memory[_M_STOOD] = max(memory[_M_STOOD] - 2.0, 0.0)
             memory[_M_ABSENT] += 1.0
-        if memory[_M_STOOD] > hold and memory[_M_SEEN] > 2.0 * hold:
+        # A slow line has to stand for as many of its own periods: a blow rings on for some.
+        slowest = frequencies[0] * _BEYOND
+        enough = hold * max(slowest / frequencies[int(memory[_M_PLACE])], 1.0)
+        if memory[_M_STOOD] > enough and memory[_M_SEEN] > 2.0 * enough:
             memory[_M_ON] = 1.0
         elif memory[_M_ABSENT] > _GONE * hold:
             memory[_M_ON] = 0.0

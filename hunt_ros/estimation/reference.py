@@ -157,6 +157,13 @@ def process_noise(f: at.Filter, dt: float) -> _F:
     second = complex(f.m[at.M_RHO2_RE], f.m[at.M_RHO2_IM])
     free = math.isnan(second.real)
     Q[w, w] = _rank_one(q, 0j, 0.5 * size) if free else _rank_one(q, second, 0.0)
+    pole = complex(-f.m[at.M_DECAY2], f.m[at.M_OMEGA2])
+    unknown = 0.5 * f.m[at.M_STD2] ** 2 * abs(pole) ** 2 / (-2.0 * pole.real)
+    for side, part in enumerate((slice(at.W, at.W + 2), slice(at.W + 2, at.W + 4))):
+        power = f.x[part] @ f.x[part] + np.trace((f.P + Q)[part, part])
+        left = f.m[at.M_LEFT2 + side] * math.exp(2.0 * (1.0 - f.m[at.M_STD2]) * pole.real * dt)
+        f.m[at.M_LEFT2 + side] = min(left, power)
+        Q[part, part] += unknown * dt * f.m[at.M_LEFT2 + side] * np.eye(2)
     drift = 0.5 * f.cfg[at.C_RATIO_FLOOR] ** 2 * dt * (f.x[2] ** 2 + f.x[3] ** 2)
     Q[2, 2] += drift
     Q[3, 3] += drift

@@ -40,6 +40,8 @@ class ModePoint:
     yaw_ratio_std : float
         Relative standard deviation of `yaw_ratio` here, beside that of the scale of the
         sensors, which is `TrackerConfig.yaw_ratio_std` and common to all points.
+    second_std : float
+        Relative standard deviation of the second mode's frequency and decay, below 1; 0: known.
 
     Raises
     ------
@@ -55,6 +57,7 @@ class ModePoint:
     second_yaw_ratio: complex | None = None
     amplitude: float = 0.0
     yaw_ratio_std: float = 0.0
+    second_std: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ('frequency_hz', 'second_frequency_hz', 'second_decay'):
@@ -67,12 +70,18 @@ class ModePoint:
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
                 raise ConfigError(f'mode point: {name} must not be negative, got {value}')
+        _share('mode point: second_std', self.second_std)
 
 
 #: The hunting frequency the times inside the tracker are meant for, Hz: it counts time in units
 #: that make the nominal frequency this one, so that a rig of another frequency gets the same
 #: filter, slower or faster.
 REFERENCE_HZ = 2.84
+
+
+def _share(name: str, value: float) -> None:
+    if not 0.0 <= value < 1.0:
+        raise ConfigError(f'{name} must be within 0..1, below 1, got {value}')
 
 
 def _positive(name: str, value: float) -> None:
@@ -103,6 +112,8 @@ class TrackerConfig:
         Random walk of a growth rate near zero, (1/s) per square root of a second.
     second_frequency_hz, second_decay : float
         Frequency (Hz) and decay rate (1/s) of the second, fast-decaying mode.
+    second_std : float
+        How far both may be off, as a fraction, below 1; 0: they are known.
     yaw_ratio, second_yaw_ratio : complex, optional
         Yaw over lateral phasor of the two modes; None: learnt, or left free.
     yaw_ratio_std : float
@@ -141,6 +152,7 @@ class TrackerConfig:
     growth_rate_drift: float = 0.03
     second_frequency_hz: float = 3.3
     second_decay: float = 9.4
+    second_std: float = 0.5
     yaw_ratio: complex | None = None
     second_yaw_ratio: complex | None = None
     yaw_ratio_std: float = 0.1
@@ -154,10 +166,11 @@ class TrackerConfig:
     gap_s: float = 2.0
 
     def __post_init__(self) -> None:
-        free = ('yaw_ratio', 'second_yaw_ratio', 'modes', 'bin_s')
+        free = ('yaw_ratio', 'second_yaw_ratio', 'second_std', 'modes', 'bin_s')
         for setting in fields(self):
             if setting.name not in free:
                 _positive(setting.name, getattr(self, setting.name))
+        _share('tracker: second_std', self.second_std)
         longest = 0.02 * REFERENCE_HZ / self.frequency_hz
         if not 0.0 <= self.bin_s <= longest:
             raise ConfigError(
@@ -226,11 +239,12 @@ class TrackerConfig:
 
         Returns
         -------
-        ndarray of float64, shape (speeds, amplitudes, 10)
+        ndarray of float64, shape (speeds, amplitudes, 11)
             Speed; hunting frequency; ratio, real and imaginary (NaN: unknown); second
             frequency, decay, its ratio, real and imaginary; amplitude; relative
-            standard deviation of the ratio. Frequencies and the decay are in rad and 1
-            per unit of the tracker's time, see `time_scale`.
+            standard deviation of the ratio, and of the second mode's eigenvalue.
+            Frequencies and the decay are in rad and 1 per unit of the tracker's time, see
+            `time_scale`.
         """
         scale = self.time_scale
         points = self.modes or (
@@ -241,6 +255,7 @@ class TrackerConfig:
                 self.second_decay,
                 self.yaw_ratio,
                 self.second_yaw_ratio,
+                second_std=self.second_std,
             ),
         )
         unknown = complex(math.nan, math.nan)
@@ -260,7 +275,8 @@ class TrackerConfig:
                     second.imag,
                     point.amplitude,
                     point.yaw_ratio_std,
+                    point.second_std,
                 )
             )
         speeds = len({row[0] for row in rows})
-        return np.array(rows, dtype=np.float64).reshape(speeds, -1, 10)
+        return np.array(rows, dtype=np.float64).reshape(speeds, -1, 11)

@@ -116,7 +116,7 @@ def windows() -> str:
                     noise=noise,
                     rate=500,
                 )
-                out, phasor = signal.track(HuntingTracker(), sensors)
+                out, phasor = signal.track(HuntingTracker(TrackerConfig(second_std=0.0)), sensors)
                 error = (out['lateral_amplitude'] - np.abs(phasor))[700:860]
                 errors.append(error / np.abs(phasor)[700:860])
                 scores.append((error / out['lateral_amplitude_std'][700:860])[12:])

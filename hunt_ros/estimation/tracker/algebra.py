@@ -155,6 +155,31 @@ def lateral_density(f: at.Filter) -> float:
 
 
 @compiled_part
+def doubt_second(f: at.Filter, dt: float) -> None:
+    """
+    Add what dt seconds make unknown of a second mode whose eigenvalue is only guessed.
+
+    A wrong eigenvalue, by d = M_STD2 |eigenvalue|, leaves an error that grows by d w a second.
+    Spread over the life of the power |w|^2, 1/(2 decay), that is white noise of the density
+    |d w|^2/(2 decay). The power counted dies from the last kick on, as the slowest likely
+    decay has it, so that what noise makes of the mode does not keep it alive.
+    """
+    std, decay = f.m[at.M_STD2], f.m[at.M_DECAY2]
+    if std == 0.0 or f.m[at.M_LEFT2] + f.m[at.M_LEFT2_YAW] == 0.0:
+        return
+    omega = f.m[at.M_OMEGA2]
+    grown = 0.5 * std * std * (decay * decay + omega * omega) / (2.0 * decay) * dt
+    kept = math.exp(-2.0 * (1.0 - std) * decay * dt)
+    for k in range(2):
+        i = at.W + 2 * k
+        power = f.x[i] ** 2 + f.x[i + 1] ** 2 + f.P[i, i] + f.P[i + 1, i + 1]
+        power = min(f.m[at.M_LEFT2 + k] * kept, power)
+        f.m[at.M_LEFT2 + k] = power
+        f.P[i, i] += grown * power
+        f.P[i + 1, i + 1] += grown * power
+
+
+@compiled_part
 def diffuse(f: at.Filter, dt: float) -> None:
     """Add the process noise of dt seconds."""
     q = math.exp(2.0 * f.m[at.M_LAMBDA]) * lateral_density(f) * dt
@@ -164,6 +189,7 @@ def diffuse(f: at.Filter, dt: float) -> None:
         add_pair(f, at.W, q, 0.0, 0.0, 0.5 * size)
     else:
         add_pair(f, at.W, q, f.m[at.M_RHO2_RE], f.m[at.M_RHO2_IM], 0.0)
+    doubt_second(f, dt)
     # One ratio holds for all amplitudes and speeds only to the floor: let it breathe.
     drift = f.cfg[at.C_RATIO_FLOOR] ** 2 * dt * 0.5 * (f.x[2] * f.x[2] + f.x[3] * f.x[3])
     f.P[2, 2] += drift
@@ -189,6 +215,7 @@ def open_modes(f: at.Filter, variance: float) -> None:
         add_pair(f, at.W, SECOND_SHARE * variance, 0.0, 0.0, 0.5 * size)
     else:
         add_pair(f, at.W, SECOND_SHARE * variance, f.m[at.M_RHO2_RE], f.m[at.M_RHO2_IM], 0.0)
+    f.m[at.M_LEFT2] = f.m[at.M_LEFT2_YAW] = math.inf
     # Another amplitude has another growth rate and frequency.
     f.P[at.GROWTH, at.GROWTH] = max(f.P[at.GROWTH, at.GROWTH], f.cfg[at.C_GROWTH_STD] ** 2)
     f.P[at.OMEGA, at.OMEGA] = max(f.P[at.OMEGA, at.OMEGA], (0.1 * f.cfg[at.C_OMEGA_STD]) ** 2)

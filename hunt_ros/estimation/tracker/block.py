@@ -14,7 +14,8 @@ Lateral and yaw signal, k = 0, 1:  v_k = Re z_k + Re w_k + b_k + roughness_k + n
   through the complex ratio of the mode shape; the ratio is learnt, or given. So the
   process noise, and the opening of the covariance by a kick, are of rank one along
   (1, ratio), but for the uncertainty of the ratio.
-- w_k the second mode, a phasor that decays at a known rate. A kick excites both.
+- w_k the second mode, a phasor that decays. A kick excites both. Where its frequency and
+  decay are only guessed, what they may be off by is process noise (`doubt_second`).
 - roughness_k = c1 cos th + s1 sin th + c2 cos 2 th + s2 sin 2 th, th the roller angle.
 - b_k bias.
 

@@ -68,8 +68,11 @@ ROUGH = 12  # cos, sin, cos 2, sin 2: lateral 12..15, yaw 16..19
     M_RHO2_RE,
     M_RHO2_IM,
     M_GIVEN_STD,  # relative, of the ratio given at this speed and amplitude
+    M_STD2,  # relative, of the second mode's eigenvalue; to here, the modes in force
+    M_LEFT2,  # power of the second mode since the last kick, at most: lateral, yaw
+    M_LEFT2_YAW,
     N_MEMORY,
-) = range(28)
+) = range(31)
 
 # --- memory of each sensor ------------------------------------------------------------
 (
@@ -189,5 +192,5 @@ class Filter(NamedTuple):
     sums: _F  # the bin that is open, (2, N_ACCUMULATOR)
     counters: _I  # (N_COUNTER,)
     cfg: _F  # (N_CONFIG,)
-    modes: _F  # TrackerConfig.mode_table(), (speeds, amplitudes, 10)
+    modes: _F  # TrackerConfig.mode_table(), (speeds, amplitudes, 11)
     g: _F  # P H' of the update at hand, (N,)

@@ -222,11 +222,11 @@ def put_in_force(f: at.Filter) -> None:
     if q > p:
         part = (amplitude - f.modes[0, p, 8]) / (f.modes[0, q, 8] - f.modes[0, p, 8])
         part = min(max(part, 0.0), 1.0)
-    for c in range(8):
-        e = 1 + c if c < 7 else 9
+    for c in range(9):
+        e = 1 + c if c < 7 else 2 + c
         low = f.modes[i, p, e] + share * (f.modes[j, p, e] - f.modes[i, p, e])
         high = f.modes[i, q, e] + share * (f.modes[j, q, e] - f.modes[i, q, e])
-        f.m[(at.M_OMEGA0 + c) if c < 7 else at.M_GIVEN_STD] = low + part * (high - low)
+        f.m[at.M_OMEGA0 + c] = low + part * (high - low)
     ratio_in_force(f)
 
 
