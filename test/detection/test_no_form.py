@@ -87,7 +87,7 @@ def test_the_same_motion_slower_and_smaller_is_judged_alike() -> None:
     words = []
     for frequency, unstable in ((2.84, 2e-4), (0.71, 5e-2), (1.42, 1e-6)):
         rig = frequency, unstable, 0.12
-        _, output, _ = trial(rig, 5, 0.05, 1.5)
+        _, output, _ = trial(rig, 6, 0.05, 1.5)
         words.append([event.event for event in output.events])
     assert words[0] == words[1] == words[2]
     assert words[0][:1] == ['escaping']
