@@ -143,7 +143,7 @@ def process_noise(f: at.Filter, dt: float) -> _F:
     """Return Q for a step of dt seconds, shape (20, 20)."""
     Q = np.zeros((at.N, at.N))
     alive = f.sensors[:, at.S_ALIVE] > 0.0
-    speaking = np.array([algebra.speaks(f, k) for k in range(2)])
+    speaking = np.array([algebra.speaks(f.sensors, f.m, k) for k in range(2)])
     heard = speaking if speaking.any() else alive
     density = f.sensors[:, at.S_NOISE] * f.sensors[:, at.S_STEP]
     ratio = complex(f.m[at.M_RHO_RE], f.m[at.M_RHO_IM])

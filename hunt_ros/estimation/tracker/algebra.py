@@ -17,10 +17,10 @@ REVERSION = 30.0  # s in which frequency and growth rate fall back to the nomina
 
 
 @compiled_part
-def known(f: at.Filter, first: int) -> float:
+def known(x: _F, P: _F, first: int) -> float:
     """Share of the power at `first` that is not uncertainty, 0..1."""
-    power = f.x[first] ** 2 + f.x[first + 1] ** 2
-    doubt = f.P[first, first] + f.P[first + 1, first + 1]
+    power = x[first] ** 2 + x[first + 1] ** 2
+    doubt = P[first, first] + P[first + 1, first + 1]
     return float(power / (power + doubt)) if power > 2.0 * doubt else 0.0
 
 
@@ -49,8 +49,8 @@ def predict(f: at.Filter, dt: float) -> None:
 
     # F P: the rows of everything that moves (all before at.BIAS).
     # A phasor that is not known yet tells nothing of its frequency and growth.
-    lateral = dt * known(f, at.Z)
-    yaw = dt * known(f, at.Z + 2)
+    lateral = dt * known(f.x, f.P, at.Z)
+    yaw = dt * known(f.x, f.P, at.Z + 2)
     a0, b0, a1, b1 = (
         f.x[at.Z] * lateral,
         f.x[at.Z + 1] * lateral,
@@ -125,32 +125,32 @@ def add_pair(
 
 
 @compiled_part
-def density(f: at.Filter, k: int) -> float:
+def density(sensors: _F, k: int) -> float:
     """Noise density R dt of sensor k, units^2 s."""
-    return float(f.sensors[k, at.S_NOISE] * f.sensors[k, at.S_STEP])
+    return float(sensors[k, at.S_NOISE] * sensors[k, at.S_STEP])
 
 
 @compiled_part
-def speaks(f: at.Filter, k: int) -> bool:
+def speaks(sensors: _F, m: _F, k: int) -> bool:
     """Tell whether sensor k has started, and has not been silent for a hunting period."""
-    silence = f.m[at.M_TIME] - f.sensors[k, at.S_LAST]
-    return bool(f.sensors[k, at.S_ALIVE] > 0.0 and silence * f.m[at.M_OMEGA0] <= 2.0 * math.pi)
+    silence = m[at.M_TIME] - sensors[k, at.S_LAST]
+    return bool(sensors[k, at.S_ALIVE] > 0.0 and silence * m[at.M_OMEGA0] <= 2.0 * math.pi)
 
 
 @compiled_part
-def lateral_density(f: at.Filter) -> float:
+def lateral_density(sensors: _F, m: _F) -> float:
     """Noise density of both sensors together, referred to the lateral phasor."""
-    gain = f.m[at.M_RHO_RE] ** 2 + f.m[at.M_RHO_IM] ** 2 + 2.0 * f.m[at.M_RHO_VAR]
+    gain = m[at.M_RHO_RE] ** 2 + m[at.M_RHO_IM] ** 2 + 2.0 * m[at.M_RHO_VAR]
     information = 0.0
-    lateral, yaw = speaks(f, 0), speaks(f, 1)
+    lateral, yaw = speaks(sensors, m, 0), speaks(sensors, m, 1)
     if not lateral and not yaw:  # both are silent: as they were
-        lateral, yaw = f.sensors[0, at.S_ALIVE] > 0.0, f.sensors[1, at.S_ALIVE] > 0.0
+        lateral, yaw = sensors[0, at.S_ALIVE] > 0.0, sensors[1, at.S_ALIVE] > 0.0
     if lateral:
-        information += 1.0 / density(f, 0)
-        if yaw and gain > 4.0 * f.m[at.M_RHO_VAR]:
-            information += gain / density(f, 1)
+        information += 1.0 / density(sensors, 0)
+        if yaw and gain > 4.0 * m[at.M_RHO_VAR]:
+            information += gain / density(sensors, 1)
     elif yaw:
-        information = gain / density(f, 1)
+        information = gain / density(sensors, 1)
     return 1.0 / information
 
 
@@ -182,7 +182,7 @@ def doubt_second(f: at.Filter, dt: float) -> None:
 @compiled_part
 def diffuse(f: at.Filter, dt: float) -> None:
     """Add the process noise of dt seconds."""
-    q = math.exp(2.0 * f.m[at.M_LAMBDA]) * lateral_density(f) * dt
+    q = math.exp(2.0 * f.m[at.M_LAMBDA]) * lateral_density(f.sensors, f.m) * dt
     add_pair(f, at.Z, q, f.m[at.M_RHO_RE], f.m[at.M_RHO_IM], f.m[at.M_RHO_VAR])
     if math.isnan(f.m[at.M_RHO2_RE]):
         size = f.m[at.M_RHO_RE] ** 2 + f.m[at.M_RHO_IM] ** 2 + 2.0 * f.m[at.M_RHO_VAR]
@@ -199,7 +199,7 @@ def diffuse(f: at.Filter, dt: float) -> None:
     f.P[at.GROWTH, at.GROWTH] += (f.cfg[at.C_GROWTH_DRIFT] ** 2 + 0.25 * f.x[at.GROWTH] ** 2) * dt
     for k in range(2):
         if f.sensors[k, at.S_ALIVE] > 0.0:
-            d = density(f, k) * dt
+            d = density(f.sensors, k) * dt
             f.P[at.BIAS + k, at.BIAS + k] += math.exp(2.0 * f.sensors[k, at.S_LAMBDA_BIAS]) * d
             rough = math.exp(2.0 * f.sensors[k, at.S_LAMBDA_ROUGH]) * d * f.sensors[k, at.S_ROLLER]
             for i in range(at.ROUGH + 4 * k, at.ROUGH + 4 * k + 4):

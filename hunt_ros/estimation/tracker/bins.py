@@ -51,7 +51,7 @@ def absorb(f: at.Filter, k: int, t: float, mean: float, count: float, row: _F) -
     """Take one closed bin of sensor k, whose mean stamp is t, into the filter."""
     if f.sensors[k, at.S_ALIVE] == 0.0:
         gather_start(f, k, t, mean, count)
-        ratio_in_force(f)
+        ratio_in_force(f.m)
         f.sensors[k, at.S_LAST] = t
         return
     dt = t - f.sensors[k, at.S_LAST]

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hunt_ros.compiled import compiled_part
 from hunt_ros.estimation.tracker import layout as at
 from hunt_ros.estimation.tracker.algebra import lateral_density, speaks
+
+_F = NDArray[np.float64]
 
 SETTLING = 0.3  # s after a kick in which nothing is tuned
 #: A ratio that nobody gave is carried to another speed and amplitude with this doubt, relative:
@@ -19,20 +24,20 @@ AGAINST = 3.0  # standard deviations at which a ratio that is given is doubted
 
 
 @compiled_part
-def ratio_in_force(f: at.Filter) -> None:
+def ratio_in_force(m: _F) -> None:
     """Combine the ratio that is given for this speed with what was learnt of it."""
-    re, im = f.m[at.M_RATIO_RE], f.m[at.M_RATIO_IM]
-    if math.isnan(f.m[at.M_GIVEN_RE]):
-        f.m[at.M_RHO_RE], f.m[at.M_RHO_IM], f.m[at.M_RHO_VAR] = (
+    re, im = m[at.M_RATIO_RE], m[at.M_RATIO_IM]
+    if math.isnan(m[at.M_GIVEN_RE]):
+        m[at.M_RHO_RE], m[at.M_RHO_IM], m[at.M_RHO_VAR] = (
             re,
             im,
-            f.m[at.M_RATIO_VAR],
+            m[at.M_RATIO_VAR],
         )
         return
-    a, b = f.m[at.M_GIVEN_RE], f.m[at.M_GIVEN_IM]
-    f.m[at.M_RHO_RE] = re * a - im * b
-    f.m[at.M_RHO_IM] = re * b + im * a
-    f.m[at.M_RHO_VAR] = f.m[at.M_RATIO_VAR] * (a * a + b * b)
+    a, b = m[at.M_GIVEN_RE], m[at.M_GIVEN_IM]
+    m[at.M_RHO_RE] = re * a - im * b
+    m[at.M_RHO_IM] = re * b + im * a
+    m[at.M_RHO_VAR] = m[at.M_RATIO_VAR] * (a * a + b * b)
 
 
 @compiled_part
@@ -46,7 +51,7 @@ def learn_ratio(f: at.Filter) -> None:
     elapsed = f.m[at.M_TIME] - f.m[at.M_RATIO_TIME]
     if elapsed < 0.1 or f.m[at.M_TIME] - f.m[at.M_KICK] < SETTLING:
         return
-    if not (speaks(f, 0) and speaks(f, 1)):
+    if not (speaks(f.sensors, f.m, 0) and speaks(f.sensors, f.m, 1)):
         return  # one that is silent tells nothing but what the other says
     age = f.m[at.M_TIME] - max(f.sensors[0, at.S_BOOT_START], f.sensors[1, at.S_BOOT_START])
     if age < 1.0:
@@ -64,7 +69,7 @@ def learn_ratio(f: at.Filter) -> None:
     unit = 0.5 * (seen_re * seen_re + seen_im * seen_im)  # of a relative variance, each part
     # Share of the motion that is made anew each second. What makes it does not push along the
     # mode alone, and what it leaves of the second mode and of other motion is in the phasors.
-    renewed = math.exp(2.0 * f.m[at.M_LAMBDA]) * lateral_density(f) / power
+    renewed = math.exp(2.0 * f.m[at.M_LAMBDA]) * lateral_density(f.sensors, f.m) / power
     renewed = min(max(renewed, math.exp(-0.5 * age)), 1.0)  # nor is it known at first
     # No single second is believed to better than a tenth.
     variance = max(variance / power, (0.01 + FORCED * renewed) * unit) / min(elapsed, 1.0)
@@ -90,7 +95,7 @@ def learn_ratio(f: at.Filter) -> None:
     note_place(f, gain, 0.5 * math.log(power))
     left = drifted if gain == 1.0 else (1.0 - gain) * drifted
     keep_learnt(f, re, im, max(left, floor))
-    ratio_in_force(f)
+    ratio_in_force(f.m)
 
 
 @compiled_part
@@ -147,7 +152,7 @@ def tie_silent(f: at.Filter, k: int) -> None:
     other = 1 - k
     f.sensors[k, at.S_TIED] = 0.0
     f.sensors[other, at.S_TIED] = 0.0
-    if speaks(f, other) or f.m[at.M_RATIO_KNOWN] == 0.0:
+    if speaks(f.sensors, f.m, other) or f.m[at.M_RATIO_KNOWN] == 0.0:
         return
     re, im = f.m[at.M_RHO_RE], f.m[at.M_RHO_IM]
     size = re * re + im * im
@@ -174,12 +179,12 @@ def tie_silent(f: at.Filter, k: int) -> None:
 @compiled_part
 def loosen(f: at.Filter, factor: float) -> None:
     """Doubt the ratio that ties the sensors: its variance grows by a factor, up to its square."""
-    if not (speaks(f, 0) and speaks(f, 1)):
+    if not (speaks(f.sensors, f.m, 0) and speaks(f.sensors, f.m, 1)):
         return  # what one sensor says by itself is no evidence against it
     size = f.m[at.M_RATIO_RE] ** 2 + f.m[at.M_RATIO_IM] ** 2
     if f.m[at.M_RATIO_VAR] < size:
         f.m[at.M_RATIO_VAR] *= factor
-        ratio_in_force(f)
+        ratio_in_force(f.m)
 
 
 @compiled_part
@@ -227,7 +232,7 @@ def put_in_force(f: at.Filter) -> None:
         low = f.modes[i, p, e] + share * (f.modes[j, p, e] - f.modes[i, p, e])
         high = f.modes[i, q, e] + share * (f.modes[j, q, e] - f.modes[i, q, e])
         f.m[at.M_OMEGA0 + c] = low + part * (high - low)
-    ratio_in_force(f)
+    ratio_in_force(f.m)
 
 
 @compiled_part
@@ -267,7 +272,7 @@ def take_modes(f: at.Filter) -> None:
             f.m[at.M_RATIO_IM] += share * (im * a - re * b) / size
             f.m[at.M_RATIO_VAR] = share * spread
         f.m[at.M_RATIO_KNOWN] = 1.0
-    ratio_in_force(f)
+    ratio_in_force(f.m)
 
 
 @compiled_part

@@ -204,7 +204,7 @@ def tune(
     if not settled:
         return
     rate = 0.5 * dt / f.cfg[at.C_BANDWIDTH_TIME]
-    alive = 2.0 if speaks(f, 0) and speaks(f, 1) else 1.0
+    alive = 2.0 if speaks(f.sensors, f.m, 0) and speaks(f.sensors, f.m, 1) else 1.0
     power = f.sensors[k, at.S_H_RE] ** 2 + f.sensors[k, at.S_H_IM] ** 2
     f.m[at.M_LAMBDA] = tuned(f.m[at.M_LAMBDA], power, rate / alive, 0.2, 100.0)
     power = f.sensors[k, at.S_B] ** 2
