@@ -19,25 +19,29 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from hunt_ros.nodes.parameter_text import parameter_text
 
 _LOOK_S = 0.5
+#: A node that is still starting has not declared all: it is asked again after this time, s, and
+#: again after twice as long each time.
+_AGAIN_S = 1.5
 
 
 class ParameterCollector:
     """
-    Asks each node once, as it appears, for all its parameters.
+    Asks each node, as it appears, for all its parameters, and ever more rarely again.
 
     Parameters
     ----------
     namespace : str
         Of the node that asks; it and nodes whose names begin with '_' are not asked.
     tell : callable
-        Gets (full node name, parameter file as text), in the collector's thread.
+        Gets (full node name, parameter file as text) where it has changed, in the
+        collector's thread.
     """
 
     def __init__(self, namespace: str, tell: Callable[[str, str], None]) -> None:
         self._node = rclpy.create_node('_parameter_collector', namespace=namespace)
         self._tell = tell
         self._clients: dict[str, tuple[Client, Client]] = {}
-        self._asked: set[str] = set()
+        self.ask_again()
         self._running = threading.Event()
         self._running.set()
         self._thread = threading.Thread(target=self._work, name='parameters', daemon=True)
@@ -45,7 +49,8 @@ class ParameterCollector:
 
     def ask_again(self) -> None:
         """Ask every node anew: another recording has begun."""
-        self._asked = set()
+        self._next: dict[str, tuple[float, float]] = {}  # when to ask, steady clock; wait after
+        self._told: dict[str, str] = {}
 
     def close(self) -> None:
         """Stop asking."""
@@ -68,7 +73,9 @@ class ParameterCollector:
             executor.shutdown()
 
     def _ask(self, node: str) -> None:
-        if node in self._asked:
+        now = time.monotonic()
+        due, wait = self._next.get(node, (now, _AGAIN_S))
+        if now < due:
             return
         if node not in self._clients:
             self._clients[node] = (
@@ -78,7 +85,7 @@ class ParameterCollector:
         lister, getter = self._clients[node]
         if not (lister.service_is_ready() and getter.service_is_ready()):
             return
-        self._asked.add(node)
+        self._next[node] = now + wait, 2.0 * wait
 
         def listed(future) -> None:
             get(list(future.result().result.names))
@@ -93,7 +100,10 @@ class ParameterCollector:
                 # A node stops answering at the first parameter without a value: leave it out.
                 get([*names[: len(values)], *names[len(values) + 1 :]])
                 return
-            self._tell(node, parameter_text(node, names, values))
+            text = parameter_text(node, names, values)
+            if self._told.get(node) != text:
+                self._told[node] = text
+                self._tell(node, text)
 
         lister.call_async(ListParameters.Request()).add_done_callback(listed)
 

@@ -45,6 +45,22 @@ def start(graph, **parameters: object) -> Path:
     return closed
 
 
+def test_a_node_that_is_still_starting_is_asked_again(graph) -> None:
+    graph.node.declare_parameter('early', 1)
+    closed = graph.collect(String, 'recording/closed', LATCHED)
+    start(graph)
+    graph.spin(2.0)
+    graph.node.declare_parameter('late', 2)
+    graph.spin(5.0)
+    answer = graph.call('recording/stop')
+    assert answer.success, answer.message
+    graph.spin_until(lambda: closed)
+    with Bag(Path(closed[-1].data)) as opened:
+        text = dict(opened.strings('parameters'))['/rig/probe']
+    assert 'early: 1' in text
+    assert 'late: 2' in text
+
+
 def test_everything_published_is_in_the_closed_bag_bit_for_bit(graph) -> None:
     lateral = graph.node.create_publisher(JointState, 'lateral', 1000)
     speed = graph.node.create_publisher(TwistStamped, 'speed', 1000)
