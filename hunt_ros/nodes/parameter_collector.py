@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 
 import rclpy
-from rcl_interfaces.srv import GetParameters, ListParameters
+from rcl_interfaces.srv import GetParameters, GetParameterTypes, ListParameters
 from rclpy.client import Client
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
@@ -40,7 +40,7 @@ class ParameterCollector:
     def __init__(self, namespace: str, tell: Callable[[str, str], None]) -> None:
         self._node = rclpy.create_node('_parameter_collector', namespace=namespace)
         self._tell = tell
-        self._clients: dict[str, tuple[Client, Client]] = {}
+        self._clients: dict[str, tuple[Client, ...]] = {}
         self.ask_again()
         self._running = threading.Event()
         self._running.set()
@@ -80,25 +80,31 @@ class ParameterCollector:
         if node not in self._clients:
             self._clients[node] = (
                 self._node.create_client(ListParameters, f'{node}/list_parameters'),
+                self._node.create_client(GetParameterTypes, f'{node}/get_parameter_types'),
                 self._node.create_client(GetParameters, f'{node}/get_parameters'),
             )
-        lister, getter = self._clients[node]
-        if not (lister.service_is_ready() and getter.service_is_ready()):
+        clients = lister, typer, getter = self._clients[node]
+        if not all(client.service_is_ready() for client in clients):
             return
         self._next[node] = now + wait, 2.0 * wait
 
         def listed(future) -> None:
-            get(list(future.result().result.names))
+            names = list(future.result().result.names)
+            request = GetParameterTypes.Request(names=names)
+            typer.call_async(request).add_done_callback(lambda reply: typed(names, reply))
 
-        def get(names: list[str]) -> None:
-            request = GetParameters.Request(names=names)
-            getter.call_async(request).add_done_callback(lambda reply: got(names, reply))
+        def typed(names: list[str], future) -> None:
+            # A node gives no values at all where one of those asked for has none.
+            kinds = future.result().types
+            if len(kinds) < len(names):
+                return  # undeclared in the meantime: next time
+            known = [name for name, kind in zip(names, kinds, strict=True) if kind]
+            request = GetParameters.Request(names=known)
+            getter.call_async(request).add_done_callback(lambda reply: got(known, reply))
 
         def got(names: list[str], future) -> None:
             values = future.result().values
             if len(values) < len(names):
-                # A node stops answering at the first parameter without a value: leave it out.
-                get([*names[: len(values)], *names[len(values) + 1 :]])
                 return
             text = parameter_text(node, names, values)
             if self._told.get(node) != text:

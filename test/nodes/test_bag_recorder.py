@@ -47,6 +47,7 @@ def start(graph, **parameters: object) -> Path:
 
 def test_a_node_that_is_still_starting_is_asked_again(graph) -> None:
     graph.node.declare_parameter('early', 1)
+    graph.node.declare_parameter('empty', Parameter.Type.DOUBLE_ARRAY)
     closed = graph.collect(String, 'recording/closed', LATCHED)
     start(graph)
     graph.spin(2.0)
