@@ -160,10 +160,17 @@ class DetectorConfig(Settings):
         high=100.0,
     )
     speed_contradiction_fraction: float = setting(
-        0.05, 'and this fraction of the speed', low=0.0, high=10.0
+        0.05,
+        'fraction of the speed by which speed and roller angle may differ besides',
+        low=0.0,
+        high=10.0,
     )
     speed_contradiction_hold_s: float = setting(
-        2.0, 'and for this time', unit='s', low=0.0, high=600.0
+        2.0,
+        'a contradiction of speed and roller angle counts after this time',
+        unit='s',
+        low=0.0,
+        high=600.0,
     )
 
     noise_floor_m: float = setting(
