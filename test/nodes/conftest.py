@@ -16,6 +16,7 @@ import pytest
 
 rclpy = pytest.importorskip('rclpy', reason='the extra ros is not installed')
 
+from lifecycle_msgs.msg import Transition  # noqa: E402
 from lifecycle_msgs.srv import ChangeState  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
@@ -89,6 +90,22 @@ class Graph:
         future = client.call_async(request)
         self.spin_until(future.done, timeout_s)
         assert future.result().success
+
+    def start_rig(self, **parameters: object) -> None:
+        """
+        Start the simulated rig and its sources; nobody speaks before all know of each other.
+
+        What the detector hears and the recorder does not cannot be replayed.
+        """
+        self.start('rig_simulator', port=self.port, **parameters)
+        sources = ('lateral_sensor', 'yaw_sensor', 'roller_speed')
+        for name in sources:
+            self.start(name, port=self.port, autostart=False)
+        for name in sources:
+            self.change_state(name, Transition.TRANSITION_CONFIGURE, 60.0)
+        self.spin(5.0)
+        for name in sources:
+            self.change_state(name, Transition.TRANSITION_ACTIVATE)
 
     def end(self, module: str, number: int = signal.SIGINT, timeout_s: float = 15.0) -> int:
         process = self._processes.pop(module)

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from lifecycle_msgs.msg import Transition
 from std_msgs.msg import String
 
 from hunt_ros.bag import read_record, write_record
@@ -95,17 +94,7 @@ def test_a_roll_back_is_taken_over_though_it_alarms_later_and_replays_bit_for_bi
     graph.start('normal_form_identifier', directory=directory)
     graph.start('bag_recorder', directory=recordings)
     graph.spin_until(lambda: graph.node.count_subscribers('/rig/lateral') == 2, 60.0)
-    # Nobody speaks before everybody has been discovered by everybody: what the detector
-    # hears and the recorder does not cannot be replayed.
-    graph.start('rig_simulator', port=graph.port, initial_speed_mps=7.2)
-    sources = ('lateral_sensor', 'yaw_sensor', 'roller_speed')
-    for name in sources:
-        graph.start(name, port=graph.port, autostart=False)
-    for name in sources:
-        graph.change_state(name, Transition.TRANSITION_CONFIGURE, 60.0)
-    graph.spin(5.0)
-    for name in sources:
-        graph.change_state(name, Transition.TRANSITION_ACTIVATE)
+    graph.start_rig(initial_speed_mps=7.2)
 
     def region() -> str:
         return read_diagnostic(statuses[-1])['region'] if statuses else ''

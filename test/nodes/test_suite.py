@@ -153,17 +153,7 @@ def test_a_replay_of_a_recorded_run_gives_the_live_numbers_bit_for_bit(graph) ->
     graph.start('hunting_detector', _form_file(graph.folder))
     graph.start('bag_recorder', directory=recordings)
     graph.spin_until(lambda: graph.node.count_subscribers('/rig/lateral') == 2, 60.0)
-    # Nobody speaks before everybody has been discovered by everybody: what the detector
-    # hears and the recorder does not cannot be replayed.
-    graph.start('rig_simulator', port=graph.port, initial_speed_mps=7.2, kick_m=0.0004)
-    sources = ('lateral_sensor', 'yaw_sensor', 'roller_speed')
-    for name in sources:
-        graph.start(name, port=graph.port, autostart=False)
-    for name in sources:
-        graph.change_state(name, Transition.TRANSITION_CONFIGURE, 60.0)
-    graph.spin(5.0)
-    for name in sources:
-        graph.change_state(name, Transition.TRANSITION_ACTIVATE)
+    graph.start_rig(initial_speed_mps=7.2, kick_m=0.0004)
     graph.spin_until(lambda: heard.status.get('region') == 'hysteresis', 60.0)
     graph.spin(3.0)
     assert graph.call('simulator/kick').success
