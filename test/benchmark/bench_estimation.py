@@ -356,9 +356,9 @@ def main() -> None:
         ' gone: there the bound of the notes, which knows no second mode, is out of reach, and'
         ' the column with all unknowns is the fair one.',
         growth(),
-        'Knowing frequency and decay of the second mode, or the mode shape, helps little: what is'
-        ' unknown after a kick is the phasor of the second mode. The bound that takes it as'
-        ' unknown is by itself 1.4 to 2 times the one of the notes.',
+        'Where frequency and decay of the second mode are only guessed, their doubt doubles the'
+        ' time; where they are known, what is left unknown is its phasor. The bound that takes it'
+        ' as unknown is by itself 1.4 to 2 times the one of the notes.',
         known_modes(),
         '### One sensor dead\nLimit cycle of the simulated rig at 6.6, 7.2, 8.4, 8.8 m/s after a'
         ' kick at 12 s, 30 um of roughness, three seeds each; the last 10 of 40 s against the'
