@@ -12,16 +12,20 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeAlias
 
 import yaml
 
 from hunt_ros.errors import BagError
 from hunt_ros.samples import CHANNELS
 
-#: The same, as a mapping: what `--channel` options and a YAML mapping file become.
-ChannelMap = Mapping[str, 'ChannelSource']
+#: What is taken for channels: name -> source, a list of `NAME=SOURCE`, or one of these.
+Channels: TypeAlias = (
+    'Mapping[str, ChannelSource | str | float] | Iterable[ChannelSource | str]'
+    ' | ChannelSource | str'
+)
 
 EXAMPLE = 'lateral=/daq/ch0.data[3]*0.001'
 
@@ -130,27 +134,35 @@ class ChannelSource:
 
 
 def channel_map(
-    sources: Iterable[ChannelSource | str], allowed: Iterable[str] | None = CHANNELS
+    channels: Channels, allowed: Iterable[str] | None = CHANNELS
 ) -> dict[str, ChannelSource]:
     """
-    Collect `--channel` options into a mapping.
+    Collect channels, however they are given, into a mapping.
 
     Parameters
     ----------
-    sources : iterable of ChannelSource or str
-        Parsed, or as typed.
+    channels : mapping, iterable, ChannelSource or str
+        `{'lateral': '/daq/ch0.data[3]*0.001', 'speed': 16.3}`, or as on the command line:
+        `['lateral=/daq/ch0.data[3]*0.001', 'speed=16.3']`.
     allowed : iterable of str or None
         Channel names that may occur; None for any.
 
     Raises
     ------
     BagError
-        If a channel is named twice or is none of `allowed`.
+        If a channel is named twice, is none of `allowed`, or has no source.
     """
     names = None if allowed is None else tuple(allowed)
+    if isinstance(channels, Mapping):
+        sources = [_named(str(name), value) for name, value in channels.items()]
+    else:
+        items = [channels] if isinstance(channels, str | ChannelSource) else channels
+        sources = [
+            item if isinstance(item, ChannelSource) else ChannelSource.parse(str(item))
+            for item in items
+        ]
     mapping: dict[str, ChannelSource] = {}
-    for item in sources:
-        source = item if isinstance(item, ChannelSource) else ChannelSource.parse(item)
+    for source in sources:
         if names is not None and source.channel not in names:
             raise BagError(f'channel {source.channel!r}: expected one of {", ".join(names)}')
         if source.channel in mapping:
@@ -175,7 +187,16 @@ def read_channel_file(path: str | Path) -> dict[str, ChannelSource]:
         raise BagError(f'{path}: cannot read the channel mapping ({reason})') from error
     if not isinstance(document, dict) or not document:
         raise BagError(f'{path}: expected lines such as "lateral: /daq/ch0.data[3]*0.001"')
-    return channel_map(ChannelSource.of(str(key), str(value)) for key, value in document.items())
+    return channel_map(document)
+
+
+def _named(name: str, value: ChannelSource | str | float) -> ChannelSource:
+    """Return the source of a channel that a mapping names."""
+    if isinstance(value, ChannelSource):
+        return replace(value, channel=name)
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise BagError(f'channel {name}: expected a source or a number, got {value!r}')
+    return ChannelSource.of(name, str(value))
 
 
 def _finite(text: str, channel: str) -> float:

@@ -6,14 +6,14 @@ Stamps and values of any numeric field as arrays, and the record of a rig.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag.channels import ChannelMap, ChannelSource, channel_map
+from hunt_ros.bag.channels import Channels, ChannelSource, channel_map
 from hunt_ros.bag.column_buffer import ColumnBuffer
 from hunt_ros.bag.gather import Wanted, gather
 from hunt_ros.bag.reader import Bag
@@ -31,7 +31,7 @@ CONSTANT_STEP_NS = NANOSECONDS // 100
 
 def read_columns(
     bag: str | Path | Bag,
-    channels: ChannelMap | Sequence[ChannelSource | str],
+    channels: Channels,
     *,
     start_ns: int | None = None,
     end_ns: int | None = None,
@@ -44,8 +44,9 @@ def read_columns(
     ----------
     bag : str, Path or Bag
         Folder, file, or an opened recording.
-    channels : mapping or sequence of ChannelSource
-        Any names; `['a=/imu.linear_acceleration.y', 'b=/daq.data[3]*0.001']`.
+    channels : mapping or sequence
+        Any names: `{'a': '/imu.linear_acceleration.y', 'b': '/daq.data[3]*0.001'}`, or a list
+        as on the command line, `['a=/imu.linear_acceleration.y']`.
     start_ns, end_ns : int, optional
         Only messages with start_ns <= log time < end_ns; the rest is not read.
     stamps : str
@@ -64,7 +65,7 @@ def read_columns(
         If a topic or a field is not there, is no number, or the recording is damaged
         where it is read.
     """
-    sources = _as_map(channels)
+    sources = channel_map(channels, allowed=None)
     if not isinstance(bag, Bag):
         with Bag(bag) as opened:
             return read_columns(opened, sources, start_ns=start_ns, end_ns=end_ns, stamps=stamps)
@@ -113,7 +114,7 @@ def _read_fields(
 
 def read_record(
     path: str | Path | Bag,
-    mapping: ChannelMap | Sequence[ChannelSource | str] | None = None,
+    channels: Channels = (),
     *,
     start_ns: int | None = None,
     end_ns: int | None = None,
@@ -123,16 +124,15 @@ def read_record(
     """
     Read the measurements of a rig out of a recording.
 
-    Without a mapping, the topics named `lateral`, `yaw`, `roller` and `speed` under
-    any namespace are taken. A mapping replaces or adds channels one by one; the
-    others are still found by name.
+    The topics named `lateral`, `yaw`, `roller` and `speed` under any namespace are taken.
+    `channels` replaces or adds them one by one; the others are still found by name.
 
     Parameters
     ----------
     path : str or Path or Bag
         Folder, file, or an opened recording.
-    mapping : mapping or sequence, optional
-        Of ChannelSource, or as typed: `['lateral=/daq/ch0.data[3]*0.001', 'speed=16.3']`.
+    channels : mapping or sequence, optional
+        `{'lateral': '/daq/ch0.data[3]*0.001', 'speed': 16.3}`, or a list as on the command line.
     start_ns, end_ns : int, optional
         As `read_columns`.
     require : collection of str
@@ -155,10 +155,10 @@ def read_record(
     if not isinstance(path, Bag):
         with Bag(path) as opened:
             return read_record(
-                opened, mapping, start_ns=start_ns, end_ns=end_ns, require=require,
+                opened, channels, start_ns=start_ns, end_ns=end_ns, require=require,
                 namespace=namespace,
             )  # fmt: skip
-    given = channel_map(_as_map(mapping).values()) if mapping is not None else {}
+    given = channel_map(channels)
     sources = {**_named_channels(path, set(CHANNELS) - given.keys(), namespace), **given}
     measured = [name for name, source in sources.items() if source.constant is None]
     if not measured:
@@ -180,15 +180,6 @@ def read_record(
         raise BagError(f'{path.path}: its topics {", ".join(measured)} hold no messages')
     record = Record(filled, str(path.path), _notes(path))
     return _sampled(record, sources)
-
-
-def _as_map(
-    channels: ChannelMap | Sequence[ChannelSource | str] | None,
-) -> dict[str, ChannelSource]:
-    if channels is None:
-        return {}
-    items = channels.values() if isinstance(channels, Mapping) else channels
-    return channel_map(items, allowed=None)
 
 
 def _constants(

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag.channels import ChannelMap, ChannelSource
+from hunt_ros.bag.channels import Channels
 from hunt_ros.bag.columns import read_columns, read_record
 from hunt_ros.bag.reader import Bag
 from hunt_ros.errors import BagError
@@ -31,7 +31,7 @@ Column: TypeAlias = Any
 def export_file(
     path: str | Path,
     out: str | Path,
-    channels: ChannelMap | Sequence[ChannelSource | str] = (),
+    channels: Channels = (),
     *,
     start_ns: int | None = None,
     end_ns: int | None = None,
@@ -51,7 +51,7 @@ def export_file(
     out : str or Path
         File to make: .csv, .parquet or .npz. It has its name only when complete.
     channels : mapping or sequence
-        Any names and fields: `['a=/rig/hunting/amplitude.position[0]']`. Without any,
+        Any names and fields: `{'a': '/rig/hunting/amplitude.position[0]'}`. Without any,
         the measurements of the rig.
     start_ns, end_ns : int, optional
         Only start_ns <= log time < end_ns.

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag.channels import ChannelMap, ChannelSource, channel_map
+from hunt_ros.bag.channels import Channels, ChannelSource, channel_map
 from hunt_ros.bag.columns import constant_stamps, read_record
 from hunt_ros.bag.storage_files import STORAGES, storage_kind
 from hunt_ros.bag.tables import Table, load_table, select
@@ -35,7 +35,7 @@ LATEST_S = 9e9
 def import_file(
     path: str | Path,
     out: str | Path,
-    channels: ChannelMap | Sequence[ChannelSource | str] = (),
+    channels: Channels = (),
     *,
     rate_hz: float | None = None,
     time: str | None = None,
@@ -69,7 +69,7 @@ def import_file(
 
 def load_record(
     path: str | Path,
-    channels: ChannelMap | Sequence[ChannelSource | str] = (),
+    channels: Channels = (),
     *,
     rate_hz: float | None = None,
     time: str | None = None,
@@ -82,7 +82,7 @@ def load_record(
     path : str or Path
         The file.
     channels : mapping or sequence
-        `['yaw=data[0]', 'lateral=data[1]*0.47', 'speed=16.3']`. Without any, columns
+        `{'yaw': 'data[0]', 'lateral': 'data[1]*0.47', 'speed': 16.3}`. Without any, columns
         named lateral, yaw, roller, speed are taken, with a unit behind (`lateral_mm`,
         `speed_kmh`) or in SI.
     rate_hz : float, optional
@@ -98,8 +98,7 @@ def load_record(
         If something named is not there, there are no times, they go backwards, a
         series is all NaN, or its length is not that of the times.
     """
-    items = channels.values() if isinstance(channels, Mapping) else channels
-    mapping = channel_map(items)
+    mapping = channel_map(channels)
     if Path(path).is_dir() or storage_kind(Path(path)) in STORAGES:
         return read_record(path, mapping)
     if rate_hz is not None and not 0.0 < rate_hz < 1e9:

@@ -152,8 +152,8 @@ def _prior(option: str, text: str | None, share: float) -> tuple[float, float] |
         raise HuntError(f'{option}: expected VALUE or VALUE:STD, got {text!r}') from None
 
 
-def mapping_of(arguments: argparse.Namespace) -> list[str] | None:
-    """Collect where the channels stand; None to find them by their names."""
+def mapping_of(arguments: argparse.Namespace) -> list[str]:
+    """Collect where the channels stand; those not named are found by their names."""
     texts: list[str] = []
     if arguments.mapping:
         import yaml
@@ -166,7 +166,7 @@ def mapping_of(arguments: argparse.Namespace) -> list[str] | None:
         if not isinstance(document, dict):
             raise HuntError(f'{arguments.mapping}: expected lines of channel: source')
         texts += [f'{name}={source}' for name, source in document.items()]
-    return [*texts, *arguments.channel] or None
+    return [*texts, *arguments.channel]
 
 
 def _write(path: str, text: str) -> None:

@@ -115,7 +115,7 @@ def read(arguments: argparse.Namespace) -> Record:
         mapping[source.channel] = source
     constant_speed = any(word.startswith('constant_speed_mps=') for word in arguments.param)
     require = () if constant_speed else ('speed',)
-    record = read_record(arguments.bag, mapping or None, require=require)
+    record = read_record(arguments.bag, mapping, require=require)
     if not {'lateral', 'yaw'} & set(record):
         raise ConfigError(f'{arguments.bag}: neither lateral nor yaw in it, expected one of them')
     return record

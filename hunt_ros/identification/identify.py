@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from os import PathLike
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +52,7 @@ _LINE_SPAN = 9
 
 
 def identify(
-    records: Sequence[Record],
+    records: Record | Iterable[Record],
     settings: IdentificationSettings | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Identification:
@@ -60,7 +61,7 @@ def identify(
 
     Parameters
     ----------
-    records : sequence of Record
+    records : Record or iterable of Record
         Each with `lateral` and `speed`; with `roller` the roughness line is removed.
     settings : IdentificationSettings, optional
         What is known of the rig, and how to identify it.
@@ -75,8 +76,9 @@ def identify(
     Raises
     ------
     IdentificationError
-        If no record can be used at all.
+        If no record can be used at all, or something else than records is given.
     """
+    records = _records(records)
     settings = settings or IdentificationSettings()
     tell = progress or (lambda fraction: None)
     warnings: list[str] = []
@@ -124,6 +126,18 @@ def identify(
         result = replace(result, normal_form=form)
     tell(1.0)
     return result
+
+
+def _records(given: Record | Iterable[Record]) -> list[Record]:
+    """Return the records, one or several; a path is none."""
+    records = [given] if isinstance(given, Record | str | PathLike) else list(given)
+    for item in records:
+        if not isinstance(item, Record):
+            raise IdentificationError(
+                f'identify: expected records, got {item!r:.80};'
+                ' hunt_ros.bag.read_record reads one from a path'
+            )
+    return records
 
 
 @dataclass(frozen=True, eq=False)

@@ -99,7 +99,7 @@ class LiveReplayNode(Node):
     def _read(self) -> None:
         """Read the measurements and put them into one order, that of their stamps."""
         sources = [ChannelSource.parse(word) for word in self._config.channels if word]
-        record = read_record(self._config.bag, sources or None)
+        record = read_record(self._config.bag, sources)
         self._names = [name for name in CHANNELS if name in record]
         if not {'lateral', 'yaw'} & set(self._names):
             raise BagError(f'{self._config.bag}: neither lateral nor yaw in it')

@@ -76,3 +76,29 @@ def test_a_file_holds_a_line_a_channel(tmp_path: Path) -> None:
         read_channel_file(file)
     with pytest.raises(BagError, match='missing'):
         read_channel_file(tmp_path / 'missing')
+
+
+@pytest.mark.parametrize(
+    'given',
+    [
+        {'lateral': '/daq.data[3]*0.001', 'speed': 16.3},
+        ['lateral=/daq.data[3]*0.001', 'speed=16.3'],
+        {'lateral': ChannelSource('y', '/daq.data[3]', 0.001), 'speed': '16.3'},
+        (ChannelSource.parse(text) for text in ('lateral=/daq.data[3]*0.001', 'speed=16.3')),
+    ],
+)
+def test_channels_are_given_as_a_mapping_or_as_on_the_command_line(given) -> None:
+    found = channel_map(given)
+    assert found['lateral'] == ChannelSource('lateral', '/daq.data[3]', 0.001)
+    assert found['speed'].constant == 16.3
+
+
+def test_one_channel_needs_no_list() -> None:
+    assert list(channel_map('speed=7')) == list(channel_map({'speed': 7})) == ['speed']
+
+
+@pytest.mark.parametrize('value', [None, True, ['/daq.data'], float('nan'), ''])
+def test_a_channel_of_a_mapping_without_a_source_is_named(value) -> None:
+    with pytest.raises(BagError, match='channel lateral') as caught:
+        channel_map({'lateral': value})
+    assert '\n' not in str(caught.value)

@@ -282,3 +282,21 @@ def test_real_flutter_recordings_give_amplitudes_and_flag_the_quintic_form():
     grew = [s for s in result.segments if s.kind == 'transient' and s.growth_rate > 0.0]
     assert {25.5} <= {round(s.speed_start, 1) for s in grew}
     assert any('no roller angle' in warning for warning in result.warnings)
+
+
+@pytest.mark.parametrize('given', ['bags/run', Path('bags/run'), ['bags/run'], [None]])
+def test_what_is_no_record_is_refused_in_one_line(given):
+    with pytest.raises(IdentificationError, match='expected records') as caught:
+        identify(given)
+    assert 'read_record' in str(caught.value)
+
+
+def test_one_record_needs_no_list():
+    stamps = np.arange(100) * 10_000_000
+    record = Record({'lateral': Series(stamps, np.zeros(100))}, 'nothing in it')
+    reasons = []
+    for given in (record, [record], iter([record])):
+        with pytest.raises(IdentificationError) as caught:
+            identify(given)
+        reasons.append(str(caught.value))
+    assert len(set(reasons)) == 1
