@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import random
 import signal
 import socket
@@ -21,12 +20,16 @@ from lifecycle_msgs.srv import ChangeState  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
+#: The tree under test, also for the nodes, which run in a folder of their own.
+ROOT = Path(__file__).resolve().parents[2]
+
 
 class Graph:
     """One ROS graph: starts nodes, listens to topics, calls services."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, machine) -> None:
         self.folder = folder
+        self.machine = machine
         self.port = _free_port()
         self._processes: dict[str, subprocess.Popen[str]] = {}
         self._context = rclpy.Context()
@@ -65,14 +68,16 @@ class Graph:
         return messages
 
     def spin(self, seconds: float) -> None:
+        """Let time pass; to wait for something, use `spin_until`."""
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:
             self._executor.spin_once(timeout_sec=0.05)
 
     def spin_until(self, done: Callable[[], object], timeout_s: float = 30.0) -> None:
-        deadline = time.monotonic() + timeout_s
+        """Spin until a condition holds; `timeout_s`: of a quick idle machine."""
+        deadline = self.machine.deadline(timeout_s)
         while not done():
-            assert time.monotonic() < deadline, f'waited {timeout_s} s in vain; {self.tails()}'
+            assert not deadline.passed, f'in vain {deadline}; {self.tails()}'
             self._executor.spin_once(timeout_sec=0.05)
 
     def call(self, service: str, timeout_s: float = 15.0) -> Trigger.Response:
@@ -108,9 +113,14 @@ class Graph:
             self.change_state(name, Transition.TRANSITION_ACTIVATE)
 
     def end(self, module: str, number: int = signal.SIGINT, timeout_s: float = 15.0) -> int:
-        process = self._processes.pop(module)
-        process.send_signal(number)
-        return process.wait(timeout=timeout_s)
+        self._processes[module].send_signal(number)
+        return self.wait(module, timeout_s)
+
+    def wait(self, module: str, timeout_s: float = 30.0) -> int:
+        """Return the exit code of a node that is expected to end."""
+        code = self.machine.wait_for(self._processes[module], timeout_s)
+        del self._processes[module]
+        return code
 
     def tails(self) -> str:
         """Return the last lines of every node, for a failing assertion."""
@@ -122,7 +132,7 @@ class Graph:
             process.terminate()
         for process in self._processes.values():
             try:
-                process.wait(timeout=10.0)
+                process.wait(timeout=10.0 * self.machine.slowness)
             except subprocess.TimeoutExpired:
                 process.kill()
         self._executor.shutdown()
@@ -137,10 +147,29 @@ def _free_port() -> int:
 
 
 @pytest.fixture
-def graph(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Graph]:
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(random.SystemRandom().randint(1, 100)))
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    monkeypatch.setenv('PYTHONPATH', os.getcwd())
-    graph = Graph(tmp_path)
+def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """Enter a ROS domain that no other test on this machine is in."""
+    # Higher numbers take ports that any program may get.
+    numbers = random.SystemRandom().sample(range(1, 101), 100)
+    with socket.socket(socket.AF_UNIX) as claim:
+        number = next(number for number in numbers if _is_claimed(claim, number))
+        monkeypatch.setenv('ROS_DOMAIN_ID', str(number))
+        monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        yield number
+
+
+def _is_claimed(claim: socket.socket, number: int) -> bool:
+    """Claim a domain by a name without a file, which ends with this process at the latest."""
+    try:
+        claim.bind(f'\0hunt_ros test domain {number}')
+    except OSError:
+        return False
+    return True
+
+
+@pytest.fixture
+def graph(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, machine, domain) -> Iterator[Graph]:
+    monkeypatch.setenv('PYTHONPATH', str(ROOT))
+    graph = Graph(tmp_path, machine)
     yield graph
     graph.close()

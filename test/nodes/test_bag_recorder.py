@@ -181,7 +181,7 @@ def test_dropped_messages_are_a_warning(tmp_path: Path) -> None:
 
 
 def test_bad_parameter_ends_with_one_line(graph) -> None:
-    process = graph.start('bag_recorder', directory=str(graph.folder), chunk_s=5.0)
-    assert process.wait(timeout=30) == 2
+    graph.start('bag_recorder', directory=str(graph.folder), chunk_s=5.0)
+    assert graph.wait('bag_recorder') == 2
     lines = graph.log('bag_recorder').read_text().strip().splitlines()
     assert 'chunk_s' in lines[-1]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
@@ -29,24 +28,23 @@ def _children(pid: int) -> list[int]:
     return found
 
 
-def _wait_for(done, what: str, timeout_s: float = 90.0) -> None:
-    deadline = time.monotonic() + timeout_s
-    while not done():
-        assert time.monotonic() < deadline, f'no {what} in {timeout_s} s'
-        time.sleep(0.2)
-
-
 @pytest.mark.skipif(not Path('/proc/self/stat').exists(), reason='looks for processes in /proc')
-def test_ctrl_c_ends_every_process_and_leaves_a_readable_recording(tmp_path) -> None:
+def test_ctrl_c_ends_every_process_and_leaves_a_readable_recording(
+    tmp_path, machine, domain
+) -> None:
+    root = Path(__file__).resolve().parents[2]
     words = [sys.executable, '-m', 'hunt_ros.cli.main', 'demo', '--out', str(tmp_path)]
     with (tmp_path / 'out').open('w') as out:
-        demo = subprocess.Popen(words, stdout=out, stderr=out, cwd=os.getcwd())
+        demo = subprocess.Popen(words, stdout=out, stderr=out, cwd=root)
     files = lambda: list(tmp_path.glob('demo_*/*.active/*.mcap'))  # noqa: E731
-    _wait_for(lambda: any(path.stat().st_size > 400_000 for path in files()), 'recording')
+    deadline = machine.deadline(90.0)
+    while not any(path.stat().st_size > 400_000 for path in files()):
+        assert not deadline.passed, f'no recording {deadline}: {(tmp_path / "out").read_text()}'
+        time.sleep(0.2)
     children = _children(demo.pid)
     assert len(children) == 8, 'seven nodes and the console'
     demo.send_signal(signal.SIGINT)
-    assert demo.wait(timeout=40.0) == 130
+    assert machine.wait_for(demo, 40.0) == 130
     assert not [pid for pid in children if Path(f'/proc/{pid}').exists()]
     (folder,) = tmp_path.glob('demo_*')
     assert not list(folder.glob('*.active')), 'the recording was closed properly'

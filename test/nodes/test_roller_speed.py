@@ -55,6 +55,6 @@ def test_an_emergency_stop_holds_until_it_is_rearmed_and_then_nothing_moves_by_i
 
 
 def test_a_profile_that_is_none_ends_the_node_with_one_line(graph) -> None:
-    process = graph.start('roller_speed', profile_times_s=[0.0, 1.0], profile_speeds_mps=[6.0])
-    assert process.wait(timeout=30) == 2
+    graph.start('roller_speed', profile_times_s=[0.0, 1.0], profile_speeds_mps=[6.0])
+    assert graph.wait('roller_speed') == 2
     assert '2 times and 1 speeds' in graph.log('roller_speed').read_text()

@@ -74,8 +74,8 @@ def test_a_lost_simulator_is_an_error_in_the_diagnostics_and_is_found_again(grap
     ],
 )
 def test_an_impossible_parameter_ends_the_node_with_one_line(graph, parameters, words) -> None:
-    process = graph.start('lateral_sensor', **parameters)
-    assert process.wait(timeout=30) == 2
+    graph.start('lateral_sensor', **parameters)
+    assert graph.wait('lateral_sensor') == 2
     lines = graph.log('lateral_sensor').read_text().strip().splitlines()
     assert len(lines) == 1
     for word in words:

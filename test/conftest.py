@@ -1,0 +1,96 @@
+"""How quick this machine is now: every deadline of a test is made from it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from importlib.util import find_spec
+
+import pytest
+
+#: What a node does when it starts, and as much again of plain work.
+_PROBE = """
+try:
+    import rclpy
+except ImportError:
+    import numpy, scipy.signal
+else:
+    rclpy.init(domain_id=101)
+    rclpy.create_node('probe')
+    rclpy.shutdown()
+total = 0
+for k in range(1_000_000):
+    total += k * k
+"""
+#: How long that takes on a quick machine that does nothing else, s.
+_QUICK_S = 0.6 if find_spec('rclpy') else 0.8
+
+
+class Machine:
+    """
+    This machine, compared with a quick one that does nothing else.
+
+    Attributes
+    ----------
+    slowness : float
+        How many times longer a process takes here, when last measured; at least 1.
+    """
+
+    def __init__(self) -> None:
+        self.slowness = 1.0
+        self.measure()
+
+    def measure(self) -> float:
+        """Measure again, with the load there is now; return the slowness."""
+        begin = time.monotonic()
+        subprocess.run([sys.executable, '-c', _PROBE], check=True, capture_output=True)
+        self.slowness = max((time.monotonic() - begin) / _QUICK_S, 1.0)
+        return self.slowness
+
+    def deadline(self, timeout_s: float) -> Deadline:
+        """Return the end of a wait; `timeout_s` is in seconds of a quick idle machine."""
+        return Deadline(self, timeout_s)
+
+    def wait_for(self, process: subprocess.Popen, timeout_s: float = 30.0) -> int:
+        """Return the exit code of a process that is expected to end."""
+        deadline = self.deadline(timeout_s)
+        while process.poll() is None:
+            assert not deadline.passed, f'{process.args} runs on {deadline}'
+            time.sleep(0.02)
+        return process.returncode
+
+
+class Deadline:
+    """
+    End of a wait on a condition.
+
+    It is asked only while the condition does not hold. When it has come, the machine is
+    measured again: what made the wait long, another program or the nodes themselves, may
+    have begun after the last measurement.
+    """
+
+    def __init__(self, machine: Machine, timeout_s: float) -> None:
+        self._machine = machine
+        self._timeout_s = timeout_s
+        self._slowness = machine.slowness
+        self._begin = time.monotonic()
+
+    @property
+    def passed(self) -> bool:
+        waited = time.monotonic() - self._begin
+        if waited < self._timeout_s * self._slowness:
+            return False
+        self._slowness = max(self._slowness, self._machine.measure())
+        return waited >= self._timeout_s * self._slowness
+
+    def __str__(self) -> str:
+        waited = time.monotonic() - self._begin
+        return (
+            f'after {waited:.0f} s (a machine {self._slowness:.1f} times slower than a quick one)'
+        )
+
+
+@pytest.fixture(scope='session')
+def machine() -> Machine:
+    return Machine()
