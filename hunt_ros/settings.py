@@ -9,10 +9,13 @@ value is named the same way wherever it comes from.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, TypeVar
 
 from hunt_ros.errors import ConfigError
+
+_Kind = TypeVar('_Kind', bound='Settings')
 
 
 def setting(
@@ -74,6 +77,26 @@ class Settings:
             problem = _problem(value, item.default, item.metadata)
             if problem:
                 raise ConfigError(f'{item.name}: {value!r} is {problem}')
+
+    @classmethod
+    def from_values(cls: type[_Kind], values: Mapping[str, Any]) -> _Kind:
+        """
+        Build the settings from values by name, as JSON keeps them; the others have defaults.
+
+        Raises
+        ------
+        ConfigError
+            For an unknown name or a value out of range.
+        """
+        unknown = sorted(set(values) - {item.name for item in fields(cls)})
+        if unknown:
+            raise ConfigError(f'{unknown[0]}: no setting of {cls.__name__}')
+        return cls(
+            **{
+                name: tuple(value) if isinstance(value, list) else value
+                for name, value in values.items()
+            }
+        )
 
 
 _KINDS = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}

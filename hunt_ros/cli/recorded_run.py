@@ -19,11 +19,11 @@ class RecordedRun:
     Parameters
     ----------
     config : DetectorConfig
-        Settings of the live detector.
+        Settings of the live detector when it was last started.
     companions : CompanionConfig
         Of what ran beside it.
     journal : list of JournalEntry
-        From the detector's last start on.
+        From the detector's first start in the recording on.
     """
 
     config: DetectorConfig
@@ -58,10 +58,18 @@ def recorded_run(path: Path) -> RecordedRun | None:
         texts_of_journal = [entry.text for entry in read_texts(bag, _JOURNAL)]
         texts = bag.strings('parameters')
     journal = [JournalEntry.from_text(t) for text in texts_of_journal for t in text.splitlines()]
-    detectors = [text for node, text in texts.items() if node.rsplit('/', 1)[-1] == _DETECTOR]
-    if not detectors or not any(entry.kind == 'start' for entry in journal):
+    starts = [k for k, entry in enumerate(journal) if entry.kind == 'start']
+    if not starts:
         return None
+    detectors = [text for node, text in texts.items() if node.rsplit('/', 1)[-1] == _DETECTOR]
+    parameters = detectors[-1] if detectors else '{}'
     source = f'{path}: recorded parameters of {_DETECTOR}'
-    config = settings_from_text(DetectorConfig, _DETECTOR, detectors[-1], source)
-    companions = settings_from_text(CompanionConfig, _DETECTOR, detectors[-1], source)
-    return RecordedRun(config, companions, journal)
+    settings = journal[starts[-1]].config
+    if settings:
+        config = DetectorConfig.from_values(settings)
+    elif detectors:
+        config = settings_from_text(DetectorConfig, _DETECTOR, parameters, source)
+    else:
+        return None
+    companions = settings_from_text(CompanionConfig, _DETECTOR, parameters, source)
+    return RecordedRun(config, companions, journal[starts[0] :])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -73,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     from hunt_ros.detection import HuntingDetector
     from hunt_ros.detection.offline import collect, config_for, watch
     from hunt_ros.detection.record_frequency import frequency_for
-    from hunt_ros.detection.replay import replay_journal
+    from hunt_ros.detection.replay import missing_samples, replay_journal
 
     record = read(arguments)
     asked, beside = _settings(arguments)
@@ -83,6 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
         if live is not None:
             config, beside = live.config, live.companions
             remarks = ['the live run of this recording, with its settings and journal']
+            remarks += _differences(missing_samples(record, live.journal))
             outputs = iter([replay_journal(HuntingDetector(config), record, live.journal)])
         else:
             form = read_form(arguments.normal_form) if arguments.normal_form else None
@@ -119,6 +121,17 @@ def read(arguments: argparse.Namespace) -> Record:
     if not {'lateral', 'yaw'} & set(record):
         raise ConfigError(f'{arguments.bag}: neither lateral nor yaw in it, expected one of them')
     return record
+
+
+def _differences(missing: Mapping[str, int]) -> list[str]:
+    """Say that the numbers are not those of the live run, and why."""
+    if not missing:
+        return []
+    lacks = ', '.join(f'{count} of {name}' for name, count in missing.items())
+    return [
+        f'the recording lacks samples that the live detector had (at least {lacks}):'
+        ' its numbers were others'
+    ]
 
 
 def _damage(record: Record) -> list[str]:

@@ -9,7 +9,7 @@ changed. It has no clock, no logger and no file.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -54,14 +54,15 @@ class HuntingDetector:
         config: DetectorConfig | None = None,
         normal_form: IdentifiedNormalForm | None = None,
     ) -> None:
-        self.config = config or DetectorConfig()
-        self._channels = tuple(name for name in CHANNELS if name in self.config.channels)
         self._form = normal_form
-        self._start()
+        self._start(config or DetectorConfig(), {}, {})
 
-    def _start(self) -> None:
-        """Make everything anew, but for the normal form."""
-        c = self.config
+    def _start(
+        self, config: DetectorConfig, last: dict[str, int | None], received: dict[str, int]
+    ) -> None:
+        """Make everything anew, but for the normal form; say what had been received before."""
+        self.config = c = config
+        self._channels = tuple(name for name in CHANNELS if name in c.channels)
         timeouts = {name: c.timeout_ns(name) for name in self._channels}
         drain = max(timeouts.values()) + 2 * c.period_ns
         self._merger = ChannelMerger(
@@ -73,8 +74,11 @@ class HuntingDetector:
         self._transitions = Transitions(self._channels)
         self._last_row: np.void | None = None
         self._sequence = 0
-        self._journal: list[JournalEntry] = []
-        self._note('start', text='' if self._form is None else self._form.to_yaml())
+        text = '' if self._form is None else self._form.to_yaml()
+        start = JournalEntry(
+            'start', None, channels=last, received=received, text=text, config=asdict(c)
+        )
+        self._journal: list[JournalEntry] = [start]
 
     def update(self, channel: str, stamps_ns: ArrayLike, values: ArrayLike) -> Output:
         """
@@ -110,6 +114,8 @@ class HuntingDetector:
             )
         if not stamps.size:
             return EMPTY
+        if channel not in self._merger.received:
+            self._note('heard', channels={channel: int(stamps[0])})
         for kind, name, stamp in self._merger.push(channel, stamps, numbers):
             self._note(kind, channels={name: stamp})
         return self._advance()
@@ -128,8 +134,8 @@ class HuntingDetector:
         output = self._advance()
         overdue = self._merger.overdue(now_ns)
         if overdue:
-            self._note('released', now_ns, overdue)
-            self._merger.silent |= set(overdue)
+            self._note('released', now_ns, *self._merger.received_of(overdue))
+            self._merger.silent |= overdue
         if self._merger.clocks_moved(now_ns):
             self._note('clock', now_ns)
             self._next_epoch()
@@ -201,6 +207,8 @@ class HuntingDetector:
         """For a replay: do what an entry says."""
         if entry.kind == 'released':
             self._merger.silent |= set(entry.channels)
+        elif entry.kind == 'resumed':
+            self._merger.silent -= set(entry.channels)
         elif entry.kind == 'clock':
             self._next_epoch()
         elif entry.kind == 'normal_form':
@@ -217,9 +225,17 @@ class HuntingDetector:
         """The channels it has been told of."""
         return self._channels
 
-    def reset(self) -> None:
-        """Forget every sample, the alarm and the journal; keep config and normal form."""
-        self._start()
+    def reset(self, config: DetectorConfig | None = None) -> None:
+        """
+        Forget every sample, the alarm and the journal; keep the normal form.
+
+        Parameters
+        ----------
+        config : DetectorConfig, optional
+            Settings from now on; without them those it has.
+        """
+        last, received = self._merger.received_of(self._merger.received)
+        self._start(config or self.config, last, received)
 
     @property
     def status(self) -> DetectorStatus:
@@ -233,10 +249,13 @@ class HuntingDetector:
         kind: str,
         now_ns: int = 0,
         channels: dict[str, int | None] | None = None,
+        received: dict[str, int] | None = None,
         text: str = '',
     ) -> None:
         position, epoch = self._merger.position_ns, self._merger.epoch
-        self._journal.append(JournalEntry(kind, position, epoch, now_ns, channels or {}, text))
+        self._journal.append(
+            JournalEntry(kind, position, epoch, now_ns, channels or {}, received or {}, text)
+        )
 
     def _advance(self) -> Output:
         """Make every row that is complete."""

@@ -1,10 +1,10 @@
 """
 What happened to a live detector beside its samples, so that a replay can repeat it.
 
-The samples and their stamps are in the recording. What is not: when a silent
-channel was let go and came back, which samples came too late, when the operator
-acknowledged or a new normal form arrived. Each is an entry with the *position*
-at which it acted, that is the last row made before it.
+The samples and their stamps are in the recording. What is not: the settings, with which
+sample the detector began, when a silent channel was let go and came back, which samples
+came too late, when the operator acknowledged or a new normal form arrived. Each is an
+entry with the *position* at which it acted, that is the last row made before it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from dataclasses import dataclass, field
 from hunt_ros.errors import HuntError
 
 KINDS = (
-    'start',  # of the detector, or after reset(): everything begins anew
+    'start',  # of the detector, or after reset(): everything begins anew, with `config`
+    'heard',  # the first samples of `channels` since the start
     'released',  # tick: `channels` were silent and are not waited for any more
     'resumed',  # `channels` speak again and are waited for
     'late_from',  # samples of `channels`, from this stamp on, came behind the position: dropped
@@ -44,12 +45,17 @@ class JournalEntry:
     now_ns : int
         The time given with the call; 0 where none is.
     channels : mapping of str to int or None
-        Channel and its newest stamp when it was released or resumed, or the stamp of a
-        sample that was too late.
+        Channel and the stamp of a sample: the first for 'heard', the last one received for
+        'start' (before it) and 'released', the one that was too late. None: no sample yet.
+    received : mapping of str to int
+        Channel and how many samples of it had been received since the start. For 'start':
+        before it.
     text : str
-        For 'normal_form'.
+        For 'start' and 'normal_form'.
     stamps : tuple of int
         For 'late': the stamps dropped.
+    config : mapping of str to object
+        For 'start': every setting of the detector by name; empty in earlier recordings.
     """
 
     kind: str
@@ -57,12 +63,15 @@ class JournalEntry:
     epoch: int = 0
     now_ns: int = 0
     channels: dict[str, int | None] = field(default_factory=dict)
+    received: dict[str, int] = field(default_factory=dict)
     text: str = ''
     stamps: tuple[int, ...] = ()
+    config: dict[str, object] = field(default_factory=dict)
 
     def to_text(self) -> str:
-        """Return the entry as one line of JSON."""
-        return json.dumps(self.__dict__, separators=(',', ':'))
+        """Return the entry as one line of JSON; what is empty is left out."""
+        told = {k: v for k, v in self.__dict__.items() if v or k in ('kind', 'position_ns')}
+        return json.dumps(told, separators=(',', ':'))
 
     @classmethod
     def from_text(cls, text: str) -> JournalEntry:

@@ -9,7 +9,7 @@ ever; `release` - the only way in which time enters - lets go of it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,6 +90,9 @@ class ChannelMerger:
         self.position_ns: int | None = None
         self.silent: set[str] = set()
         self.epoch = 0
+        #: Number of samples received, and the stamp of the last of them, by channel.
+        self.received: dict[str, int] = {}
+        self._last_received_ns: dict[str, int] = {}
         #: Per channel what is to be treated as late, for a replay of a journal.
         self.known_late: dict[str, list[LateRun]] = {}
         self._timeouts = dict(timeouts_ns)
@@ -114,6 +117,9 @@ class ChannelMerger:
         intake = self.intakes[channel]
         newest, epochs = intake.last_ns, len(intake.queues)
         self._finished = False
+        if stamps_ns.size:
+            self.received[channel] = self.received.get(channel, 0) + stamps_ns.size
+            self._last_received_ns[channel] = int(stamps_ns[-1])
         if stamps_ns.size == 1:
             intake.push_one(int(stamps_ns[0]), float(values[0]))
         elif stamps_ns.size:
@@ -250,25 +256,28 @@ class ChannelMerger:
         firsts = [intake.queues[0].first_ns for intake in self.intakes.values()]
         return min((first for first in firsts if first is not None), default=None)
 
-    def overdue(self, now_ns: int) -> dict[str, int | None]:
+    def received_of(self, channels: Iterable[str]) -> tuple[dict[str, int | None], dict[str, int]]:
+        """Return stamp of the last sample received (ns; None: none), and their number."""
+        names = sorted(channels)
+        last = {name: self._last_received_ns.get(name) for name in names}
+        return last, {name: self.received.get(name, 0) for name in names}
+
+    def overdue(self, now_ns: int) -> set[str]:
         """
         Return the channels that `now_ns` finds silent for longer than their timeout.
 
-        Returns
-        -------
-        dict of str to (int or None)
-            Channel and its newest stamp; only those not known as silent already.
+        Only those not known as silent already.
         """
         if self._first_tick_ns is None:
             self._first_tick_ns = now_ns
-        found = {}
+        found = set()
         for name, intake in self.intakes.items():
             if name in self.silent:
                 continue
             newest = intake.queues[0].newest_ns
             since = self._first_tick_ns if newest is None else newest
             if now_ns - since > self._timeouts[name]:
-                found[name] = intake.last_ns
+                found.add(name)
         return found
 
     def clocks_moved(self, now_ns: int) -> bool:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
+from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.detector import HuntingDetector
 from hunt_ros.detection.journal import JournalEntry
 from hunt_ros.detection.merge import LateRun
@@ -13,7 +15,10 @@ from hunt_ros.detection.output import Output
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.samples import Record, Series
 
-_LATE = ('late_from', 'late_to', 'late')
+#: Not acted on at their position: they say which samples the run was made of.
+_ABOUT_SAMPLES = ('heard', 'late_from', 'late_to', 'late')
+#: Samples up to the one that they name had been received, and no more.
+_STOPS = ('released',)
 
 
 def replay_journal(
@@ -25,45 +30,185 @@ def replay_journal(
     Parameters
     ----------
     detector : HuntingDetector
-        Made with the settings of the live one; it is reset first.
+        Is started as the journal says, with its settings and its normal form. Its own
+        settings count where an earlier recording does not have them.
     record : Record
         The samples of the live run, each channel in the order of its arrival.
     journal : sequence of JournalEntry
-        The journal of the live run from its last 'start' on, in order; earlier
-        entries are left out.
+        The journal of the live run, in order. A detector that was started several times
+        had several runs, which are repeated one after the other.
 
     Returns
     -------
     Output
-        Rows and events of the whole run, up to its last complete row.
+        Rows and events of every run, up to its last complete row.
 
     Raises
     ------
     HuntError
-        If a normal form in the journal cannot be read.
+        If a normal form or the settings in the journal cannot be read.
     """
-    starts = [k for k, entry in enumerate(journal) if entry.kind == 'start']
-    entries = list(journal[starts[-1] :] if starts else journal)
+    outputs: list[Output] = []
+    for run in _runs(record, journal):
+        outputs += _repeat(detector, run)
+    return Output.joined(outputs)
+
+
+def missing_samples(record: Record, journal: Sequence[JournalEntry]) -> dict[str, int]:
+    """
+    Count the samples that the live detector had received, and the recording lacks.
+
+    With any, a replay cannot give the live numbers. What was lost after the last entry of
+    the journal that counts is not seen.
+
+    Returns
+    -------
+    dict of str to int
+        Channel and the least number of samples that are missing; only those that lack any.
+    """
+    found: dict[str, int] = {}
+    for run in _runs(record, journal):
+        for name, part in run.parts.items():
+            if part.missing:
+                found[name] = found.get(name, 0) + part.missing
+    return found
+
+
+class _Part:
+    """
+    Samples of one channel that a run was made of.
+
+    Parameters
+    ----------
+    name : str
+        Channel.
+    series : Series
+        All of the record.
+    begin : int
+        Place behind the samples of the run before.
+    entries : sequence of JournalEntry
+        Of the run.
+    ending : JournalEntry or None
+        Beginning of the run after it.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        series: Series,
+        begin: int,
+        entries: Sequence[JournalEntry],
+        ending: JournalEntry | None,
+    ) -> None:
+        self.series = series
+        self.missing = 0
+        self.done = begin
+        heard = next((e for e in entries if e.kind == 'heard' and name in e.channels), None)
+        if heard is not None:
+            place = self._place(heard.channels[name], begin, begin)
+            if place is None:
+                self.missing = 1
+            self.done = begin if place is None else place
+        self._begin = self.done
+        #: Places behind the last sample received before an entry; None: no more of it yet.
+        self._stops: list[tuple[int, int | None]] = []
+        for number, entry in enumerate(entries):
+            if name in entry.channels:
+                if entry.kind in _STOPS:
+                    self._stops.append((number, self._behind(name, entry)))
+                elif entry.kind == 'resumed':
+                    self._stops.append((number, None))
+        self.end = len(series)
+        if ending is not None and name in ending.channels:
+            self.end = self._behind(name, ending)
+
+    def until(self, number: int) -> int:
+        """Return the place behind the last sample received before entry `number`."""
+        for at, place in self._stops:
+            if at >= number:
+                return self.done if place is None else place
+        return self.end
+
+    def _behind(self, name: str, entry: JournalEntry) -> int:
+        """Return the place behind the last sample received before an entry."""
+        stamp = entry.channels[name]
+        if stamp is None:
+            return self._begin
+        count = entry.received.get(name)
+        expected = self._begin if count is None else self._begin + count - 1
+        place = self._place(stamp, expected, self._begin)
+        if place is None:
+            return self._begin
+        if count is not None:
+            self.missing = max(self.missing, expected - place)
+        return place + 1
+
+    def _place(self, stamp: int | None, expected: int, begin: int) -> int | None:
+        """Return the place of a stamp; of several, where a clock was set, the one expected."""
+        places: NDArray[np.int64] = np.flatnonzero(self.series.stamps_ns[begin:] == stamp) + begin
+        if not places.size:
+            return None
+        return int(places[np.argmin(np.abs(places - expected))])
+
+
+class _Run:
+    """One run of the detector: its journal, and the samples of each channel."""
+
+    def __init__(self, entries: Sequence[JournalEntry], parts: dict[str, _Part]) -> None:
+        self.entries = entries
+        self.parts = parts
+
+
+def _runs(record: Record, journal: Sequence[JournalEntry]) -> Iterator[_Run]:
+    """Give the runs of a journal, in order."""
+    starts = [k for k, entry in enumerate(journal) if entry.kind == 'start'] or [0]
+    begin = dict.fromkeys(record, 0)
+    for start, stop in zip(starts, [*starts[1:], len(journal)], strict=True):
+        entries = journal[start:stop]
+        ending = journal[stop] if stop < len(journal) else None
+        parts = {
+            name: _Part(name, series, begin[name], entries, ending)
+            for name, series in record.items()
+        }
+        begin = {name: part.end for name, part in parts.items()}
+        yield _Run(entries, parts)
+
+
+def _repeat(detector: HuntingDetector, run: _Run) -> list[Output]:
+    """Repeat one run."""
+    entries = run.entries
+    config = None
     if entries and entries[0].kind == 'start':
-        text = entries.pop(0).text
-        detector.set_normal_form(IdentifiedNormalForm.from_yaml(text) if text else None)
-    detector.reset()
-    for channel, run in _late_runs(entries):
-        detector.expect_late(channel, run)
-    feed = _Feed(detector, record, entries)
+        first = entries[0]
+        config = DetectorConfig.from_values(first.config) if first.config else None
+        form = IdentifiedNormalForm.from_yaml(first.text) if first.text else None
+        detector.set_normal_form(form)
+    detector.reset(config)
+    for channel, late in _late_runs(entries):
+        detector.expect_late(channel, late)
     outputs = []
-    for entry in entries:
-        if entry.kind in _LATE:
+    for number, entry in enumerate(entries):
+        if entry.kind in _ABOUT_SAMPLES or entry.kind == 'start':
             continue
         outputs.append(detector.hold_at(entry))
-        outputs += feed.run()
+        outputs += _feed(detector, run, number)
         outputs.append(detector.repeat(entry))
-        if entry.kind == 'resumed':
-            feed.resume(entry)
-            outputs += feed.run()
     outputs.append(detector.let_go())
-    outputs += feed.run()
-    return Output.joined(outputs)
+    outputs += _feed(detector, run, len(entries))
+    return outputs
+
+
+def _feed(detector: HuntingDetector, run: _Run, number: int) -> list[Output]:
+    """Feed what the live detector may have had before entry `number`."""
+    outputs = []
+    for name in detector.channels:
+        if (part := run.parts.get(name)) is None:
+            continue
+        span = slice(part.done, max(part.done, part.until(number)))
+        part.done = span.stop
+        series = part.series
+        outputs.append(detector.update(name, series.stamps_ns[span], series.values[span]))
+    return outputs
 
 
 def _late_runs(entries: Sequence[JournalEntry]) -> Iterator[tuple[str, LateRun]]:
@@ -80,45 +225,3 @@ def _late_runs(entries: Sequence[JournalEntry]) -> Iterator[tuple[str, LateRun]]
                 yield channel, LateRun(entry.epoch, begun.pop(place), stamp)
     for (channel, epoch), first in begun.items():
         yield channel, LateRun(epoch, first, None)
-
-
-class _Feed:
-    """Feeds each channel up to the sample after which the live detector let go of it."""
-
-    def __init__(
-        self, detector: HuntingDetector, record: Record, entries: Sequence[JournalEntry]
-    ) -> None:
-        self._detector = detector
-        self._series: dict[str, Series] = {
-            name: record[name] for name in detector.channels if name in record
-        }
-        self._done = dict.fromkeys(self._series, 0)
-        self._stops: dict[str, list[int | None]] = {name: [] for name in self._series}
-        for entry in entries:
-            if entry.kind == 'released':
-                for name, newest in entry.channels.items():
-                    if name in self._stops:
-                        self._stops[name].append(newest)
-
-    def run(self) -> list[Output]:
-        """Feed what the live detector may have had by now."""
-        outputs = []
-        for name, series in self._series.items():
-            begin, end = self._done[name], len(series)
-            if self._stops[name]:
-                newest = self._stops[name][0]
-                found = np.flatnonzero(series.stamps_ns[begin:] == newest)
-                end = begin + int(found[0]) + 1 if found.size else begin
-            if end > begin:
-                part = slice(begin, end)
-                outputs.append(
-                    self._detector.update(name, series.stamps_ns[part], series.values[part])
-                )
-                self._done[name] = end
-        return outputs
-
-    def resume(self, entry: JournalEntry) -> None:
-        """Go on with the channels that speak again."""
-        for name in entry.channels:
-            if self._stops.get(name):
-                self._stops[name].pop(0)

@@ -172,7 +172,7 @@ class HuntingDetectorNode(LifecycleNode):
         if self._active:
             raise ConfigError('the detector is active: deactivate the node first')
         self._config = config
-        self._detector = HuntingDetector(config, self._form)
+        self._detector.reset(config)
 
     def _on_form(self, message: String) -> None:
         """Take a new normal form over, or let it wait where it would alarm later."""

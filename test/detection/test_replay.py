@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hunt_ros.detection import DetectorConfig, HuntingDetector, JournalEntry, Level
 from hunt_ros.detection.acceptance import rolled_back
 from hunt_ros.detection.output import Output
-from hunt_ros.detection.replay import replay_journal
+from hunt_ros.detection.replay import missing_samples, replay_journal
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.errors import HuntError
@@ -90,6 +90,19 @@ def _repeated(live: Output, arrived: Record) -> Output:
     lines = [entry.to_text() for entry in live.journal]  # as it goes through a bag
     journal = [JournalEntry.from_text(line) for line in lines]
     return replay_journal(HuntingDetector(DetectorConfig(), PAPER), arrived, journal)
+
+
+def _joined(first: Record, second: Record) -> Record:
+    """Return the samples of two records, one after the other."""
+    return Record(
+        {
+            name: Series(
+                np.concatenate([part[name].stamps_ns for part in (first, second)]),
+                np.concatenate([part[name].values for part in (first, second)]),
+            )
+            for name in first
+        }
+    )
 
 
 def _assert_same(live: Output, again: Output) -> None:
@@ -180,3 +193,53 @@ def test_a_clock_that_is_always_behind_keeps_the_journal_small(recorded, lag_s: 
     live, arrived = _live(record, [], [], [], seed=4, behind={'yaw': lag_s})
     assert sum(len(entry.to_text()) for entry in live.journal) < 3000
     _assert_same(live, _repeated(live, arrived))
+
+
+def _begins_later(record: Record) -> tuple[Record, Record]:
+    """Cut a record where a detector that starts late hears its channels, each at its own time."""
+    starts = {'lateral': 0.61, 'yaw': 0.18, 'roller': 0.14, 'speed': 0.14}
+    cuts = {name: int(at * 1e9) for name, at in starts.items()}
+    return (
+        Record({name: one.between(0, cuts[name]) for name, one in record.items()}),
+        Record({name: one.between(cuts[name], 2**62) for name, one in record.items()}),
+    )
+
+
+def test_a_detector_that_joined_late_is_repeated_from_its_own_first_samples(recorded) -> None:
+    record = recorded(7.2, 9.0, kicks=[(3.0, 400e-6)])
+    unheard, heard = _begins_later(record)
+    silence = [('yaw', 6.0, 7.0)]
+    live, arrived = _live(heard, silence, silence, [(5.0, 'acknowledge')], seed=5)
+    words = [event.event for event in live.events]
+    assert {'escaping', 'acknowledged', 'input_stale', 'input_recovered'} <= set(words)
+    _assert_same(live, _repeated(live, _joined(unheard, arrived)))
+
+
+def test_a_recorder_that_joined_late_is_told_of_what_it_lacks(recorded) -> None:
+    record = recorded(7.2, 6.0, kicks=[(2.0, 400e-6)])
+    live, arrived = _live(record, [('lateral', 3.0, 4.0)], [], [], seed=6)
+    journal = list(live.journal)
+    assert missing_samples(arrived, journal) == {}
+    later = {**arrived, 'lateral': arrived['lateral'].between(100_000_000, 2**62)}
+    lost = len(arrived['lateral']) - len(later['lateral'])
+    assert missing_samples(Record(later), journal) == {'lateral': lost}
+
+
+def test_each_run_of_the_detector_is_repeated_with_the_settings_of_that_run(recorded) -> None:
+    record = recorded(7.2, 6.0, kicks=[(2.0, 400e-6)])
+    half = 3_000_000_000
+    detector = HuntingDetector(DetectorConfig(output_rate_hz=50.0), PAPER)
+    outputs = []
+    for config, part in (
+        (None, (0, half)),
+        # What comes while the node is inactive is recorded, and not heard.
+        (DetectorConfig(disturbed_in=2.5, limit_cycle_floor=9.0), (half + 200_000_000, 2**62)),
+    ):
+        if config is not None:
+            detector.reset(config)
+        for name, one in record.items():
+            heard = one.between(*part)
+            outputs.append(detector.update(name, heard.stamps_ns, heard.values))
+    live = Output.joined(outputs)
+    assert 400 < live.estimates.size < 450
+    _assert_same(live, _repeated(live, record))
