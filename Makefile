@@ -14,6 +14,7 @@ $(VENV)/installed: setup.py
 	  || { echo '$(PYTHON) -m venv failed: install the venv module (apt install python3-venv)'; exit 2; }
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade 'setuptools<80' wheel
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[$(EXTRAS)]'
+	$(BIN)/hunt compile
 	@touch $@
 
 install: $(VENV)/installed  ## make .venv with the package, real rclpy, compiled kernels, test tools

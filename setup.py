@@ -69,13 +69,13 @@ setup(
     entry_points={
         'console_scripts': [
             'hunt = hunt_ros.cli.main:main',
-            'lateral_sensor = hunt_ros.nodes.lateral_sensor:main',
-            'yaw_sensor = hunt_ros.nodes.yaw_sensor:main',
-            'roller_speed = hunt_ros.nodes.roller_speed:main',
-            'rig_simulator = hunt_ros.nodes.rig_simulator:main',
-            'hunting_detector = hunt_ros.nodes.hunting_detector:main',
-            'normal_form_identifier = hunt_ros.nodes.normal_form_identifier:main',
-            'bag_recorder = hunt_ros.nodes.bag_recorder:main',
+            'lateral_sensor = hunt_ros.nodes.entry:lateral_sensor',
+            'yaw_sensor = hunt_ros.nodes.entry:yaw_sensor',
+            'roller_speed = hunt_ros.nodes.entry:roller_speed',
+            'rig_simulator = hunt_ros.nodes.entry:rig_simulator',
+            'hunting_detector = hunt_ros.nodes.entry:hunting_detector',
+            'normal_form_identifier = hunt_ros.nodes.entry:normal_form_identifier',
+            'bag_recorder = hunt_ros.nodes.entry:bag_recorder',
         ],
     },
 )

@@ -9,13 +9,18 @@ rounding.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar, cast
 
 _Function = TypeVar('_Function', bound=Callable[..., Any])
+
+#: How long the kernels of a node take on a desktop computer, s, and how often they are heard of.
+_USUAL_S, _PROGRESS_S = 30, 5.0
 
 #: True where numba is installed and kernels run as machine code.
 HAVE_COMPILER: bool = find_spec('numba') is not None
@@ -40,9 +45,7 @@ def compiled(function: _Function) -> _Function:
     """
     if not HAVE_COMPILER:
         return function
-    import numba  # here, because it takes half a second and not every command needs it
-
-    return cast(_Function, numba.njit(cache=True, nogil=True)(function))
+    return cast(_Function, _numba().njit(cache=True, nogil=True)(function))
 
 
 def compiled_part(function: _Function) -> _Function:
@@ -66,9 +69,55 @@ def compiled_part(function: _Function) -> _Function:
     """
     if not HAVE_COMPILER:
         return function
-    import numba
+    return cast(_Function, _numba().njit(nogil=True)(function))
 
-    return cast(_Function, numba.njit(nogil=True)(function))
+
+def on_compilation(say: Callable[[str], None]) -> None:
+    """
+    Have it said when kernels are not on disk yet, and how far their compilation is.
+
+    Parameters
+    ----------
+    say : callable
+        Gets one line, in the thread that compiles; nothing where all is on disk.
+    """
+    global _say
+    _say = say
+
+
+_say: Callable[[str], None] = lambda text: None  # noqa: E731
+
+
+@cache
+def _numba() -> Any:
+    """Import the compiler where a kernel needs it: it takes half a second."""
+    import numba
+    from numba.core import event
+
+    class Progress(event.Listener):  # type: ignore[misc]
+        """Hears each compilation; those of parts lie within those of their kernels."""
+
+        depth = 0
+        done = 0
+        began = 0.0
+        told = 0.0
+
+        def on_start(self, event: Any) -> None:
+            now = time.monotonic()
+            if self.began == 0.0:
+                self.began = self.told = now
+                _say(f'compiling kernels, once: about {_USUAL_S} s')
+            elif now - self.told >= _PROGRESS_S:
+                self.told = now
+                _say(f'compiling kernels: {now - self.began:.0f} s, {self.done} done')
+            self.depth += 1
+
+        def on_end(self, event: Any) -> None:
+            self.depth -= 1
+            self.done += self.depth == 0
+
+    event.register('numba:compile', Progress())  # type: ignore[no-untyped-call]
+    return numba
 
 
 def source_stamp(*modules: ModuleType) -> int:

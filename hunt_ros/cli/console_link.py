@@ -15,6 +15,8 @@ from hunt_ros.errors import HuntError
 
 Line = dict[str, Any]
 
+_LOOK_S = 1.0
+
 
 class ConsoleLink:
     """
@@ -32,11 +34,14 @@ class ConsoleLink:
         self._process = process
         self._processes = processes
         self._lines: Queue[Line] = Queue()
+        self._look_at = 0.0
         threading.Thread(target=self._read, daemon=True).start()
 
     def lines(self, timeout_s: float) -> Iterator[Line]:
         """
         Iterate over the lines that come within `timeout_s` seconds.
+
+        What the nodes say of their compilation comes as lines of the topic `progress`.
 
         Raises
         ------
@@ -45,6 +50,10 @@ class ConsoleLink:
         """
         deadline = time.monotonic() + timeout_s
         while (left_s := deadline - time.monotonic()) > 0.0:
+            if time.monotonic() >= self._look_at:
+                self._look_at = time.monotonic() + _LOOK_S
+                for text in self._processes.progress():
+                    yield {'topic': 'progress', 'data': text}
             try:
                 yield self._lines.get(timeout=min(left_s, 0.25))
             except Empty:

@@ -116,7 +116,7 @@ def _start(
     link = suite.start_console(processes, {})
     common: dict[str, object] = {'use_sim_time': True}
     suite.start_nodes(processes, suite.LISTENERS, common, parameters, [form])
-    suite.wait_until_up(link, suite.LISTENERS)
+    suite.wait_until_up(link, suite.LISTENERS, view.show)
     suite.start_nodes(processes, [suite.SIMULATOR], {}, parameters)
     suite.start_nodes(processes, suite.SOURCES, common, parameters)
     view.say(

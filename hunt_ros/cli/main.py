@@ -14,6 +14,7 @@ from importlib import import_module
 from typing import NoReturn
 
 from hunt_ros import __version__
+from hunt_ros.compiled import on_compilation
 from hunt_ros.errors import HuntError
 
 #: Verb -> module of `hunt_ros.cli`, in the order of the help text.
@@ -28,6 +29,7 @@ VERBS: dict[str, str] = {
     'info': 'info',
     'import': 'import_',
     'export': 'export',
+    'compile': 'compile',
 }
 
 
@@ -82,6 +84,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     parsed = _parser(words[0] if words else None).parse_args(words)
+    on_compilation(lambda text: print(f'hunt {parsed.verb}: {text}', file=sys.stderr, flush=True))
     try:
         code: int = parsed.run(parsed)
     except HuntError as error:

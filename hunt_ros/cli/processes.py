@@ -17,14 +17,19 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
+from types import FrameType, TracebackType
+from typing import Any, NoReturn
 
 from hunt_ros.errors import HuntError
 
 _PR_SET_PDEATHSIG = 1
+#: What ends a run; all of them let it close its recording.
+_ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+#: What the nodes themselves listen for, see `hunt_ros.nodes.ending`.
+_HELD_BACK = (signal.SIGINT, signal.SIGTERM)
 _GRACE_S = {signal.SIGINT: 8.0, signal.SIGTERM: 2.0, signal.SIGKILL: 2.0}
 
 
@@ -52,7 +57,7 @@ class NodeSpec:
 
     def command(self, namespace: str) -> list[str]:
         """Return the command line of the process."""
-        words = [sys.executable, '-m', f'hunt_ros.nodes.{self.module}', '--ros-args']
+        words = [sys.executable, '-m', 'hunt_ros.nodes.entry', self.module, '--ros-args']
         words += ['-r', f'__ns:=/{namespace.strip("/")}']
         for path in self.parameter_files:
             words += ['--params-file', str(path)]
@@ -92,10 +97,13 @@ class Processes:
             if os.environ.get('ROS_DISTRO') == 'humble':
                 self.environment['ROS_LOCALHOST_ONLY'] = '1'  # newer ones warn about it
         self._running: dict[str, subprocess.Popen[str]] = {}
+        self._read: dict[str, int] = {}
+        self._handlers: dict[signal.Signals, Any] = {}
 
     def start(self, spec: NodeSpec) -> subprocess.Popen[str]:
         """Start a node; its output goes to a log file unless it is piped."""
         self._logs.mkdir(parents=True, exist_ok=True)
+        self._read.pop(spec.module, None)
         with (self._logs / f'{spec.module}.log').open('w') as log:
             process = subprocess.Popen(
                 spec.command(self._namespace),
@@ -105,7 +113,7 @@ class Processes:
                 text=True,
                 env=self.environment,
                 start_new_session=True,
-                preexec_fn=_end_with_parent if sys.platform == 'linux' else None,
+                preexec_fn=_in_child,
             )
         self._running[spec.module] = process
         return process
@@ -128,6 +136,17 @@ class Processes:
         lines = path.read_text(errors='replace').strip().splitlines() if path.exists() else []
         return lines[-1] if lines else f'(see {path})'
 
+    def progress(self) -> list[str]:
+        """Return what nodes have said of their compilation since this was asked before."""
+        lines = []
+        for module in self._running:
+            path = self._logs / f'{module}.log'
+            text = path.read_text(errors='replace') if path.exists() else ''
+            whole = text[: text.rfind('\n') + 1]
+            lines += whole[self._read.get(module, 0) :].splitlines()
+            self._read[module] = len(whole)
+        return [line for line in lines if ': compiling kernels' in line]
+
     def stop(self, module: str) -> None:
         """End one node, and wait for it."""
         process = self._running.pop(module, None)
@@ -143,6 +162,9 @@ class Processes:
             _end([recorder])
 
     def __enter__(self) -> Processes:
+        if threading.current_thread() is threading.main_thread():
+            for number in _ENDINGS:
+                self._handlers[number] = signal.signal(number, _interrupt)
         return self
 
     def __exit__(
@@ -151,8 +173,13 @@ class Processes:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        with _deaf_to_interrupts():
+        for number in self._handlers:  # a second Ctrl-C must not leave processes behind
+            signal.signal(number, signal.SIG_IGN)
+        try:
             self.close()
+        finally:
+            for number, handler in self._handlers.items():
+                signal.signal(number, handler)
 
 
 def _require_ros() -> None:
@@ -165,7 +192,7 @@ def _require_ros() -> None:
 
 
 def _end(processes: Sequence[subprocess.Popen[str]]) -> None:
-    """Ask politely, then firmly, then not at all."""
+    """Escalate the stop signals until every process has ended."""
     for number, grace_s in _GRACE_S.items():
         waiting = [process for process in processes if process.poll() is None]
         for process in waiting:
@@ -177,22 +204,16 @@ def _end(processes: Sequence[subprocess.Popen[str]]) -> None:
                 process.wait(timeout=max(0.0, deadline - time.monotonic()))
 
 
-@contextlib.contextmanager
-def _deaf_to_interrupts() -> Iterator[None]:
-    """Let a second Ctrl-C not leave processes behind."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
+def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
+    """Take every signal that ends a run as Ctrl-C is taken."""
+    raise KeyboardInterrupt
 
 
-def _end_with_parent() -> None:
-    """In the child: be interrupted when the parent dies without saying goodbye."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
+def _in_child() -> None:
+    """Hold signals back until the node listens, and be interrupted when the parent dies."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, _HELD_BACK)
+    if sys.platform == 'linux':
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
 
 
 def _yaml(value: object) -> str:

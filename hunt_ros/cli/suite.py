@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import socket
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from hunt_ros.cli.console_link import ConsoleLink
+from hunt_ros.cli.console_link import ConsoleLink, Line
 from hunt_ros.cli.processes import NodeSpec, Processes
 from hunt_ros.errors import HuntError
 
@@ -62,9 +62,13 @@ def start_nodes(
         processes.start(NodeSpec(name, values, files))
 
 
-def wait_until_up(link: ConsoleLink, names: Sequence[str]) -> None:
+def wait_until_up(
+    link: ConsoleLink, names: Sequence[str], show: Callable[[Line], None] = lambda line: None
+) -> None:
     """
-    Wait until each node has reported its health.
+    Wait until each node has reported its health; one that is compiling has time.
+
+    `show` gets what nodes say of their compilation.
 
     Raises
     ------
@@ -72,9 +76,14 @@ def wait_until_up(link: ConsoleLink, names: Sequence[str]) -> None:
         Naming the nodes that did not come up, or the one that ended.
     """
     missing = set(names)
-    for line in link.lines(_READY_S):
-        if line['topic'] == '/diagnostics':
-            missing.discard(str(line['name']).rsplit('/', 1)[-1])
-        if not missing:
-            return
-    raise HuntError(f'not up after {_READY_S:.0f} s: {", ".join(sorted(missing))}')
+    while missing:
+        for line in link.lines(_READY_S):
+            if line['topic'] == '/diagnostics':
+                missing.discard(str(line['name']).rsplit('/', 1)[-1])
+            if line['topic'] == 'progress':
+                show(line)
+                break
+            if not missing:
+                break
+        else:
+            raise HuntError(f'not up after {_READY_S:.0f} s: {", ".join(sorted(missing))}')

@@ -54,6 +54,8 @@ class View:
                 self._live.update(Text(status_line(line), style=style), refresh=True)
         elif topic == '/diagnostics':
             self._show_health(line)
+        elif topic == 'progress':
+            self.say(line['data'])
         elif topic == 'recording/closed':
             self.say(f'recorded {line["data"]}')
         elif topic == 'hunting/normal_form':

@@ -9,7 +9,6 @@ EventsExecutor can crash on what is gone (ros2/rclpy #1644).
 
 from __future__ import annotations
 
-import sys
 import threading
 from collections import deque
 from dataclasses import dataclass, fields
@@ -29,7 +28,6 @@ from hunt_ros.nodes.diagnostics import Diagnostics, Health, steady_clock
 from hunt_ros.nodes.parameter_collector import ParameterCollector
 from hunt_ros.nodes.parameters import declare, warn_unknown
 from hunt_ros.nodes.qos import latched, stream
-from hunt_ros.nodes.runtime import run
 from hunt_ros.settings import setting
 
 _JOINT, _VALUE = 'sensor_msgs/msg/JointState', 'geometry_msgs/msg/Vector3Stamped'
@@ -335,10 +333,4 @@ def _message_class(kind: str) -> type | None:
         return None
 
 
-def main() -> int:
-    """Run the node."""
-    return run(BagRecorderNode)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+make_node = BagRecorderNode

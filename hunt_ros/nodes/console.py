@@ -21,7 +21,6 @@ from std_srvs.srv import Trigger
 from hunt_ros.nodes.conversions import read_diagnostic, to_ns
 from hunt_ros.nodes.parameters import declare
 from hunt_ros.nodes.qos import EVENTS, STATUS, latched
-from hunt_ros.nodes.runtime import run
 from hunt_ros.settings import Settings, setting
 
 
@@ -106,10 +105,4 @@ def _write(document: dict[str, object]) -> None:
     print(json.dumps(document), flush=True)
 
 
-def main() -> int:
-    """Run the node."""
-    return run(ConsoleNode)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+make_node = ConsoleNode

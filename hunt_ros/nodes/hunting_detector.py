@@ -9,7 +9,6 @@ is published. Silence enters through its `tick`, on the node's clock.
 from __future__ import annotations
 
 import math
-import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,7 +34,6 @@ from hunt_ros.nodes.diagnostics import Diagnostics, Health, steady_clock
 from hunt_ros.nodes.estimate_publishers import EstimatePublishers
 from hunt_ros.nodes.parameters import declare, declare_normal_form, on_change, warn_unknown
 from hunt_ros.nodes.qos import EVENTS, STATUS, latched
-from hunt_ros.nodes.runtime import run
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 
@@ -235,10 +233,4 @@ class HuntingDetectorNode(LifecycleNode):
         return 'OK', f'{status.state.label}, region {status.region.label}', values
 
 
-def main() -> int:
-    """Run the node."""
-    return run(HuntingDetectorNode)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+make_node = HuntingDetectorNode

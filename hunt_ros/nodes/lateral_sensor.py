@@ -2,16 +2,8 @@
 
 from __future__ import annotations
 
-import sys
+from functools import partial
 
-from hunt_ros.nodes.runtime import run
 from hunt_ros.nodes.sensor import SensorNode
 
-
-def main() -> int:
-    """Run the node."""
-    return run(lambda: SensorNode('lateral'))
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+make_node = partial(SensorNode, 'lateral')

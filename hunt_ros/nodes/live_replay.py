@@ -8,7 +8,6 @@ where anybody else publishes one of these topics.
 
 from __future__ import annotations
 
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -28,7 +27,6 @@ from hunt_ros.nodes.conversions import joint_layout, to_time, twist_layout
 from hunt_ros.nodes.diagnostics import Diagnostics, Health
 from hunt_ros.nodes.parameters import declare, warn_unknown
 from hunt_ros.nodes.qos import stream
-from hunt_ros.nodes.runtime import run
 from hunt_ros.samples import CHANNELS, NANOSECONDS
 from hunt_ros.settings import Settings, setting
 
@@ -213,10 +211,4 @@ class LiveReplayNode(Node):
         return 'OK', text, {'finished': False, 'position_s': at_s}
 
 
-def main() -> int:
-    """Run the node."""
-    return run(LiveReplayNode)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+make_node = LiveReplayNode

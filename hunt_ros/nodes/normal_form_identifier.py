@@ -10,7 +10,6 @@ services answer meanwhile.
 
 from __future__ import annotations
 
-import sys
 import threading
 import time
 from collections import deque
@@ -29,7 +28,6 @@ from hunt_ros.nodes.diagnostics import Diagnostics, Health
 from hunt_ros.nodes.form_files import FormFiles
 from hunt_ros.nodes.parameters import declare, warn_unknown
 from hunt_ros.nodes.qos import latched
-from hunt_ros.nodes.runtime import run
 from hunt_ros.samples import Record
 from hunt_ros.settings import Settings, setting
 
@@ -192,10 +190,4 @@ class NormalFormIdentifierNode(Node):
         return level, text, {'recordings': self._recordings, 'forms': self._forms}
 
 
-def main() -> int:
-    """Run the node."""
-    return run(NormalFormIdentifierNode)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+make_node = NormalFormIdentifierNode

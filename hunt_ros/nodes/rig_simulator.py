@@ -8,7 +8,6 @@ publishes `/clock`, which the other nodes follow with `use_sim_time`.
 
 from __future__ import annotations
 
-import sys
 import threading
 import time
 from dataclasses import dataclass
@@ -26,7 +25,6 @@ from hunt_ros.nodes.conversions import to_time
 from hunt_ros.nodes.diagnostics import Diagnostics, Health
 from hunt_ros.nodes.parameters import declare, read_rig, warn_unknown
 from hunt_ros.nodes.qos import stream
-from hunt_ros.nodes.runtime import run
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 
@@ -233,10 +231,4 @@ def _kick_plan(config: SimulatorConfig) -> list[tuple[float, float]]:
     return sorted(kick for kick in plan if kick[0] >= 0.0)
 
 
-def main() -> int:
-    """Run the node."""
-    return run(RigSimulatorNode)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+make_node = RigSimulatorNode

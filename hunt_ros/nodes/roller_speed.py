@@ -7,7 +7,6 @@ set point that goes to the drive is published on `speed/target`.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -24,7 +23,6 @@ from hunt_ros.nodes.diagnostics import Diagnostics, Health, steady_clock
 from hunt_ros.nodes.driver_node import READ_S, DriverNode
 from hunt_ros.nodes.parameters import declare, warn_unknown
 from hunt_ros.nodes.qos import stream
-from hunt_ros.nodes.runtime import run
 from hunt_ros.settings import Settings, setting
 
 _SET_POINT_S = 0.05
@@ -187,10 +185,4 @@ class RollerSpeedNode(DriverNode):
         return 'OK', f'{self._speed_mps:.2f} m/s', values
 
 
-def main() -> int:
-    """Run the node."""
-    return run(RollerSpeedNode)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+make_node = RollerSpeedNode

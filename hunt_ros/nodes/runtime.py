@@ -1,19 +1,17 @@
 """
 How a node process starts, spins and ends.
 
-Signals only ask the loop to end, so a node closes its files and publishes its
-last words while the ROS context is still alive. The EventsExecutor can crash on
+A signal asks the loop to end, so a node closes its files and publishes its last
+words while the ROS context is still alive; `ending` sees to it that the process
+ends in any case. The EventsExecutor can crash on
 entities that are destroyed while it spins (ros2/rclpy #1644): a node keeps what
 it has created until it ends.
 """
 
 from __future__ import annotations
 
-import signal
-import sys
 import time
 from collections.abc import Callable, Sequence
-from types import FrameType
 
 import rclpy
 from rclpy.exceptions import InvalidParameterValueException, ParameterException
@@ -23,7 +21,9 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 
+from hunt_ros.compiled import on_compilation
 from hunt_ros.errors import HuntError
+from hunt_ros.nodes.ending import CLOSING_S, Ending
 
 _SPIN_S = 0.05
 #: Discovery is over when nobody new has come for the first time, or after the second, s.
@@ -39,18 +39,23 @@ def _executor():
     return EventsExecutor()
 
 
-def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
+def run(
+    make_node: Callable[[], Node], ending: Ending, arguments: Sequence[str] | None = None
+) -> int:
     """
     Run one node until it is asked to end.
 
     A lifecycle node with the parameter `autostart` is configured and activated.
-    A node may have a method `close()`, called before its publishers are gone, and an
-    attribute `failed`: a line on what ended it, printed before exit code 2.
+    A node may have a method `close()`, called before its publishers are gone, an
+    attribute `closing_s`, the time that this may take, and an attribute `failed`: a line
+    on what ended it, printed before exit code 2.
 
     Parameters
     ----------
     make_node : callable
         Makes the node; a HuntError or a refused parameter ends the process.
+    ending : Ending
+        Hears the signals.
     arguments : sequence of str, optional
         Command line, with `--ros-args`.
 
@@ -59,32 +64,27 @@ def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -
     int
         0 after a clean end, 2 for bad parameters or hardware that is not there.
     """
-    stopping = False
-
-    def stop(signum: int, frame: FrameType | None) -> None:
-        nonlocal stopping
-        stopping = True
-
+    on_compilation(ending.say)
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-    signal.signal(signal.SIGINT, stop)
-    signal.signal(signal.SIGTERM, stop)
     node: Node | None = None
     executor = _executor()
     try:
         node = make_node()
         _start(node)
         executor.add_node(node)
+        ending.doing = 'running'
         # spin() of the EventsExecutor in these wheels burns a core and runs nothing.
-        while rclpy.ok() and not stopping:
+        while rclpy.ok() and not ending.asked.is_set():
             executor.spin_once(timeout_sec=_SPIN_S)
             if getattr(node, 'failed', ''):
                 raise HuntError(node.failed)
     except (HuntError, InvalidParameterValueException, ParameterException) as error:
-        print(f'{_name(node)}: {" ".join(str(error).split())}', file=sys.stderr, flush=True)
+        ending.say(' '.join(str(error).split()))
         return 2
-    except (ExternalShutdownException, KeyboardInterrupt):
+    except ExternalShutdownException:
         pass
     finally:
+        ending.close(getattr(node, 'closing_s', CLOSING_S))
         executor.shutdown()  # before anything it holds is destroyed
         if node is not None:
             if hasattr(node, 'close'):
@@ -113,10 +113,6 @@ def settle(publisher: Publisher) -> None:
         if now != count:
             count, changed = now, time.monotonic()
         time.sleep(0.02)
-
-
-def _name(node: Node | None) -> str:
-    return sys.argv[0].rsplit('/', 1)[-1].removesuffix('.py') if node is None else node.get_name()
 
 
 def _start(node: Node) -> None:

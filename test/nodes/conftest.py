@@ -39,7 +39,7 @@ class Graph:
         self._executor.add_node(self.node)
 
     def start(self, module: str, *files: Path, **parameters: object) -> subprocess.Popen[str]:
-        words = [sys.executable, '-m', f'hunt_ros.nodes.{module}', '--ros-args']
+        words = [sys.executable, '-m', 'hunt_ros.nodes.entry', module, '--ros-args']
         words += ['-r', '__ns:=/rig']
         for path in files:
             words += ['--params-file', str(path)]
