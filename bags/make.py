@@ -3,8 +3,8 @@ Make the golden recordings again, and the events expected of them.
 
     python bags/make.py [--only NAME] [--events]
 
-Everything is seeded: the same command gives the same samples. With --events the
-recordings stay, and only the expected events are written anew; look at the
+Everything is seeded: the same command gives the same motion on every machine, to rounding.
+With --events the recordings stay, and only the expected events are written anew; look at the
 difference before you commit it.
 """
 

@@ -18,6 +18,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from hunt_ros.dynamics.covariance_root import covariance_root
 from hunt_ros.dynamics.mode_shape import ModeShape
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, NormalForm
 from hunt_ros.errors import ConfigError
@@ -75,15 +76,9 @@ class IdentifiedNormalForm:
         seed : int
             Of the generator: the same seed gives the same draws.
         """
-        # Of the correlations, not of the covariance: the variances span twenty powers of
-        # ten, and the eigenvectors of the small ones would be lost in rounding.
-        std = np.sqrt(np.clip(np.diag(self.covariance), 0.0, None))
-        scale = np.where(std > 0.0, std, 1.0)
-        values, vectors = np.linalg.eigh(self.covariance / np.outer(scale, scale))
-        root = std[:, None] * vectors * np.sqrt(np.clip(values, 0.0, None))
         normal = np.random.default_rng(seed).standard_normal((count, len(PARAMETERS)))
         forms = []
-        for row in self.vector + normal @ root.T:
+        for row in self.vector + normal @ covariance_root(self.covariance).T:
             if row[0] > 0.0:
                 forms.append(
                     NormalForm(

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.dynamics import simulation_kernel as kernel
+from hunt_ros.dynamics.covariance_root import covariance_root
 from hunt_ros.dynamics.forced_response import direction_response, quiet_covariance
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.dynamics.simulation_model import pack_harmonics, pack_model, pack_sensors
@@ -235,7 +236,7 @@ class RollerRig:
                 self._run_in(state)
             if self.settings.broadband > 0.0:
                 covariance = quiet_covariance(self.rig, speed, self.settings.broadband)
-                state[:4] += start.multivariate_normal(np.zeros(4), covariance, method='eigh')
+                state[:4] += covariance_root(covariance) @ start.standard_normal(4)
         else:
             state[:4] += self._forced_state(0.0)
         return state

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from hunt_ros.dynamics.covariance_root import covariance_root
 from hunt_ros.identification.bootstrap import bootstrap
 from hunt_ros.identification.growth_law import GrowthLaw
 from hunt_ros.identification.law_choice import FittedLaw
@@ -190,10 +191,7 @@ def _student(
 ) -> NDArray[np.float64]:
     """Student draws, shape (count, terms): normal ones over a chi-square."""
     generator = np.random.default_rng(seed)
-    # Eigenvectors of the correlation, so that small variances keep beside large ones.
-    widths = np.sqrt(np.maximum(np.diag(covariance.matrix), 1e-300))
-    values, vectors = np.linalg.eigh(covariance.matrix / np.outer(widths, widths))
-    root = widths[:, None] * vectors * np.sqrt(np.clip(values, 0.0, None))
+    root = covariance_root(covariance.matrix)
     normal = generator.standard_normal((count, centre.size))
     scale = np.sqrt(covariance.degrees / generator.chisquare(covariance.degrees, count))
     drawn: NDArray[np.float64] = centre + stretch * (normal * scale[:, None]) @ root.T
