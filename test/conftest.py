@@ -1,4 +1,4 @@
-"""How quick this machine is now: every deadline of a test is made from it."""
+"""What all tests lean on: how quick this machine is now, and what property tests may take."""
 
 from __future__ import annotations
 
@@ -7,7 +7,18 @@ import sys
 import time
 from importlib.util import find_spec
 
+import hypothesis
 import pytest
+
+# No time limit an example: the first one compiles a kernel, and other programs may run. The
+# same examples on every machine, and nothing kept in the source tree.
+hypothesis.settings.register_profile(
+    'anywhere',
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[hypothesis.HealthCheck.too_slow],
+)
+hypothesis.settings.load_profile('anywhere')
 
 #: What a node does when it starts, and as much again of plain work.
 _PROBE = """
