@@ -171,7 +171,9 @@ def channel_map(
     return mapping
 
 
-def read_channel_file(path: str | Path) -> dict[str, ChannelSource]:
+def read_channel_file(
+    path: str | Path, allowed: Iterable[str] | None = CHANNELS
+) -> dict[str, ChannelSource]:
     """
     Read a mapping from a YAML file: `lateral: /daq/ch0.data[3]*0.001`, a line a channel.
 
@@ -187,7 +189,7 @@ def read_channel_file(path: str | Path) -> dict[str, ChannelSource]:
         raise BagError(f'{path}: cannot read the channel mapping ({reason})') from error
     if not isinstance(document, dict) or not document:
         raise BagError(f'{path}: expected lines such as "lateral: /daq/ch0.data[3]*0.001"')
-    return channel_map(document)
+    return channel_map(document, allowed)
 
 
 def _named(name: str, value: ChannelSource | str | float) -> ChannelSource:

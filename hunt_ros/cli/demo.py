@@ -7,6 +7,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hunt_ros.cli import options
+
 if TYPE_CHECKING:
     from hunt_ros.cli.console_link import ConsoleLink
     from hunt_ros.cli.processes import Processes
@@ -33,14 +35,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar='DIR',
         help='where the results go, in a folder of their own (default: %(default)s)',
     )
-    parser.add_argument(
-        '--time-scale',
-        type=float,
-        default=5.0,
-        metavar='X',
-        help='simulated seconds in a second, 0.1 to 10 (default: %(default)s)',
-    )
-    parser.add_argument('--seed', type=int, default=1, help='of everything random')
+    options.add_pace(parser, 10.0, 5.0)
+    options.add_seed(parser, 1)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -50,12 +46,9 @@ def run(arguments: argparse.Namespace) -> int:
     from hunt_ros.cli.view import View
     from hunt_ros.dynamics.identified import IdentifiedNormalForm
     from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-    from hunt_ros.errors import ConfigError
 
-    if not 0.1 <= arguments.time_scale <= 10.0:
-        raise ConfigError(f'--time-scale: {arguments.time_scale:g} is not within 0.1 to 10')
     folder = (arguments.out / f'demo_{datetime.now():%Y%m%d_%H%M%S}').resolve()
-    folder.mkdir(parents=True)
+    options.make_folder(folder, 'the results')
     form = folder / 'paper_normal_form.yaml'
     form.write_text(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml(), encoding='utf-8')
 
@@ -88,7 +81,7 @@ def _start(
     parameters: dict[str, dict[str, object]] = {
         suite.SIMULATOR: {
             **rate,
-            'time_scale': float(arguments.time_scale),
+            'time_scale': float(arguments.pace),
             'initial_speed_mps': _PROFILE[0][1],
             'kick_times_s': [time for time, _ in _KICKS],
             'kick_sizes_m': [size for _, size in _KICKS],
@@ -121,7 +114,7 @@ def _start(
     suite.start_nodes(processes, suite.SOURCES, common, parameters)
     view.say(
         f'Sweeping {_PROFILE[0][1]:g} -> {_PROFILE[2][1]:g} -> {_PROFILE[-1][1]:g} m/s in'
-        f' {_PROFILE[-1][0]:.0f} s, {arguments.time_scale:g} times as fast as real time.'
+        f' {_PROFILE[-1][0]:.0f} s, {arguments.pace:g} times as fast as real time.'
         ' The alarm holds the coefficients (33) of the paper.'
     )
     return link

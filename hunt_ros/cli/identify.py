@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hunt_ros.cli import options
 from hunt_ros.errors import HuntError
 
 if TYPE_CHECKING:
@@ -18,27 +19,20 @@ if TYPE_CHECKING:
     from hunt_ros.samples import Record, Uncertain
 
 SUMMARY = 'identify the normal form, with intervals, from recordings'
-EXAMPLE = 'hunt identify bags/2024-05-14/*.mcap --out normal_form.yaml --json -'
+EXAMPLE = 'hunt identify bags/hysteresis_loop --out normal_form.yaml --json -'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
     add_settings(parser)
     parser.add_argument('--out', metavar='FILE', help='write the ROS parameter file here')
-    parser.add_argument('--json', metavar='PATH|-', help='write the whole result as JSON')
+    options.add_json(parser, 'the whole result')
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
     """Add what to read and how to identify: what `hunt report` shares with `hunt identify`."""
     parser.add_argument('bags', nargs='+', metavar='BAG', help='recordings: runs, days')
-    parser.add_argument(
-        '--channel',
-        action='append',
-        default=[],
-        metavar='NAME=SOURCE',
-        help='where a channel stands: lateral=/daq/ch0.data[3]*0.001, or speed=16.3',
-    )
-    parser.add_argument('--mapping', metavar='FILE', help='the same as a YAML file')
+    options.add_channels(parser)
     parser.add_argument(
         '--day',
         metavar='PATTERN',
@@ -46,20 +40,34 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--prior-v-c', metavar='V[:STD]', help='known v_c, m/s (STD: 1 %%)')
     parser.add_argument('--prior-D1', metavar='D[:STD]', help='known D1 (STD: 10 %%)')
-    parser.add_argument('--length-scale', type=float, metavar='M', help='d0, m (0.0485)')
-    parser.add_argument('--time-scale', type=float, metavar='S', help='1/omega_psi, s (1/25.91)')
-    parser.add_argument('--frequency', type=float, metavar='HZ', help='hunting frequency')
+    positive = options.number(0.0, 1e6, above=True)
+    parser.add_argument('--length-scale', type=positive, metavar='M', help='d0, m (0.0485)')
     parser.add_argument(
-        '--speed-resolution', type=float, metavar='MPS', help='smallest step of the speed reading'
+        '--time-scale', type=positive, metavar='S', help='1/omega_psi, s (1/25.91)'
+    )
+    parser.add_argument('--frequency', type=positive, metavar='HZ', help='hunting frequency')
+    parser.add_argument(
+        '--speed-resolution',
+        type=options.number(0.0, 1e3),
+        metavar='MPS',
+        help='smallest step of the speed reading',
     )
     parser.add_argument(
-        '--speed-scale-std', type=float, metavar='SHARE', help='scale error of the speed reading'
+        '--speed-scale-std',
+        type=options.number(0.0, 1.0),
+        metavar='SHARE',
+        help='scale error of the speed reading',
     )
     parser.add_argument(
-        '--bootstrap', type=int, metavar='N', help='intervals from N replications (0: linearised)'
+        '--bootstrap',
+        type=options.whole(0, 1_000_000),
+        metavar='N',
+        help='intervals from N replications (0: linearised)',
     )
-    parser.add_argument('--seed', type=int, help='of the bootstrap')
-    parser.add_argument('--jobs', type=int, metavar='N', help='processes (0: one a core)')
+    options.add_seed(parser, None)
+    parser.add_argument(
+        '--jobs', type=options.whole(0, 4096), metavar='N', help='processes (0: one a core)'
+    )
     parser.add_argument('--cluster', metavar='ADDRESS', help='Dask scheduler, tcp://host:8786')
 
 
@@ -92,12 +100,13 @@ def records_of(arguments: argparse.Namespace, advance: Advance) -> list[Record]:
     from dataclasses import replace
 
     from hunt_ros.bag.columns import read_record
+    from hunt_ros.samples import CHANNELS
 
-    mapping = mapping_of(arguments)
+    channels = options.channels_of(arguments, CHANNELS)
     pattern = _pattern(arguments.day)
     records = []
     for count, path in enumerate(arguments.bags):
-        record = read_record(path, mapping)
+        record = read_record(path, channels)
         if pattern is not None:
             found = pattern.search(str(path))
             if found is None:
@@ -150,23 +159,6 @@ def _prior(option: str, text: str | None, share: float) -> tuple[float, float] |
         return float(value), float(std) if std else share * abs(float(value))
     except ValueError:
         raise HuntError(f'{option}: expected VALUE or VALUE:STD, got {text!r}') from None
-
-
-def mapping_of(arguments: argparse.Namespace) -> list[str]:
-    """Collect where the channels stand; those not named are found by their names."""
-    texts: list[str] = []
-    if arguments.mapping:
-        import yaml
-
-        try:
-            document = yaml.safe_load(Path(arguments.mapping).read_text(encoding='utf-8'))
-        except (OSError, yaml.YAMLError) as error:
-            reason = str(error).splitlines()[0]
-            raise HuntError(f'{arguments.mapping}: cannot be read as YAML ({reason})') from error
-        if not isinstance(document, dict):
-            raise HuntError(f'{arguments.mapping}: expected lines of channel: source')
-        texts += [f'{name}={source}' for name, source in document.items()]
-    return [*texts, *arguments.channel]
 
 
 def _write(path: str, text: str) -> None:

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hunt_ros.cli import options
+
 if TYPE_CHECKING:
     from hunt_ros.bag.inspection import Inspection
     from hunt_ros.bag.recovery import Repair
@@ -20,7 +22,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--repair', type=Path, metavar='OUT', help='write what can be saved to this new folder'
     )
-    parser.add_argument('--json', metavar='PATH', help="the findings as JSON; '-': stdout")
+    options.add_json(parser, 'the findings')
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -36,7 +36,7 @@ def replay_live(arguments: argparse.Namespace) -> int:
     with (
         tempfile.TemporaryDirectory() as folder,
         View() as view,
-        Processes(arguments.namespace, Path(folder), private=False) as processes,
+        Processes(arguments.namespace or 'rig', Path(folder), private=False) as processes,
     ):
         link = start_console(processes, {'follow': _PLAYER})
         processes.start(NodeSpec(_PLAYER, _player(arguments)))
@@ -57,9 +57,9 @@ def _player(arguments: argparse.Namespace) -> dict[str, object]:
     """Return the parameters of the node that plays."""
     return {
         'bag': str(arguments.bag.resolve()),
-        'rate': float(arguments.rate),
-        'from_s': float(arguments.start),
-        'to_s': -1.0 if arguments.end is None else float(arguments.end),
+        'rate': 1.0 if arguments.pace is None else arguments.pace,
+        'from_s': arguments.start or 0.0,
+        'to_s': -1.0 if arguments.end is None else arguments.end,
         'loop': arguments.loop,
         'channels': tuple(arguments.channel) or ('',),
     }
@@ -78,7 +78,7 @@ def _detector(arguments: argparse.Namespace) -> NodeSpec:
         'channels': config.channels,
         'roughness': config.roughness,
     }
-    for word in arguments.param:
+    for word in arguments.set:
         name, _, text = word.partition('=')
         parameters[name] = yaml.safe_load(text)
     files = [*arguments.params, *([arguments.normal_form] if arguments.normal_form else [])]

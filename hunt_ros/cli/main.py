@@ -11,7 +11,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from importlib import import_module
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from hunt_ros import __version__
 from hunt_ros.compiled import on_compilation
@@ -21,6 +21,7 @@ from hunt_ros.errors import HuntError
 VERBS: dict[str, str] = {
     'demo': 'demo',
     'run': 'run',
+    'call': 'call',
     'simulate': 'simulate',
     'replay': 'replay',
     'identify': 'identify',
@@ -33,11 +34,19 @@ VERBS: dict[str, str] = {
 }
 
 
+class _UsageError(Exception):
+    """What is wrong with the words of a command."""
+
+
 class _OneLineParser(argparse.ArgumentParser):
     """An argument parser whose complaint is one line, without the usage block."""
 
+    def __init__(self, **options: Any) -> None:
+        # An abbreviation would mean another option as soon as one with its letters is added.
+        super().__init__(allow_abbrev=False, **options)
+
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f'{self.prog}: {message} (see {self.prog} --help)\n')
+        raise _UsageError(f'{self.prog}: {message} (see {self.prog} --help)')
 
 
 def _parser(verb: str | None) -> argparse.ArgumentParser:
@@ -83,7 +92,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit code.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
-    parsed = _parser(words[0] if words else None).parse_args(words)
+    try:
+        parsed = _parser(words[0] if words else None).parse_args(words)
+    except _UsageError as error:
+        print(error, file=sys.stderr)
+        return 2
     on_compilation(lambda text: print(f'hunt {parsed.verb}: {text}', file=sys.stderr, flush=True))
     try:
         code: int = parsed.run(parsed)
@@ -94,10 +107,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # The reader went away (`hunt ... | head`): not our failure.
         sys.stderr.close()
         return 0
+    except (OSError, MemoryError) as error:
+        # A full disk, a folder that may not be written: said in one line, wherever it was met.
+        print(f'hunt {parsed.verb}: {_what_failed(error)}', file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print(f'hunt {parsed.verb}: interrupted', file=sys.stderr)
         return 130
     return code
+
+
+def _what_failed(error: OSError | MemoryError) -> str:
+    """Name the file and what the system says of it."""
+    if isinstance(error, MemoryError):
+        return f'not enough memory ({error})' if str(error) else 'not enough memory'
+    where = f'{error.filename}: ' if error.filename is not None else ''
+    return f'{where}{error.strerror or type(error).__name__}'
 
 
 if __name__ == '__main__':

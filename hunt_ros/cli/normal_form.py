@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hunt_ros.cli import options
 from hunt_ros.errors import ConfigError, HuntError
 
 if TYPE_CHECKING:
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from hunt_ros.dynamics.parameters import RigParameters
 
 SUMMARY = 'compute critical speed and normal form of a rig from its parameters'
-EXAMPLE = 'hunt normal-form wheelset.yaml --plot diagram.png'
+EXAMPLE = 'hunt normal-form config/wheelset.yaml --plot diagram.png'
 
 #: Speeds in the picture, as shares of v_c.
 _SHOWN = (0.75, 1.15)
@@ -27,7 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help='YAML file of the rig; a key left out is that of Table 1, so {} is the linear rig',
     )
-    parser.add_argument('--json', metavar='PATH', help="the result as JSON; '-': stdout")
+    options.add_json(parser)
     parser.add_argument('--plot', type=Path, metavar='PNG', help='bifurcation diagram')
 
 
@@ -37,13 +38,8 @@ def run(arguments: argparse.Namespace) -> int:
     from hunt_ros.dynamics.center_manifold import normal_form_of
     from hunt_ros.dynamics.parameters import RigParameters
 
-    source = str(arguments.wheelset)
-    try:
-        text = arguments.wheelset.read_text(encoding='utf-8')
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else 'not UTF-8 text'
-        raise ConfigError(f'{source}: cannot read it ({reason})') from error
-    rig = RigParameters.from_yaml(text, source)
+    text = options.read_text(arguments.wheelset, 'rig')
+    rig = RigParameters.from_yaml(text, str(arguments.wheelset))
     form = normal_form_of(rig)
     branch = _full_model(rig)
     result = document(form, branch)

@@ -87,7 +87,7 @@ class Processes:
     """
 
     def __init__(self, namespace: str, log_directory: Path, private: bool) -> None:
-        _require_ros()
+        require_ros()
         self._namespace = namespace
         self._logs = log_directory
         self.environment = dict(os.environ)
@@ -182,7 +182,15 @@ class Processes:
                 signal.signal(number, handler)
 
 
-def _require_ros() -> None:
+def require_ros() -> None:
+    """
+    Fail where ROS is not installed.
+
+    Raises
+    ------
+    HuntError
+        With what to install.
+    """
     from importlib.util import find_spec
 
     if find_spec('rclpy') is None:

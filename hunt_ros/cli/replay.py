@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hunt_ros.cli import options
 from hunt_ros.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -15,55 +16,39 @@ if TYPE_CHECKING:
     from hunt_ros.samples import Record
 
 SUMMARY = 'run a recording through the detector; --live: through the running nodes'
-EXAMPLE = 'hunt replay bags/kicks --normal-form normal_form.yaml --json -'
+EXAMPLE = 'hunt replay bags/kick_escapes --normal-form bags/paper.yaml --json -'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument('bag', type=Path, help='folder, .mcap or .db3')
+    options.add_normal_form(parser)
+    options.add_params(parser, 'hunting_detector')
     parser.add_argument(
-        '--normal-form', type=Path, metavar='FILE', help='parameter file of hunt identify --out'
-    )
-    parser.add_argument(
-        '--params',
-        type=Path,
-        action='append',
-        default=[],
-        metavar='FILE',
-        help='ROS parameter file with settings of hunting_detector; repeatable',
-    )
-    parser.add_argument(
-        '--param',
+        '--set',
         action='append',
         default=[],
         metavar='NAME=VALUE',
         help='one setting of hunting_detector, e.g. criteria=[cfr_213_333]; repeatable',
     )
-    parser.add_argument(
-        '--channel',
-        action='append',
-        default=[],
-        metavar='NAME=SOURCE',
-        help='lateral=/daq/ch0.data[3]*0.001, or a constant: speed=16.3',
-    )
-    parser.add_argument('--mapping', type=Path, metavar='FILE', help='the same, as YAML')
-    parser.add_argument('--json', metavar='PATH', help="summary and events as JSON; '-': stdout")
+    options.add_channels(parser)
+    options.add_json(parser, 'summary and events')
     parser.add_argument(
         '--fresh',
         action='store_true',
         help='a new run with default settings, also where the recording holds a live one',
     )
-    live = parser.add_argument_group('live')
-    live.add_argument('--live', action='store_true', help='publish it to the running nodes')
-    live.add_argument('--rate', type=float, default=1.0, help='0.1 to 50 (default: %(default)s)')
-    live.add_argument('--from', dest='start', type=float, default=0.0, metavar='S')
-    live.add_argument('--to', dest='end', type=float, metavar='S')
+    parser.add_argument('--live', action='store_true', help='publish it to the running nodes')
+    live = parser.add_argument_group('with --live only')
+    options.add_pace(live, 50.0, None)
+    options.add_stretch(live)
     live.add_argument('--loop', action='store_true', help='begin anew at the end')
-    live.add_argument('--namespace', default='rig', help='ROS namespace (default: %(default)s)')
+    options.add_namespace(live, None)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Replay; offline unless --live."""
+    _check(arguments)
     if arguments.live:
         from hunt_ros.cli.live_replay import replay_live
 
@@ -101,23 +86,33 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _check(arguments: argparse.Namespace) -> None:
+    """Refuse options that would have no effect."""
+    options.check_stretch(arguments)
+    if arguments.live:
+        return
+    names = {'pace': '--pace', 'start': '--from', 'end': '--to', 'namespace': '--namespace'}
+    without = [option for name, option in names.items() if getattr(arguments, name) is not None]
+    without += ['--loop'] if arguments.loop else []
+    if without:
+        raise ConfigError(f'{without[0]}: only with --live, the whole recording is replayed')
+
+
 def _asks_for_another_run(arguments: argparse.Namespace) -> bool:
     """Tell whether anything was given that the live run of the recording did not have."""
-    given = (arguments.normal_form, arguments.params, arguments.param, arguments.channel)
+    given = (arguments.normal_form, arguments.params, arguments.set, arguments.channel)
     return arguments.fresh or arguments.mapping is not None or any(given)
 
 
 def read(arguments: argparse.Namespace) -> Record:
     """Read the measurements, with the channels the user named."""
-    from hunt_ros.bag import ChannelSource, read_channel_file, read_record
+    from hunt_ros.bag import read_record
+    from hunt_ros.samples import CHANNELS
 
-    mapping = dict(read_channel_file(arguments.mapping)) if arguments.mapping else {}
-    for word in arguments.channel:
-        source = ChannelSource.parse(word)
-        mapping[source.channel] = source
-    constant_speed = any(word.startswith('constant_speed_mps=') for word in arguments.param)
+    channels = options.channels_of(arguments, CHANNELS)
+    constant_speed = any(word.startswith('constant_speed_mps=') for word in arguments.set)
     require = () if constant_speed else ('speed',)
-    record = read_record(arguments.bag, mapping, require=require)
+    record = read_record(arguments.bag, channels, require=require)
     if not {'lateral', 'yaw'} & set(record):
         raise ConfigError(f'{arguments.bag}: neither lateral nor yaw in it, expected one of them')
     return record
@@ -144,10 +139,7 @@ def read_form(path: Path) -> IdentifiedNormalForm:
     """Read a parameter file of `hunt identify --out`."""
     from hunt_ros.dynamics.identified import IdentifiedNormalForm
 
-    try:
-        text = path.read_text(encoding='utf-8')
-    except OSError as error:
-        raise ConfigError(f'{path}: cannot read the normal form ({error.strerror})') from error
+    text = options.read_text(path, 'normal form')
     return IdentifiedNormalForm.from_yaml(text, str(path))
 
 
@@ -156,7 +148,7 @@ def _settings(arguments: argparse.Namespace) -> tuple[DetectorConfig, CompanionC
     from hunt_ros.cli.settings_file import read_settings
     from hunt_ros.detection import CompanionConfig, DetectorConfig
 
-    where = 'hunting_detector', arguments.params, arguments.param
+    where = 'hunting_detector', arguments.params, arguments.set
     config = read_settings(DetectorConfig, *where, others=[CompanionConfig])
     return config, read_settings(CompanionConfig, *where, others=[DetectorConfig])
 
@@ -169,8 +161,5 @@ def _companions(beside: CompanionConfig, config: DetectorConfig) -> Companions:
     rig = None
     if beside.forecast == 'wheelset' and beside.forecast_rig:
         path = Path(beside.forecast_rig)
-        try:
-            rig = RigParameters.from_yaml(path.read_text(encoding='utf-8'), str(path))
-        except OSError as error:
-            raise ConfigError(f'{path}: cannot read the rig ({error.strerror})') from error
+        rig = RigParameters.from_yaml(options.read_text(path, 'rig'), str(path))
     return Companions.of(beside, config.channels, rig, live=False)

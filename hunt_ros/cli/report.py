@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hunt_ros.cli import options
 from hunt_ros.errors import HuntError
 
 if TYPE_CHECKING:
@@ -30,11 +31,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--title', metavar='TEXT', help='of the page')
     parser.add_argument(
         '--roller-diameter',
-        type=float,
+        type=options.number(0.0, 100.0, 'm', above=True),
         metavar='M',
         help='where the roller angle was not recorded: sections once a revolution by the speed',
     )
-    parser.add_argument('--json', metavar='PATH|-', help='write the identification as JSON too')
+    options.add_json(parser, 'the identification')
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -47,8 +48,6 @@ def run(arguments: argparse.Namespace) -> int:
 
     page = _places(arguments)
     diameter = arguments.roller_diameter
-    if diameter is not None and not diameter > 0.0:
-        raise HuntError(f'--roller-diameter: expected a length in m, got {diameter:g}')
     settings = settings_of(arguments)
     with progress('reading') as advance:
         records = records_of(arguments, advance)

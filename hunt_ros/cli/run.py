@@ -6,8 +6,10 @@ import argparse
 import time
 from pathlib import Path
 
+from hunt_ros.cli import options
+
 SUMMARY = 'start every node of the suite on this machine and show what they see'
-EXAMPLE = 'hunt run --simulated --normal-form recordings/normal_form.yaml'
+EXAMPLE = 'hunt run --simulated --normal-form bags/paper.yaml --duration 60'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -19,21 +21,20 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='start only the nodes that listen, on simulated time: for hunt replay --live',
     )
-    parser.add_argument(
-        '--params', type=Path, metavar='FILE', help='ROS parameter file of the rig'
-    )
-    parser.add_argument(
-        '--normal-form', type=Path, metavar='FILE', help='parameter file of hunt identify --out'
-    )
+    options.add_params(parser, 'any node')
+    options.add_normal_form(parser)
     parser.add_argument(
         '--directory',
         type=Path,
         default=Path('recordings'),
         help='recordings (default: %(default)s)',
     )
-    parser.add_argument('--namespace', default='rig', help='ROS namespace (default: %(default)s)')
+    options.add_namespace(parser)
     parser.add_argument(
-        '--duration', type=float, metavar='S', help='end after S seconds instead of at Ctrl-C'
+        '--duration',
+        type=options.number(0.0, options.LONGEST_S, 's', above=True),
+        metavar='S',
+        help='end after S seconds instead of at Ctrl-C',
     )
 
 
@@ -42,12 +43,11 @@ def run(arguments: argparse.Namespace) -> int:
     from hunt_ros.cli import suite
     from hunt_ros.cli.processes import Processes
     from hunt_ros.cli.view import View
-    from hunt_ros.errors import ConfigError
 
-    files = [path for path in (arguments.params, arguments.normal_form) if path is not None]
+    files = [*arguments.params, *([arguments.normal_form] if arguments.normal_form else [])]
     for path in files:
-        if not path.is_file():
-            raise ConfigError(f'{path}: no such parameter file')
+        options.read_text(path, 'parameter file')
+    options.make_folder(arguments.directory, 'recordings')
     names: tuple[str, ...] = (*suite.LISTENERS, *(() if arguments.listen else suite.SOURCES))
     parameters: dict[str, dict[str, object]] = {
         'bag_recorder': {'directory': str(arguments.directory)},

@@ -1,4 +1,4 @@
-"""Settings from a ROS 2 parameter file and from `--param NAME=VALUE`, without ROS."""
+"""Settings from a ROS 2 parameter file and from `--set NAME=VALUE`, without ROS."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import yaml
 
+from hunt_ros.cli.options import read_text
 from hunt_ros.errors import ConfigError
 from hunt_ros.settings import Settings
 
@@ -47,15 +48,18 @@ def read_settings(
     foreign = {item.name: item.default for other in others for item in fields(other)}
     values: dict[str, Any] = {}
     for path in files:
-        found = _section(_read(path), node, str(path))
+        found = _section(read_text(path, 'parameter file'), node, str(path))
         values |= {k: v for k, v in found.items() if k in known}
     for word in words:
         name, equals, text = word.partition('=')
         if not equals or name not in known | foreign:
             names = _listed(known | foreign)
-            raise ConfigError(f'--param {word}: expected NAME=VALUE with one of {names}')
+            raise ConfigError(f'--set {word}: expected NAME=VALUE with one of {names}')
         if name in known:
-            values[name] = yaml.safe_load(text)
+            try:
+                values[name] = yaml.safe_load(text)
+            except yaml.YAMLError:
+                raise ConfigError(f'--set {word}: the value is not YAML') from None
     return kind(**{name: _like(known[name], value) for name, value in values.items()})
 
 
@@ -80,13 +84,6 @@ def settings_from_text(kind: type[_Kind], node: str, text: str, source: str) -> 
     known = {item.name: item.default for item in fields(kind)}
     found = _section(text, node, source)
     return kind(**{name: _like(known[name], v) for name, v in found.items() if name in known})
-
-
-def _read(path: Path) -> str:
-    try:
-        return path.read_text(encoding='utf-8')
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f'{path}: cannot read the parameter file ({error})') from error
 
 
 def _section(text: str, node: str, source: str) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hunt_ros.cli import options
 from hunt_ros.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
 
 #: Of one sensor: a day at 1 kHz, and what a machine's memory holds.
 _MOST_SAMPLES = 1e8
+_POSITIVE = options.number(0.0, 1e6, above=True)
 
 SUMMARY = 'simulate the rig over a speed profile and write the recording as a bag'
 EXAMPLE = 'hunt simulate sweep --sweep 6 8.8 0.02 --kick 60:0.0001 --seed 3'
@@ -26,21 +28,26 @@ def configure(parser: argparse.ArgumentParser) -> None:
     speed.add_argument(
         '--sweep',
         nargs=3,
-        type=float,
+        type=_POSITIVE,
         metavar=('LOW', 'HIGH', 'RATE'),
         help='up and back, m/s, m/s and m/s^2 (default: 6 8.8 0.02)',
     )
     speed.add_argument(
         '--staircase',
         nargs=4,
-        type=float,
+        type=_POSITIVE,
         metavar=('LOW', 'HIGH', 'STEP', 'HOLD'),
         help='up and back in steps, m/s, each held HOLD seconds',
     )
     speed.add_argument(
         '--profile', type=_corners, metavar='T:V,...', help='corners: seconds and m/s'
     )
-    parser.add_argument('--duration', type=float, metavar='S', help='default: the whole profile')
+    parser.add_argument(
+        '--duration',
+        type=options.number(0.0, options.LONGEST_S, 's', above=True),
+        metavar='S',
+        help='default: the whole profile',
+    )
     parser.add_argument(
         '--kick',
         type=_pair,
@@ -50,25 +57,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help='blow at T seconds that moves the wheelset sideways by SIZE m; repeatable',
     )
     parser.add_argument('--rig', type=Path, metavar='FILE', help='rig as YAML (default: built in)')
-    parser.add_argument('--rate', type=float, default=500.0, help='sensors, Hz (%(default)s)')
-    parser.add_argument(
-        '--roughness',
-        type=float,
-        default=20e-6,
-        metavar='M',
-        help='roughness line (%(default)s m)',
-    )
-    parser.add_argument(
-        '--broadband', type=float, default=8e-6, help='white yaw forcing wn (%(default)s)'
-    )
-    parser.add_argument(
-        '--noise', type=float, default=5e-6, metavar='M', help='lateral sensor (%(default)s m)'
-    )
-    parser.add_argument(
-        '--yaw-noise', type=float, default=2e-5, metavar='RAD', help='yaw sensor (%(default)s rad)'
-    )
-    parser.add_argument('--seed', type=int, default=0, help='of everything random (%(default)s)')
-    parser.add_argument('--json', metavar='PATH', help="what was written, as JSON; '-': stdout")
+    options.add_rate(parser, 500.0, 'of the sensors (%(default)s)')
+    for name, default, metavar, what in (
+        ('roughness', 20e-6, 'M', 'roughness line (%(default)s m)'),
+        ('broadband', 8e-6, 'WN', 'white yaw forcing wn (%(default)s)'),
+        ('noise', 5e-6, 'M', 'lateral sensor (%(default)s m)'),
+        ('yaw-noise', 2e-5, 'RAD', 'yaw sensor (%(default)s rad)'),
+    ):
+        kind = options.number(0.0, 0.1)
+        parser.add_argument(f'--{name}', type=kind, default=default, metavar=metavar, help=what)
+    options.add_seed(parser)
+    options.add_json(parser, 'what was written')
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -81,18 +80,21 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigError(f'{arguments.out}: exists already, expected the name of a new folder')
     rig, settings, profile = _rig(arguments.rig), _settings(arguments), _profile(arguments)
     duration_s = profile.duration_s if arguments.duration is None else arguments.duration
-    if not 0.0 < duration_s <= 864_000.0:
-        raise ConfigError(f'--duration: {duration_s:g} s is not within 0 to 864000 s')
+    if duration_s > options.LONGEST_S:
+        raise ConfigError(f'the profile lasts {duration_s:g} s, more than {options.LONGEST_S:g} s')
     if duration_s * arguments.rate > _MOST_SAMPLES:
         raise ConfigError(
             f'--rate: {duration_s:g} s at {arguments.rate:g} Hz are more than'
             f' {_MOST_SAMPLES:g} samples a sensor'
         )
-    if arguments.seed < 0:
-        raise ConfigError(f'--seed: {arguments.seed} is negative, expected 0 or more')
-    for time_s, _ in arguments.kick:
+    for time_s, size in arguments.kick:
         if not 0.0 <= time_s <= duration_s:
             raise ConfigError(f'--kick: {time_s:g} s is not within the {duration_s:g} s simulated')
+        if not abs(size) < rig.half_gauge_m:
+            raise ConfigError(
+                f'--kick: {size:g} m throws the wheelset off the rollers, expected less than'
+                f' its half gauge, {rig.half_gauge_m:g} m'
+            )
     kicks = [Kick(time_s, lateral_m=size) for time_s, size in arguments.kick]
     record = simulate(rig, settings, profile, duration_s, kicks=kicks, seed=arguments.seed)
     notes = {'source': 'hunt simulate', 'seed': str(arguments.seed)}
@@ -111,10 +113,7 @@ def _rig(path: Path | None) -> RigParameters:
 
     if path is None:
         return paper_rig()
-    try:
-        return RigParameters.from_yaml(path.read_text(encoding='utf-8'), str(path))
-    except OSError as error:
-        raise ConfigError(f'{path}: cannot read the rig ({error.strerror})') from error
+    return RigParameters.from_yaml(options.read_text(path, 'rig'), str(path))
 
 
 def _profile(arguments: argparse.Namespace) -> SpeedProfile:

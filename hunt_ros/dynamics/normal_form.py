@@ -14,7 +14,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.integrate import quad
 
 from hunt_ros.errors import ConfigError
 
@@ -249,6 +248,8 @@ class NormalForm:
         rate = float(self.growth_rate(speed, 0.5 * (start + end)))
         if steady or rate * (end - start) <= 0.0:
             return math.inf
+        from scipy.integrate import quad  # 0.3 s and 20 MB that only this integral needs
+
         time, _ = quad(
             lambda log_amplitude: 1.0 / float(self.growth_rate(speed, math.exp(log_amplitude))),
             math.log(start),

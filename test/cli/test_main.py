@@ -93,7 +93,7 @@ def test_a_bag_without_motion_is_refused(capsys, tmp_path) -> None:
 )
 def test_an_impossible_setting_is_named(word, part, capsys, tmp_path) -> None:
     bag = _bag(tmp_path, {'lateral': 0.0, 'speed': 7.0})
-    assert part in _refused(['replay', str(bag), '--param', word], capsys)
+    assert part in _refused(['replay', str(bag), '--set', word], capsys)
 
 
 def test_a_damaged_normal_form_is_named(capsys, tmp_path) -> None:
@@ -142,7 +142,7 @@ def test_json_never_holds_nan(tmp_path) -> None:
 def test_replay_runs_criteria_and_forecast_beside_the_detector(capsys) -> None:
     bags = Path(__file__).parents[2] / 'bags'
     words = ['replay', str(bags / 'kick_escapes'), '--normal-form', str(bags / 'paper.yaml')]
-    beside = ['--param', 'criteria=[cfr_213_333]', '--param', 'criteria_scale=0.03']
+    beside = ['--set', 'criteria=[cfr_213_333]', '--set', 'criteria_scale=0.03']
     assert main([*words, *beside, '--json', '-']) == 0
     result = json.loads(capsys.readouterr().out)
     assert [item['exceeded'] for item in result['criteria']] == [True, False]
@@ -154,7 +154,7 @@ def test_replay_runs_criteria_and_forecast_beside_the_detector(capsys) -> None:
     assert spoken[0]['speed_mps'] == pytest.approx(7.2, abs=0.01)
     assert result['summary']['forecast']['v_c_mps'] is None
     assert result['summary']['forecast']['reason'] == 'collecting speed levels'
-    assert main([*words, '--param', 'forecast=off']) == 0
+    assert main([*words, '--set', 'forecast=off']) == 0
     printed = capsys.readouterr().out
     assert 'v_c from' not in printed
     assert 'CRITERION' not in printed
@@ -180,7 +180,7 @@ def test_replay_says_that_the_recording_was_cut_short(capsys, tmp_path) -> None:
         (['--seed', '-1'], '--seed'),
         (['--kick', '50:1e-4'], '--kick'),
         (['--kick', 'nan:1e-4'], '--kick'),
-        (['--rate', 'nan'], 'sample_rate_hz'),
+        (['--rate', 'nan'], '--rate'),
     ],
 )
 def test_simulate_refuses_what_it_cannot_simulate(capsys, tmp_path, words, option) -> None:
@@ -206,3 +206,36 @@ def test_a_number_may_be_written_in_any_way(number: str) -> None:
 def test_a_negative_seed_is_refused(capsys, tmp_path) -> None:
     bag = _bag(tmp_path, {'lateral': 0.0, 'speed': 7.0})
     assert 'seed' in _refused(['identify', str(bag), '--seed', '-1'], capsys)
+
+
+def test_no_option_may_be_abbreviated(capsys, tmp_path) -> None:
+    bag = _bag(tmp_path, {'lateral': 0.0, 'speed': 7.0})
+    assert '--fres' in _refused(['replay', str(bag), '--fres'], capsys)
+
+
+def test_an_option_has_one_meaning_in_every_verb(capsys) -> None:
+    """The same name takes the same kind of value, and says the same of it."""
+    import argparse
+    from importlib import import_module
+
+    seen: dict[str, dict[object, list[str]]] = {}
+    for verb, module in VERBS.items():
+        parser = argparse.ArgumentParser()
+        parser.description = ''
+        import_module(f'hunt_ros.cli.{module}').configure(parser)
+        for action in parser._actions:
+            for name in action.option_strings:
+                kind = (action.metavar, action.nargs, type(action).__name__)
+                seen.setdefault(name, {}).setdefault(kind, []).append(verb)
+    for name, kinds in seen.items():
+        # What is written is a file or a folder, as the verb makes one or several.
+        assert len(kinds) == 1 or name == '--out', f'{name}: {kinds}'
+    assert not {'--param', '--channels'} & set(seen)
+
+
+def test_the_services_of_the_table_stand_in_the_readme() -> None:
+    from hunt_ros.services import SERVICES
+
+    readme = (Path(__file__).parents[2] / 'README.md').read_text(encoding='utf-8')
+    for word, service in SERVICES.items():
+        assert f'| `{word}` | `{service.name}` | {service.does} |' in readme

@@ -74,7 +74,7 @@ def test_export_of_a_stretch_and_import_again(bag: Path, tmp_path: Path, capsys)
     table = tmp_path / 'out.csv'
     assert main(['export', str(bag), str(table), '--from', '1', '--to', '2', '--json', '-']) == 0
     assert output(capsys) == {'file': str(table), 'rows': 100}
-    words = ['import', str(table), str(tmp_path / 'again'), '--rig', 'c', '--json', '-']
+    words = ['import', str(table), str(tmp_path / 'again'), '--note', 'rig=c', '--json', '-']
     assert main(words) == 0
     document = output(capsys)
     assert document['channels']['yaw'] == {'samples': 100, 'rate_hz': pytest.approx(100.0)}
@@ -89,7 +89,7 @@ def test_import_with_a_mapping_file_and_an_option_over_it(tmp_path: Path) -> Non
     np.save(tmp_path / 'a.npy', np.arange(60.0).reshape(2, 30))
     (tmp_path / 'map.yaml').write_text('lateral: data[0]*0.001\nspeed: 7\n')
     words = ['import', str(tmp_path / 'a.npy'), str(tmp_path / 'out'), '--rate', '10']
-    words += ['--channels', str(tmp_path / 'map.yaml'), '--channel', 'speed=8']
+    words += ['--mapping', str(tmp_path / 'map.yaml'), '--channel', 'speed=8']
     assert main(words) == 0
     record = read_record(tmp_path / 'out')
     np.testing.assert_array_equal(record['lateral'].values, np.arange(30.0) * 0.001)

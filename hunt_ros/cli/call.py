@@ -1,0 +1,85 @@
+"""`hunt call SERVICE`: act on a running rig, as a button of a control panel would."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+from typing import Any
+
+from hunt_ros.cli import options
+from hunt_ros.errors import HuntError
+from hunt_ros.services import SERVICES
+
+SUMMARY = 'acknowledge, start or stop the profile, mark, stop: call a service of the running rig'
+EXAMPLE = "hunt call mark 'bump at joint 3'"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    width = max(map(len, SERVICES)) + 2
+    lines = (f'  {word:{width}}{service.does}' for word, service in SERVICES.items())
+    listed = '\n'.join(lines)
+    parser.description = f'{parser.description}\n\nservices:\n{listed}'
+    parser.add_argument(
+        'service', choices=SERVICES, metavar='SERVICE', help='one of those listed above'
+    )
+    parser.add_argument('words', nargs='?', default='', help='what to write beside a mark')
+    options.add_namespace(parser)
+    parser.add_argument(
+        '--wait',
+        type=options.number(0.0, 600.0, 's'),
+        default=5.0,
+        metavar='S',
+        help='how long to look for the service (default: %(default)g s)',
+    )
+    options.add_json(parser, 'the answer')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Call it: 0 done, 1 refused; a HuntError (2) where nobody offers it."""
+    from hunt_ros.cli.output import write_json
+    from hunt_ros.cli.processes import NodeSpec, require_ros
+
+    service = SERVICES[arguments.service]
+    if arguments.words and not service.words_topic:
+        raise HuntError(f'{arguments.service}: takes no words, got {arguments.words!r}')
+    require_ros()
+    parameters = {
+        'service': service.name,
+        'wait_s': float(arguments.wait),
+        'words': arguments.words,
+        'words_topic': service.words_topic,
+    }
+    answer = _ask(NodeSpec('service_call', parameters).command(arguments.namespace))
+    if 'success' not in answer:
+        raise HuntError(_nobody(answer, arguments.namespace.strip('/'), service.node))
+    if arguments.json != '-':
+        print(answer['message'] or ('done' if answer['success'] else 'refused'))
+    if arguments.json:
+        write_json(answer, arguments.json)
+    return 0 if answer['success'] else 1
+
+
+def _ask(command: list[str]) -> dict[str, Any]:
+    """Run the node that calls, and return what it prints."""
+    done = subprocess.run(command, capture_output=True, text=True)
+    for line in done.stdout.splitlines():
+        try:
+            answer: dict[str, Any] = json.loads(line)
+        except ValueError:
+            continue  # a line of some library
+        return answer
+    last = done.stderr.strip().splitlines()
+    raise HuntError(f'the call failed: {last[-1] if last else f"exit code {done.returncode}"}')
+
+
+def _nobody(answer: dict[str, Any], namespace: str, node: str) -> str:
+    """Say that nobody offers the service, and where else it is offered."""
+    if answer.get('silent'):
+        return f'{answer["service"]}: {node} does not answer'
+    others = [name.removesuffix(answer['relative']).strip('/') for name in answer['elsewhere']]
+    hint = f'; it is there under {", ".join(f"--namespace {name}" for name in others)}'
+    return f'{answer["service"]}: nobody offers it, expected {node} to run under /{namespace}' + (
+        hint if others else ''
+    )

@@ -1,0 +1,256 @@
+"""
+The options that several verbs have: one name for one thing, defined once.
+
+A verb adds them with these functions; a value that is no sensible number is refused by its
+type, before any work begins.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hunt_ros.errors import ConfigError
+
+if TYPE_CHECKING:
+    from hunt_ros.bag import ChannelSource
+
+#: Longest run or recording, s: ten days.
+LONGEST_S = 864_000.0
+
+
+def number(
+    low: float = -math.inf, high: float = math.inf, unit: str = '', above: bool = False
+) -> Callable[[str], float]:
+    """
+    Return the type of an option that is a finite number within limits.
+
+    Parameters
+    ----------
+    low, high : float
+        Limits, both included.
+    unit : str
+        For the message.
+    above : bool
+        True where `low` itself is excluded.
+    """
+
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value) or not low <= value <= high or (above and value == low):
+            raise argparse.ArgumentTypeError(
+                f'expected {_range(low, high, unit, above)}, got {text}'
+            )
+        return value
+
+    return parse
+
+
+def whole(low: int = 0, high: int = 2**31 - 1) -> Callable[[str], int]:
+    """Return the type of an option that is a whole number from `low` to `high`."""
+
+    def parse(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            value = low - 1
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(
+                f'expected a whole number from {low} to {high}, got {text}'
+            )
+        return value
+
+    return parse
+
+
+def _range(low: float, high: float, unit: str, above: bool) -> str:
+    unit = f' {unit}' if unit else ''
+    if math.isfinite(low) and math.isfinite(high):
+        return f'a number {"above" if above else "from"} {low:g}{unit} to {high:g}{unit}'
+    if math.isfinite(low):
+        return f'a number {"above" if above else "of at least"} {low:g}{unit}'
+    return f'a number{unit and " in"}{unit}'
+
+
+def add_json(parser: argparse.ArgumentParser, what: str = 'the result') -> None:
+    """`--json`: what every verb that finds something has."""
+    parser.add_argument('--json', metavar='PATH|-', help=f"{what} as JSON; '-': stdout")
+
+
+def add_channels(parser: argparse.ArgumentParser, what: str = '') -> None:
+    """`--channel` and `--mapping`: where the channels of a recording stand."""
+    parser.add_argument(
+        '--channel',
+        action='append',
+        default=[],
+        metavar='NAME=SOURCE',
+        help=what or 'lateral=/daq/ch0.data[3]*0.001, or a constant: speed=16.3; repeatable',
+    )
+    parser.add_argument(
+        '--mapping', type=Path, metavar='FILE', help='the same as YAML, a line a channel'
+    )
+
+
+def channels_of(
+    arguments: argparse.Namespace, allowed: Iterable[str] | None
+) -> dict[str, ChannelSource]:
+    """
+    Return where the channels stand; an option wins over the file.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        With the options of `add_channels`.
+    allowed : iterable of str or None
+        Names that may occur; None for any.
+
+    Raises
+    ------
+    BagError
+        Naming the file or the option.
+    """
+    from hunt_ros.bag import channel_map, read_channel_file
+
+    mapping = read_channel_file(arguments.mapping, allowed) if arguments.mapping else {}
+    return mapping | channel_map(arguments.channel, allowed)
+
+
+def add_normal_form(parser: argparse.ArgumentParser) -> None:
+    """`--normal-form`: the form that the alarm uses."""
+    parser.add_argument(
+        '--normal-form', type=Path, metavar='FILE', help='parameter file of hunt identify --out'
+    )
+
+
+def add_params(parser: argparse.ArgumentParser, whose: str) -> None:
+    """`--params`: ROS parameter files."""
+    parser.add_argument(
+        '--params',
+        type=Path,
+        action='append',
+        default=[],
+        metavar='FILE',
+        help=f'ROS parameter file with settings of {whose}; repeatable, a later one wins',
+    )
+
+
+def add_namespace(parser: argparse._ActionsContainer, default: str | None = 'rig') -> None:
+    """`--namespace`: that of the rig."""
+    parser.add_argument(
+        '--namespace',
+        type=_namespace,
+        default=default,
+        help='ROS namespace of the rig (default: rig)',
+    )
+
+
+def _namespace(text: str) -> str:
+    if not re.fullmatch(r'/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*/?', text, re.ASCII):
+        raise argparse.ArgumentTypeError(f'expected a ROS name such as rig or lab/rig, got {text}')
+    return text.strip('/')
+
+
+def add_pace(
+    parser: argparse._ActionsContainer, high: float, default: float | None = None
+) -> None:
+    """`--pace`: recorded or simulated seconds in a second."""
+    parser.add_argument(
+        '--pace',
+        type=number(0.1, high),
+        default=default,
+        metavar='X',
+        help=f'seconds of the rig in a second, 0.1 to {high:g} (default: {default or 1:g})',
+    )
+
+
+def add_rate(parser: argparse.ArgumentParser, default: float | None, what: str) -> None:
+    """`--rate`: samples a second."""
+    parser.add_argument(
+        '--rate',
+        type=number(0.0, 1e6, 'Hz', above=True),
+        default=default,
+        metavar='HZ',
+        help=f'samples a second {what}',
+    )
+
+
+def add_seed(parser: argparse.ArgumentParser, default: int | None = 0) -> None:
+    """`--seed`: of everything random."""
+    parser.add_argument(
+        '--seed', type=whole(), default=default, metavar='N', help='of everything random'
+    )
+
+
+def add_stretch(parser: argparse._ActionsContainer) -> None:
+    """`--from` and `--to`: a part of the recording."""
+    kind = number(0.0, 1e9, 's')
+    since = 's since the start of the recording'
+    parser.add_argument('--from', dest='start', type=kind, metavar='S', help=since)
+    parser.add_argument('--to', dest='end', type=kind, metavar='S', help=since)
+
+
+def check_stretch(arguments: argparse.Namespace) -> None:
+    """
+    Refuse a stretch that ends before it begins.
+
+    Raises
+    ------
+    ConfigError
+        With both ends.
+    """
+    start = arguments.start or 0.0
+    if arguments.end is not None and arguments.end <= start:
+        raise ConfigError(f'--to: expected more than --from, {start:g} s, got {arguments.end:g} s')
+
+
+def read_text(path: Path, what: str) -> str:
+    """
+    Read a text file that a user has named.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    what : str
+        What it should be, for the message: 'normal form'.
+
+    Raises
+    ------
+    ConfigError
+        If it is missing, a folder, not readable, empty, or no text.
+    """
+    try:
+        text = path.read_text(encoding='utf-8')
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else 'not UTF-8 text'
+        raise ConfigError(f'{path}: cannot read it as a {what} ({reason})') from error
+    if not text.strip():
+        raise ConfigError(f'{path}: cannot read it as a {what} (the file is empty)')
+    return text
+
+
+def make_folder(path: Path, what: str) -> Path:
+    """
+    Make a folder that a user has named, and be sure that it can be written to.
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be made or written to.
+    """
+    from tempfile import TemporaryFile
+
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=path):
+            pass
+    except OSError as error:
+        raise ConfigError(f'{path}: cannot write {what} there ({error.strerror})') from error
+    return path

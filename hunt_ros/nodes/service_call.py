@@ -1,0 +1,90 @@
+"""
+The node behind `hunt call`: calls one Trigger service, prints the answer, and ends.
+
+One line of JSON on standard output: `success` and `message` as the service said; without
+`success` where nobody offers it (`elsewhere`: where it is offered) or nobody answers (`silent`).
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from dataclasses import dataclass
+
+import rclpy
+from rclpy.duration import Duration
+from rclpy.node import Node
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from hunt_ros.nodes.parameters import declare
+from hunt_ros.nodes.qos import stream
+from hunt_ros.settings import Settings, setting
+
+#: Closing a recording may take as long as this, s.
+_ANSWER_S = 90.0
+
+
+@dataclass(frozen=True)
+class CallConfig(Settings):
+    """Parameters of a call."""
+
+    service: str = setting('', 'Relative name of the service.', fixed=True)
+    wait_s: float = setting(5.0, 'How long to look for it.', unit='s', low=0.0, fixed=True)
+    words: str = setting('', 'Published behind the call.', fixed=True)
+    words_topic: str = setting('', 'Where the words go.', fixed=True)
+
+
+def call(node: Node, config: CallConfig) -> dict[str, object]:
+    """
+    Call the service, and publish the words if it was done.
+
+    Returns
+    -------
+    dict
+        What is printed.
+    """
+    full = node.resolve_service_name(config.service)
+    answer: dict[str, object] = {'service': full, 'relative': config.service}
+    client = node.create_client(Trigger, config.service)
+    if not client.wait_for_service(timeout_sec=config.wait_s):
+        names = {name for name, _ in node.get_service_names_and_types()} - {full}
+        ending = f'/{config.service}'
+        return {**answer, 'elsewhere': sorted(name for name in names if name.endswith(ending))}
+    future = client.call_async(Trigger.Request())
+    rclpy.spin_until_future_complete(node, future, timeout_sec=_ANSWER_S)
+    if not future.done():
+        return {**answer, 'silent': True}
+    answer |= {'success': future.result().success, 'message': future.result().message}
+    if config.words and answer['success'] and not _publish(node, config):
+        answer |= {'success': False, 'message': f'nobody listens to {config.words_topic}'}
+    return answer
+
+
+def _publish(node: Node, config: CallConfig) -> bool:
+    """Publish the words; False where nobody has taken them."""
+    publisher = node.create_publisher(String, config.words_topic, stream(10))
+    deadline = time.monotonic() + max(config.wait_s, 1.0)
+    while not publisher.get_subscription_count():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.02)
+    publisher.publish(String(data=config.words))
+    return publisher.wait_for_all_acked(Duration(seconds=5.0))
+
+
+def main() -> int:
+    """Run the node."""
+    rclpy.init()
+    node = rclpy.create_node('service_call')
+    try:
+        print(json.dumps(call(node, declare(node, CallConfig))), flush=True)
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

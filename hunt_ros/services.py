@@ -1,0 +1,77 @@
+"""
+The services by which an operator acts on a running rig: what `hunt call` knows, and the README.
+
+All are `std_srvs/Trigger`, named below the namespace of the rig.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Service(NamedTuple):
+    """
+    One service.
+
+    Parameters
+    ----------
+    name : str
+        Below the namespace.
+    node : str
+        Which offers it.
+    does : str
+        What it is for, as a line of the help text.
+    words_topic : str
+        std_msgs/String, below the namespace: where words that go with the call are published;
+        '' where it takes none.
+    """
+
+    name: str
+    node: str
+    does: str
+    words_topic: str = ''
+
+
+#: Word of `hunt call` -> service.
+SERVICES: dict[str, Service] = {
+    'acknowledge': Service(
+        'hunting/acknowledge_alarm', 'hunting_detector', 'end an alarm whose cause is over'
+    ),
+    'start-profile': Service(
+        'speed/start_profile', 'roller_speed', 'start the speed profile from its beginning'
+    ),
+    'stop-profile': Service(
+        'speed/stop_profile', 'roller_speed', 'hold the set point that the profile has now'
+    ),
+    'resume-profile': Service(
+        'speed/resume_profile', 'roller_speed', 'go on with the profile where it was stopped'
+    ),
+    'emergency-stop': Service(
+        'speed/emergency_stop', 'roller_speed', 'take the roller to the emergency speed'
+    ),
+    'rearm': Service(
+        'speed/rearm', 'roller_speed', 'allow profiles again after an emergency stop'
+    ),
+    'start-recording': Service('recording/start', 'bag_recorder', 'begin a recording'),
+    'stop-recording': Service('recording/stop', 'bag_recorder', 'close the recording'),
+    'split-recording': Service('recording/split', 'bag_recorder', 'begin a new file of it'),
+    'mark': Service(
+        'recording/mark', 'bag_recorder', 'mark this moment in the recording', 'recording/mark'
+    ),
+    'identify': Service(
+        'identify', 'normal_form_identifier', 'refit the normal form from the recordings'
+    ),
+    'accept-form': Service(
+        'hunting/accept_normal_form',
+        'hunting_detector',
+        'take the normal form that waits because it would alarm later',
+    ),
+    'revert-form': Service(
+        'hunting/revert_normal_form',
+        'normal_form_identifier',
+        'go back to the normal form before',
+    ),
+    'kick': Service('simulator/kick', 'rig_simulator', 'kick the simulated wheelset'),
+    'pause-replay': Service('replay/pause', 'live_replay', 'hold a live replay'),
+    'resume-replay': Service('replay/resume', 'live_replay', 'go on with a live replay'),
+}

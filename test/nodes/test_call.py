@@ -1,0 +1,53 @@
+"""`hunt call`: an operator's words reach the rig, and its refusals reach the operator."""
+
+from __future__ import annotations
+
+import pytest
+
+from hunt_ros.bag import Bag
+from hunt_ros.bag.messages import read_texts
+from hunt_ros.cli.main import main
+from hunt_ros.services import SERVICES
+
+pytestmark = pytest.mark.ros
+
+
+def test_a_call_is_done_refused_or_finds_nobody(graph, capsys) -> None:
+    assert main(['call', 'acknowledge', '--wait', '0.5']) == 2
+    error = capsys.readouterr().err
+    assert error.count('\n') == 1
+    assert '/rig/hunting/acknowledge_alarm' in error
+    assert 'hunting_detector' in error
+
+    graph.start('rig_simulator', port=graph.port)
+    graph.start('roller_speed', port=graph.port)
+    graph.start('bag_recorder', directory=str(graph.folder))
+    wait = ['--wait', '60']
+    assert main(['call', 'mark', 'bump at joint 3', *wait]) == 0
+    assert main(['call', 'resume-profile', *wait]) == 1
+    assert 'no profile was started' in capsys.readouterr().out
+    for word in ('kick', 'emergency-stop', 'stop-recording'):
+        assert main(['call', word, *wait]) == 0
+    assert main(['call', 'stop-recording', *wait]) == 1
+    assert 'no recording is running' in capsys.readouterr().out
+    (bag,) = graph.folder.glob('hunt_*')
+    with Bag(bag) as opened:
+        texts = [entry.text for entry in read_texts(opened, 'recording/mark')]
+    assert texts == ['mark', 'bump at joint 3']
+
+    assert main(['call', 'mark', '--namespace', 'lab', '--wait', '1']) == 2
+    assert '--namespace rig' in capsys.readouterr().err
+    # What these nodes offer to an operator is in the table.
+    nodes = ('rig_simulator', 'roller_speed', 'bag_recorder')
+    offered = {
+        name.removeprefix('/rig/')
+        for node in nodes
+        for name, kinds in graph.node.get_service_names_and_types_by_node(node, '/rig')
+        if kinds == ['std_srvs/srv/Trigger']
+    }
+    assert offered == {item.name for item in SERVICES.values() if item.node in nodes}
+
+
+def test_words_go_with_a_mark_only(capsys) -> None:
+    assert main(['call', 'emergency-stop', 'now']) == 2
+    assert 'takes no words' in capsys.readouterr().err
