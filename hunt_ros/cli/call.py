@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import subprocess
+import sys
 from typing import Any
 
 from hunt_ros.cli import options
@@ -51,7 +52,9 @@ def run(arguments: argparse.Namespace) -> int:
         'words': arguments.words,
         'words_topic': service.words_topic,
     }
-    answer = _ask(NodeSpec('service_call', parameters).command(arguments.namespace))
+    spec = NodeSpec('service_call', parameters)
+    command = [sys.executable, '-m', f'hunt_ros.nodes.{spec.module}']
+    answer = _ask([*command, *spec.ros_arguments(arguments.namespace)])
     if 'success' not in answer:
         raise HuntError(_nobody(answer, arguments.namespace.strip('/'), service.node))
     if arguments.json != '-':

@@ -6,6 +6,7 @@ import argparse
 import math
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -38,8 +39,11 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
         metavar='PATTERN',
         help="regular expression: its first group in a bag's path is its day (else the date)",
     )
-    parser.add_argument('--prior-v-c', metavar='V[:STD]', help='known v_c, m/s (STD: 1 %%)')
-    parser.add_argument('--prior-D1', metavar='D[:STD]', help='known D1 (STD: 10 %%)')
+    for name, metavar, share, what in (
+        ('v-c', 'V[:STD]', 0.01, 'known v_c, m/s (STD: 1 %%)'),
+        ('D1', 'D[:STD]', 0.1, 'known D1 (STD: 10 %%)'),
+    ):
+        parser.add_argument(f'--prior-{name}', type=_prior(share), metavar=metavar, help=what)
     positive = options.number(0.0, 1e6, above=True)
     parser.add_argument('--length-scale', type=positive, metavar='M', help='d0, m (0.0485)')
     parser.add_argument(
@@ -143,22 +147,40 @@ def settings_of(arguments: argparse.Namespace) -> IdentificationSettings:
         'seed': arguments.seed,
         'jobs': arguments.jobs,
         'cluster': arguments.cluster,
-        'prior_v_c': _prior('--prior-v-c', arguments.prior_v_c, 0.01),
-        'prior_D1': _prior('--prior-D1', arguments.prior_D1, 0.1),
+        'prior_v_c': arguments.prior_v_c,
+        'prior_D1': arguments.prior_D1,
     }
+    if arguments.cluster is not None:
+        if not arguments.bootstrap:
+            raise HuntError('--cluster: only with --bootstrap N, whose replications it runs')
+        _reach(arguments.cluster)
     known = {name: value for name, value in given.items() if value is not None}
     return IdentificationSettings(**known)
 
 
-def _prior(option: str, text: str | None, share: float) -> tuple[float, float] | None:
-    """Read VALUE or VALUE:STD."""
-    if text is None:
-        return None
-    value, _, std = text.partition(':')
+def _prior(share: float) -> Callable[[str], tuple[float, float]]:
+    """Return the type of VALUE or VALUE:STD; without STD it is this share of the value."""
+    positive = options.number(0.0, 1e6, above=True)
+
+    def parse(text: str) -> tuple[float, float]:
+        value, colon, std = text.partition(':')
+        return positive(value), positive(std) if colon else share * positive(value)
+
+    return parse
+
+
+def _reach(address: str) -> None:
+    """Fail before the work begins where no Dask scheduler can be."""
+    import socket
+
+    host, _, port = address.rpartition('://')[2].rpartition(':')
+    if not host or not port.isdecimal():
+        raise HuntError(f'--cluster: expected tcp://HOST:PORT, got {address}')
     try:
-        return float(value), float(std) if std else share * abs(float(value))
-    except ValueError:
-        raise HuntError(f'{option}: expected VALUE or VALUE:STD, got {text!r}') from None
+        socket.create_connection((host, int(port)), timeout=5.0).close()
+    except (OSError, OverflowError) as error:
+        reason = getattr(error, 'strerror', None) or str(error)
+        raise HuntError(f'--cluster: nobody answers at {address} ({reason})') from error
 
 
 def _write(path: str, text: str) -> None:

@@ -57,8 +57,12 @@ class NodeSpec:
 
     def command(self, namespace: str) -> list[str]:
         """Return the command line of the process."""
-        words = [sys.executable, '-m', 'hunt_ros.nodes.entry', self.module, '--ros-args']
-        words += ['-r', f'__ns:=/{namespace.strip("/")}']
+        entry = [sys.executable, '-m', 'hunt_ros.nodes.entry', self.module]
+        return [*entry, *self.ros_arguments(namespace)]
+
+    def ros_arguments(self, namespace: str) -> list[str]:
+        """Return the part of it that rclpy reads."""
+        words = ['--ros-args', '-r', f'__ns:=/{namespace.strip("/")}']
         for path in self.parameter_files:
             words += ['--params-file', str(path)]
         for name, value in self.parameters.items():

@@ -150,11 +150,11 @@ def _settings(arguments: argparse.Namespace) -> SimulationSettings:
 
 
 def _pair(text: str) -> tuple[float, float]:
-    first, _, second = text.partition(':')
-    try:
-        return float(first), float(second)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f'{text!r} is not two numbers T:VALUE') from None
+    first, colon, second = text.partition(':')
+    if not colon:
+        raise argparse.ArgumentTypeError(f'expected two numbers T:VALUE, got {text}')
+    finite = options.number(-1e6, 1e6)
+    return finite(first), finite(second)
 
 
 def _corners(text: str) -> list[tuple[float, float]]:

@@ -20,13 +20,14 @@ def test_a_call_is_done_refused_or_finds_nobody(graph, capsys) -> None:
     assert 'hunting_detector' in error
 
     graph.start('rig_simulator', port=graph.port)
+    wait = ['--wait', '120']
+    assert main(['call', 'kick', *wait]) == 0  # the simulator is up: the drive finds it
     graph.start('roller_speed', port=graph.port)
     graph.start('bag_recorder', directory=str(graph.folder))
-    wait = ['--wait', '60']
     assert main(['call', 'mark', 'bump at joint 3', *wait]) == 0
     assert main(['call', 'resume-profile', *wait]) == 1
     assert 'no profile was started' in capsys.readouterr().out
-    for word in ('kick', 'emergency-stop', 'stop-recording'):
+    for word in ('emergency-stop', 'stop-recording'):
         assert main(['call', word, *wait]) == 0
     assert main(['call', 'stop-recording', *wait]) == 1
     assert 'no recording is running' in capsys.readouterr().out

@@ -1,0 +1,175 @@
+"""Whatever is wrong with what a user gives: one line that names it, exit code 2, no traceback."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hunt_ros.bag import write_record
+from hunt_ros.cli.main import main
+from hunt_ros.samples import Record, Series
+
+#: What may be wrong with a file that is named.
+FAULTS = ('missing', 'folder', 'binary', 'empty', 'unreadable')
+#: Every argument of every verb that names a file to read; FILE stands for it.
+FILES = {
+    'replay': 'replay FILE',
+    'replay --normal-form': 'replay BAG --normal-form FILE',
+    'replay --params': 'replay BAG --params FILE',
+    'replay --mapping': 'replay BAG --mapping FILE',
+    'identify': 'identify FILE',
+    'identify --mapping': 'identify BAG --mapping FILE',
+    'report': 'report FILE --out OUT.html',
+    'info': 'info FILE',
+    'info --repair': 'info FILE --repair OUT',
+    'export': 'export FILE OUT.csv',
+    'export --mapping': 'export BAG OUT.csv --mapping FILE',
+    'import': 'import FILE.csv OUT',
+    'import .mat': 'import FILE.mat OUT',
+    'import .npy': 'import FILE.npy OUT',
+    'import .parquet': 'import FILE.parquet OUT',
+    'import --mapping': 'import TABLE OUT --mapping FILE',
+    'simulate --rig': 'simulate OUT --rig FILE',
+    'normal-form': 'normal-form FILE',
+    'run --params': 'run --simulated --params FILE --directory OUT',
+    'run --normal-form': 'run --simulated --normal-form FILE --directory OUT',
+}
+#: Every option of every verb that takes a number; X stands for it.
+NUMBERS = {
+    'demo --pace': 'demo --out OUT --pace X',
+    'demo --seed': 'demo --out OUT --seed X',
+    'run --duration': 'run --simulated --directory OUT --duration X',
+    'call --wait': 'call mark --wait X',
+    'simulate --sweep low': 'simulate OUT --sweep X 8 0.1',
+    'simulate --sweep rate': 'simulate OUT --sweep 6 8 X',
+    'simulate --staircase step': 'simulate OUT --staircase 6 8 X 10',
+    'simulate --staircase hold': 'simulate OUT --staircase 6 8 1 X',
+    'simulate --profile': 'simulate OUT --profile 0:7,5:X',
+    'simulate --profile time': 'simulate OUT --profile 0:7,X:7',
+    'simulate --duration': 'simulate OUT --duration X',
+    'simulate --kick time': 'simulate OUT --profile 0:7,5:7 --kick X:0.0001',
+    'simulate --rate': 'simulate OUT --profile 0:7,5:7 --rate X',
+    'simulate --roughness': 'simulate OUT --profile 0:7,5:7 --roughness X',
+    'simulate --broadband': 'simulate OUT --profile 0:7,5:7 --broadband X',
+    'simulate --noise': 'simulate OUT --profile 0:7,5:7 --noise X',
+    'simulate --yaw-noise': 'simulate OUT --profile 0:7,5:7 --yaw-noise X',
+    'simulate --seed': 'simulate OUT --profile 0:7,5:7 --seed X',
+    'replay --pace': 'replay BAG --live --pace X',
+    'replay --from': 'replay BAG --live --from X',
+    'replay --to': 'replay BAG --live --to X',
+    'identify --prior-v-c': 'identify BAG --prior-v-c X',
+    'identify --prior-D1 std': 'identify BAG --prior-D1 0.1:X',
+    'identify --length-scale': 'identify BAG --length-scale X',
+    'identify --time-scale': 'identify BAG --time-scale X',
+    'identify --frequency': 'identify BAG --frequency X',
+    'identify --speed-resolution': 'identify BAG --speed-resolution X',
+    'identify --speed-scale-std': 'identify BAG --speed-scale-std X',
+    'identify --bootstrap': 'identify BAG --bootstrap X',
+    'identify --seed': 'identify BAG --seed X',
+    'identify --jobs': 'identify BAG --jobs X',
+    'report --roller-diameter': 'report BAG --out OUT.html --roller-diameter X',
+    'export --from': 'export BAG OUT.csv --from X',
+    'export --to': 'export BAG OUT.csv --to X',
+    'import --rate': 'import TABLE OUT --rate X',
+}
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory) -> Path:
+    stamps = 10**9 + np.arange(300) * 10_000_000
+    series = {name: Series(stamps, np.full(300, 7.0)) for name in ('lateral', 'speed')}
+    return write_record(tmp_path_factory.mktemp('bags') / 'bag', Record(series))
+
+
+@pytest.fixture
+def refused(bag, tmp_path, capsys):
+    table = tmp_path / 'table.csv'
+    table.write_text('lateral,speed\n' + '0.001,7\n' * 20)
+
+    def check(command: str, **places: object) -> str:
+        """Run a command that must be refused; return the one line it prints."""
+        words = command.split()
+        for name, value in {'BAG': bag, 'OUT': tmp_path / 'out', 'TABLE': table, **places}.items():
+            words = [word.replace(name, str(value)) for word in words]
+        before = sorted(tmp_path.rglob('*'))
+        code = main(words)
+        captured = capsys.readouterr()
+        lines = captured.err.strip().splitlines()
+        assert code == 2, captured
+        assert len(lines) == 1, captured.err
+        assert lines[0].startswith(f'hunt {words[0]}: ')
+        assert 'Traceback' not in captured.err
+        made = [path for path in sorted(tmp_path.rglob('*')) if path not in before]
+        assert not [path for path in made if path.is_file()], made
+        return lines[0]
+
+    return check
+
+
+@pytest.mark.parametrize('fault', FAULTS)
+@pytest.mark.parametrize('command', FILES.values(), ids=FILES)
+def test_a_file_that_cannot_be_used_is_named(refused, tmp_path, command, fault) -> None:
+    file = tmp_path / 'given'
+    ending = next((word[4:] for word in command.split() if word.startswith('FILE.')), '')
+    place = tmp_path / f'given{ending}'
+    if fault == 'folder':
+        place.mkdir()
+    elif fault != 'missing':
+        content = {'binary': bytes(range(256)) * 8, 'empty': b'', 'unreadable': b'a: 1\n'}[fault]
+        place.write_bytes(content)
+    if fault == 'unreadable':
+        place.chmod(0)
+        if os.access(place, os.R_OK):
+            pytest.skip('this user reads everything')
+    assert 'given' in refused(command, FILE=file)
+
+
+@pytest.mark.parametrize('number', ['nan', 'inf', '-inf', '-3', '1e300', 'seven', ''])
+@pytest.mark.parametrize('command', NUMBERS.values(), ids=NUMBERS)
+def test_a_number_that_makes_no_sense_is_named_with_its_option(refused, command, number) -> None:
+    line = refused(command, X=number)
+    option = next(
+        word for word in reversed(command[: command.index('X')].split()) if word.startswith('--')
+    )
+    assert option in line or option.removeprefix('--').replace('-', '_') in line, line
+
+
+@pytest.mark.parametrize(
+    ('command', 'part'),
+    [
+        ('replay BAG --live --from 10 --to 5', '--to'),
+        ('replay BAG --from 1', '--from: only with --live'),
+        ('replay BAG --to 1', '--to: only with --live'),
+        ('replay BAG --pace 2', '--pace: only with --live'),
+        ('replay BAG --loop', '--loop: only with --live'),
+        ('replay BAG --namespace lab', '--namespace: only with --live'),
+        ('export BAG OUT.csv --from 2 --to 1', '--to'),
+        ('simulate OUT --profile 0:7,5:7 --kick 2:1000', 'throws the wheelset off'),
+        ('simulate OUT --profile 0:-7,5:-7', 'speed'),
+        ('simulate OUT --sweep 8 6 0.1', '--sweep'),
+        ('simulate OUT --staircase 8 6 1 10', '--staircase'),
+        ('run --simulated --directory TABLE', 'table.csv'),
+        ('run --simulated --directory TABLE/sub', 'table.csv'),
+        ('demo --out TABLE', 'table.csv'),
+        ('demo --out /proc/nobody', '/proc/nobody'),
+        ('simulate TABLE/sub --profile 0:7,1:7', 'table.csv'),
+        ('import TABLE TABLE/sub --rate 100', 'table.csv'),
+        ('info BAG --repair TABLE/sub', 'table.csv'),
+        ('export BAG TABLE/sub.csv', 'table.csv'),
+        ('normal-form config/wheelset.yaml --json TABLE/sub', 'table.csv'),
+        ('call dance', 'dance'),
+        ("replay BAG --set '", 'NAME=VALUE'),
+        ('replay BAG --set margin_in=[', 'margin_in'),
+        ('replay BAG --channel heave=/a.b', 'heave'),
+        ('run --simulated --namespace 1/2', '--namespace'),
+        ('identify BAG --cluster tcp://127.0.0.1:1', 'only with --bootstrap'),
+        ('identify BAG --bootstrap 9 --cluster tcp://127.0.0.1:1', '127.0.0.1:1'),
+        ('identify BAG --bootstrap 9 --cluster tcp://127.0.0.1:99999', '127.0.0.1:99999'),
+        ('identify BAG --bootstrap 9 --cluster nonsense', 'nonsense'),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(refused, command, part) -> None:
+    assert part in refused(command)
