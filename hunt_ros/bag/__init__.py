@@ -2,6 +2,7 @@
 
 from hunt_ros.bag.channels import ChannelSource, channel_map, read_channel_file
 from hunt_ros.bag.columns import read_columns, read_record
+from hunt_ros.bag.plausible import check_units
 from hunt_ros.bag.reader import Bag
 from hunt_ros.bag.writer import BagWriter, write_record
 
@@ -10,6 +11,7 @@ __all__ = [
     'BagWriter',
     'ChannelSource',
     'channel_map',
+    'check_units',
     'read_channel_file',
     'read_columns',
     'read_record',

@@ -16,11 +16,15 @@ from hunt_ros.bag.writer import write_record
 from hunt_ros.errors import BagError
 from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series
 
-#: Endings of column names that tell a unit: to SI.
-UNITS: dict[str, float] = {
-    'm': 1.0, 'mm': 1e-3, 'um': 1e-6, 'rad': 1.0, 'mrad': 1e-3, 'deg': np.pi / 180.0,
-    'mps': 1.0, 'kmh': 1.0 / 3.6,
-}  # fmt: skip
+_LENGTHS = {'m': 1.0, 'mm': 1e-3, 'um': 1e-6}
+_ANGLES = {'rad': 1.0, 'mrad': 1e-3, 'deg': np.pi / 180.0}
+#: Channel -> endings of column names that tell its unit: to SI.
+UNITS: dict[str, dict[str, float]] = {
+    'lateral': _LENGTHS,
+    'yaw': _ANGLES,
+    'roller': _ANGLES,
+    'speed': {'mps': 1.0, 'kmh': 1.0 / 3.6},
+}
 #: Column names that mean the time, and their unit in seconds.
 TIMES: dict[str, float] = {
     'stamp_ns': 1e-9, 'time_ns': 1e-9, 't_ns': 1e-9, 'time_us': 1e-6, 't_us': 1e-6,
@@ -185,16 +189,21 @@ def _to_ns(table: Table, source: ChannelSource, raw: NDArray[np.float64]) -> NDA
 def _named(table: Table, path: str | Path) -> dict[str, ChannelSource]:
     found: dict[str, ChannelSource] = {}
     for channel in CHANNELS:
-        for name in table:
-            base, _, unit = str(name).partition('_')
-            if str(name) == channel:
-                found[channel] = ChannelSource(channel, str(name))
-            elif base == channel and unit in UNITS:
-                found[channel] = ChannelSource(channel, str(name), UNITS[unit])
+        names = [str(name) for name in table if str(name).partition('_')[0] == channel]
+        units = UNITS[channel]
+        for name in names:
+            unit = name.partition('_')[2]
+            if not unit or unit in units:
+                found[channel] = ChannelSource(channel, name, units.get(unit, 1.0))
+        if names and channel not in found:
+            expected = ', '.join(f'{channel}_{unit}' for unit in units)
+            raise BagError(
+                f'{path}: column {names[0]}: unknown unit of {channel}, expected {expected}, or'
+                f' --channel {channel}=...'
+            )
     if not found:
-        names = ', '.join(map(str, list(table)[:12]))
         raise BagError(
             f'{path}: no column named {", ".join(CHANNELS)}, expected one or'
-            f' --channel lateral=...; it has {names}'
+            f' --channel lateral=...; it has {", ".join(map(str, list(table)[:12]))}'
         )
     return found

@@ -15,6 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.bag.columns import read_record
+from hunt_ros.bag.plausible import wrong_unit
 from hunt_ros.bag.reader import Bag
 from hunt_ros.errors import BagError
 from hunt_ros.samples import CHANNELS, NANOSECONDS
@@ -33,8 +35,8 @@ class Problem(NamedTuple):
     One thing that is wrong.
 
     `kind` is one of: not_closed, damaged_file, damaged_chunk, bad_index,
-    gap, stopped, clock_jump, missing_channel. `time_s` counts from the recording's first stamp, or
-    is None where the problem has no place in time.
+    gap, stopped, clock_jump, missing_channel, wrong_unit. `time_s` counts from the
+    recording's first stamp, or is None where the problem has no place in time.
     """
 
     kind: str
@@ -126,12 +128,23 @@ def inspect(
             if stamps.size and start is not None:
                 problems += _in_time(name, stamps, start, end)
         names = {name.rpartition('/')[2] for name, stamps in times.items() if stamps.size}
+        problems += _wrong_units(bag)
     if names & set(CHANNELS):
         if 'speed' not in names:
             problems.append(Problem('missing_channel', 'no topic speed with messages'))
         if not names & {'lateral', 'yaw'}:
             problems.append(Problem('missing_channel', 'no topic lateral or yaw with messages'))
     return report
+
+
+def _wrong_units(bag: Bag) -> list[Problem]:
+    """Look at the measurements, where they can be read."""
+    try:
+        record = read_record(bag)
+    except BagError:
+        return []  # not those of a rig, or damaged, which is said already
+    texts = (wrong_unit(channel, series) for channel, series in record.items())
+    return [Problem('wrong_unit', text) for text in texts if text]
 
 
 def _opening(problem: str) -> Problem:

@@ -103,14 +103,14 @@ def records_of(arguments: argparse.Namespace, advance: Advance) -> list[Record]:
     """Read the recordings, each with its day where the user says how to find it."""
     from dataclasses import replace
 
-    from hunt_ros.bag.columns import read_record
+    from hunt_ros.bag import check_units, read_record
     from hunt_ros.samples import CHANNELS
 
     channels = options.channels_of(arguments, CHANNELS)
     pattern = _pattern(arguments.day)
     records = []
     for count, path in enumerate(arguments.bags):
-        record = read_record(path, channels)
+        record = check_units(read_record(path, channels))
         if pattern is not None:
             found = pattern.search(str(path))
             if found is None:

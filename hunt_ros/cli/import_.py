@@ -37,6 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read the file, write the bag, say what is in it."""
+    from hunt_ros.bag import check_units
     from hunt_ros.bag.importers import load_record
     from hunt_ros.bag.writer import write_record
     from hunt_ros.cli.output import known, write_json
@@ -46,7 +47,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out.exists():
         raise BagError(f'{arguments.out}: exists already, expected the name of a new folder')
     mapping = options.channels_of(arguments, CHANNELS)
-    record = load_record(arguments.file, mapping, rate_hz=arguments.rate, time=arguments.time)
+    record = check_units(
+        load_record(arguments.file, mapping, rate_hz=arguments.rate, time=arguments.time)
+    )
     path = write_record(
         arguments.out, record, namespace=arguments.namespace, notes=dict(arguments.note)
     )

@@ -60,7 +60,7 @@ def event_line(event: Mapping[str, str], origin_ns: int) -> str:
     sentence = _SENTENCES.get(name, name.replace('_', ' '))
     reason = event.get('message', '')
     speed, amplitude = _number(event, 'speed_mps'), _number(event, 'amplitude_m')
-    text = f'{seconds:8.1f} s  {speed:6.2f} m/s  {length(amplitude):>9}  {sentence}'
+    text = f'{seconds:8.1f} s  {_speed(speed)}  {length(amplitude):>9}  {sentence}'
     return f'{text} ({reason})' if reason else text
 
 
@@ -69,7 +69,7 @@ def status_line(status: Mapping[str, str]) -> str:
     parts = [
         f'{status.get("level", "STALE"):5}',
         f'{status.get("state", "?"):11}',
-        f'v {_number(status, "speed_mps"):5.2f} m/s',
+        f'v {_speed(_number(status, "speed_mps"), 5)}',
         f'A {length(_number(status, "amplitude_m")):>9}',
     ]
     growth = _number(status, 'growth_rate_per_s')
@@ -79,6 +79,11 @@ def status_line(status: Mapping[str, str]) -> str:
     if math.isfinite(threshold):
         parts.append(f'threshold {length(threshold)}')
     return '  '.join(parts)
+
+
+def _speed(value: float, width: int = 6) -> str:
+    """Return a speed in columns of one width; a dash where it is not known."""
+    return f'{value:{width}.2f} m/s' if math.isfinite(value) else f'{"-":>{width}}    '
 
 
 def _number(values: Mapping[str, str], key: str) -> float:

@@ -106,7 +106,7 @@ def _asks_for_another_run(arguments: argparse.Namespace) -> bool:
 
 def read(arguments: argparse.Namespace) -> Record:
     """Read the measurements, with the channels the user named."""
-    from hunt_ros.bag import read_record
+    from hunt_ros.bag import check_units, read_record
     from hunt_ros.samples import CHANNELS
 
     channels = options.channels_of(arguments, CHANNELS)
@@ -115,7 +115,7 @@ def read(arguments: argparse.Namespace) -> Record:
     record = read_record(arguments.bag, channels, require=require)
     if not {'lateral', 'yaw'} & set(record):
         raise ConfigError(f'{arguments.bag}: neither lateral nor yaw in it, expected one of them')
-    return record
+    return check_units(record)
 
 
 def _differences(missing: Mapping[str, int]) -> list[str]:

@@ -173,3 +173,43 @@ def test_a_number_that_makes_no_sense_is_named_with_its_option(refused, command,
 )
 def test_what_cannot_be_meant_is_refused(refused, command, part) -> None:
     assert part in refused(command)
+
+
+@pytest.mark.parametrize(
+    ('columns', 'part'),
+    [
+        ('lateral_furlong,speed', 'column lateral_furlong: unknown unit of lateral'),
+        ('lateral_deg,speed', 'column lateral_deg: unknown unit of lateral'),
+        ('lateral,speed_mm', 'column speed_mm: unknown unit of speed'),
+        ('lateral,speed', 'channel lateral is 84 m'),
+    ],
+)
+def test_a_unit_that_is_wrong_or_unknown_is_named(refused, tmp_path, columns, part) -> None:
+    table = tmp_path / 'daq.csv'
+    table.write_text(f'{columns}\n' + '84,7\n' * 100)
+    assert part in refused('import FILE OUT --rate 100', FILE=table)
+
+
+def test_a_recording_in_millimetres_is_neither_sound_nor_judged(refused, tmp_path, capsys) -> None:
+    stamps = 10**9 + np.arange(1000) * 10_000_000
+    wave = 84.0 * np.sin(0.18 * np.arange(1000))
+    record = Record({'lateral': Series(stamps, wave), 'speed': Series(stamps, 0 * wave + 7.0)})
+    bag = write_record(tmp_path / 'mm', record)
+    for verb in ('replay', 'identify'):
+        assert 'lateral is' in refused(f'{verb} FILE', FILE=bag)
+    capsys.readouterr()
+    assert main(['info', str(bag)]) == 1
+    assert 'wrong_unit: channel lateral is' in capsys.readouterr().out
+    scaled = ['--channel', 'lateral=/rig/lateral.position[0]*0.001']
+    assert main(['replay', str(bag), *scaled]) == 0
+
+
+def test_an_event_without_a_speed_has_a_dash() -> None:
+    from hunt_ros.cli.narration import event_line, status_line
+
+    event = {'stamp_ns': '0', 'event': 'quiet', 'speed_mps': 'nan', 'amplitude_m': 'nan'}
+    for line in (event_line(event, 0), status_line(event)):
+        assert 'nan' not in line
+    assert event_line(event, 0).index('quiet') == event_line(
+        {**event, 'speed_mps': '-7.2'}, 0
+    ).index('quiet')
