@@ -54,6 +54,21 @@ def test_the_manifest_has_what_colcon_and_rosdep_need() -> None:
     assert len(depends) == len(set(depends)), 'a dependency stands twice'
 
 
+def test_the_manifest_names_every_ros_package_that_is_imported() -> None:
+    suffixes = ('_msgs', '_srvs', '_interfaces', '_python')
+    imported = {'ros2launch'}  # what `ros2 launch` is
+    for path in [*(ROOT / NAME).rglob('*.py'), *(ROOT / 'launch').glob('*.py')]:
+        for statement in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+            if isinstance(statement, ast.ImportFrom) and not statement.level:
+                imported.add(str(statement.module).partition('.')[0])
+            elif isinstance(statement, ast.Import):
+                imported |= {alias.name.partition('.')[0] for alias in statement.names}
+    of_ros = {name for name in imported if name.endswith(suffixes) or 'launch' in name}
+    declared = {element.text for element in package().iter('exec_depend')}
+    assert of_ros | {'rclpy'} <= declared
+    assert 'python3-numba' in declared
+
+
 def test_manifest_setup_and_package_agree_on_the_version() -> None:
     import hunt_ros
 

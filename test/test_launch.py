@@ -1,0 +1,96 @@
+"""The launch file, on stand-ins of `launch` and `launch_ros`, which no wheel brings."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+class _Kept:
+    """Keeps what it was made of."""
+
+    def __init__(self, *positional: Any, **named: Any) -> None:
+        self.positional, self.named = positional, named
+
+
+class _Argument:
+    """A launch argument that is read: its value is in the context."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def perform(self, context: dict[str, str]) -> str:
+        return context[self.name]
+
+
+@pytest.fixture
+def launched(monkeypatch: pytest.MonkeyPatch):
+    """Return a function that gives the nodes for values of the arguments."""
+    names: dict[str, dict[str, object]] = {
+        'launch': {'LaunchContext': dict, 'LaunchDescription': _Kept},
+        'launch.actions': {'DeclareLaunchArgument': _Kept, 'OpaqueFunction': _Kept},
+        'launch.conditions': {'IfCondition': _Kept},
+        'launch.substitutions': {'LaunchConfiguration': _Argument},
+        'launch_ros': {},
+        'launch_ros.actions': {'Node': _Kept},
+        'launch_ros.parameter_descriptions': {'ParameterValue': _Kept},
+        'ament_index_python': {},
+        'ament_index_python.packages': {'get_package_share_directory': lambda name: str(ROOT)},
+    }
+    for name, members in names.items():
+        module = ModuleType(name)
+        for member, value in members.items():
+            setattr(module, member, value)
+        monkeypatch.setitem(sys.modules, name, module)
+    spec = importlib.util.spec_from_file_location('rig_launch', ROOT / 'launch/rig.launch.py')
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    (actions,) = module.generate_launch_description().positional
+    *declared, opaque = actions
+    defaults = {each.positional[0]: each.named['default_value'] for each in declared}
+
+    def nodes(**arguments: str) -> list[_Kept]:
+        assert set(arguments) <= set(defaults)
+        return opaque.named['function']({**defaults, **arguments})
+
+    return nodes
+
+
+def test_every_node_of_the_suite_is_launched_once_with_the_default_file(launched) -> None:
+    nodes = launched()
+    names = [node.named['executable'] for node in nodes]
+    assert sorted(names) == [
+        'bag_recorder', 'hunting_detector', 'lateral_sensor', 'normal_form_identifier',
+        'rig_simulator', 'roller_speed', 'yaw_sensor',
+    ]  # fmt: skip
+    for node in nodes:
+        assert node.named['parameters'] == [str(ROOT / 'config' / 'rig.yaml')]
+        assert node.named['arguments'] == ['--ros-args', '--log-level', 'info']
+
+
+def test_a_mistyped_file_ends_the_launch_and_says_which(launched, tmp_path: Path) -> None:
+    for argument in ('params', 'normal_form'):
+        with pytest.raises(FileNotFoundError, match=rf'{argument}:=.*my_rgi\.yaml'):
+            launched(**{argument: str(tmp_path / 'my_rgi.yaml')})
+
+
+def test_what_is_not_given_does_not_override_the_users_file(launched, tmp_path: Path) -> None:
+    rig, form = tmp_path / 'rig.yaml', tmp_path / 'normal_form.yaml'
+    for path in (rig, form):
+        path.write_text('{}')
+    files = [str(rig), str(form)]
+    (node, *_) = launched(params=str(rig), normal_form=str(form))
+    assert node.named['parameters'] == files
+    (node, *_) = launched(params=str(rig), normal_form=str(form), use_sim_time='false')
+    *first, last = node.named['parameters']
+    assert first == files
+    assert list(last) == ['use_sim_time']
