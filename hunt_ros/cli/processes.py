@@ -19,6 +19,8 @@ import threading
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
+from functools import cached_property
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, NoReturn
@@ -79,7 +81,7 @@ class Processes:
     namespace : str
         ROS namespace of all nodes.
     log_directory : Path
-        Where each node's output goes, a file each.
+        Gets a folder for this run, with a file for each node's output.
     private : bool
         True for a ROS graph of this run alone, on this machine only (a demo must not
         meet a real rig); False to use the user's ROS environment as it is.
@@ -93,7 +95,7 @@ class Processes:
     def __init__(self, namespace: str, log_directory: Path, private: bool) -> None:
         require_ros()
         self._namespace = namespace
-        self._logs = log_directory
+        self._log_directory = log_directory
         self.environment = dict(os.environ)
         if private:
             self.environment['ROS_DOMAIN_ID'] = str(random.SystemRandom().randint(1, 100))
@@ -104,11 +106,23 @@ class Processes:
         self._read: dict[str, int] = {}
         self._handlers: dict[signal.Signals, Any] = {}
 
+    @cached_property
+    def logs(self) -> Path:
+        """Folder with the logs of this run; those of other runs stay."""
+        path = base = self._log_directory / f'{datetime.now():%Y%m%d_%H%M%S}'
+        number = 0
+        while True:
+            try:
+                path.mkdir(parents=True)
+                return path
+            except FileExistsError:
+                number += 1
+                path = base.with_name(f'{base.name}_{number}')
+
     def start(self, spec: NodeSpec) -> subprocess.Popen[str]:
         """Start a node; its output goes to a log file unless it is piped."""
-        self._logs.mkdir(parents=True, exist_ok=True)
         self._read.pop(spec.module, None)
-        with (self._logs / f'{spec.module}.log').open('w') as log:
+        with (self.logs / f'{spec.module}.log').open('w') as log:
             process = subprocess.Popen(
                 spec.command(self._namespace),
                 stdin=subprocess.PIPE if spec.piped else subprocess.DEVNULL,
@@ -136,7 +150,7 @@ class Processes:
 
     def last_line(self, module: str) -> str:
         """Return the last line a node has written, for messages."""
-        path = self._logs / f'{module}.log'
+        path = self.logs / f'{module}.log'
         lines = path.read_text(errors='replace').strip().splitlines() if path.exists() else []
         return lines[-1] if lines else f'(see {path})'
 
@@ -144,7 +158,7 @@ class Processes:
         """Return what nodes have said of their compilation since this was asked before."""
         lines = []
         for module in self._running:
-            path = self._logs / f'{module}.log'
+            path = self.logs / f'{module}.log'
             text = path.read_text(errors='replace') if path.exists() else ''
             whole = text[: text.rfind('\n') + 1]
             lines += whole[self._read.get(module, 0) :].splitlines()

@@ -55,14 +55,15 @@ def run(arguments: argparse.Namespace) -> int:
     }
     if arguments.simulated:
         names = (suite.SIMULATOR, *names)
+        if arguments.params is None:  # else the file says where the simulator is
+            port = suite.free_port()
+            parameters |= {name: {'port': port} for name in (suite.SIMULATOR, *suite.SOURCES)}
     began = time.monotonic()
     with Processes(arguments.namespace, arguments.directory / 'logs', private=False) as processes:
         link = suite.start_console(processes, {})
         common: dict[str, object] = {'use_sim_time': True} if arguments.listen else {}
         suite.start_nodes(processes, names, common, parameters, files)
-        print(
-            f'{len(names)} nodes under /{arguments.namespace}; logs in {arguments.directory}/logs'
-        )
+        print(f'{len(names)} nodes under /{arguments.namespace}; logs in {processes.logs}')
         with View() as view:
             try:
                 while arguments.duration is None or time.monotonic() - began < arguments.duration:
