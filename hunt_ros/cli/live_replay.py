@@ -59,9 +59,9 @@ def _player(arguments: argparse.Namespace) -> dict[str, object]:
         'bag': str(arguments.bag.resolve()),
         'rate': 1.0 if arguments.pace is None else arguments.pace,
         'from_s': arguments.start or 0.0,
-        'to_s': -1.0 if arguments.end is None else arguments.end,
         'loop': arguments.loop,
-        'channels': tuple(arguments.channel) or ('',),
+        **({} if arguments.end is None else {'to_s': arguments.end}),
+        **({'channels': tuple(arguments.channel)} if arguments.channel else {}),
     }
 
 

@@ -34,7 +34,7 @@ class CompanionConfig(Settings):
     """
 
     criteria: tuple[str, ...] = setting(
-        ('',), f'railway criteria to run as well: {", ".join(CRITERIA)}', fixed=True
+        (), f'railway criteria to run as well: {", ".join(CRITERIA)}', fixed=True
     )
     criteria_scale: float = setting(1.0, 'their limits times this', low=1e-4, high=1e4, fixed=True)
     criteria_rate_hz: float = setting(

@@ -115,7 +115,7 @@ class DriveDriver(Protocol):
 
     def set_speed(self, speed_mps: float) -> None:
         """
-        Command a running speed, m/s.
+        Command a running speed, m/s; also while another thread waits in `read`.
 
         Raises
         ------

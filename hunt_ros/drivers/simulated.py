@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import socket
-import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -14,6 +13,7 @@ from hunt_ros.drivers.simulator_protocol import Channel, Decoder, Frame, Kind, e
 from hunt_ros.errors import DriverError
 
 _RECEIVE_BYTES = 1 << 16
+_CONNECT_S = 1.0
 
 
 class _Connection:
@@ -26,28 +26,22 @@ class _Connection:
         self._decoder = Decoder()
         self._received = 0
 
-    def open(self, patience_s: float) -> None:
-        """Connect; a simulator that is still starting is waited for."""
-        deadline = time.monotonic() + patience_s
-        while True:
-            try:
-                connection = socket.create_connection(self._address, timeout=1.0)
-                break
-            except OSError as error:
-                if time.monotonic() >= deadline:
-                    raise DriverError(f'{self}: cannot connect ({error})') from error
-                time.sleep(0.05)
+    def open(self) -> None:
+        """Connect."""
+        try:
+            connection = socket.create_connection(self._address, timeout=_CONNECT_S)
+        except OSError as error:
+            raise DriverError(f'{self}: cannot connect ({error})') from error
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket, self._decoder, self._received = connection, Decoder(), 0
         self.send(encode(Kind.SUBSCRIBE, 0, float(self._channel)))
 
     def frames(self, timeout_s: float) -> Iterator[tuple[Frame, int]]:
         """Iterate over the frames of one receive, each with the records lost before it."""
-        if self._socket is None:
-            raise DriverError(f'{self}: not open')
-        self._socket.settimeout(max(timeout_s, 1e-3))
+        connection = self._opened()
+        connection.settimeout(max(timeout_s, 1e-3))
         try:
-            data = self._socket.recv(_RECEIVE_BYTES)
+            data = connection.recv(_RECEIVE_BYTES)
         except TimeoutError:
             return
         except OSError as error:
@@ -55,16 +49,17 @@ class _Connection:
         if not data:
             raise DriverError(f'{self}: the simulator closed the connection')
         for frame in self._decoder.feed(data):
+            if frame.kind is Kind.TAKEN:
+                raise DriverError(f'{self}: another speed node holds the drive')
             lost = frame.sequence - self._received
             self._received = frame.sequence + frame.records.size
             yield frame, lost
 
     def send(self, data: bytes) -> None:
         """Send a frame."""
-        if self._socket is None:
-            raise DriverError(f'{self}: not open')
+        connection = self._opened()
         try:
-            self._socket.sendall(data)
+            connection.sendall(data)
         except OSError as error:
             raise DriverError(f'{self}: connection lost ({error})') from error
 
@@ -75,6 +70,12 @@ class _Connection:
             with contextlib.suppress(OSError):  # the other end may have gone first
                 connection.shutdown(socket.SHUT_RDWR)
             connection.close()
+
+    def _opened(self) -> socket.socket:
+        connection = self._socket  # another thread may close it meanwhile
+        if connection is None:
+            raise DriverError(f'{self}: not open')
+        return connection
 
     def __str__(self) -> str:
         host, port = self._address
@@ -91,17 +92,14 @@ class SimulatedSensor:
         Where the simulator listens.
     channel : Channel
         LATERAL or YAW.
-    patience_s : float
-        How long `open` waits for a simulator that is not there yet.
     """
 
-    def __init__(self, host: str, port: int, channel: Channel, patience_s: float = 10.0) -> None:
+    def __init__(self, host: str, port: int, channel: Channel) -> None:
         self._connection = _Connection(host, port, channel)
-        self._patience_s = patience_s
 
     def open(self) -> None:
         """Connect; raises DriverError where nobody answers."""
-        self._connection.open(self._patience_s)
+        self._connection.open()
 
     def read(self, timeout_s: float) -> SensorBlock:
         """Wait for samples; raises DriverError when the connection is lost."""
@@ -125,17 +123,14 @@ class SimulatedDrive:
     ----------
     host, port : str, int
         Where the simulator listens.
-    patience_s : float
-        How long `open` waits for a simulator that is not there yet.
     """
 
-    def __init__(self, host: str, port: int, patience_s: float = 10.0) -> None:
+    def __init__(self, host: str, port: int) -> None:
         self._connection = _Connection(host, port, Channel.DRIVE)
-        self._patience_s = patience_s
 
     def open(self) -> None:
         """Connect; raises DriverError where nobody answers."""
-        self._connection.open(self._patience_s)
+        self._connection.open()
 
     def read(self, timeout_s: float) -> DriveBlock:
         """Wait for readings; raises DriverError when the connection is lost."""

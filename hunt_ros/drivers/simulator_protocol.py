@@ -13,7 +13,11 @@ SUBSCRIBE    1     channel: 0 lateral, 1 yaw, 2 drive      driver -> simulator
 SENSOR       2     stamp (int64, ns), value (m or rad)     simulator -> driver
 DRIVE        3     stamp (int64, ns), angle (rad), m/s     simulator -> driver
 SET_SPEED    4     running speed, m/s                      driver -> simulator
+TAKEN        5     channel, held by another driver         simulator -> driver
 ===========  ====  ======================================  =====================
+
+The drive has one driver: who subscribes to it beside another gets TAKEN, and the
+connection is closed.
 
 `sequence` counts the records sent on the connection before this frame: a
 driver that sees it jump knows how many samples it has lost.
@@ -44,6 +48,7 @@ class Kind(IntEnum):
     SENSOR = 2
     DRIVE = 3
     SET_SPEED = 4
+    TAKEN = 5
 
 
 class Channel(IntEnum):
@@ -59,6 +64,7 @@ RECORDS: dict[Kind, np.dtype[np.void]] = {
     Kind.SENSOR: np.dtype([('stamp_ns', '<i8'), ('value', '<f8')]),
     Kind.DRIVE: np.dtype([('stamp_ns', '<i8'), ('angle', '<f8'), ('speed', '<f8')]),
     Kind.SET_SPEED: np.dtype([('speed', '<f8')]),
+    Kind.TAKEN: np.dtype([('channel', '<f8')]),
 }
 
 
@@ -112,7 +118,7 @@ class Decoder:
             if magic != _MAGIC or version != VERSION or code not in RECORDS:
                 raise DriverError(
                     f'not the rig simulator: frame starts with {bytes(self._pending[:4])!r},'
-                    f' expected {_MAGIC + bytes([VERSION])!r} and a kind from 1 to 4'
+                    f' expected {_MAGIC + bytes([VERSION])!r} and a kind from 1 to 5'
                 )
             if count > _MOST_RECORDS:
                 raise DriverError(f'rig simulator: frame claims {count} records')

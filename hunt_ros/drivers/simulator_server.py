@@ -7,6 +7,7 @@ buffer is dropped for that reader, and the sequence numbers tell it so.
 
 from __future__ import annotations
 
+import contextlib
 import selectors
 import socket
 from dataclasses import dataclass, field
@@ -133,11 +134,24 @@ class SimulatorServer:
         speed: float | None = None
         for frame in frames:
             if frame.kind is Kind.SUBSCRIBE and frame.records.size:
-                code = int(frame.records['channel'][-1])
-                client.channel = Channel(code) if code in set(Channel) else None
-            elif frame.kind is Kind.SET_SPEED and frame.records.size:
+                self._subscribe(client, int(frame.records['channel'][-1]))
+            elif (
+                frame.kind is Kind.SET_SPEED
+                and client.channel is Channel.DRIVE
+                and frame.records.size
+            ):
                 speed = float(frame.records['speed'][-1])
         return speed
+
+    def _subscribe(self, client: _Client, code: int) -> None:
+        """Give a client a channel; two who command one drive would fight over the roller."""
+        drive = code == Channel.DRIVE
+        if drive and any(each.channel is Channel.DRIVE for each in self._clients):
+            with contextlib.suppress(OSError):
+                client.connection.send(encode(Kind.TAKEN, 0, float(code)))
+            self._drop(client)
+            return
+        client.channel = Channel(code) if code in set(Channel) else None
 
     def _send(self, channel: Channel, kind: Kind, *columns: NDArray[np.generic]) -> None:
         count = int(columns[0].size)

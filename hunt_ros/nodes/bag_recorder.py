@@ -28,6 +28,7 @@ from hunt_ros.nodes.diagnostics import Diagnostics, Health, steady_clock
 from hunt_ros.nodes.parameter_collector import ParameterCollector
 from hunt_ros.nodes.parameters import declare, warn_unknown
 from hunt_ros.nodes.qos import latched, stream
+from hunt_ros.nodes.sole import hold_name
 from hunt_ros.settings import setting
 
 _JOINT, _VALUE = 'sensor_msgs/msg/JointState', 'geometry_msgs/msg/Vector3Stamped'
@@ -72,7 +73,7 @@ class RecorderConfig(RecordingLimits):
         'zstd', 'Of the chunks.', choices=('none', 'lz4', 'zstd'), fixed=True
     )
     extra_topics: tuple[str, ...] = setting(
-        ('',), 'Full names of topics outside of the namespace to record as well.', fixed=True
+        (), 'Full names of topics outside of the namespace to record as well.', fixed=True
     )
 
 
@@ -81,7 +82,8 @@ class BagRecorderNode(Node):
 
     def __init__(self) -> None:
         super().__init__('bag_recorder')
-        self._config = declare(self, RecorderConfig)
+        hold_name(self)
+        self._config = declare(self, RecorderConfig, self._reconfigure)
         warn_unknown(self)
         self._recording: Recording | None = None
         #: Ways in which a topic is subscribed: (reliable, latched).
@@ -115,6 +117,10 @@ class BagRecorderNode(Node):
                 self._end()
             except BagError as error:
                 self.get_logger().error(str(error))
+
+    def _reconfigure(self, config: RecorderConfig) -> None:
+        """Take new settings, for the next recording."""
+        self._config = config
 
     def _begin(self) -> Path:
         """Start a recording; what latched topics have said stands at its beginning."""

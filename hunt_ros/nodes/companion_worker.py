@@ -10,10 +10,13 @@ from hunt_ros.detection.companions import CompanionConfig, Companions
 from hunt_ros.detection.criteria import Verdict
 from hunt_ros.detection.forecast import Forecast
 from hunt_ros.detection.output import Motion, Output
+from hunt_ros.nodes.diagnostics import Diagnostics
 from hunt_ros.nodes.parameters import read_rig
+from hunt_ros.nodes.worker import Worker
 
 #: What has come is worked on this often, s: seldom enough to cost little.
 _ROUND_S = 0.1
+_TASK = 'criteria and forecast'
 
 
 class CompanionWorker:
@@ -28,20 +31,25 @@ class CompanionWorker:
         What the detector has.
     tell : callable
         Gets each `Verdict`, in the worker's thread.
+    diagnostics : Diagnostics
+        Told of an error: what runs beside the detector then begins anew.
     """
 
     def __init__(
-        self, config: CompanionConfig, channels: Sequence[str], tell: Callable[[Verdict], None]
+        self,
+        config: CompanionConfig,
+        channels: Sequence[str],
+        tell: Callable[[Verdict], None],
+        diagnostics: Diagnostics,
     ) -> None:
         rig = read_rig(config.forecast_rig) if config.forecast == 'wheelset' else None
         self._companions = Companions.of(config, channels, rig)
         self._tell = tell
+        self._diagnostics = diagnostics
         self._queue: SimpleQueue[Motion | None] = SimpleQueue()
-        self._stopped = threading.Event()
-        if self._companions.idle:
-            self._stopped.set()
-        else:
-            threading.Thread(target=self._work, name='companions', daemon=True).start()
+        self._worker: Worker | None = None
+        if not self._companions.idle:
+            self._worker = Worker(diagnostics, _TASK, self._work)
 
     @property
     def forecast(self) -> Forecast | None:
@@ -50,34 +58,44 @@ class CompanionWorker:
 
     def offer(self, output: Output) -> None:
         """Hand over what the detector has given out; returns at once."""
-        if not self._stopped.is_set():
+        if self._worker is not None:
             for motion in output.motion:
                 self._queue.put(motion)
 
     def reset(self) -> None:
         """Begin anew with the next samples."""
-        if not self._stopped.is_set():
+        if self._worker is not None:
             self._queue.put(None)
 
     def close(self) -> None:
         """Stop working."""
-        self._stopped.set()
+        if self._worker is not None:
+            self._worker.stop()
 
-    def _work(self) -> None:
-        while not self._stopped.wait(_ROUND_S):
-            motions: list[Motion] = []
-            while True:
-                try:
-                    motion = self._queue.get_nowait()
-                except Empty:
-                    break
-                if motion is None:
-                    self._take(motions)
-                    motions.clear()
-                    self._companions.reset()
-                else:
-                    motions.append(motion)
-            self._take(motions)
+    def _work(self, stopping: threading.Event) -> None:
+        while not stopping.wait(_ROUND_S):
+            try:
+                self._round()
+            except Exception as error:  # any: numbers of a rig that nobody has seen
+                self._diagnostics.failed(_TASK, error)
+                self._companions.reset()
+
+    def _round(self) -> None:
+        """Work on what has come."""
+        motions: list[Motion] = []
+        while True:
+            try:
+                motion = self._queue.get_nowait()
+            except Empty:
+                break
+            if motion is None:
+                self._take(motions)
+                motions.clear()
+                self._companions.reset()
+                self._diagnostics.done(_TASK)
+            else:
+                motions.append(motion)
+        self._take(motions)
 
     def _take(self, motions: Sequence[Motion]) -> None:
         if motions:

@@ -219,7 +219,12 @@ def twist(stamp_ns: int, speed_mps: float, frame: str = '') -> TwistStamped:
 
 
 def diagnostic(
-    stamp_ns: int, name: str, level: str, text: str, values: Mapping[str, object]
+    stamp_ns: int,
+    name: str,
+    level: str,
+    text: str,
+    values: Mapping[str, object],
+    hardware: str,
 ) -> DiagnosticArray:
     """
     Return one status as a DiagnosticArray.
@@ -234,8 +239,10 @@ def diagnostic(
         One of `LEVELS`.
     values : mapping
         Shown as text; floats with the digits that make them exact.
+    hardware : str
+        hardware_id: what the status is about.
     """
-    status = DiagnosticStatus(level=LEVELS[level], name=name, message=text)
+    status = DiagnosticStatus(level=LEVELS[level], name=name, message=text, hardware_id=hardware)
     status.values = [KeyValue(key=key, value=_shown(value)) for key, value in values.items()]
     array = DiagnosticArray(status=[status])
     array.header.stamp = to_time(stamp_ns)

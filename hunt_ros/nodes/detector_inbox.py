@@ -16,7 +16,7 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 
 from hunt_ros.nodes.conversions import JointReader, SpeedReader
-from hunt_ros.nodes.qos import stream
+from hunt_ros.nodes.qos import OVERRIDABLE, mute_publishers, stream
 
 #: A channel that lags by more than this is not waited for before the others are handed over.
 _LAG_NS = 20_000_000
@@ -50,6 +50,7 @@ class DetectorInbox:
     ) -> None:
         self.received = 0
         self.unreadable = 0
+        self._node = node
         self._period_ns = period_ns
         self._ready = ready
         self._samples: dict[str, tuple[list[int], list[float]]] = {
@@ -65,9 +66,19 @@ class DetectorInbox:
                 kind, reader = JointState, JointReader(channel)
             receive = self._receiver(channel, reader)
             subscription = node.create_subscription(
-                kind, channel, receive, stream(_DEPTH), raw=True
+                kind,
+                channel,
+                receive,
+                stream(_DEPTH),
+                raw=True,
+                qos_overriding_options=OVERRIDABLE,
             )
             self._inputs.append((subscription, receive))
+
+    def mute(self) -> str:
+        """Return what to do about publishers that these subscriptions cannot hear; or ''."""
+        found = (mute_publishers(self._node, subscription) for subscription, _ in self._inputs)
+        return '; '.join(filter(None, found))
 
     def clear(self) -> None:
         """Forget what has been heard."""

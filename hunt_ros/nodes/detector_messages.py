@@ -30,7 +30,7 @@ _KEYS = {
 }
 
 
-def event_message(event: Event) -> DiagnosticArray:
+def event_message(event: Event, rig: str) -> DiagnosticArray:
     """Return a transition: its word is the name of the status."""
     values = {
         'event': event.event,
@@ -38,10 +38,10 @@ def event_message(event: Event) -> DiagnosticArray:
         'amplitude_m': event.amplitude_m,
         'growth_rate_per_s': event.growth_rate_per_s,
     }
-    return diagnostic(event.stamp_ns, event.event, event.level.label, event.detail, values)
+    return diagnostic(event.stamp_ns, event.event, event.level.label, event.detail, values, rig)
 
 
-def status_message(status: DetectorStatus) -> DiagnosticArray:
+def status_message(status: DetectorStatus, rig: str) -> DiagnosticArray:
     """Return the present status: the reasons in its message, every number as a value."""
     values: dict[str, object] = {
         'state': status.state.label,
@@ -53,4 +53,4 @@ def status_message(status: DetectorStatus) -> DiagnosticArray:
     values |= {_KEYS.get(name, name): value for name, value in status.numbers.items()}
     values |= {f'dropped {what}': count for what, count in status.dropped.items()}
     text = '; '.join(status.reasons)
-    return diagnostic(status.stamp_ns, 'hunting', status.level.label, text, values)
+    return diagnostic(status.stamp_ns, 'hunting', status.level.label, text, values, rig)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import socket
+import traceback
 from collections.abc import Callable, Mapping
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from hunt_ros.errors import HuntError
 from hunt_ros.nodes.conversions import diagnostic
 from hunt_ros.nodes.qos import STATUS
 
@@ -19,25 +22,89 @@ class Diagnostics:
     """
     Publishes a node's health at 1 Hz of real time, also when the simulated clock stands.
 
+    A change of level is logged as well. Two things stand above what the node says of
+    itself: a task of it that failed, and another node of its name in the ROS domain.
+
     Parameters
     ----------
     node : Node
         Whose health it is.
     health : callable
         Returns level ('OK', 'WARN', 'ERROR', 'STALE'), one line, and values.
+    hardware : str
+        What the node talks to; empty: the computer it runs on.
     """
 
-    def __init__(self, node: Node, health: Callable[[], Health]) -> None:
+    def __init__(self, node: Node, health: Callable[[], Health], hardware: str = '') -> None:
         self._node = node
         self._health = health
+        self._hardware = hardware or socket.gethostname()
+        self._level = 'OK'
+        self._failures: dict[str, str] = {}
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', STATUS)
         self._timer = node.create_timer(1.0, self._publish, clock=steady_clock())
 
+    def failed(self, task: str, error: Exception) -> None:
+        """Say from now on that a task failed (in any thread); the log has the traceback."""
+        reason = one_line(error)
+        self._failures[task] = reason
+        trace = ''.join(traceback.format_exception(error))
+        self._node.get_logger().error(f'{task}: {reason}\n{trace}')
+
+    def done(self, task: str) -> None:
+        """Say no longer that a task failed: it has been done since."""
+        self._failures.pop(task, None)
+
     def _publish(self) -> None:
         level, text, values = self._health()
+        problems = [f'{task} failed: {why}' for task, why in list(self._failures.items())]
+        name = self._node.get_fully_qualified_name()
+        if self._namesakes(name) > 1:
+            problems.append(f'another node is named {name} in this ROS domain')
+        if problems:
+            level, text = 'ERROR', '; '.join(problems)
+        self._log(level, text)
         now_ns = self._node.get_clock().now().nanoseconds
-        name = self._node.get_fully_qualified_name().lstrip('/')
-        self._publisher.publish(diagnostic(now_ns, name, level, text, values))
+        self._publisher.publish(
+            diagnostic(now_ns, name.lstrip('/'), level, text, values, self._hardware)
+        )
+
+    def _namesakes(self, name: str) -> int:
+        """Return how many nodes of the graph have this full name."""
+        nodes = self._node.get_node_names_and_namespaces()
+        return sum(f'{namespace.rstrip("/")}/{each}' == name for each, namespace in nodes)
+
+    def _log(self, level: str, text: str) -> None:
+        """Log a change of level; rclpy wants each severity on a line of its own."""
+        if level == self._level:
+            return
+        before, self._level = self._level, level
+        logger = self._node.get_logger()
+        line = f'{level} (was {before}): {text}'
+        if level == 'ERROR':
+            logger.error(line)
+        elif level == 'OK':
+            logger.info(line)
+        else:
+            logger.warning(line)
+
+
+class NewSince:
+    """How much a running total has grown since it was asked for last."""
+
+    def __init__(self) -> None:
+        self._before: dict[str, int] = {}
+
+    def __call__(self, name: str, total: int) -> int:
+        """Return the growth of the total `name`."""
+        before, self._before[name] = self._before.get(name, 0), total
+        return total - before
+
+
+def one_line(error: Exception) -> str:
+    """Return an error as one line; one that is not ours with the name of its class."""
+    text = ' '.join(str(error).split())
+    return text if isinstance(error, HuntError) else f'{type(error).__name__}: {text}'
 
 
 def steady_clock() -> Clock:

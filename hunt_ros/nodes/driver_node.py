@@ -1,7 +1,9 @@
 """
-What the sensor nodes and the speed node share: a driver that is read in a thread.
+What the sensor nodes and the speed node share: a driver that a thread owns.
 
-The lifecycle opens and closes the driver; a lost connection is opened again.
+From `configure` to `cleanup` one thread opens the driver, reads it, and opens it again
+when the connection is lost. Callbacks never wait for the hardware. What is read while
+the node is inactive is thrown away.
 """
 
 from __future__ import annotations
@@ -12,22 +14,28 @@ import time
 from rclpy.lifecycle import LifecycleNode, State, TransitionCallbackReturn
 from rclpy.publisher import Publisher
 
-from hunt_ros.drivers.base import DriveDriver, SensorDriver
-from hunt_ros.errors import DriverError, HuntError
-from hunt_ros.nodes.runtime import settle
+from hunt_ros.drivers.base import DriveBlock, DriveDriver, SensorBlock, SensorDriver
+from hunt_ros.nodes.diagnostics import Diagnostics, one_line
+from hunt_ros.nodes.sole import hold_name
+from hunt_ros.nodes.worker import Worker
 
-READ_S = 0.2
-_REOPEN_S = 1.0
+_READ_S = 0.2
+_REOPEN_S = 0.5
 #: A read that brings no more than this found no backlog.
 _FEW = 20
+#: Who has not read for so long (the process was stopped) finds a backlog, s.
+_PAUSE_S = 1.0
+#: Discovery is over when nobody new has come for the first time, or after the second, s.
+_SETTLED_S, _SETTLE_MOST_S = 0.5, 3.0
 
 
 class DriverNode(LifecycleNode):
     """
     A lifecycle node around one driver.
 
-    A node of this kind has `_make_driver()`, which returns the driver, and
-    `_publish_block()`, which reads once, for at most `READ_S`, and publishes.
+    A node of this kind has `_make_driver()`, which returns a driver that is not open yet,
+    `_take(block, publish)`, which gets every block that was read in time, and
+    `_lose(count)`, which gets the number of samples thrown away while active.
 
     Parameters
     ----------
@@ -37,36 +45,33 @@ class DriverNode(LifecycleNode):
 
     #: A publisher whose listeners are waited for before the first sample.
     _announced: Publisher
+    _diagnostics: Diagnostics
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
-        self.failure = ''
+        hold_name(self)
+        #: Open; None while there is no connection. Only the thread sets it.
         self._driver: SensorDriver | DriveDriver | None = None
-        self._thread: threading.Thread | None = None
+        self._worker: Worker | None = None
         self._active = threading.Event()
-        self._trouble = ''
+        self._connecting = False  # for the first time
+        self._trouble = ''  # of the connection
+        self._heard_s = -float('inf')  # when the driver last brought a sample, steady clock
 
     def on_configure(self, state: State) -> TransitionCallbackReturn:
-        """Open the driver."""
-        self._driver = self._make_driver()
-        try:
-            self._driver.open()
-        except HuntError as error:
-            self.failure = str(error)
-            self.get_logger().error(str(error))
-            return TransitionCallbackReturn.FAILURE
+        """Begin to open the driver; hardware that is not there is tried again and again."""
+        self._connecting = True
+        self._worker = Worker(self._diagnostics, 'driver', self._work)
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: State) -> TransitionCallbackReturn:
         """Publish from now on."""
         self._active.set()
-        self._thread = threading.Thread(target=self._work, name='driver', daemon=True)
-        self._thread.start()
         return super().on_activate(state)
 
     def on_deactivate(self, state: State) -> TransitionCallbackReturn:
         """Stop publishing; the driver stays open."""
-        self._end_thread()
+        self._active.clear()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: State) -> TransitionCallbackReturn:
@@ -81,45 +86,100 @@ class DriverNode(LifecycleNode):
 
     def close(self) -> None:
         """Stop the thread and let go of the hardware."""
-        self._end_thread()
-        if self._driver is not None:
-            self._driver.close()
-            self._driver = None
-
-    def _end_thread(self) -> None:
         self._active.clear()
-        if self._thread is not None:
-            self._thread.join(timeout=2.0)
-            self._thread = None
+        worker, self._worker = self._worker, None
+        if worker is not None:
+            worker.stopping.set()
+            driver = self._driver
+            if driver is not None:
+                driver.close()  # ends a read under way
+            worker.stop()
+        self._connecting, self._trouble = False, ''
 
-    def _work(self) -> None:
-        """Read and publish until deactivated; a lost connection is opened again."""
-        settle(self._announced)
-        self._discard_backlog()
-        while self._active.is_set():
+    def _work(self, stopping: threading.Event) -> None:
+        """Own a driver: open it, read it, open another when it fails."""
+        while not stopping.is_set():
+            driver = self._make_driver()
             try:
-                self._publish_block()
-                self._trouble = ''
-            except DriverError as error:
-                if self._active.is_set():
-                    self._reopen(error)
+                driver.open()
+                self._driver = driver
+                self._read_on(driver, stopping)
+            except Exception as error:  # whatever a library of the hardware raises
+                if not stopping.is_set():
+                    self._complain(one_line(error))
+            finally:
+                if self._driver is driver:
+                    self._driver = None
+                driver.close()
+            stopping.wait(_REOPEN_S)
 
-    def _discard_backlog(self) -> None:
-        """Throw away what was sampled while nobody asked: it would come too late."""
-        try:
-            while self._active.is_set() and len(self._driver.read(1e-3).stamps_ns) > _FEW:
-                pass
-        except DriverError:
-            pass  # met again, and told, by the first read
-
-    def _reopen(self, error: DriverError) -> None:
+    def _complain(self, trouble: str) -> None:
         if not self._trouble:
-            self.get_logger().error(f'{error}; trying again every {_REOPEN_S:g} s')
-        self._trouble = str(error)
-        self._driver.close()
-        time.sleep(_REOPEN_S)
-        try:
-            self._driver = self._make_driver()
-            self._driver.open()
-        except DriverError as again:
-            self._trouble = str(again)
+            self.get_logger().error(f'{trouble}; trying again every {_REOPEN_S:g} s')
+        self._connecting, self._trouble = False, trouble
+
+    def _read_on(self, driver: SensorDriver | DriveDriver, stopping: threading.Event) -> None:
+        """Read until asked to stop; raises what the driver raises."""
+        published = False
+        read_s = time.monotonic()
+        while not stopping.is_set():
+            if self._active.is_set() and not published:
+                self._settle(stopping)
+                self._skip_backlog(driver, stopping)
+                read_s = time.monotonic()
+            published = self._active.is_set()
+            block = driver.read(_READ_S)
+            before_s, read_s = read_s, time.monotonic()
+            self._connecting, self._trouble = False, ''
+            if len(block.stamps_ns):
+                self._heard_s = read_s
+            if read_s - before_s > _READ_S + _PAUSE_S:
+                lost = len(block.stamps_ns) + self._skip_backlog(driver, stopping)
+                read_s = time.monotonic()
+                if published and lost:
+                    self._lose(lost)
+            elif len(block.stamps_ns):
+                self._take(block, published)
+
+    def _skip_backlog(self, driver: SensorDriver | DriveDriver, stopping: threading.Event) -> int:
+        """Throw away what was sampled while nobody read, and return how much: it is too late."""
+        skipped = 0
+        while not stopping.is_set():
+            count = len(driver.read(1e-3).stamps_ns)
+            skipped += count
+            if count <= _FEW:
+                break
+        return skipped
+
+    def _settle(self, stopping: threading.Event) -> None:
+        """
+        Wait until everybody who listens to the samples has been discovered.
+
+        Listeners find a new publisher one after the other; what is published before is lost
+        to some of them, and a recording would lack what the detector heard.
+        """
+        began = changed = time.monotonic()
+        count = -1
+        while (
+            time.monotonic() - began < _SETTLE_MOST_S
+            and time.monotonic() - changed < _SETTLED_S
+            and not stopping.wait(0.02)
+        ):
+            now = self._announced.get_subscription_count()
+            if now != count:
+                count, changed = now, time.monotonic()
+
+    def _link(self) -> tuple[str, str] | None:
+        """Return level and text of what is wrong with the connection; None where nothing is."""
+        if self._trouble:
+            return 'ERROR', self._trouble
+        return ('WARN', 'connecting') if self._connecting else None
+
+    def _make_driver(self) -> SensorDriver | DriveDriver:
+        raise NotImplementedError
+
+    def _take(self, block: SensorBlock | DriveBlock, publish: bool) -> None:
+        raise NotImplementedError
+
+    def _lose(self, count: int) -> None:
+        raise NotImplementedError

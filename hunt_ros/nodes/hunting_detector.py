@@ -23,22 +23,24 @@ from hunt_ros.detection.companions import CompanionConfig
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.criteria import Verdict
 from hunt_ros.detection.detector import HuntingDetector
-from hunt_ros.detection.output import Output
+from hunt_ros.detection.output import Event, Output
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.companion_worker import CompanionWorker
 from hunt_ros.nodes.conversions import diagnostic, vector_layout
 from hunt_ros.nodes.detector_inbox import DetectorInbox
 from hunt_ros.nodes.detector_messages import event_message, status_message
-from hunt_ros.nodes.diagnostics import Diagnostics, Health, steady_clock
+from hunt_ros.nodes.diagnostics import Diagnostics, Health, NewSince, steady_clock
 from hunt_ros.nodes.estimate_publishers import EstimatePublishers
-from hunt_ros.nodes.parameters import declare, declare_normal_form, on_change, warn_unknown
+from hunt_ros.nodes.parameters import declare, declare_normal_form, warn_unknown
 from hunt_ros.nodes.qos import EVENTS, STATUS, latched
+from hunt_ros.nodes.sole import hold_name
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 
 _TICK_S = 0.05
 _STATUS_S = 0.05
+_SEVERITY = ('OK', 'WARN', 'STALE', 'ERROR')
 
 
 @dataclass(frozen=True)
@@ -54,14 +56,18 @@ class HuntingDetectorNode(LifecycleNode):
 
     def __init__(self) -> None:
         super().__init__('hunting_detector')
+        hold_name(self)
         self.failure = ''
         self._settings = declare(self, DetectorNodeConfig)
-        self._config = declare(self, DetectorConfig)
-        self._bounds = declare(self, AcceptanceConfig)
+        self._config = declare(self, DetectorConfig, self._reconfigure, self._may_reconfigure)
+        self._bounds = declare(self, AcceptanceConfig, self._set_bounds)
         self._form = declare_normal_form(self)
         companions = declare(self, CompanionConfig)
         self._waiting: IdentifiedNormalForm | None = None
         warn_unknown(self)
+        self._rig = self.get_namespace().strip('/')
+        self._diagnostics = Diagnostics(self, self._health)
+        self._new = NewSince()
         self._compile_kernels()
         self._detector = HuntingDetector(self._config, self._form)
         self._active = False
@@ -79,7 +85,9 @@ class HuntingDetectorNode(LifecycleNode):
         )
         self._vector = vector_layout(self._settings.frame_id)
         self._verdicts = self.create_publisher(DiagnosticArray, 'hunting/criteria', EVENTS)
-        self._companions = CompanionWorker(companions, self._config.channels, self._on_verdict)
+        self._companions = CompanionWorker(
+            companions, self._config.channels, self._on_verdict, self._diagnostics
+        )
         self._inbox = DetectorInbox(
             self, self._config.channels, self._config.period_ns, self._drain
         )
@@ -88,8 +96,6 @@ class HuntingDetectorNode(LifecycleNode):
         self.create_service(Trigger, 'hunting/accept_normal_form', self._on_accept)
         self.create_timer(_TICK_S, self._tick)
         self.create_timer(_STATUS_S, self._publish_status, clock=steady_clock())
-        on_change(self, self._config, self._reconfigure)
-        self._diagnostics = Diagnostics(self, self._health)
 
     def on_activate(self, state: State) -> TransitionCallbackReturn:
         """Begin with a fresh detector."""
@@ -132,14 +138,27 @@ class HuntingDetectorNode(LifecycleNode):
             self._estimates.publish(output.estimates)
             self._companions.offer(output)
         for event in output.events:
-            self._events.publish(event_message(event))
+            self._events.publish(event_message(event, self._rig))
+            self._log(event)
         if output.journal:
             lines = [entry.to_text() for entry in output.journal]
             self._journal.publish(String(data='\n'.join(lines)))
 
+    def _log(self, event: Event) -> None:
+        """Log a transition; rclpy wants each severity on a line of its own."""
+        text = f'{event.event} at {event.speed_mps:.2f} m/s, {1e3 * event.amplitude_m:.3f} mm'
+        if event.detail:
+            text = f'{text}: {event.detail}'
+        if event.level.label == 'ERROR':
+            self.get_logger().error(text)
+        elif event.level.label == 'OK':
+            self.get_logger().info(text)
+        else:
+            self.get_logger().warning(text)
+
     def _publish_status(self) -> None:
         if self._active:
-            self._status.publish(status_message(self._detector.status))
+            self._status.publish(status_message(self._detector.status, self._rig))
             self._publish_critical_speed()
 
     def close(self) -> None:
@@ -150,7 +169,7 @@ class HuntingDetectorNode(LifecycleNode):
         """Publish that a railway criterion began or ceased to exceed its limit."""
         values = {'exceeded': verdict.exceeded, 'index': verdict.index, 'limit': verdict.limit}
         level = 'WARN' if verdict.exceeded else 'OK'
-        message = diagnostic(verdict.stamp_ns, verdict.criterion, level, '', values)
+        message = diagnostic(verdict.stamp_ns, verdict.criterion, level, '', values, self._rig)
         self._verdicts.publish(message)
 
     def _publish_critical_speed(self) -> None:
@@ -165,10 +184,16 @@ class HuntingDetectorNode(LifecycleNode):
         for publisher, number in ((self._critical_speed, value), (self._critical_speed_std, std)):
             publisher.publish(self._vector.encode(stamp_ns, number, 0.0, 0.0))
 
-    def _reconfigure(self, config: DetectorConfig) -> None:
-        """Take new settings between two runs: a change within one could not be replayed."""
+    def _may_reconfigure(self, config: DetectorConfig) -> None:
+        """Refuse new settings within a run: it could not be replayed."""
         if self._active:
             raise ConfigError('the detector is active: deactivate the node first')
+
+    def _set_bounds(self, bounds: AcceptanceConfig) -> None:
+        self._bounds = bounds
+
+    def _reconfigure(self, config: DetectorConfig) -> None:
+        """Take new settings between two runs."""
         self._config = config
         self._detector.reset(config)
 
@@ -223,14 +248,19 @@ class HuntingDetectorNode(LifecycleNode):
             v_c = forecast.critical_speed
             values['forecast_v_c'] = forecast.reason if v_c is None else f'{v_c.value:.3f}'
             values['forecast_v_c_std'] = math.nan if v_c is None else v_c.std
+        unreadable = self._new('unreadable', self._inbox.unreadable)
         if not self._active:
-            return 'OK', 'inactive', values
-        if self._inbox.unreadable:
-            text = f'{self._inbox.unreadable} messages without the expected joint'
-            return 'WARN', text, values
+            return 'STALE', 'inactive', values
+        text = f'{status.state.label}, region {status.region.label}'
+        said = [(status.level.label, '; '.join([text, *status.reasons]))]
+        if mute := self._inbox.mute():
+            said.append(('WARN', mute))
+        if unreadable:
+            said.append(('WARN', f'{unreadable} messages without the expected joint'))
         if self._waiting is not None:
-            return 'WARN', 'a normal form waits for hunting/accept_normal_form', values
-        return 'OK', f'{status.state.label}, region {status.region.label}', values
+            said.append(('WARN', 'a normal form waits for hunting/accept_normal_form'))
+        level = max((level for level, _ in said), key=_SEVERITY.index)
+        return level, '; '.join(text for _, text in said), values
 
 
 make_node = HuntingDetectorNode

@@ -8,6 +8,7 @@ where anybody else publishes one of these topics.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -27,13 +28,16 @@ from hunt_ros.nodes.conversions import joint_layout, to_time, twist_layout
 from hunt_ros.nodes.diagnostics import Diagnostics, Health
 from hunt_ros.nodes.parameters import declare, warn_unknown
 from hunt_ros.nodes.qos import stream
+from hunt_ros.nodes.sole import hold_name
+from hunt_ros.nodes.worker import Worker
 from hunt_ros.samples import CHANNELS, NANOSECONDS
 from hunt_ros.settings import Settings, setting
 
 _CLOCK_S = 0.01
 _DISCOVERY_S = 2.0
 _LISTENERS_S = 20.0
-_NAMELESS = '_NODE_NAME_UNKNOWN_'
+#: A longer gap between two looks at the clock is a process that was stopped.
+_PAUSE_NS = NANOSECONDS
 
 
 @dataclass(frozen=True)
@@ -42,17 +46,25 @@ class ReplayConfig(Settings):
 
     bag: str = setting('', 'Recording to play.', fixed=True)
     channels: tuple[str, ...] = setting(
-        ('',), 'NAME=SOURCE for recordings with other topics.', fixed=True
+        (), 'NAME=SOURCE for recordings with other topics.', fixed=True
     )
     rate: float = setting(1.0, 'Recorded seconds in a second.', low=0.1, high=50.0)
     from_s: float = setting(0.0, 'Where to begin.', unit='s', low=0.0, fixed=True)
-    to_s: float = setting(-1.0, 'Where to end; negative: at the end.', unit='s', fixed=True)
+    to_s: float = setting(
+        math.inf, 'Where to end; inf: at the end.', unit='s', low=0.0, fixed=True
+    )
     loop: bool = setting(False, 'Begin anew at the end.', fixed=True)
     wait_for_listener: bool = setting(
         True, 'Wait until somebody listens before playing.', fixed=True
     )
-    seek_s: float = setting(0.0, 'Set it to go there, seconds from the start.', unit='s', low=0.0)
     frame_id: str = setting('roller_rig', 'frame_id of the messages.', fixed=True)
+
+
+@dataclass(frozen=True)
+class ReplayPlace(Settings):
+    """Where the replay is sent."""
+
+    seek_s: float = setting(0.0, 'Set it to go there, seconds from the start.', unit='s', low=0.0)
 
 
 class LiveReplayNode(Node):
@@ -60,12 +72,14 @@ class LiveReplayNode(Node):
 
     def __init__(self) -> None:
         super().__init__('live_replay')
-        self._config = declare(self, ReplayConfig)
+        hold_name(self)
+        self._config = declare(self, ReplayConfig, self._set_rate)
+        declare(self, ReplayPlace, self._seek)
         warn_unknown(self)
         if not self._config.bag:
             raise ConfigError('live_replay: the parameter bag names no recording')
         self._read()
-        end = None if self._config.to_s < 0.0 else self._config.to_s
+        end = None if math.isinf(self._config.to_s) else self._config.to_s
         self._schedule = ReplaySchedule(
             self._stamps,
             rate=self._config.rate,
@@ -82,21 +96,16 @@ class LiveReplayNode(Node):
         self._heard = False
         for name in ('pause', 'resume'):
             self.create_service(Trigger, f'replay/{name}', getattr(self, f'_on_{name}'))
-        self.add_post_set_parameters_callback(self._on_parameters)
         self._diagnostics = Diagnostics(self, self._health)
-        self._running = threading.Event()
-        self._running.set()
-        self._thread = threading.Thread(target=self._work, name='replay', daemon=True)
-        self._thread.start()
+        self._worker = Worker(self._diagnostics, 'replay', self._work)
 
     def close(self) -> None:
         """Stop playing."""
-        self._running.clear()
-        self._thread.join(timeout=2.0)
+        self._worker.stop()
 
     def _read(self) -> None:
         """Read the measurements and put them into one order, that of their stamps."""
-        sources = [ChannelSource.parse(word) for word in self._config.channels if word]
+        sources = [ChannelSource.parse(word) for word in self._config.channels]
         record = read_record(self._config.bag, sources)
         self._names = [name for name in CHANNELS if name in record]
         if not {'lateral', 'yaw'} & set(self._names):
@@ -113,22 +122,21 @@ class LiveReplayNode(Node):
         deadline = time.monotonic() + _DISCOVERY_S
         while time.monotonic() < deadline:
             time.sleep(0.1)
-            company = self._company()
-            # A name may be discovered a moment after the publisher it belongs to.
-            if company and ('another node' not in company or time.monotonic() > deadline - 0.5):
+            company = self._company(ours=0)
+            if company:
                 raise ConfigError(company)
 
-    def _company(self) -> str:
-        """Return one line on another publisher of these topics; empty where there is none."""
+    def _company(self, ours: int) -> str:
+        """
+        Return one line on another publisher of these topics; empty where there is none.
+
+        Publishers are counted, not told apart by the names of their nodes: another replay
+        has the same name. `ours` is how many of each are our own.
+        """
         topics = [self.resolve_topic_name(name) for name in self._names] + ['/clock']
         for topic in topics:
-            publishers = self.get_publishers_info_by_topic(topic)
-            others = sorted({info.node_name for info in publishers} - {self.get_name()})
-            if others:
-                names = ', '.join(others).replace(_NAMELESS, 'another node')
-                return (
-                    f'{topic} is published by {names} already: a recording must not mix with a rig'
-                )
+            if self.count_publishers(topic) > ours:
+                return f'{topic} is published by another node: a recording must not mix with a rig'
         return ''
 
     def _output(self, name: str) -> Callable[[int, float], None]:
@@ -141,9 +149,9 @@ class LiveReplayNode(Node):
             layout, rest = joint_layout([name], self._config.frame_id), ()
         return lambda stamp_ns, value: publisher.publish(layout.encode(stamp_ns, value, *rest))
 
-    def _work(self) -> None:
+    def _work(self, stopping: threading.Event) -> None:
         deadline = time.monotonic() + _LISTENERS_S
-        while self._config.wait_for_listener and self._running.is_set():
+        while self._config.wait_for_listener and not stopping.is_set():
             if any(self.count_subscribers(name) for name in ('lateral', 'yaw')):
                 break
             if time.monotonic() > deadline:
@@ -157,10 +165,17 @@ class LiveReplayNode(Node):
             self._schedule.play(time.monotonic_ns())
         stamps = self._stamps.tolist()
         checked_ns = 0
-        while self._running.is_set() and not self._schedule.finished:
+        looked_ns = time.monotonic_ns()
+        while not stopping.is_set() and not self._schedule.finished:
             now_ns = time.monotonic_ns()
+            if now_ns - looked_ns > _PAUSE_NS and self._schedule.playing:
+                # The process was stopped: go on where it was, or all of it would come at once.
+                with self._lock:
+                    self._schedule.pause(looked_ns)
+                    self._schedule.play(now_ns)
+            looked_ns = now_ns
             if now_ns - checked_ns > NANOSECONDS:  # somebody may have come since
-                checked_ns, self.failed = now_ns, self._company()
+                checked_ns, self.failed = now_ns, self._company(ours=1)
                 if self.failed:
                     return
             with self._lock:
@@ -187,15 +202,13 @@ class LiveReplayNode(Node):
         response.success = True
         return response
 
-    def _on_parameters(self, parameters) -> None:
-        """Take a new rate or go to another place."""
-        now_ns = time.monotonic_ns()
+    def _set_rate(self, config: ReplayConfig) -> None:
         with self._lock:
-            for parameter in parameters:
-                if parameter.name == 'rate':
-                    self._schedule.set_rate(now_ns, parameter.value)
-                elif parameter.name == 'seek_s':
-                    self._schedule.seek(now_ns, parameter.value)
+            self._schedule.set_rate(time.monotonic_ns(), config.rate)
+
+    def _seek(self, place: ReplayPlace) -> None:
+        with self._lock:
+            self._schedule.seek(time.monotonic_ns(), place.seek_s)
 
     def _health(self) -> Health:
         if self.finished:

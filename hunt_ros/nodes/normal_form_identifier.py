@@ -13,6 +13,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -23,16 +24,19 @@ from std_srvs.srv import Trigger
 
 from hunt_ros.bag.columns import read_record
 from hunt_ros.errors import HuntError
-from hunt_ros.identification import Identification, IdentificationSettings, update
-from hunt_ros.nodes.diagnostics import Diagnostics, Health
+from hunt_ros.identification import IdentificationSettings, update
+from hunt_ros.nodes.diagnostics import Diagnostics, Health, one_line
 from hunt_ros.nodes.form_files import FormFiles
 from hunt_ros.nodes.parameters import declare, warn_unknown
 from hunt_ros.nodes.qos import latched
+from hunt_ros.nodes.sole import hold_name
+from hunt_ros.nodes.worker import Worker
 from hunt_ros.samples import Record
 from hunt_ros.settings import Settings, setting
 
-#: Results that are remembered, to know what an earlier form rested on.
+#: Forms of which is remembered what they rested on: to go back to them.
 _REMEMBERED = 20
+_TASK = 'identification'
 
 
 @dataclass(frozen=True)
@@ -51,14 +55,17 @@ class NormalFormIdentifierNode(Node):
 
     def __init__(self) -> None:
         super().__init__('normal_form_identifier')
-        self._config = declare(self, IdentifierConfig)
+        hold_name(self)
+        self._config = declare(self, IdentifierConfig, self._reconfigure)
         warn_unknown(self)
         self._files = FormFiles(Path(self._config.directory))
         self._seen: deque[Path] = deque(maxlen=1000)
         self._waiting: list[Path] = []
-        #: Results behind the newest form and the ones before it, as far as known.
-        self._results: deque[Identification | None] = deque(maxlen=_REMEMBERED)
-        self._latest: Identification | None = None
+        #: Recordings behind the newest form and the ones before it. Their samples are read
+        #: again when they are needed: an hour of them is a tenth of a gigabyte.
+        self._bases: deque[tuple[Path, ...]] = deque(maxlen=_REMEMBERED)
+        self._base: tuple[Path, ...] = ()
+        self._failure = ''  # of the last identification
         self._reverts = 0
         self._lock = threading.Lock()
         self._orders: SimpleQueue[None] = SimpleQueue()
@@ -69,14 +76,14 @@ class NormalFormIdentifierNode(Node):
         self.create_service(Trigger, 'identify', self._on_identify)
         self.create_service(Trigger, 'hunting/revert_normal_form', self._on_revert)
         self._diagnostics = Diagnostics(self, self._health)
-        self._running = True
-        self._thread = threading.Thread(target=self._work, name='identify', daemon=True)
-        self._thread.start()
+        self._worker = Worker(self._diagnostics, _TASK, self._work)
 
     def close(self) -> None:
         """Stop after the work in hand, if that is soon."""
-        self._running = False
-        self._thread.join(timeout=1.0)
+        self._worker.stop(1.0)
+
+    def _reconfigure(self, config: IdentifierConfig) -> None:
+        self._config = config
 
     def _on_closed(self, message: String) -> None:
         path = Path(message.data)
@@ -91,14 +98,15 @@ class NormalFormIdentifierNode(Node):
     def _on_identify(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        response.success = bool(self._seen)
-        response.message = (
-            f'identifying from {self._recordings} recordings'
-            if self._seen
-            else 'no recording was closed yet'
-        )
-        if self._seen:
-            self._orders.put(None)
+        """Begin an identification; no success where there is nothing, or the last one failed."""
+        if not self._seen:
+            response.success, response.message = False, 'no recording was closed yet'
+            return response
+        self._orders.put(None)
+        response.success = not self._failure
+        response.message = f'identifying from {self._recordings} recordings'
+        if self._failure:
+            response.message += f'; the last identification failed: {self._failure}'
         return response
 
     def _on_revert(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -112,9 +120,9 @@ class NormalFormIdentifierNode(Node):
             # What came since the earlier form is what led away from it: it stays out.
             self._reverts += 1
             self._waiting.clear()
-            if self._results:
-                self._results.pop()
-            self._latest = self._results[-1] if self._results else None
+            if self._bases:
+                self._bases.pop()
+            self._base = self._bases[-1] if self._bases else ()
             self._publisher.publish(String(data=text))
             self._state = ('OK', 'back to the normal form before, by the operator')
         response.success, response.message = (
@@ -127,11 +135,10 @@ class NormalFormIdentifierNode(Node):
     @property
     def _recordings(self) -> int:
         """Recordings that the next refit rests on."""
-        before = 0 if self._latest is None else len(self._latest.records)
-        return min(before + len(self._waiting), self._config.history)
+        return min(len(self._base) + len(self._waiting), self._config.history)
 
-    def _work(self) -> None:
-        while self._running:
+    def _work(self, stopping: threading.Event) -> None:
+        while not stopping.is_set():
             try:
                 self._orders.get(timeout=0.5)
             except Empty:
@@ -139,50 +146,59 @@ class NormalFormIdentifierNode(Node):
             try:
                 self._identify()
             except HuntError as error:
-                self._state = ('WARN', str(error))
+                self._failure, self._state = str(error), ('WARN', str(error))
                 self.get_logger().warning(str(error))
+            except Exception as error:  # any: numbers of a rig that nobody has seen
+                self._failure = one_line(error)
+                self._diagnostics.failed(_TASK, error)
+            else:
+                self._failure = ''
+                self._diagnostics.done(_TASK)
 
     def _identify(self) -> None:
         with self._lock:
-            paths, prior, reverts = list(self._waiting), self._latest, self._reverts
+            new, base, reverts = tuple(self._waiting), self._base, self._reverts
             self._state = ('OK', f'identifying from {self._recordings} recordings')
         begin = time.monotonic()
-        records = self._read(paths)
-        if not records and (prior is None or not prior.records):
+        records = self._read((*base, *new)[-self._config.history :])
+        if not records:
             return
-        result = update(prior, records, IdentificationSettings(), self._config.history)
+        result = update(
+            None, list(records.values()), IdentificationSettings(), self._config.history
+        )
         for warning in result.warnings:
             self.get_logger().warning(warning)
         with self._lock:
             if reverts != self._reverts:
                 self.get_logger().warning('reverted meanwhile: this identification is dropped')
                 return
-            self._waiting = [path for path in self._waiting if path not in paths]
-            self._latest = result
+            self._waiting = [path for path in self._waiting if path not in new]
+            self._base = tuple(records)
             if result.normal_form is None:
                 self._state = ('WARN', 'the recordings do not determine a normal form')
                 return
             text = result.normal_form.to_yaml()
             path = self._files.keep(text)
-            self._results.append(result)
+            self._bases.append(self._base)
             self._forms += 1
             self._publisher.publish(String(data=text))
-            self._state = ('OK', f'{path} from {len(result.records)} recordings')
+            self._state = ('OK', f'{path} from {len(records)} recordings')
         self.get_logger().info(
-            f'normal form from {len(result.records)} recordings in'
+            f'normal form from {len(records)} recordings in'
             f' {time.monotonic() - begin:.1f} s: {path}'
         )
 
-    def _read(self, paths: list[Path]) -> list[Record]:
+    def _read(self, paths: Sequence[Path]) -> dict[Path, Record]:
         """Read recordings; one that cannot be read does not spoil the others."""
-        records = []
+        records = {}
         for path in paths:
             try:
-                records.append(read_record(path))
+                records[path] = read_record(path)
             except HuntError as error:
                 self.get_logger().warning(str(error))
                 with self._lock:
                     self._waiting = [other for other in self._waiting if other != path]
+                    self._base = tuple(other for other in self._base if other != path)
         return records
 
     def _health(self) -> Health:

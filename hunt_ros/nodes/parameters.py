@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import MISSING, fields, replace
+from dataclasses import MISSING, Field, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
+from weakref import WeakKeyDictionary
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -24,12 +25,27 @@ from hunt_ros.settings import Settings
 
 _Config = TypeVar('_Config', bound=Settings)
 
-_UNBOUNDED = 1e300
+#: Type of an array by that of its elements: ROS cannot see it from an empty one.
+_ARRAYS = {
+    'tuple[str, ...]': Parameter.Type.STRING_ARRAY,
+    'tuple[float, ...]': Parameter.Type.DOUBLE_ARRAY,
+    'tuple[int, ...]': Parameter.Type.INTEGER_ARRAY,
+}
+_FIXED = 'set at the start only'
 
 
-def declare(node: Node, kind: type[_Config], **defaults: Any) -> _Config:
+def declare(
+    node: Node,
+    kind: type[_Config],
+    follow: Callable[[_Config], None] | None = None,
+    check: Callable[[_Config], None] | None = None,
+) -> _Config:
     """
     Declare one parameter for each field of a settings class, and read them.
+
+    A parameter either takes effect when it is set, or is read-only and says so: where the
+    node gives no `follow`, and for fields that are `fixed`, it is read-only. Settings that
+    are set together, of whatever classes, are taken together or not at all.
 
     Parameters
     ----------
@@ -37,8 +53,11 @@ def declare(node: Node, kind: type[_Config], **defaults: Any) -> _Config:
         Gets the parameters, named as the fields.
     kind : type of Settings
         The settings class.
-    **defaults
-        Defaults of this node that differ from those of the class.
+    follow : callable, optional
+        Takes new settings into use. It is called when nothing can refuse them any more,
+        and so must not fail.
+    check : callable, optional
+        Raises ConfigError where valid settings cannot be taken now; changes nothing.
 
     Returns
     -------
@@ -52,42 +71,61 @@ def declare(node: Node, kind: type[_Config], **defaults: Any) -> _Config:
     """
     values = {}
     for item in fields(kind):
-        default = defaults.get(item.name, item.default)
-        if default is MISSING:
+        if item.default is MISSING:
             raise TypeError(f'{kind.__name__}.{item.name} has no default')
-        descriptor = _descriptor(item.metadata, default)
-        given = list(default) if isinstance(default, tuple) else default
-        values[item.name] = node.declare_parameter(item.name, given, descriptor).value
-    return kind(**{name: _frozen(value) for name, value in values.items()})
+        descriptor = _descriptor(item, live=follow is not None)
+        default = item.default
+        if isinstance(default, tuple):
+            default = list(default) or _ARRAYS[str(item.type)]
+        value = node.declare_parameter(item.name, default, descriptor).value
+        values[item.name] = item.default if value is None else _frozen(value)
+    config = kind(**values)
+    if follow is not None:
+        if node not in _CHANGES:
+            _CHANGES[node] = _Changes()
+            node.add_on_set_parameters_callback(_CHANGES[node].take)
+        _CHANGES[node].groups.append(_Group(config, follow, check))
+    return config
 
 
-def on_change(node: Node, current: _Config, apply: Callable[[_Config], None]) -> None:
-    """
-    Let a running node take new values: checked as at the start, refused with the reason.
+@dataclass
+class _Group:
+    """Settings of one class that a node follows."""
 
-    Parameters
-    ----------
-    node : Node
-        With parameters declared from `current`.
-    current : Settings
-        The values in force now.
-    apply : callable
-        Gets the new settings once all are valid.
-    """
-    names = {item.name for item in fields(current)}
-    state = [current]
+    config: Any
+    follow: Callable[[Any], None]
+    check: Callable[[Any], None] | None
 
-    def change(parameters: Sequence[Parameter]) -> SetParametersResult:
+    def renewed(self, parameters: Sequence[Parameter]) -> Any:
+        """Return the settings with new values; None where none of them is meant."""
+        names = {item.name for item in fields(self.config)}
         changes = {p.name: _frozen(p.value) for p in parameters if p.name in names}
-        if changes:
-            try:
-                state[0] = replace(state[0], **changes)
-                apply(state[0])
-            except ConfigError as error:
-                return SetParametersResult(successful=False, reason=str(error))
+        return replace(self.config, **changes) if changes else None
+
+
+class _Changes:
+    """Takes new values of a node's parameters: all are checked before one takes effect."""
+
+    def __init__(self) -> None:
+        self.groups: list[_Group] = []
+
+    def take(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        """Refuse with the reason, or put into force; rclpy asks nobody after this."""
+        try:
+            renewed = [(group, group.renewed(parameters)) for group in self.groups]
+            changed = [(group, config) for group, config in renewed if config is not None]
+            for group, config in changed:
+                if group.check is not None:
+                    group.check(config)
+        except ConfigError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        for group, config in changed:
+            group.config = config
+            group.follow(config)
         return SetParametersResult(successful=True)
 
-    node.add_on_set_parameters_callback(change)
+
+_CHANGES: WeakKeyDictionary[Node, _Changes] = WeakKeyDictionary()
 
 
 def warn_unknown(node: Node, also: Sequence[str] = ()) -> None:
@@ -125,31 +163,27 @@ def _frozen(value: Any) -> Any:
     )
 
 
-def _descriptor(metadata: Any, default: Any) -> ParameterDescriptor:
+def _descriptor(item: Field[Any], live: bool) -> ParameterDescriptor:
+    metadata = item.metadata
     unit = f' [{metadata["unit"]}]' if metadata.get('unit') else ''
+    fixed = bool(metadata.get('fixed', False)) or not live
     choices = metadata.get('choices') or ()
-    descriptor = ParameterDescriptor(
-        description=metadata.get('description', '') + unit,
-        additional_constraints=f'one of {", ".join(choices)}' if choices else '',
-        read_only=bool(metadata.get('fixed', False)),
-    )
+    limits = [f'one of {", ".join(choices)}'] if choices else []
     low, high = metadata.get('low'), metadata.get('high')
-    if low is None and high is None:
-        return descriptor
-    if isinstance(default, float):
-        bounds = FloatingPointRange(
-            from_value=-_UNBOUNDED if low is None else float(low),
-            to_value=_UNBOUNDED if high is None else float(high),
-        )
+    descriptor = ParameterDescriptor(
+        description=metadata.get('description', '') + unit, read_only=fixed
+    )
+    # A range has two ends, and tools draw a slider from one to the other: one end alone is
+    # said in words, and checked by the settings themselves.
+    if low is None or high is None:
+        limits += [f'at least {low:g}'] if low is not None else []
+        limits += [f'at most {high:g}'] if high is not None else []
+    elif isinstance(item.default, float):
+        bounds = FloatingPointRange(from_value=float(low), to_value=float(high))
         descriptor.floating_point_range = [bounds]
-    elif isinstance(default, int) and not isinstance(default, bool):
-        most = 2**62
-        bounds = IntegerRange(
-            from_value=-most if low is None else int(low),
-            to_value=most if high is None else int(high),
-            step=1,
-        )
-        descriptor.integer_range = [bounds]
+    else:
+        descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
+    descriptor.additional_constraints = '; '.join([*limits, *([_FIXED] if fixed else [])])
     return descriptor
 
 
@@ -179,7 +213,11 @@ def declare_normal_form(node: Node) -> IdentifiedNormalForm | None:
     kinds['provenance'] = Parameter.Type.STRING_ARRAY
     for name, kind in kinds.items():
         full = f'normal_form.{name}'
-        descriptor = ParameterDescriptor(description=f'Identified normal form: {name}.')
+        descriptor = ParameterDescriptor(
+            description=f'Identified normal form: {name}.',
+            additional_constraints=f'{_FIXED}; then by the topic hunting/normal_form',
+            read_only=True,
+        )
         node.declare_parameter(full, kind, descriptor)
         value = node.get_parameter_or(full).value
         if value is not None:

@@ -1,5 +1,5 @@
 """
-The two qualities of service of the suite.
+The two qualities of service of the suite, and what a user may change about them.
 
 No deadline and no liveliness is requested: a subscription that asks for a
 deadline hears nothing at all from a publisher that offers none.
@@ -7,7 +7,16 @@ deadline hears nothing at all from a publisher that offers none.
 
 from __future__ import annotations
 
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.node import Node
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    QoSPolicyKind,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.subscription import Subscription
 
 
 def stream(depth: int) -> QoSProfile:
@@ -34,3 +43,34 @@ def latched(depth: int = 1) -> QoSProfile:
 EVENTS = stream(1000)
 #: `diagnostics` and `hunting/status`.
 STATUS = stream(20)
+#: For measurements, which foreign nodes may publish with the profile of sensor data: the
+#: parameters `qos_overrides.TOPIC.subscription.reliability` and `.depth`.
+OVERRIDABLE = QoSOverridingOptions(policy_kinds=(QoSPolicyKind.RELIABILITY, QoSPolicyKind.DEPTH))
+
+
+def mute_publishers(node: Node, subscription: Subscription) -> str:
+    """
+    Return one line where a publisher cannot be heard by a reliable subscription.
+
+    Parameters
+    ----------
+    node : Node
+        Whose subscription it is.
+    subscription : Subscription
+        Of a topic that somebody may publish with best effort.
+
+    Returns
+    -------
+    str
+        Names the topic and the parameter that helps; '' where everybody is heard.
+    """
+    if subscription.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
+        return ''
+    topic = subscription.topic_name
+    for info in node.get_publishers_info_by_topic(topic):
+        if info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
+            return (
+                f'{topic} is published with best effort and not heard: set the parameter'
+                f' qos_overrides.{topic}.subscription.reliability to best_effort'
+            )
+    return ''

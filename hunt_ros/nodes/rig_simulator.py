@@ -25,6 +25,8 @@ from hunt_ros.nodes.conversions import to_time
 from hunt_ros.nodes.diagnostics import Diagnostics, Health
 from hunt_ros.nodes.parameters import declare, read_rig, warn_unknown
 from hunt_ros.nodes.qos import stream
+from hunt_ros.nodes.sole import hold_name
+from hunt_ros.nodes.worker import Worker
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 
@@ -81,11 +83,9 @@ class SimulatorConfig(Settings):
         0.3e-3, 'Size of the bump of the service kick.', unit='m', low=0.0, high=0.02
     )
     kick_times_s: tuple[float, ...] = setting(
-        (-1.0,), 'Times of bumps by themselves; negative: none.', unit='s', fixed=True
+        (), 'Times of bumps by themselves.', unit='s', fixed=True
     )
-    kick_sizes_m: tuple[float, ...] = setting(
-        (0.0,), 'Sizes of these bumps.', unit='m', fixed=True
-    )
+    kick_sizes_m: tuple[float, ...] = setting((), 'Sizes of these bumps.', unit='m', fixed=True)
     seed: int = setting(0, 'Of everything random.', low=0, fixed=True)
     start_with_readers: int = setting(
         0, 'Hold the simulated time until so many drivers are connected.', low=0, fixed=True
@@ -97,7 +97,8 @@ class RigSimulatorNode(Node):
 
     def __init__(self) -> None:
         super().__init__('rig_simulator')
-        self._config = config = declare(self, SimulatorConfig)
+        hold_name(self)
+        self._config = config = declare(self, SimulatorConfig, self._reconfigure)
         warn_unknown(self)
         self._kicks = _kick_plan(config)
         self._rig = RollerRig(read_rig(config.rig), _settings(config), seed=config.seed)
@@ -111,28 +112,27 @@ class RigSimulatorNode(Node):
         self._pending_kicks: list[float] = []
         self.create_service(Trigger, 'simulator/kick', self._on_kick)
         self._diagnostics = Diagnostics(self, self._health)
-        self._running = threading.Event()
-        self._running.set()
-        self._thread = threading.Thread(target=self._work, name='simulation', daemon=True)
-        self._thread.start()
+        self._worker = Worker(self._diagnostics, 'simulation', self._work)
 
     def close(self) -> None:
         """Stop simulating and disconnect the drivers."""
-        self._running.clear()
-        self._thread.join(timeout=2.0)
+        self._worker.stop()
         self._server.close()
 
-    def _work(self) -> None:
+    def _reconfigure(self, config: SimulatorConfig) -> None:
+        self._config = config
+
+    def _work(self, stopping: threading.Event) -> None:
         """Advance the simulation with real time, a block every few milliseconds."""
         rate = self._config.sample_rate_hz * self._config.time_scale
         pause_s = max(1e-3, 1.0 / rate)
         self._rig.advance(0)  # compile before the clock starts
-        while self._running.is_set() and self._server.readers < self._config.start_with_readers:
+        while not stopping.is_set() and self._server.readers < self._config.start_with_readers:
             self._server.poll()
             time.sleep(0.01)
         begin = time.monotonic() + self._set_origin()
         done, next_wake = 0, begin
-        while self._running.is_set():
+        while not stopping.is_set():
             due = max(0, int((time.monotonic() - begin) * rate) - done)
             self._behind_s = due / rate
             if self._behind_s > _MOST_BEHIND_S:
@@ -194,7 +194,7 @@ class RigSimulatorNode(Node):
             self._rig.kick(self._pending_kicks.pop(0))
 
     def _on_kick(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._pending_kicks.append(self.get_parameter('kick_m').value)
+        self._pending_kicks.append(self._config.kick_m)
         response.success, response.message = True, 'the wheelset was hit'
         return response
 
@@ -227,8 +227,7 @@ def _kick_plan(config: SimulatorConfig) -> list[tuple[float, float]]:
             f'kick_times_s has {len(config.kick_times_s)} values and kick_sizes_m'
             f' {len(config.kick_sizes_m)}, expected one size a time'
         )
-    plan = zip(config.kick_times_s, config.kick_sizes_m, strict=True)
-    return sorted(kick for kick in plan if kick[0] >= 0.0)
+    return sorted(zip(config.kick_times_s, config.kick_sizes_m, strict=True))
 
 
 make_node = RigSimulatorNode

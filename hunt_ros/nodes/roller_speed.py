@@ -7,25 +7,34 @@ set point that goes to the drive is published on `speed/target`.
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from geometry_msgs.msg import TwistStamped
+from rclpy.lifecycle import State, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from hunt_ros.drivers.base import DriveDriver
+from hunt_ros.drivers.base import DriveBlock, DriveDriver
+from hunt_ros.drivers.command import RollerCommand
 from hunt_ros.drivers.profile import ProfileRunner
 from hunt_ros.drivers.simulated import SimulatedDrive
 from hunt_ros.errors import DriverError
 from hunt_ros.nodes.conversions import joint_layout, twist
-from hunt_ros.nodes.diagnostics import Diagnostics, Health, steady_clock
-from hunt_ros.nodes.driver_node import READ_S, DriverNode
+from hunt_ros.nodes.diagnostics import Diagnostics, Health, NewSince, one_line, steady_clock
+from hunt_ros.nodes.driver_node import DriverNode
 from hunt_ros.nodes.parameters import declare, warn_unknown
 from hunt_ros.nodes.qos import stream
+from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 
 _SET_POINT_S = 0.05
+#: In a longer gap between two set points the process or the machine stood still, s.
+_LONGEST_STEP_S = 0.25
+#: A drive that sends nothing for so long may not hear either, s.
+_SILENT_S = 2.0
 
 
 @dataclass(frozen=True)
@@ -45,7 +54,17 @@ class SpeedConfig(Settings):
     profile_speeds_mps: tuple[float, ...] = setting(
         (0.0,), 'Speeds at the corners of the profile.', unit='m/s', fixed=True
     )
-    profile_autostart: bool = setting(False, 'Start the profile at activation.', fixed=True)
+    profile_autostart: bool = setting(
+        False, 'Start the profile at the first activation.', fixed=True
+    )
+    acceleration_mps2: float = setting(
+        1.0,
+        'The set point changes no faster than this, except in an emergency stop.',
+        unit='m/s2',
+        low=0.001,
+        high=100.0,
+        fixed=True,
+    )
     emergency_speed_mps: float = setting(
         0.0, 'Set point of speed/emergency_stop.', unit='m/s', low=0.0, high=100.0
     )
@@ -57,40 +76,61 @@ class RollerSpeedNode(DriverNode):
 
     def __init__(self) -> None:
         super().__init__('roller_speed')
-        self._config = declare(self, SpeedConfig)
+        self._config = declare(self, SpeedConfig, self._reconfigure)
         warn_unknown(self)
-        self._profile = ProfileRunner(
-            self._config.profile_times_s, self._config.profile_speeds_mps
+        # The machine's clock may be set while the roller turns: only a simulated rig, whose
+        # time is that of /clock, is driven by another clock than the steady one.
+        simulated_time = self.get_parameter('use_sim_time').value
+        self._profile_clock = self.get_clock() if simulated_time else steady_clock()
+        self._command = RollerCommand(
+            ProfileRunner(self._config.profile_times_s, self._config.profile_speeds_mps),
+            self._config.acceleration_mps2,
+            math.inf if simulated_time else _LONGEST_STEP_S,
         )
-        self._began = False  # a profile was started: before that the drive is left alone
-        self._stopped = False  # emergency stop: stays until rearmed
-        self._held_mps: float | None = (
-            None  # instead of the profile, until it is started or resumed
-        )
+        self._asked_ns = 0  # when the last set point was asked for, profile clock
         self._target_mps = float('nan')
         self._speed_mps = float('nan')
         self._published = 0
-        self._last_count = 0
+        self._refusal = ''  # of the last set point
+        self._refused = 0
+        self._new = NewSince()
         self._layout = joint_layout(['roller'], self._config.frame_id, velocity=True)
         self._roller = self._announced = self.create_publisher(JointState, 'roller', stream(100))
         self._speed = self.create_publisher(TwistStamped, 'speed', stream(100))
         self._target = self.create_publisher(TwistStamped, 'speed/target', stream(20))
         for name, action in (
             ('emergency_stop', self._emergency_stop),
-            ('rearm', self._rearm),
-            ('start_profile', self._start_profile),
-            ('stop_profile', self._stop_profile),
-            ('resume_profile', self._resume_profile),
+            ('rearm', self._command.rearm),
+            ('start_profile', lambda: self._inactive() or self._command.start()),
+            ('stop_profile', self._command.stop),
+            ('resume_profile', lambda: self._inactive() or self._command.resume()),
         ):
-            self.create_service(Trigger, f'speed/{name}', self._answer(action))
-        self._timer = self.create_timer(_SET_POINT_S, self._command, clock=steady_clock())
-        self._diagnostics = Diagnostics(self, self._health)
+            self.create_service(Trigger, f'speed/{name}', _answer(action))
+        self._timer = self.create_timer(_SET_POINT_S, self._send_next, clock=steady_clock())
+        hardware = f'{self._config.driver} drive {self._config.host}:{self._config.port}'
+        self._diagnostics = Diagnostics(self, self._health, hardware)
+
+    def on_activate(self, state: State) -> TransitionCallbackReturn:
+        """Publish from now on; `profile_autostart` starts the profile, the first time."""
+        if self._config.profile_autostart and not self._command.begun:
+            self._command.start()
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: State) -> TransitionCallbackReturn:
+        """Stop the profile and leave the drive alone; only a service starts it again."""
+        self._command.let_go()
+        return super().on_deactivate(state)
+
+    def _reconfigure(self, config: SpeedConfig) -> None:
+        self._config = config
 
     def _make_driver(self) -> DriveDriver:
         return SimulatedDrive(self._config.host, self._config.port)
 
-    def _publish_block(self) -> None:
-        block = self._driver.read(READ_S)
+    def _take(self, block: DriveBlock, publish: bool) -> None:
+        self._speed_mps = float(block.speed_mps[-1])
+        if not publish:
+            return
         readings = zip(
             block.stamps_ns.tolist(),
             block.angle_rad.tolist(),
@@ -101,88 +141,119 @@ class RollerSpeedNode(DriverNode):
             rate = 2.0 * speed_mps / self._config.roller_diameter_m
             self._roller.publish(self._layout.encode(stamp_ns, angle_rad, rate))
             self._speed.publish(twist(stamp_ns, speed_mps, self._config.frame_id))
-            self._speed_mps = speed_mps
         self._published += block.stamps_ns.size
 
-    def _command(self) -> None:
-        """Send the set point that holds now, if there is one."""
-        if not self._active.is_set():
-            return
-        now_ns = self.get_clock().now().nanoseconds
-        if now_ns == 0:
-            return  # simulated time has not begun
-        if self._config.profile_autostart and not self._began:
-            self._began = True
-            self._profile.start(now_ns)
-        if self._held_mps is not None:
-            self._send(now_ns, self._held_mps)
-        elif self._began:
-            self._send(now_ns, self._profile.set_point(now_ns))
+    def _lose(self, count: int) -> None:
+        self.get_logger().warning(f'{count} readings came too late and are left out')
 
-    def _send(self, now_ns: int, speed_mps: float) -> None:
+    def _send_next(self) -> None:
+        """Send the set point that holds now, if there is one and a drive to take it."""
+        now_ns = self._profile_clock.now().nanoseconds
+        passed_ns = now_ns - self._asked_ns if self._asked_ns else 0
+        self._asked_ns = now_ns
+        if not (self._active.is_set() or self._command.stopped):
+            return
+        speed_mps = self._command.next(passed_ns / NANOSECONDS, self._measured())
+        if speed_mps is not None and not self._connecting:
+            self._send(speed_mps)
+
+    def _send(self, speed_mps: float) -> str:
+        """Tell the drive a set point; return '' or why it did not take it."""
+        driver = self._driver
         try:
-            self._driver.set_speed(speed_mps)
-        except DriverError as error:
-            self._trouble = str(error)
-            return
+            if driver is None:
+                raise DriverError(self._absence())
+            driver.set_speed(speed_mps)
+        except Exception as error:  # whatever a library of the hardware raises
+            self._refused += 1
+            if not self._refusal:
+                self.get_logger().error(f'set point {speed_mps:.2f} m/s: {one_line(error)}')
+            self._refusal = one_line(error)
+            return self._refusal
+        self._refusal = ''
+        self._command.taken(speed_mps)
         self._target_mps = speed_mps
-        self._target.publish(twist(now_ns, speed_mps, self._config.frame_id))
-
-    def _answer(self, action: Callable[[int], str]) -> Callable[..., Trigger.Response]:
-        """Make a service callback of an action that returns '' or the reason of a refusal."""
-
-        def callback(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            refusal = action(self.get_clock().now().nanoseconds)
-            response.success, response.message = not refusal, refusal
-            return response
-
-        return callback
-
-    def _emergency_stop(self, now_ns: int) -> str:
-        self._stopped, self._held_mps = True, self._config.emergency_speed_mps
-        self._profile.stop(now_ns)
-        self.get_logger().warning('emergency stop: set point held until speed/rearm')
-        self._command()
+        now_ns = self.get_clock().now().nanoseconds
+        if self._active.is_set():
+            self._target.publish(twist(now_ns, speed_mps, self._config.frame_id))
         return ''
 
-    def _rearm(self, now_ns: int) -> str:
-        # The roller stays where it is: only starting or resuming a profile moves it again.
-        self._stopped = False
-        return ''
+    def _measured(self) -> float:
+        """Return what the roller runs at, m/s; NaN where the drive does not say."""
+        return math.nan if self._silent() else self._speed_mps
 
-    def _start_profile(self, now_ns: int) -> str:
-        if self._stopped:
-            return 'emergency stop is in force: call speed/rearm first'
-        self._began, self._held_mps = True, None
-        self._profile.start(now_ns)
-        return ''
+    def _silent(self) -> str:
+        """Return '' or since when the drive sends nothing."""
+        silent_s = time.monotonic() - self._heard_s
+        if silent_s < _SILENT_S:
+            return ''
+        if math.isinf(silent_s):
+            return 'the drive has not sent anything yet'
+        return f'the drive has sent nothing for {silent_s:.1f} s'
 
-    def _stop_profile(self, now_ns: int) -> str:
-        self._profile.stop(now_ns)
-        return ''
+    def _absence(self) -> str:
+        """Return why there is no drive."""
+        if self._worker is None:
+            return 'the node is not configured'
+        return self._trouble or 'not connected yet'
 
-    def _resume_profile(self, now_ns: int) -> str:
-        if self._stopped:
-            return 'emergency stop is in force: call speed/rearm first'
-        if not self._began:
-            return 'no profile was started'
-        self._held_mps = None
-        self._profile.resume(now_ns)
-        return ''
+    def _inactive(self) -> str:
+        return '' if self._active.is_set() else 'the node is not active'
+
+    def _emergency_stop(self) -> str:
+        """
+        Stop in every state of the node, and say whether the drive took it.
+
+        A set point that was sent to a drive which sends nothing may not have arrived: that
+        is no success either.
+        """
+        speed_mps = self._command.emergency_stop(
+            self._config.emergency_speed_mps, self._measured()
+        )
+        problem = self._send(speed_mps) or self._silent()
+        self.get_logger().warning(
+            f'emergency stop: {problem or "taken"}; set point held until speed/rearm'
+        )
+        if not problem:
+            return ''
+        return (
+            f'the drive may not have taken it ({problem}): use the hard-wired stop; the stop'
+            ' stays in force and is sent again until speed/rearm'
+        )
 
     def _health(self) -> Health:
-        fresh = self._published - self._last_count
-        self._last_count = self._published
-        values = {'speed_mps': self._speed_mps, 'target_mps': self._target_mps, 'readings': fresh}
-        if self._trouble:
-            return 'ERROR', self._trouble, values
+        fresh = self._new('readings', self._published)
+        refused = self._new('refused', self._refused)
+        values = {
+            'speed_mps': self._speed_mps,
+            'target_mps': self._target_mps,
+            'readings': fresh,
+            'refused_set_points': self._refused,
+        }
+        if link := self._link():
+            return *link, values
+        if self._refusal:
+            return 'ERROR', f'set point refused: {self._refusal}', values
+        if refused:
+            return 'WARN', f'{refused} set points were refused', values
+        if self._command.stopped:
+            return 'WARN', 'emergency stop is in force', values
         if not self._active.is_set():
             return 'OK', 'inactive', values
-        if self._stopped:
-            return 'WARN', 'emergency stop is in force', values
         if not fresh:
             return 'STALE', 'the drive sends nothing', values
         return 'OK', f'{self._speed_mps:.2f} m/s', values
+
+
+def _answer(action: Callable[[], str]) -> Callable[..., Trigger.Response]:
+    """Make a service callback of an action that returns '' or the reason of a refusal."""
+
+    def callback(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        refusal = action()
+        response.success, response.message = not refusal, refusal
+        return response
+
+    return callback
 
 
 make_node = RollerSpeedNode

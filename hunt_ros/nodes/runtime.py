@@ -14,11 +14,11 @@ import time
 from collections.abc import Callable, Sequence
 
 import rclpy
+from rclpy.duration import Duration
 from rclpy.exceptions import InvalidParameterValueException, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 
 from hunt_ros.compiled import on_compilation
@@ -26,8 +26,8 @@ from hunt_ros.errors import HuntError
 from hunt_ros.nodes.ending import CLOSING_S, Ending
 
 _SPIN_S = 0.05
-#: Discovery is over when nobody new has come for the first time, or after the second, s.
-_SETTLED_S, _SETTLE_MOST_S = 0.5, 3.0
+#: For the last messages to arrive, s.
+_DELIVERY_S = 0.4
 
 
 def _executor():
@@ -89,30 +89,18 @@ def run(
         if node is not None:
             if hasattr(node, 'close'):
                 node.close()
+            _deliver(node)
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
 
 
-def settle(publisher: Publisher) -> None:
-    """
-    Wait until everybody who listens to a new publisher has been discovered.
-
-    Listeners find it one after the other; what is published before is lost to some
-    of them, and a recording would lack what the detector heard.
-
-    Parameters
-    ----------
-    publisher : Publisher
-        New, and silent so far.
-    """
-    began = changed = time.monotonic()
-    count = -1
-    while time.monotonic() - began < _SETTLE_MOST_S and time.monotonic() - changed < _SETTLED_S:
-        now = publisher.get_subscription_count()
-        if now != count:
-            count, changed = now, time.monotonic()
-        time.sleep(0.02)
+def _deliver(node: Node) -> None:
+    """Wait, not for long, until everybody who listens has what the node said last."""
+    deadline = time.monotonic() + _DELIVERY_S
+    for publisher in node.publishers:
+        left_s = max(0.0, deadline - time.monotonic())
+        publisher.wait_for_all_acked(Duration(nanoseconds=round(1e9 * left_s)))
 
 
 def _start(node: Node) -> None:

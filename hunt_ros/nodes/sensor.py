@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from sensor_msgs.msg import JointState
 
-from hunt_ros.drivers.base import SensorDriver
+from hunt_ros.drivers.base import SensorBlock, SensorDriver
 from hunt_ros.drivers.simulated import SimulatedSensor
 from hunt_ros.drivers.simulator_protocol import Channel
 from hunt_ros.nodes.conversions import joint_layout
-from hunt_ros.nodes.diagnostics import Diagnostics, Health
-from hunt_ros.nodes.driver_node import READ_S, DriverNode
+from hunt_ros.nodes.diagnostics import Diagnostics, Health, NewSince
+from hunt_ros.nodes.driver_node import DriverNode
 from hunt_ros.nodes.parameters import declare, warn_unknown
 from hunt_ros.nodes.qos import stream
 from hunt_ros.settings import Settings, setting
@@ -65,42 +65,50 @@ class SensorNode(DriverNode):
         self._published = 0
         self._lost = 0
         self._bad = 0
-        self._last_count, self._last_time = 0, 0.0
-        self._diagnostics = Diagnostics(self, self._health)
+        self._new = NewSince()
+        self._reported_s = 0.0
+        hardware = f'{self._config.driver} {channel} {self._config.host}:{self._config.port}'
+        self._diagnostics = Diagnostics(self, self._health, hardware)
 
     def _make_driver(self) -> SensorDriver:
         channel = Channel[self._channel.upper()]
         return SimulatedSensor(self._config.host, self._config.port, channel)
 
-    def _publish_block(self) -> None:
-        block = self._driver.read(READ_S)
+    def _take(self, block: SensorBlock, publish: bool) -> None:
+        if not publish:
+            return
         self._lost += block.lost
         self._bad += int(np.count_nonzero(np.isnan(block.values)))
         for stamp_ns, value in zip(block.stamps_ns.tolist(), block.values.tolist(), strict=True):
             self._announced.publish(self._layout.encode(stamp_ns, value))
         self._published += block.values.size
 
+    def _lose(self, count: int) -> None:
+        self._lost += count
+
     def _health(self) -> Health:
-        now = time.monotonic()
-        elapsed_s, begun = now - self._last_time, self._last_count > 0
-        rate = (self._published - self._last_count) / elapsed_s
-        self._last_count, self._last_time = self._published, now
+        now_s = time.monotonic()
+        elapsed_s, self._reported_s = now_s - self._reported_s, now_s
+        fresh = self._new('published', self._published)
+        begun = fresh < self._published  # the first second is not a whole one
+        rate = fresh / elapsed_s
+        lost = self._new('lost', self._lost)
         values = {
             'rate_hz': round(rate, 1),
             'published': self._published,
             'lost': self._lost,
             'bad': self._bad,
         }
-        if self._trouble:
-            return 'ERROR', self._trouble, values
+        if link := self._link():
+            return *link, values
         if not self._active.is_set():
             return 'OK', 'inactive', values
-        if rate == 0.0:
-            return 'STALE', 'no samples', values
+        if not fresh:
+            return 'STALE', f'no samples, {lost} samples lost' if lost else 'no samples', values
+        if lost:
+            return 'WARN', f'{lost} samples lost', values
         expected = self._config.sample_rate_hz
         simulated_time = self.get_parameter('use_sim_time').value
         if begun and not simulated_time and abs(rate / expected - 1.0) > 0.05:
             return 'WARN', f'{rate:.0f} samples/s, expected {expected:.0f}', values
-        if self._lost:
-            return 'WARN', f'{self._lost} samples lost', values
         return 'OK', f'{rate:.0f} samples/s', values

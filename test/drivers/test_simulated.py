@@ -87,7 +87,7 @@ def test_nobody_listening_is_one_clear_line() -> None:
     server = SimulatorServer()
     port = server.port
     server.close()
-    sensor = SimulatedSensor('127.0.0.1', port, Channel.LATERAL, patience_s=0.0)
+    sensor = SimulatedSensor('127.0.0.1', port, Channel.LATERAL)
     with pytest.raises(DriverError, match=rf'lateral at 127\.0\.0\.1:{port}: cannot connect'):
         sensor.open()
 

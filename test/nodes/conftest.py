@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -173,3 +174,50 @@ def graph(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, machine, domain) -> I
     graph = Graph(tmp_path, machine)
     yield graph
     graph.close()
+
+
+class Resident:
+    """A node that runs in the process of the test, in a thread, on a graph of its own."""
+
+    def __init__(self, make: Callable[[], object], **parameters: object) -> None:
+        words = ['--ros-args', '-r', '__ns:=/rig']
+        for name, value in parameters.items():
+            words += ['-p', f'{name}:={str(value).lower() if value in (True, False) else value}']
+        rclpy.init(args=words)
+        try:
+            self.node = make()
+        except BaseException:
+            rclpy.shutdown()
+            raise
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        self._running = True
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread.start()
+
+    def _spin(self) -> None:
+        while self._running:
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def close(self) -> None:
+        self._running = False
+        self._thread.join()
+        self._executor.shutdown()
+        if hasattr(self.node, 'close'):
+            self.node.close()
+        self.node.destroy_node()
+        rclpy.shutdown()
+
+
+@pytest.fixture
+def resident(graph) -> Iterator[Callable[..., object]]:
+    """Return a function that starts a node (its class, parameters) beside the graph's probe."""
+    started: list[Resident] = []
+
+    def start(make: Callable[[], object], **parameters: object) -> object:
+        started.append(Resident(make, **parameters))
+        return started[-1].node
+
+    yield start
+    for each in reversed(started):
+        each.close()

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition
+from rcl_interfaces.msg import Log
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
@@ -56,6 +57,8 @@ class Heard:
 def test_a_bump_beyond_the_basin_is_escaping_then_a_limit_cycle_and_stays_an_alarm(graph) -> None:
     heard = Heard(graph)
     amplitudes = graph.collect(JointState, 'hunting/amplitude')
+    health = graph.collect(DiagnosticArray, '/diagnostics')
+    logged = graph.collect(Log, '/rosout')
     graph.start('hunting_detector', _form_file(graph.folder))
     graph.spin_until(lambda: heard.status)
     assert heard.status['level'] == 'STALE', 'no data must not look like a quiet rig'
@@ -70,6 +73,15 @@ def test_a_bump_beyond_the_basin_is_escaping_then_a_limit_cycle_and_stays_an_ala
     graph.spin_until(lambda: heard.status['level'] == 'ERROR')
     assert heard.status['alarm'] == 'True'
     assert amplitudes[-1].position[0] == pytest.approx(0.63e-3, rel=0.05)
+
+    def alarming() -> bool:
+        texts = map(read_diagnostic, health)
+        return ('rig/hunting_detector', 'ERROR') in [(t['name'], t['level']) for t in texts]
+
+    graph.spin_until(alarming)  # what a monitor of /diagnostics shows
+    assert all(message.status[0].hardware_id for message in health)
+    lines = [message.msg for message in logged if message.name.endswith('hunting_detector')]
+    assert any(line.startswith('limit_cycle') for line in lines)
     assert graph.call('hunting/acknowledge_alarm').success
     graph.spin(0.5)
     assert heard.status['alarm'] == 'True', 'the rig still hunts'

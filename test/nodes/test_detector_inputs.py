@@ -1,0 +1,45 @@
+"""What the detector node hears of publishers that offer another quality of service."""
+
+from __future__ import annotations
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import JointState
+
+from hunt_ros.nodes.conversions import read_diagnostic, to_time
+from hunt_ros.nodes.hunting_detector import HuntingDetectorNode
+
+pytestmark = pytest.mark.ros
+
+
+def test_a_driver_with_the_profile_of_sensor_data_is_heard_if_told_so_and_named_if_not(
+    graph, resident
+) -> None:
+    health = graph.collect(DiagnosticArray, '/diagnostics')
+    publishers = [
+        graph.node.create_publisher(JointState, channel, qos_profile_sensor_data)
+        for channel in ('lateral', 'yaw')
+    ]
+    node = resident(
+        HuntingDetectorNode,
+        **{'qos_overrides./rig/lateral.subscription.reliability': 'best_effort'},
+    )
+    node.trigger_configure()
+    node.trigger_activate()
+    sent = 0
+
+    def told() -> dict[str, str]:
+        nonlocal sent
+        sent += 1
+        for publisher, name in zip(publishers, ('lateral', 'yaw'), strict=True):
+            message = JointState(name=[name], position=[1e-6 * sent])
+            message.header.stamp = to_time(1_000_000_000 + sent * 10_000_000)
+            publisher.publish(message)
+        return read_diagnostic(health[-1]) if health else {}
+
+    graph.spin_until(lambda: int(told().get('received', 0)) > 0)
+    graph.spin_until(lambda: '/rig/yaw is published with best effort' in told()['message'])
+    text = told()['message']
+    assert 'qos_overrides./rig/yaw.subscription.reliability' in text
+    assert '/rig/lateral is published' not in text
