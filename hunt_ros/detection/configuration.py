@@ -123,6 +123,13 @@ class DetectorConfig(Settings):
         low=0.01,
         high=3600.0,
     )
+    clock_offset_limit_s: float = setting(
+        15.0,
+        'sensors whose clock is further from that of the detector are not believed',
+        unit='s',
+        low=0.0,
+        high=3600.0,
+    )
     fault_hold_s: float = setting(
         1.0, 'a fault is reported for this long after its last sign', unit='s', low=0.0, high=600.0
     )

@@ -66,7 +66,11 @@ class HuntingDetector:
         timeouts = {name: c.timeout_ns(name) for name in self._channels}
         drain = max(timeouts.values()) + 2 * c.period_ns
         self._merger = ChannelMerger(
-            timeouts, round(c.stamp_jump_s * 1e9), round(c.clock_reset_s * 1e9), drain
+            timeouts,
+            round(c.stamp_jump_s * 1e9),
+            round(c.clock_reset_s * 1e9),
+            round(c.clock_offset_limit_s * 1e9),
+            drain,
         )
         self._schedule = Schedule(self._merger, c.period_ns)
         self._rows = RowMaker(c, drain)
@@ -116,30 +120,38 @@ class HuntingDetector:
             return EMPTY
         if channel not in self._merger.received:
             self._note('heard', channels={channel: int(stamps[0])})
-        for kind, name, stamp in self._merger.push(channel, stamps, numbers):
-            self._note(kind, channels={name: stamp})
+        self._note_each(self._merger.push(channel, stamps, numbers))
         return self._advance()
 
     def tick(self, now_ns: int) -> Output:
         """
-        Tell the time, on the clock of the stamps; call it a few times a second.
+        Tell the time; call it a few times a second.
 
-        A channel silent for longer than its timeout is not waited for any more.
+        A channel silent for longer than its timeout is not waited for any more. The clocks
+        of the channels may be away from this one by up to `clock_offset_limit_s`: what
+        stays of the difference is an offset, and is added to the stamps where it is more
+        than a delay can be.
 
         Parameters
         ----------
         now_ns : int
             ns.
         """
-        output = self._advance()
-        overdue = self._merger.overdue(now_ns)
-        if overdue:
-            self._note('released', now_ns, *self._merger.received_of(overdue))
-            self._merger.silent |= overdue
-        if self._merger.clocks_moved(now_ns):
-            self._note('clock', now_ns)
+        output, merger = self._advance(), self._merger
+        merger.look(now_ns)
+        if overdue := merger.overdue(now_ns):
+            self._note('released', now_ns, *merger.received_of(overdue))
+            self._note_each(merger.release(overdue))
+        if offsets := merger.offsets():
+            self._note('offset', now_ns, *merger.received_of(offsets), offsets=offsets)
+            self._note_each(merger.shift(offsets))
+        if back := merger.back():
+            self._note('resumed', now_ns, *merger.received_of(back))
+            merger.silent -= back
+        if merger.clocks_moved():
+            self._note_clock(now_ns)
             self._next_epoch()
-        if not overdue and not self._journal:
+        if not self._journal:
             return output
         return Output.joined([output, self._advance()])
 
@@ -206,9 +218,11 @@ class HuntingDetector:
     def repeat(self, entry: JournalEntry) -> Output:
         """For a replay: do what an entry says."""
         if entry.kind == 'released':
-            self._merger.silent |= set(entry.channels)
+            self._note_each(self._merger.release(entry.channels))
         elif entry.kind == 'resumed':
             self._merger.silent -= set(entry.channels)
+        elif entry.kind == 'offset':
+            self._note_each(self._merger.shift(entry.offsets))
         elif entry.kind == 'clock':
             self._next_epoch()
         elif entry.kind == 'normal_form':
@@ -224,6 +238,11 @@ class HuntingDetector:
     def channels(self) -> tuple[str, ...]:
         """The channels it has been told of."""
         return self._channels
+
+    @property
+    def silent(self) -> frozenset[str]:
+        """The channels that are not waited for."""
+        return frozenset(self._merger.silent)
 
     def reset(self, config: DetectorConfig | None = None) -> None:
         """
@@ -242,7 +261,14 @@ class HuntingDetector:
         """The present view."""
         merger = self._merger
         until = merger.watermark_ns
-        return status_of(self._last_row, merger.intakes, self._rows.alarm, self._sequence, until)
+        return status_of(
+            self._last_row,
+            merger.intakes,
+            merger.clocks,
+            self._rows.alarm,
+            self._sequence,
+            until,
+        )
 
     def _note(
         self,
@@ -251,11 +277,27 @@ class HuntingDetector:
         channels: dict[str, int | None] | None = None,
         received: dict[str, int] | None = None,
         text: str = '',
+        offsets: dict[str, int] | None = None,
     ) -> None:
-        position, epoch = self._merger.position_ns, self._merger.epoch
         self._journal.append(
-            JournalEntry(kind, position, epoch, now_ns, channels or {}, received or {}, text)
+            JournalEntry(
+                kind,
+                self._merger.position_ns,
+                self._merger.epoch,
+                now_ns,
+                channels or {},
+                received or {},
+                offsets or {},
+                text,
+            )
         )
+
+    def _note_clock(self, now_ns: int = 0) -> None:
+        self._note('clock', now_ns, *self._merger.received_of(self._channels))
+
+    def _note_each(self, notes: list[tuple[str, str, int]]) -> None:
+        for kind, channel, stamp in notes:
+            self._note(kind, channels={channel: stamp})
 
     def _advance(self) -> Output:
         """Make every row that is complete."""
@@ -266,7 +308,7 @@ class HuntingDetector:
                 outputs.append(self._make_rows(self._merger.position_ns, last_ns))
             elif self._schedule.epoch_ends:
                 if self._merger.silent:  # whether they were is not in the samples
-                    self._note('clock')
+                    self._note_clock()
                 self._next_epoch()
             else:
                 break

@@ -29,9 +29,11 @@ NEGATIVE = 2048
 _BITS = 12
 #: Found by `speed_check`, not by the kernel below.
 CONTRADICTED = 4096
+#: Found by the merger: its clock is away from the detector's, and the stamps are corrected.
+CLOCK = 8192
 
 #: Told in the status, but the channel is still believed.
-MILD = REPEATED_STAMP | BACKWARD_STAMP | AHEAD_STAMP | LATE | INVALID | STANDSTILL
+MILD = REPEATED_STAMP | BACKWARD_STAMP | AHEAD_STAMP | LATE | INVALID | STANDSTILL | CLOCK
 #: The channel cannot be trusted.
 SEVERE = WAITING | SILENT | NO_VALUE | STUCK | SATURATED | NEGATIVE | CONTRADICTED
 #: A saturated sensor still shows that there is motion; the others show nothing.
@@ -53,6 +55,7 @@ WORDS: dict[int, str] = {
     SATURATED: 'saturated',
     NEGATIVE: 'negative',
     CONTRADICTED: 'contradicts the roller angle',
+    CLOCK: 'clocks differ',
 }
 
 _MOTION, _ROLLER, _SPEED = 0, 1, 2
@@ -169,6 +172,8 @@ class ChannelHealth:
             wrong,
             usable,
         )
+        if block.shifted:
+            wrong |= np.uint32(CLOCK)
         return wrong, usable
 
 

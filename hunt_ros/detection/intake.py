@@ -29,11 +29,12 @@ class StampCounts:
     backward: int = 0
     ahead: int = 0
     late: int = 0
+    clock: int = 0
 
     @property
     def total(self) -> int:
         """All refused samples."""
-        return self.repeated + self.backward + self.ahead + self.late
+        return self.repeated + self.backward + self.ahead + self.late + self.clock
 
 
 @dataclass
@@ -75,6 +76,11 @@ class Intake:
     def last_ns(self) -> int | None:
         """Newest believed stamp, ns."""
         return self.queues[-1].newest_ns
+
+    @property
+    def run(self) -> tuple[int, int | None]:
+        """Tell the present run without a leap from those before: epoch and first stamp."""
+        return len(self.queues), self.queues[-1].run_ns
 
     def push(self, stamps_ns: _Stamps, values: _Values) -> None:
         """Judge samples in the order given; arrays of shape (n,)."""
@@ -153,6 +159,13 @@ class Intake:
             new.drop(0, count, BACKWARD)
             self.counts.backward += count
         old.extend(new)
+
+    def go_on_from(self, position_ns: int | None) -> None:
+        """Go on with stamps of another offset after a position; drop what waits."""
+        self.counts.clock += sum(len(queue) for queue in self.queues)
+        self.counts.clock += len(self._behind) + (self._held is not None)
+        self.start_again()
+        self.queues[0].newest_ns = position_ns
 
     def start_again(self) -> None:
         """Forget what waits and the newest stamp: the clock starts anew."""

@@ -18,7 +18,8 @@ KINDS = (
     'start',  # of the detector, or after reset(): everything begins anew, with `config`
     'heard',  # the first samples of `channels` since the start
     'released',  # tick: `channels` were silent and are not waited for any more
-    'resumed',  # `channels` speak again and are waited for
+    'offset',  # tick: `offsets` are added to the stamps of `channels` that come after it
+    'resumed',  # tick: `channels` speak again and are waited for
     'late_from',  # samples of `channels`, from this stamp on, came behind the position: dropped
     'late_to',  # ... up to and with this one
     'late',  # of earlier recordings: the samples with `stamps` were dropped
@@ -45,11 +46,14 @@ class JournalEntry:
     now_ns : int
         The time given with the call; 0 where none is.
     channels : mapping of str to int or None
-        Channel and the stamp of a sample: the first for 'heard', the last one received for
-        'start' (before it) and 'released', the one that was too late. None: no sample yet.
+        Channel and the stamp of a sample: for 'heard' the first, for 'late_from' and
+        'late_to' the one that was too late, offset added; for others the last one received
+        before, as it came. None: no sample yet.
     received : mapping of str to int
         Channel and how many samples of it had been received since the start. For 'start':
         before it.
+    offsets : mapping of str to int
+        For 'offset': channel and ns.
     text : str
         For 'start' and 'normal_form'.
     stamps : tuple of int
@@ -64,6 +68,7 @@ class JournalEntry:
     now_ns: int = 0
     channels: dict[str, int | None] = field(default_factory=dict)
     received: dict[str, int] = field(default_factory=dict)
+    offsets: dict[str, int] = field(default_factory=dict)
     text: str = ''
     stamps: tuple[int, ...] = ()
     config: dict[str, object] = field(default_factory=dict)

@@ -4,7 +4,12 @@ Merging the channels by header stamp: the watermark, silence, and what comes too
 Each channel may arrive in any blocks and with any delay. A stamp is *complete*
 once every channel has spoken up to it: that is the watermark, and only what lies
 at or before it is processed. A channel that has gone silent would hold it for
-ever; `release` - the only way in which time enters - lets go of it.
+ever; `look`, the only way in which time enters, finds it, and finds it back: until
+then its samples are dropped.
+
+One rule for clocks: a channel whose stamps stay away from the detector's clock has its
+*offset* added to them; where the detector's clock was set as well, or there is none, stamps
+that go back on all channels begin a new *epoch*.
 """
 
 from __future__ import annotations
@@ -15,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.detection.clocks import ChannelClock
 from hunt_ros.detection.intake import Intake
 
 
@@ -27,6 +33,8 @@ class MergedBlock:
     ----------
     stamps_ns : ndarray of int64, shape (n,)
     values : ndarray of float64, shape (n,)
+    shifted : bool
+        The offset of the channel's clock was added to the stamps.
     marks : ndarray of uint8, shape (n,)
         Stamp faults since the sample before, bits of `hunt_ros.detection.intake`.
     following : tuple of (int, float), optional
@@ -37,6 +45,7 @@ class MergedBlock:
     values: NDArray[np.float64]
     marks: NDArray[np.uint8]
     following: tuple[int, float] | None
+    shifted: bool = False
 
 
 @dataclass(frozen=True)
@@ -67,6 +76,8 @@ class ChannelMerger:
         Expected channels, each with the silence after which it is let go.
     stamp_jump_ns, clock_reset_ns : int
         See `Intake`.
+    offset_limit_ns : int
+        A channel whose clock is further away is not believed: it counts as silent.
     drain_ns : int
         Where every channel is silent, the stamps this far beyond the newest are
         complete as well, so that the silence itself is processed.
@@ -76,7 +87,8 @@ class ChannelMerger:
     position_ns : int or None
         Stamp up to which samples have been taken in this epoch.
     silent : set of str
-        Channels that were let go and have not spoken since.
+        Channels that were let go and are not back.
+    clocks : dict of str to ChannelClock
     """
 
     def __init__(
@@ -84,8 +96,10 @@ class ChannelMerger:
         timeouts_ns: Mapping[str, int],
         stamp_jump_ns: int,
         clock_reset_ns: int,
+        offset_limit_ns: int,
         drain_ns: int,
     ) -> None:
+        self.clocks = {name: ChannelClock(offset_limit_ns) for name in timeouts_ns}
         self.intakes = {name: Intake(stamp_jump_ns, clock_reset_ns) for name in timeouts_ns}
         self.position_ns: int | None = None
         self.silent: set[str] = set()
@@ -96,8 +110,12 @@ class ChannelMerger:
         #: Per channel what is to be treated as late, for a replay of a journal.
         self.known_late: dict[str, list[LateRun]] = {}
         self._timeouts = dict(timeouts_ns)
+        #: Offsets below the first may be transport delay: they are left alone. One that is known
+        #: is followed within the second, so that no step of it leaves a gap that is silence.
+        self._tolerance = min(timeouts_ns.values())
+        self._followed = self._tolerance // 2
         self._drain_ns = drain_ns
-        self._first_tick_ns: int | None = None
+        self._silence_until_ns: int | None = None
         self._finished = False
         #: Channels whose samples come too late just now, with the newest of them.
         self._late_until: dict[str, int] = {}
@@ -112,31 +130,35 @@ class ChannelMerger:
         -------
         list of (str, str, int)
             What a replay must know, as kind of journal entry, channel and stamp (ns): where
-            samples began and ceased to come too late, and that a channel speaks again.
+            samples began and ceased to come too late.
         """
-        intake = self.intakes[channel]
-        newest, epochs = intake.last_ns, len(intake.queues)
+        intake, clock = self.intakes[channel], self.clocks[channel]
+        newest, run = intake.last_ns, intake.run
+        before = {name: len(self.intakes[name].queues[0]) for name in self.silent}
         self._finished = False
         if stamps_ns.size:
             self.received[channel] = self.received.get(channel, 0) + stamps_ns.size
             self._last_received_ns[channel] = int(stamps_ns[-1])
         if stamps_ns.size == 1:
-            intake.push_one(int(stamps_ns[0]), float(values[0]))
+            intake.push_one(int(stamps_ns[0]) + clock.shift_ns, float(values[0]))
         elif stamps_ns.size:
-            intake.push(stamps_ns, values)
-        opened = len(intake.queues) > epochs
+            intake.push(stamps_ns + clock.shift_ns, values)
+        if intake.run != run:
+            clock.begin_anew()
+        if intake.last_ns is not None and intake.last_ns != newest:
+            clock.take(intake.last_ns - clock.shift_ns)
         notes = []
         for name in {channel: None, **dict.fromkeys(self._rejoin())}:
-            notes += self._drop_late(name)
-        if channel in self.silent and (opened or self._speaks_again(channel, newest)):
-            self.silent.discard(channel)
-            notes.append(('resumed', channel, intake.last_ns or 0))
+            if name in before:
+                self.intakes[name].drop_late(before[name], len(self.intakes[name].queues[0]))
+            else:
+                notes += self._drop_late(name)
         return notes
 
     def _drop_late(self, channel: str) -> list[tuple[str, str, int]]:
         """Drop what lies behind the position; tell where such a run begins and ends."""
-        self._drop_known(channel)
         intake = self.intakes[channel]
+        self._drop_known(channel)
         waiting = intake.queues[0].stamps
         notes = []
         if self.position_ns is not None and waiting.size and waiting[0] <= self.position_ns:
@@ -182,39 +204,20 @@ class ChannelMerger:
                 return True
         return False
 
-    def _speaks_again(self, channel: str, newest: int | None) -> bool:
-        """
-        Tell whether a silent channel is back: with samples that are new, and not far behind.
-
-        They may be too late themselves, for the others did not wait; from now on they do.
-        One that lags by about its timeout must not be let go and waited for in turns.
-        """
-        intake = self.intakes[channel]
-        last = intake.last_ns
-        if len(intake.queues) > 1 or last is None or (newest is not None and last <= newest):
-            return False
-        return self.position_ns is None or 2 * (self.position_ns - last) <= self._timeouts[channel]
-
     @property
     def watermark_ns(self) -> int | None:
         """Stamp up to which every channel that is not silent has spoken; None before that."""
         if self.epoch_over:
             return self.end_of_epoch_ns
-        newest = None
-        complete = None
-        for name, intake in self.intakes.items():
-            last = intake.queues[0].newest_ns
-            if name in self.silent:
-                if last is not None and (newest is None or last > newest):
-                    newest = last
-                continue
-            if last is None:
-                return None
-            if complete is None or last < complete:
-                complete = last
-        if complete is None and newest is not None:
-            return newest + self._drain_ns  # all are silent: go on until that shows
-        return complete
+        if len(self.silent) == len(self.intakes):
+            return self._silence_until_ns
+        ends = [
+            intake.queues[0].newest_ns
+            for name, intake in self.intakes.items()
+            if name not in self.silent
+        ]
+        known = [end for end in ends if end is not None]
+        return min(known) if len(known) == len(ends) else None
 
     @property
     def epoch_over(self) -> bool:
@@ -262,33 +265,110 @@ class ChannelMerger:
         last = {name: self._last_received_ns.get(name) for name in names}
         return last, {name: self.received.get(name, 0) for name in names}
 
-    def overdue(self, now_ns: int) -> set[str]:
-        """
-        Return the channels that `now_ns` finds silent for longer than their timeout.
+    def look(self, now_ns: int) -> None:
+        """Compare the clocks of the channels with that of the detector."""
+        for clock in self.clocks.values():
+            clock.look(now_ns)
 
-        Only those not known as silent already.
+    def overdue(self, now_ns: int) -> set[str]:
+        """Return the channels that are silent for longer than their timeout since now."""
+        return {
+            name
+            for name in self.intakes
+            if name not in self.silent and self._is_overdue(name, now_ns)
+        }
+
+    def _is_overdue(self, channel: str, now_ns: int) -> bool:
+        queues, clock = self.intakes[channel].queues, self.clocks[channel]
+        newest = queues[0].newest_ns
+        if len(queues) > 1 and newest is not None:  # its clock was set: nothing more in this epoch
+            return now_ns - newest > self._timeouts[channel]
+        return clock.late_ns > self._timeouts[channel] or not clock.believed
+
+    def back(self) -> set[str]:
+        """Return the silent channels that deliver again, by less than half their timeout late."""
+        return {
+            name
+            for name in self.silent
+            if (clock := self.clocks[name]).fresh
+            and clock.believed
+            and 2 * clock.late_ns <= self._timeouts[name]
+            and len(self.intakes[name].queues) == 1
+        }
+
+    def release(self, channels: Iterable[str]) -> list[tuple[str, str, int]]:
         """
-        if self._first_tick_ns is None:
-            self._first_tick_ns = now_ns
-        found = set()
-        for name, intake in self.intakes.items():
-            if name in self.silent:
+        Wait for these channels no more.
+
+        Where every channel is silent, the stamps up to some time beyond the newest are
+        complete, so that the silence itself is processed.
+
+        Returns
+        -------
+        list of (str, str, int)
+            As `push`.
+        """
+        self.silent |= set(channels)
+        newest = [intake.queues[0].newest_ns for intake in self.intakes.values()]
+        known = [stamp for stamp in newest if stamp is not None]
+        self._silence_until_ns = max(known) + self._drain_ns if known else None
+        return self._end_late(channels)
+
+    def _end_late(self, channels: Iterable[str]) -> list[tuple[str, str, int]]:
+        """End the runs of late samples of channels."""
+        return [
+            ('late_to', name, self._late_until.pop(name))
+            for name in sorted(channels)
+            if name in self._late_until
+        ]
+
+    def offsets(self) -> dict[str, int]:
+        """
+        Return the channels to whose stamps another offset is to be added from now on, ns.
+
+        Those whose clock is away from where its shift puts it by more than transport can
+        explain. Channels of one host get one offset, lest their delays part them.
+        """
+        found: dict[str, int] = {}
+        shifts = {name: clock.shift_ns for name, clock in self.clocks.items()}
+        for name, clock in self.clocks.items():
+            offset = clock.offset_ns
+            if offset is None or not clock.settled or not clock.believed:
                 continue
-            newest = intake.queues[0].newest_ns
-            since = self._first_tick_ns if newest is None else newest
-            if now_ns - since > self._timeouts[name]:
-                found.add(name)
+            if clock.late_ns > self._timeouts[name]:
+                continue
+            away = abs(offset - shifts[name])
+            if away > (self._followed if shifts[name] else self._tolerance):
+                nearest = min((0, *shifts.values()), key=lambda shift: abs(offset - shift))
+                same = abs(offset - nearest) <= self._followed
+                found[name] = shifts[name] = nearest if same else offset
         return found
 
-    def clocks_moved(self, now_ns: int) -> bool:
-        """True where a channel whose clock was set back agrees with `now_ns`."""
-        return any(
-            len(intake.queues) > 1
-            and intake.returned_ns() is None
-            and intake.last_ns is not None
-            and now_ns - intake.last_ns <= self._timeouts[name]
-            for name, intake in self.intakes.items()
-        )
+    def shift(self, offsets: Mapping[str, int]) -> list[tuple[str, str, int]]:
+        """
+        Add these offsets (ns) to the stamps of channels; what waits of them is dropped.
+
+        Returns
+        -------
+        list of (str, str, int)
+            As `push`.
+        """
+        for name, offset in offsets.items():
+            self.clocks[name].shift_ns = offset
+            self.intakes[name].go_on_from(self.position_ns)
+        return self._end_late(offsets)
+
+    def clocks_moved(self) -> bool:
+        """Return True if a channel whose clock was set back agrees with the detector's."""
+        for name, intake in self.intakes.items():
+            clock = self.clocks[name]
+            if len(intake.queues) == 1 or intake.returned_ns() is not None:
+                continue
+            if clock.offset_ns is None:
+                continue
+            if abs(clock.offset_ns - clock.shift_ns) <= self._tolerance:
+                return True
+        return False
 
     def take(self, until_ns: int) -> dict[str, MergedBlock]:
         """Remove the samples with stamp <= until_ns, and move the position there."""
@@ -297,7 +377,8 @@ class ChannelMerger:
         for name, intake in self.intakes.items():
             queue = intake.queues[0]
             stamps, values, marks = queue.take(until_ns)
-            blocks[name] = MergedBlock(stamps, values, marks, queue.peek())
+            shifted = self.clocks[name].shift_ns != 0
+            blocks[name] = MergedBlock(stamps, values, marks, queue.peek(), shifted)
         return blocks
 
     def next_epoch(self) -> None:

@@ -17,8 +17,6 @@ from hunt_ros.samples import Record, Series
 
 #: Not acted on at their position: they say which samples the run was made of.
 _ABOUT_SAMPLES = ('heard', 'late_from', 'late_to', 'late')
-#: Samples up to the one that they name had been received, and no more.
-_STOPS = ('released',)
 
 
 def replay_journal(
@@ -110,14 +108,12 @@ class _Part:
                 self.missing = 1
             self.done = begin if place is None else place
         self._begin = self.done
-        #: Places behind the last sample received before an entry; None: no more of it yet.
-        self._stops: list[tuple[int, int | None]] = []
-        for number, entry in enumerate(entries):
-            if name in entry.channels:
-                if entry.kind in _STOPS:
-                    self._stops.append((number, self._behind(name, entry)))
-                elif entry.kind == 'resumed':
-                    self._stops.append((number, None))
+        #: Number of an entry, and the place behind the last sample received before it.
+        self._stops = [
+            (number, self._behind(name, entry))
+            for number, entry in enumerate(entries)
+            if entry.kind != 'start' and name in entry.received
+        ]
         self.end = len(series)
         if ending is not None and name in ending.channels:
             self.end = self._behind(name, ending)
@@ -126,7 +122,7 @@ class _Part:
         """Return the place behind the last sample received before entry `number`."""
         for at, place in self._stops:
             if at >= number:
-                return self.done if place is None else place
+                return place
         return self.end
 
     def _behind(self, name: str, entry: JournalEntry) -> int:
@@ -199,10 +195,13 @@ def _repeat(detector: HuntingDetector, run: _Run) -> list[Output]:
 
 
 def _feed(detector: HuntingDetector, run: _Run, number: int) -> list[Output]:
-    """Feed what the live detector may have had before entry `number`."""
+    """Feed what the live detector may have had before entry `number`; of silent channels less."""
     outputs = []
+    named = run.entries[number].received if number < len(run.entries) else {}
     for name in detector.channels:
-        if (part := run.parts.get(name)) is None:
+        if (part := run.parts.get(name)) is None or (
+            name in detector.silent and name not in named
+        ):
             continue
         span = slice(part.done, max(part.done, part.until(number)))
         part.done = span.stop

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from hunt_ros.detection import health
+from hunt_ros.detection.clocks import ChannelClock
 from hunt_ros.detection.intake import Intake
 from hunt_ros.detection.output import NUMBERS
 from hunt_ros.detection.reasons import reasons_of
@@ -38,6 +40,9 @@ class DetectorStatus:
         Every number of `NUMBERS`; NaN where unknown.
     dropped : mapping of str to int
         Refused samples, 'channel reason' to count.
+    clock_offsets_s : mapping of str to float
+        Channel and by how much the detector's clock is ahead of its clock, transport delay
+        included, s; without those not known.
     """
 
     stamp_ns: int = 0
@@ -50,6 +55,7 @@ class DetectorStatus:
     inputs_until_ns: int = 0
     numbers: Mapping[str, float] = field(default_factory=lambda: dict.fromkeys(NUMBERS, math.nan))
     dropped: Mapping[str, int] = field(default_factory=dict)
+    clock_offsets_s: Mapping[str, float] = field(default_factory=dict)
 
     def __getattr__(self, name: str) -> float:
         """Return one of the numbers by its name."""
@@ -62,6 +68,7 @@ class DetectorStatus:
 def status_of(
     row: np.void | None,
     intakes: Mapping[str, Intake],
+    clocks: Mapping[str, ChannelClock],
     alarm: bool,
     sequence: int,
     inputs_until_ns: int | None,
@@ -75,6 +82,8 @@ def status_of(
         The last row; None before the first.
     intakes : mapping of str to Intake
         The channels: what they refused is told.
+    clocks : mapping of str to ChannelClock
+        Theirs.
     alarm : bool
         The latched alarm.
     sequence : int
@@ -88,9 +97,25 @@ def status_of(
         for reason, count in vars(intake.counts).items()
         if count
     }
-    if row is None:
-        return DetectorStatus(alarm=alarm, dropped=dropped)
+    offsets = {
+        name: 1e-9 * (clock.shift_ns if clock.offset_ns is None else clock.offset_ns)
+        for name, clock in clocks.items()
+        if clock.offset_ns is not None or clock.shift_ns
+    }
     refused = tuple(
+        f'{name}: clocks differ by {abs(offsets[name]):.1f} s,'
+        f' more than the {1e-9 * clock.limit_ns:g} s that are followed'
+        for name, clock in clocks.items()
+        if not clock.believed
+    )
+    if row is None:
+        return DetectorStatus(
+            reasons=('no data yet', *refused),
+            alarm=alarm,
+            dropped=dropped,
+            clock_offsets_s=offsets,
+        )
+    refused += tuple(
         f'{channel}: {intake.refused_since} samples refused for their stamps'
         for channel, intake in intakes.items()
         if intake.refused_since
@@ -101,10 +126,20 @@ def status_of(
         level=Level(int(row['level'])),
         region=Region(int(row['region'])),
         state=State(int(row['state'])),
-        reasons=(*reasons_of(row), *refused),
+        reasons=(*_with_offsets(reasons_of(row), offsets), *refused),
         alarm=alarm,
         sequence=sequence,
         inputs_until_ns=stamp_ns if inputs_until_ns is None else inputs_until_ns,
         numbers={name: float(row[name]) for name in NUMBERS},
         dropped=dropped,
+        clock_offsets_s=offsets,
     )
+
+
+def _with_offsets(reasons: tuple[str, ...], offsets_s: Mapping[str, float]) -> tuple[str, ...]:
+    """Add to the reasons how far the clocks are apart."""
+    numbers = {
+        f'{name}: {health.WORDS[health.CLOCK]}': f' by {abs(offset):.1f} s'
+        for name, offset in offsets_s.items()
+    }
+    return tuple(reason + numbers.get(reason, '') for reason in reasons)

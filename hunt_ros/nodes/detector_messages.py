@@ -52,5 +52,6 @@ def status_message(status: DetectorStatus, rig: str) -> DiagnosticArray:
     }
     values |= {_KEYS.get(name, name): value for name, value in status.numbers.items()}
     values |= {f'dropped {what}': count for what, count in status.dropped.items()}
+    values |= {f'clock_offset_s {name}': x for name, x in status.clock_offsets_s.items()}
     text = '; '.join(status.reasons)
     return diagnostic(status.stamp_ns, 'hunting', status.level.label, text, values, rig)

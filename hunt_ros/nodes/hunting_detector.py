@@ -243,6 +243,7 @@ class HuntingDetectorNode(LifecycleNode):
             'unreadable': self._inbox.unreadable,
             'dropped': sum(status.dropped.values()),
         }
+        values |= {f'clock_offset_s {name}': x for name, x in status.clock_offsets_s.items()}
         forecast = self._companions.forecast
         if forecast is not None:
             v_c = forecast.critical_speed
