@@ -10,10 +10,9 @@ from __future__ import annotations
 import fcntl
 from pathlib import Path
 
-from hunt_ros.bag.mcap_file import McapFile
 from hunt_ros.bag.reader import ACTIVE
 from hunt_ros.bag.recovery import description
-from hunt_ros.bag.salvage import Salvage, salvage_mcap
+from hunt_ros.bag.salvage import Salvage, finish_mcap, salvage_mcap
 from hunt_ros.bag.storage_files import folder_files
 from hunt_ros.errors import BagError
 
@@ -73,18 +72,16 @@ def _is_held(file: Path) -> bool:
 
 
 def _finish_file(file: Path) -> Salvage:
-    """Give a file its index; a complete one is only described."""
-    opened = McapFile(file)
-    sound = not opened.problems
-    opened.close()
+    """Give a file its end; where more than that is damaged, what is sound is copied."""
+    try:
+        return finish_mcap(file)
+    except ValueError:
+        pass
     repaired = file.with_suffix('.mcap.part')
     repaired.unlink(missing_ok=True)
     result = salvage_mcap(file, repaired)
     try:
-        if sound:
-            repaired.unlink()
-        else:
-            repaired.replace(file)
+        repaired.replace(file)
     except OSError as error:
         raise BagError(f'{file}: cannot be replaced ({error.strerror})') from error
     return result

@@ -39,6 +39,8 @@ class Walk:
         is walked when it is read.
     loose : dict of int to Places
         Messages that stand outside of chunks, by topic id.
+    metadata_places : list of (offset, bytes, name)
+        Of the metadata records; where a file was walked.
     end : int
         File offset behind the last complete record.
     problem : str
@@ -51,6 +53,7 @@ class Walk:
     indexes: dict[int, dict[int, IndexPlace]] = field(default_factory=dict)
     loose: dict[int, Places] = field(default_factory=dict)
     metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
+    metadata_places: list[tuple[int, int, str]] = field(default_factory=list)
     counts: Counter[int] = field(default_factory=Counter)
     end: int = 0
     problem: str = ''
@@ -245,6 +248,7 @@ def walk_file(data: bytes | memoryview) -> Walk:
                 loose.setdefault(channel, []).append(place)
             elif opcode == fmt.METADATA:
                 walk.metadata.append(fmt.parse_metadata(payload))
+                walk.metadata_places.append((offset, 9 + length, walk.metadata[-1][0]))
             elif opcode in (fmt.DATA_END, fmt.FOOTER):
                 break
             else:

@@ -14,7 +14,6 @@ import struct
 import zlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,11 +22,14 @@ from numpy.typing import NDArray
 
 from hunt_ros.bag import mcap_format as fmt
 from hunt_ros.bag.compression import compress
+from hunt_ros.bag.mcap_walk import Walk
 
 #: Chunks are closed at this many bytes, before compression.
 CHUNK_BYTES = 1 << 20
 
 _ENTRY = struct.Struct('<QQ')
+#: Bytes of a message index in front of its entries.
+_INDEX_HEAD = 15
 
 
 class Rows(NamedTuple):
@@ -64,6 +66,10 @@ class McapWriter:
     def __init__(
         self, path: str | Path, compression: str = 'zstd', chunk_bytes: int = CHUNK_BYTES
     ) -> None:
+        self._begin(path, 'xb', compression, chunk_bytes)
+        self._put(fmt.MAGIC + fmt.record(fmt.HEADER, fmt.text('ros2'), fmt.text('hunt_ros')))
+
+    def _begin(self, path: str | Path, mode: str, compression: str, chunk_bytes: int) -> None:
         self.path = Path(path)
         self.compression = compression
         self.chunk_bytes = chunk_bytes
@@ -71,11 +77,15 @@ class McapWriter:
         self.counts: Counter[int] = Counter()
         self.first_ns: int | None = None
         self.last_ns = 0
-        self._file = open(self.path, 'xb', buffering=0)  # noqa: SIM115 - closed by close()
+        self._file = open(self.path, mode, buffering=0)  # noqa: SIM115 - closed by close()
         # Held while the file is written, and let go by the system when the process dies:
         # so a later start can tell what a dead recorder left from what a live one writes.
-        with suppress(OSError):
+        try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise
+        except OSError:
+            pass  # a file system without locks
         self._schemas: dict[str, fmt.Schema] = {}
         self._channels: dict[int, fmt.Channel] = {}
         self._chunks: list[fmt.ChunkIndex] = []
@@ -84,7 +94,45 @@ class McapWriter:
         self._filled = 0
         self._entries: dict[int, list[bytes]] = {}
         self._span: tuple[int, int] | None = None
-        self._put(fmt.MAGIC + fmt.record(fmt.HEADER, fmt.text('ros2'), fmt.text('hunt_ros')))
+
+    @classmethod
+    def resume(cls, path: Path, walk: Walk, size: int) -> McapWriter:
+        """
+        Go on where a writer was killed.
+
+        Parameters
+        ----------
+        path : Path
+            Its file.
+        walk : Walk
+            What is in the first `size` bytes; every chunk with its message indexes.
+        size : int
+            The file is cut off here; the end of a record.
+        """
+        writer = cls.__new__(cls)
+        writer._begin(
+            path, 'r+b', walk.chunks[-1].compression if walk.chunks else 'zstd', CHUNK_BYTES
+        )
+        writer._schemas = {schema.name: schema for schema in walk.schemas.values()}
+        writer._channels = dict(walk.channels)
+        for chunk in walk.chunks:
+            places = walk.indexes[chunk.offset]
+            writer._chunks.append(
+                fmt.ChunkIndex(
+                    chunk.first_ns, chunk.last_ns, chunk.offset, chunk.end - chunk.offset,
+                    {key: start - _INDEX_HEAD for key, (start, _) in places.items()},
+                    sum(_INDEX_HEAD + count * _ENTRY.size for _, count in places.values()),
+                    chunk.compression, chunk.stored, chunk.size,
+                )
+            )  # fmt: skip
+        writer._metadata = list(walk.metadata_places)
+        writer.counts = Counter(walk.counts)
+        if walk.span_ns is not None:
+            writer.first_ns, writer.last_ns = walk.span_ns
+        writer.size = size
+        writer._file.truncate(size)
+        writer._file.seek(size)
+        return writer
 
     def add_topic(
         self,

@@ -1,5 +1,5 @@
 """
-What can be saved out of one damaged MCAP file, copied into a sound one.
+What can be saved of one damaged MCAP file: copied into a sound one, or finished in place.
 
 Only what is proven is copied: chunks whose CRC fits, and the complete messages at
 the beginning of a last chunk that was cut off. Between damaged places the next
@@ -12,15 +12,21 @@ import mmap
 import re
 import zlib
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from hunt_ros.bag import mcap_format as fmt
 from hunt_ros.bag.compression import expand, expand_partial, expand_zstd
-from hunt_ros.bag.mcap_walk import records
+from hunt_ros.bag.mcap_places import indexed_chunk
+from hunt_ros.bag.mcap_walk import Walk, read_summary, records, walk_file
 from hunt_ros.bag.mcap_writer import McapWriter
 from hunt_ros.errors import BagError
 
+#: What may stand from the last sound chunk of a killed writer on, bytes.
+_TAIL_BYTES = 1 << 26
 #: A chunk record begins like this: opcode, length, times, size, CRC, compression.
 _CHUNK_BEGIN = re.compile(
     rb'\x06.{36}(?:\x00\x00\x00\x00|\x03\x00\x00\x00lz4|\x04\x00\x00\x00zstd)', re.DOTALL
@@ -59,6 +65,14 @@ class Salvage:
         """Messages saved on all topics."""
         return sum(self.saved.values())
 
+    def introduce(self, channel: fmt.Channel, schemas: Mapping[int, fmt.Schema]) -> None:
+        """Take note of a topic of which a message is saved."""
+        if channel.topic not in self.types:
+            schema = schemas.get(channel.schema)
+            self.types[channel.topic] = schema.name if schema else ''
+            if 'durability: 1' in channel.metadata.get('offered_qos_profiles', ''):
+                self.latched.add(channel.topic)
+
 
 def salvage_mcap(path: Path, target: Path, *, messages_compressed: bool = False) -> Salvage:
     """
@@ -79,13 +93,7 @@ def salvage_mcap(path: Path, target: Path, *, messages_compressed: bool = False)
     BagError
         If the file is no MCAP file at all, or the new one cannot be written.
     """
-    try:
-        with open(path, 'rb') as file:
-            view = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
-    except (OSError, ValueError) as error:
-        raise BagError(f'{path}: nothing to save ({error})') from error
-    if bytes(view[: len(fmt.MAGIC)]) != fmt.MAGIC:
-        raise BagError(f'{path}: not an MCAP file, it does not begin with its magic bytes')
+    view = _opened(path)
     try:
         writer = McapWriter(target)
         saver = _Saver(view, writer, messages_compressed)
@@ -97,21 +105,126 @@ def salvage_mcap(path: Path, target: Path, *, messages_compressed: bool = False)
     return saver.result
 
 
+def finish_mcap(path: Path) -> Salvage:
+    """
+    Give an MCAP file whose writer was killed its end, in place.
+
+    What stands in front of the last chunk stays as it is, and is only checked; the last
+    chunk, whole or cut, is written again, and the summary behind it. So an hour takes no
+    second copy on the disk, and seconds outside of the interpreter's lock.
+
+    Parameters
+    ----------
+    path : Path
+        A complete file is only described.
+
+    Raises
+    ------
+    ValueError
+        If the damage is not at the end alone: then nothing was changed.
+    BagError
+        If the file is no MCAP file at all, or the disk refuses.
+    """
+    view = _opened(path)
+    try:
+        return _described(read_summary(view))
+    except ValueError:
+        walk = walk_file(view)
+    last = walk.chunks[-1].offset if walk.chunks else walk.end
+    tail = bytes(view[last : last + _TAIL_BYTES])
+    kept = walk_file(view[:last])
+    if last + len(tail) < len(view) or kept.problem or kept.loose:
+        raise ValueError('more is damaged than the end')
+    whole = np.frombuffer(view, dtype=np.uint8)
+    for chunk in kept.chunks:
+        raw = np.frombuffer(expand_checked(view, chunk), dtype=np.uint8)
+        index = kept.indexes.get(chunk.offset)
+        if index is None or indexed_chunk(raw, index, whole, set(index)) is None:
+            raise ValueError(f'the chunk at byte {chunk.offset} has no sound message index')
+    result = _described(kept)
+    try:
+        writer = McapWriter.resume(path, kept, last)
+        saver = _Saver(memoryview(tail), writer, False, result)
+        saver.know(kept)
+        saver.run(0)
+        writer.close()
+    except OSError as error:
+        raise BagError(f'{path}: cannot close the recording ({error.strerror})') from error
+    result.first_ns, result.last_ns = writer.first_ns, writer.last_ns
+    return result
+
+
+def _opened(path: Path) -> memoryview:
+    try:
+        with open(path, 'rb') as file:
+            view = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+    except (OSError, ValueError) as error:
+        raise BagError(f'{path}: nothing to save ({error})') from error
+    if bytes(view[: len(fmt.MAGIC)]) != fmt.MAGIC:
+        raise BagError(f'{path}: not an MCAP file, it does not begin with its magic bytes')
+    return view
+
+
+def _described(walk: Walk) -> Salvage:
+    """Return what is in a file, or in a part of it."""
+    result = Salvage()
+    for channel in walk.channels.values():
+        if walk.counts[channel.id]:
+            result.saved[channel.topic] += walk.counts[channel.id]
+            result.introduce(channel, walk.schemas)
+    for name, strings in walk.metadata:
+        if name == 'hunt_ros':
+            result.notes |= strings
+    if walk.span_ns is not None:
+        result.first_ns, result.last_ns = walk.span_ns
+    return result
+
+
+def expand_checked(view: memoryview, chunk: fmt.Chunk) -> bytes:
+    """
+    Return the records of a chunk.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be expanded, or its CRC or its times are wrong.
+    """
+    raw = bytes(expand(view[chunk.data : chunk.end], chunk.compression, chunk.size))
+    if chunk.crc and zlib.crc32(raw) != chunk.crc:
+        raise ValueError('its CRC does not fit its bytes')
+    if chunk.last_ns >= 1 << 63:
+        raise ValueError('its time is impossible')
+    return raw
+
+
 class _Saver:
     """Goes through a file once, from the front to the end."""
 
-    def __init__(self, view: memoryview, writer: McapWriter, messages_compressed: bool) -> None:
+    def __init__(
+        self,
+        view: memoryview,
+        writer: McapWriter,
+        messages_compressed: bool,
+        result: Salvage | None = None,
+    ) -> None:
         self.view = view
         self.writer = writer
-        self.result = Salvage()
+        self.result = result or Salvage()
         self._messages_compressed = messages_compressed
         self._schemas: dict[int, fmt.Schema] = {}
         self._channels: dict[int, fmt.Channel] = {}
         self._written: dict[int, fmt.Channel] = {}
         self._homeless = 0
 
-    def run(self) -> None:
-        position, end = len(fmt.MAGIC), len(self.view)
+    def know(self, walk: Walk) -> None:
+        """Take over what the writer has described already."""
+        self._schemas |= walk.schemas
+        self._channels |= walk.channels
+        self._written |= walk.channels
+
+    def run(self, start: int = len(fmt.MAGIC)) -> None:
+        """Save what is in the file from a record on."""
+        position, end = start, len(self.view)
         finished = False
         while position < end and not finished:
             try:
@@ -161,7 +274,7 @@ class _Saver:
                 continue
             try:
                 chunk = fmt.parse_chunk(self.view[offset + 9 : offset + 73], offset, length)
-                if chunk.crc and self._expanded(chunk) is not None:
+                if chunk.crc and expand_checked(self.view, chunk) is not None:
                     return offset
             except ValueError:
                 continue
@@ -172,7 +285,7 @@ class _Saver:
         if opcode == fmt.CHUNK:
             chunk = fmt.parse_chunk(payload[:64], offset, length)
             try:
-                self._save_chunk(self._expanded(chunk))
+                self._save_chunk(expand_checked(self.view, chunk))
             except ValueError as error:
                 self.result.lost_spans_ns.append((chunk.first_ns, chunk.last_ns))
                 self._lose(offset, offset + 9 + length, f'a chunk: {error}')
@@ -186,14 +299,6 @@ class _Saver:
                 self.writer.add_metadata(name, strings)
         else:
             self._describe(opcode, payload)
-
-    def _expanded(self, chunk: fmt.Chunk) -> bytes:
-        raw = bytes(expand(self.view[chunk.data : chunk.end], chunk.compression, chunk.size))
-        if chunk.crc and zlib.crc32(raw) != chunk.crc:
-            raise ValueError('its CRC does not fit its bytes')
-        if chunk.last_ns >= 1 << 63:
-            raise ValueError('its time is impossible')
-        return raw
 
     def _save_chunk(self, raw: bytes) -> None:
         # Walked to the end first: a chunk is saved whole or not at all.
@@ -255,6 +360,7 @@ class _Saver:
             self._introduce(described)
         self.writer.add(channel, log_ns, message)
         self.result.saved[described.topic] += 1
+        self.result.introduce(described, self._schemas)
 
     def _introduce(self, channel: fmt.Channel) -> None:
         none = fmt.Schema(0, '', '', '')
@@ -264,9 +370,6 @@ class _Saver:
             encoding=channel.encoding, definition_encoding=schema.encoding,
         )  # fmt: skip
         self._written[channel.id] = channel
-        self.result.types[channel.topic] = schema.name
-        if 'durability: 1' in channel.metadata.get('offered_qos_profiles', ''):
-            self.result.latched.add(channel.topic)
 
     def _describe(self, opcode: int, payload: bytes | memoryview) -> None:
         if opcode == fmt.SCHEMA:

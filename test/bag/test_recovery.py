@@ -217,6 +217,45 @@ def test_what_a_dead_recorder_left_is_read_as_it_is_and_closed(
     assert finalise_left(tmp_path) == []
 
 
+def killed_copy(record, folder: Path, size: float) -> tuple[Path, Path]:
+    """Leave a recording of many chunks as a recorder does that is killed at a share of it."""
+    path = write_record(folder / 'whole', record, chunk_bytes=4096)
+    (file,) = path.glob('*.mcap')
+    active = folder / 'run.active'
+    active.mkdir()
+    left = active / 'run_0.mcap'
+    left.write_bytes(file.read_bytes()[: int(size * file.stat().st_size)])
+    return left, folder / 'run'
+
+
+@pytest.mark.parametrize('size', np.linspace(0.3, 0.999, 10))
+def test_what_was_left_is_closed_in_place(new_record, tmp_path: Path, size: float) -> None:
+    left, final = killed_copy(new_record(seconds=2.0), tmp_path, size)
+    before, content, inode = message_set(left.parent), left.read_bytes(), left.stat().st_ino
+    finalise(left.parent)
+    closed = final / left.name
+    assert closed.stat().st_ino == inode
+    # All but the last two chunks stays, byte for byte: nothing is written a second time.
+    kept = len(content) - 3 * 4096
+    assert closed.read_bytes()[:kept] == content[:kept]
+    assert message_set(final) >= before
+    assert message_set(final) <= message_set(tmp_path / 'whole')
+    assert inspect(final).problems == []
+
+
+def test_what_was_left_with_damage_in_the_middle_is_copied(new_record, tmp_path: Path) -> None:
+    left, final = killed_copy(new_record(seconds=2.0), tmp_path, 0.9)
+    content = bytearray(left.read_bytes())
+    middle = len(content) // 2
+    content[middle : middle + 64] = bytes(64)
+    left.write_bytes(content)
+    finalise(left.parent)
+    assert inspect(final).problems == []
+    whole = message_set(tmp_path / 'whole')
+    assert message_set(final) <= whole
+    assert len(message_set(final)) > 0.8 * len(whole)
+
+
 def test_a_running_recording_is_left_alone(tmp_path: Path) -> None:
     with BagWriter(tmp_path / 'run') as writer:
         key = writer.topic('/a', 'std_msgs/msg/String')
