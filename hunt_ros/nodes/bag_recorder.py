@@ -3,31 +3,41 @@ The node that records: everything the rig says, its parameters, and the operator
 
 Messages are taken from raw subscriptions and stored as they were on the wire.
 The topics of the design are subscribed from the start; others are picked up as
-they appear. No subscription and no client is destroyed while the node spins: the
-EventsExecutor can crash on what is gone (ros2/rclpy #1644).
+they appear. The estimates are left out unless asked for: a replay makes them again.
+No subscription and no client is destroyed while the node spins: the EventsExecutor
+can crash on what is gone (ros2/rclpy #1644).
 """
 
 from __future__ import annotations
 
+import inspect
 import threading
+import time
 from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import dataclass, fields
 from datetime import datetime
 from importlib import import_module
 from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import Any, TypeVar
 
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.subscription import Subscription
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
 from hunt_ros.bag.leftover import finalise_left
 from hunt_ros.bag.recording import Recording, RecordingLimits, RecordingState
-from hunt_ros.errors import BagError, HuntError
+from hunt_ros.errors import BagError
 from hunt_ros.nodes.diagnostics import Diagnostics, Health, steady_clock
+from hunt_ros.nodes.estimate_publishers import ESTIMATE_TOPICS
 from hunt_ros.nodes.parameter_collector import ParameterCollector
 from hunt_ros.nodes.parameters import declare, warn_unknown
 from hunt_ros.nodes.qos import latched, stream
+from hunt_ros.nodes.service_thread import ServiceThread
 from hunt_ros.nodes.sole import hold_name
 from hunt_ros.settings import setting
 
@@ -57,6 +67,15 @@ OWN_TOPIC = 'recording/closed'
 _DEPTH = 4000
 _WITHOUT_CLOCK = 2000
 _LATCHED_KEPT = 1000
+#: What a reader missed is sent again after the heartbeat of its writer, every 3 s by default.
+_RESENT_S = 3.5
+#: The longest wait for what was published before a stop, s: clocks of hosts may differ.
+_LATE_S = 6.0
+_ROUND_S = 0.05
+
+_Result = TypeVar('_Result')
+#: When a message was published, ns, and which one of its publisher it is.
+_Mark = tuple[int, int]
 
 
 @dataclass(frozen=True)
@@ -72,6 +91,9 @@ class RecorderConfig(RecordingLimits):
     compression: str = setting(
         'zstd', 'Of the chunks.', choices=('none', 'lz4', 'zstd'), fixed=True
     )
+    record_estimates: bool = setting(
+        False, 'Record the estimates too; a replay makes them again.', fixed=True
+    )
     extra_topics: tuple[str, ...] = setting(
         (), 'Full names of topics outside of the namespace to record as well.', fixed=True
     )
@@ -80,12 +102,22 @@ class RecorderConfig(RecordingLimits):
 class BagRecorderNode(Node):
     """Subscribes to what there is, and hands it to a `Recording`."""
 
+    #: Writing what waits takes as long as the disk takes, s.
+    closing_s = 60.0
+
     def __init__(self) -> None:
         super().__init__('bag_recorder')
         hold_name(self)
         self._config = declare(self, RecorderConfig, self._reconfigure)
         warn_unknown(self)
         self._recording: Recording | None = None
+        self._finishing: Recording | None = None
+        #: Work of services for the node's own thread.
+        self._orders: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._hearers: list[tuple[Subscription, Callable[..., None]]] = []
+        #: By topic: when its newest message was published, system clock, ns, and heard, s.
+        self._newest: dict[str, tuple[int, float]] = {}
+        self._once: dict[str, _Once] = {}
         #: Ways in which a topic is subscribed: (reliable, latched).
         self._subscribed: dict[str, set[tuple[bool, bool]]] = {}
         self._kinds: dict[str, tuple[str, bool]] = {}
@@ -97,9 +129,10 @@ class BagRecorderNode(Node):
         self._last = ('OK', 'no recording')
         self._closed = self.create_publisher(String, OWN_TOPIC, latched())
         self._mark = self.create_publisher(String, 'recording/mark', stream(10))
-        for name in ('start', 'stop', 'split', 'mark'):
-            answer = getattr(self, f'_on_{name}')
-            self.create_service(Trigger, f'recording/{name}', answer)
+        names = ('start', 'stop', 'split', 'mark')
+        answers = {f'recording/{name}': getattr(self, f'_on_{name}') for name in names}
+        self._service_thread = ServiceThread(self, answers)
+        self.create_timer(_ROUND_S, self._follow_orders, clock=steady_clock())
         self._diagnostics = Diagnostics(self, self._health)
         self.create_timer(0.25, self._look_around, clock=steady_clock())
         # A long repair of an earlier recording must not keep this one from beginning.
@@ -110,13 +143,21 @@ class BagRecorderNode(Node):
             self._begin()
 
     def close(self) -> None:
-        """Close the recording."""
+        """Take what has arrived, and close the recording."""
         self._collector.close()
-        if self._recording is not None:
-            try:
-                self._end()
-            except BagError as error:
-                self.get_logger().error(str(error))
+        self._service_thread.close()
+        for subscription, hear in self._hearers:
+            with subscription.handle:
+                while heard := subscription.handle.take_message(subscription.msg_type, True):
+                    hear(heard)
+        try:
+            if self._recording is not None:
+                self._finish(self._take_away())
+            elif self._finishing is not None:
+                self._finishing.stop()  # a service is at it
+        except BagError as error:
+            self.get_logger().error(str(error))
+        self._closed.wait_for_all_acked(Duration(seconds=0.5))
 
     def _reconfigure(self, config: RecorderConfig) -> None:
         """Take new settings, for the next recording."""
@@ -148,14 +189,23 @@ class BagRecorderNode(Node):
         self.get_logger().info(f'recording {path}')
         return path
 
-    def _end(self) -> Path:
-        recording, self._recording = self._recording, None
+    def _take_away(self) -> Recording:
+        """Let no more messages into the recording."""
+        if self._recording is None:
+            raise BagError('no recording is running')
+        self._finishing, self._recording = self._recording, None
         self._early.clear()
+        return self._finishing
+
+    def _finish(self, recording: Recording) -> Path:
+        """Close a recording that was taken away; waits for the disk."""
         try:
             path = recording.stop()
         except BagError as error:
             self._last = ('ERROR', str(error))
             raise
+        finally:
+            self._finishing = None
         state = recording.state
         self._last = ('OK', f'closed {path.name}: {state.messages} messages')
         self._closed.publish(String(data=str(path.resolve())))
@@ -176,6 +226,8 @@ class BagRecorderNode(Node):
 
     def _wants(self, name: str) -> bool:
         if name == self._full(OWN_TOPIC):
+            return False
+        if not self._config.record_estimates and name in map(self._full, ESTIMATE_TOPICS):
             return False
         inside = name.startswith(self.get_namespace().rstrip('/') + '/')
         alone = self.get_namespace() == '/'
@@ -208,7 +260,7 @@ class BagRecorderNode(Node):
             return False
         self.get_logger().error(problem)
         try:
-            self._end()
+            self._finish(self._take_away())  # it has ended: nothing is waited for
         except BagError as error:
             self.get_logger().error(str(error))
         self._last = ('ERROR', problem)
@@ -235,11 +287,24 @@ class BagRecorderNode(Node):
         if name not in self._kinds:
             self._kinds[name] = (kind, is_latched)
             self._keys[name] = self._recording.topic(name, kind, latched=is_latched)
-        self.create_subscription(
-            message_class, name, lambda raw: self._hear(name, raw), qos, raw=True
-        )
+        if len(ways) == 2:
+            self._once[name] = _Once()
 
-    def _hear(self, name: str, raw: bytes) -> None:
+        def hear(*parts: Any) -> None:
+            # The EventsExecutor of these wheels hands both over as one tuple.
+            raw, info = parts if len(parts) == 2 else parts[0]
+            self._hear(name, raw, info)
+
+        hear.__signature__ = inspect.signature(lambda raw, info: None)
+        subscription = self.create_subscription(message_class, name, hear, qos, raw=True)
+        self._hearers.append((subscription, hear))
+
+    def _hear(self, name: str, raw: bytes, info: dict[str, Any]) -> None:
+        published_ns = info['source_timestamp']
+        once = self._once.get(name)
+        if once and not once.is_new((published_ns, info['publication_sequence_number'])):
+            return
+        self._newest[name] = published_ns, time.monotonic()
         if name in self._said:
             self._said[name].append(raw)
         self._take(name, raw)
@@ -268,35 +333,76 @@ class BagRecorderNode(Node):
         for done in finalise_left(directory):
             self.get_logger().warning(done)
 
-    def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self._recording is not None:
-            return _answer(response, False, f'already recording {self._recording.path}')
-        try:
-            return _answer(response, True, str(self._begin()))
-        except HuntError as error:
-            self._last = ('ERROR', str(error))
-            return _answer(response, False, str(error))
+    def _in_node(self, work: Callable[[], _Result]) -> _Result:
+        """Have work done between two messages, in the node's own thread; wait for it."""
+        done: Future[_Result] = Future()
 
-    def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        def order() -> None:
+            try:
+                done.set_result(work())
+            except BaseException as error:
+                done.set_exception(error)
+
+        self._orders.put(order)
+        return done.result()
+
+    def _follow_orders(self) -> None:
+        while True:
+            try:
+                self._orders.get_nowait()()
+            except Empty:
+                return
+
+    def _running(self) -> Recording:
         if self._recording is None:
-            return _answer(response, False, 'no recording is running')
-        try:
-            return _answer(response, True, str(self._end()))
-        except BagError as error:
-            return _answer(response, False, str(error))
+            raise BagError('no recording is running')
+        return self._recording
 
-    def _on_split(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self._recording is None:
-            return _answer(response, False, 'no recording is running')
-        self._recording.split()
-        return _answer(response, True, 'going on in a new file')
+    def _on_start(self) -> str:
+        def start() -> Path:
+            if self._recording is not None:
+                raise BagError(f'already recording {self._recording.path}')
+            try:
+                return self._begin()
+            except BagError as error:
+                self._last = ('ERROR', str(error))
+                raise
 
-    def _on_mark(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        return str(self._in_node(start))
+
+    def _on_stop(self) -> str:
+        """Close the recording when all that was published before is in it."""
+        asked_ns, asked = time.time_ns(), time.monotonic()
+        self._in_node(self._running)
+        while late := self._in_node(lambda: self._may_be_late(asked_ns)):
+            if time.monotonic() - asked > _LATE_S:
+                self.get_logger().warning(f'closed with messages of {late} perhaps on their way')
+                break
+            time.sleep(_ROUND_S)
+        return str(self._finish(self._in_node(self._take_away)))
+
+    def _may_be_late(self, stopped_ns: int) -> str:
+        """
+        Name a topic of which messages published before the stop may still be on their way.
+
+        Those of one publisher come in order: all are here when one that was published
+        later is, or when no more were sent again.
+        """
+        now = time.monotonic()
+        for name, (published_ns, heard) in self._newest.items():
+            if published_ns <= stopped_ns and now - heard < _RESENT_S:
+                return name
+        return ''
+
+    def _on_split(self) -> str:
+        self._in_node(self._running).split()
+        return 'going on in a new file'
+
+    def _on_mark(self) -> str:
         """Mark this moment; a mark with words is published on the topic recording/mark."""
-        if self._recording is None:
-            return _answer(response, False, 'no recording is running')
+        self._in_node(self._running)
         self._mark.publish(String(data='mark'))
-        return _answer(response, True, 'marked')
+        return 'marked'
 
     def _health(self) -> Health:
         if self._recording is None:
@@ -311,6 +417,8 @@ class BagRecorderNode(Node):
             'dropped': state.dropped_count,
             'topics': len(self._subscribed),
         }
+        if not self.get_clock().now().nanoseconds:
+            return 'STALE', 'use_sim_time is set, and no /clock comes: nothing is recorded', values
         return *_judged(state), values
 
 
@@ -325,9 +433,22 @@ def _judged(state: RecordingState) -> tuple[str, str]:
     return 'OK', f'recording {state.path.name}: {state.messages} messages'
 
 
-def _answer(response: Trigger.Response, success: bool, text: str) -> Trigger.Response:
-    response.success, response.message = success, text
-    return response
+class _Once:
+    """Knows the last messages of a topic that is subscribed in two ways."""
+
+    def __init__(self) -> None:
+        self._order: deque[_Mark] = deque()
+        self._known: set[_Mark] = set()
+
+    def is_new(self, mark: _Mark) -> bool:
+        """Return True if a message has not come the other way already."""
+        if mark in self._known:
+            return False
+        self._known.add(mark)
+        self._order.append(mark)
+        if len(self._order) > _DEPTH:
+            self._known.discard(self._order.popleft())
+        return True
 
 
 def _message_class(kind: str) -> type | None:

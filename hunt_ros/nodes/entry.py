@@ -7,6 +7,7 @@ The console scripts stand in `setup.py`; `python -m hunt_ros.nodes.entry NODE` s
 from __future__ import annotations
 
 import sys
+import traceback
 from functools import partial
 from importlib import import_module
 from typing import NoReturn
@@ -25,8 +26,13 @@ def start(node: str) -> NoReturn:
     """
     ending = Ending(node)
     ending.say('starting')
-    run = import_module('hunt_ros.nodes.runtime').run
-    ending.leave(run(import_module(f'hunt_ros.nodes.{node}').make_node, ending))
+    code = 1
+    try:
+        run = import_module('hunt_ros.nodes.runtime').run
+        code = run(import_module(f'hunt_ros.nodes.{node}').make_node, ending)
+    except Exception:
+        traceback.print_exc()
+    ending.leave(code)
 
 
 lateral_sensor = partial(start, 'lateral_sensor')

@@ -64,6 +64,10 @@ _NUMBERS: dict[str, _Column] = {
 }
 
 
+#: What a replay makes again from the measurements and the journal.
+ESTIMATE_TOPICS: tuple[str, ...] = (*_JOINTS, *_NUMBERS)
+
+
 class EstimatePublishers:
     """
     Publishes rows of estimates on the topics of the design, where somebody listens.

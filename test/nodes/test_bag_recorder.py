@@ -17,9 +17,10 @@ pytest.importorskip('rclpy', reason='the extra ros is not installed')
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import TwistStamped
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
 from hunt_ros.bag import Bag, read_columns, read_record
 from hunt_ros.bag.messages import read_texts
@@ -29,6 +30,7 @@ from hunt_ros.nodes.conversions import to_time
 pytestmark = pytest.mark.ros
 
 BEGIN_NS = 1_700_000_000_000_000_000
+BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -131,6 +133,53 @@ def test_kill_loses_at_most_a_second_and_the_next_start_closes_the_rest(graph) -
     final = left.with_suffix('')
     graph.spin_until(final.exists)
     np.testing.assert_array_equal(read_record(final)['lateral'].values, values)
+
+
+def test_what_was_published_before_a_stop_is_taken_though_the_machine_was_busy(graph) -> None:
+    lateral = graph.node.create_publisher(JointState, 'lateral', 5000)
+    process = graph.start('bag_recorder', directory=str(graph.folder))
+    stop = graph.node.create_client(Trigger, 'recording/stop')
+    graph.spin_until(lambda: lateral.get_subscription_count() and stop.service_is_ready())
+    process.send_signal(signal.SIGSTOP)
+    for index in range(1500):
+        lateral.publish(joint('lateral', BEGIN_NS + index, float(index)))
+    answer = stop.call_async(Trigger.Request())
+    graph.spin(0.5)
+    process.send_signal(signal.SIGCONT)
+    graph.spin_until(answer.done)
+    assert answer.result().success, answer.result().message
+    values = read_record(answer.result().message)['lateral'].values
+    np.testing.assert_array_equal(values, np.arange(1500.0))
+
+
+def test_a_topic_of_a_reliable_and_a_best_effort_publisher_is_recorded_once(graph) -> None:
+    reliable = graph.node.create_publisher(JointState, 'lateral', 100)
+    start(graph, record_estimates=False)
+    graph.spin_until(reliable.get_subscription_count)
+    loose = graph.node.create_publisher(JointState, 'lateral', BEST_EFFORT)
+    graph.spin_until(lambda: loose.get_subscription_count() and graph.spin(0.5) is None)
+    estimate = graph.node.create_publisher(JointState, 'hunting/amplitude', 10)
+    for index in range(50):
+        reliable.publish(joint('lateral', BEGIN_NS + 2 * index, 1.0))
+        loose.publish(joint('lateral', BEGIN_NS + 2 * index + 1, 2.0))
+        estimate.publish(joint('lateral_amplitude', BEGIN_NS + index, 3.0))
+        graph.spin(0.02)
+    answer = graph.call('recording/stop')
+    assert answer.success, answer.message
+    # Of the best-effort publisher some may be lost; none of any publisher is there twice.
+    with Bag(Path(answer.message)) as bag:
+        assert 50 < bag.topics['/rig/lateral'].messages <= 100
+        assert '/rig/hunting/amplitude' not in bag.topics, 'a replay makes it again'
+    record = read_record(answer.message)['lateral']
+    assert np.count_nonzero(record.values == 1.0) == 50
+
+
+def test_simulated_time_without_a_clock_is_said(graph) -> None:
+    health = graph.collect(DiagnosticArray, '/diagnostics')
+    graph.start('bag_recorder', directory=str(graph.folder), use_sim_time=True)
+    graph.spin_until(lambda: health)
+    assert health[-1].status[0].level == DiagnosticStatus.STALE
+    assert '/clock' in health[-1].status[0].message
 
 
 def test_start_split_and_stop_by_service(graph) -> None:

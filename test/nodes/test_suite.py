@@ -163,7 +163,7 @@ def test_a_replay_of_a_recorded_run_gives_the_live_numbers_bit_for_bit(graph) ->
     closed = graph.collect(String, 'recording/closed', latched())
     recordings = graph.folder / 'recordings'
     graph.start('hunting_detector', _form_file(graph.folder))
-    graph.start('bag_recorder', directory=recordings)
+    graph.start('bag_recorder', directory=recordings, record_estimates=True)
     graph.spin_until(lambda: graph.node.count_subscribers('/rig/lateral') == 2, 60.0)
     graph.start_rig(initial_speed_mps=7.2, kick_m=0.0004)
     graph.spin_until(lambda: heard.status.get('region') == 'hysteresis', 60.0)
