@@ -46,9 +46,9 @@ def run(
     Run one node until it is asked to end.
 
     A lifecycle node with the parameter `autostart` is configured and activated.
-    A node may have a method `close()`, called before its publishers are gone, an
-    attribute `closing_s`, the time that this may take, and an attribute `failed`: a line
-    on what ended it, printed before exit code 2.
+    A node may have a method `close()`, called before its publishers are gone, and the
+    attributes `closing_s`, the time that this may take; `failed`, a line on what ended it,
+    printed before exit code 2; and `done`, True where its work is done.
 
     Parameters
     ----------
@@ -78,6 +78,8 @@ def run(
             executor.spin_once(timeout_sec=_SPIN_S)
             if getattr(node, 'failed', ''):
                 raise HuntError(node.failed)
+            if getattr(node, 'done', False):
+                break
     except (HuntError, InvalidParameterValueException, ParameterException) as error:
         ending.say(' '.join(str(error).split()))
         return 2

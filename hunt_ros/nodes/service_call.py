@@ -10,7 +10,6 @@ One line of JSON on standard output: `success` and `message` as the service said
 from __future__ import annotations
 
 import json
-import sys
 import time
 from dataclasses import dataclass
 
@@ -76,17 +75,14 @@ def _publish(node: Node, config: CallConfig) -> bool:
     return publisher.wait_for_all_acked(Duration(seconds=5.0))
 
 
-def main() -> int:
-    """Run the node."""
-    rclpy.init()
-    node = rclpy.create_node('service_call')
-    try:
-        print(json.dumps(call(node, declare(node, CallConfig))), flush=True)
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
-    return 0
+class ServiceCallNode(Node):
+    """Calls, prints, and is done."""
+
+    done = True
+
+    def __init__(self) -> None:
+        super().__init__('service_call')
+        print(json.dumps(call(self, declare(self, CallConfig))), flush=True)
 
 
-if __name__ == '__main__':
-    sys.exit(main())
+make_node = ServiceCallNode

@@ -42,8 +42,9 @@ def test_a_call_is_done_refused_or_finds_nobody(graph, capsys) -> None:
     nodes = ('rig_simulator', 'roller_speed', 'bag_recorder')
     offered = {
         name.removeprefix('/rig/')
-        for node in nodes
-        for name, kinds in graph.node.get_service_names_and_types_by_node(node, '/rig')
+        for node, namespace in graph.node.get_node_names_and_namespaces()
+        if any(name in node for name in nodes)
+        for name, kinds in graph.node.get_service_names_and_types_by_node(node, namespace)
         if kinds == ['std_srvs/srv/Trigger']
     }
     assert offered == {item.name for item in SERVICES.values() if item.node in nodes}
