@@ -9,6 +9,7 @@ rounding.
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable
 from functools import cache
@@ -42,10 +43,21 @@ def compiled(function: _Function) -> _Function:
     -------
     callable
         The compiled kernel, or `function` itself where numba is missing.
+
+    Notes
+    -----
+    Where nothing can be written, neither beside the source nor in the home folder, the
+    kernel is compiled anew by each process, and a line on stderr says so.
     """
     if not HAVE_COMPILER:
         return function
-    return cast(_Function, _numba().njit(cache=True, nogil=True)(function))
+    try:
+        return cast(_Function, _numba().njit(cache=True, nogil=True)(function))
+    except RuntimeError as error:
+        if 'cannot cache' not in str(error):
+            raise
+        _tell_uncached()
+        return compiled_part(function)
 
 
 def compiled_part(function: _Function) -> _Function:
@@ -70,6 +82,16 @@ def compiled_part(function: _Function) -> _Function:
     if not HAVE_COMPILER:
         return function
     return cast(_Function, _numba().njit(nogil=True)(function))
+
+
+@cache
+def _tell_uncached() -> None:
+    """Tell once that machine code finds no place on disk."""
+    print(
+        'hunt_ros: compiled kernels cannot be kept, neither beside their source nor in the home'
+        ' folder: they are compiled at every start (NUMBA_CACHE_DIR names a place for them)',
+        file=sys.stderr,
+    )
 
 
 def on_compilation(say: Callable[[str], None]) -> None:

@@ -42,7 +42,6 @@ def run(script: str, hide: bool) -> str:
         [sys.executable, '-W', 'error::RuntimeWarning', '-c', HIDE_NUMBA * hide + script],
         capture_output=True,
         text=True,
-        timeout=300,
         env={**os.environ, 'OMP_NUM_THREADS': '1'},
     )
     assert done.returncode == 0, done.stderr
@@ -165,3 +164,38 @@ def test_simulator_and_detector_give_the_same_numbers_without_numba() -> None:
         # To rounding: the compiler may join a product and a sum (FMA).
         scale = np.nanmax(np.abs(ours))
         np.testing.assert_allclose(ours, theirs, rtol=1e-6, atol=1e-9 * scale, err_msg=name)
+
+
+KERNEL = """
+from hunt_ros.compiled import compiled
+
+@compiled
+def twice(x):
+    return 2.0 * x
+
+@compiled
+def thrice(x):
+    return 3.0 * x
+
+print(twice(1.0), thrice(1.0))
+"""
+
+
+@pytest.mark.skipif(not HAVE_COMPILER, reason='numba is not installed')
+def test_where_nothing_can_be_written_kernels_work_and_one_line_says_so(tmp_path) -> None:
+    """As in a source tree that is read-only, without a home; this holds for root too."""
+    (tmp_path / 'kernel.py').write_text(KERNEL)
+    (tmp_path / '__pycache__').write_text('a file where the folder should be')
+    unset = ('NUMBA_CACHE_DIR', 'XDG_CACHE_HOME')
+    env = {name: value for name, value in os.environ.items() if name not in unset}
+    done = subprocess.run(
+        [sys.executable, str(tmp_path / 'kernel.py')],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**env, 'HOME': os.devnull},
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == '2.0 3.0\n'
+    (line,) = done.stderr.splitlines()
+    assert 'NUMBA_CACHE_DIR' in line
