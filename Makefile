@@ -25,6 +25,9 @@ demo: $(VENV)/installed  ## sweep the simulated rig through hunting and back; re
 test: $(VENV)/installed check  ## all checks and tests
 	$(BIN)/python -m pytest
 
+test-elsewhere: $(VENV)/installed  ## tests as on other machines (test/elsewhere.py); ONLY=one-core: that one; FAST=1: a few
+	$(BIN)/python test/elsewhere.py $(if $(ONLY),--only $(ONLY)) $(if $(FAST),--fast)
+
 check: $(VENV)/installed  ## ruff, mypy, import directions
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -69,4 +72,4 @@ bench-identification: $(VENV)/installed  ## identification: pysindy, coverage, t
 bench-detection: $(VENV)/installed  ## the detector against the railway criteria; SCALE=0.05: a quick look (1: 24 h quiet, 10 min)
 	$(BIN)/python test/benchmark/bench_detection.py --scale $${SCALE:-1} --publish
 
-.PHONY: bench-detection bench-identification bench-simulation figures bench-bags fuzz golden-bags help install demo test check format clean bench-live bench-forecast bench-estimation
+.PHONY: bench-detection bench-identification bench-simulation figures bench-bags fuzz golden-bags help install demo test test-elsewhere check format clean bench-live bench-forecast bench-estimation

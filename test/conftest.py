@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import time
@@ -9,6 +10,10 @@ from importlib.util import find_spec
 
 import hypothesis
 import pytest
+
+# Before numpy is imported: the matrices here are small, and threads that wait for each other
+# cost more than they compute where the cores have other work too.
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 # No time limit an example: the first one compiles a kernel, and other programs may run. The
 # same examples on every machine, and nothing kept in the source tree.

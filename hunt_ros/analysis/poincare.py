@@ -3,9 +3,9 @@ Poincare section once a roller revolution, and its classification (Figs. 5, 7).
 
 Roughness forces the wheelset with the period of the roller. Seen once a revolution,
 a response to it is one point, a hunting wheelset a closed curve: the maps either side
-of v_c. Noise makes the point a cloud and the curve a ring; they are told apart by how
-the distance from the centre is distributed. Close to v_c the noise itself moves the quiet
-wheelset on a slowly changing circle: its radius wanders, that of a limit cycle does not.
+of v_c. Noise makes the point a cloud and the curve a ring; they are told apart by what holds
+the distance from the centre (`radius_law`): close to v_c the noise itself moves the quiet
+wheelset on a slowly changing circle, which a short record cannot tell from a ring by its shape.
 Without a roller there is no forcing to keep time with, and the motion is cut at a phase of
 its own.
 """
@@ -19,7 +19,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hunt_ros.analysis.phase_portrait import phase_portrait
+from hunt_ros.analysis.phase_portrait import PhasePortrait, phase_portrait
+from hunt_ros.analysis.radius_law import FEWEST as LEAST_RADII
+from hunt_ros.analysis.radius_law import Law, radius_law
 from hunt_ros.analysis.spectrum import roughness_frequency
 from hunt_ros.analysis.uniform import checked
 from hunt_ros.errors import IdentificationError
@@ -27,20 +29,26 @@ from hunt_ros.errors import IdentificationError
 Kind = Literal['periodic', 'quasi-periodic', 'noise-driven', 'transient', 'undecided']
 Cut = Literal['revolution', 'hunting']
 
+_OF_LAW: dict[Law, Kind] = {
+    'cycle': 'quasi-periodic',
+    'transient': 'transient',
+    'undecided': 'undecided',
+}
+
 #: Mean fourth power of the whitened distance: 8 for a Gaussian cloud, 4 for a ring (Mardia).
 CLOUD, RING = 8.0, 4.0
 
 #: Spread of a section, relative to the orbit, that passes for one sharp point.
 SHARP = 0.02
 
-#: Deviation of the logarithm of the radius, given the angle, from which it wanders as noise
-#: does: 0.64 for a Gaussian cloud, 0.3 or more close to v_c, 0.04 or less on a limit cycle.
-WANDERING = 0.15
-
 #: Spread from which noise, not the roller, moves the wheelset: half the power.
 MOSTLY_NOISE = 0.7
-#: The same cut once a cycle: 0.6 for Rayleigh's amplitude, of which the half.
-OWN_MOSTLY_NOISE = 0.3
+
+#: Points averaged to one amplitude: the noise of the sensor and the shape of the curve cancel,
+#: and the radius has not changed yet.
+AVERAGED = 4
+#: Fewest points that a kind is told from.
+FEWEST = 30
 
 #: Longest period, in revolutions, of a locked orbit that is told from a closed curve.
 LONGEST_PERIOD = 8
@@ -60,11 +68,11 @@ class PoincareSection:
         drives the wheelset too), 'quasi-periodic' (a closed curve), 'noise-driven' (neither:
         most of the motion is the answer to broadband noise),
         'transient' (the radius grows or decays), 'undecided' (too few revolutions, or
-        neither point nor curve).
+        too little evidence).
     period : int
         Revolutions (or hunting cycles) after which a periodic orbit closes; 0 for the rest.
     ring : float
-        0 for a Gaussian cloud, 1 for a ring; how sure the kind is.
+        0 for a Gaussian cloud, 1 for a ring, by the kurtosis.
     ring_std : float
         Its standard deviation.
     rotation_number : float
@@ -146,7 +154,15 @@ def poincare_section(
     count = np.arange(turns.size)
     displacement = np.interp(place, count, portrait.displacement)
     velocity = np.interp(place, count, portrait.velocity)
-    return _classified(displacement, velocity, portrait.displacement, portrait.velocity)
+    found, white = _section(displacement, velocity, portrait)
+    if found.period:
+        return found
+    law = _law(white)
+    if law != 'noise':
+        return replace(found, kind=_OF_LAW[law])
+    if found.spread > MOSTLY_NOISE:
+        return replace(found, kind='noise-driven')
+    return replace(found, kind='periodic', period=1, rotation_number=math.nan)
 
 
 def own_section(
@@ -185,9 +201,18 @@ def own_section(
     count = np.arange(portrait.displacement.size)
     displacement = np.interp(place + later, count, portrait.displacement)
     velocity = np.interp(place, count, portrait.velocity)
-    orbit = portrait.displacement, portrait.velocity
-    found = _classified(displacement, velocity, *orbit, OWN_MOSTLY_NOISE)
-    return replace(found, cut='hunting', rotation_number=math.nan)
+    found = replace(_section(displacement, velocity, portrait)[0], cut='hunting')
+    found = replace(found, rotation_number=math.nan)
+    if found.period:
+        return found
+    # A cycle that comes late has turned back against one that keeps the mean time.
+    steps = np.arange(place.size)
+    slip = place - np.polyval(np.polyfit(steps, place, 1), steps)
+    turned = np.exp(-2j * math.pi * slip / float(np.median(np.diff(place))))
+    law = _law(np.abs(displacement) * turned)
+    if law == 'cycle':
+        return replace(found, kind='periodic', period=1)
+    return replace(found, kind='noise-driven' if law == 'noise' else _OF_LAW[law])
 
 
 def _rising(signal: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -207,38 +232,48 @@ def _rising(signal: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(at - signal[at] / (signal[at + 1] - signal[at]))
 
 
-def _classified(
-    displacement: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-    orbit: NDArray[np.float64],
-    orbit_velocity: NDArray[np.float64],
-    noise_from: float = MOSTLY_NOISE,
-) -> PoincareSection:
-    scale = np.array([np.std(orbit), np.std(orbit_velocity)])
+def _section(
+    displacement: NDArray[np.float64], velocity: NDArray[np.float64], portrait: PhasePortrait
+) -> tuple[PoincareSection, NDArray[np.complex128]]:
+    """Section with its numbers, of a kind only where it closes, and its whitened points."""
+    scale = np.array([np.std(portrait.displacement), np.std(portrait.velocity)])
     scale[scale == 0.0] = 1.0
     points = np.stack([displacement, velocity], axis=1) / scale
     centred = points - points.mean(axis=0)
     spread = math.sqrt(float(np.mean(np.sum(centred**2, axis=1))) / 2.0)
-    count = len(points)
-    values, axes = np.linalg.eigh(centred.T @ centred / count)
-    ring, ring_std, rotation, period = 0.0, math.inf, math.nan, 0
-    kind: Kind = 'undecided'
+    values, axes = np.linalg.eigh(centred.T @ centred / len(points))
+    ring, ring_std, rotation = 0.0, math.inf, math.nan
     closed = 1 if spread < SHARP else _closing(centred)
+    white = np.zeros(len(points), dtype=np.complex128)
     if values[0] > 1e-12 * max(values[1], 1e-300):
-        white = centred @ axes / np.sqrt(values)
-        distance = np.sum(white**2, axis=1)
-        ring = (CLOUD - float(np.mean(distance**2))) / (CLOUD - RING)
-        ring_std = _block_std(distance**2) / (CLOUD - RING)
-        steps = np.diff(np.angle(white[:, 0] + 1j * white[:, 1]))
-        rotation = abs(float(np.angle(np.mean(np.exp(1j * steps))))) / (2.0 * math.pi)
-        kind = _kind(ring, ring_std, white, spread > noise_from)
-    if closed:
-        kind, period = 'periodic', closed
-    elif kind == 'periodic':
-        period = 1
-    if period == 1:
+        # The sign of an axis only mirrors the points, which changes nothing below.
+        first, second = (centred @ axes / np.sqrt(values)).T
+        white = first + 1j * second
+        fourth = np.abs(white) ** 4
+        ring = (CLOUD - float(np.mean(fourth))) / (CLOUD - RING)
+        ring_std = _block_std(fourth) / (CLOUD - RING)
+        rotation = abs(_turn(white)) / (2.0 * math.pi)
+    if closed == 1:
         rotation = math.nan
-    return PoincareSection(displacement, velocity, kind, period, ring, ring_std, rotation, spread)
+    kind: Kind = 'periodic' if closed else 'undecided'
+    found = PoincareSection(displacement, velocity, kind, closed, ring, ring_std, rotation, spread)
+    return found, white
+
+
+def _turn(white: NDArray[np.complex128]) -> float:
+    """Mean angle from one point to the next, rad."""
+    steps = np.exp(1j * np.diff(np.angle(white)))
+    return float(np.angle(np.mean(steps)))
+
+
+def _law(turning: NDArray[np.complex128]) -> Law:
+    """What holds the radius of points that turn steadily."""
+    if turning.size < FEWEST:
+        return 'undecided'
+    still = turning * np.exp(-1j * _turn(turning) * np.arange(turning.size))
+    size = min(AVERAGED, turning.size // LEAST_RADII)
+    parts = still[: still.size // size * size].reshape(-1, size)
+    return radius_law(parts.mean(axis=1)).law
 
 
 def _closing(centred: NDArray[np.float64]) -> int:
@@ -254,35 +289,6 @@ def _closing(centred: NDArray[np.float64]) -> int:
         if sum(float(np.sum(np.var(cloud, axis=0))) for cloud in clouds) / period < 0.05 * size:
             return period
     return 0
-
-
-def _kind(ring: float, ring_std: float, white: NDArray[np.float64], wide: bool) -> Kind:
-    """Decide between a cloud about a point, a closed curve, a spiral and noise."""
-    distance = np.sum(white**2, axis=1)
-    count = distance.size
-    if count < 30:
-        return 'undecided'
-    time = np.arange(count) / count
-    logarithm = 0.5 * np.log(np.maximum(distance, 1e-12))
-    slope, height = np.polyfit(time, logarithm, 1)
-    # The radius of a cloud scatters by 0.6 in its logarithm, that of a spiral by its noise.
-    if abs(slope) > 0.5 and float(np.std(logarithm - slope * time - height)) < 0.3:
-        return 'transient'
-    if _wandering(white, logarithm - slope * time - height) > WANDERING:
-        return 'noise-driven' if wide else 'periodic'
-    return 'quasi-periodic' if ring - ring_std > 0.4 else 'undecided'
-
-
-def _wandering(white: NDArray[np.float64], logarithm: NDArray[np.float64]) -> float:
-    """Deviation of the logarithmic radius from a closed curve, which may be no ellipse."""
-    angle = np.arctan2(white[:, 1], white[:, 0])
-    harmonics = range(1, 1 + min(3, (len(white) - 10) // 8))
-    columns = [np.ones(len(white))]
-    for k in harmonics:
-        columns += [np.cos(k * angle), np.sin(k * angle)]
-    basis = np.stack(columns, axis=1)
-    left = logarithm - basis @ np.linalg.lstsq(basis, logarithm, rcond=None)[0]
-    return float(np.sqrt(np.sum(left**2) / (len(white) - basis.shape[1])))
 
 
 def _block_std(values: NDArray[np.float64], blocks: int = 10) -> float:

@@ -81,14 +81,14 @@ class Graph:
             assert not deadline.passed, f'in vain {deadline}; {self.tails()}'
             self._executor.spin_once(timeout_sec=0.05)
 
-    def call(self, service: str, timeout_s: float = 15.0) -> Trigger.Response:
+    def call(self, service: str, timeout_s: float = 30.0) -> Trigger.Response:
         client = self.node.create_client(Trigger, service)
         self.spin_until(client.service_is_ready, timeout_s)
         future = client.call_async(Trigger.Request())
         self.spin_until(future.done, timeout_s)
         return future.result()
 
-    def change_state(self, node: str, transition: int, timeout_s: float = 15.0) -> None:
+    def change_state(self, node: str, transition: int, timeout_s: float = 30.0) -> None:
         client = self.node.create_client(ChangeState, f'{node}/change_state')
         self.spin_until(client.service_is_ready, timeout_s)
         request = ChangeState.Request()
@@ -109,7 +109,8 @@ class Graph:
             self.start(name, port=self.port, autostart=False)
         for name in sources:
             self.change_state(name, Transition.TRANSITION_CONFIGURE, 60.0)
-        self.spin(5.0)
+        # All of them say that they know each other only to themselves.
+        self.spin(5.0 * self.machine.measure())
         for name in sources:
             self.change_state(name, Transition.TRANSITION_ACTIVATE)
 

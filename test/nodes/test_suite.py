@@ -93,7 +93,7 @@ def test_silence_is_stale_and_recovers_by_itself(graph) -> None:
     _start_rig(graph, initial_speed_mps=6.2)
     graph.spin_until(lambda: heard.status.get('level') == 'OK', 60.0)
     graph.end('lateral_sensor')
-    graph.spin_until(lambda: heard.status['level'] != 'OK', 5.0)
+    graph.spin_until(lambda: heard.status['level'] != 'OK', 10.0)
     assert 'lateral' in heard.status['message']
     graph.start('lateral_sensor', port=graph.port)
     graph.spin_until(lambda: heard.status['level'] == 'OK', 60.0)
@@ -103,15 +103,19 @@ def test_a_recorder_killed_at_once_leaves_all_but_the_last_second(graph) -> None
     lateral = graph.collect(JointState, 'lateral')
     recordings = graph.folder / 'recordings'
     graph.start('bag_recorder', directory=recordings)
+    graph.spin_until(lambda: graph.node.count_subscribers('/rig/lateral') == 2, 60.0)
     _start_rig(graph, initial_speed_mps=6.5)
     graph.spin_until(lambda: len(lateral) > 2000, 60.0)
     assert graph.end('bag_recorder', signal.SIGKILL) == -signal.SIGKILL
     last_ns = to_ns(lateral[-1].header.stamp)
     (active,) = recordings.glob('*.active')
-    record = read_record(active)
-    assert record['lateral'].stamps_ns[0] <= to_ns(lateral[0].header.stamp)
-    assert last_ns - record['lateral'].stamps_ns[-1] < 1_500_000_000
-    assert (record['lateral'].stamps_ns[1:] > record['lateral'].stamps_ns[:-1]).all()
+    stamps = read_record(active)['lateral'].stamps_ns
+    # A chunk is on the disk after a second at most, and a busy machine hands over later.
+    assert last_ns - stamps[-1] < (1.0 + 0.5 * graph.machine.measure()) * 1e9
+    assert (stamps[1:] > stamps[:-1]).all()
+    # Who finds the sensor first is chance; from there on nothing is missing.
+    heard = np.array([to_ns(message.header.stamp) for message in lateral])
+    assert np.isin(heard[(heard >= stamps[0]) & (heard <= stamps[-1])], stamps).all()
 
 
 def test_a_sweep_is_recorded_refitted_and_the_form_taken_over_without_a_restart(graph) -> None:
@@ -120,7 +124,9 @@ def test_a_sweep_is_recorded_refitted_and_the_form_taken_over_without_a_restart(
     forms = graph.collect(String, 'hunting/normal_form', latched())
     recordings = graph.folder / 'recordings'
     simulated = {'use_sim_time': True}
-    patience = {'sensor_timeout_s': 5.0, 'roller_timeout_s': 5.0, 'speed_timeout_s': 5.0}
+    # Real time is what a busy machine cannot keep: simulated time runs as fast as it can follow.
+    time_scale = max(8.0 / graph.machine.measure(), 1.0)
+    patience = dict.fromkeys(('sensor_timeout_s', 'roller_timeout_s', 'speed_timeout_s'), 20.0)
     graph.start('hunting_detector', output_rate_hz=20.0, **patience, **simulated)
     graph.start('bag_recorder', directory=recordings, **simulated)
     graph.start('normal_form_identifier', directory=recordings, **simulated)
@@ -129,7 +135,7 @@ def test_a_sweep_is_recorded_refitted_and_the_form_taken_over_without_a_restart(
         'rig_simulator',
         port=graph.port,
         start_with_readers=3,
-        time_scale=8.0,
+        time_scale=time_scale,
         sample_rate_hz=100.0,
         initial_speed_mps=6.2,
         kick_times_s=[20.0, 50.0],
@@ -147,15 +153,15 @@ def test_a_sweep_is_recorded_refitted_and_the_form_taken_over_without_a_restart(
     )
     graph.spin_until(lambda: 'limit_cycle' in heard.events, 120.0)
     graph.spin_until(lambda: 'quiet' in heard.events, 120.0)
-    assert graph.call('recording/stop').success
-    graph.spin_until(lambda: forms, 90.0)
+    assert graph.call('recording/stop', 60.0).success
+    graph.spin_until(lambda: forms, 120.0)
     form = IdentifiedNormalForm.from_yaml(forms[-1].data).form
     assert form.criticality == 'subcritical'
     assert form.nonlinear_critical_speed == pytest.approx(6.433, abs=0.15)
     assert form.critical_speed == pytest.approx(8.0, abs=0.4)
     assert (recordings / 'normal_form.yaml').read_text() == forms[-1].data
     assert Path(closed[-1].data).is_dir()
-    graph.spin_until(lambda: heard.status['region'] == 'stable', 30.0)
+    graph.spin_until(lambda: heard.status['region'] == 'stable', 60.0)
 
 
 def test_a_replay_of_a_recorded_run_gives_the_live_numbers_bit_for_bit(graph) -> None:
