@@ -59,6 +59,10 @@ class Graph:
         self._processes[module] = process
         return process
 
+    def beside(self, name: str):
+        """Return another node of the probe's process and namespace."""
+        return rclpy.create_node(name, namespace='rig', context=self._context)
+
     def log(self, module: str) -> Path:
         return self.folder / f'{module}.log'
 

@@ -195,9 +195,20 @@ def test_the_speed_of_an_emergency_stop_can_be_set_while_the_node_runs(graph, re
     assert drive.set_points[-1] == 1.5
 
 
-def test_a_second_speed_node_of_the_same_name_refuses_to_start(graph, resident) -> None:
+def test_a_second_speed_node_of_the_same_name_refuses_to_start_or_is_an_error(
+    graph, resident
+) -> None:
     drive = Drive(6.0)
+    health = graph.collect(DiagnosticArray, '/diagnostics')
     resident(_node(drive), autostart=False)
+    namesake = graph.beside('roller_speed')  # as of another machine, which holds its own names
+
+    def told() -> bool:
+        texts = [read_diagnostic(message) for message in health]
+        return any('another node is named /rig/roller_speed' in t['message'] for t in texts)
+
+    graph.spin_until(told)
+    namesake.destroy_node()
     graph.start('roller_speed')
     assert graph.wait('roller_speed') == 2
     last = graph.log('roller_speed').read_text().strip().splitlines()[-1]
