@@ -39,6 +39,7 @@ from hunt_ros.nodes.parameters import declare, warn_unknown
 from hunt_ros.nodes.qos import latched, stream
 from hunt_ros.nodes.service_thread import ServiceThread
 from hunt_ros.nodes.sole import hold_name
+from hunt_ros.nodes.worker import Worker
 from hunt_ros.settings import setting
 
 _JOINT, _VALUE = 'sensor_msgs/msg/JointState', 'geometry_msgs/msg/Vector3Stamped'
@@ -136,9 +137,10 @@ class BagRecorderNode(Node):
         self._diagnostics = Diagnostics(self, self._health)
         self.create_timer(0.25, self._look_around, clock=steady_clock())
         # A long repair of an earlier recording must not keep this one from beginning.
-        directory = Path(self._config.directory)
-        threading.Thread(target=self._finalise, args=(directory,), daemon=True).start()
-        self._collector = ParameterCollector(self.get_namespace(), self._note_parameters)
+        Worker(self._diagnostics, 'closing earlier recordings', self._finalise)
+        self._collector = ParameterCollector(
+            self.get_namespace(), self._note_parameters, self._diagnostics
+        )
         if self._config.autostart:
             self._begin()
 
@@ -328,9 +330,9 @@ class BagRecorderNode(Node):
         if recording is not None:
             recording.note('parameters', {node: text})
 
-    def _finalise(self, directory: Path) -> None:
+    def _finalise(self, stopping: threading.Event) -> None:
         """Close what a killed recorder left."""
-        for done in finalise_left(directory):
+        for done in finalise_left(Path(self._config.directory)):
             self.get_logger().warning(done)
 
     def _in_node(self, work: Callable[[], _Result]) -> _Result:

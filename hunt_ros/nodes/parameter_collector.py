@@ -16,7 +16,9 @@ from rcl_interfaces.srv import GetParameters, GetParameterTypes, ListParameters
 from rclpy.client import Client
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
+from hunt_ros.nodes.diagnostics import Diagnostics
 from hunt_ros.nodes.parameter_text import parameter_text
+from hunt_ros.nodes.worker import Worker
 
 _LOOK_S = 0.5
 #: A node that is still starting has not declared all: it is asked again after this time, s, and
@@ -35,17 +37,18 @@ class ParameterCollector:
     tell : callable
         Gets (full node name, parameter file as text) where it has changed, in the
         collector's thread.
+    diagnostics : Diagnostics
+        Told when asking fails.
     """
 
-    def __init__(self, namespace: str, tell: Callable[[str, str], None]) -> None:
+    def __init__(
+        self, namespace: str, tell: Callable[[str, str], None], diagnostics: Diagnostics
+    ) -> None:
         self._node = rclpy.create_node('_parameter_collector', namespace=namespace)
         self._tell = tell
         self._clients: dict[str, tuple[Client, ...]] = {}
         self.ask_again()
-        self._running = threading.Event()
-        self._running.set()
-        self._thread = threading.Thread(target=self._work, name='parameters', daemon=True)
-        self._thread.start()
+        self._worker = Worker(diagnostics, 'parameters', self._work)
 
     def ask_again(self) -> None:
         """Ask every node anew: another recording has begun."""
@@ -54,15 +57,14 @@ class ParameterCollector:
 
     def close(self) -> None:
         """Stop asking."""
-        self._running.clear()
-        self._thread.join(timeout=2.0)
+        self._worker.stop()
         self._node.destroy_node()
 
-    def _work(self) -> None:
+    def _work(self, stopping: threading.Event) -> None:
         executor = SingleThreadedExecutor()
         executor.add_node(self._node)
         try:
-            while self._running.is_set():
+            while not stopping.is_set():
                 for name, namespace in self._node.get_node_names_and_namespaces():
                     if not name.startswith('_'):
                         self._ask(f'{namespace.rstrip("/")}/{name}')
