@@ -156,7 +156,7 @@ class Estimator:
         blocks: dict[str, MergedBlock],
         usable: dict[str, NDArray[np.bool_]],
     ) -> dict[str, NDArray[np.float64]]:
-        """Return roller angle and speed at stamps in any order."""
+        """Return roller angle and speed, without its sign, at stamps in any order."""
         sorting = np.argsort(wanted, kind='stable')
         slow = {}
         for name in ('roller', 'speed'):
@@ -167,6 +167,8 @@ class Estimator:
                 found[sorting] = self._slow[name].at(
                     wanted[sorting], block.stamps_ns, readings, block.following
                 )
+                if name == 'speed':
+                    found = np.abs(found)  # a wheelset hunts in reverse as it does ahead
             elif name == 'speed' and self.config.constant_speed_mps > 0.0:
                 found[:] = self.config.constant_speed_mps
             slow[name] = found

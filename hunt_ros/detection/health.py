@@ -25,7 +25,7 @@ SILENT = 128
 NO_VALUE = 256
 STUCK = 512
 SATURATED = 1024
-NEGATIVE = 2048
+REVERSE = 2048
 _BITS = 12
 #: Found by `speed_check`, not by the kernel below.
 CONTRADICTED = 4096
@@ -33,13 +33,15 @@ CONTRADICTED = 4096
 CLOCK = 8192
 
 #: Told in the status, but the channel is still believed.
-MILD = REPEATED_STAMP | BACKWARD_STAMP | AHEAD_STAMP | LATE | INVALID | STANDSTILL | CLOCK
+MILD = (
+    REPEATED_STAMP | BACKWARD_STAMP | AHEAD_STAMP | LATE | INVALID | STANDSTILL | REVERSE | CLOCK
+)
 #: The channel cannot be trusted.
-SEVERE = WAITING | SILENT | NO_VALUE | STUCK | SATURATED | NEGATIVE | CONTRADICTED
+SEVERE = WAITING | SILENT | NO_VALUE | STUCK | SATURATED | CONTRADICTED
 #: A saturated sensor still shows that there is motion; the others show nothing.
 BLIND = SEVERE & ~SATURATED
 #: Of these, the ones that are a fault of the sensor rather than missing input.
-FAULTS = NO_VALUE | STUCK | SATURATED | NEGATIVE | CONTRADICTED
+FAULTS = NO_VALUE | STUCK | SATURATED | CONTRADICTED
 
 WORDS: dict[int, str] = {
     REPEATED_STAMP: 'repeated stamps',
@@ -53,7 +55,7 @@ WORDS: dict[int, str] = {
     NO_VALUE: 'only NaN or infinite values',
     STUCK: 'stuck at one value',
     SATURATED: 'saturated',
-    NEGATIVE: 'negative',
+    REVERSE: 'negative: the rig runs in reverse',
     CONTRADICTED: 'contradicts the roller angle',
     CLOCK: 'clocks differ',
 }
@@ -222,8 +224,7 @@ def _sample(
         whole[_I_VALID] = stamp
         if value < -settings[_S_STANDSTILL]:
             whole[_I_SEEN + 11] = stamp
-            return False
-        if value <= settings[_S_STANDSTILL]:
+        elif value <= settings[_S_STANDSTILL]:
             whole[_I_SEEN + 5] = stamp
         return True
     whole[_I_VALID] = stamp

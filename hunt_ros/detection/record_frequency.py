@@ -206,13 +206,14 @@ def _pieces(record: Record, config: DetectorConfig) -> Iterator[_Piece]:
         piece = np.interp(at, time[first:last], values[first:last])
         wanted = stamps[0] + at * 1e9
         roller, speed = _at(record.get('roller'), wanted), _at(record.get('speed'), wanted)
+        speed = np.abs(speed)
         turning = speed / (math.pi * (config.roller_diameter_m or USUAL_ROLLER_M))
         columns = [np.ones_like(even), even]
         if np.isfinite(roller).all() and np.ptp(roller) > 0.0:
             for harmonic in (1.0, 2.0):
                 columns += [np.cos(harmonic * roller), np.sin(harmonic * roller)]
             turns = roller[:: max(roller.size // _SECTIONS, 1)] / (2.0 * math.pi)
-            turning = np.diff(turns) * rate / max(roller.size // _SECTIONS, 1)
+            turning = np.abs(np.diff(turns)) * rate / max(roller.size // _SECTIONS, 1)
         basis = np.stack(columns, axis=1)
         piece = piece - basis @ np.linalg.lstsq(basis, piece, rcond=None)[0]
         yield _Piece(rate, piece, speed, turning)

@@ -145,7 +145,7 @@ def _windows(
             continue
         ratio = seen.value / found.value
         relative = math.hypot(found.std / abs(found.value), seen.std / abs(seen.value))
-        mean = float(np.mean(speed.values[here]))
+        mean = abs(float(np.mean(speed.values[here])))
         rows.append((mean, abs(found.value), frequency, relative, ratio.real, ratio.imag))
     return rows
 

@@ -25,7 +25,8 @@ class Channels:
     Parameters
     ----------
     time, lateral, speed, roller : ndarray, shape (n,)
-        s, m, m/s, rad; lateral NaN where a sample dropped out, roller empty without roller.
+        s, m, m/s, rad, speed and roller without the direction of travel; lateral NaN where a
+        sample dropped out, roller empty without roller.
     rate_hz : float
         Sample rate by the median spacing.
     """
@@ -84,5 +85,11 @@ def channels_of(record: Record) -> Channels:
         # Beyond the encoder's own samples the angle is not known, and neither is the line.
         outside = (time < roller_time[known][0]) | (time > roller_time[known][-1])
         lateral = np.where(outside, np.nan, lateral)
+    if (on_time < 0.0).any():
+        # In reverse a wheelset hunts as it does ahead: the roller turns the other way.
+        if roller.size:
+            turned = np.diff(roller) * np.sign(on_time[1:])
+            roller = roller[0] + np.concatenate([[0.0], np.cumsum(turned)])
+        on_time = np.abs(on_time)
     rate = 1.0 / float(np.median(np.diff(time)))
     return Channels(name, start_ns, time, lateral, on_time, roller, rate)

@@ -112,6 +112,24 @@ def test_the_same_records_give_the_same_numbers(records, from_sweep):
     assert again.to_json() == from_sweep.to_json()
 
 
+def test_a_rig_that_runs_in_reverse_has_the_form_it_has_ahead(records, from_sweep):
+    backward = [
+        Record(
+            {
+                name: Series(
+                    one.stamps_ns, -one.values if name in ('speed', 'roller') else one.values
+                )
+                for name, one in record.items()
+            },
+            record.source,
+        )
+        for record in records['sweep']
+    ]
+    result = identify(backward)
+    assert result.v_c.value == pytest.approx(from_sweep.v_c.value, abs=5e-3)
+    assert result.v_n.value == pytest.approx(from_sweep.v_n.value, abs=5e-3)
+
+
 def test_more_runs_sharpen_the_form_and_the_history_is_bounded(records, from_sweep):
     both = update(from_sweep, records['staircase'])
     assert len(both.records) == 2
