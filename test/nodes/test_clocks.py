@@ -1,0 +1,116 @@
+"""Sensors on a host whose clock is not the detector's: live, recorded, and replayed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistStamped
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from hunt_ros.bag import read_record
+from hunt_ros.cli.recorded_run import recorded_run
+from hunt_ros.detection import HuntingDetector
+from hunt_ros.detection.replay import missing_samples, replay_journal
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+from hunt_ros.nodes.conversions import joint_layout, read_diagnostic, to_ns, twist
+from hunt_ros.nodes.qos import latched, stream
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+BEHIND_NS = 600_000_000
+STEP_NS = 10_000_000
+
+
+class Host:
+    """Publishes a quiet or hunting wheelset, its stamps behind the clock of this machine."""
+
+    def __init__(self, graph) -> None:
+        self.amplitude_m = 2e-5
+        self.muted: set[str] = set()
+        self._rng = np.random.default_rng(0)
+        node = graph.node
+        self._joints = {
+            name: (
+                node.create_publisher(JointState, name, stream(1000)),
+                joint_layout([name], 'roller_rig'),
+            )
+            for name in ('lateral', 'yaw', 'roller')
+        }
+        self._speed = node.create_publisher(TwistStamped, 'speed', stream(1000))
+        self._now_ns = lambda: node.get_clock().now().nanoseconds
+        self._begin_ns = self._next_ns = self._now_ns() - BEHIND_NS
+        node.create_timer(0.01, self._publish)
+
+    def _publish(self) -> None:
+        while self._next_ns <= self._now_ns() - BEHIND_NS:
+            stamp_ns, self._next_ns = self._next_ns, self._next_ns + STEP_NS
+            time = (stamp_ns - self._begin_ns) * 1e-9
+            phase = 2.0 * np.pi * 2.8 * time
+            noise = self._rng.standard_normal(2)
+            values = {
+                'lateral': self.amplitude_m * np.cos(phase) + 5e-6 * noise[0],
+                'yaw': 4.7 * self.amplitude_m * np.cos(phase + 2.6) + 2e-5 * noise[1],
+                'roller': 48.0 * time,
+            }
+            for name, (publisher, layout) in self._joints.items():
+                if name not in self.muted:
+                    publisher.publish(layout.encode(stamp_ns, float(values[name])))
+            self._speed.publish(twist(stamp_ns, 7.2, 'roller_rig'))
+
+
+def test_a_host_with_another_clock_is_followed_live_and_the_run_is_replayed(graph) -> None:
+    events = graph.collect(DiagnosticArray, 'hunting/events')
+    statuses = graph.collect(DiagnosticArray, 'hunting/status')
+    amplitudes = graph.collect(JointState, 'hunting/amplitude')
+    closed = graph.collect(String, 'recording/closed', latched())
+    host = Host(graph)  # speaks before the detector listens
+    form = graph.folder / 'normal_form.yaml'
+    form.write_text(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml())
+    recordings = graph.folder / 'recordings'
+    graph.start('bag_recorder', directory=recordings)
+    graph.spin_until(lambda: graph.node.count_subscribers('/rig/lateral') == 1, 60.0)
+    graph.start('hunting_detector', form)
+
+    def status() -> dict[str, str]:
+        return read_diagnostic(statuses[-1]) if statuses else {'level': '', 'message': ''}
+
+    def said() -> list[str]:
+        return [read_diagnostic(message)['event'] for message in events]
+
+    graph.spin_until(
+        lambda: status()['level'] == 'WARN' and 'lateral: clocks differ by' in status()['message'],
+        60.0,
+    )
+    assert float(status()['clock_offset_s lateral']) == pytest.approx(0.6, abs=0.2)
+    host.amplitude_m = 7e-4
+    graph.spin_until(lambda: 'escaping' in said() or 'limit_cycle' in said(), 30.0)
+    assert graph.call('hunting/acknowledge_alarm').success
+    host.muted = {'yaw'}
+    graph.spin_until(lambda: 'input_stale' in said()[said().index('acknowledged') :], 10.0)
+    host.muted = set()
+    graph.spin_until(lambda: said()[-1] == 'input_recovered', 30.0)
+    assert graph.call('recording/stop').success
+    graph.spin_until(lambda: closed)
+
+    bag = Path(closed[-1].data)
+    live, record = recorded_run(bag), read_record(bag)
+    assert live is not None
+    assert any(entry.kind == 'offset' for entry in live.journal)
+    assert missing_samples(record, live.journal) == {}
+    output = replay_journal(HuntingDetector(), record, live.journal)
+    rows = output.estimates
+    heard = [m for m in amplitudes if to_ns(m.header.stamp) <= rows['stamp_ns'][-1]]
+    assert len(heard) > 300
+    at = np.searchsorted(rows['stamp_ns'], [to_ns(m.header.stamp) for m in heard])
+    for number, name in enumerate(('lateral', 'yaw')):
+        published = np.array([message.position[number] for message in heard])
+        assert published.tobytes() == rows[f'{name}_amplitude'][at].tobytes()
+    again = [(event.event, event.stamp_ns) for event in output.events]
+    told = [(read_diagnostic(m)['event'], to_ns(m.header.stamp)) for m in events]
+    told = [one for one in told if one[1] <= rows['stamp_ns'][-1]]
+    assert told == again[-len(told) :]
