@@ -49,7 +49,7 @@ class Response:
     section : PoincareSection or None
         Once a revolution of the roller, or once a cycle where there is none.
     lyapunov : LyapunovExponent or None
-        The largest one.
+        The largest one; its curve also where there is no exponent.
     unknown : mapping of str to str
         Panel -> why it is not known.
     """
@@ -134,7 +134,13 @@ def response_of(record: Record, speed: float, diameter: float | None = None) -> 
         known = yaw is not None and bool(np.isfinite(yaw).all()) and float(np.ptp(yaw)) > 0.0
         return own_section(lateral, rate, yaw if known else None)
 
-    step = max(round(rate / _LYAPUNOV_HZ), 1)
+    def lyapunov() -> LyapunovExponent:
+        step = max(round(rate / _LYAPUNOV_HZ), 1)
+        found = largest_lyapunov_exponent(lateral[::step], rate / step)
+        if found.exponent is None:
+            unknown['Lyapunov exponent'] = found.reason
+        return found
+
     return Response(
         speed,
         seconds,
@@ -142,9 +148,7 @@ def response_of(record: Record, speed: float, diameter: float | None = None) -> 
         tried('power spectrum', lambda: power_spectrum(lateral, rate, turning, across)),
         tried('phase portrait', lambda: phase_portrait(lateral, rate)),
         tried('section', section),
-        tried(
-            'Lyapunov exponent', lambda: largest_lyapunov_exponent(lateral[::step], rate / step)
-        ),
+        tried('Lyapunov exponent', lyapunov),
         unknown,
     )
 

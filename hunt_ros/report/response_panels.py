@@ -167,12 +167,15 @@ def _lyapunov(axes: Axes, response: Response) -> None:
     axes.plot(largest.times_s, largest.divergence - shift, color=style.STABLE, linewidth=0.9)
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.3 * (high - low))
-    value, std = largest.exponent.value, largest.exponent.std
-    shown = rounded(value, std if math.isfinite(std) else None).text()
+    shown = 'not known'
+    if largest.exponent is not None:
+        value, std = largest.exponent.value, largest.exponent.std
+        text = rounded(value, std if math.isfinite(std) else None).text()
+        shown = rf'$\lambda_1$ = {text} s$^{{-1}}$'
     axes.text(
         0.03,
         0.97,
-        rf'$\lambda_1$ = {shown} s$^{{-1}}$',
+        shown,
         transform=axes.transAxes,
         va='top',
         fontsize=6.5,
