@@ -34,11 +34,11 @@ setup(
         'PyYAML>=6.0',
         'rich>=13',
         'matplotlib>=3.6',
-        'mcap>=1.2',
+        'mcap>=1.2',  # the bag writer is checked against it; nothing imports it at run time
         'rosbags>=0.10',
         'lz4>=4.3',
         'zstandard>=0.22',
-        'filterpy>=1.4.5',
+        'filterpy>=1.4.5',  # estimation.reference: the textbook form of the tracker
     ],
     extras_require={
         'ros': ROS,

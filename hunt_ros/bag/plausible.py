@@ -7,7 +7,7 @@ import numpy as np
 from hunt_ros.errors import BagError
 from hunt_ros.samples import Record, Series
 
-#: Largest usual value of a channel (lateral displacement, m; yaw, rad; speed, m/s), its unit,
+#: Largest usual value of a channel (lateral motion, m; yaw motion, rad; speed, m/s), its unit,
 #: and a factor that makes SI of the unit it may have been recorded in.
 LARGEST: dict[str, tuple[float, str, str]] = {
     'lateral': (1.0, 'm', '*0.001'),
@@ -33,11 +33,13 @@ def wrong_unit(channel: str, series: Series) -> str:
     if channel not in LARGEST or not values.size:
         return ''
     most, unit, factor = LARGEST[channel]
-    usual = float(np.median(np.abs(values)))
+    # A sensor of motion may have any offset; a speed has none.
+    middle = 0.0 if channel == 'speed' else float(np.median(values))
+    usual = float(np.median(np.abs(values - middle)))
     if usual <= most:
         return ''
     return (
-        f'channel {channel} is {usual:.3g} {unit} for half of the time, expected at most'
+        f'channel {channel} is beyond {usual:.3g} {unit} half of the time, expected less than'
         f' {most:g} {unit}: recorded in another unit? (--channel {channel}=SOURCE{factor})'
     )
 

@@ -9,8 +9,8 @@ from hunt_ros.cli import options
 
 SUMMARY = 'turn a CSV, MATLAB, NumPy, TDMS or Parquet file, or a foreign bag, into a bag'
 EXAMPLE = (
-    "hunt import run.mat run --channel yaw='data[0]' --channel lateral='data[1]*0.47'"
-    ' --channel speed=16.3 --rate 250'
+    'hunt import bags/flutter_rig/17092018_CBC_V250_TowardsHB.mat flutter_250 --rate 250'
+    " --channel yaw='data[0]' --channel lateral='data[1]*0.47' --channel speed=25.0"
 )
 
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from hunt_ros.bag.recovery import Repair
 
 SUMMARY = 'say what is in a recording and what is wrong with it; --repair saves what is sound'
-EXAMPLE = 'hunt info recordings/hunt_20260101_120000 --repair saved'
+EXAMPLE = 'hunt info bags/damaged.mcap --repair saved'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -181,12 +181,12 @@ def test_what_cannot_be_meant_is_refused(refused, command, part) -> None:
         ('lateral_furlong,speed', 'column lateral_furlong: unknown unit of lateral'),
         ('lateral_deg,speed', 'column lateral_deg: unknown unit of lateral'),
         ('lateral,speed_mm', 'column speed_mm: unknown unit of speed'),
-        ('lateral,speed', 'channel lateral is 84 m'),
+        ('lateral,speed', 'channel lateral is beyond 84 m'),
     ],
 )
 def test_a_unit_that_is_wrong_or_unknown_is_named(refused, tmp_path, columns, part) -> None:
     table = tmp_path / 'daq.csv'
-    table.write_text(f'{columns}\n' + '84,7\n' * 100)
+    table.write_text(f'{columns}\n' + '84,7\n-84,7\n0,7\n' * 100)
     assert part in refused('import FILE OUT --rate 100', FILE=table)
 
 
@@ -196,10 +196,10 @@ def test_a_recording_in_millimetres_is_neither_sound_nor_judged(refused, tmp_pat
     record = Record({'lateral': Series(stamps, wave), 'speed': Series(stamps, 0 * wave + 7.0)})
     bag = write_record(tmp_path / 'mm', record)
     for verb in ('replay', 'identify'):
-        assert 'lateral is' in refused(f'{verb} FILE', FILE=bag)
+        assert 'lateral is beyond' in refused(f'{verb} FILE', FILE=bag)
     capsys.readouterr()
     assert main(['info', str(bag)]) == 1
-    assert 'wrong_unit: channel lateral is' in capsys.readouterr().out
+    assert 'wrong_unit: channel lateral is beyond' in capsys.readouterr().out
     scaled = ['--channel', 'lateral=/rig/lateral.position[0]*0.001']
     assert main(['replay', str(bag), *scaled]) == 0
 

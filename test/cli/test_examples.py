@@ -1,0 +1,72 @@
+"""Every command that the README and the help texts show is run, word for word."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from hunt_ros.cli.main import VERBS, main
+
+HERE = Path(__file__).parents[2]
+#: These start nodes: `test/nodes` runs them.
+WITH_ROS = ('hunt demo', 'hunt run', 'hunt call')
+
+
+def in_readme() -> list[str]:
+    """Commands of the code blocks, in their order, as one line each."""
+    text = (HERE / 'README.md').read_text(encoding='utf-8')
+    blocks = re.findall(r'```sh\n(.*?)```', text, re.DOTALL)
+    lines = '\n'.join(blocks).replace('\\\n', ' ').splitlines()
+    return [line for line in lines if line.startswith('hunt ') and needs_no_ros(line)]
+
+
+def in_help() -> list[str]:
+    examples = [import_module(f'hunt_ros.cli.{module}').EXAMPLE for module in VERBS.values()]
+    return [example for example in examples if needs_no_ros(example)]
+
+
+def needs_no_ros(command: str) -> bool:
+    return not command.startswith(WITH_ROS) and '--live' not in command
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A folder in which the files of the repository are found, and results may be written."""
+    for name in ('bags', 'config'):
+        (tmp_path / name).symlink_to(HERE / name)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_the_commands_of_the_readme_run_one_after_the_other(place, capsys) -> None:
+    commands = in_readme()
+    assert len(commands) >= 3
+    for command in commands:
+        assert main(shlex.split(command, comments=True)[1:]) == 0, command
+    assert 'LIMIT CYCLE' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    'command',
+    [
+        pytest.param(one, marks=pytest.mark.slow if one.startswith('hunt report') else ())
+        for one in in_help()
+    ],
+)
+def test_the_example_of_a_verb_runs(place, command) -> None:
+    assert main(shlex.split(command)[1:]) == 0
+
+
+@pytest.mark.parametrize('verb', ['demo', 'run', 'call'])
+def test_the_example_of_a_verb_with_ros_names_what_is_there(verb) -> None:
+    """It is understood, and the files in it exist."""
+    from hunt_ros.cli.main import _parser
+
+    words = shlex.split(import_module(f'hunt_ros.cli.{VERBS[verb]}').EXAMPLE)[1:]
+    parsed = _parser(verb).parse_args(words)
+    named = [value for value in vars(parsed).values() if isinstance(value, Path)]
+    assert all((HERE / path).exists() for path in named if path.suffix)
