@@ -22,8 +22,8 @@ install: $(VENV)/installed  ## make .venv with the package, real rclpy, compiled
 demo: $(VENV)/installed  ## sweep the simulated rig through hunting and back; refit it; 3 minutes
 	$(BIN)/hunt demo
 
-test: $(VENV)/installed check  ## all checks and tests
-	$(BIN)/python -m pytest
+test: $(VENV)/installed check  ## all checks and tests, on two cores
+	$(BIN)/python -m pytest -n 2 --dist loadgroup
 
 test-elsewhere: $(VENV)/installed  ## tests as on other machines (test/elsewhere.py); ONLY=one-core: that one; FAST=1: a few
 	$(BIN)/python test/elsewhere.py $(if $(ONLY),--only $(ONLY)) $(if $(FAST),--fast)

@@ -50,6 +50,7 @@ setup(
         'bench': ['pysindy>=2.0'],
         'test': [
             'pytest>=8',
+            'pytest-xdist>=3.5',
             'hypothesis>=6.100',
             # Exactly these: another version of a checker finds other things.
             'ruff==0.17.5',
