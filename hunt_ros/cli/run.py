@@ -55,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     }
     if arguments.simulated:
         names = (suite.SIMULATOR, *names)
-        if arguments.params is None:  # else the file says where the simulator is
+        if not arguments.params:  # else the file says where the simulator is
             port = suite.free_port()
             parameters |= {name: {'port': port} for name in (suite.SIMULATOR, *suite.SOURCES)}
     began = time.monotonic()
