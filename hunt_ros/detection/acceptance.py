@@ -1,9 +1,9 @@
 """
 Whether a newly identified normal form may replace the one in force without being asked.
 
-A form that makes the alarm later, or less sure of itself, waits for a person; one
-that makes it earlier or sharper is taken at once. So is one that a person went back to:
-it carries a mark, and whoever set the mark has seen what it does.
+A form that alarms later at any speed, is less sure of itself, or hunts at another frequency (it
+may be that of another rig) waits for a person; any other is taken at once. So is one that a
+person went back to: it carries a mark, and whoever set the mark has seen what it does.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import NormalForm
@@ -20,8 +21,8 @@ from hunt_ros.settings import Settings, setting
 #: Line of the provenance that marks a form which a person went back to.
 _MARK = 'rolled back'
 
-#: Speeds between v_n and v_c at which two thresholds are compared, as fractions.
-_PLACES = np.array([0.25, 0.5, 0.75, 0.9])
+#: Speeds at which two forms are compared, as fractions of v_c: up to v_c itself.
+_PLACES = np.linspace(0.2, 1.0, 321)
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,9 @@ class AcceptanceConfig(Settings):
     )
     accept_speed_factor: float = setting(
         1.02, 'a new form may raise v_n and v_c by this factor', low=1.0, high=10.0
+    )
+    accept_frequency_factor: float = setting(
+        1.1, 'a new form may change the hunting frequency by this factor', low=1.0, high=10.0
     )
     accept_width_factor: float = setting(
         2.0,
@@ -63,24 +67,55 @@ def objections(
     """
     if current is None or is_rolled_back(new):
         return []
-    found = []
-    factor = _amplitude_factor(new.form, current.form)
-    if factor > config.accept_amplitude_factor:
-        found.append(f'raises the unstable amplitude by a factor {factor:.2f}')
-    for name, before, after in (
-        ('v_c', current.form.critical_speed, new.form.critical_speed),
-        (
-            'v_n',
-            current.form.nonlinear_critical_speed or current.form.critical_speed,
-            new.form.nonlinear_critical_speed or new.form.critical_speed,
-        ),
+    found = _later(new.form, current.form, config)
+    old_hz, new_hz = current.form.frequency_hz, new.form.frequency_hz
+    if (
+        not 1.0 / config.accept_frequency_factor
+        <= new_hz / old_hz
+        <= config.accept_frequency_factor
     ):
-        if after > before * config.accept_speed_factor:
-            found.append(f'raises {name} from {before:.3f} to {after:.3f} m/s')
+        found.append(
+            f'hunts at {new_hz:.3g} Hz, the one in force at {old_hz:.3g} Hz: another rig?'
+        )
     before, after = current.std('v_c'), new.std('v_c')
     if before > 0.0 and after > before * config.accept_width_factor:
         found.append(f'widens the standard deviation of v_c from {before:.3f} to {after:.3f} m/s')
     return found
+
+
+def _later(new: NormalForm, current: NormalForm, config: AcceptanceConfig) -> list[str]:
+    """
+    Say where `new` would alarm later than `current`: one line, or none.
+
+    The two are compared by the amplitude beyond which each alarms, at every speed: that of the
+    unstable branch; infinite where there is none and quiet motion is stable; zero where it is
+    not. A speed is allowed to be off by the factor of the settings.
+    """
+    speeds = current.critical_speed * _PLACES
+    before = _threshold(current, speeds)
+    after = _threshold(new, speeds * config.accept_speed_factor)
+    late = after > before * config.accept_amplitude_factor
+    if not late.any():
+        return []
+    if late[-1]:
+        return [f'raises v_c from {current.critical_speed:.3f} to {new.critical_speed:.3f} m/s']
+    higher = late & np.isfinite(after)
+    if higher.any():
+        factors = after[higher] / before[higher]
+        speed, factor = speeds[higher][np.argmax(factors)], factors.max()
+        return [f'raises the unstable amplitude at {speed:.2f} m/s by a factor {factor:.2f}']
+    old, fold = current.nonlinear_critical_speed, new.nonlinear_critical_speed
+    if old is not None and fold is not None:
+        return [f'raises v_n from {old:.3f} to {fold:.3f} m/s']
+    k = int(np.flatnonzero(late)[-1])
+    return [f'has no unstable amplitude at {speeds[k]:.2f} m/s, now {1e3 * before[k]:.3g} mm']
+
+
+def _threshold(form: NormalForm, speeds: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the amplitude beyond which the motion ends on the limit cycle, m."""
+    unstable = form.unstable_amplitude(speeds)
+    none = np.where(form.growth_rate(speeds) < 0.0, math.inf, 0.0)
+    return np.where(np.isfinite(unstable), unstable, none)
 
 
 def rolled_back(form: IdentifiedNormalForm) -> IdentifiedNormalForm:
@@ -102,20 +137,3 @@ def form_event(form: IdentifiedNormalForm | None) -> tuple[str, str]:
     if v_n is not None:
         detail += f', v_n {v_n:.3f} m/s'
     return ('normal_form_reverted' if is_rolled_back(form) else 'normal_form_changed'), detail
-
-
-def _amplitude_factor(new: NormalForm, current: NormalForm) -> float:
-    """Largest ratio of the unstable amplitudes over the hysteresis region of `current`."""
-    v_n = current.nonlinear_critical_speed
-    if v_n is None:
-        return 1.0
-    speeds = v_n + _PLACES * (current.critical_speed - v_n)
-    before, after = current.unstable_amplitude(speeds), new.unstable_amplitude(speeds)
-    # Where the new form has no unstable branch below its own v_n, nothing can hunt: the
-    # quiet basin has become unbounded there, which is the largest rise of all.
-    rises = np.where(
-        np.isfinite(after),
-        after / before,
-        np.where(speeds < new.critical_speed, math.inf, 0.0),
-    )
-    return float(np.nanmax(rises, initial=0.0))

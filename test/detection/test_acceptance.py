@@ -37,6 +37,40 @@ def test_a_form_that_alarms_earlier_is_taken_over() -> None:
     assert objections(_identified(D4=2600.0, critical_speed=7.8), _identified(), CONFIG) == []
 
 
+#: Subcritical, without a quintic term: no fold, an unstable branch at every speed below v_c.
+NO_FOLD = {'D15': 0.0, 'D10': 0.0, 'D7': 0.0}
+#: Limit cycles from zero on above v_c, nothing below.
+SUPERCRITICAL = {'D4': -2000.0}
+
+
+@pytest.mark.parametrize(
+    ('new', 'current'),
+    [
+        (_identified(**NO_FOLD), _identified()),
+        (_identified(), _identified(**SUPERCRITICAL)),
+        (_identified(critical_speed=7.0), _identified(**SUPERCRITICAL)),
+        (_identified(frequency_hz=2.9), _identified()),
+    ],
+    ids=['no fold', 'of a supercritical one', 'of a faster one', 'the same rig'],
+)
+def test_a_form_that_alarms_no_later_at_any_speed_is_taken_over(new, current) -> None:
+    assert objections(new, current, CONFIG) == []
+
+
+@pytest.mark.parametrize(
+    ('new', 'current', 'word'),
+    [
+        (_identified(frequency_hz=12.0), _identified(frequency_hz=2.8), '12 Hz'),
+        (_identified(**{**NO_FOLD, 'D4': 20.0}), _identified(**NO_FOLD), 'factor'),
+        (_identified(**SUPERCRITICAL), _identified(**NO_FOLD), 'no unstable amplitude'),
+        (_identified(), _identified(**NO_FOLD), 'unstable amplitude'),
+    ],
+    ids=['frequency', 'ten times larger', 'supercritical', 'a fold'],
+)
+def test_a_form_that_alarms_later_anywhere_or_is_of_another_rig_waits(new, current, word) -> None:
+    assert any(word in line for line in objections(new, current, CONFIG))
+
+
 @pytest.mark.parametrize(
     ('new', 'word'),
     [
