@@ -28,6 +28,9 @@ DISTURBED = 4.0
 HUNTING = 8.0
 NEIGHBOUR = 0.1
 
+#: Levels that are kept; beyond, the shorter of two at nearly the same speed goes.
+MOST_LEVELS = 60
+
 #: Cells in a block, and what part of them must hold data.
 BLOCK = 50
 FILLED = 0.8
@@ -251,6 +254,16 @@ class QuietLevels:
                 self.levels[k] = other.merged(level)
                 return
         self.levels.append(level)
+        if len(self.levels) > MOST_LEVELS:
+            self._thin_out()
+
+    def _thin_out(self) -> None:
+        """Drop the shorter of the two levels whose speeds are nearest to each other."""
+        self.levels.sort(key=lambda level: level.speed)
+        steps = np.diff([math.log(level.speed) for level in self.levels])
+        k = int(np.argmin(steps))
+        first, second = self.levels[k : k + 2]
+        del self.levels[k if first.duration_s < second.duration_s else k + 1]
 
     def _neighbour(self, level: SpeedLevel) -> SpeedLevel | None:
         """Return the level of the nearest speed, if there is one near."""
