@@ -64,10 +64,11 @@ _MOTION, _ROLLER, _SPEED = 0, 1, 2
 _KINDS = {'lateral': _MOTION, 'yaw': _MOTION, 'roller': _ROLLER, 'speed': _SPEED}
 
 # Integer memory: stamps, ns, and counts.
-_I_ANY, _I_VALID, _I_RUN_START, _I_RUN, _I_START, _I_WINDOW, _I_SEEN = 0, 1, 2, 3, 4, 5, 6
+_I_ANY, _I_VALID, _I_RUN_START, _I_RUN, _I_START, _I_WINDOW, _I_SHORT, _I_SEEN = range(8)
 # Float memory: last value, extremes of this window and of the one before, smallest step,
-# mean length of a run of equal values.
-_F_VALUE, _F_HIGH, _F_LOW, _F_HIGH0, _F_LOW0, _F_STEP, _F_RUN = 0, 1, 2, 3, 4, 5, 6
+# mean length of a run of equal values, extremes of this short window and of the one before.
+_F_VALUE, _F_HIGH, _F_LOW, _F_HIGH0, _F_LOW0, _F_STEP, _F_RUN = range(7)
+_F_TOP, _F_BOTTOM, _F_TOP0, _F_BOTTOM0, _FLOATS = range(7, 12)
 # Settings.
 _S_KIND, _S_RANGE, _S_STUCK, _S_HOLD, _S_TIMEOUT, _S_OMEGA, _S_STANDSTILL = 0, 1, 2, 3, 4, 5, 6
 
@@ -83,6 +84,9 @@ _FLAT_SAMPLES = 5
 _FLAT_EXCESS = 3.0
 #: The motion must span this many steps of the converter before clipping is looked for.
 _SPAN_STEPS = 16.0
+#: A motion that spanned so many steps within the last half to one period does not come to rest
+#: within one step before `stuck_time_s`: the least damped motion of a rig cannot.
+_REST_STEPS = 4.0
 
 
 class ChannelHealth:
@@ -98,7 +102,8 @@ class ChannelHealth:
     hold_ns : int
         A fault is reported for this long after its last sign.
     stuck_ns : int
-        A reading that stays the same to the last bit for this long is stuck.
+        A reading that stays the same to the last bit for this long is stuck, unless the motion
+        before was so small that the steps of the sensor hide it.
     value_range : float
         Readings of this size and more are saturated; 0: no such limit.
     frequency_hz : float
@@ -131,15 +136,18 @@ class ChannelHealth:
         )
         self.reset()
 
-    def retune(self, frequency_hz: float) -> None:
-        """Measure flat tops against another frequency from now on."""
-        self._settings[_S_OMEGA] = 2.0 * np.pi * frequency_hz
+    def follow(self, other: ChannelHealth) -> None:
+        """Use the settings of another watch from now on."""
+        self._settings = other._settings
 
     def reset(self) -> None:
         """Forget every sample."""
         self._whole = np.full(_I_SEEN + _BITS, _NEVER, dtype=np.int64)
         self._whole[_I_RUN] = 0
-        self._real = np.array([np.nan, -np.inf, np.inf, -np.inf, np.inf, np.inf, 0.0])
+        self._real = np.zeros(_FLOATS)
+        self._real[_F_VALUE] = np.nan
+        self._real[[_F_HIGH, _F_HIGH0, _F_TOP, _F_TOP0]] = -np.inf
+        self._real[[_F_LOW, _F_LOW0, _F_BOTTOM, _F_BOTTOM0, _F_STEP]] = np.inf
 
     def update(
         self, block: MergedBlock, rows_ns: NDArray[np.int64]
@@ -233,7 +241,8 @@ def _sample(
     if value == real[_F_VALUE]:
         whole[_I_RUN] += 1
         length = stamp - whole[_I_RUN_START]
-        if whole[_I_RUN] >= _FLAT_SAMPLES and length >= settings[_S_STUCK]:
+        long = whole[_I_RUN] >= _FLAT_SAMPLES and length >= settings[_S_STUCK]
+        if long and _should_move(real):
             whole[_I_SEEN + 9] = stamp
             return False
         if kind == _MOTION and _clipped(value, length, settings, whole, real):
@@ -246,9 +255,17 @@ def _sample(
         step = abs(value - real[_F_VALUE])
         if step < real[_F_STEP]:
             real[_F_STEP] = step
+    before = value if np.isnan(real[_F_VALUE]) else real[_F_VALUE]
     whole[_I_RUN] = 1
     whole[_I_RUN_START] = stamp
     real[_F_VALUE] = value
+    if (stamp - whole[_I_SHORT]) * 1e-9 * settings[_S_OMEGA] > np.pi:
+        whole[_I_SHORT] = stamp
+        real[_F_TOP0] = real[_F_TOP]
+        real[_F_BOTTOM0] = real[_F_BOTTOM]
+        real[_F_TOP] = real[_F_BOTTOM] = before
+    real[_F_TOP] = max(real[_F_TOP], value)
+    real[_F_BOTTOM] = min(real[_F_BOTTOM], value)
     if stamp - whole[_I_WINDOW] > _WINDOW_NS:
         whole[_I_WINDOW] = stamp
         real[_F_HIGH0] = real[_F_HIGH]
@@ -258,6 +275,14 @@ def _sample(
     real[_F_HIGH] = max(real[_F_HIGH], value)
     real[_F_LOW] = min(real[_F_LOW], value)
     return True
+
+
+@compiled
+def _should_move(real: _Floats) -> bool:
+    """Tell whether the motion seen last is larger than what the steps of the sensor hide."""
+    span = max(real[_F_TOP], real[_F_TOP0]) - min(real[_F_BOTTOM], real[_F_BOTTOM0])
+    # A sensor that has never shown another value has no known step: it is not believed.
+    return bool(np.isinf(real[_F_STEP]) or span > _REST_STEPS * real[_F_STEP])
 
 
 @compiled
