@@ -40,18 +40,20 @@ def document(
             'samples': sum(len(series) for series in record.values()),
             'level_time_s': {name: row_s * summary.level_rows[name] for name in _LEVELS},
             'region_time_s': {name: row_s * summary.region_rows[name] for name in _REGIONS},
+            'reason_time_s': {words: row_s * n for words, n in summary.reason_rows.most_common()},
             'max_amplitude_m': known(summary.max_amplitude_m),
             'forecast': _forecast(found.forecast),
         },
         'events': [
             {
                 't_s': seconds(event.stamp_ns),
+                'since_s': seconds(event.since_ns),
                 'event': event.event,
+                'cause': event.cause,
                 'speed_mps': known(event.speed_mps),
                 'amplitude_m': known(event.amplitude_m),
                 'growth_rate_per_s': known(event.growth_rate_per_s),
                 'level': event.level.label,
-                'detail': event.detail,
             }
             for event in found.events
         ],
@@ -79,7 +81,7 @@ def tell(record: Record, config: DetectorConfig, found: Findings, remarks: Seque
             'event': event.event,
             'speed_mps': str(event.speed_mps),
             'amplitude_m': str(event.amplitude_m),
-            'message': event.detail,
+            'message': event.cause,
         }
         print(event_line(texts, record.start_ns))
     row_s = config.period_ns / 1e9
@@ -88,6 +90,8 @@ def tell(record: Record, config: DetectorConfig, found: Findings, remarks: Seque
     print(
         f'{record.duration_s:.1f} s: {times}; largest amplitude {length(summary.max_amplitude_m)}'
     )
+    for words, rows in summary.reason_rows.most_common():
+        print(f'  {row_s * rows:8.1f} s  {words}')
     if found.forecast is not None:
         print(_forecast_line(found.forecast))
 

@@ -30,10 +30,9 @@ class DetectorConfig(Settings):
     the branches of the normal form where there is one, so that the defaults suit a
     wheelset that moves tenths of a millimetre and a rig that moves decimetres.
 
-    The times and rates by which the motion is judged (`floor_time_s`, `quiet_hold_s`,
-    `growth_hold_s`, `limit_cycle_hold_s`, `limit_cycle_growth_per_s`, `decay_rate_per_s`,
-    `decay_hold_s`, `margin_restore_s`) are those of a rig that hunts at 2.84 Hz: with another
-    `hunting_frequency_hz` they count as many periods, not as many seconds. Frequencies
+    The times and rates by which the motion is judged are those of a rig that hunts at 2.84 Hz,
+    where their description says so: with another `hunting_frequency_hz` they count as many
+    periods, not as many seconds (`rules` converts them, all in one place). Frequencies
     that are not given (0) follow the normal form, see `frequencies`.
 
     Raises
@@ -97,17 +96,17 @@ class DetectorConfig(Settings):
         0.02, 'a region is left this far beyond its boundary', unit='m/s', low=0.0, high=10.0
     )
     region_hold_s: float = setting(
-        0.2, 'a region is changed after this time', unit='s', low=0.0, high=60.0
+        0.2, 'a region is changed after this time (at 2.84 Hz)', unit='s', low=0.0, high=60.0
     )
 
     sensor_timeout_s: float = setting(
-        0.2, 'lateral or yaw silent for longer is stale', unit='s', low=0.01, high=60.0
+        0.2, 'lateral or yaw silent for longer is stale', unit='s', low=0.01, high=60.0, fixed=True
     )
     roller_timeout_s: float = setting(
-        0.2, 'roller angle silent for longer is stale', unit='s', low=0.01, high=60.0
+        0.2, 'roller angle silent for longer is stale', unit='s', low=0.01, high=60.0, fixed=True
     )
     speed_timeout_s: float = setting(
-        0.5, 'speed silent for longer is stale', unit='s', low=0.01, high=60.0
+        0.5, 'speed silent for longer is stale', unit='s', low=0.01, high=60.0, fixed=True
     )
     stamp_jump_s: float = setting(
         1.0,
@@ -115,6 +114,7 @@ class DetectorConfig(Settings):
         unit='s',
         low=0.01,
         high=3600.0,
+        fixed=True,
     )
     clock_reset_s: float = setting(
         1.0,
@@ -122,6 +122,7 @@ class DetectorConfig(Settings):
         unit='s',
         low=0.01,
         high=3600.0,
+        fixed=True,
     )
     clock_offset_limit_s: float = setting(
         15.0,
@@ -129,13 +130,14 @@ class DetectorConfig(Settings):
         unit='s',
         low=0.0,
         high=3600.0,
+        fixed=True,
     )
     fault_hold_s: float = setting(
         1.0, 'a fault is reported for this long after its last sign', unit='s', low=0.0, high=600.0
     )
     stuck_time_s: float = setting(
         0.25,
-        'a sensor that repeats one value for this long is stuck',
+        'a sensor that repeats one value for this long is stuck, if the motion exceeds its steps',
         unit='s',
         low=0.01,
         high=60.0,
@@ -158,6 +160,7 @@ class DetectorConfig(Settings):
         unit='m',
         low=0.0,
         high=10.0,
+        fixed=True,
     )
     speed_contradiction_mps: float = setting(
         0.3,
@@ -200,7 +203,7 @@ class DetectorConfig(Settings):
         2.0, 'quiet again below this many noise floors', low=0.5, high=100.0
     )
     disturbed_hold_s: float = setting(
-        0.02, 'disturbed after this time above', unit='s', low=0.0, high=60.0
+        0.02, 'disturbed after this time above (at 2.84 Hz)', unit='s', low=0.0, high=60.0
     )
     quiet_hold_s: float = setting(
         0.5, 'quiet after this time below (at 2.84 Hz)', unit='s', low=0.0, high=600.0
@@ -213,7 +216,7 @@ class DetectorConfig(Settings):
         0.5, 'no longer escaping below this probability', low=0.0, high=1.0
     )
     escape_hold_s: float = setting(
-        0.1, 'escaping after this time above', unit='s', low=0.0, high=60.0
+        0.1, 'escaping after this time above (at 2.84 Hz)', unit='s', low=0.0, high=60.0
     )
     growth_sigma: float = setting(
         3.0,
@@ -280,7 +283,7 @@ class DetectorConfig(Settings):
     margin_out: float = setting(3.0, 'no longer WARN above this ratio', low=1.0, high=100.0)
     margin_hold_s: float = setting(
         0.1,
-        'margin low after this time, and restored once there is room',
+        'margin low after this time, and restored once there is room (at 2.84 Hz)',
         unit='s',
         low=0.0,
         high=60.0,
@@ -301,7 +304,9 @@ class DetectorConfig(Settings):
     agreement_fraction: float = setting(
         0.15, 'and beyond this fraction of the amplitude', low=0.01, high=1.0
     )
-    agreement_hold_s: float = setting(1.0, 'and for this time', unit='s', low=0.0, high=60.0)
+    agreement_hold_s: float = setting(
+        1.0, 'and for this time (at 2.84 Hz)', unit='s', low=0.0, high=60.0
+    )
     outlook_s: float = setting(
         60.0,
         'horizon of the chance of being thrown out of the quiet basin',
@@ -335,6 +340,8 @@ class DetectorConfig(Settings):
 
     def _check_frequencies(self) -> None:
         """Refuse hunting frequencies out of order; one that is 0 is not given."""
+        from hunt_ros.detection.frequencies import FASTEST_OF_RATE, with_frequencies
+
         given = [(name, getattr(self, name)) for name in HUNTING_HZ if getattr(self, name) > 0.0]
         for name, value in given:
             if value < HUNTING_HZ[name]:
@@ -344,6 +351,15 @@ class DetectorConfig(Settings):
         for (low, below), (high, above) in pairwise(given):
             if not below < above:
                 raise ConfigError(f'{high}: {above} must be above {low} ({below})')
+        if len(given) < len(HUNTING_HZ):
+            with_frequencies(self)  # is checked itself
+            return
+        nominal = self.hunting_frequency_hz
+        if self.output_rate_hz * FASTEST_OF_RATE < nominal:
+            raise ConfigError(
+                f'output_rate_hz: {self.output_rate_hz:g} is too low for hunting at {nominal:.3g}'
+                f' Hz, expected at least {nominal / FASTEST_OF_RATE:.3g}'
+            )
 
     @property
     def period_ns(self) -> int:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ from hunt_ros.detection import (
     steadiness,
 )
 from hunt_ros.detection.basin import FormNumbers
-from hunt_ros.detection.regions import held, region_of
+from hunt_ros.detection.regions import hold, region_of
 from hunt_ros.detection.rules import Rules
 
 _F = NDArray[np.float64]
@@ -39,8 +40,7 @@ MEMORY: np.dtype[np.void] = np.dtype(
         ('steadiness', steadiness.STEADINESS),
         ('noise', noise_intensity.NOISE_INTENSITY),
         ('edge', prediction.EDGE),
-        ('region', np.int64),
-        ('region_waited', np.int64),
+        ('region', regions.HELD),
         ('evidence', evidence.EVIDENCE),
         ('state', states.STATE),
         ('doubts', doubts.DOUBTS),
@@ -69,6 +69,7 @@ def _kernel(source: int) -> Callable[..., None]:
         memory: NDArray[np.void],
         amplitude: _F,
         amplitude_std: _F,
+        outside: _F,
         disagree: NDArray[np.bool_],
         rows: NDArray[np.void],
     ) -> None:
@@ -83,11 +84,14 @@ def _kernel(source: int) -> Callable[..., None]:
             What is remembered from the rows before.
         amplitude, amplitude_std : ndarray, shape (m,)
             Of the channel that is judged, m; NaN where unknown or not to be trusted.
+        outside : ndarray, shape (m,)
+            Amplitude of its motion outside the range that is followed, m; NaN: there is none.
         disagree : ndarray of bool, shape (m,)
             The two amplitude estimates differ in this row.
         rows : ndarray of ESTIMATE_DTYPE, shape (m,)
             With the fields of the tracker, the speed, and the doubts about these. Filled in:
-            noise floor and intensity, all that `prediction` knows, region, state, doubts, alarm.
+            noise floor and intensity, all that `prediction` knows, region and state with
+            their beginning and cause, doubts, alarm.
         """
         if source < 0:  # it never is: what is closed over is part of the key of the cache
             return
@@ -97,9 +101,8 @@ def _kernel(source: int) -> Callable[..., None]:
             a, s, v = amplitude[k], amplitude_std[k], out['speed']
             known = not math.isnan(a)
             prediction.clear(out)
-            region, waited = _region(rules, m['region'], m['region_waited'], v)
-            m['region'] = region
-            m['region_waited'] = waited
+            stamp_ns = out['stamp_ns']
+            region = _region(rules, m['region'], v, stamp_ns)
             predictable = form.known and not math.isnan(v)
             if predictable:
                 damping = prediction.branches(form, v, out['lateral_roughness'], out)
@@ -119,7 +122,7 @@ def _kernel(source: int) -> Callable[..., None]:
             if known:
                 noise_floor.observe(rules, m['floor'], a)
                 steadiness.watch(rules, m['steadiness'], a, s)
-                if m['state']['state'] <= states.DISTURBED:
+                if m['state']['hunting']['word'] == states.NO:
                     basin = not out['escape_probability'] > rules.probability_in
                     quiet = noise_floor.learn(rules, m['floor'], m['steadiness'], a, s, basin)
             if quiet and predictable:
@@ -135,23 +138,30 @@ def _kernel(source: int) -> Callable[..., None]:
                     m['evidence'],
                     m['floor'],
                     m['steadiness'],
-                    m['state']['state'],
+                    m['state']['hunting']['word'],
                     a,
                     s,
+                    outside[k],
                     out['growth_rate'],
                     out['growth_rate_std'],
                     out,
                 )
-                states.next_state(rules, m['state'], m['evidence'], m['floor'], found, a)
-            state = m['state']['state']
+                states.next_state(
+                    rules, m['state'], m['evidence'], m['floor'], found, a, s, stamp_ns
+                )
+            state = states.shown(m['state'])
             if known and form.known and state == states.ESCAPING:
                 out['time_to_limit_cycle'] = prediction.time_to_cycle(form, v, a, out)
             bits = doubts.hold_doubts(
-                rules, m['doubts'], region, state, known, disagree[k], out['margin']
+                rules, m['doubts'], region, state, known, disagree[k], out['margin'], stamp_ns
             )
             states.latch(m['state'])
             out['region'] = region
+            out['region_since_ns'] = m['region']['since_ns']
             out['state'] = state
+            out['state_since_ns'] = states.since_ns(m['state'])
+            out['state_cause'] = m['state']['cause']
+            out['margin_since_ns'] = m['doubts']['margin']['since_ns']
             out['alarm'] = m['state']['alarm']
             settling = state == states.QUIET and noise_floor.unlearnt(rules, m['floor'])
             out['doubts'] |= bits | doubts.present(region, state, v, known, settling)
@@ -160,10 +170,11 @@ def _kernel(source: int) -> Callable[..., None]:
 
 
 @compiled_part
-def _region(rules: Rules, now: int, waited: int, v: float) -> tuple[int, int]:
-    wanted = region_of(now, v, rules.v_n, rules.v_c, rules.region_band)
-    hold = 0 if now == 0 or wanted == 0 else rules.region_hold
-    return held(now, wanted, waited, hold)
+def _region(rules: Rules, memory: Any, v: float, stamp_ns: int) -> int:
+    wanted = region_of(memory['word'], v, rules.v_n, rules.v_c, rules.region_band)
+    rows = 0 if memory['word'] == 0 or wanted == 0 else rules.region_hold
+    hold(memory, wanted, rows, stamp_ns)
+    return int(memory['word'])
 
 
 decide = _kernel(

@@ -9,7 +9,9 @@ changed. It has no clock, no logger and no file.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, replace
+from collections.abc import Mapping
+from dataclasses import asdict, fields, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,7 +27,7 @@ from hunt_ros.detection.schedule import Schedule
 from hunt_ros.detection.status import DetectorStatus, status_of
 from hunt_ros.detection.transitions import Transitions, event_of
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.errors import HuntError
+from hunt_ros.errors import ConfigError, HuntError
 from hunt_ros.samples import CHANNELS
 
 
@@ -58,9 +60,17 @@ class HuntingDetector:
         self._start(config or DetectorConfig(), {}, {})
 
     def _start(
-        self, config: DetectorConfig, last: dict[str, int | None], received: dict[str, int]
+        self,
+        config: DetectorConfig,
+        last: dict[str, int | None],
+        received: dict[str, int],
+        memory: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
-        """Make everything anew, but for the normal form; say what had been received before."""
+        """
+        Make everything anew, but for the normal form and what is to be remembered.
+
+        Say what had been received before.
+        """
         self.config = c = config
         self._channels = tuple(name for name in CHANNELS if name in c.channels)
         timeouts = {name: c.timeout_ns(name) for name in self._channels}
@@ -75,12 +85,19 @@ class HuntingDetector:
         self._schedule = Schedule(self._merger, c.period_ns)
         self._rows = RowMaker(c, drain)
         self._rows.set_normal_form(self._form)
-        self._transitions = Transitions(self._channels)
+        self._transitions = Transitions(c)
         self._last_row: np.void | None = None
         self._sequence = 0
+        self.remember(memory)
         text = '' if self._form is None else self._form.to_yaml()
         start = JournalEntry(
-            'start', None, channels=last, received=received, text=text, config=asdict(c)
+            'start',
+            None,
+            channels=last,
+            received=received,
+            text=text,
+            config=asdict(c),
+            memory=dict(memory),
         )
         self._journal: list[JournalEntry] = [start]
 
@@ -178,6 +195,30 @@ class HuntingDetector:
         event = event_of(row, *form_event(form))
         return replace(output, events=(event, *output.events))
 
+    def reconfigure(self, config: DetectorConfig) -> Output:
+        """
+        Use other settings from the next row on; nothing that has been learnt or seen is lost.
+
+        Parameters
+        ----------
+        config : DetectorConfig
+            Differs from the one in force only in settings that are not `fixed`.
+
+        Raises
+        ------
+        ConfigError
+            Naming a fixed setting that differs.
+        """
+        for item in fields(config):
+            old, new = getattr(self.config, item.name), getattr(config, item.name)
+            if item.metadata['fixed'] and new != old:
+                raise ConfigError(f'{item.name}: {new!r} can only be given at the start')
+        self.config = config
+        self._rows.reconfigure(config)
+        self._transitions.config = config
+        self._note('settings', config=asdict(config))
+        return self._advance()
+
     def acknowledge(self, now_ns: int = 0) -> Output:
         """
         Acknowledge the alarm; while the wheelset still hunts it stays until that is over.
@@ -190,14 +231,14 @@ class HuntingDetector:
         self._rows.acknowledge()
         self._note('acknowledged', now_ns)
         row = self._last_row
-        event = Event(
-            now_ns if row is None else int(row['stamp_ns']),
-            'acknowledged',
-            math.nan if row is None else float(row['speed']),
-            math.nan if row is None else float(row['lateral_amplitude']),
-            math.nan if row is None else float(row['growth_rate']),
-            Level.STALE if row is None else Level(int(row['level'])),
-        )
+        cause = 'by the operator'
+        if self._rows.alarm:
+            cause += ': the alarm ends with the hunting'
+        if row is None:
+            nan = math.nan
+            event = Event(now_ns, 'acknowledged', nan, nan, nan, Level.STALE, now_ns, cause)
+        else:
+            event = event_of(row, 'acknowledged', cause)
         output = self._advance()
         return replace(output, events=(event, *output.events))
 
@@ -228,6 +269,8 @@ class HuntingDetector:
         elif entry.kind == 'normal_form':
             text = entry.text
             return self.set_normal_form(IdentifiedNormalForm.from_yaml(text) if text else None)
+        elif entry.kind == 'settings':
+            return self.reconfigure(DetectorConfig.from_values(entry.config))
         elif entry.kind == 'acknowledged':
             return self.acknowledge(entry.now_ns)
         elif entry.kind == 'finished':
@@ -256,6 +299,21 @@ class HuntingDetector:
         last, received = self._merger.received_of(self._merger.received)
         self._start(config or self.config, last, received)
 
+    def restart(self) -> None:
+        """
+        Begin anew after a pause in which nothing was seen.
+
+        Config, normal form, noise floor, hunting and alarm are kept: a pause ends no hunting,
+        and only `acknowledge` takes an alarm back.
+        """
+        last, received = self._merger.received_of(self._merger.received)
+        self._start(self.config, last, received, self._rows.lasting())
+
+    def remember(self, memory: Mapping[str, float]) -> None:
+        """For a replay: go on with what a restart of the live run kept."""
+        self._rows.remember(memory)
+        self._transitions.remember(self._rows.state)
+
     @property
     def status(self) -> DetectorStatus:
         """The present view."""
@@ -265,7 +323,7 @@ class HuntingDetector:
             self._last_row,
             merger.intakes,
             merger.clocks,
-            self._rows.alarm,
+            (self._rows.state, self._rows.alarm),
             self._sequence,
             until,
         )
@@ -278,6 +336,7 @@ class HuntingDetector:
         received: dict[str, int] | None = None,
         text: str = '',
         offsets: dict[str, int] | None = None,
+        config: dict[str, object] | None = None,
     ) -> None:
         self._journal.append(
             JournalEntry(
@@ -289,6 +348,7 @@ class HuntingDetector:
                 received or {},
                 offsets or {},
                 text,
+                config=config or {},
             )
         )
 
@@ -329,7 +389,7 @@ class HuntingDetector:
         rows, motion = self._rows.make(after_ns, until_ns, self._merger.take(until_ns))
         if not rows.size:
             return EMPTY
-        events = self._transitions.update(rows)
+        events = self._transitions.update(rows, self._rows.boundaries)
         self._sequence += rows.size
         self._last_row = rows[-1]
         return Output(rows, tuple(events), motion=(motion,))

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from hunt_ros.compiled import compiled_part
-from hunt_ros.detection.regions import Region, State, held, switched
+from hunt_ros.detection.regions import HELD, Region, State, hold, switched
 from hunt_ros.detection.rules import Rules
 
 MARGIN, DISAGREE, NO_FORM, NO_SPEED, SETTLING, NO_ESTIMATE = 1, 2, 4, 8, 16, 32
@@ -25,16 +25,8 @@ OUTSIDE = TOO_SLOW | TOO_FAST
 _UNKNOWN, _STABLE, _HYSTERESIS, _UNSTABLE = map(int, Region)
 _ESCAPING, _DECAYING = int(State.ESCAPING), int(State.DECAYING)
 
-#: What is remembered: doubts in force (0 or 1), and the rows for which the contrary was seen.
-DOUBTS: np.dtype[np.void] = np.dtype(
-    [
-        ('margin_low', np.int64),
-        ('margin_waited', np.int64),
-        ('disagree', np.int64),
-        ('disagree_waited', np.int64),
-    ],
-    align=True,
-)
+#: What is remembered: the doubts that are held, each 0 or 1.
+DOUBTS: np.dtype[np.void] = np.dtype([('margin', HELD), ('disagree', HELD)], align=True)
 
 
 @compiled_part
@@ -46,6 +38,7 @@ def hold_doubts(
     known: bool,
     disagree: bool,
     margin: float,
+    stamp_ns: int,
 ) -> int:
     """
     Take in a row; return the doubts in force about margin and agreement.
@@ -64,26 +57,22 @@ def hold_doubts(
         The two amplitude estimates differ in this row.
     margin : float
         Unstable amplitude over amplitude; NaN without the first.
+    stamp_ns : int
+        Of the row.
     """
-    on = memory['margin_low'] > 0
+    on = memory['margin']['word'] > 0
     low = switched(on, -margin, -rules.margin_in, -rules.margin_out)
-    hold = rules.margin_hold
+    rows = rules.margin_hold
     if math.isnan(margin):
         # No unstable branch: below v_n there is room enough, above v_c there is none. What
         # hunts, or is not known, has none to be restored.
         low = on and (region != _STABLE or state >= _ESCAPING or not known)
     elif on:
-        hold = rules.margin_restore
-    now, waited = held(memory['margin_low'], int(low), memory['margin_waited'], hold)
-    memory['margin_low'] = now
-    memory['margin_waited'] = waited
-    bits = MARGIN if now > 0 else 0
-    now, waited = held(
-        memory['disagree'], int(disagree), memory['disagree_waited'], rules.disagree_hold
-    )
-    memory['disagree'] = now
-    memory['disagree_waited'] = waited
-    return bits | DISAGREE if now > 0 else bits
+        rows = rules.margin_restore
+    hold(memory['margin'], int(low), rows, stamp_ns)
+    hold(memory['disagree'], int(disagree), rules.disagree_hold, stamp_ns)
+    bits = MARGIN if memory['margin']['word'] > 0 else 0
+    return bits | DISAGREE if memory['disagree']['word'] > 0 else bits
 
 
 @compiled_part

@@ -71,10 +71,20 @@ class Estimator:
         """Follow other frequencies from the next sample on; the channels are watched on."""
         self.config = config
         self._follow(config)
-        for watch in self._health.values():
-            watch.retune(config.hunting_frequency_hz)
+        for name, watch in self._health.items():
+            watch.follow(channel_health(config, name))
         shape, self._shape = self._shape, None
         self.set_mode_shape(shape)
+
+    def reconfigure(self, config: DetectorConfig) -> None:
+        """Use other settings, but for those that are fixed, from the next sample on."""
+        self.config = config
+        for name, watch in self._health.items():
+            watch.follow(channel_health(config, name))
+        if self._speed_check is not None:
+            self._speed_check.reconfigure(config)
+        for opinion in self._opinions.values():
+            opinion.reconfigure(config)
 
     def reset(self) -> None:
         """Forget every sample; the mode shape is kept."""
@@ -148,7 +158,11 @@ class Estimator:
         quiet = np.ones(own.size, dtype=np.bool_)
         motion = Motion(stamp[own], value[own], speed[own], angle[own], quiet)
         turning = self._turning.update(rows_ns, slow['roller'][count:], rows['speed'])
-        return rows, self._compare(rows, track, turning), motion
+        samples = {
+            name: np.diff(np.searchsorted(stamp[sensor == k], rows_ns, side='right'), prepend=0)
+            for k, name in enumerate(_MOTION)
+        }
+        return rows, self._compare(rows, track, turning, samples), motion
 
     def _slow_at(
         self,
@@ -183,7 +197,11 @@ class Estimator:
         rows['roller_wrong'][still] &= ~np.uint32(health.STUCK)
 
     def _compare(
-        self, rows: NDArray[np.void], track: NDArray[np.void], turning: NDArray[np.float64]
+        self,
+        rows: NDArray[np.void],
+        track: NDArray[np.void],
+        turning: NDArray[np.float64],
+        samples: dict[str, NDArray[np.int64]],
     ) -> NDArray[np.bool_]:
         """Ask for the second opinion; return the rows at which the two disagree."""
         disagree = np.zeros(rows.size, dtype=np.bool_)
@@ -196,9 +214,11 @@ class Estimator:
                 rows[f'{name}_envelope'], differs = self._opinions[name].update(
                     rows['stamp_ns'],
                     track[f'{name}_clean'],
+                    samples[name],
                     track[f'{name}_noise_std'],
                     track[f'{name}_amplitude'],
                     track[f'{name}_amplitude_std'],
+                    track['frequency_hz'],
                 )
                 disagree |= differs
                 self._look_outside(name, track, turning, rows)

@@ -25,6 +25,9 @@ EVIDENCE: np.dtype[np.void] = np.dtype(
 
 _ESCAPING, _DECAYING = int(State.ESCAPING), int(State.DECAYING)
 
+#: What the form says of how the motion ends.
+RETURNS, OPEN, ESCAPES = -1, 0, 1
+
 #: About the unstable branch a motion lingers without being a limit cycle.
 _LINGER_HIGH = 1.35
 #: With a stable branch in the form, a limit cycle is at least this share of it.
@@ -43,26 +46,30 @@ class Evidence(NamedTuple):
     ------
     disturbed : bool
         The amplitude stands clear of the noise floor.
-    beyond : bool
-        By the form, it ends on the limit cycle with the set probability; near v_c, where noise
-        alone carries it over the edge, without coming back into the noise before.
+    outcome : int
+        By the form: `ESCAPES`, it ends on the limit cycle with the set probability - near v_c,
+        where noise alone carries it over the edge, without coming back into the noise before;
+        `RETURNS`, it comes back; `OPEN`, the form does not say.
     growing : bool
         It has been seen to grow for sure, where the form knows no limit cycle to escape to.
     arrived : bool
         It is on the stable branch, or above the amplitude that is a limit cycle anyway.
     steady : bool
         It stays as a limit cycle does.
+    falls : bool
+        It falls for sure.
     lost : bool
-        It has left the limit cycle it was on: much smaller, or falling for sure.
+        It has left the limit cycle it was on: much smaller for sure, or falling fast.
     over : bool
         Nothing is left of the hunting.
     """
 
     disturbed: bool
-    beyond: bool
+    outcome: int
     growing: bool
     arrived: bool
     steady: bool
+    falls: bool
     lost: bool
     over: bool
 
@@ -74,9 +81,10 @@ def gather(
     memory: Any,
     floor_memory: Any,
     steady_memory: Any,
-    state: int,
+    hunting: int,
     a: float,
     s: float,
+    outside: float,
     growth: float,
     growth_std: float,
     out: Any,
@@ -88,10 +96,13 @@ def gather(
     ----------
     rules, form, memory, floor_memory, steady_memory
         Thresholds; normal form; records of EVIDENCE, NOISE_FLOOR and STEADINESS.
-    state : int
-        The state in force: to stay is easier than to enter.
+    hunting : int
+        The word in force: to stay is easier than to enter.
     a, s, growth, growth_std : float
         Amplitude, m, and growth rate, 1/s, with their standard deviations.
+    outside : float
+        Amplitude of the motion outside the range that is followed, m; NaN: there is none.
+        As large as the hunting was, it is the hunting: nothing says that this has ended.
     out
         Row of the estimates with noise floor and predictions filled in.
     """
@@ -104,49 +115,54 @@ def gather(
     )
     memory['disturbed'] = disturbed
     clear = rules.growth_floor * noise_floor.clearance(rules, floor_memory)
-    fallen = not disturbed and not math.isnan(floor)
-    if falls or fallen or not math.isnan(stable):
+    over = not disturbed and not math.isnan(floor)
+    if falls or over or not math.isnan(stable):
         memory['growing'] = False
     elif grows and a > clear * floor:
         memory['growing'] = True
-    over = not disturbed and not math.isnan(floor)
+    most = a + rules.sigma * s  # after a kick, or a new start of the filter, little is known
     if noise_floor.unlearnt(rules, floor_memory):
-        over = a < _OVER * memory['reference']
-    lost = a < rules.decay_fraction * memory['reference']
+        over = most < _OVER * memory['reference']
+    lost = most < rules.decay_fraction * memory['reference']
+    seen = not outside > rules.decay_fraction * memory['reference']
     return Evidence(
         disturbed,
-        _beyond(rules, form, state, disturbed, a, out),
+        _outcome(rules, form, hunting, disturbed, a, out),
         memory['growing'],
         _arrived(rules, form, a, disturbed, out),
         # What falls for sure, however slowly, is no limit cycle.
-        not falls and _steady(rules, form, memory, steady_memory, state, a, s, out),
-        lost or (falls and growth < -rules.decay_rate),
-        over,
+        not falls and _steady(rules, form, memory, steady_memory, hunting, a, s, out),
+        falls and seen,
+        (lost or (falls and growth < -rules.decay_rate)) and seen,
+        over and seen,
     )
 
 
 @compiled_part
-def _beyond(
-    rules: Rules, form: FormNumbers, state: int, disturbed: bool, a: float, out: Any
-) -> bool:
-    """Tell whether the chance of escape is high enough: to stay in it, less will do."""
-    needed = rules.probability_out if state == _ESCAPING else rules.probability_in
-    floor, edge = out['noise_floor'], out['unstable_amplitude']
-    if not out['escape_probability'] > needed:
-        return False
+def _outcome(
+    rules: Rules, form: FormNumbers, hunting: int, disturbed: bool, a: float, out: Any
+) -> int:
+    """Return how it ends by the chance of escape: to stay in it, less will do."""
+    needed = rules.probability_out if hunting == _ESCAPING else rules.probability_in
+    floor, edge, chance = out['noise_floor'], out['unstable_amplitude'], out['escape_probability']
+    if math.isnan(chance):
+        return OPEN
+    if chance <= needed:
+        return RETURNS
     if math.isnan(floor):
-        return disturbed or not math.isnan(edge)
+        return ESCAPES if disturbed or not math.isnan(edge) else OPEN
     if not disturbed:
-        return False
+        return RETURNS
     # Near v_c the edge of the basin sinks into the noise, and all that is quiet is beyond it.
     # Sooner or later it hunts: it escapes when it does not come back into the noise before.
     back, diffusion = rules.disturbed_out * floor, out['noise_intensity']
     if edge > back or math.isnan(out['stable_amplitude']) or not diffusion > 0.0:
-        return True
+        return ESCAPES
     if _cycle_in_noise(rules, form, out):
-        return False
+        return RETURNS
     cycle = rules.cycle_fraction * out['stable_amplitude']
-    return prediction.stays_up(form, out['speed'], a, back, cycle, diffusion) > needed
+    stays = prediction.stays_up(form, out['speed'], a, back, cycle, diffusion)
+    return ESCAPES if stays > needed else RETURNS
 
 
 @compiled_part
@@ -175,7 +191,7 @@ def _steady(
     form: FormNumbers,
     memory: Any,
     steady_memory: Any,
-    state: int,
+    hunting: int,
     a: float,
     s: float,
     out: Any,
@@ -188,7 +204,7 @@ def _steady(
     floor = out['noise_floor']
     least = rules.cycle_floor * floor
     dies = out['escape_probability'] < rules.probability_out or _cycle_in_noise(rules, form, out)
-    if state in (_ESCAPING, _DECAYING) and not dies:
+    if hunting in (_ESCAPING, _DECAYING) and not dies:
         # What was seen to grow need not stand as far above it.
         least = max(rules.disturbed_in * floor, 0.5 * memory['reference'])
     if steady_memory['slow'] > least and steadiness.steady(rules, steady_memory):

@@ -18,7 +18,7 @@ _LOWEST_HZ, _HIGHEST_HZ = 1.0, 6.0
 #: filter loses nothing by it, and goes on with what it has learnt.
 _NEAR = math.log(1.2)
 #: Nominal frequencies that can be followed: these, and below this share of the output rate.
-_SLOWEST_HZ, _FASTEST_HZ, _OF_RATE = 0.1, 50.0, 0.4
+_SLOWEST_HZ, _FASTEST_HZ, FASTEST_OF_RATE = 0.1, 50.0, 0.4
 #: The lowest and the highest frequency that the settings can name.
 _LEAST_HZ, _MOST_HZ = HUNTING_HZ['hunting_frequency_min_hz'], 150.0
 
@@ -40,7 +40,7 @@ def nominal_hz(config: DetectorConfig, form_hz: float | None, present_hz: float)
         return config.hunting_frequency_hz
     if form_hz is None or abs(math.log(form_hz / present_hz)) < _NEAR:
         return present_hz
-    fastest = min(_FASTEST_HZ, _OF_RATE * config.output_rate_hz)
+    fastest = min(_FASTEST_HZ, FASTEST_OF_RATE * config.output_rate_hz)
     return min(max(form_hz, _SLOWEST_HZ), fastest)
 
 

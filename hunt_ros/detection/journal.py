@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from hunt_ros.errors import HuntError
 
 KINDS = (
-    'start',  # of the detector, or after reset(): everything begins anew, with `config`
+    'start',  # of the detector, reset() or restart(): with `config`, and the `memory` it kept
     'heard',  # the first samples of `channels` since the start
     'released',  # tick: `channels` were silent and are not waited for any more
     'offset',  # tick: `offsets` are added to the stamps of `channels` that come after it
@@ -24,6 +24,7 @@ KINDS = (
     'late_to',  # ... up to and with this one
     'late',  # of earlier recordings: the samples with `stamps` were dropped
     'clock',  # tick: the epoch was left because the clocks were set back
+    'settings',  # reconfigure: from here on with `config`
     'normal_form',  # set_normal_form: `text` is its parameter file, empty for none
     'acknowledged',  # acknowledge
     'finished',  # finish
@@ -59,7 +60,10 @@ class JournalEntry:
     stamps : tuple of int
         For 'late': the stamps dropped.
     config : mapping of str to object
-        For 'start': every setting of the detector by name; empty in earlier recordings.
+        For 'start' and 'settings': every setting of the detector by name; empty in earlier
+        recordings.
+    memory : mapping of str to float
+        For 'start': what `RowMaker.lasting` gave.
     """
 
     kind: str
@@ -72,6 +76,7 @@ class JournalEntry:
     text: str = ''
     stamps: tuple[int, ...] = ()
     config: dict[str, object] = field(default_factory=dict)
+    memory: dict[str, float] = field(default_factory=dict)
 
     def to_text(self) -> str:
         """Return the entry as one line of JSON; what is empty is left out."""

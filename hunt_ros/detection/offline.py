@@ -9,28 +9,28 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.compiled import compiled
 from hunt_ros.detection import doubts, health
 from hunt_ros.detection.companions import Companions
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.criteria import Verdict
 from hunt_ros.detection.detector import HuntingDetector
 from hunt_ros.detection.forecast import Forecast
-from hunt_ros.detection.output import Event, Output
+from hunt_ros.detection.output import Event, Motion, Output
+from hunt_ros.detection.reasons import reason_counts
 from hunt_ros.detection.regions import Level, Region
+from hunt_ros.detection.steadiness import SURE
 from hunt_ros.detection.transitions import event_of
 from hunt_ros.samples import NANOSECONDS, Record, Series
 
 #: Time that is fed at once: one channel waits for the others no longer than this.
 _STRETCH_NS = 2 * NANOSECONDS
-#: Standard deviations by which an amplitude may be too large: after a kick, or when a sensor
-#: dies, it is hardly known for a moment.
-_FOR_SURE = 4.0
 
 
 @dataclass
@@ -44,20 +44,25 @@ class Summary:
         Estimates made.
     level_rows, region_rows : Counter
         Rows on each level and in each region.
+    reason_rows : Counter
+        Rows that each reason, in words, made WARN or worse.
     max_amplitude_m : float
-        Largest amplitude of the hunting component that there was for sure, m: that of the
-        row whose amplitude less 4 standard deviations is the largest, of those with a sensor
-        to trust. NaN where nothing was known.
+        Largest amplitude of the hunting component in rows with a sensor to trust, m; in none
+        of them larger than half the range of the readings within the period before: while the
+        filter starts, and after a kick, it may be far off. NaN where nothing was known.
     """
 
     rows: int = 0
     level_rows: Counter[str] = field(default_factory=Counter)
     region_rows: Counter[str] = field(default_factory=Counter)
+    reason_rows: Counter[str] = field(default_factory=Counter)
     max_amplitude_m: float = math.nan
-    _for_sure_m: float = field(default=-math.inf, repr=False)
+    _readings: list[tuple[NDArray[np.int64], NDArray[np.float64]]] = field(
+        default_factory=list, repr=False
+    )
 
-    def add(self, rows: NDArray[np.void]) -> None:
-        """Take in rows of estimates."""
+    def add(self, rows: NDArray[np.void], motion: Sequence[Motion]) -> None:
+        """Take in rows of estimates, at least one, and the samples that they were made of."""
         self.rows += int(rows.size)
         for column, kind, counter in (
             ('level', Level, self.level_rows),
@@ -66,15 +71,51 @@ class Summary:
             numbers, counts = np.unique(rows[column], return_counts=True)
             for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
                 counter[kind(number).label] += count
-        amplitude = rows['lateral_amplitude']
-        least = amplitude - _FOR_SURE * rows['lateral_amplitude_std']
+        self.reason_rows += reason_counts(rows)
+        amplitude = np.minimum(rows['lateral_amplitude'], self._half_range(rows, motion))
         from_yaw = (rows['doubts'] & doubts.FROM_YAW) != 0
+        # Without a lateral sensor there is no reading to compare it with: it must be well known.
+        sure = rows['lateral_amplitude_std'] < SURE * rows['lateral_amplitude']
+        amplitude = np.where(from_yaw & sure, rows['lateral_amplitude'], amplitude)
         wrong = np.where(from_yaw, rows['yaw_wrong'], rows['lateral_wrong'])
-        least[~np.isfinite(least) | ((wrong & health.BLIND) != 0)] = -math.inf
-        best = int(np.argmax(least)) if rows.size else 0
-        if rows.size and least[best] > self._for_sure_m:
-            self._for_sure_m = float(least[best])
-            self.max_amplitude_m = float(amplitude[best])
+        amplitude = amplitude[np.isfinite(amplitude) & ((wrong & health.BLIND) == 0)]
+        if amplitude.size:
+            self.max_amplitude_m = float(np.fmax(self.max_amplitude_m, amplitude.max()))
+
+    def _half_range(self, rows: NDArray[np.void], motion: Sequence[Motion]) -> NDArray[np.float64]:
+        """Return half the range of the readings in the longest period before each row, m."""
+        parts = [*self._readings, *((part.stamps_ns, part.values) for part in motion)]
+        stamps = np.concatenate([part[0] for part in parts])
+        values = np.concatenate([part[1] for part in parts])
+        window_ns = round(NANOSECONDS / float(rows['followed_min_hz'][0]))
+        half = np.full(rows.size, math.nan)
+        _half_ranges(np.ascontiguousarray(rows['stamp_ns']), stamps, values, window_ns, half)
+        late = stamps > int(rows['stamp_ns'][-1]) - window_ns
+        self._readings = [(stamps[late], values[late])]
+        return half
+
+
+@compiled
+def _half_ranges(
+    rows: NDArray[np.int64],
+    stamps: NDArray[np.int64],
+    values: NDArray[np.float64],
+    window_ns: int,
+    half: NDArray[np.float64],
+) -> None:
+    """Fill in half the range of the values in (row - window, row]; NaN without any."""
+    first = 0
+    for k in range(rows.size):
+        while first < stamps.size and stamps[first] <= rows[k] - window_ns:
+            first += 1
+        high, low = -math.inf, math.inf
+        i = first
+        while i < stamps.size and stamps[i] <= rows[k]:
+            high = max(high, values[i])
+            low = min(low, values[i])
+            i += 1
+        if i > first:
+            half[k] = 0.5 * (high - low)
 
 
 @dataclass
@@ -203,7 +244,7 @@ def collect(outputs: Iterator[Output], companions: Companions | None = None) -> 
     found = Findings()
     for output in outputs:
         if output.estimates.size:
-            found.summary.add(output.estimates)
+            found.summary.add(output.estimates, output.motion)
         events = list(output.events)
         if companions is not None:
             verdicts = companions.update(output)

@@ -72,6 +72,11 @@ ESTIMATE_DTYPE: np.dtype[np.void] = np.dtype(
         *((name, np.float64) for name in OUTSIDE),
         ('region', np.int8),
         ('state', np.int8),
+        # When region, state and the word on the margin began, and the evidence behind the state.
+        ('region_since_ns', np.int64),
+        ('state_since_ns', np.int64),
+        ('margin_since_ns', np.int64),
+        ('state_cause', np.int8),
         ('level', np.int8),
         ('alarm', np.bool_),
         ('doubts', np.uint32),
@@ -101,8 +106,11 @@ class Event:
         Estimates at that row; NaN where unknown.
     level : Level
         In force from then on.
-    detail : str
-        Which channel, and what is wrong with it; empty where the event says it all.
+    since_ns : int
+        When it began: the stamp of the first row that showed it, of the last good sample of a
+        channel that is silent, or of the last sign of a fault that is over.
+    cause : str
+        Why, as a sentence with the numbers behind it.
     """
 
     stamp_ns: int
@@ -111,7 +119,8 @@ class Event:
     amplitude_m: float
     growth_rate_per_s: float
     level: Level
-    detail: str = ''
+    since_ns: int
+    cause: str
 
 
 @dataclass(frozen=True, eq=False)

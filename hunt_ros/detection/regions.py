@@ -9,6 +9,9 @@ from __future__ import annotations
 
 import math
 from enum import IntEnum
+from typing import Any
+
+import numpy as np
 
 from hunt_ros.compiled import compiled
 
@@ -81,29 +84,59 @@ def switched(on: bool, value: float, threshold_in: float, threshold_out: float) 
     return on
 
 
+#: A word that is held: the word in force, the word the numbers ask for, the rows that have
+#: passed since they first did, and the stamps, ns, at which they did so first for either.
+HELD: np.dtype[np.void] = np.dtype(
+    [
+        ('word', np.int64),
+        ('wanted', np.int64),
+        ('waited', np.int64),
+        ('since_ns', np.int64),
+        ('wanted_ns', np.int64),
+    ],
+    align=True,
+)
+
+
 @compiled
-def held(current: int, wanted: int, waited: int, hold: int) -> tuple[int, int]:
+def hold(memory: Any, wanted: int, rows: int, stamp_ns: int) -> bool:
     """
-    Take a new word only after it has been wanted for `hold` steps on end.
+    Take a new word once it has been wanted without a break while so many rows passed.
+
+    From the first row that asks for it to the row at which it is taken it is `rows` rows:
+    the hold time, no more and no less. 0 takes it at once.
 
     Parameters
     ----------
-    current, wanted : int
-        The word in force and the word the numbers ask for.
-    waited : int
-        Steps for which something else than `current` has been wanted.
-    hold : int
-        Steps it must be wanted for; 0 takes it at once.
+    memory
+        A record of HELD.
+    wanted : int
+        The word the numbers ask for.
+    rows : int
+        Hold time in rows.
+    stamp_ns : int
+        Of the row.
 
     Returns
     -------
-    current, waited : int
+    bool
+        True where the word in force is another from this row on.
     """
-    if wanted == current:
-        return current, 0
-    if waited >= hold:
-        return wanted, 0
-    return current, waited + 1
+    if wanted == memory['word']:
+        memory['wanted'] = wanted
+        memory['waited'] = 0
+        return False
+    if wanted != memory['wanted']:
+        memory['wanted'] = wanted
+        memory['wanted_ns'] = stamp_ns
+        memory['waited'] = 0
+    if memory['waited'] < rows:
+        memory['waited'] += 1
+        return False
+    memory['word'] = wanted
+    memory['since_ns'] = memory['wanted_ns']
+    memory['waited'] = 0
+    return True
 
 
 @compiled

@@ -180,6 +180,8 @@ def _repeat(detector: HuntingDetector, run: _Run) -> list[Output]:
         form = IdentifiedNormalForm.from_yaml(first.text) if first.text else None
         detector.set_normal_form(form)
     detector.reset(config)
+    if entries and entries[0].kind == 'start':
+        detector.remember(entries[0].memory)
     for channel, late in _late_runs(entries):
         detector.expect_late(channel, late)
     outputs = []

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.detection import decisions, doubts, health
+from hunt_ros.detection import decisions, doubts, health, states
 from hunt_ros.detection.basin import EdgeTable, form_numbers
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.estimates import Estimator
@@ -25,18 +26,21 @@ from hunt_ros.detection.regions import Level, State
 from hunt_ros.detection.rules import rules_of
 from hunt_ros.detection.tracking import JudgedChannel, in_yaw
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 from hunt_ros.samples import CHANNELS, NANOSECONDS
 
 #: The noise at the edge of the basin is looked up once in this time.
 _EDGE_NS = NANOSECONDS
-#: Kept when the clocks were set back: the alarm, and what is known of the rig.
-_LASTING = (
+#: What no new beginning ends: the hunting and its alarm, for nothing has been seen of its end.
+_HUNTING = (
+    ('state', 'hunting'),
+    ('state', 'cause'),
     ('state', 'alarm'),
     ('state', 'acknowledged'),
-    ('floor', 'square'),
-    ('floor', 'learnt'),
 )
+#: How large the hunting is, and what is quiet: known as long as the same motion is judged.
+_SIZES = (('evidence', 'reference'), ('floor', 'square'), ('floor', 'learnt'))
 
 
 class RowMaker:
@@ -66,28 +70,74 @@ class RowMaker:
         self._estimator = Estimator(self.config)
         self._judged = JudgedChannel(config)
         self._judging = ''
+        self._floors: dict[str, NDArray[np.void]] = {}
         self._edge_second = -1
+        self._form: NormalForm | None = None
         self.set_normal_form(None)
 
     def set_normal_form(self, identified: IdentifiedNormalForm | None) -> None:
         """Use a normal form (None: v_n and v_c of the settings, or nothing) from now on."""
-        v_n = self.config.nonlinear_critical_speed_mps or math.nan
-        v_c = self.config.critical_speed_mps or math.nan
-        form = None if identified is None else identified.form
-        if form is not None:
-            v_c = form.critical_speed
-            fold = form.nonlinear_critical_speed
-            # A subcritical form without a fold has an unstable branch at any speed below v_c.
-            nowhere = math.nan if form.criticality == 'supercritical' else 0.0
-            v_n = nowhere if fold is None else fold
+        form = self._form = None if identified is None else identified.form
         self._follow(None if form is None else form.frequency_hz)
         self._estimator.set_mode_shape(None if identified is None else identified.mode_shape)
         self._numbers = form_numbers(identified)
         self._edges = EdgeTable(form)
-        self._rules = rules_of(self.config, v_n, v_c)
-        self._yaw_rules = rules_of(in_yaw(self.config), v_n, v_c)
+        self._judged.compared = identified is not None
+        self._make_rules()
         self.memory['noise'] = decisions.fresh_memory()['noise']
         self._edge_second = -1
+
+    def reconfigure(self, config: DetectorConfig) -> None:
+        """Use other settings, but for those that are fixed, from now on."""
+        self._asked = config
+        self.config = with_frequencies(config, self._nominal_hz)
+        self._estimator.reconfigure(self.config)
+        self._make_rules()
+
+    def _make_rules(self) -> None:
+        self._rules = rules_of(self.config, *self.boundaries)
+        self._yaw_rules = rules_of(in_yaw(self.config), *self.boundaries)
+
+    @property
+    def boundaries(self) -> tuple[float, float]:
+        """The boundaries of the regions, v_n and v_c, m/s; NaN: there is none, or unknown."""
+        form = self._form
+        if form is None:
+            config = self.config
+            v_n = config.nonlinear_critical_speed_mps or math.nan
+            return v_n, config.critical_speed_mps or math.nan
+        fold = form.nonlinear_critical_speed
+        # A subcritical form without a fold has an unstable branch at any speed below v_c.
+        nowhere = math.nan if form.criticality == 'supercritical' else 0.0
+        return nowhere if fold is None else fold, form.critical_speed
+
+    def lasting(self) -> dict[str, float]:
+        """Return what a pause does not end: the hunting, its alarm, and what size is quiet."""
+        memory = self.memory[0]
+        state, floor = memory['state'], memory['floor']
+        found = {
+            'hunting': state['hunting']['word'],
+            'cause': state['cause'],
+            'alarm': state['alarm'],
+            'acknowledged': state['acknowledged'],
+            'reference': memory['evidence']['reference'],
+            'square': floor['square'],
+            'learnt': floor['learnt'],
+            'in_yaw': self._judging == 'yaw',
+        }
+        return {name: float(value) for name, value in found.items() if not math.isnan(value)}
+
+    def remember(self, lasting: Mapping[str, float]) -> None:
+        """Go on, before the first row, with what `lasting` gave."""
+        if not lasting:
+            return
+        state = self.memory['state']
+        state['hunting']['word'] = state['hunting']['wanted'] = lasting['hunting']
+        for part, name in (*_HUNTING[1:], *_SIZES):
+            if name in lasting:
+                self.memory[part][name] = lasting[name]
+        if lasting['in_yaw']:
+            self._judging = 'yaw'
 
     def _follow(self, form_hz: float | None) -> None:
         """Look for the motion where the normal form says; elsewhere than before: begin anew."""
@@ -97,22 +147,24 @@ class RowMaker:
             return
         self.config = tuned
         self._estimator.retune(tuned)
-        self._forget()
-        # What it has learnt is the noise at another frequency.
-        self.memory['floor'] = decisions.fresh_memory()['floor']
+        # The noise that it has learnt is that at another frequency; the hunting is the same.
+        self._forget((*_HUNTING, ('evidence', 'reference')))
+        self._floors.clear()
 
     def start_again(self) -> None:
-        """Begin anew after the clocks were set back; form, alarm and noise floor are kept."""
+        """Begin anew after the clocks were set back; form, hunting and noise floor are kept."""
         self._grid.reset()
         self._estimator.reset()
         self._judged.reset()
-        self._forget()
+        self._forget((*_HUNTING, *_SIZES))
 
-    def _forget(self) -> None:
+    def _forget(self, lasting: tuple[tuple[str, str], ...]) -> None:
         """Forget what the decisions remember, but for what lasts."""
         memory = decisions.fresh_memory()
-        for part, name in _LASTING:
+        for part, name in lasting:
             memory[part][name] = self.memory[part][name]
+        hunting = memory['state']['hunting']
+        hunting['wanted'], hunting['waited'] = hunting['word'], 0  # a hold time begins anew
         self.memory = memory
         self._edge_second = -1
 
@@ -121,11 +173,16 @@ class RowMaker:
         """The latched alarm."""
         return bool(self.memory['state']['alarm'][0])
 
+    @property
+    def state(self) -> State:
+        """The state in force."""
+        return State(states.shown(self.memory['state'][0]))
+
     def acknowledge(self) -> None:
         """Take the alarm back: at once, or once the hunting is over."""
         memory = self.memory['state'][0]
         if memory['alarm']:
-            hunting = memory['state'] in (State.ESCAPING, State.LIMIT_CYCLE)
+            hunting = memory['hunting']['word'] in (State.ESCAPING, State.LIMIT_CYCLE)
             memory['acknowledged'] = memory['alarm'] = hunting
 
     def make(
@@ -173,9 +230,11 @@ class RowMaker:
         """Run the decisions, stretch by stretch of one channel that is judged."""
         for begin, end, channel in self._judged.stretches(rows):
             if channel != self._judging:
-                if self._judging == 'yaw':
-                    self._forget()
-                    self.memory['floor'] = decisions.fresh_memory()['floor']  # it is in rad
+                if self._judging:
+                    # Sizes are in the unit of the channel: what is quiet is known for each.
+                    self._floors[self._judging] = self.memory['floor'].copy()
+                    self._forget(_HUNTING)
+                    self.memory['floor'] = self._floors.get(channel, self.memory['floor'])
                 self._judging = channel
             part = slice(begin, end)
             self._decide_on(channel, rows[part], trusted[part], disagree[part])
@@ -190,6 +249,7 @@ class RowMaker:
         """Run the decisions on one channel, stretch by stretch of one edge of the basin."""
         amplitude = np.where(trusted, rows[f'{channel}_amplitude'], math.nan)
         spread = np.ascontiguousarray(rows[f'{channel}_amplitude_std'])
+        outside = np.ascontiguousarray(rows[f'outside_{channel}'])
         rules, numbers = self._rules, self._numbers
         if channel == 'yaw':  # the form speaks of metres
             rules, numbers = self._yaw_rules, form_numbers(None)
@@ -209,6 +269,7 @@ class RowMaker:
                 self.memory,
                 amplitude[part],
                 spread[part],
+                outside[part],
                 disagree[part],
                 rows[part],
             )

@@ -72,9 +72,7 @@ def rules_of(config: DetectorConfig, v_n: float, v_c: float) -> Rules:
     stride = period * faster
 
     def rows(seconds: float) -> int:
-        return round(seconds / period)
-
-    def strides(seconds: float) -> int:
+        """Return a time of the settings in rows: it counts as many periods of this rig."""
         return round(seconds / stride)
 
     return Rules(
@@ -86,29 +84,29 @@ def rules_of(config: DetectorConfig, v_n: float, v_c: float) -> Rules:
         region_hold=rows(config.region_hold_s),
         floor=config.noise_floor_m,
         floor_rows=config.floor_time_s / stride,
-        mark=max(rows(_MARK_PERIODS / config.hunting_frequency_hz), 1),
+        mark=max(rows(_MARK_PERIODS / REFERENCE_HZ), 1),
         disturbed_in=config.disturbed_in,
         disturbed_out=config.disturbed_out,
         disturbed_hold=rows(config.disturbed_hold_s),
-        quiet_hold=strides(config.quiet_hold_s),
+        quiet_hold=rows(config.quiet_hold_s),
         probability_in=config.escape_probability_in,
         probability_out=config.escape_probability_out,
         escape_hold=rows(config.escape_hold_s),
         sigma=config.growth_sigma,
         growth_floor=config.growth_floor,
-        growth_hold=strides(config.growth_hold_s),
+        growth_hold=rows(config.growth_hold_s),
         cycle_fraction=config.limit_cycle_fraction,
         cycle_floor=config.limit_cycle_floor,
         cycle_growth=config.limit_cycle_growth_per_s * faster,
         cycle_amplitude=config.limit_cycle_amplitude_m,
-        cycle_hold=strides(config.limit_cycle_hold_s),
+        cycle_hold=rows(config.limit_cycle_hold_s),
         decay_fraction=config.decay_fraction,
         decay_rate=config.decay_rate_per_s * faster,
-        decay_hold=strides(config.decay_hold_s),
+        decay_hold=rows(config.decay_hold_s),
         margin_in=config.margin_in,
         margin_out=config.margin_out,
         margin_hold=rows(config.margin_hold_s),
-        margin_restore=strides(config.margin_restore_s),
+        margin_restore=rows(config.margin_restore_s),
         disagree_hold=rows(config.agreement_hold_s),
         outlook_s=config.outlook_s,
     )

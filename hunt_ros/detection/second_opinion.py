@@ -8,13 +8,17 @@ from numpy.typing import NDArray
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.estimation.hilbert import HilbertEnvelope
 
+#: Frequencies at which the gain of the envelope is tabulated.
+_FREQUENCIES = 400
+
 
 class SecondOpinion:
     """
     Envelope of one sensor's roughness-free signal, compared with the filter's amplitude.
 
-    The envelope is half a filter length late, so it is compared with what the filter
-    said then.
+    The envelope is half a filter length late, so it is compared with what the filter said
+    then: with that amplitude as the row means and the band-pass pass it on at that frequency,
+    give or take what they let through of its image at the negative frequency.
 
     Parameters
     ----------
@@ -30,13 +34,20 @@ class SecondOpinion:
         self._envelope = HilbertEnvelope(rate, low, high, max(0.8, 1.05 / low))
         self._config = config
         self._late = round(self._envelope.delay_s * rate)
+        self._rate = rate
+        self._grid = np.linspace(0.0, 0.5 * rate, _FREQUENCIES)
+        self._gain = self._envelope.gain(self._grid)
+        self._image = self._envelope.gain(-self._grid)
         self.reset()
+
+    def reconfigure(self, config: DetectorConfig) -> None:
+        """Use other limits of the disagreement from now on."""
+        self._config = config
 
     def reset(self) -> None:
         """Forget every row."""
         self._envelope.reset()
-        self._amplitude = np.full(self._late, np.nan)
-        self._spread = np.full(self._late, np.nan)
+        self._before = np.full((4, self._late), np.nan)
         self._next_ns: int | None = None
 
     @property
@@ -48,9 +59,11 @@ class SecondOpinion:
         self,
         rows_ns: NDArray[np.int64],
         clean: NDArray[np.float64],
+        samples: NDArray[np.int64],
         noise_std: NDArray[np.float64],
         amplitude: NDArray[np.float64],
         amplitude_std: NDArray[np.float64],
+        frequency_hz: NDArray[np.float64],
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """
         Take rows of the filter.
@@ -59,9 +72,15 @@ class SecondOpinion:
         ----------
         rows_ns : ndarray of int64, shape (m,)
             Stamps of the rows.
-        clean, noise_std, amplitude, amplitude_std : ndarray, shape (m,)
-            Roughness-free signal, standard deviation of a sample, amplitude and its
-            standard deviation, all in the unit of the sensor.
+        clean : ndarray, shape (m,)
+            Roughness-free signal, mean over the samples of each row, unit of the sensor.
+        samples : ndarray of int64, shape (m,)
+            How many these are.
+        noise_std, amplitude, amplitude_std : ndarray, shape (m,)
+            Standard deviation of the noise of one sample, amplitude and its standard
+            deviation, unit of the sensor.
+        frequency_hz : ndarray, shape (m,)
+            Of the motion, Hz.
 
         Returns
         -------
@@ -72,25 +91,39 @@ class SecondOpinion:
         """
         envelope = np.empty(rows_ns.size)
         disagree = np.zeros(rows_ns.size, dtype=np.bool_)
-        expected = np.empty(rows_ns.size, dtype=np.int64)
-        expected[1:] = rows_ns[:-1] + self._config.period_ns
+        follows = np.empty(rows_ns.size, dtype=np.int64)
+        follows[1:] = rows_ns[:-1] + self._config.period_ns
         if rows_ns.size:
-            expected[0] = rows_ns[0] if self._next_ns is None else self._next_ns
-        cuts = np.flatnonzero(rows_ns != expected).tolist()
+            follows[0] = rows_ns[0] if self._next_ns is None else self._next_ns
+        cuts = np.flatnonzero(rows_ns != follows).tolist()
         for begin, end in zip([0, *cuts], [*cuts, rows_ns.size], strict=True):
             if begin in cuts:
                 self.reset()
             part = slice(begin, end)
             envelope[part] = self._envelope.update(clean[part])
-            then = np.concatenate([self._amplitude, amplitude[part]])
-            spread = np.concatenate([self._spread, amplitude_std[part]])
-            now, tolerance = then[: end - begin], spread[: end - begin]
-            self._amplitude, self._spread = then[end - begin :], spread[end - begin :]
-            uncertain = np.hypot(tolerance, self._envelope.noise_gain * noise_std[part])
+            count = np.maximum(samples[part], 1)
+            told = np.stack([amplitude[part], amplitude_std[part], frequency_hz[part], count])
+            told = np.concatenate([self._before, told], axis=1)
+            then, self._before = told[:, : end - begin], told[:, end - begin :]
+            passed, image = self._passed(then[2], then[3])
+            expected, tolerance = passed * then[0], passed * then[1]
+            noise = self._envelope.noise_gain * noise_std[part] / np.sqrt(count)
             limit = np.maximum(
-                self._config.agreement_sigma * uncertain, self._config.agreement_fraction * now
+                self._config.agreement_sigma * np.hypot(tolerance, noise),
+                self._config.agreement_fraction * expected,
             )
-            disagree[part] = np.abs(envelope[part] - now) > limit
+            disagree[part] = np.abs(envelope[part] - expected) > limit + image * then[0]
         if rows_ns.size:
             self._next_ns = int(rows_ns[-1]) + self._config.period_ns
         return envelope, disagree
+
+    def _passed(
+        self, frequency_hz: NDArray[np.float64], samples: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the gain for a motion, and for its image, of row means and band-pass."""
+        # Mean of n samples over a row: sin(x) / (n sin(x / n)), x = pi f T.
+        turn = np.pi * frequency_hz / self._rate
+        with np.errstate(invalid='ignore', divide='ignore'):
+            mean = np.where(turn > 0.0, np.sin(turn) / (samples * np.sin(turn / samples)), 1.0)
+        gain = np.interp(frequency_hz, self._grid, self._gain)
+        return mean * gain, mean * np.interp(frequency_hz, self._grid, self._image)

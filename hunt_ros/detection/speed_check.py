@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.regions import held
+from hunt_ros.detection.regions import HELD, hold
 from hunt_ros.samples import NANOSECONDS
 
 #: Rate and speed are compared as means over cells of this length.
@@ -57,8 +57,7 @@ _MEMORY: np.dtype[np.void] = np.dtype(
         ('before', np.float64),  # roller rate of the cell before, rad/s
         ('ratio', _RATIO),
         ('rival', _RATIO),  # as it has been since the contradiction
-        ('contradicted', np.int64),
-        ('waited', np.int64),
+        ('contradicted', HELD),
     ],
     align=True,
 )
@@ -95,6 +94,11 @@ class SpeedCheck:
     """
 
     def __init__(self, config: DetectorConfig) -> None:
+        self.reconfigure(config)
+        self.reset()
+
+    def reconfigure(self, config: DetectorConfig) -> None:
+        """Use other settings from now on."""
         cells = NANOSECONDS / _CELL_NS
         diameter = config.roller_diameter_m
         self._limits = _Limits(
@@ -106,7 +110,6 @@ class SpeedCheck:
             2.0 / diameter if diameter > 0.0 else math.nan,
             config.period_ns * 1e-9,
         )
-        self.reset()
 
     def reset(self) -> None:
         """Forget every row, and the ratio."""
@@ -178,7 +181,7 @@ def _check(
         if np.isfinite(speed[k]):
             m['speed'] += speed[k]
             m['rows'] += 1.0
-        found[k] = m['contradicted'] > 0
+        found[k] = m['contradicted']['word'] > 0
 
 
 @compiled
@@ -217,17 +220,15 @@ def _judge(limits: _Limits, m: Any) -> None:
     else:
         late = abs(rate - before) / ratio if not math.isnan(before) else 0.0
         contrary = _differ(limits, v, rate / ratio, learnt_at, late)
-    now, waited = m['contradicted'], m['waited']
-    hold = limits.recovery if now > 0 else limits.hold
-    now, waited = held(now, 1 if contrary else 0, waited, hold)
-    m['contradicted'] = now
-    m['waited'] = waited
+    told = m['contradicted']
+    rows = limits.recovery if told['word'] > 0 else limits.hold
+    hold(told, 1 if contrary else 0, rows, m['stamp'])
     if stands or not rate > 0.0:
         return
     if not contrary:
         _learn(m['ratio'], v, rate)
         _forget(m['rival'])
-    elif now > 0:
+    elif told['word'] > 0:
         _consider(limits, m, v, rate)
 
 

@@ -1,94 +1,115 @@
 """
-The state machine: from the evidence of a row to the state, and the alarm that it latches.
+The two machines: what the motion is, whether it hunts, and the alarm that hunting latches.
 
-From each state, the first line whose evidence holds names the state that is wanted; it
-is taken when it has been wanted for its hold time on end (settings of `DetectorConfig`).
+The motion is quiet or disturbed, by the noise floor alone. Whether it hunts is another
+question, with a machine of its own. From each word, the first line whose evidence holds
+names the word that is wanted; it is taken when it has been wanted for its hold time on end
+(settings of `DetectorConfig`). No line without evidence: what cannot be seen does not end.
 
-==================  =========  ===========  ====================
-from                evidence   to           hold time
-==================  =========  ===========  ====================
-quiet, disturbed    beyond     escaping     escape_hold
-                    arrived    limit cycle  limit_cycle_hold
-                    steady     limit cycle  3 limit_cycle_hold
-                    growing    escaping     growth_hold
-                    disturbed  disturbed    disturbed_hold
-                    -          quiet        quiet_hold
-escaping, decaying  arrived    limit cycle  limit_cycle_hold
-                    steady     limit cycle  3 limit_cycle_hold
-                    beyond     escaping     escape_hold
-                    growing    escaping     growth_hold
-                    over       quiet        quiet_hold
-                    -          decaying     decay_hold
-limit cycle         lost       decaying     decay_hold
-                    -          limit cycle  -
-==================  =========  ===========  ====================
+===========  ============================  ===========  ====================
+hunting      evidence                      to           hold time
+===========  ============================  ===========  ====================
+no           beyond                        escaping     escape_hold
+             arrived                       limit cycle  limit_cycle_hold
+             steady                        limit cycle  3 limit_cycle_hold
+             growing                       escaping     growth_hold
+escaping     arrived                       limit cycle  limit_cycle_hold
+             steady                        limit cycle  3 limit_cycle_hold
+             beyond, growing               escaping     -
+             returns, falls, or over       decaying     decay_hold
+decaying     arrived                       limit cycle  limit_cycle_hold
+             steady                        limit cycle  3 limit_cycle_hold
+             beyond                        escaping     escape_hold
+             growing                       escaping     growth_hold
+             over                          no           quiet_hold
+limit cycle  lost                          decaying     decay_hold
+===========  ============================  ===========  ====================
 
-Whatever else is wanted, quiet ends after `disturbed_hold` of a disturbance: what is on its
-way to a limit cycle is not quiet until that is sure.
-
-Called by the kernel of the decisions, row by row.
+The two are shown as one word, the `State`: while it hunts that of the hunting, else that of
+the motion. Called by the kernel of the decisions, row by row.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
 from hunt_ros.compiled import compiled_part
 from hunt_ros.detection import noise_floor
-from hunt_ros.detection.evidence import Evidence
-from hunt_ros.detection.regions import State, held
+from hunt_ros.detection.evidence import ESCAPES, OPEN, RETURNS, Evidence
+from hunt_ros.detection.regions import HELD, State, hold
 from hunt_ros.detection.rules import Rules
+from hunt_ros.detection.steadiness import well_known
 
-#: What is remembered: the state, the state that was asked for and for how many rows; for how
-#: many rows on end the motion has been disturbed; the alarm.
+#: What is remembered: the two machines, the cause of the last step of the hunting (one of those
+#: below), the alarm, and that it has been acknowledged.
 STATE: np.dtype[np.void] = np.dtype(
     [
-        ('state', np.int64),
-        ('wanted', np.int64),
-        ('waited', np.int64),
-        ('stirred', np.int64),
+        ('motion', HELD),
+        ('hunting', HELD),
+        ('cause', np.int64),
         ('alarm', np.bool_),
         ('acknowledged', np.bool_),
     ],
     align=True,
 )
 
-#: The states as the kernel compares them.
+#: The words as the kernel compares them; a motion that is no hunting has the word 0.
 QUIET, DISTURBED, ESCAPING, LIMIT_CYCLE, DECAYING = map(int, State)
+NO = 0
 
-#: The amplitude of the limit cycle is followed at this pace, a row, while the speed changes.
-_FOLLOW = 0.002
+#: Which evidence led to the word of the hunting that is in force.
+BEYOND, ARRIVED, STEADY, GROWING, COMES_BACK, FALLS, SMALLER, OVER = range(1, 9)
+
+#: The amplitude of the limit cycle is followed at this pace while the speed changes, s.
+_FOLLOW_S = 5.0
 
 
 @compiled_part
-def wanted(rules: Rules, state: int, evidence: Evidence) -> tuple[int, int]:
-    """Return the state the evidence asks for, and the rows for which it must: the table."""
-    if state == LIMIT_CYCLE:
-        return (DECAYING, rules.decay_hold) if evidence.lost else (LIMIT_CYCLE, 0)
-    hunting = state in (ESCAPING, DECAYING)
-    if evidence.beyond and not hunting:
-        return ESCAPING, rules.escape_hold  # a bump may land on the limit cycle: no waiting
+def wanted(rules: Rules, hunting: int, evidence: Evidence) -> tuple[int, int, int]:
+    """Return the word the evidence asks for, its hold time in rows, and the cause: the table."""
+    if hunting == LIMIT_CYCLE:
+        if evidence.lost:
+            return DECAYING, rules.decay_hold, FALLS if evidence.falls else SMALLER
+        return LIMIT_CYCLE, 0, 0
+    beyond = evidence.outcome == ESCAPES
+    if beyond and hunting == NO:
+        return ESCAPING, rules.escape_hold, BEYOND  # a bump may land on the limit cycle
     if evidence.arrived:
-        return LIMIT_CYCLE, rules.cycle_hold
+        return LIMIT_CYCLE, rules.cycle_hold, ARRIVED
     if evidence.steady:
-        return LIMIT_CYCLE, 3 * rules.cycle_hold
-    if evidence.beyond:
-        return ESCAPING, rules.escape_hold
+        return LIMIT_CYCLE, 3 * rules.cycle_hold, STEADY
+    if beyond:
+        return ESCAPING, rules.escape_hold, BEYOND
     if evidence.growing:
-        return ESCAPING, rules.growth_hold
-    if hunting:
-        return (QUIET, rules.quiet_hold) if evidence.over else (DECAYING, rules.decay_hold)
-    return (DISTURBED, rules.disturbed_hold) if evidence.disturbed else (QUIET, rules.quiet_hold)
+        return ESCAPING, rules.growth_hold, GROWING
+    if hunting == ESCAPING:
+        if evidence.outcome == RETURNS:
+            return DECAYING, rules.decay_hold, COMES_BACK
+        if evidence.outcome == OPEN and evidence.falls:
+            return DECAYING, rules.decay_hold, FALLS
+        if evidence.over:
+            return DECAYING, rules.decay_hold, OVER
+    if hunting == DECAYING and evidence.over:
+        return NO, rules.quiet_hold, OVER
+    return hunting, 0, 0
 
 
 @compiled_part
 def next_state(
-    rules: Rules, memory: Any, seen: Any, floor_memory: Any, evidence: Evidence, a: float
+    rules: Rules,
+    memory: Any,
+    seen: Any,
+    floor_memory: Any,
+    evidence: Evidence,
+    a: float,
+    s: float,
+    stamp_ns: int,
 ) -> None:
     """
-    Take the state that is wanted, once it has been for long enough.
+    Let both machines take the word that is wanted, once it has been for long enough.
 
     Parameters
     ----------
@@ -96,37 +117,52 @@ def next_state(
         Thresholds; records of STATE, EVIDENCE and NOISE_FLOOR.
     evidence : Evidence
         Of the row.
-    a : float
-        Amplitude, m.
+    a, s : float
+        Amplitude and its standard deviation, m.
+    stamp_ns : int
+        Of the row.
     """
-    memory['stirred'] = memory['stirred'] + 1 if evidence.disturbed else 0
-    state = memory['state']
-    if state == QUIET and memory['stirred'] > rules.disturbed_hold:
-        state = DISTURBED
-    want, hold = wanted(rules, state, evidence)
-    leaves = want in (QUIET, DECAYING) and memory['wanted'] in (QUIET, DECAYING)
-    # Whether quiet or still dying: from one to the other and back, the escape is over.
-    same = want == memory['wanted'] or (state == ESCAPING and leaves)
-    waited = memory['waited'] if same else 0
-    memory['wanted'] = want
-    new, waited = held(state, want, waited, hold)
-    memory['state'] = new
-    memory['waited'] = waited
-    if new in (LIMIT_CYCLE, ESCAPING):
-        if new != state:
-            seen['reference'] = a
-            if new == LIMIT_CYCLE:
-                noise_floor.reconsider(floor_memory, a)
-        elif new == ESCAPING:
-            seen['reference'] = max(seen['reference'], a)
-        else:
-            seen['reference'] += _FOLLOW * (a - seen['reference'])
+    if evidence.disturbed:
+        hold(memory['motion'], DISTURBED, rules.disturbed_hold, stamp_ns)
+    else:
+        hold(memory['motion'], QUIET, rules.quiet_hold, stamp_ns)
+    want, rows, cause = wanted(rules, memory['hunting']['word'], evidence)
+    changed = hold(memory['hunting'], want, rows, stamp_ns)
+    if changed:
+        memory['cause'] = cause
+    hunting = memory['hunting']['word']
+    if hunting not in (ESCAPING, LIMIT_CYCLE):
+        return
+    if changed or math.isnan(seen['reference']):
+        seen['reference'] = a if changed or well_known(a, s) else math.nan
+        if changed and hunting == LIMIT_CYCLE:
+            noise_floor.reconsider(floor_memory, a)
+    elif hunting == ESCAPING:
+        seen['reference'] = max(seen['reference'], a)
+    elif well_known(a, s):
+        seen['reference'] += rules.stride / _FOLLOW_S * (a - seen['reference'])
+
+
+@compiled_part
+def shown(memory: Any) -> int:
+    """Return the one word for both machines, a `State`."""
+    hunting = memory['hunting']['word']
+    return int(hunting if hunting != NO else memory['motion']['word'])
+
+
+@compiled_part
+def since_ns(memory: Any) -> int:
+    """Return the stamp of the first row that asked for the word that is shown, ns."""
+    motion, hunting = memory['motion']['since_ns'], memory['hunting']['since_ns']
+    # When it is quiet again the last to come to an end has made it so.
+    return int(hunting if memory['hunting']['word'] != NO else max(motion, hunting))
 
 
 @compiled_part
 def latch(memory: Any) -> None:
     """Latch the alarm; an acknowledgement counts once the hunting is over."""
-    if memory['state'] == ESCAPING or memory['state'] == LIMIT_CYCLE:
+    hunting = memory['hunting']['word']
+    if hunting in (ESCAPING, LIMIT_CYCLE):
         memory['alarm'] = True
     elif memory['acknowledged']:
         memory['alarm'] = False

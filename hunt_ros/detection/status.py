@@ -69,7 +69,7 @@ def status_of(
     row: np.void | None,
     intakes: Mapping[str, Intake],
     clocks: Mapping[str, ChannelClock],
-    alarm: bool,
+    present: tuple[State, bool],
     sequence: int,
     inputs_until_ns: int | None,
 ) -> DetectorStatus:
@@ -84,8 +84,8 @@ def status_of(
         The channels: what they refused is told.
     clocks : mapping of str to ChannelClock
         Theirs.
-    alarm : bool
-        The latched alarm.
+    present : tuple of (State, bool)
+        State and latched alarm: an acknowledgement acts between two rows.
     sequence : int
         Number of rows so far.
     inputs_until_ns : int or None
@@ -97,6 +97,7 @@ def status_of(
         for reason, count in vars(intake.counts).items()
         if count
     }
+    state, alarm = present
     offsets = {
         name: 1e-9 * (clock.shift_ns if clock.offset_ns is None else clock.offset_ns)
         for name, clock in clocks.items()
@@ -110,6 +111,7 @@ def status_of(
     )
     if row is None:
         return DetectorStatus(
+            state=state,
             reasons=('no data yet', *refused),
             alarm=alarm,
             dropped=dropped,
@@ -125,7 +127,7 @@ def status_of(
         stamp_ns=stamp_ns,
         level=Level(int(row['level'])),
         region=Region(int(row['region'])),
-        state=State(int(row['state'])),
+        state=state,
         reasons=(*_with_offsets(reasons_of(row), offsets), *refused),
         alarm=alarm,
         sequence=sequence,

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled
+from hunt_ros.detection import doubts
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.dynamics.mode_shape import ModeShape
 from hunt_ros.estimation.line_search import LineSearch
@@ -140,35 +141,52 @@ def in_yaw(config: DetectorConfig) -> DetectorConfig:
 
 class JudgedChannel:
     """
-    Which amplitude the decisions judge: lateral, or yaw while lateral has never been known.
+    Which amplitude the decisions judge: lateral, or yaw while lateral is not measured.
 
-    A lateral sensor that has spoken once, or whose motion yaw tells through a mode shape, is
-    judged for good; without either the yaw amplitude is judged by itself after a second.
+    What yaw tells of the lateral motion, through a mode shape or the ratio seen before, counts
+    as lateral where there is a form to compare it with. Without, yaw itself is known better:
+    it is judged once lateral has been missing for a second, until lateral is measured again.
 
     Parameters
     ----------
     config : DetectorConfig
+
+    Attributes
+    ----------
+    compared : bool
+        There is a normal form, in metres.
     """
 
     def __init__(self, config: DetectorConfig) -> None:
         waits = 'lateral' in config.channels
         self._patience = round(1e9 / config.period_ns) if waits else 0
+        self.compared = False
         self.reset()
 
     def reset(self) -> None:
         """Forget every row."""
-        self._lateral = False
+        self._channel = 'lateral'
         self._waited = 0
 
     def stretches(self, rows: NDArray[np.void]) -> list[tuple[int, int, str]]:
         """Return (begin, end, channel) for the rows of ESTIMATE_DTYPE, in order."""
-        if self._lateral:
+        lateral = np.isfinite(rows['lateral_amplitude'])
+        if not self.compared:
+            lateral &= (rows['doubts'] & doubts.FROM_YAW) == 0
+        if not rows.size or (lateral.all() and self._channel == 'lateral'):
+            self._waited = 0
             return [(0, rows.size, 'lateral')]
-        known = np.flatnonzero(np.isfinite(rows['lateral_amplitude']))
-        lateral = int(known[0]) if known.size else rows.size
-        seen = self._waited + np.cumsum(np.isfinite(rows['yaw_amplitude'][:lateral]))
-        yaw = int(np.searchsorted(seen, self._patience, side='right'))
-        self._waited = int(seen[-1]) if lateral else self._waited
-        self._lateral = known.size > 0
-        parts = ((0, yaw, 'lateral'), (yaw, lateral, 'yaw'), (lateral, rows.size, 'lateral'))
-        return [part for part in parts if part[1] > part[0]]
+        parts: list[tuple[int, int, str]] = []
+        yaw = np.isfinite(rows['yaw_amplitude'])
+        for k in range(rows.size):
+            if lateral[k]:
+                self._channel, self._waited = 'lateral', 0
+            elif yaw[k]:
+                self._waited += 1
+                if self._waited > self._patience:
+                    self._channel = 'yaw'
+            if parts and parts[-1][2] == self._channel:
+                parts[-1] = parts[-1][0], k + 1, self._channel
+            else:
+                parts.append((k, k + 1, self._channel))
+        return parts

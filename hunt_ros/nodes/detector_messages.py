@@ -7,6 +7,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from hunt_ros.detection.output import Event
 from hunt_ros.detection.status import DetectorStatus
 from hunt_ros.nodes.conversions import diagnostic
+from hunt_ros.samples import NANOSECONDS
 
 #: Number of the detector -> key in `hunting/status`; all others keep their name.
 _KEYS = {
@@ -34,11 +35,13 @@ def event_message(event: Event, rig: str) -> DiagnosticArray:
     """Return a transition: its word is the name of the status."""
     values = {
         'event': event.event,
+        'since_s': f'{event.since_ns / NANOSECONDS:.3f}',
+        'cause': event.cause,
         'speed_mps': event.speed_mps,
         'amplitude_m': event.amplitude_m,
         'growth_rate_per_s': event.growth_rate_per_s,
     }
-    return diagnostic(event.stamp_ns, event.event, event.level.label, event.detail, values, rig)
+    return diagnostic(event.stamp_ns, event.event, event.level.label, event.cause, values, rig)
 
 
 def status_message(status: DetectorStatus, rig: str) -> DiagnosticArray:

@@ -59,7 +59,7 @@ class HuntingDetectorNode(LifecycleNode):
         hold_name(self)
         self.failure = ''
         self._settings = declare(self, DetectorNodeConfig)
-        self._config = declare(self, DetectorConfig, self._reconfigure, self._may_reconfigure)
+        self._config = declare(self, DetectorConfig, self._reconfigure)
         self._bounds = declare(self, AcceptanceConfig, self._set_bounds)
         self._form = declare_normal_form(self)
         companions = declare(self, CompanionConfig)
@@ -98,8 +98,8 @@ class HuntingDetectorNode(LifecycleNode):
         self.create_timer(_STATUS_S, self._publish_status, clock=steady_clock())
 
     def on_activate(self, state: State) -> TransitionCallbackReturn:
-        """Begin with a fresh detector."""
-        self._detector.reset()
+        """Go on after a pause: an alarm that nobody has acknowledged is still there."""
+        self._detector.restart()
         self._companions.reset()
         self._inbox.clear()
         self._active = True
@@ -146,9 +146,8 @@ class HuntingDetectorNode(LifecycleNode):
 
     def _log(self, event: Event) -> None:
         """Log a transition; rclpy wants each severity on a line of its own."""
-        text = f'{event.event} at {event.speed_mps:.2f} m/s, {1e3 * event.amplitude_m:.3f} mm'
-        if event.detail:
-            text = f'{text}: {event.detail}'
+        text = f'{event.event} at {event.speed_mps:.2f} m/s, {1e3 * event.amplitude_m:.3f} mm: '
+        text += event.cause
         if event.level.label == 'ERROR':
             self.get_logger().error(text)
         elif event.level.label == 'OK':
@@ -184,18 +183,14 @@ class HuntingDetectorNode(LifecycleNode):
         for publisher, number in ((self._critical_speed, value), (self._critical_speed_std, std)):
             publisher.publish(self._vector.encode(stamp_ns, number, 0.0, 0.0))
 
-    def _may_reconfigure(self, config: DetectorConfig) -> None:
-        """Refuse new settings within a run: it could not be replayed."""
-        if self._active:
-            raise ConfigError('the detector is active: deactivate the node first')
-
     def _set_bounds(self, bounds: AcceptanceConfig) -> None:
         self._bounds = bounds
 
     def _reconfigure(self, config: DetectorConfig) -> None:
-        """Take new settings between two runs."""
+        """Take new settings from the next row on; the journal tells a replay of it."""
+        self._drain()
+        self._publish(self._detector.reconfigure(config))
         self._config = config
-        self._detector.reset(config)
 
     def _on_form(self, message: String) -> None:
         """Take a new normal form over, or let it wait where it would alarm later."""

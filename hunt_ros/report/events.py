@@ -55,7 +55,7 @@ def events_of(
             amplitude=_known(event.amplitude_m),
             growth_rate=_known(event.growth_rate_per_s),
             source=record.source,
-            detail=event.detail,
+            cause=event.cause,
         )
         for event in events
     ]

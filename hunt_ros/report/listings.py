@@ -122,7 +122,7 @@ def events(entries: Sequence[RunEvent]) -> str:
         [
             escape(one.source),
             f'{one.seconds:.2f}',
-            escape(f'{one.event} {one.detail}'.replace('_', ' ').strip()),
+            escape(f'{one.event} {one.cause}'.replace('_', ' ').strip()),
             _plain_or_unknown(one.speed, 1.0),
             _plain_or_unknown(one.amplitude, 1e3),
             _plain_or_unknown(one.growth_rate, 1.0),

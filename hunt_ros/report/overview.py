@@ -44,8 +44,8 @@ class RunEvent:
         m/s, m, 1/s; None where not known.
     source : str
         Recording it belongs to.
-    detail : str
-        Which channel, and what is wrong with it; empty where the event says it all.
+    cause : str
+        Why, as a sentence.
     """
 
     seconds: float
@@ -55,7 +55,7 @@ class RunEvent:
     amplitude: float | None
     growth_rate: float | None
     source: str = ''
-    detail: str = ''
+    cause: str = ''
 
 
 def run_overview(

@@ -129,7 +129,7 @@ def test_each_fault_is_named_and_recovered_from(
     assert (after['level'] == Level.OK).all()
     assert detector.status.level is Level.OK
     assert not detector.status.alarm
-    words = [event.event for event in output.events if event.detail.startswith(channel)]
+    words = [event.event for event in output.events if event.cause.startswith(channel)]
     pair = ['input_stale', 'input_recovered'] if spoil is _silent else []
     if severe and not pair:
         pair = ['sensor_fault', 'sensor_recovered']

@@ -61,8 +61,8 @@ def _states(form: NormalForm, speed: np.ndarray, z: np.ndarray) -> np.ndarray:
     rows['growth_rate'] = rows['growth_rate_std'] = math.nan
     none = np.zeros(z.size, dtype=np.bool_)
     memory = decisions.fresh_memory()
-    std = np.full(z.size, STD)
-    decisions.decide(rules, form_numbers(known), memory, np.abs(z), std, none, rows)
+    std, nowhere = np.full(z.size, STD), np.full(z.size, math.nan)
+    decisions.decide(rules, form_numbers(known), memory, np.abs(z), std, nowhere, none, rows)
     return np.asarray(rows['state'])
 
 

@@ -42,7 +42,7 @@ def test_margin_is_restored_only_where_it_is_seen_and_after_its_hold(stretches) 
         for _ in range(rows):
             now = bool(
                 doubts.hold_doubts(
-                    RULES, memory, region, state, known, False, margin if seen else math.nan
+                    RULES, memory, region, state, known, False, margin if seen else math.nan, 0
                 )
                 & doubts.MARGIN
             )
@@ -68,7 +68,7 @@ def test_a_margin_that_noise_crosses_again_and_again_is_told_once() -> None:
         z = z * (1.0 - 0.01 / 3.0) + math.sqrt(0.01 / 3.0) * complex(*rng.normal(size=2))
         margin = 4.7 / abs(z)
         bits = doubts.hold_doubts(
-            RULES, memory, Region.HYSTERESIS, State.QUIET, True, False, margin
+            RULES, memory, Region.HYSTERESIS, State.QUIET, True, False, margin, 0
         )
         changes += bool(bits & doubts.MARGIN) is not low
         low = bool(bits & doubts.MARGIN)

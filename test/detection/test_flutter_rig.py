@@ -10,6 +10,7 @@ import pytest
 from scipy.io import loadmat
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect
+from hunt_ros.detection.offline import collect, watch
 from hunt_ros.samples import Record, Series
 
 FOLDER = Path(__file__).parents[3] / 'shared' / 'data' / 'flutter_rig'
@@ -92,3 +93,16 @@ def test_a_hit_that_grows_alarms_before_long(path: Path, detector: HuntingDetect
     largest = np.maximum.accumulate(np.abs(values - np.median(values)))
     grown = record['lateral'].stamps_ns[int(np.argmax(largest > 0.8 * largest[-1]))]
     assert alarm.stamp_ns - grown < 13_000_000_000  # some 35 periods
+
+
+@pytest.mark.parametrize('path', HITS, ids=lambda path: path.stem[9:])
+def test_the_largest_amplitude_is_that_of_the_motion(
+    path: Path, detector: HuntingDetector
+) -> None:
+    record = _record(path)
+    detector.reset()
+    found = collect(watch(record, detector)).summary
+    values = record['lateral'].values
+    # A hit decays within the first period: the half range of that is less than its maximum.
+    least = max(_half_range(values[k : k + 100]) for k in range(0, values.size, 50))
+    assert 0.7 * least < found.max_amplitude_m < np.abs(values - np.median(values)).max()

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect
+from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect, doubts
 from hunt_ros.detection.replay import replay_journal
 from hunt_ros.dynamics.limit_cycle import limit_cycles
 from hunt_ros.dynamics.mode_table import shape_of
@@ -54,6 +54,27 @@ def test_without_a_shape_yaw_is_judged_by_itself(recorded, true_form) -> None:
     first = next(e for e in output.events if e.event in ('escaping', 'limit_cycle'))
     assert 14.0 < first.stamp_ns * 1e-9 < 26.0
     assert any('yaw is judged' in reason for reason in detector.status.reasons)
+
+
+def test_where_lateral_is_missing_for_a_while_yaw_is_judged(recorded) -> None:
+    record = recorded(7.2, 40.0, kicks=[(20.0, 330e-6)])
+    series = record['lateral']
+    seconds = series.stamps_ns * 1e-9
+    values = np.where((seconds > 12.0) & (seconds < 32.0), np.nan, series.values)
+    gap = Record({**record, 'lateral': Series(series.stamps_ns, values)})
+    detector = HuntingDetector()
+    output = detect(detector, gap)
+    rows = output.estimates
+    seconds = rows['stamp_ns'] * 1e-9
+    in_yaw = (rows['doubts'] & doubts.IN_YAW) != 0
+    assert in_yaw[(seconds > 14.0) & (seconds < 32.0)].all()
+    assert not in_yaw[(seconds < 12.0) | (seconds > 33.0)].any()
+    words = [event.event for event in output.events]
+    assert 'limit_cycle' in words
+    assert not {'decaying', 'quiet'} & set(words), 'another channel ends no hunting'
+    first = next(e for e in output.events if e.event in ('escaping', 'limit_cycle'))
+    assert first.stamp_ns < 31e9
+    assert detector.status.state is State.LIMIT_CYCLE
 
 
 def test_a_lateral_sensor_that_comes_late_is_judged_from_then_on(recorded, true_form) -> None:

@@ -43,9 +43,9 @@ def judged(amplitude: np.ndarray, speed: float, form: object) -> np.ndarray:
     rows['growth_rate'] = np.convolve(rate, kernel / kernel.sum())[: rate.size]
     rows['growth_rate_std'] = 0.3 + 1e-6 / amplitude
     memory = decisions.fresh_memory()
-    spread = np.full(amplitude.size, 1e-6)
+    spread, nowhere = np.full(amplitude.size, 1e-6), np.full(amplitude.size, math.nan)
     disagree = np.zeros(amplitude.size, dtype=np.bool_)
-    decisions.decide(RULES, form, memory, amplitude, spread, disagree, rows)
+    decisions.decide(RULES, form, memory, amplitude, spread, nowhere, disagree, rows)
     return rows['state'].copy()
 
 

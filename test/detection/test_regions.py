@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hunt_ros.detection.regions import Level, Region, held, region_of, switched
+from hunt_ros.detection.regions import HELD, Level, Region, hold, region_of, switched
 
 V_N, V_C, BAND = 6.4, 8.0, 0.05
 
@@ -55,15 +55,18 @@ def test_a_comparison_with_hysteresis_keeps_its_word_between_the_thresholds() ->
 
 @settings(deadline=None)
 @given(st.lists(st.sampled_from([0, 1]), max_size=60), st.integers(0, 8))
-def test_a_word_is_taken_only_after_its_hold_time(wanted: list[int], hold: int) -> None:
-    current, waited, run = 0, 0, 0
-    for want in wanted:
-        run = run + 1 if want != current else 0
-        new, waited = held(current, want, waited, hold)
-        assert (new != current) == (want != current and run > hold)
-        if new != current:
-            run = 0
-        current = new
+def test_a_word_is_taken_only_after_its_hold_time(wanted: list[int], rows: int) -> None:
+    memory = np.zeros(1, dtype=HELD)[0]
+    current, since = 0, 0
+    for k, want in enumerate(wanted):
+        if want == current:
+            since = k + 1
+        changed = hold(memory, want, rows, k)
+        assert changed == (want != current and k - since >= rows)
+        if changed:
+            assert memory['since_ns'] == since
+            current, since = want, k + 1
+        assert memory['word'] == current
 
 
 def test_levels_are_those_of_diagnostic_status() -> None:

@@ -182,7 +182,7 @@ def test_going_back_to_an_earlier_form_is_an_event_live_and_in_the_replay(record
     words = [event.event for event in live.events]
     assert words.index('normal_form_changed') < words.index('normal_form_reverted')
     reverted = live.events[words.index('normal_form_reverted')]
-    assert reverted.detail == 'v_c 8.000 m/s, v_n 6.406 m/s'
+    assert reverted.cause.startswith('v_c 8.000 m/s, v_n 6.406 m/s')
     _assert_same(live, _repeated(live, arrived))
 
 

@@ -31,7 +31,7 @@ class Machine:
 
     def __init__(self, state: State = State.QUIET) -> None:
         self.memory = decisions.fresh_memory()
-        self.memory['state']['state'] = state
+        self.memory['state']['motion' if state <= State.DISTURBED else 'hunting']['word'] = state
         self.memory['evidence']['reference'] = CYCLE
         self.memory['floor']['square'] = FLOOR**2
         self.memory['floor']['learnt'] = 1e4
@@ -65,18 +65,26 @@ class Machine:
                 memory['evidence'],
                 memory['floor'],
                 memory['steadiness'],
-                memory['state']['state'],
+                memory['state']['hunting']['word'],
                 amplitude,
                 1e-6,
+                math.nan,
                 growth,
                 0.02,
                 row[0],
             )
             states.next_state(
-                RULES, memory['state'], memory['evidence'], memory['floor'], found, amplitude
+                RULES,
+                memory['state'],
+                memory['evidence'],
+                memory['floor'],
+                found,
+                amplitude,
+                1e-6,
+                0,
             )
             states.latch(memory['state'])
-        return State(int(memory['state']['state']))
+        return State(states.shown(memory['state']))
 
 
 HOLD = RULES.escape_hold + 2

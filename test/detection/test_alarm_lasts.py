@@ -1,0 +1,192 @@
+"""No evidence ends no hunting: not a new form, a reset clock, a silent channel or a pause."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hunt_ros.detection import DetectorConfig, HuntingDetector, JournalEntry, State
+from hunt_ros.detection.output import Output
+from hunt_ros.detection.replay import replay_journal
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+from hunt_ros.errors import ConfigError
+from hunt_ros.samples import Record, Series
+
+PAPER = IdentifiedNormalForm(PAPER_NORMAL_FORM)
+#: Frequency of the paper's form, Hz.
+HUNTING_HZ = PAPER_NORMAL_FORM.frequency_hz
+SECOND = 1_000_000_000
+
+
+def motion(amplitude_m: np.ndarray, rate_hz: float = 200.0, start_s: float = 0.0) -> Series:
+    """Return a lateral motion at the hunting frequency whose amplitude is given per sample."""
+    t = start_s + (np.arange(amplitude_m.size) + 1) / rate_hz
+    noise = 2e-6 * np.random.default_rng(1).standard_normal(t.size)
+    values = amplitude_m * np.cos(2.0 * np.pi * HUNTING_HZ * t) + noise
+    return Series(np.round(t * 1e9).astype(np.int64), values)
+
+
+class Rig:
+    """A detector with a lateral sensor and a speed, fed block by block."""
+
+    def __init__(self, form: IdentifiedNormalForm | None = PAPER, **settings: object) -> None:
+        config = DetectorConfig(channels=('lateral', 'speed'), roughness=False, **settings)
+        self.detector = HuntingDetector(config, form)
+        self.outputs: list[Output] = []
+        self.fed: dict[str, list[Series]] = {'lateral': [], 'speed': []}
+
+    def feed(self, lateral: Series, speed: float | None = 7.2) -> list[str]:
+        """Feed a stretch; return the words of its events. Speed None: not a number."""
+        values = np.full(len(lateral), np.nan if speed is None else speed)
+        for name, series in (('lateral', lateral), ('speed', Series(lateral.stamps_ns, values))):
+            self.fed[name].append(series)
+            self.outputs.append(self.detector.update(name, series.stamps_ns, series.values))
+        return [event.event for output in self.outputs[-2:] for event in output.events]
+
+    def replayed(self) -> Output:
+        record = Record(
+            {
+                name: Series(
+                    np.concatenate([part.stamps_ns for part in parts]),
+                    np.concatenate([part.values for part in parts]),
+                )
+                for name, parts in self.fed.items()
+            }
+        )
+        lines = [entry.to_text() for output in self.outputs for entry in output.journal]
+        journal = [JournalEntry.from_text(line) for line in lines]
+        return replay_journal(HuntingDetector(self.detector.config), record, journal)
+
+
+def hunting(seconds: float = 12.0, rate_hz: float = 200.0) -> np.ndarray:
+    """Return a second of rest, then growth to the limit cycle, m."""
+    t = np.arange(round(seconds * rate_hz)) / rate_hz
+    return np.minimum(20e-6 * np.exp(np.maximum(t - 3.0, 0.0)), 630e-6)
+
+
+def hunts(rig: Rig) -> None:
+    rig.feed(motion(hunting()))
+    assert rig.detector.status.state is State.LIMIT_CYCLE
+    assert rig.detector.status.alarm
+
+
+@pytest.mark.parametrize('frequency_hz', [3.6, 12.0])
+def test_a_form_at_another_frequency_ends_no_hunting(frequency_hz: float) -> None:
+    rig = Rig()
+    hunts(rig)
+    rig.detector.acknowledge()
+    form = replace(PAPER_NORMAL_FORM, frequency_hz=frequency_hz)
+    rig.detector.set_normal_form(IdentifiedNormalForm(form))
+    words = rig.feed(motion(np.full(2000, 630e-6), start_s=12.0))
+    assert not {'quiet', 'decaying'} & set(words)
+    assert rig.detector.status.alarm
+    assert rig.detector.status.state is State.LIMIT_CYCLE
+
+
+def test_a_clock_set_back_ends_no_hunting() -> None:
+    rig = Rig()
+    hunts(rig)
+    rig.detector.acknowledge()
+    words = rig.feed(motion(np.full(2000, 630e-6), start_s=2.0))
+    assert not {'quiet', 'decaying', 'limit_cycle'} & set(words)
+    assert rig.detector.status.alarm
+    assert rig.detector.status.state is State.LIMIT_CYCLE
+    decay = 630e-6 * np.exp(-0.8 * np.arange(3000) / 200.0)
+    words = rig.feed(motion(np.maximum(decay, 2e-6), start_s=12.0), speed=6.0)
+    assert words.index('decaying') < words.index('quiet')
+    assert not rig.detector.status.alarm, 'acknowledged, and now it is over'
+
+
+def test_without_speed_a_growing_motion_does_not_decay() -> None:
+    rig = Rig()
+    t = np.arange(1400) / 200.0
+    amplitude = np.where(t < 6.0, 20e-6, 300e-6 * np.exp(0.5 * (t - 6.0)))
+    rig.feed(motion(amplitude))
+    assert rig.detector.status.state is State.ESCAPING
+    grown = 300e-6 * np.exp(0.5 * (7.0 + np.arange(600) / 200.0 - 6.0))
+    words = rig.feed(motion(grown, start_s=7.0), speed=None)
+    assert 'decaying' not in words
+    rig.detector.acknowledge()
+    assert rig.detector.status.alarm
+    falling = grown[-1] * np.exp(-0.8 * np.arange(2000) / 200.0)
+    words = rig.feed(motion(falling, start_s=10.0), speed=None)
+    assert 'decaying' in words, 'a decay is seen without a speed, too'
+
+
+@pytest.mark.parametrize('output_rate_hz', [50.0, 200.0, 1000.0])
+def test_a_slow_decay_is_seen_at_any_rate_of_the_rows(output_rate_hz: float) -> None:
+    rig = Rig(form=None, output_rate_hz=output_rate_hz)
+    rig.feed(motion(np.full(10_000, 630e-6), 1000.0))
+    assert rig.detector.status.state is State.LIMIT_CYCLE
+    decay = 630e-6 * np.exp(-0.2 * np.arange(6000) / 1000.0)
+    rig.feed(motion(decay, 1000.0, 10.0))
+    (event,) = (e for o in rig.outputs for e in o.events if e.event == 'decaying')
+    assert 11.5e9 < event.stamp_ns < 14.5e9
+
+
+def test_a_pause_keeps_alarm_and_hunting_and_is_replayed() -> None:
+    rig = Rig()
+    hunts(rig)
+    rig.detector.restart()
+    assert rig.detector.status.alarm
+    assert rig.detector.status.state is State.LIMIT_CYCLE
+    decay = 630e-6 * np.exp(-0.8 * np.arange(4000) / 200.0)
+    words = rig.feed(motion(np.maximum(decay, 2e-6), start_s=100.0), speed=6.0)
+    assert 'limit_cycle' not in words, 'it has been told'
+    assert words.index('decaying') < words.index('quiet')
+    assert rig.detector.status.alarm, 'nobody has acknowledged it'
+    again = rig.replayed()
+    live = np.concatenate([o.estimates for o in rig.outputs])
+    assert again.estimates.tobytes() == live.tobytes()
+    rig.detector.acknowledge()
+    assert not rig.detector.status.alarm
+    hunts(again_rig := Rig())
+    again_rig.detector.reset()
+    assert not again_rig.detector.status.alarm, 'reset is as new'
+
+
+def test_settings_change_while_it_runs_and_the_change_is_replayed() -> None:
+    rig = Rig(form=None)
+    rig.feed(motion(np.full(2400, 630e-6)))
+    assert rig.detector.status.state is State.LIMIT_CYCLE
+    floor = rig.detector.status.noise_floor
+    config = replace(
+        rig.detector.config,
+        nonlinear_critical_speed_mps=6.4,
+        critical_speed_mps=8.0,
+        lateral_range_m=600e-6,
+        decay_fraction=0.5,
+    )
+    rig.outputs.append(rig.detector.reconfigure(config))
+    words = rig.feed(motion(np.full(600, 630e-6), start_s=12.0))
+    assert {'hysteresis_entered', 'sensor_fault'} <= set(words)
+    assert rig.detector.status.state is State.LIMIT_CYCLE
+    assert rig.detector.status.alarm
+    assert rig.detector.status.noise_floor == pytest.approx(floor, rel=0.2)
+    again = rig.replayed()
+    live = np.concatenate([o.estimates for o in rig.outputs])
+    assert again.estimates.tobytes() == live.tobytes()
+    with pytest.raises(ConfigError, match='output_rate_hz'):
+        rig.detector.reconfigure(replace(config, output_rate_hz=50.0))
+
+
+def test_an_event_says_when_it_began_and_why() -> None:
+    rig = Rig()
+    hunts(rig)
+    events = {event.event: event for output in rig.outputs for event in output.events}
+    hold = rig.detector.config.limit_cycle_hold_s * 2.84 / HUNTING_HZ
+    cycle = events['limit_cycle']
+    assert (cycle.stamp_ns - cycle.since_ns) * 1e-9 == pytest.approx(hold, abs=0.02)
+    assert 'has reached the limit cycle' in cycle.cause
+    escape = events['escaping']
+    assert 0 < escape.stamp_ns - escape.since_ns < SECOND
+    assert 'probability' in escape.cause
+    assert 'hysteresis region' in events['hysteresis_entered'].cause or events[
+        'hysteresis_entered'
+    ].cause.startswith('the speed 7.200 m/s lies between v_n = 6.406 m/s and v_c = 8.000 m/s')
+    for event in events.values():
+        assert event.cause
+        assert event.since_ns <= event.stamp_ns
