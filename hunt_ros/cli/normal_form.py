@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from hunt_ros.errors import ConfigError, HuntError
 if TYPE_CHECKING:
     from hunt_ros.dynamics.center_manifold import ComplexNormalForm
     from hunt_ros.dynamics.limit_cycle import Branch
+    from hunt_ros.dynamics.linear_stability import CreepSolution
     from hunt_ros.dynamics.parameters import RigParameters
 
 SUMMARY = 'compute critical speed and normal form of a rig from its parameters'
@@ -28,6 +30,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help='YAML file of the rig; a key left out is that of Table 1, so {} is the linear rig',
     )
+    positive = options.number(0.0, 1e3, above=True)
+    parser.add_argument(
+        '--measured',
+        nargs=2,
+        type=positive,
+        metavar=('V_C', 'D1'),
+        help='v_c (m/s) and D1 as measured: the creep coefficients are those that give them',
+    )
     options.add_json(parser)
     parser.add_argument('--plot', type=Path, metavar='PNG', help='bifurcation diagram')
 
@@ -36,14 +46,21 @@ def run(arguments: argparse.Namespace) -> int:
     """Read the rig, compute, print."""
     from hunt_ros.cli.output import write_json
     from hunt_ros.dynamics.center_manifold import normal_form_of
+    from hunt_ros.dynamics.linear_stability import creep_coefficients
     from hunt_ros.dynamics.parameters import RigParameters
 
     text = options.read_text(arguments.wheelset, 'rig')
     rig = RigParameters.from_yaml(text, str(arguments.wheelset))
+    creep: tuple[CreepSolution, ...] = ()
+    if arguments.measured:
+        creep = creep_coefficients(rig, *arguments.measured)
+        rig = creep[0].rig
     form = normal_form_of(rig)
     branch = _full_model(rig)
-    result = document(form, branch)
+    result = document(form, branch) | _creep_json(creep)
     if arguments.json != '-':
+        for line in _creep_lines(creep):
+            print(line)
         print(summary(rig, form, result))
     if arguments.json:
         write_json(result, arguments.json)
@@ -95,6 +112,31 @@ def summary(rig: RigParameters, form: ComplexNormalForm, result: dict[str, Any])
     for what, speed in shown.items():
         lines.append(f'fold {what}: ' + ('none' if speed is None else f'v_n = {speed:.3f} m/s'))
     return '\n'.join(lines)
+
+
+def _creep_json(creep: Sequence[CreepSolution]) -> dict[str, Any]:
+    """The solutions of the inverse problem; the first is the one taken."""
+    if not creep:
+        return {}
+    return {
+        'creep_coefficients': [
+            {
+                'solution': one.name,
+                'creep_lateral_n': one.rig.creep_lateral_n,
+                'creep_longitudinal_n': one.rig.creep_longitudinal_n,
+            }
+            for one in creep
+        ]
+    }
+
+
+def _creep_lines(creep: Sequence[CreepSolution]) -> list[str]:
+    lines = [
+        f'creep_lateral_n: {one.rig.creep_lateral_n:.5g},'
+        f' creep_longitudinal_n: {one.rig.creep_longitudinal_n:.5g}  ({one.name})'
+        for one in creep
+    ]
+    return [*lines, 'the first is taken', ''] if len(creep) > 1 else [*lines, ''] if creep else []
 
 
 def _full_model(rig: RigParameters) -> Branch | None:

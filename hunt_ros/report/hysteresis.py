@@ -50,7 +50,9 @@ def hysteresis_loop(
             measured_points(axes, states, direction, joined=direction != 'hold')
         axes.margins(x=0.06)
         # Room above the loop for the names of the critical speeds.
-        axes.set_ylim(0.0, 1.3 * axes.get_ylim()[1])
+        top = 1.3 * axes.get_ylim()[1]
+        # A quiet state is a whole marker, not half of one on the axis.
+        axes.set_ylim(-0.03 * top, top)
         _observed_speeds(axes, result)
         for letter, (speed, amplitude) in (marks or {}).items():
             axes.annotate(

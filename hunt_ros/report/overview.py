@@ -107,7 +107,8 @@ def run_overview(
         style.frame(above, '', r'Speed $v$ (m/s)')
         style.frame(below, 'Time (s)', 'Hunting\namplitude (mm)')
         below.set_xlim(0.0, max((record.end_ns - record.start_ns) / NANOSECONDS, 1e-3))
-        below.set_ylim(0.0, 1.08 * max(below.get_ylim()[1], 1e-6))
+        top = 1.08 * max(below.get_ylim()[1], 1e-6)
+        below.set_ylim(-0.03 * top, top)
         return figure
 
 

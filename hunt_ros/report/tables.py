@@ -145,14 +145,14 @@ def critical_speeds(result: Result) -> str:
             number(result, key),
             interval(result, key),
             number(result, f'observed.{key}', digits=3),
-            plain(value) if value is not None else '',
+            *([plain(value) if value is not None else ''] if _paper_rig(result) else []),
         ]
         for key, value in published.items()
     ]
     step = number(result, 'observed.step_mps', digits=2)
     unit = '' if result.get('observed.step_mps') is None else ' m/s'
     return table(
-        ['', 'normal form', '95 % interval', 'read off the jumps', 'paper, Eq. (33)'],
+        ['', 'normal form', '95 % interval', 'read off the jumps', *_paper_header(result)],
         rows,
         f'Critical speeds. Step of the speed at the jumps: {step}{unit}.',
     )
@@ -166,7 +166,7 @@ def coefficients(result: Result) -> str:
             number(result, f'coefficients.{name}'),
             interval(result, f'coefficients.{name}'),
             _four_point(result, name),
-            _as_published(getattr(PAPER_NORMAL_FORM, name)),
+            *([_as_published(getattr(PAPER_NORMAL_FORM, name))] if _paper_rig(result) else []),
         ]
         for name in COEFFICIENTS
     ]
@@ -177,8 +177,33 @@ def coefficients(result: Result) -> str:
     )
     if result.get('four_point') is None:
         caption += f' The four-point recipe is {not_known(result, "four_point")}.'
-    header = ['', 'identified', '95 % interval', 'four-point recipe (3.3)', 'paper, Eq. (33)']
+    header = ['', 'identified', '95 % interval', 'four-point recipe (3.3)', *_paper_header(result)]
     return table(header, rows, caption)
+
+
+def _paper_rig(result: Result) -> bool:
+    """
+    Whether the paper's values say anything of this rig.
+
+    They do where amplitude and time are measured in the paper's units, and the rig was run
+    at speeds between half of its v_n and twice its v_c.
+    """
+    scales = (
+        ('length_scale_m', PAPER_NORMAL_FORM.length_scale),
+        ('time_scale_s', PAPER_NORMAL_FORM.time_scale),
+    )
+    for key, ours in scales:
+        theirs = result.value(key)
+        if theirs is not None and abs(theirs / ours - 1.0) > 0.02:
+            return False
+    low = 0.5 * (PAPER_NORMAL_FORM.nonlinear_critical_speed or 0.0)
+    high = 2.0 * PAPER_NORMAL_FORM.critical_speed
+    speeds = [float(state['speed_mps']) for state in result.steady_states()]
+    return not speeds or any(low <= speed <= high for speed in speeds)
+
+
+def _paper_header(result: Result) -> list[str]:
+    return ['paper, Eq. (33)'] if _paper_rig(result) else []
 
 
 def _as_published(value: float) -> str:

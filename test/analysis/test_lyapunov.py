@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import odeint, solve_ivp
 
 from hunt_ros.analysis.lyapunov import largest_lyapunov_exponent
 from hunt_ros.analysis.surrogates import is_nonlinear, phase_randomised
@@ -120,15 +120,15 @@ def test_periodic_motion_is_not_given_a_positive_exponent(monkeypatch):
     # Disturbed by noise its neighbours part, at a rate that falls with their distance. That
     # was read as an exponent, 3 to 8 deviations above zero.
     monkeypatch.setattr('hunt_ros.analysis.lyapunov.is_nonlinear', lambda *_: True)
-    cases = [(seed, turning) for seed in range(20) for turning in (0.05, 0.2)]
+    cases = [(seed, turning) for seed in range(15) for turning in (0.05, 0.2)]
     found = [
-        largest_lyapunov_exponent(limit_cycle(*case), 50.0, most_points=400) for case in cases
+        largest_lyapunov_exponent(limit_cycle(*case), 50.0, most_points=300) for case in cases
     ]
     positive = sum(one.exponent is not None and one.exponent.low > 0.0 for one in found)
-    # At 5 % a record, more than 5 of 40 come once in a hundred.
+    # At 5 % a record, more than 5 of 30 come once in three hundred.
     assert positive <= 5
     assert all((one.exponent is None) == bool(one.reason) for one in found)
-    assert sum(one.exponent is not None for one in found) >= 5
+    assert sum(one.exponent is not None for one in found) >= 3
     assert sum(one.chaotic for one in found) <= 5
 
 
@@ -146,12 +146,11 @@ def test_where_noise_parts_neighbours_altogether_there_is_no_exponent():
 
 
 def test_roessler():
-    def flow(_: float, u: np.ndarray) -> list[float]:
+    def flow(u: np.ndarray, _: float) -> list[float]:
         return [-u[1] - u[2], u[0] + 0.2 * u[1], 0.2 + u[2] * (u[0] - 5.7)]
 
-    times = 100.0 + np.arange(6000) * 0.2
-    values = solve_ivp(flow, (0.0, times[-1]), [1.0, 1.0, 0.0], t_eval=times, rtol=1e-8).y[0]
-    found = largest_lyapunov_exponent(values, 5.0)
+    values = odeint(flow, [1.0, 1.0, 0.0], np.arange(6500) * 0.2, rtol=1e-8, atol=1e-8)[500:, 0]
+    found = largest_lyapunov_exponent(values, 5.0, most_points=1000)
     # 0.0714 over infinite time (Sprott 2003); passages within an orbit come out lower.
     assert found.exponent.value == pytest.approx(0.0714, rel=0.25)
     assert found.chaotic

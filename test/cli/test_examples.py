@@ -70,3 +70,12 @@ def test_the_example_of_a_verb_with_ros_names_what_is_there(verb) -> None:
     parsed = _parser(verb).parse_args(words)
     named = [value for value in vars(parsed).values() if isinstance(value, Path)]
     assert all((HERE / path).exists() for path in named if path.suffix)
+
+
+@pytest.mark.slow
+def test_the_examples_of_the_library_run_one_after_the_other(place, capsys) -> None:
+    text = (HERE / 'docs' / 'library.md').read_text(encoding='utf-8')
+    names: dict[str, object] = {}
+    for block in re.findall(r'```python\n(.*?)```', text, re.DOTALL):
+        exec(compile(block, 'docs/library.md', 'exec'), names)
+    assert 'limit_cycle' in capsys.readouterr().out

@@ -303,3 +303,13 @@ def test_the_frequency_law_is_that_of_the_waves_it_was_read_from() -> None:
     np.testing.assert_allclose(found.amplitude, [one.amplitude for one in states], rtol=0.01)
     with pytest.raises(IdentificationError, match='expected at least 4'):
         hunting_frequencies(records, states[:3], 2.8, v_c, scales)
+
+
+def test_no_measured_point_is_cut_by_the_axis(document) -> None:
+    entries = document()
+    for state in entries['steady_states'][:2]:
+        state['amplitude_m'] = 0.0
+    figure = hysteresis_loop(Result(entries))
+    (axes, *_) = figure.axes
+    low, high = axes.get_ylim()
+    assert -0.1 * high < low < 0.0

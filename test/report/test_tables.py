@@ -134,3 +134,15 @@ def test_an_empty_document_says_not_known_everywhere_and_fails_nowhere() -> None
     text = everything(Result({}))
     assert 'not known' in text
     assert DATA.findall(text) == []
+
+
+def test_the_paper_does_not_stand_beside_another_rig(document: Document) -> None:
+    larger = {**document(), 'length_scale_m': 0.1}
+    faster = document()
+    for state in faster['steady_states']:
+        state['speed_mps'] += 17.0
+    for entries in (larger, faster):
+        text = tables.coefficients(Result(entries)) + tables.critical_speeds(Result(entries))
+        assert 'paper' not in text
+        assert '2030' not in text
+    assert 'paper' in tables.critical_speeds(Result(document()))
