@@ -17,6 +17,9 @@ from hunt_ros.detection.sample_queue import SampleQueue
 #: Bits that ride on the next believed sample: what went wrong since the one before.
 REPEATED, BACKWARD, AHEAD, LATE = 1, 2, 4, 8
 
+#: Most samples of a later epoch that wait while the others do not follow: 50 s at 2 kHz.
+_WAITING = 100_000
+
 _Stamps = NDArray[np.int64]
 _Values = NDArray[np.float64]
 
@@ -159,6 +162,13 @@ class Intake:
             new.drop(0, count, BACKWARD)
             self.counts.backward += count
         old.extend(new)
+
+    def thin(self) -> None:
+        """Keep the first and the newest samples of an epoch that the others do not follow into."""
+        queue = self.queues[-1]
+        while len(self.queues) > 1 and len(queue) > _WAITING:
+            self.counts.clock += _WAITING // 2
+            queue.drop(1, 1 + _WAITING // 2, BACKWARD)
 
     def go_on_from(self, position_ns: int | None) -> None:
         """Go on with stamps of another offset after a position; drop what waits."""

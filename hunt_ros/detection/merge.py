@@ -147,6 +147,8 @@ class ChannelMerger:
             clock.begin_anew()
         if intake.last_ns is not None and intake.last_ns != newest:
             clock.take(intake.last_ns - clock.shift_ns)
+        if channel in self.silent:
+            intake.thin()
         notes = []
         for name in {channel: None, **dict.fromkeys(self._rejoin())}:
             if name in before:
