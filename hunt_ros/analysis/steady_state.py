@@ -166,23 +166,30 @@ class ObservedCriticalSpeeds:
         Distance of those two states, the larger of the two, m/s.
     threshold : float or None
         Amplitude that parts quiet from hunting states, m.
+    v_c_between, v_n_between : (float or None, float or None)
+        Speeds between which each lies, m/s: of the states either side of its jump (mean over
+        the runs); None for a side that nothing shows.
     """
 
     v_c: float | None = None
     v_n: float | None = None
     step: float | None = None
     threshold: float | None = None
+    v_c_between: tuple[float | None, float | None] = (None, None)
+    v_n_between: tuple[float | None, float | None] = (None, None)
 
     @property
     def hysteresis_width(self) -> float | None:
         """v_c - v_n, m/s."""
         return None if self.v_c is None or self.v_n is None else self.v_c - self.v_n
 
-    def to_json(self) -> dict[str, float | None]:
+    def to_json(self) -> dict[str, Any]:
         """Return the entry `observed`."""
         return {
             'v_c': self.v_c,
+            'v_c_between_mps': list(self.v_c_between),
             'v_n': self.v_n,
+            'v_n_between_mps': list(self.v_n_between),
             'hysteresis_width': self.hysteresis_width,
             'step_mps': self.step,
         }
@@ -251,22 +258,32 @@ def observed_critical_speeds(
         return ObservedCriticalSpeeds()
     ups: list[tuple[float, float]] = []
     downs: list[tuple[float, float]] = []
+    # The two speeds either side of each jump, the lower first.
     for before, after in pairwise(states):
         if before.source != after.source or _kicked(before, after, kicks):
             continue
-        middle = 0.5 * (before.speed + after.speed)
-        distance = abs(after.speed - before.speed)
+        sides = min(before.speed, after.speed), max(before.speed, after.speed)
         if before.amplitude < threshold <= after.amplitude and after.direction == 'up':
-            ups.append((middle, distance))
+            ups.append(sides)
         if before.amplitude >= threshold > after.amplitude and after.direction == 'down':
-            downs.append((middle, distance))
-    steps = [step for _, step in ups + downs]
+            downs.append(sides)
+    steps = [high - low for low, high in ups + downs]
     return ObservedCriticalSpeeds(
-        float(np.mean([speed for speed, _ in ups])) if ups else None,
-        float(np.mean([speed for speed, _ in downs])) if downs else None,
+        float(np.mean(ups)) if ups else None,
+        float(np.mean(downs)) if downs else None,
         max(steps) if steps else None,
         threshold,
+        _mean_sides(ups),
+        _mean_sides(downs),
     )
+
+
+def _mean_sides(jumps: Sequence[tuple[float, float]]) -> tuple[float | None, float | None]:
+    """Mean lower and mean upper speed of jumps; None without any."""
+    if not jumps:
+        return None, None
+    low, high = np.mean(jumps, axis=0)
+    return float(low), float(high)
 
 
 def _kicked(before: SteadyState, after: SteadyState, kicks: Sequence[tuple[str, int]]) -> bool:

@@ -192,6 +192,7 @@ def _write(path: str, text: str) -> None:
 
 def describe(result: Identification) -> str:
     """Return the result as a few lines for a person."""
+    from hunt_ros.identification.result import EFFECTIVE
     from hunt_ros.identification.silence import worth_saying
 
     lines = []
@@ -210,17 +211,37 @@ def describe(result: Identification) -> str:
     line('hysteresis width', result.hysteresis_width, 'm/s')
     for name, number in result.coefficients.items():
         line(name, number, '')
-    used = sum(segment.used for segment in result.segments)
+    low, high = result.speeds
+    lines.append(f'effective between {low:.3g} and {high:.3g} m/s: {", ".join(EFFECTIVE)}')
+    lines.append(
+        f'units: d0 = {result.length_scale:.4g} m ({result.scales_from["length"]}),'
+        f' 1/omega_psi = {result.time_scale:.4g} s ({result.scales_from["time"]})'
+    )
     lines.append(
         f'{result.criticality or "criticality not known"}; law: {result.fit.law};'
-        f' {used} of {len(result.segments)} segments used'
+        f' {result.fit.segments} of {len(result.segments)} segments used'
     )
     observed = result.observed
-    seen: list[tuple[str, float | None]] = [('v_c', observed.v_c), ('v_n', observed.v_n)]
-    lines += [f'observed jump, {name}: {x:.4g} m/s' for name, x in seen if x is not None]
+    lines += _observed('v_c', observed.v_c, observed.v_c_between)
+    lines += _observed('v_n', observed.v_n, observed.v_n_between)
     lines += _days(result.days)
     lines += [f'warning: {warning}' for warning in worth_saying(result.warnings)]
     return '\n'.join(lines)
+
+
+def _observed(
+    name: str, speed: float | None, between: tuple[float | None, float | None]
+) -> list[str]:
+    """Say what the jumps, or free motion, show of a critical speed by themselves."""
+    low, high = between
+    if low is None and high is None:
+        return []
+    if low is None or high is None:
+        side = f'above {low:.4g}' if low is not None else f'below {high:.4g}'
+    else:
+        side = f'between {low:.4g} and {high:.4g}'
+    jump = '' if speed is None else f'jump at {speed:.4g}, '
+    return [f'observed {name}: {jump}{side} m/s']
 
 
 def _days(days: Days | None) -> list[str]:

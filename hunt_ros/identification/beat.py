@@ -18,7 +18,7 @@ from hunt_ros.identification.envelope import Envelope
 
 #: Half the span of the local fit, in steps of the envelope.
 _REACH = 12
-#: Share of a limit cycle's amplitude above which the beat matters.
+#: Share of the largest amplitude above which the beat matters.
 _LARGE = 0.4
 #: Share of the beat's power that must be left beside a parabola to tell the two apart.
 _TELL = 0.35
@@ -46,7 +46,7 @@ def without_beat(envelope: Envelope) -> Envelope:
     known = np.isfinite(amplitude)
     if known.sum() < 2 * _REACH:
         return envelope
-    large = known & (amplitude > _LARGE * float(np.nanpercentile(amplitude, 95.0)))
+    large = known & (amplitude > _LARGE * float(np.nanmax(amplitude)))
     steady = large & _steady(amplitude)
     turn = np.exp(1j * (envelope.roller - 3.0 * envelope.phase))
     with np.errstate(all='ignore'):

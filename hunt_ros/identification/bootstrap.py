@@ -51,7 +51,7 @@ def replications(
         drawn = generator.choice(active, active.size)
         weight = np.bincount(drawn, minlength=fitted.path.clusters).astype(np.float64)
         fit = refit(fitted, settings, weight)
-        rows.append(fit.law if np.isfinite(fit.log_likelihood) else np.full(fit.law.size, np.nan))
+        rows.append(fit.law if fit.converged else np.full(fit.law.size, np.nan))
     return np.stack(rows)
 
 

@@ -24,11 +24,11 @@ from hunt_ros.identification.lack_of_fit import (
     missed_transients,
 )
 from hunt_ros.identification.law_choice import FittedLaw
-from hunt_ros.identification.observed import resolved
+from hunt_ros.identification.observed import bounded, resolved
 from hunt_ros.identification.pure_error import LackOfFit
 from hunt_ros.identification.quantities import Quantities
 from hunt_ros.identification.reasons import reasons_of
-from hunt_ros.identification.result import FitSummary, Identification
+from hunt_ros.identification.result import GIVEN, PAPERS, FitSummary, Identification
 from hunt_ros.identification.segments import Segment
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.silence import silences
@@ -110,6 +110,15 @@ def conclude(
     unknown: dict[str, Uncertain | None] = dict.fromkeys(COEFFICIENTS)
     criticality = best.law.criticality if support.cubic and not trust.astray else None
     observed = resolved(evidence.observed, criticality)
+    days = by_day(
+        evidence.records,
+        evidence.states,
+        evidence.segments,
+        evidence.envelopes,
+        evidence.observed.threshold,
+        settings.seed,
+        criticality,
+    )
     result = Identification(
         normal_form=identified,
         v_c=numbers.critical_speed() if support.critical and not trust.astray else None,
@@ -117,11 +126,16 @@ def conclude(
         hysteresis_width=numbers.width() if fold else None,
         coefficients=unknown if trust.no_form else numbers.coefficients(support),
         criticality=criticality,
-        length_scale=settings.length_scale,
-        time_scale=settings.time_scale,
+        length_scale=settings.length_unit,
+        time_scale=settings.time_unit,
+        scales_from={
+            'length': PAPERS if settings.length_scale is None else GIVEN,
+            'time': PAPERS if settings.time_scale is None else GIVEN,
+        },
+        speeds=evidence.speeds,
         branches=numbers.branches() if cubic else (),
         steady_states=tuple(evidence.states),
-        observed=observed.speeds,
+        observed=bounded(observed.speeds, days.bracket()),
         disturbance=numbers.disturbance(evidence.observed) if fold else None,
         four_point=four,
         fit=_summary(laws, evidence, trust),
@@ -129,15 +143,7 @@ def conclude(
         envelopes=tuple(evidence.envelopes),
         records=tuple(evidence.records),
         frequency_hz=_frequency(evidence),
-        days=by_day(
-            evidence.records,
-            evidence.states,
-            evidence.segments,
-            evidence.envelopes,
-            evidence.observed.threshold,
-            settings.seed,
-            criticality,
-        ),
+        days=days,
         warnings=(),
     )
     why = reasons_of(result, support, trust.no_fold, no_recipe, observed.reason)
@@ -155,11 +161,16 @@ class _Trust:
     against: str
 
     @property
+    def lacks(self) -> list[str]:
+        """Why the law does not fit; empty where it does."""
+        missed = f'lack of fit of the law ({100.0 * self.misfit.share:.1f} %)'
+        lacks = [missed if self.misfit.flagged else '', self.astray, self.against]
+        return [lack for lack in lacks if lack]
+
+    @property
     def no_fold(self) -> str:
         """Why no fold is claimed; '' where one may be."""
-        if self.misfit.flagged:
-            return f'lack of fit of the law ({100.0 * self.misfit.share:.1f} %)'
-        return self.astray or self.against
+        return self.lacks[0] if self.lacks else ''
 
     @property
     def no_form(self) -> bool:
@@ -180,7 +191,13 @@ def _trust(best: FittedLaw, evidence: Evidence, warnings: list[str]) -> _Trust:
     misfit = lack_of_fit(best.law, evidence.hunting, best.noise)
     missed, transients = missed_transients(best, evidence.segments, evidence.envelopes)
     astray = ''
-    if missed > max(0.3 * transients, 0.5):
+    if not best.fit.converged:
+        astray = (
+            f'the fit of the {name} law has not converged (a gain of the log likelihood of'
+            f' {best.fit.remaining:.2g} is still in reach)'
+        )
+        warnings.append(f'{astray}: nothing is read from it')
+    elif missed > max(0.3 * transients, 0.5):
         astray = (
             f'{missed} of {transients} free transients go another way than the {name} law says'
         )
@@ -243,18 +260,24 @@ def _summary(laws: Sequence[FittedLaw], evidence: Evidence, trust: _Trust) -> Fi
     inside = best.fit.innovations
     size = inside[:, 0] * np.exp(0.5 * inside[:, 2])
     used = size[inside[:, 2] != 0.0]
-    others = ', '.join(f'{one.law.name} {one.weight:.2g}' for one in laws)
+    others = ', '.join(f'{one.law.name} {one.weight:.2g}' for one in evidence.laws)
+    why = f'share of the evidence: {others}'
+    if best.law.name != evidence.laws[0].law.name:
+        why += f'; {best.law.name} misses the limit cycle least'
     return FitSummary(
         method='trajectory likelihood',
         law=best.law.name,
-        why=f'share of the evidence: {others}',
-        segments=int(best.path.restart.sum()),
+        why=why,
+        segments=sum(segment.used for segment in evidence.segments),
+        initial_amplitudes=int(best.path.starts.sum()),
         clusters=best.path.clusters,
         residual_rms=evidence.scales.amplitude * float(np.sqrt(np.mean(used**2)))
         if used.size
         else math.nan,
-        lack_of_fit=bool(trust.no_fold) or trust.quintic.flagged,
+        lack_of_fit=bool(trust.lacks),
+        lack_of_fit_because=tuple(trust.lacks),
         lack_of_fit_p=trust.misfit.p,
+        converged=best.fit.converged,
         condition_number=robust_covariance(best.fit, len(evidence.envelopes)).condition_number,
         v_c_bound=critical_speed_bound(best),
     )

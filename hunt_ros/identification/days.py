@@ -165,10 +165,11 @@ def by_day(
     )
     hits = _hits(segments, envelopes, day, threshold)
     shifts = branches.shifts()
+    kicks = [(part.source, part.start_ns) for part in segments if part.kind == 'kick']
     summaries = []
     for name in sorted(set(day.values())):
         own = [state for state in states if day.get(state.source, UNDATED) == name]
-        observed = resolved(observed_critical_speeds(own), criticality).speeds
+        observed = resolved(observed_critical_speeds(own, kicks), criticality).speeds
         mine = [hit for hit in hits if hit.day == name]
         summaries.append(
             DaySummary(

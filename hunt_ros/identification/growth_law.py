@@ -176,7 +176,8 @@ class GrowthLaw:
         unstable, stable : ndarray, shape (n,)
             m; NaN where there is none. Where rest is stable the unstable one bounds its basin,
             and the stable one is the first above it; where rest is unstable the stable one is
-            the first that growth from rest meets.
+            the first that growth from rest meets. An unstable one with no stable one above it
+            is where a law runs away, outside what it was fitted to: no state of a rig.
         """
         u = np.atleast_1d(self.detuning(speed))
         b = np.asarray(line, dtype=np.float64) / self.scales.amplitude**2
@@ -201,6 +202,7 @@ class GrowthLaw:
             unstable = np.min(np.where(barrier, w, np.inf), axis=0)
             above = exists & (slope < 0.0) & ((w > unstable) | ~np.isfinite(unstable))
         stable = np.min(np.where(above, w, np.inf), axis=0)
+        unstable = np.where(np.isfinite(stable), unstable, np.inf)
         size = self.scales.amplitude
         return size * _root(unstable), size * _root(stable)
 

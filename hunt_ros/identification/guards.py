@@ -193,8 +193,8 @@ def _critical(
         return False
     if not low <= v_c <= high:
         reasons.append(
-            f'v_c = {v_c:.3g} +/- {std:.1g} m/s is a forecast: the data end at'
-            f' {high if v_c > high else low:.3g} m/s'
+            f'v_c = {v_c:.3g} m/s is a forecast: the data '
+            + (f'end at {high:.3g} m/s' if v_c > high else f'begin at {low:.3g} m/s')
         )
     return True
 

@@ -21,7 +21,6 @@ from hunt_ros.identification.channels import Channels
 from hunt_ros.identification.conclusions import Evidence, conclude
 from hunt_ros.identification.discrepancy import held_less
 from hunt_ros.identification.envelope import (
-    STEP_CYCLES,
     WINDOW_CYCLES,
     WINDOW_OVERLAP,
     WINDOW_REACH,
@@ -37,7 +36,7 @@ from hunt_ros.identification.path import Path
 from hunt_ros.identification.plateaus import analyse_record
 from hunt_ros.identification.result import Identification
 from hunt_ros.identification.screening import above_noise, distinct, doubts, moving
-from hunt_ros.identification.segments import Segment, after_gap, find_kicks
+from hunt_ros.identification.segments import Segment, find_kicks
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.stops import measuring
 from hunt_ros.identification.uncertainty import ENOUGH_RUNS
@@ -47,6 +46,8 @@ from hunt_ros.samples import Record
 _BLOCK_S = 15.0
 #: Share of the work that is done when the fit stands and the intervals begin.
 _FITTED = 0.5
+#: Amplitude of the fit's unit, of the largest one: however little of the time a rig hunts.
+_NEAR_TOP = 0.9
 #: Instants over which the power of the roller's lines is taken to be one.
 _LINE_SPAN = 9
 
@@ -223,14 +224,10 @@ def _path(
     phasor: list[NDArray[np.complex128]] = []
     restart, clusters, count = [], [], 0
     for run in runs:
-        kicked = find_kicks(run.envelope)
-        begins = kicked.copy()
-        begins[1:] |= kicked[:-1]
-        begins |= after_gap(run.envelope)
-        begins[0] = True
-        restart.append(begins)
-        phasor.append(np.where(kicked, np.nan, run.corrected.phasor))
         time = run.envelope.time
+        restart.append(np.arange(time.size) == 0)
+        # A kick begins a new segment, as a gap does.
+        phasor.append(np.where(find_kicks(run.envelope), np.nan, run.corrected.phasor))
         block = np.zeros(time.size, dtype=np.int64)
         if len(runs) < ENOUGH_RUNS:
             block = ((time - time[0]) / _BLOCK_S).astype(np.int64)
@@ -239,9 +236,9 @@ def _path(
     joined = np.concatenate(phasor)
     scales = GrowthScales(
         speed=float(np.median(speed)),
-        amplitude=float(np.nanpercentile(np.abs(joined), 95.0)),
-        length_scale=settings.length_scale,
-        time_scale=settings.time_scale,
+        amplitude=_NEAR_TOP * float(np.nanmax(np.abs(joined))),
+        length_scale=settings.length_unit,
+        time_scale=settings.time_unit,
         frequency_hz=frequency,
     )
     half = 0.5 * WINDOW_CYCLES / frequency
@@ -255,7 +252,6 @@ def _path(
         reach=WINDOW_REACH * half,
         overlap=WINDOW_OVERLAP,
         line=np.concatenate([_line(run.envelope) for run in runs]) / scales.amplitude**2,
-        spacing=STEP_CYCLES / frequency,
     )
     return path, scales
 

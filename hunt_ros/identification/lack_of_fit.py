@@ -164,11 +164,12 @@ def following(laws: Sequence[FittedLaw], states: Sequence[SteadyState]) -> list[
     Returns
     -------
     list of FittedLaw
-        With shares that sum to one, in their order; all of them where all miss it.
+        With shares that sum to one, in their order; where all miss it, the one that misses
+        it least.
     """
-    good = [one for one in laws if not lack_of_fit(one.law, states, one.noise).flagged] or list(
-        laws
-    )
+    tests = [lack_of_fit(one.law, states, one.noise) for one in laws]
+    good = [one for one, test in zip(laws, tests, strict=True) if not test.flagged]
+    good = good or [laws[int(np.argmin([test.share for test in tests]))]]
     total = sum(one.weight for one in good)
     if total <= 0.0:
         return [replace(good[0], weight=1.0), *good[1:]]

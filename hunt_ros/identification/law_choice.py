@@ -239,8 +239,8 @@ def _conicity_start(theta: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _evidence(fit: TrajectoryFit, name: str, scales: GrowthScales) -> float:
-    """Laplace's approximation to the log evidence, up to a constant."""
-    if not (np.isfinite(fit.information).all() and math.isfinite(fit.log_likelihood)):
+    """Laplace's approximation to the log evidence, up to a constant; it needs a maximum."""
+    if not (fit.converged and math.isfinite(fit.log_likelihood)):
         return -math.inf
     information = fit.information.copy()
     # A noise that is too small to be seen leaves its logarithm free: without a bound on how

@@ -57,4 +57,33 @@ def resolved(seen: ObservedCriticalSpeeds, criticality: Criticality | None) -> O
             f'the amplitude rose and fell at speeds {width:.2g} m/s apart, no more than one step'
             f' of the speed ({step:.2g} m/s): no hysteresis is resolved'
         )
-    return Observed(replace(seen, v_n=None), reason) if reason else Observed(seen)
+    if not reason:
+        return Observed(seen)
+    return Observed(replace(seen, v_n=None, v_n_between=(None, None)), reason)
+
+
+def bounded(
+    seen: ObservedCriticalSpeeds, free: tuple[float | None, float | None]
+) -> ObservedCriticalSpeeds:
+    """
+    Bound v_c by free motion where no jump shows it.
+
+    Parameters
+    ----------
+    seen : ObservedCriticalSpeeds
+        As read off the jumps.
+    free : (float or None, float or None)
+        Highest speed at which free motion decayed, and lowest at which it grew, m/s.
+
+    Returns
+    -------
+    ObservedCriticalSpeeds
+        v_c lies above any decay. Growth bounds it where all decays were slower: large motion
+        grows below v_c too.
+    """
+    if seen.v_c is not None:
+        return seen
+    decay, growth = free
+    if decay is not None and growth is not None and growth <= decay:
+        growth = None
+    return replace(seen, v_c_between=(decay, growth))

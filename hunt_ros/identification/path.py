@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +17,13 @@ class Path:
     Parameters
     ----------
     time : ndarray, shape (n,)
-        s, rising within each segment.
+        s, rising within each run, evenly.
     u : ndarray, shape (n,)
         v / v_ref - 1.
     phasor : ndarray of complex, shape (n,)
         z / A_ref; NaN where nothing was measured.
     restart : ndarray of bool, shape (n,)
-        True where a segment begins: the amplitude there is free.
+        True where a run begins.
     cluster : ndarray of int, shape (n,)
         Run or block each instant belongs to, 0-based, for robust variances.
     blur : float
@@ -30,9 +31,7 @@ class Path:
     reach : float
         Mean distance of two instants of such a window, s.
     overlap : float
-        Correlation of the noise of windows that are `spacing` apart, below 1/2.
-    spacing : float
-        Distance of neighbouring windows, s.
+        Correlation of the noise of neighbouring windows, below 1/2.
     conicity : bool
         Whether the law is that of the equivalent conicity.
     line : ndarray, shape (n,), optional
@@ -49,7 +48,6 @@ class Path:
     blur: float = 0.0
     reach: float = 0.0
     overlap: float = 0.0
-    spacing: float = 0.0
     conicity: bool = False
     line: NDArray[np.float64] | None = None
     weight: NDArray[np.float64] | None = None
@@ -59,11 +57,23 @@ class Path:
         """Number of clusters."""
         return int(self.cluster.max()) + 1 if self.cluster.size else 0
 
+    @cached_property
+    def starts(self) -> NDArray[np.bool_]:
+        """
+        Instants at which a segment begins, shape (n,): the amplitude there is free.
+
+        Each run begins one, and each gap: what went on in a gap is not known (the speed may
+        have gone anywhere, random motion may have decided for another state), so that no law
+        is integrated over it.
+        """
+        known = np.isfinite(self.phasor)
+        before = np.concatenate([[False], known[:-1]])
+        starts: NDArray[np.bool_] = known & (self.restart | ~before)
+        return starts
+
     def broken_at(self, jumps: NDArray[np.bool_]) -> Path:
         """Return the path with new segments after `jumps`, whose windows are left out."""
         hit = jumps.copy()
         hit[:-1] |= jumps[1:]
         hit[1:] |= jumps[:-1] & ~self.restart[1:]
-        after = self.restart.copy()
-        after[1:] |= hit[:-1]
-        return replace(self, phasor=np.where(hit, np.nan, self.phasor), restart=after)
+        return replace(self, phasor=np.where(hit, np.nan, self.phasor))

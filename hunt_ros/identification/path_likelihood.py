@@ -25,8 +25,9 @@ from hunt_ros.identification.path import Path
 #: ln Q (at u = w = 0), ln R and the log of the phase noise.
 NOISE_TERMS = 5
 
-#: Longest step of the integration relative to the fastest rate met, 1.
-_STEP = 0.5
+#: Longest step of the integration relative to the fastest rate met, 1: where the law changes
+#: the number of steps, the likelihood jumps by its error, here below a hundredth.
+_STEP = 0.3
 #: Largest w = (A / A_ref)^2 the law is evaluated at: beyond it a trial law may blow up.
 _LARGEST = 25.0
 
@@ -96,18 +97,17 @@ def _innovations(
     real: NDArray[np.float64],
     imag: NDArray[np.float64],
     line: NDArray[np.float64],
-    restart: NDArray[np.bool_],
+    starts: NDArray[np.bool_],
     window: NDArray[np.float64],
     out: NDArray[np.float64],
 ) -> None:
     """Fill out[k] = whitened radial and tangential innovation, and the log of their variances."""
     r = math.exp(noise[3])
     jitter = math.exp(noise[4])
-    blur, reach, shared, spacing = window[0], window[1], window[2], window[3]
+    blur, reach, shared = window[0], window[1], window[2]
     # Windows overlap: n_k = e_k + shared e_{k-1}. The last e is part of the state: its
     # estimate, its variances, and its covariances with the amplitude.
     fresh = r / (1.0 + shared * shared)
-    started = False
     a_re = a_im = p_r = p_t = 0.0
     e_re = e_im = v_r = v_t = x_r = x_t = 0.0
     last = 0
@@ -116,12 +116,9 @@ def _innovations(
         out[k, 1] = 0.0
         out[k, 2] = 0.0
         out[k, 3] = 0.0
-        if restart[k]:
-            started = False
         if not math.isfinite(real[k]):
             continue
-        if not started:
-            started = True
+        if starts[k]:
             seen = max(math.sqrt(real[k] * real[k] + imag[k] * imag[k]), 1e-9)
             sharp = 1.0 / _blurred(p, u[k], seen, line[k], blur)
             sharp = 1.0 / _blurred(p, u[k], seen * sharp, line[k], blur)
@@ -135,7 +132,6 @@ def _innovations(
             last = k
             continue
         dt = time[k] - time[last]
-        b = shared if dt < 1.5 * spacing else 0.0
         amplitude = max(math.sqrt(a_re * a_re + a_im * a_im), 1e-9)
         c = a_re / amplitude
         s = a_im / amplitude
@@ -155,16 +151,16 @@ def _innovations(
         turning = jitter * amplitude * amplitude
         p_t += turning * dt
         gain = _blurred(p, u[k], amplitude, line[k], blur)
-        i_r = c * real[k] + s * imag[k] - gain * amplitude - b * (c * e_re + s * e_im)
-        i_t = c * imag[k] - s * real[k] - b * (c * e_im - s * e_re)
+        i_r = c * real[k] + s * imag[k] - gain * amplitude - shared * (c * e_re + s * e_im)
+        i_t = c * imag[k] - s * real[k] - shared * (c * e_im - s * e_re)
         # A window smooths the random motion inside it: the variance it takes away counts
         # as noise below zero (exact for a random walk, and in the limit of fast return).
         less_r = 0.5 * reach * q / (1.0 + reach * max(-log_r / dt, 0.0))
         less_t = 0.5 * reach * (q + turning) / (1.0 + reach * max(-log_t / dt, 0.0))
-        x_r *= b * math.exp(log_r)
-        x_t *= b * math.exp(log_t)
-        noise_r = b * b * v_r + (fresh if b > 0.0 else r)
-        noise_t = b * b * v_t + (fresh if b > 0.0 else r)
+        x_r *= shared * math.exp(log_r)
+        x_t *= shared * math.exp(log_t)
+        noise_r = shared * shared * v_r + fresh
+        noise_t = shared * shared * v_t + fresh
         s_r = max(p_r + 2.0 * x_r + noise_r - less_r, 0.1 * p_r + 0.01 * r)
         s_t = max(p_t + 2.0 * x_t + noise_t - less_t, 0.1 * p_t + 0.01 * r)
         out[k, 0] = i_r / math.sqrt(s_r)
@@ -237,8 +233,8 @@ def innovations(theta: NDArray[np.float64], path: Path) -> NDArray[np.float64]:
         np.ascontiguousarray(path.phasor.real),
         np.ascontiguousarray(path.phasor.imag),
         np.zeros(path.time.size) if path.line is None else path.line,
-        path.restart,
-        np.array([path.blur, path.reach, _shared(path.overlap), path.spacing]),
+        path.starts,
+        np.array([path.blur, path.reach, _shared(path.overlap)]),
         out,
     )
     return out

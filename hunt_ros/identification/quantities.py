@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
@@ -19,6 +20,8 @@ from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.uncertainty import summary
 from hunt_ros.samples import Uncertain
 
+#: Step that spreads points evenly over an interval, however many there are.
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 #: Speeds at which the branches are given.
 _BRANCH_POINTS = 41
 
@@ -115,11 +118,7 @@ class Quantities:
         if self.form is None:
             return None
         rows = np.array([IdentifiedNormalForm(f).vector for f in self.forms if f is not None])
-        centre = IdentifiedNormalForm(self.form).vector
-        # Far draws of a flat direction are cut at the quantiles that the intervals show.
-        low, high = np.percentile(rows, [1.0, 99.0], axis=0)
-        spread = np.clip(rows, low, high) - centre
-        matrix = spread.T @ spread / len(rows)
+        matrix = _rank_covariance(rows)
         matrix[0, 0] += self._speed_std(self.form.critical_speed) ** 2
         provenance = {'method': 'trajectory likelihood', 'law': name}
         return IdentifiedNormalForm(self.form, matrix, provenance)
@@ -147,12 +146,44 @@ class Quantities:
 
     def disturbance(self, observed: ObservedCriticalSpeeds) -> Uncertain | None:
         """Disturbance that explains the observed jump up: A_u there, Appendix A."""
-        if observed.v_c is None:
+        low, high = observed.v_c_between
+        if observed.v_c is None or low is None or high is None:
             return None
-        speed = np.array([observed.v_c])
-        value = float(self._law.steady_amplitudes(speed)[0][0])
-        sample = np.array([float(one.steady_amplitudes(speed)[0][0]) for one in self._drawn])
+        value = float(self._law.steady_amplitudes(observed.v_c)[0][0])
+        # The jump lies anywhere between the two states: each draw has it elsewhere.
+        share = (np.arange(len(self._drawn)) * _GOLDEN) % 1.0
+        sample = np.array(
+            [
+                float(one.steady_amplitudes(low + x * (high - low))[0][0])
+                for one, x in zip(self._drawn, share, strict=True)
+            ]
+        )
         return summary(value, sample, least=0.5)
+
+
+def _rank_covariance(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """
+    Covariance with the deviations that `summary` gives, and the correlations of normal scores.
+
+    Far draws of a direction that the data leave open neither stretch nor turn it.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (n, k)
+        Draws.
+
+    References
+    ----------
+    Liu, H., Lafferty, J., Wasserman, L. (2009), J. Mach. Learn. Res. 10, 2295-2328: normal
+    scores of the ranks.
+    """
+    below, above = np.percentile(rows, [15.87, 84.13], axis=0)
+    ranks = np.argsort(np.argsort(rows, axis=0), axis=0)
+    scores = stats.norm.ppf((ranks + 0.5) / len(rows))
+    correlation = scores.T @ scores / np.sum(scores[:, 0] ** 2)
+    std = 0.5 * (above - below)
+    covariance: NDArray[np.float64] = correlation * np.outer(std, std)
+    return covariance
 
 
 def _continued(
@@ -163,9 +194,6 @@ def _continued(
     below v_n. A draw without the branch at a speed is part of the interval there, not a gap in it.
     """
     unstable, stable = law.steady_amplitudes(speeds)
-    with np.errstate(invalid='ignore'):
-        # An unstable branch beyond the stable one: there the law is not to be believed.
-        unstable = np.where(unstable < stable, unstable, np.nan)
     v_c = law.critical_speed
     if v_c is not None:
         unstable = np.where(np.isnan(unstable) & (speeds >= v_c), 0.0, unstable)

@@ -41,6 +41,8 @@ def reasons_of(
     linear = support.reason('critical')
     whole = support.reason('critical', 'time', 'cubic') or no_fold
     fold = support.reason('critical', 'time', 'cubic', 'nonlinear', 'complete') or no_fold
+    if result.criticality is None:
+        fold = whole
     fold = fold or f'no fold of the law lies near the speeds of the data, or {_FEW_DRAWS}'
     why = {
         'v_c': _bounded(linear or no_fold or _FEW_DRAWS, result.days),
@@ -108,8 +110,25 @@ def _unobserved(result: Identification, no_hysteresis: str) -> dict[str, str]:
         'observed.v_c': up,
         'observed.v_n': down,
         'observed.hysteresis_width': up if observed.v_c is None else down,
+        'observed.v_c_between_mps': _unbounded(result.days, up),
+        'observed.v_n_between_mps': down,
         'observed.step_mps': 'no jump was observed',
     }
+
+
+def _unbounded(days: Days | None, no_jump: str) -> str:
+    """Reason why v_c has no bound on one side, or on both."""
+    decay, growth = (None, None) if days is None else days.bracket()
+    if decay is None and growth is None:
+        return f'{no_jump}, and no free motion at one speed was seen'
+    if decay is None:
+        return f'{no_jump}, and no free motion at one speed decayed'
+    if growth is None:
+        return f'{no_jump}, and no free motion at one speed grew'
+    return (
+        f'free motion grew from {growth:.3g} m/s on, no faster than {decay:.3g} m/s where it'
+        ' still decayed: by its size or the day'
+    )
 
 
 def _undated(days: Days | None, no_hysteresis: str) -> dict[str, str]:

@@ -16,6 +16,12 @@ from hunt_ros.identification.four_point import FourPoint
 from hunt_ros.identification.segments import Segment
 from hunt_ros.samples import Record, Uncertain
 
+#: Where a scale comes from, as `scales_from` says it.
+GIVEN, PAPERS = 'given', 'rig of the paper'
+
+#: Coefficients that hold for the speeds and amplitudes measured; the others are Taylor's.
+EFFECTIVE = ('D7', 'D10', 'D15')
+
 
 @dataclass(frozen=True)
 class BranchPoint:
@@ -58,16 +64,24 @@ class FitSummary:
     why : str
         Why this law.
     segments : int
-        Segments with an initial amplitude of their own.
+        Stretches of the recordings that were used.
+    initial_amplitudes : int
+        Stretches of the envelope with an initial amplitude of their own: one more behind
+        every gap and kick.
     clusters : int
         Independent runs or blocks behind the intervals.
     residual_rms : float
         Of the one-step prediction of the amplitude, m.
     lack_of_fit : bool
+        Whether the law chosen does not fit.
+    lack_of_fit_because : sequence of str
+        Why it does not; empty where it does.
     lack_of_fit_p : float
-        Probability of a discrepancy this large if the law were right.
+        Probability of so large a discrepancy of the limit cycle if the law were right.
     condition_number : float
         Of the information, scaled to unit diagonal.
+    converged : bool
+        Whether the fit stands at a maximum of the likelihood; elsewhere nothing is read from it.
     v_c_bound : float
         Cramer and Rao's bound on the deviation of v_c under the law, m/s.
     """
@@ -76,11 +90,14 @@ class FitSummary:
     law: str
     why: str
     segments: int
+    initial_amplitudes: int
     clusters: int
     residual_rms: float
     lack_of_fit: bool
+    lack_of_fit_because: Sequence[str]
     lack_of_fit_p: float
     condition_number: float
+    converged: bool
     v_c_bound: float = math.nan
 
     def to_json(self) -> dict[str, Any]:
@@ -89,10 +106,13 @@ class FitSummary:
             'method': self.method,
             'law': self.law,
             'why': self.why,
+            'converged': self.converged,
             'segments': self.segments,
+            'initial_amplitudes': self.initial_amplitudes,
             'clusters': self.clusters,
             'residual_rms_m': _known(self.residual_rms),
             'lack_of_fit': self.lack_of_fit,
+            'lack_of_fit_because': list(self.lack_of_fit_because),
             'lack_of_fit_p': _known(self.lack_of_fit_p),
             'condition_number': _known(self.condition_number),
         }
@@ -114,6 +134,10 @@ class Identification:
     criticality : 'subcritical', 'supercritical' or None
     length_scale, time_scale : float
         Units of the coefficients, m and s.
+    scales_from : mapping of str to str
+        'length' and 'time': `GIVEN` by the user, or `PAPERS`.
+    speeds : (float, float)
+        Lowest and highest speed of the data, m/s: where the effective coefficients hold.
     branches : sequence of BranchPoint
     steady_states : sequence of SteadyState
     observed : ObservedCriticalSpeeds
@@ -127,7 +151,7 @@ class Identification:
     records : sequence of Record
         What it was identified from, for `update`.
     frequency_hz : Uncertain or None
-        Hunting frequency at v_c.
+        Hunting frequency: mean over the motion, weighted by its power.
     days : Days or None
         The same rig on different days: branches, free motion, and their spread.
     """
@@ -140,6 +164,8 @@ class Identification:
     criticality: Criticality | None
     length_scale: float
     time_scale: float
+    scales_from: Mapping[str, str]
+    speeds: tuple[float, float]
     branches: Sequence[BranchPoint]
     steady_states: Sequence[SteadyState]
     observed: ObservedCriticalSpeeds
@@ -170,6 +196,8 @@ class Identification:
             'criticality': self.criticality,
             'length_scale_m': self.length_scale,
             'time_scale_s': self.time_scale,
+            'scales_from': dict(self.scales_from),
+            'effective': {'coefficients': list(EFFECTIVE), 'speeds_mps': list(self.speeds)},
             'coordinate': 'amplitude',
             'frequency_hz': _number(self.frequency_hz),
             'branches': [point.to_json() for point in self.branches],

@@ -150,7 +150,7 @@ def _cut(channels: Channels, first: int, last: int) -> Channels:
 
 def doubts(channels: Sequence[Channels], settings: IdentificationSettings) -> list[str]:
     """
-    Say what looks like a wrong unit, or like another rig.
+    Say what is taken from the paper's rig, and what looks like a wrong unit or another rig.
 
     Parameters
     ----------
@@ -164,14 +164,14 @@ def doubts(channels: Sequence[Channels], settings: IdentificationSettings) -> li
     list of str
         One line for each doubt.
     """
-    found = []
+    found = _assumed(settings)
     for channel in channels:
         reach = _swing(channel)
-        low, high = (bound * settings.length_scale for bound in _LATERAL_RANGE)
+        low, high = (bound * settings.length_unit for bound in _LATERAL_RANGE)
         if not low <= reach <= high:
             found.append(
                 f'{channel.source}: lateral motion of {reach:.2g} m with d0 ='
-                f' {settings.length_scale:g} m: is the unit right? (metres; SOURCE*0.001 for mm)'
+                f' {settings.length_unit:g} m: is the unit right? (metres; SOURCE*0.001 for mm)'
             )
         speed = float(np.median(channel.speed))
         if not _SPEED_RANGE[0] <= speed <= _SPEED_RANGE[1]:
@@ -180,6 +180,21 @@ def doubts(channels: Sequence[Channels], settings: IdentificationSettings) -> li
                 ' (metres a second; SOURCE*0.001 for mm/s)'
             )
     return found + _other_rig(channels, settings)
+
+
+def _assumed(settings: IdentificationSettings) -> list[str]:
+    """Say which units of the coefficients are those of the paper's rig, because none was given."""
+    assumed = []
+    if settings.length_scale is None:
+        assumed.append(f'd0 = {settings.length_unit:.4g} m (--length-scale)')
+    if settings.time_scale is None:
+        assumed.append(f'1/omega_psi = {settings.time_unit:.4g} s (--time-scale)')
+    if not assumed:
+        return []
+    return [
+        f'not given, and taken from the rig of the paper: {" and ".join(assumed)}; the'
+        ' coefficients of another rig are in units that are not its own'
+    ]
 
 
 def above_noise(envelopes: Sequence[Envelope]) -> None:

@@ -20,8 +20,6 @@ from hunt_ros.identification.envelope import Envelope
 
 Kind = Literal['plateau', 'ramp', 'kick', 'transient', 'gap']
 
-#: Steps of the envelope without a value beyond which what went on in them is not known.
-_LONG_GAP = 8
 #: A kick leaves a jump in its window: a residual this many times the usual one, and this
 #: share of the amplitude.
 _JUMP_NOISE = 3.0
@@ -152,29 +150,6 @@ def find_kicks(envelope: Envelope) -> NDArray[np.bool_]:
     for first, last in runs(jump):
         kicked[max(first - 1, 0) : last + 1] = True
     return kicked
-
-
-def after_gap(envelope: Envelope) -> NDArray[np.bool_]:
-    """
-    First instants after long gaps.
-
-    Over a short one the growth law carries the amplitude. In a long one the speed may have
-    gone anywhere, and random motion may have decided for another state.
-
-    Parameters
-    ----------
-    envelope : Envelope
-        Of one record.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-    """
-    after = np.zeros(envelope.phasor.size, dtype=bool)
-    for first, last in runs(~np.isfinite(envelope.amplitude)):
-        if last - first >= _LONG_GAP and last < after.size:
-            after[last] = True
-    return after
 
 
 def steady_part(amplitude: NDArray[np.float64], least: int) -> slice | None:

@@ -5,7 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.errors import ConfigError
+
+#: Replications whose lowest and highest are the ends of a 95 % interval.
+FEWEST_REPLICATIONS = 40
 
 
 @dataclass(frozen=True)
@@ -15,10 +19,10 @@ class IdentificationSettings:
 
     Parameters
     ----------
-    length_scale : float
-        d0, m: the unit of amplitude of the coefficients, Eq. (32).
-    time_scale : float
-        1 / omega_psi, s: the unit of time of the coefficients.
+    length_scale : float, optional
+        d0, m: the unit of amplitude of the coefficients, Eq. (32); None for the paper's.
+    time_scale : float, optional
+        1 / omega_psi, s: the unit of time of the coefficients; None for the paper's.
     frequency_hz : float, optional
         Hunting frequency, where it is known better than the recording shows it.
     frequency_range_hz : tuple of float
@@ -36,7 +40,8 @@ class IdentificationSettings:
     minimum_hold_s : float
         Shortest stretch at one speed that counts as a plateau.
     bootstrap : int
-        Replications for the intervals; 0 takes the linearised cluster-robust ones.
+        Replications for the intervals, 40 or more: the ends of a 95 % interval are quantiles
+        of them; 0 takes the linearised cluster-robust ones.
     seed : int
         Of the bootstrap and of the draws.
     jobs : int
@@ -50,8 +55,8 @@ class IdentificationSettings:
         For a value out of its range.
     """
 
-    length_scale: float = 0.0485
-    time_scale: float = 1.0 / 25.91
+    length_scale: float | None = None
+    time_scale: float | None = None
     frequency_hz: float | None = None
     frequency_range_hz: tuple[float, float] = (0.5, 20.0)
     roughness_harmonics: int = 2
@@ -67,7 +72,10 @@ class IdentificationSettings:
 
     def __post_init__(self) -> None:
         for name in ('length_scale', 'time_scale', 'minimum_hold_s'):
-            _require(name, getattr(self, name), getattr(self, name) > 0.0, 'a positive number')
+            value = getattr(self, name)
+            _require(name, value, value is None or value > 0.0, 'a positive number')
+        drawn = self.bootstrap == 0 or self.bootstrap >= FEWEST_REPLICATIONS
+        _require('bootstrap', self.bootstrap, drawn, f'0 or at least {FEWEST_REPLICATIONS}')
         for name in ('speed_resolution', 'speed_scale_std', 'bootstrap', 'seed', 'jobs'):
             _require(name, getattr(self, name), getattr(self, name) >= 0, 'zero or more')
         low, high = self.frequency_range_hz
@@ -87,9 +95,14 @@ class IdentificationSettings:
                 _require(name, prior, fine, 'a positive value and a positive standard deviation')
 
     @property
-    def amplitude_unit(self) -> float:
-        """2 d0, m: amplitude for which r = 1."""
-        return 2.0 * self.length_scale
+    def length_unit(self) -> float:
+        """d0, m: as given, or the paper's."""
+        return PAPER_NORMAL_FORM.length_scale if self.length_scale is None else self.length_scale
+
+    @property
+    def time_unit(self) -> float:
+        """1 / omega_psi, s: as given, or the paper's."""
+        return PAPER_NORMAL_FORM.time_scale if self.time_scale is None else self.time_scale
 
 
 def _require(name: str, value: object, fine: bool, expected: str) -> None:

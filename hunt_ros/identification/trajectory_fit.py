@@ -28,6 +28,12 @@ _SLOPES = np.array([3.0, 0.5])
 _STEEPEST = np.array([9.0, 1.0])
 #: Gain of the log likelihood below which a fit stands: a thirtieth of a deviation.
 _GAIN = 1e-3
+#: Relative step of the differences: large against the steps in which the number of points of
+#: the integration changes, small against a deviation.
+_DIFFERENCE = 3e-4
+#: Gain of the log likelihood still in reach at which a fit has converged: it is within a
+#: third of a deviation of the top.
+_REACHED = 0.05
 #: Bounds of ln Q, ln R, ln phase noise: beyond them nothing changes any more.
 _LOG_LOW, _LOG_HIGH = -32.0, 5.0
 
@@ -48,7 +54,8 @@ class TrajectoryFit:
     log_likelihood : float
     innovations : ndarray, shape (n, 4)
     iterations : int
-    converged : bool
+    remaining : float
+        Gain of the log likelihood that the last step still promises, within the bounds.
     correction : ndarray, shape (terms,)
         What to add to the law for the bias of the damping of its quiet motion.
     """
@@ -59,8 +66,13 @@ class TrajectoryFit:
     log_likelihood: float
     innovations: NDArray[np.float64]
     iterations: int
-    converged: bool
+    remaining: float
     correction: NDArray[np.float64]
+
+    @property
+    def converged(self) -> bool:
+        """Whether the fit stands at a maximum: elsewhere its information says nothing."""
+        return self.remaining < _REACHED
 
     @property
     def law(self) -> NDArray[np.float64]:
@@ -108,7 +120,7 @@ def _expand(
     base = innovations(theta, path)
     derivative = np.empty((n, *base.shape))
     for j in range(n):
-        h = 1e-4 * max(abs(theta[j]), 0.1)
+        h = _DIFFERENCE * max(abs(theta[j]), 0.1)
         above, below = theta.copy(), theta.copy()
         above[j] += h
         below[j] -= h
@@ -142,6 +154,39 @@ def _expand(
             information += np.outer(slope, slope) / std**2
     value = _objective(theta, path, weight, scale, priors)
     return _Expansion(value, gradient, information, scores, base, d_e)
+
+
+def _remaining(theta: NDArray[np.float64], at: _Expansion) -> float:
+    """
+    Half the squared Newton decrement over what no bound holds; inf where it cannot be told.
+
+    References
+    ----------
+    Boyd, S., Vandenberghe, L., Convex Optimization (2004), Sect. 9.5.1.
+    """
+    if not (np.isfinite(at.information).all() and np.isfinite(at.gradient).all()):
+        return float('inf')
+    free = _free(theta, at.gradient)
+    pull, block = at.gradient[free], at.information[np.ix_(free, free)]
+    size = np.sqrt(np.maximum(np.diag(block), 1e-12))
+    scaled = np.linalg.pinv(block / np.outer(size, size), rcond=1e-13, hermitian=True)
+    return 0.5 * float(pull / size @ scaled @ (pull / size))
+
+
+def _free(theta: NDArray[np.float64], gradient: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Parameters that no bound holds against the gradient."""
+    low, high = _bounds(theta.size)
+    free: NDArray[np.bool_] = ~((theta <= low) & (gradient < 0.0))
+    return free & ~((theta >= high) & (gradient > 0.0))
+
+
+def _bounds(terms: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lowest and highest value of each parameter; the law itself has no bounds."""
+    high = np.full(terms, np.inf)
+    low = -high
+    low[-NOISE_TERMS:] = *(-_STEEPEST), *np.full(3, _LOG_LOW)
+    high[-NOISE_TERMS:] = *_STEEPEST, *np.full(3, _LOG_HIGH)
+    return low, high
 
 
 def fit_path(
@@ -185,46 +230,44 @@ def fit_path(
     weight = np.ones(path.time.size) if path.weight is None else path.weight
     if cluster_weight is not None:
         weight = weight * cluster_weight[path.cluster]
-    theta = np.array(start, dtype=np.float64)
-    theta[-3:] = np.clip(theta[-3:], _LOG_LOW, _LOG_HIGH)
+    low, high = _bounds(terms + NOISE_TERMS)
+    theta = np.clip(np.array(start, dtype=np.float64), low, high)
     # One-sided differences climb at half the cost; two-sided ones find the top.
     central = False
     current = _expand(theta, path, weight, scale, priors, central)
     damping = 1e-3
-    done = False
+    stalled = False
     count = 0
-    while count < iterations and not (done and central):
-        if done:
-            central, done = True, False
+    while count < iterations:
+        if stalled or _remaining(theta, current) < _GAIN:
+            if central:
+                break
+            central, stalled = True, False
             current = _expand(theta, path, weight, scale, priors, central)
+            continue
         count += 1
-        improved = False
+        stalled = True
+        # What a bound holds stays there: a step that is cut at a bound leads nowhere.
+        free = _free(theta, current.gradient)
+        block = current.information[np.ix_(free, free)]
         for _ in range(12):
-            matrix = current.information + damping * np.diag(
-                np.maximum(np.diag(current.information), 1e-9)
-            )
-            step = np.linalg.solve(matrix, current.gradient)
+            matrix = block + damping * np.diag(np.maximum(np.diag(block), 1e-9))
+            step = np.zeros(theta.size)
+            step[free] = np.linalg.solve(matrix, current.gradient[free])
             # A law an order away from the last one has left the hill it was climbing.
             size = np.maximum(np.abs(theta[:terms]), 0.05 * scale[:terms])
             longest = np.max(np.abs(step[:terms]) / size)
             step *= min(1.0, 0.7 / longest) if longest > 0.0 else 1.0
             step[-3:] = np.clip(step[-3:], -1.0, 2.0)
-            trial = theta + step
-            trial[-3:] = np.clip(trial[-3:], _LOG_LOW, _LOG_HIGH)
-            trial[-5:-3] = np.clip(trial[-5:-3], -_STEEPEST, _STEEPEST)
+            trial = np.clip(theta + step, low, high)
             value = _objective(trial, path, weight, scale, priors)
             if value < current.value:
-                improved = True
+                stalled = current.value - value < 0.1 * _GAIN
+                theta = trial
+                damping = max(damping / 8.0, 1e-9)
+                current = _expand(theta, path, weight, scale, priors, central)
                 break
             damping *= 6.0
-        if not improved:
-            done = True
-            continue
-        gain = current.value - value
-        theta = trial
-        damping = max(damping / 8.0, 1e-9)
-        current = _expand(theta, path, weight, scale, priors, central)
-        done = gain < _GAIN
     return TrajectoryFit(
         theta,
         current.information,
@@ -232,6 +275,6 @@ def fit_path(
         -current.value,
         current.innovations,
         count,
-        done,
+        _remaining(theta, current),
         damping_correction(theta, path, current.derivative, current.information),
     )

@@ -14,6 +14,9 @@ from dataclasses import dataclass
 from decimal import ROUND_HALF_EVEN, Decimal
 from typing import Any
 
+#: Half an interval over what the deviation says, and over its other half, from which the
+#: interval is printed and not the deviation.
+_LONGER, _ONE_SIDED = 1.5, 2.5
 #: Powers of ten from which a number is printed with an exponent.
 _LARGE, _SMALL = 5, -4
 
@@ -29,6 +32,8 @@ class Rounded:
         Digits with a true minus sign; empty where not given.
     exponent : int
         All four are to be multiplied by ten to this power; 0 for plain numbers.
+    skewed : bool
+        Whether a deviation would mislead: the interval is printed in its place.
     """
 
     value: str
@@ -36,6 +41,7 @@ class Rounded:
     low: str = ''
     high: str = ''
     exponent: int = 0
+    skewed: bool = False
 
     def text(self) -> str:
         """Return e.g. '8.013 ± 0.042' or '(−4.20 ± 0.13) × 10^7'."""
@@ -56,6 +62,8 @@ class Rounded:
 
     def _joined(self, power: str) -> str:
         both = f'{self.value} ± {self.std}' if self.std else self.value
+        if self.skewed:
+            both = f'{self.value}, {self.low} … {self.high}'
         if not self.exponent:
             return both
         return f'({both}){power}' if self.std else f'{both}{power}'
@@ -102,7 +110,14 @@ def rounded(
     value_, std_, low_, high_ = (
         '' if x is None else _digits(x, place, exponent) for x in (value, std, low, high)
     )
-    return Rounded(value_, std_, low_, high_, exponent)
+    skewed = std is not None and interval is not None and _skewed(value, std, interval)
+    return Rounded(value_, std_, low_, high_, exponent, skewed)
+
+
+def _skewed(value: float, std: float, interval: tuple[float, float]) -> bool:
+    """Whether a 95 % interval is far from value -/+ 1.96 std: longer, or much to one side."""
+    short, long = sorted((value - interval[0], interval[1] - value))
+    return long > _LONGER * 1.96 * std or long > _ONE_SIDED * short
 
 
 def measured(value: float, std: float) -> str:

@@ -29,13 +29,15 @@ _FIT = {
     'fit.law': 'growth law',
     'fit.why': 'chosen because',
     'fit.segments': 'segments used',
+    'fit.initial_amplitudes': 'stretches with an initial amplitude of their own',
+    'fit.converged': 'fit has converged',
     'fit.clusters': 'independent runs or blocks behind the intervals',
     'fit.residual_rms_m': 'residual, rms (µm)',
     'fit.lack_of_fit': 'lack of fit',
     'fit.lack_of_fit_p': 'chance of so large a misfit were the law right',
     'fit.condition_number': 'condition number',
     'four_point': 'condition number of the four-point recipe',
-    'frequency_hz': 'hunting frequency at <var>v</var><sub>c</sub> (Hz)',
+    'frequency_hz': 'hunting frequency, mean over the motion (Hz)',
     'length_scale_m': 'length scale <var>d</var><sub>0</sub> (m)',
     'time_scale_s': 'time scale 1/<var>ω</var><sub>ψ</sub> (s)',
     'coordinate': 'coordinate of <var>r</var>',
@@ -144,8 +146,13 @@ def critical_speeds(result: Result) -> str:
             f'{names[key]} {SYMBOLS[key]} (m/s)',
             number(result, key),
             interval(result, key),
+<<<<<<< HEAD
             number(result, f'observed.{key}', digits=3),
             *([plain(value) if value is not None else ''] if _paper_rig(result) else []),
+=======
+            number(result, f'observed.{key}', digits=3) + _between(result, key),
+            plain(value) if value is not None else '',
+>>>>>>> 0668338 (Identification: no law is integrated over a gap, and a fit that has not converged gives no number)
         ]
         for key, value in published.items()
     ]
@@ -156,6 +163,22 @@ def critical_speeds(result: Result) -> str:
         rows,
         f'Critical speeds. Step of the speed at the jumps: {step}{unit}.',
     )
+
+
+def _between(result: Result, key: str) -> str:
+    """Speeds between which an observed critical speed lies; '' where nothing bounds it."""
+    path = f'observed.{key}_between_mps'
+    low, high = (result.value(f'{path}.{side}') for side in (0, 1))
+    if low is None and high is None:
+        return ''
+    cells = [
+        data(f'{path}.{side}', value, rounded(value).html())
+        for side, value in enumerate((low, high))
+        if value is not None
+    ]
+    if len(cells) == 2:
+        return f'<br>between {" and ".join(cells)}'
+    return f'<br>{"below" if low is None else "above"} {cells[0]}'
 
 
 def coefficients(result: Result) -> str:
@@ -221,13 +244,16 @@ def _four_point(result: Result, name: str) -> str:
 def fit_quality(result: Result) -> str:
     """Table of how the normal form was fitted, and how well it fits; older keys may be absent."""
     lack = result.get('fit.lack_of_fit')
-    verdict = {True: 'yes: the form does not describe these data', False: 'none found'}
+    because = result.get('fit.lack_of_fit_because') or ['the form does not describe these data']
+    verdict = {True: escape(f'yes: {"; ".join(because)}'), False: 'none found'}
     shown = {
         'criticality': _word(result, 'criticality'),
         'fit.method': _word(result, 'fit.method'),
         'fit.law': _word(result, 'fit.law'),
         'fit.why': _word(result, 'fit.why'),
         'fit.segments': number(result, 'fit.segments'),
+        'fit.initial_amplitudes': number(result, 'fit.initial_amplitudes'),
+        'fit.converged': {True: 'yes', False: 'no'}.get(result.get('fit.converged'), ''),
         'fit.clusters': number(result, 'fit.clusters'),
         'fit.residual_rms_m': number(result, 'fit.residual_rms_m', 1e6, 2),
         'fit.lack_of_fit': not_known(result, 'fit.lack_of_fit')
@@ -239,12 +265,18 @@ def fit_quality(result: Result) -> str:
         if result.get('four_point') is None
         else number(result, 'four_point.condition_number', digits=2),
         'frequency_hz': number(result, 'frequency_hz'),
-        'length_scale_m': number(result, 'length_scale_m'),
-        'time_scale_s': number(result, 'time_scale_s'),
+        'length_scale_m': number(result, 'length_scale_m') + _from(result, 'length'),
+        'time_scale_s': number(result, 'time_scale_s') + _from(result, 'time'),
         'coordinate': _word(result, 'coordinate'),
     }
     rows = [[_FIT[path], cell] for path, cell in shown.items() if result.has(path) and cell]
     return table(['', ''], rows, 'How the form was fitted.')
+
+
+def _from(result: Result, scale: str) -> str:
+    """Where a scale comes from, in brackets; '' where the document does not say."""
+    source = result.get(f'scales_from.{scale}')
+    return '' if source is None else f' ({escape(str(source))})'
 
 
 def _word(result: Result, path: str) -> str:

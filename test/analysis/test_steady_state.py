@@ -74,7 +74,9 @@ def test_without_hunting_nothing_is_observed():
     seen = observed_critical_speeds(quiet)
     assert seen.to_json() == {
         'v_c': None,
+        'v_c_between_mps': [None, None],
         'v_n': None,
+        'v_n_between_mps': [None, None],
         'hysteresis_width': None,
         'step_mps': None,
     }

@@ -62,7 +62,7 @@ def test_a_cluster_that_does_not_answer_is_named(fitted):
 
 def test_intervals_from_the_bootstrap_are_those_of_the_linearised_ones_within_reason(records):
     plain = identify(records['trajectories'])
-    drawn = identify(records['trajectories'], replace(SETTINGS, bootstrap=24))
+    drawn = identify(records['trajectories'], replace(SETTINGS, bootstrap=40))
     assert plain.v_n is not None
     assert drawn.v_n is not None
     assert drawn.v_n.value == plain.v_n.value

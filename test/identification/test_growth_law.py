@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -122,3 +124,17 @@ def test_steady_amplitudes_beside_a_line_neither_grow_nor_fade(name):
     # Roughness lowers the threshold, by about B^2 / A_u.
     alone, _ = law.steady_amplitudes(speed)
     assert (unstable[1:] < alone[1:]).all()
+
+
+def test_a_law_that_runs_away_beyond_its_branches_has_the_form_of_its_branches():
+    # Of a staircase: below the fold a conicity that turns round has further, idle zeros.
+    p = np.array([-0.2506, 2.9797, -1.3492, 3.1789, 4.0077, -1.0561, 0.6918])
+    law = GrowthLaw(CONICITY, p, replace(SCALES, amplitude=6.9756e-4, speed=7.399))
+    speeds = np.linspace(6.0, 8.8, 57)
+    unstable, stable = law.steady_amplitudes(speeds)
+    assert np.isnan(unstable[np.isnan(stable)]).all()
+    form = normal_form_of(law, 6.0, 8.8)
+    assert form.criticality == 'subcritical'
+    assert form.nonlinear_critical_speed == pytest.approx(law.saddle_node(6.0), abs=0.03)
+    inner = (speeds > 6.6) & (speeds < 7.8)
+    np.testing.assert_allclose(form.unstable_amplitude(speeds[inner]), unstable[inner], rtol=0.05)

@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hunt_ros.cli.identify import describe
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.errors import HuntError, IdentificationError
-from hunt_ros.identification import IdentificationSettings, identify, update
+from hunt_ros.identification import IdentificationSettings, identify, trajectory_fit, update
+from hunt_ros.identification.silence import reason_in
 from hunt_ros.samples import Record, Series
 
 FLUTTER = Path(__file__).parents[2] / '../shared/data/flutter_rig'
@@ -67,6 +69,51 @@ def test_one_staircase_of_the_full_model_gives_its_fold_and_branches(from_stairc
         assert 0.97 * low <= truth <= 1.03 * high
 
 
+def held(make, seed):
+    """Holds of 60 s: at 8 m/s the limit cycle turns with the roller and has no amplitude."""
+    speeds, hold = (6.2, 7.0, 7.6, 8.4, 8.0, 7.4, 6.8, 6.2), 60.0
+    edges = hold * np.arange(1, len(speeds))
+    knots = np.sort([0.0, *(edges - 2.0), *(edges + 2.0), hold * len(speeds)])
+
+    def speed(time):
+        return np.interp(time, knots, np.repeat(speeds, 2))
+
+    return make(speed, knots[-1], seed, forcing=2e-5)
+
+
+def test_a_long_hold_without_an_amplitude_makes_no_small_error_bar(make):
+    for seed in range(3):
+        result = identify([held(make, seed)])
+        assert abs(result.v_c.value - 8.0) < 3.0 * result.v_c.std
+        assert result.fit.converged
+
+
+def test_a_fit_that_has_not_converged_says_so_and_gives_no_number(records, monkeypatch):
+    monkeypatch.setattr(trajectory_fit, '_REACHED', 0.0)
+    result = identify(records['sweep'])
+    document = result.to_json()
+    assert document['fit']['converged'] is False
+    assert all(document[key] is None for key in ('v_c', 'v_n', 'hysteresis_width', 'criticality'))
+    assert all(value is None for value in document['coefficients'].values())
+    assert result.normal_form is None
+    assert 'not converged' in reason_in(result.warnings, 'v_c')
+
+
+def test_a_rig_that_hunts_for_a_fiftieth_of_the_time_gets_its_form(make):
+    runs = [
+        make(lambda t, v=v: np.full_like(t, v), 400.0, i, forcing=1e-5)
+        for i, v in enumerate((6.2, 6.8, 7.4))
+    ]
+    knots, speeds = (0.0, 20.0, 40.0, 50.0, 60.0, 75.0), (7.6, 7.6, 9.0, 9.0, 6.0, 6.0)
+    runs.append(make(lambda t: np.interp(t, knots, speeds), knots[-1], 15, forcing=1e-5))
+    result = identify(runs)
+    amplitude = np.concatenate([envelope.amplitude for envelope in result.envelopes])
+    assert np.mean(amplitude > 0.4 * np.nanmax(amplitude)) < 0.03
+    assert within(result.v_c, 8.0, 1.5)
+    assert within(result.v_n, 6.4059, 1.5)
+    assert result.normal_form is not None
+
+
 def test_one_continuous_sweep_with_bumps_gives_a_usable_form(from_sweep):
     assert from_sweep.normal_form is not None
     assert from_sweep.v_n.value == pytest.approx(6.433, abs=0.05)
@@ -92,7 +139,19 @@ def test_the_json_has_the_public_keys_and_no_nan(from_staircase):
     assert {'speed_mps', 'amplitude_m', 'amplitude_std_m', 'direction', 'cycles'} <= set(
         document['steady_states'][0]
     )
-    assert set(document['observed']) == {'v_c', 'v_n', 'hysteresis_width', 'step_mps'}
+    observed = document['observed']
+    assert set(observed) == {
+        'v_c', 'v_c_between_mps', 'v_n', 'v_n_between_mps', 'hysteresis_width', 'step_mps',
+    }  # fmt: skip
+    low, high = observed['v_c_between_mps']
+    assert low < observed['v_c'] < high
+    assert high - low <= observed['step_mps'] + 1e-9
+    assert document['scales_from'] == {'length': 'rig of the paper', 'time': 'rig of the paper'}
+    assert document['effective']['coefficients'] == ['D7', 'D10', 'D15']
+    assert document['effective']['speeds_mps'] == pytest.approx([6.0, 8.8], abs=0.05)
+    used = [segment for segment in document['segments'] if segment['used']]
+    assert document['fit']['segments'] == len(used)
+    assert document['fit']['lack_of_fit'] == bool(document['fit']['lack_of_fit_because'])
     assert {'method', 'segments', 'residual_rms_m', 'lack_of_fit', 'condition_number'} <= set(
         document['fit']
     )
@@ -103,7 +162,13 @@ def test_the_parameter_file_holds_the_form_and_its_covariance(from_staircase):
     form = from_staircase.normal_form
     back = IdentifiedNormalForm.from_yaml(form.to_yaml())
     assert back.form == form.form
-    assert back.std('v_c') == pytest.approx(from_staircase.v_c.std, rel=0.3)
+    assert back.std('v_c') == pytest.approx(from_staircase.v_c.std, rel=1e-3)
+    for name, number in from_staircase.coefficients.items():
+        assert back.std(name) == pytest.approx(number.std, rel=1e-3)
+    matrix = form.covariance
+    np.testing.assert_allclose(matrix, matrix.T)
+    size = np.sqrt(np.diag(matrix))
+    assert np.linalg.eigvalsh(matrix / np.outer(size, size)).min() > -1e-9
     assert len(back.draws(100)) == 100
 
 
@@ -148,6 +213,12 @@ def test_resolution_and_scale_of_the_speed_enter_the_intervals(records, from_swe
 def test_scales_are_only_units(records, from_sweep):
     other = identify(records['sweep'], IdentificationSettings(length_scale=0.1, time_scale=0.1))
     assert other.v_n.value == pytest.approx(from_sweep.v_n.value, rel=1e-3)
+    # Units that the user did not give are said, and where they are from.
+    assert dict(other.scales_from) == {'length': 'given', 'time': 'given'}
+    assert not any('--time-scale' in warning for warning in other.warnings)
+    assert any('--time-scale' in warning for warning in from_sweep.warnings)
+    assert 'rig of the paper' in describe(from_sweep)
+    assert 'effective between 6 and 8.8 m/s: D7, D10, D15' in describe(from_sweep)
     speeds = [6.8, 7.6]
     np.testing.assert_allclose(
         other.normal_form.form.unstable_amplitude(speeds),
@@ -246,8 +317,42 @@ def test_two_contradictory_runs_are_named(records):
     result = identify([record, Record({**record, 'lateral': louder}, 'louder')])
     assert any('contradict' in warning and 'louder' in warning for warning in result.warnings)
     assert result.fit.lack_of_fit
+    assert any('contradict' in reason for reason in result.fit.lack_of_fit_because)
     assert result.v_n is None
     assert result.normal_form is None
+
+
+def test_a_kick_onto_the_limit_cycle_is_no_critical_speed_on_any_day(make):
+    knots = (0.0, 30.0, 32.0, 62.0, 64.0, 130.0)
+    record = make(
+        lambda t: np.interp(t, knots, (6.8, 6.8, 7.0, 7.0, 7.2, 7.2)), knots[-1], 4,
+        forcing=5e-6, kicks=[(75.0, 6e-4)],
+    )  # fmt: skip
+    document = identify([record]).to_json()
+    assert document['observed']['v_c'] is None
+    assert [day['observed_v_c'] for day in document['days']['summary']] == [None]
+
+
+def test_free_motion_on_either_side_bounds_the_observed_critical_speed(make):
+    runs = [
+        make(lambda t, v=v: np.full_like(t, v), 60.0, i, forcing=2e-6, kicks=[(5.0, 8e-5)])
+        for i, v in enumerate((7.0, 7.5, 8.4, 8.8))
+    ]
+    result = identify(runs)
+    assert result.to_json()['observed']['v_c'] is None
+    assert result.to_json()['observed']['v_c_between_mps'] == [7.5, 8.4]
+    assert 'observed v_c: between 7.5 and 8.4 m/s' in describe(result)
+
+
+def test_a_critical_speed_below_the_data_is_a_forecast_from_where_they_begin(make):
+    runs = [
+        make(lambda t, v=v: np.full_like(t, v), 40.0, i, forcing=5e-6)
+        for i, v in enumerate((8.2, 8.4, 8.6, 8.8, 9.0, 9.2))
+    ]
+    result = identify(runs)
+    assert result.v_c is not None
+    (said,) = (warning for warning in result.warnings if 'forecast' in warning)
+    assert 'the data begin at 8.2 m/s' in said
 
 
 def test_ten_samples_are_refused_in_one_line(records):
@@ -292,8 +397,12 @@ def flutter_runs(pattern: str) -> list[Record]:
 @pytest.mark.skipif(not FLUTTER.is_dir(), reason='the flutter recordings are not on this machine')
 def test_real_flutter_recordings_give_amplitudes_and_flag_the_quintic_form():
     result = identify(flutter_runs('17*.mat'), IdentificationSettings(length_scale=0.1))
-    assert result.fit.lack_of_fit
     assert result.v_n is None
+    if result.criticality is None:
+        assert 'supercritical' not in reason_in(result.warnings, 'v_n')
+    assert result.fit.lack_of_fit == bool(result.fit.lack_of_fit_because)
+    low, high = result.observed.v_c_between
+    assert low is None or high is None or low < high
     amplitudes = {round(s.speed, 1): s.amplitude for s in result.steady_states if 'HB' in s.source}
     assert amplitudes[16.3] == pytest.approx(0.0323, rel=0.02)
     assert amplitudes[28.3] == pytest.approx(0.1098, rel=0.02)

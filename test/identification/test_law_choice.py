@@ -86,6 +86,27 @@ def test_a_limit_cycle_that_the_law_does_not_follow_is_a_lack_of_fit(fitted):
     assert following(laws, states(right))[0].law.name == QUINTIC
 
 
+def test_where_all_laws_miss_the_limit_cycle_the_one_that_misses_least_is_taken(fitted):
+    laws, _ = fitted
+    rng = np.random.default_rng(2)
+    speeds = np.linspace(6.8, 9.0, 24)
+    scatter = 1.0 + 0.0002 * rng.standard_normal(24)
+
+    def swollen(share):
+        scales = replace(
+            laws[0].law.scales, amplitude=(1.0 + share) * laws[0].law.scales.amplitude
+        )
+        return replace(laws[0], law=replace(laws[0].law, scales=scales))
+
+    amplitude = laws[0].law.steady_amplitudes(speeds)[1] * scatter
+    states = [SteadyState(v, a, 1e-6, 'up', 70) for v, a in zip(speeds, amplitude, strict=True)]
+    far, near = replace(swollen(0.13), weight=0.99), replace(swollen(0.013), weight=0.01)
+    assert all(lack_of_fit(one.law, states).flagged for one in (far, near))
+    (chosen,) = following([far, near], states)
+    assert chosen.law is near.law
+    assert chosen.weight == 1.0
+
+
 def test_a_summary_of_draws_without_the_quantity_is_not_known():
     sample = np.full(100, np.nan)
     sample[:50] = 6.4

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds
-from hunt_ros.identification.observed import resolved
+from hunt_ros.identification.observed import bounded, resolved
 
 
 @pytest.mark.parametrize('criticality', ['subcritical', 'supercritical', None])
@@ -36,3 +36,18 @@ def test_a_jump_down_alone_is_given():
 
 def test_nothing_seen_needs_no_reason_of_its_own():
     assert resolved(ObservedCriticalSpeeds(8.0, None, 0.2, 1e-4), 'supercritical').reason == ''
+
+
+@pytest.mark.parametrize(
+    ('free', 'between'),
+    [
+        ((7.5, 8.4), (7.5, 8.4)),
+        ((7.5, None), (7.5, None)),
+        ((None, 8.4), (None, 8.4)),
+        ((8.4, 7.5), (8.4, None)),  # large motion grows below v_c too
+    ],
+)
+def test_free_motion_bounds_a_critical_speed_that_no_jump_shows(free, between):
+    assert bounded(ObservedCriticalSpeeds(), free).v_c_between == between
+    seen = ObservedCriticalSpeeds(8.0, v_c_between=(7.9, 8.1))
+    assert bounded(seen, free) is seen

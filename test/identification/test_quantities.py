@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.identification.growth_law import QUINTIC, GrowthLaw, GrowthScales
 from hunt_ros.identification.normal_form_map import from_normal_form
@@ -14,8 +15,8 @@ LAW = GrowthLaw(QUINTIC, from_normal_form(PAPER_NORMAL_FORM, SCALES), SCALES)
 
 
 @pytest.fixture(scope='module')
-def branches():
-    """Branches of the paper's form, v_n known to 0.03 m/s and v_c to 0.05 m/s."""
+def quantities():
+    """Of the paper's form, v_n known to 0.03 m/s and v_c to 0.05 m/s."""
     rng = np.random.default_rng(1)
     drawn = []
     for _ in range(400):
@@ -23,7 +24,24 @@ def branches():
         p[0] += 0.02 * rng.standard_normal()
         p[5] *= 1.0 + 0.01 * rng.standard_normal()
         drawn.append(GrowthLaw(QUINTIC, p, SCALES))
-    return Quantities(LAW, drawn, (6.2, 8.8), IdentificationSettings()).branches()
+    return Quantities(LAW, drawn, (6.2, 8.8), IdentificationSettings())
+
+
+@pytest.fixture(scope='module')
+def branches(quantities):
+    return quantities.branches()
+
+
+def test_a_jump_known_to_half_a_step_leaves_the_disturbance_as_open(quantities):
+    fine, coarse = (
+        quantities.disturbance(ObservedCriticalSpeeds(7.4, v_c_between=(7.4 - half, 7.4 + half)))
+        for half in (0.001, 0.2)
+    )
+    assert coarse.value == fine.value
+    ends = PAPER_NORMAL_FORM.unstable_amplitude([7.21, 7.59])
+    assert coarse.low < ends[1]
+    assert coarse.high > ends[0]
+    assert fine.high - fine.low < 0.5 * (coarse.high - coarse.low)
 
 
 def test_the_bands_hold_the_branches_and_widen_towards_the_fold(branches):

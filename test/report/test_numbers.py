@@ -90,6 +90,18 @@ def test_a_unit_scales_value_deviation_and_interval_alike(
     )
 
 
+@pytest.mark.parametrize(
+    ('value', 'std', 'interval', 'text'),
+    [
+        (0.07, 0.029, (-0.26, 0.39), '0.070, −0.260 … 0.390'),  # far wider than its deviation
+        (8.0, 0.10, (7.95, 8.30), '8.00, 7.95 … 8.30'),  # to one side
+        (8.0, 0.10, (7.8, 8.25), '8.00 ± 0.10'),
+    ],
+)
+def test_a_skewed_interval_is_printed_and_not_its_deviation(value, std, interval, text) -> None:
+    assert rounded(value, std, interval).text() == text
+
+
 def test_a_missing_deviation_or_interval_is_left_out() -> None:
     shown = rounded_json({'value': 1.5, 'std': None, 'ci95': None})
     assert shown.text() == '1.500'
