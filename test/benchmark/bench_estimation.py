@@ -145,7 +145,7 @@ def windows() -> str:
             '5 % window, s',
             'bound of the notes, s',
             'bound with the second mode, s',
-            'rms of error/std from 0.12 s on',
+            'rms of error/std from 0.12 s on (honest: 1)',
         ],
         rows,
     )

@@ -198,7 +198,7 @@ def main() -> None:
         'spread %',
         'bound %',
         'spread/bound',
-        '95 % interval covers %',
+        '95 % interval covers % (goal 95)',
     ]
     text = (
         'Staircases 4.0 to 7.2 m/s (0.2 m/s steps, 60 s holds; v_c = 8.0 m/s), y only, 5 um noise'

@@ -28,8 +28,8 @@ from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM, Norma
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.simulation import SimulationSettings, simulate
 from hunt_ros.dynamics.speed_profile import SpeedProfile
-from hunt_ros.identification import IdentificationSettings, identify
-from hunt_ros.samples import Record
+from hunt_ros.identification import Identification, IdentificationSettings, identify
+from hunt_ros.samples import Record, Uncertain
 
 _MAKERS = run_path(str(Path(__file__).parents[1] / 'identification' / 'conftest.py'))
 #: Noise and roughness line of the three sets, m.
@@ -37,7 +37,9 @@ SETS = ((5e-6, 0.0), (2e-5, 0.0), (5e-6, 5e-5))
 #: Speeds at which the unstable amplitude is compared, m/s.
 UNSTABLE_AT = (7.0, 7.6)
 NAMES = (*COEFFICIENTS, 'v_n', 'A_u 7.0', 'A_u 7.6')
-#: The full model without roughness, by harmonic balance and time integration: fold, branches.
+#: The full model without roughness: linear critical speed; fold and branches, by harmonic
+#: balance and time integration.
+FULL_CRITICAL = 8.0
 FULL_FOLD = 6.433
 FULL_UNSTABLE = ((6.6, 379e-6), (7.2, 237e-6), (7.6, 155e-6))
 FULL_STABLE = ((7.2, 635e-6), (8.0, 678e-6), (8.8, 703e-6))
@@ -124,7 +126,7 @@ def staircase(task: tuple[int, float, float]) -> list[float]:
     unstable = max(abs(float(form.unstable_amplitude(v)) / a - 1.0) for v, a in FULL_UNSTABLE)
     return [
         result.v_n.value - FULL_FOLD,
-        result.v_c.value - 8.0,
+        result.v_c.value - FULL_CRITICAL,
         result.v_c.std,
         result.fit.v_c_bound,
         stable,
@@ -240,14 +242,48 @@ def hour() -> str:
     begin = time.perf_counter()
     identify([record], IdentificationSettings(bootstrap=100))
     drawn = time.perf_counter() - begin - point
-    fold = 'none'
-    if result.v_n is not None:
-        fold = f'{result.v_n.value:.3f} m/s, {result.v_n.low:.3f} to {result.v_n.high:.3f}'
     return (
         f'{record.duration_s / 60.0:.0f} minutes of three channels at 1 kHz: {point:.1f} s with'
         f' linearised intervals (goal 10 s), {drawn:.1f} s more for 100 bootstrap'
-        f' replications (goal 60 s); v_n {fold} (true: {FULL_FOLD}).'
+        ' replications (goal 60 s).\n\n' + beside_truth(result)
     )
+
+
+def beside_truth(result: Identification) -> str:
+    """Return the table of what was identified from the full model, each beside its truth."""
+    speeds = [point.speed for point in result.branches]
+    wanted: list[tuple[str, Uncertain | None, float]] = [
+        ('v_c (m/s)', result.v_c, FULL_CRITICAL),
+        ('v_n (m/s)', result.v_n, FULL_FOLD),
+        ('v_c - v_n (m/s)', result.hysteresis_width, FULL_CRITICAL - FULL_FOLD),
+    ]
+    for side, truths in (('unstable', FULL_UNSTABLE), ('stable', FULL_STABLE)):
+        for speed, truth in truths:
+            near = int(np.argmin(np.abs(np.array(speeds) - speed))) if speeds else 0
+            point = getattr(result.branches[near], side) if speeds else None
+            # The nearest point of the table, brought to the speed by the branch itself.
+            form = None if result.normal_form is None else result.normal_form.form
+            branch = None if form is None else getattr(form, f'{side}_amplitude')
+            shift = 1.0 if branch is None else float(branch(speed) / branch(speeds[near]))
+            wanted.append((f'{side} at {speed} (um)', scaled(point, 1e6 * shift), 1e6 * truth))
+    rows = []
+    for name, number, truth in wanted:
+        if number is None:
+            rows.append([name, 'not known', '', f'{truth:.4g}', '', ''])
+            continue
+        off = (number.value - truth) / number.std
+        held = 'yes' if number.low <= truth <= number.high else '**no**'
+        interval = f'{number.low:.4g} to {number.high:.4g}'
+        rows.append([name, f'{number.value:.4g}', interval, f'{truth:.4g}', f'{off:+.1f}', held])
+    header = ['', 'identified', '95 % interval', 'true', 'off, in deviations', 'interval holds']
+    return markdown(header, rows)
+
+
+def scaled(number: Uncertain | None, by: float) -> Uncertain | None:
+    """Return a number in another unit."""
+    if number is None:
+        return None
+    return Uncertain(by * number.value, by * number.std, by * number.low, by * number.high)
 
 
 def main() -> None:
