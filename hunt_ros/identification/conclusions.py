@@ -20,7 +20,7 @@ from hunt_ros.identification.guards import support_of
 from hunt_ros.identification.lack_of_fit import (
     contradictions,
     following,
-    lack_of_fit,
+    misfit_of,
     missed_transients,
 )
 from hunt_ros.identification.law_choice import FittedLaw
@@ -188,7 +188,7 @@ class _Trust:
 def _trust(best: FittedLaw, evidence: Evidence, warnings: list[str]) -> _Trust:
     """Judge the law by limit cycles, transients and runs that contradict each other."""
     name = best.law.name
-    misfit = lack_of_fit(best.law, evidence.hunting, best.noise)
+    misfit = misfit_of(best, evidence.hunting)
     missed, transients = missed_transients(best, evidence.segments, evidence.envelopes)
     astray = ''
     if not best.fit.converged:
@@ -212,9 +212,7 @@ def _trust(best: FittedLaw, evidence: Evidence, warnings: list[str]) -> _Trust:
         warnings.append(f'lack of fit: {astray}; no fold is claimed')
     # The paper's form may miss what a richer one follows: that too is to be known.
     quintic = next(
-        lack_of_fit(one.law, evidence.hunting, one.noise)
-        for one in evidence.laws
-        if one.law.name == QUINTIC
+        misfit_of(one, evidence.hunting) for one in evidence.laws if one.law.name == QUINTIC
     )
     if quintic.flagged and not misfit.flagged:
         warnings.append(

@@ -29,7 +29,7 @@ from hunt_ros.identification.envelope import (
 )
 from hunt_ros.identification.growth_law import GrowthScales
 from hunt_ros.identification.hunting_frequency import find_frequency, tracked_envelope
-from hunt_ros.identification.lack_of_fit import following, lack_of_fit
+from hunt_ros.identification.lack_of_fit import following, misfit_of
 from hunt_ros.identification.law_choice import fit_again, fit_laws
 from hunt_ros.identification.mode import measured_shape
 from hunt_ros.identification.path import Path
@@ -100,7 +100,7 @@ def identify(
     tell(0.8 * _FITTED)
     hunting = [s for s in states if observed.threshold and s.amplitude > observed.threshold]
     best = following(laws, hunting)[0]
-    misfit = lack_of_fit(best.law, hunting, best.noise)
+    misfit = misfit_of(best, hunting)
     if misfit.significant:
         held = held_less(best, misfit, hunting, [run.envelope for run in runs])
         laws = fit_again(laws, held, settings)

@@ -29,7 +29,10 @@ _MEMORY_S = 5.0
 
 
 def lack_of_fit(
-    law: GrowthLaw, states: Sequence[SteadyState], noise: NDArray[np.float64] | None = None
+    law: GrowthLaw,
+    states: Sequence[SteadyState],
+    noise: NDArray[np.float64] | None = None,
+    covariance: NDArray[np.float64] | None = None,
 ) -> LackOfFit:
     """
     Test the stable branch of a law against steady amplitudes.
@@ -47,6 +50,8 @@ def lack_of_fit(
     noise : ndarray, shape (5,), optional
         Forcing found beside the law: the states are then compared with the mean amplitude
         of the forced motion, which near a critical speed is not that of the branch.
+    covariance : ndarray, shape (terms, terms), optional
+        Of the law's coefficients, where it was fitted to these states: by the likelihood.
 
     Returns
     -------
@@ -66,8 +71,9 @@ def lack_of_fit(
     with np.errstate(invalid='ignore'):
         residual = np.log(amplitude / expected)
     residual = np.where(np.isfinite(residual), residual, _ABSENT)
+    bent = _bent(law, states, covariance)
     told = np.isfinite(error)
-    residual, speed, error = residual[told], speed[told], error[told]
+    residual, speed, error, bent = residual[told], speed[told], error[told], bent[told]
     if residual.size < 8:
         return LackOfFit()
     # Also just below the data: a line forced by the roller moves the fold a little.
@@ -75,13 +81,35 @@ def lack_of_fit(
     if fold is not None:
         # Next to the fold time stands still, and a state lingers while the speed falls on.
         away = np.abs(speed / fold - 1.0) > _LINGERING
-        residual, speed, error = residual[away], speed[away], error[away]
+        residual, speed, error, bent = residual[away], speed[away], error[away], bent[away]
     if residual.size < 8:
         return LackOfFit()
     residual = np.clip(residual, -_ABSENT, _ABSENT)
-    smooth = against_curve(speed, residual, error)
+    smooth = against_curve(speed, residual, error, bent)
     repeated = against_repeats(speed, residual, error)
     return repeated if repeated.flagged and not smooth.flagged else smooth
+
+
+def _bent(
+    law: GrowthLaw, states: Sequence[SteadyState], covariance: NDArray[np.float64] | None
+) -> NDArray[np.float64]:
+    """Change of ln A of the stable branch with each direction of the law that is open, (n, k)."""
+    if covariance is None:
+        return np.zeros((len(states), 1))
+    speed = np.array([state.speed for state in states])
+    line = np.array([state.line_power for state in states])
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
+    changes = []
+    for value, vector in zip(values, vectors.T, strict=True):
+        step = size * vector * math.sqrt(max(float(value), 0.0))
+        # A tenth of a deviation: the branch bends little, and is still there.
+        above, below = (
+            replace(law, p=law.p + side * 0.1 * step).steady_amplitudes(speed, line)[1]
+            for side in (1.0, -1.0)
+        )
+        changes.append(np.nan_to_num(np.log(above / below) / 0.2))
+    return np.stack(changes, axis=1)
 
 
 def _expected(
@@ -101,6 +129,17 @@ def _expected(
     error = std / mean * np.sqrt(share)
     blurred = std > _WANDERS * mean
     return mean, np.nan_to_num(np.where(blurred, np.inf, error), nan=0.0, posinf=np.inf)
+
+
+def misfit_of(fitted: FittedLaw, states: Sequence[SteadyState]) -> LackOfFit:
+    """Test the stable branch of a fitted law against the steady amplitudes it was fitted to."""
+    terms = fitted.law.p.size
+    information = fitted.fit.information
+    covariance = None
+    if np.isfinite(information).all():
+        inverse = np.linalg.pinv(information, rcond=1e-13, hermitian=True)
+        covariance = np.asarray(inverse[:terms, :terms], dtype=np.float64)
+    return lack_of_fit(fitted.law, states, fitted.noise, covariance)
 
 
 def missed_transients(
@@ -167,7 +206,7 @@ def following(laws: Sequence[FittedLaw], states: Sequence[SteadyState]) -> list[
         With shares that sum to one, in their order; where all miss it, the one that misses
         it least.
     """
-    tests = [lack_of_fit(one.law, states, one.noise) for one in laws]
+    tests = [misfit_of(one, states) for one in laws]
     good = [one for one, test in zip(laws, tests, strict=True) if not test.flagged]
     good = good or [laws[int(np.argmin([test.share for test in tests]))]]
     total = sum(one.weight for one in good)

@@ -200,6 +200,9 @@ def _widths(name: str, scales: GrowthScales) -> NDArray[np.float64]:
     """Standard deviations of the weak prior on each coefficient."""
     widths = np.full(TERMS[name], fastest_rate(scales))
     widths[6:] *= _EXTRA
+    if name == CONICITY:
+        # The bend of the conicity is no rate: a number of order one at A_ref.
+        widths[5] = 1.0
     return widths
 
 

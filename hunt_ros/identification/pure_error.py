@@ -15,6 +15,9 @@ _LEVEL = 0.01
 _SHARE = 0.01
 #: Relative distance of speeds that count as one, and fewest repeats that tell their scatter.
 _SAME_SPEED, _FEWEST_REPEATS = 0.005, 5
+#: Share of its variance that a direction of the residuals keeps at least: the covariance of a
+#: fit is not known to better.
+_LEAST_LEFT = 0.05
 #: Amplitudes are not known to better than this share.
 _FLOOR = 1e-4
 
@@ -48,10 +51,16 @@ class LackOfFit:
 
 
 def against_curve(
-    speed: NDArray[np.float64], residual: NDArray[np.float64], error: NDArray[np.float64]
+    speed: NDArray[np.float64],
+    residual: NDArray[np.float64],
+    error: NDArray[np.float64],
+    bent: NDArray[np.float64] | None = None,
 ) -> LackOfFit:
     """
     Regress the residuals on a cubic in the speed; what scatters about it is pure error.
+
+    A law that was fitted to these states has bent towards them. Of each direction of the cubic
+    the residuals then hold only what the fit could not take up, and count for as much.
 
     Parameters
     ----------
@@ -61,10 +70,18 @@ def against_curve(
         ln of the measured over the expected amplitude.
     error : ndarray, shape (n,)
         Standard deviation of each that is expected of random motion.
+    bent : ndarray, shape (n, k), optional
+        Change of ln of each expected amplitude with k independent directions of the law's
+        coefficients, by one deviation each.
 
     Returns
     -------
     LackOfFit
+
+    References
+    ----------
+    Satterthwaite, F. E. (1946), Biometrics Bulletin 2, 110-114: degrees of freedom of a sum of
+    squares of unequal variances.
     """
     x = (speed - speed.mean()) / max(float(np.ptp(speed)), 1e-9)
     basis = np.vander(x, 4)
@@ -77,7 +94,13 @@ def against_curve(
         fitted = basis @ np.linalg.lstsq(rows, residual * weight, rcond=None)[0]
         # A floor: amplitudes are not known to better than this.
         pure = max(float(np.sum((weight * (residual - fitted)) ** 2)) / freedom, _FLOOR**2)
-    return _ratio(fitted, weight, 4, freedom, pure)
+    left = np.ones(4)
+    if bent is not None:
+        directions = np.linalg.qr(basis * weight[:, None])[0]
+        taken = directions.T @ (weight[:, None] * bent)
+        left = np.clip(1.0 - np.linalg.svd(taken, compute_uv=False) ** 2 / pure, _LEAST_LEFT, 1.0)
+        left = np.concatenate([left, np.ones(4 - left.size)])
+    return _ratio(fitted, weight, left, freedom, pure)
 
 
 def against_repeats(
@@ -114,7 +137,7 @@ def against_repeats(
     means = (np.bincount(cell, residual) / count)[cell]
     pure = max(float(np.sum((residual - means) ** 2)) / freedom, _FLOOR**2)
     weight = _weights(pure, error)
-    return _ratio(means, weight, count.size, freedom, pure)
+    return _ratio(means, weight, np.ones(count.size), freedom, pure)
 
 
 def _weights(pure: float, error: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -134,10 +157,12 @@ def _weights(pure: float, error: NDArray[np.float64]) -> NDArray[np.float64]:
 def _ratio(
     systematic: NDArray[np.float64],
     weight: NDArray[np.float64],
-    terms: int,
+    left: NDArray[np.float64],
     freedom: int,
     pure: float,
 ) -> LackOfFit:
-    ratio = float(np.sum((weight * systematic) ** 2)) / terms / pure
+    """F test of a sum of squares whose directions have variances `left`, times `pure`."""
+    ratio = float(np.sum((weight * systematic) ** 2)) / float(left.sum()) / pure
     share = float(np.sqrt(np.mean(systematic**2)))
+    terms = float(left.sum() ** 2 / np.sum(left**2))
     return LackOfFit(float(stats.f.sf(ratio, terms, freedom)), share)

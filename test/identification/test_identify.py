@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -427,3 +428,19 @@ def test_one_record_needs_no_list():
             identify(given)
         reasons.append(str(caught.value))
     assert len(set(reasons)) == 1
+
+
+@pytest.mark.xfail(
+    strict=True,
+    reason='a kick is told by what a window leaves over, and fast growth leaves as much: a test'
+    ' of a step against smooth growth comes with the rebuild of the fit',
+)
+def test_fast_growth_is_not_cut_out_as_a_kick(make):
+    form = replace(PAPER_NORMAL_FORM, time_scale=PAPER_NORMAL_FORM.time_scale / 6.0)
+    speeds = np.linspace(6.2, 9.0, 8)
+    runs = [
+        make(lambda t, v=v: np.full_like(t, v), 12.0, 100 + i, form=form, start=start)
+        for i, (v, start) in enumerate((v, start) for start in (1e-4, 8e-4) for v in speeds)
+    ]
+    kicks = [segment for segment in identify(runs).segments if segment.kind == 'kick']
+    assert not kicks

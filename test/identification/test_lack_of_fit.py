@@ -1,0 +1,57 @@
+"""The test of a law against the limit cycle it was fitted to is one: its p is a probability."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from hunt_ros.analysis.steady_state import SteadyState
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+from hunt_ros.identification.growth_law import QUINTIC, GrowthLaw, GrowthScales
+from hunt_ros.identification.lack_of_fit import lack_of_fit
+from hunt_ros.identification.normal_form_map import from_normal_form
+
+SCALES = GrowthScales(7.4, 7e-4, 0.0485, 1.0 / 25.91, 2.84)
+LAW = GrowthLaw(QUINTIC, from_normal_form(PAPER_NORMAL_FORM, SCALES), SCALES)
+SPEEDS = np.linspace(6.7, 9.0, 24)
+SCATTER = 2e-3
+#: What transients and the quiet state tell of each coefficient, 1/s.
+KNOWN = np.array([0.02, 0.1, 0.3, 0.1, 0.3, 0.1])
+
+
+def logs(p: np.ndarray) -> np.ndarray:
+    """Logarithms of the stable branch of a law."""
+    return np.log(replace(LAW, p=p).steady_amplitudes(SPEEDS)[1])
+
+
+@pytest.fixture(scope='module')
+def probabilities() -> np.ndarray:
+    """Of 200 sets of states made by the law itself, each with the law that was fitted to it."""
+    rng = np.random.default_rng(0)
+    slopes = [(logs(LAW.p + h) - logs(LAW.p - h)) / 2e-4 for h in 1e-4 * np.eye(6)]
+    sensitivity = np.stack(slopes, axis=1)
+    other = np.diag(KNOWN**-2)
+    covariance = np.linalg.inv(sensitivity.T @ sensitivity / SCATTER**2 + other)
+    found = []
+    for _ in range(200):
+        error = SCATTER * rng.standard_normal(SPEEDS.size)
+        told = KNOWN * rng.standard_normal(6)
+        p = LAW.p + covariance @ (sensitivity.T @ error / SCATTER**2 + other @ told)
+        amplitude = np.exp(logs(LAW.p) + error)
+        states = [
+            SteadyState(v, a, 1e-6, 'up', 70) for v, a in zip(SPEEDS, amplitude, strict=True)
+        ]
+        found.append(lack_of_fit(replace(LAW, p=p), states, None, covariance).p)
+    return np.array(found)
+
+
+@pytest.mark.parametrize('level', [0.05, 0.2, 0.5, 0.8])
+def test_the_degrees_of_freedom_that_the_fit_took_are_charged(probabilities, level):
+    below = int(np.sum(probabilities < level))
+    # Three deviations of a binomial; and an approximation that is allowed a fifth of the level.
+    low = stats.binom.ppf(0.0013, probabilities.size, 0.8 * level)
+    high = stats.binom.ppf(0.9987, probabilities.size, min(1.2 * level, 0.95))
+    assert low <= below <= high
