@@ -146,13 +146,8 @@ def critical_speeds(result: Result) -> str:
             f'{names[key]} {SYMBOLS[key]} (m/s)',
             number(result, key),
             interval(result, key),
-<<<<<<< HEAD
-            number(result, f'observed.{key}', digits=3),
-            *([plain(value) if value is not None else ''] if _paper_rig(result) else []),
-=======
             number(result, f'observed.{key}', digits=3) + _between(result, key),
-            plain(value) if value is not None else '',
->>>>>>> 0668338 (Identification: no law is integrated over a gap, and a fit that has not converged gives no number)
+            *([plain(value) if value is not None else ''] if _paper_rig(result) else []),
         ]
         for key, value in published.items()
     ]
