@@ -80,8 +80,10 @@ def test_a_written_vector_is_read_by_ros() -> None:
 
 
 def test_a_diagnostic_keeps_every_digit() -> None:
-    array = diagnostic(3, 'rig/hunting', 'WARN', 'why', {'amplitude_m': 1 / 3, 'bad': math.nan})
+    values = {'amplitude_m': 1 / 3, 'bad': math.nan}
+    array = diagnostic(3, 'rig/hunting', 'WARN', 'why', values, 'the rig')
     message = deserialize_message(serialize_message(array), DiagnosticArray)
+    assert message.status[0].hardware_id == 'the rig'
     texts = read_diagnostic(message)
     assert (texts['level'], texts['message']) == ('WARN', 'why')
     assert float(texts['amplitude_m']) == 1 / 3
