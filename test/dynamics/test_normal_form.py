@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -150,3 +152,9 @@ def test_a_coefficient_that_is_no_number_is_named(name: str) -> None:
     values = dict.fromkeys(('D1', 'D4', 'D7', 'D10', 'D15'), 1.0) | {name: math.nan}
     with pytest.raises(ConfigError, match=f'{name} is nan'):
         NormalForm(critical_speed=8.0, **values)
+
+
+def test_a_normal_form_is_known_without_scipy() -> None:
+    # Every node and verb imports it; scipy costs them 0.5 s and 50 MB.
+    words = 'import sys, hunt_ros.dynamics.identified; sys.exit("scipy" in sys.modules)'
+    assert subprocess.run([sys.executable, '-c', words]).returncode == 0
