@@ -31,6 +31,10 @@ _FORM_FIELDS = ('critical_speed', *COEFFICIENTS)
 SCALES = ('length_scale', 'time_scale', 'frequency_hz')
 
 
+#: Name of the parameter file with the newest form of a folder of recordings.
+NEWEST_FILE = 'normal_form.yaml'
+
+
 @dataclass(frozen=True, eq=False)
 class IdentifiedNormalForm:
     """

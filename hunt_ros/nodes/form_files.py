@@ -9,14 +9,29 @@ too, as `normal_form_reverted_001.yaml`: nothing is ever deleted.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 from hunt_ros.detection.acceptance import rolled_back
-from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.identified import NEWEST_FILE, IdentifiedNormalForm
 from hunt_ros.errors import HuntError
 
-#: Name of the parameter file with the newest form.
-NEWEST = 'normal_form.yaml'
+#: Begins the lines of the provenance that name recordings.
+_RECORDING = 'recording '
+
+
+def with_recordings(form: IdentifiedNormalForm, paths: Iterable[Path]) -> IdentifiedNormalForm:
+    """Return the form with the recordings that it rests on in its provenance."""
+    lines = {f'{_RECORDING}{number}': str(path) for number, path in enumerate(paths, 1)}
+    return replace(form, provenance={**form.provenance, **lines})
+
+
+def recordings_of(form: IdentifiedNormalForm) -> tuple[Path, ...]:
+    """Return the recordings that a form rests on, the oldest first, as far as it says."""
+    lines = form.provenance.items()
+    return tuple(Path(value) for key, value in lines if key.startswith(_RECORDING))
 
 
 class FormFiles:
@@ -35,7 +50,33 @@ class FormFiles:
     @property
     def newest(self) -> Path:
         """Where the newest form stands."""
-        return self._directory / NEWEST
+        return self._directory / NEWEST_FILE
+
+    def kept(self) -> IdentifiedNormalForm | None:
+        """
+        Return the newest form; None where there is none.
+
+        Raises
+        ------
+        HuntError
+            If it cannot be read.
+        """
+        try:
+            text = self.newest.read_text(encoding='utf-8')
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError) as error:
+            raise HuntError(f'{self.newest}: cannot read the normal form ({error})') from error
+        return IdentifiedNormalForm.from_yaml(text, str(self.newest))
+
+    def used(self) -> set[Path]:
+        """Return every recording that a kept form rests on, gone back from or not."""
+        found: set[Path] = set()
+        for path in self._directory.glob('normal_form*.yaml'):
+            with suppress(OSError, ValueError, HuntError):
+                text = path.read_text(encoding='utf-8')
+                found.update(recordings_of(IdentifiedNormalForm.from_yaml(text, str(path))))
+        return found
 
     def earlier(self) -> list[Path]:
         """Return the earlier forms, the oldest first."""

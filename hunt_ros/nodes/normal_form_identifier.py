@@ -4,8 +4,9 @@ The node that refits the normal form from recordings as they close.
 It reads the last recordings together, publishes the refitted form on
 `hunting/normal_form`, and writes the parameter file beside them; earlier files
 are kept, and `hunting/revert_normal_form` goes back to the one before, in the file,
-on the topic, and in what the next refit rests on. The work runs in a thread, so that
-services answer meanwhile.
+on the topic, and in what the next refit rests on: the file names its recordings, so
+that a node that starts again goes on where the one before ended. The work runs in a
+thread, so that services answer meanwhile.
 """
 
 from __future__ import annotations
@@ -23,19 +24,18 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from hunt_ros.bag.columns import read_record
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import HuntError
 from hunt_ros.identification import IdentificationSettings, update
 from hunt_ros.nodes.diagnostics import Diagnostics, Health, one_line
-from hunt_ros.nodes.form_files import FormFiles
-from hunt_ros.nodes.parameters import declare, warn_unknown
+from hunt_ros.nodes.form_files import FormFiles, recordings_of, with_recordings
+from hunt_ros.nodes.parameters import declare, declare_normal_form, warn_unknown
 from hunt_ros.nodes.qos import latched
 from hunt_ros.nodes.sole import hold_name
 from hunt_ros.nodes.worker import Worker
 from hunt_ros.samples import Record
 from hunt_ros.settings import Settings, setting
 
-#: Forms of which is remembered what they rested on: to go back to them.
-_REMEMBERED = 20
 _TASK = 'identification'
 
 
@@ -61,9 +61,8 @@ class NormalFormIdentifierNode(Node):
         self._files = FormFiles(Path(self._config.directory))
         self._seen: deque[Path] = deque(maxlen=1000)
         self._waiting: list[Path] = []
-        #: Recordings behind the newest form and the ones before it. Their samples are read
-        #: again when they are needed: an hour of them is a tenth of a gigabyte.
-        self._bases: deque[tuple[Path, ...]] = deque(maxlen=_REMEMBERED)
+        #: Recordings behind the newest form. Their samples are read again when they are
+        #: needed: an hour of them is a tenth of a gigabyte.
         self._base: tuple[Path, ...] = ()
         self._failure = ''  # of the last identification
         self._reverts = 0
@@ -76,7 +75,23 @@ class NormalFormIdentifierNode(Node):
         self.create_service(Trigger, 'identify', self._on_identify)
         self.create_service(Trigger, 'hunting/revert_normal_form', self._on_revert)
         self._diagnostics = Diagnostics(self, self._health)
+        self._take_up(declare_normal_form(self))
         self._worker = Worker(self._diagnostics, _TASK, self._work)
+
+    def _take_up(self, given: IdentifiedNormalForm | None) -> None:
+        """Go on from the form that was given, which is in force, or publish the kept one."""
+        try:
+            form = given or self._files.kept()
+        except HuntError as error:
+            self.get_logger().error(str(error))
+            return
+        self._seen.extend(self._files.used())  # 'closed' is latched: it is heard once more
+        if form is None:
+            return
+        self._base = recordings_of(form)
+        self._state = ('OK', f'normal form from {len(self._base)} recordings')
+        if given is None:
+            self._publisher.publish(String(data=form.to_yaml()))
 
     def close(self) -> None:
         """Stop after the work in hand, if that is soon."""
@@ -120,9 +135,7 @@ class NormalFormIdentifierNode(Node):
             # What came since the earlier form is what led away from it: it stays out.
             self._reverts += 1
             self._waiting.clear()
-            if self._bases:
-                self._bases.pop()
-            self._base = self._bases[-1] if self._bases else ()
+            self._base = recordings_of(IdentifiedNormalForm.from_yaml(text))
             self._publisher.publish(String(data=text))
             self._state = ('OK', 'back to the normal form before, by the operator')
         response.success, response.message = (
@@ -177,9 +190,8 @@ class NormalFormIdentifierNode(Node):
             if result.normal_form is None:
                 self._state = ('WARN', 'the recordings do not determine a normal form')
                 return
-            text = result.normal_form.to_yaml()
+            text = with_recordings(result.normal_form, self._base).to_yaml()
             path = self._files.keep(text)
-            self._bases.append(self._base)
             self._forms += 1
             self._publisher.publish(String(data=text))
             self._state = ('OK', f'{path} from {len(records)} recordings')

@@ -61,16 +61,24 @@ def test_a_refit_rests_on_all_recordings_and_a_revert_leaves_the_last_one_out(gr
     files = FormFiles(directory)
     assert len(files.earlier()) == 1
 
+    # Started again, it publishes what it kept, and knows what that rests on.
+    graph.end('normal_form_identifier')
+    health.clear()
+    graph.start('normal_form_identifier', directory=directory)
+    graph.spin_until(lambda: len(forms) == 3 and health, 60.0)
+    assert IdentifiedNormalForm.from_yaml(forms[-1].data).form == second.form
+    assert recordings() == 2
+
     assert graph.call('hunting/revert_normal_form').success
-    graph.spin_until(lambda: len(forms) == 3)
+    graph.spin_until(lambda: len(forms) == 4)
     back = IdentifiedNormalForm.from_yaml(forms[-1].data)
     assert is_rolled_back(back)
     assert back.form == first.form
     assert files.newest.read_text() == forms[-1].data
     assert recordings() == 1
 
-    bags.append(bags[2])
-    third = close(4)
+    bags += [bags[2], bags[2]]
+    third = close(5)
     assert not is_rolled_back(third)
     assert recordings() == 2, 'the recording that was gone back from stays out'
     again = graph.call('hunting/revert_normal_form')
