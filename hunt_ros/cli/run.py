@@ -19,7 +19,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     rig.add_argument(
         '--listen',
         action='store_true',
-        help='start only the nodes that listen, on simulated time: for hunt replay --live',
+        help='start only the nodes that listen: the sensor nodes are yours, or a live replay',
+    )
+    parser.add_argument(
+        '--sim-time',
+        action='store_true',
+        help='follow /clock, which a live replay publishes: for hunt replay --live',
     )
     options.add_params(parser, 'any node')
     options.add_normal_form(parser)
@@ -43,8 +48,18 @@ def run(arguments: argparse.Namespace) -> int:
     from hunt_ros.cli import suite
     from hunt_ros.cli.processes import Processes
     from hunt_ros.cli.view import View
+    from hunt_ros.dynamics.identified import NEWEST_FILE
+    from hunt_ros.errors import ConfigError
+    from hunt_ros.services import SERVICES
 
-    files = [*arguments.params, *([arguments.normal_form] if arguments.normal_form else [])]
+    if not (arguments.simulated or arguments.listen or arguments.params):
+        raise ConfigError(
+            'which rig? Expected --simulated (a simulated one), --listen (sensor nodes of your'
+            ' own, or hunt replay --live) or --params FILE (where the drivers find it)'
+        )
+    kept = arguments.directory / NEWEST_FILE
+    form = arguments.normal_form or (kept if kept.exists() else None)
+    files = [*arguments.params, *([form] if form else [])]
     for path in files:
         options.read_text(path, 'parameter file')
     options.make_folder(arguments.directory, 'recordings')
@@ -61,9 +76,12 @@ def run(arguments: argparse.Namespace) -> int:
     began = time.monotonic()
     with Processes(arguments.namespace, arguments.directory / 'logs', private=False) as processes:
         link = suite.start_console(processes, {})
-        common: dict[str, object] = {'use_sim_time': True} if arguments.listen else {}
+        common: dict[str, object] = {'use_sim_time': True} if arguments.sim_time else {}
         suite.start_nodes(processes, names, common, parameters, files)
         print(f'{len(names)} nodes under /{arguments.namespace}; logs in {processes.logs}')
+        print(f'normal form: {form or "none yet, the first recording gives one"}')
+        words = [word for word, service in SERVICES.items() if service.node in names]
+        print(f'from another terminal: hunt call {" | ".join(words)}')
         with View() as view:
             try:
                 while arguments.duration is None or time.monotonic() - began < arguments.duration:

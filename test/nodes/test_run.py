@@ -1,0 +1,66 @@
+"""`hunt run`: what is on the screen, what is in the recording, and its end."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+
+import pytest
+from sensor_msgs.msg import JointState
+
+from hunt_ros.bag import read_columns
+from hunt_ros.cli.main import main
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+
+pytestmark = pytest.mark.ros
+
+#: Each of them is in every node of a lab that measures all day.
+_LIGHT = """
+import sys
+import hunt_ros.nodes.bag_recorder, hunt_ros.nodes.console
+import hunt_ros.nodes.roller_speed, hunt_ros.nodes.sensor
+print(sorted({'scipy', 'numba', 'matplotlib'} & set(sys.modules)))
+"""
+
+
+def test_a_run_without_a_rig_says_what_it_expects(capsys, tmp_path) -> None:
+    assert main(['run', '--directory', str(tmp_path)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert all(word in line for word in ('--simulated', '--listen', '--params'))
+
+
+def test_a_run_that_listens_records_without_a_clock_and_ends_at_sigterm(graph) -> None:
+    folder = graph.folder / 'recordings'
+    folder.mkdir()
+    form = folder / 'normal_form.yaml'
+    form.write_text(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml())
+    lateral = graph.node.create_publisher(JointState, 'lateral', 100)
+    words = [sys.executable, '-u', '-m', 'hunt_ros.cli.main', 'run', '--listen']
+    with (graph.folder / 'screen').open('w') as out:
+        run = subprocess.Popen([*words, '--directory', str(folder)], stdout=out, stderr=out)
+    try:
+        graph.spin_until(lambda: lateral.get_subscription_count() == 2, 60.0)
+        for number in range(50):
+            message = JointState(name=['lateral'], position=[float(number)])
+            message.header.stamp = graph.node.get_clock().now().to_msg()
+            lateral.publish(message)
+            graph.spin(0.01)
+        run.send_signal(signal.SIGTERM)
+        assert graph.machine.wait_for(run, 15.0) == 0
+    finally:
+        run.kill()
+    screen = (graph.folder / 'screen').read_text()
+    assert str(form) in screen, 'the newest form is loaded'
+    assert 'hunt call acknowledge' in screen
+    assert 'Traceback' not in ''.join(log.read_text() for log in folder.glob('logs/**/*.log'))
+    (bag,) = folder.glob('hunt_*')
+    values = read_columns(bag, {'y': '/rig/lateral.position[0]'})['y'].values
+    assert values.tolist() == list(map(float, range(50)))
+
+
+def test_nodes_that_only_pass_samples_on_import_no_numerics() -> None:
+    words = [sys.executable, '-c', _LIGHT]
+    ran = subprocess.run(words, capture_output=True, text=True, check=True)
+    assert ran.stdout == '[]\n'
