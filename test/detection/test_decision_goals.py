@@ -1,0 +1,171 @@
+"""What the decision is to reach once it rests on likelihoods: it does not yet."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect
+from hunt_ros.dynamics.disturbance import diffusion_from_quiet
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.simulation import simulate
+from hunt_ros.dynamics.simulation_settings import Roughness, SensorModel, SimulationSettings
+from hunt_ros.dynamics.speed_profile import SpeedProfile
+from hunt_ros.samples import Record, Series
+
+FOLDER = Path(__file__).parents[3] / 'shared' / 'data' / 'flutter_rig'
+HITS = sorted(FOLDER.glob('*Hammer*.mat'))
+#: Enough for one of them to fail today.
+SEEDS = 6
+LATERAL = DetectorConfig(channels=('lateral', 'speed'), roughness=False)
+
+FORM = PAPER_NORMAL_FORM
+SPEEDS = (6.8, 7.2, 7.4, 7.6)
+RATE, KICK_S, END_S = 200.0, 12.0, 24.0
+#: Quiet amplitude (r.m.s.) at 7.2 m/s and noise of the sensor, m.
+QUIET, NOISE = 11e-6, 5e-6
+#: Sizes of the kicks: of the stable amplitude, and of the unstable one.
+HUNTS, DECAYS = (0.8, 1.2), (0.4, 0.8)
+
+
+def kicked(speed: float, size: float, rng: np.random.Generator) -> tuple[Record, float]:
+    """Return a record, kicked to the amplitude `size` (m), and the true one at its end."""
+    step = 1.0 / RATE
+    diffusion = diffusion_from_quiet(FORM, 7.2, QUIET)
+    count = round(END_S * RATE)
+    shocks = math.sqrt(2.0 * diffusion * step) * (rng.normal(size=(count, 2)) @ np.array([1, 1j]))
+    path = np.empty(count, dtype=np.complex128)
+    z = complex(shocks[0])
+    for k in range(count):
+        if k == round(KICK_S * RATE):
+            z = size * np.exp(2j * np.pi * rng.random())
+        z = z * (1.0 + float(FORM.growth_rate(speed, abs(z))) * step) + shocks[k]
+        path[k] = z
+    t = (np.arange(count) + 1) * step
+    values = (path * np.exp(2j * np.pi * FORM.frequency_hz * t)).real
+    stamps = np.round(t * 1e9).astype(np.int64)
+    record = Record(
+        {
+            'lateral': Series(stamps, values + NOISE * rng.normal(size=count)),
+            'speed': Series(stamps, np.full(count, speed)),
+        }
+    )
+    return record, float(np.abs(path[-200:]).mean())
+
+
+def delays(kicks: int, hunts: bool, seed: int = 0) -> list[float]:
+    """Return the time from each kick to ERROR, s (infinite: never), for kicks at four speeds."""
+    found = []
+    for number in range(kicks):
+        rng = np.random.default_rng([seed, number, int(hunts)])
+        speed = SPEEDS[number % len(SPEEDS)]
+        branch = FORM.stable_amplitude(speed) if hunts else FORM.unstable_amplitude(speed)
+        record, end = kicked(
+            speed, float(branch) * rng.uniform(*(HUNTS if hunts else DECAYS)), rng
+        )
+        if (end > 0.5 * float(FORM.stable_amplitude(speed))) != hunts:
+            continue  # the noise has decided otherwise
+        rows = detect(HuntingDetector(LATERAL), record).estimates
+        error = rows['stamp_ns'][rows['level'] == Level.ERROR]
+        error = error[error > KICK_S * 1e9]
+        found.append(error[0] * 1e-9 - KICK_S if error.size else math.inf)
+    return found
+
+
+def steady(amplitude_m: float, frequency_hz: float, speed: float, seconds: float) -> Record:
+    """Return a steady motion with the noise of a sensor."""
+    t = (np.arange(round(seconds * 200.0)) + 1) / 200.0
+    noise = 5e-6 * np.random.default_rng(0).standard_normal(t.size)
+    stamps = np.round(t * 1e9).astype(np.int64)
+    values = amplitude_m * np.cos(2.0 * np.pi * frequency_hz * t) + noise
+    return Record(
+        {'lateral': Series(stamps, values), 'speed': Series(stamps, np.full(t.size, speed))}
+    )
+
+
+@pytest.mark.xfail(strict=True, reason='noise floor and hold times decide, not a likelihood')
+def test_without_a_form_a_kick_onto_the_limit_cycle_is_an_error_soon() -> None:
+    times = np.array(delays(16, hunts=True))
+    assert times.size > 12
+    assert not np.isfinite(delays(8, hunts=False)).any()
+    # With 95 % a kick, fewer than all but three of 16 come in one run of a hundred.
+    assert (times <= 1.5).sum() >= times.size - 3
+
+
+@pytest.mark.xfail(strict=True, reason='slow wandering of the quiet motion looks steady for 3 s')
+def test_quiet_running_near_the_critical_speed_is_no_limit_cycle() -> None:
+    words = []
+    for seed in range(SEEDS):
+        settings = SimulationSettings(
+            sample_rate_hz=250.0,
+            broadband=1.2e-5,
+            roughness=Roughness((50e-6, 20e-6)),
+            lateral_sensor=SensorModel(noise=5e-6),
+            yaw_sensor=SensorModel(noise=2e-5),
+        )
+        record = simulate(paper_rig(), settings, SpeedProfile.constant(7.6), 10.0, (), seed)
+        words += [event.event for event in detect(HuntingDetector(), record).events]
+    assert 'limit_cycle' not in words
+
+
+@pytest.mark.xfail(
+    strict=True, reason='at the fold the chance falls back on the mean of the draws'
+)
+def test_the_chance_of_escape_is_continuous_through_the_fold() -> None:
+    form = PAPER_NORMAL_FORM
+    spread = np.array([0.02, 0.002, 0.01, 0.05, 0.05, 0.01])
+    scale = np.array([1.0, form.D1, form.D4, form.D7, form.D10, form.D15])
+    known = IdentifiedNormalForm(form, np.diag((spread * scale) ** 2))
+    fold = form.nonlinear_critical_speed
+    assert fold is not None
+    chance, width = [], []
+    for speed in (fold + 0.001, fold - 0.001):
+        detector = HuntingDetector(LATERAL, known)
+        row = detect(detector, steady(450e-6, form.frequency_hz, speed, 3.0)).estimates[-1]
+        chance.append(row['escape_probability'])
+        width.append(row['margin_high'] - row['margin_low'])
+    assert chance[0] == pytest.approx(chance[1], abs=0.05)
+    assert width[1] >= width[0], 'where the spread is not known nothing is known better'
+
+
+@pytest.mark.xfail(strict=True, reason='the frequency of the form is not compared with the motion')
+def test_a_steady_motion_at_another_frequency_than_the_form_gives_is_no_hunting() -> None:
+    detector = HuntingDetector(LATERAL, IdentifiedNormalForm(PAPER_NORMAL_FORM))
+    output = detect(detector, steady(0.12e-3, 4.6, 6.0, 60.0))
+    assert not any(event.level is Level.ERROR for event in output.events)
+    assert detector.status.state in (State.QUIET, State.DISTURBED)
+
+
+@pytest.mark.skipif(not HITS, reason=f'no recordings in {FOLDER}')
+@pytest.mark.xfail(strict=True, reason='the noise floor is learnt on the growing motion')
+def test_each_hit_that_grows_is_an_error_before_it_has_grown() -> None:
+    from scipy.io import loadmat
+
+    late, false = [], []
+    for path in HITS:
+        pitch, heave = loadmat(path)['data'][:2]
+        stamps = np.arange(heave.size, dtype=np.int64) * 4_000_000
+        found = re.search(r'_V(\d+)', path.name)
+        assert found is not None
+        speed = np.full(heave.size, int(found[1]) / 10.0)
+        lateral = 0.47 * (heave - np.median(heave))
+        channels = {'lateral': lateral, 'yaw': pitch, 'speed': speed}
+        record = Record({name: Series(stamps, values) for name, values in channels.items()})
+        config = DetectorConfig(channels=tuple(channels), roughness=False)
+        rows = detect(HuntingDetector(config), record).estimates
+        error = rows['stamp_ns'][rows['level'] == Level.ERROR]
+        final = 0.5 * np.ptp(lateral[-500:])
+        if final < 10e-3:
+            false += [path.name] if error.size else []
+            continue
+        grown = stamps[np.flatnonzero(np.abs(lateral) > 0.9 * final)[0]]
+        if not error.size or error[0] > grown:
+            late.append(path.name)
+    assert not false
+    assert not late
