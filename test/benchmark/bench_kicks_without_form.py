@@ -15,7 +15,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / 'detection'))
 
-from test_decision_goals import delays  # noqa: E402
+from test_decision_goals import delays
 
 KICKS = 200
 

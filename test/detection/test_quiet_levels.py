@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hunt_ros.detection.quiet_levels import QuietLevels
+from hunt_ros.detection.forecast import CriticalSpeedForecast, ForecastSettings
+from hunt_ros.detection.quiet_levels import MOST_LEVELS, QuietLevels
 
 RATE = 200.0
 
@@ -65,3 +66,17 @@ def test_a_blow_is_cut_out():
     level = collect(noise(58.0) + ringing, np.full(count, 5.0))[0]
     assert 35.0 < level.duration_s < 40.0
     assert level.rms < 3e-6
+
+
+def test_the_number_of_levels_is_bounded() -> None:
+    rate, hold_s = 50.0, 9.0
+    forecast = CriticalSpeedForecast(ForecastSettings(live=False))
+    count = round(hold_s * rate)
+    rng = np.random.default_rng(0)
+    for number, speed in enumerate(np.geomspace(2.0, 12.0, MOST_LEVELS + 15)):
+        stamps = np.round((np.arange(count) + 1 + number * count) / rate * 1e9).astype(np.int64)
+        forecast.update(stamps, 1e-5 * rng.standard_normal(count), float(speed))
+    speeds = sorted(level.speed for level in forecast.levels)
+    assert MOST_LEVELS // 2 < len(speeds) <= MOST_LEVELS + 1  # and the one that is open
+    assert speeds[0] < 2.3
+    assert speeds[-1] > 11.0

@@ -1,0 +1,94 @@
+"""An alarm outlasts a pause of the detector node, and settings change without one."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistStamped
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+
+from hunt_ros.nodes.conversions import read_diagnostic, to_time
+from hunt_ros.nodes.hunting_detector import HuntingDetectorNode
+
+pytestmark = pytest.mark.ros
+
+PERIOD_NS = 10_000_000
+
+
+class Wheelset:
+    """Publishes a steady motion and a speed up to the present, and reads the status."""
+
+    def __init__(self, graph) -> None:
+        self._graph = graph
+        self._lateral = graph.node.create_publisher(JointState, 'lateral', 1000)
+        self._speed = graph.node.create_publisher(TwistStamped, 'speed', 1000)
+        self._statuses = graph.collect(DiagnosticArray, 'hunting/status')
+        self._events = graph.collect(DiagnosticArray, 'hunting/events')
+        self._sent_ns = self._now()
+
+    def _now(self) -> int:
+        return self._graph.node.get_clock().now().nanoseconds
+
+    @property
+    def events(self) -> list[dict[str, str]]:
+        return [read_diagnostic(message) for message in self._events]
+
+    def status(self) -> dict[str, str]:
+        """Publish what is due; return the status, empty before there is one."""
+        while self._sent_ns < self._now():
+            self._sent_ns += PERIOD_NS
+            turn = 2.0 * math.pi * 2.84 * (self._sent_ns % 10**12) * 1e-9
+            lateral = JointState(name=['lateral'], position=[3e-4 * math.cos(turn)])
+            speed = TwistStamped()
+            speed.twist.linear.x = 7.2
+            for publisher, message in ((self._lateral, lateral), (self._speed, speed)):
+                message.header.stamp = to_time(self._sent_ns)
+                publisher.publish(message)
+        return read_diagnostic(self._statuses[-1]) if self._statuses else {}
+
+    def forget(self) -> None:
+        self._statuses.clear()
+        self._sent_ns = self._now()
+
+
+def test_an_alarm_outlasts_pauses_and_settings_change_while_it_runs(graph, resident) -> None:
+    wheelset = Wheelset(graph)
+    node = resident(
+        HuntingDetectorNode,
+        channels='[lateral, speed]',
+        roughness=False,
+        limit_cycle_amplitude_m=1e-4,
+    )
+    node.trigger_configure()
+    node.trigger_activate()
+    graph.spin_until(lambda: wheelset.status().get('state') == 'limit_cycle')
+
+    def told() -> list[dict[str, str]]:
+        wheelset.status()
+        return [one for one in wheelset.events if one['event'] == 'limit_cycle']
+
+    graph.spin_until(told)
+    event = told()[0]
+    assert 'has reached the limit cycle' in event['cause']
+    assert float(event['since_s']) > 0.0
+
+    (result,) = node.set_parameters([Parameter('critical_speed_mps', value=7.0)])
+    assert result.successful
+    graph.spin_until(lambda: wheelset.status()['region'] == 'unstable')
+    assert wheelset.status()['alarm'] == 'True'
+    assert wheelset.status()['state'] == 'limit_cycle'
+
+    node.trigger_deactivate()
+    node.trigger_cleanup()
+    node.trigger_configure()
+    wheelset.forget()
+    node.trigger_activate()
+    graph.spin_until(wheelset.status)
+    assert wheelset.status()['alarm'] == 'True'
+    assert wheelset.status()['state'] == 'limit_cycle'
+    assert graph.call('hunting/acknowledge_alarm').success
+    graph.spin_until(lambda: wheelset.status()['level'] == 'ERROR')
+    assert wheelset.status()['alarm'] == 'True', 'it still hunts'
