@@ -19,6 +19,7 @@ rclpy = pytest.importorskip('rclpy', reason='the extra ros is not installed')
 from lifecycle_msgs.msg import Transition  # noqa: E402
 from lifecycle_msgs.srv import ChangeState  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.signals import SignalHandlerOptions  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
 #: The tree under test, also for the nodes, which run in a folder of their own.
@@ -188,7 +189,7 @@ class Resident:
         words = ['--ros-args', '-r', '__ns:=/rig']
         for name, value in parameters.items():
             words += ['-p', f'{name}:={str(value).lower() if value in (True, False) else value}']
-        rclpy.init(args=words)
+        rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
         try:
             self.node = make()
         except BaseException:
