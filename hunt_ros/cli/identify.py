@@ -49,6 +49,22 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--time-scale', type=positive, metavar='S', help='1/omega_psi, s (1/25.91)'
     )
+    parser.add_argument(
+        '--lines',
+        type=_orders,
+        metavar='N,...',
+        help='orders of the known lines, in turns of the roller (1,2); "": none',
+    )
+    length = options.number(0.0, 10.0, 'm', above=True)
+    parser.add_argument(
+        '--roller-diameter',
+        type=length,
+        metavar='M',
+        help='where the roller angle was not recorded, it follows from this and the speed',
+    )
+    parser.add_argument(
+        '--wheel-diameter', type=length, metavar='M', help="to remove the wheel's own line too"
+    )
     parser.add_argument('--frequency', type=positive, metavar='HZ', help='hunting frequency')
     parser.add_argument(
         '--speed-resolution',
@@ -147,6 +163,9 @@ def settings_of(arguments: argparse.Namespace) -> IdentificationSettings:
         'seed': arguments.seed,
         'jobs': arguments.jobs,
         'cluster': arguments.cluster,
+        'lines': arguments.lines,
+        'roller_diameter_m': arguments.roller_diameter,
+        'wheel_diameter_m': arguments.wheel_diameter,
         'prior_v_c': arguments.prior_v_c,
         'prior_D1': arguments.prior_D1,
     }
@@ -167,6 +186,12 @@ def _prior(share: float) -> Callable[[str], tuple[float, float]]:
         return positive(value), positive(std) if colon else share * positive(value)
 
     return parse
+
+
+def _orders(text: str) -> tuple[float, ...]:
+    """Read N,N,...; an empty text is no line."""
+    order = options.number(0.0, 100.0, above=True)
+    return tuple(order(word) for word in text.split(',') if word.strip())
 
 
 def _reach(address: str) -> None:

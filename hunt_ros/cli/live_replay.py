@@ -76,7 +76,6 @@ def _detector(arguments: argparse.Namespace) -> NodeSpec:
     parameters: dict[str, object] = {
         'use_sim_time': True,
         'channels': config.channels,
-        'roughness': config.roughness,
     }
     for word in arguments.set:
         name, _, text = word.partition('=')

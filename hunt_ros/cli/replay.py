@@ -162,4 +162,4 @@ def _companions(beside: CompanionConfig, config: DetectorConfig) -> Companions:
     if beside.forecast == 'wheelset' and beside.forecast_rig:
         path = Path(beside.forecast_rig)
         rig = RigParameters.from_yaml(options.read_text(path, 'rig'), str(path))
-    return Companions.of(beside, config.channels, rig, live=False)
+    return Companions.of(beside, config, rig, live=False)

@@ -29,12 +29,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--figures', metavar='DIR', help='write each figure as SVG and PNG here')
     parser.add_argument('--title', metavar='TEXT', help='of the page')
-    parser.add_argument(
-        '--roller-diameter',
-        type=options.number(0.0, 100.0, 'm', above=True),
-        metavar='M',
-        help='where the roller angle was not recorded: sections once a revolution by the speed',
-    )
     options.add_json(parser, 'the identification')
 
 
@@ -47,8 +41,8 @@ def run(arguments: argparse.Namespace) -> int:
     from hunt_ros.report.style import save_figures
 
     page = _places(arguments)
-    diameter = arguments.roller_diameter
     settings = settings_of(arguments)
+    diameter = settings.roller_diameter_m or None
     with progress('reading') as advance:
         records = records_of(arguments, advance)
     with progress('identifying') as advance:

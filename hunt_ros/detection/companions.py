@@ -10,15 +10,17 @@ stuck is so for them as well, and a replay of a live run tells them what the run
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
+from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.criteria import CRITERIA, CriteriaPanel, Verdict
 from hunt_ros.detection.forecast import CriticalSpeedForecast, Forecast, ForecastSettings
+from hunt_ros.detection.frequencies import with_frequencies
 from hunt_ros.detection.output import Motion, Output
+from hunt_ros.detection.tracking import roller_diameter
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.errors import ConfigError
-from hunt_ros.samples import CHANNELS
+from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 from hunt_ros.settings import Settings, setting
 
 
@@ -82,7 +84,7 @@ class Companions:
     def of(
         cls,
         config: CompanionConfig,
-        channels: Sequence[str] = CHANNELS,
+        detector: DetectorConfig | None = None,
         rig: RigParameters | None = None,
         live: bool = True,
     ) -> Companions:
@@ -93,8 +95,9 @@ class Companions:
         ----------
         config : CompanionConfig
             What to run.
-        channels : sequence of str
-            What the detector has: without a lateral sensor the forecast is made from yaw.
+        detector : DetectorConfig, optional
+            What the detector is told of the rig: its channels (without a lateral sensor the
+            forecast is made from yaw), where it hunts, its roller and the known lines.
         rig : RigParameters, optional
             For the law 'wheelset'; without it the built-in rig.
         live : bool
@@ -105,6 +108,8 @@ class Companions:
         ConfigError
             For criteria without a lateral sensor.
         """
+        detector = detector or DetectorConfig()
+        channels = detector.channels
         names = [name for name in config.criteria if name]
         channel = 'lateral' if 'lateral' in channels else 'yaw'
         if names and channel != 'lateral':
@@ -114,7 +119,16 @@ class Companions:
         if config.forecast == 'off':
             return cls(panel, None)
         law = (rig or paper_rig()) if config.forecast == 'wheelset' else None
-        settings = ForecastSettings(live=live, channel=channel)
+        tuned = with_frequencies(detector)
+        plain = ForecastSettings()
+        faster = tuned.hunting_frequency_hz / REFERENCE_HZ
+        settings = ForecastSettings(
+            live=live,
+            channel=channel,
+            lowest_hz=max(min(plain.lowest_hz * faster, tuned.hunting_frequency_min_hz), 0.05),
+            highest_hz=min(max(plain.highest_hz * faster, tuned.hunting_frequency_max_hz), 100.0),
+            roller_diameter_m=law.roller_diameter_m if law else roller_diameter(detector),
+        )
         return cls(panel, CriticalSpeedForecast(settings, law))
 
     @property

@@ -20,6 +20,9 @@ HUNTING_HZ = {
     'hunting_frequency_max_hz': 0.1,
 }
 
+#: Highest order of a known line, and how many there may be: each costs a tenth of the filter.
+MOST_TURNS, MOST_LINES = 100.0, 8
+
 
 @dataclass(frozen=True)
 class DetectorConfig(Settings):
@@ -44,8 +47,11 @@ class DetectorConfig(Settings):
     channels: tuple[str, ...] = setting(
         CHANNELS, 'channels the rig has; one that is listed and silent is a fault', fixed=True
     )
-    roughness: bool = setting(
-        True, 'separate the roughness line of the roller (needs the roller channel)', fixed=True
+    lines: tuple[float, ...] = setting(
+        (1.0, 2.0),
+        'known lines, in turns of the roller: what is forced at these orders is no hunting'
+        ' (0.0: none)',
+        fixed=True,
     )
     constant_speed_mps: float = setting(
         0.0,
@@ -156,7 +162,16 @@ class DetectorConfig(Settings):
     )
     roller_diameter_m: float = setting(
         0.0,
-        'of the roller, to check the speed by its angle (0: learnt while both move)',
+        'of the roller: where its lines are without a roller channel (0: as the built-in rig,'
+        ' 0.3 m), and the speed checked by its angle with one (0: learnt while both move)',
+        unit='m',
+        low=0.0,
+        high=10.0,
+        fixed=True,
+    )
+    wheel_diameter_m: float = setting(
+        0.0,
+        'of the wheel, whose own line is known with it (0: none; needs roller_diameter_m)',
         unit='m',
         low=0.0,
         high=10.0,
@@ -322,8 +337,7 @@ class DetectorConfig(Settings):
             raise ConfigError(f'channels: unknown {unknown[0]!r}, expected some of {CHANNELS}')
         if not set(self.channels) & {'lateral', 'yaw'}:
             raise ConfigError(f'channels: need lateral or yaw, got {self.channels}')
-        if self.roughness and 'roller' not in self.channels:
-            raise ConfigError('roughness: needs the roller channel; set it to false without one')
+        self._check_lines()
         for high, low in (
             ('disturbed_in', 'disturbed_out'),
             ('escape_probability_in', 'escape_probability_out'),
@@ -337,6 +351,22 @@ class DetectorConfig(Settings):
         v_n, v_c = self.nonlinear_critical_speed_mps, self.critical_speed_mps
         if v_n > 0.0 and not v_n < v_c:
             raise ConfigError(f'nonlinear_critical_speed_mps: {v_n} must lie below v_c ({v_c})')
+
+    def _check_lines(self) -> None:
+        """Refuse orders that are none, and a wheel whose order is not known."""
+        for order in self.lines:
+            number = isinstance(order, int | float) and not isinstance(order, bool)
+            if not (number and 0.0 <= order <= MOST_TURNS):
+                raise ConfigError(
+                    f'lines: {order!r} is no order, expected turns of the roller from 0 to'
+                    f' {MOST_TURNS:g}'
+                )
+        orders = tuple(sorted({float(order) for order in self.lines if order > 0.0}))
+        if len(orders) > MOST_LINES:
+            raise ConfigError(f'lines: {len(orders)} lines, expected at most {MOST_LINES}')
+        object.__setattr__(self, 'lines', tuple(map(float, self.lines)))
+        if self.wheel_diameter_m > 0.0 and self.roller_diameter_m == 0.0:
+            raise ConfigError('wheel_diameter_m: needs roller_diameter_m, got 0')
 
     def _check_frequencies(self) -> None:
         """Refuse hunting frequencies out of order; one that is 0 is not given."""

@@ -21,15 +21,17 @@ from hunt_ros.detection.second_opinion import SecondOpinion
 from hunt_ros.detection.speed_check import SpeedCheck
 from hunt_ros.detection.tracking import (
     SCALE_STD,
-    USUAL_ROLLER_M,
     Turning,
     line_search,
+    lines_known,
     mode_points,
     tracker_config,
+    turning_angle,
 )
 from hunt_ros.dynamics.mode_shape import ModeShape
 from hunt_ros.estimation.kalman import HuntingTracker
 from hunt_ros.estimation.line_search import LineSearch
+from hunt_ros.estimation.turning import Unwrapping
 from hunt_ros.samples import CHANNELS
 
 _MOTION = ('lateral', 'yaw')
@@ -55,7 +57,9 @@ class Estimator:
             if name in self._channels
         }
         self._speed_check = SpeedCheck(config) if len(self._slow) == 2 else None
-        self._turning = Turning(config.roller_diameter_m or USUAL_ROLLER_M)
+        self._unwrapping = Unwrapping()
+        self._angle = turning_angle(config)
+        self._turning = Turning()
         self._shape: ModeShape | None = None
         self._follow(config)
 
@@ -95,6 +99,8 @@ class Estimator:
             watch.reset()
         if self._speed_check is not None:
             self._speed_check.reset()
+        self._unwrapping.reset()
+        self._angle.reset()
         self._turning.reset()
         for opinion in self._opinions.values():
             opinion.reset()
@@ -142,10 +148,9 @@ class Estimator:
         stamp, sensor, value = _in_order(blocks, usable)
         slow = self._slow_at(np.concatenate([stamp, rows_ns]), blocks, usable)
         count = stamp.size
-        angle, speed = slow['roller'][:count], slow['speed'][:count]
-        if not self.config.roughness:
-            angle = np.full(count, math.nan)
-        track = self._tracker.update(stamp, sensor, value, angle, speed, rows_ns)
+        angle, speed = slow['angle'][:count], slow['speed'][:count]
+        line = np.where(lines_known(self.config, speed), angle, math.nan)
+        track = self._tracker.update(stamp, sensor, value, line, speed, rows_ns)
         for name in TRACKER_FIELDS:
             rows[name] = track[name]
         rows['speed'] = slow['speed'][count:]
@@ -156,8 +161,9 @@ class Estimator:
             rows['speed_wrong'][contrary] |= np.uint32(health.CONTRADICTED)
         own = np.flatnonzero(sensor == _MOTION.index(next(n for n in _MOTION if n in blocks)))
         quiet = np.ones(own.size, dtype=np.bool_)
-        motion = Motion(stamp[own], value[own], speed[own], angle[own], quiet)
-        turning = self._turning.update(rows_ns, slow['roller'][count:], rows['speed'])
+        encoder = slow['roller'][:count]
+        motion = Motion(stamp[own], value[own], speed[own], encoder[own], quiet)
+        turning = self._turning.update(rows_ns, slow['angle'][count:])
         samples = {
             name: np.diff(np.searchsorted(stamp[sensor == k], rows_ns, side='right'), prepend=0)
             for k, name in enumerate(_MOTION)
@@ -170,7 +176,11 @@ class Estimator:
         blocks: dict[str, MergedBlock],
         usable: dict[str, NDArray[np.bool_]],
     ) -> dict[str, NDArray[np.float64]]:
-        """Return roller angle and speed, without its sign, at stamps in any order."""
+        """
+        Return encoder, speed without its sign, and the angle that follows from both.
+
+        The stamps are in any order. What comes of the encoder is made continuous here.
+        """
         sorting = np.argsort(wanted, kind='stable')
         slow = {}
         for name in ('roller', 'speed'):
@@ -178,14 +188,23 @@ class Estimator:
             if name in blocks:
                 block = blocks[name]
                 readings = np.where(usable[name], block.values, math.nan)
+                following = block.following
+                if name == 'roller':
+                    after = math.nan if following is None else following[1]
+                    readings, after = self._unwrapping.update(readings, after)
+                    following = None if following is None else (following[0], after)
                 found[sorting] = self._slow[name].at(
-                    wanted[sorting], block.stamps_ns, readings, block.following
+                    wanted[sorting], block.stamps_ns, readings, following
                 )
                 if name == 'speed':
                     found = np.abs(found)  # a wheelset hunts in reverse as it does ahead
             elif name == 'speed' and self.config.constant_speed_mps > 0.0:
                 found[:] = self.config.constant_speed_mps
             slow[name] = found
+        angle = np.empty(wanted.size)
+        encoder, speed = slow['roller'][sorting], slow['speed'][sorting]
+        angle[sorting] = self._angle.update(wanted[sorting], encoder, speed)
+        slow['angle'] = angle
         return slow
 
     def _excuse_roller(self, rows: NDArray[np.void]) -> None:

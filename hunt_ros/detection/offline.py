@@ -26,6 +26,7 @@ from hunt_ros.detection.output import Event, Motion, Output
 from hunt_ros.detection.reasons import reason_counts
 from hunt_ros.detection.regions import Level, Region
 from hunt_ros.detection.steadiness import SURE
+from hunt_ros.detection.tracking import roller_diameter
 from hunt_ros.detection.transitions import event_of
 from hunt_ros.samples import NANOSECONDS, Record, Series
 
@@ -162,12 +163,15 @@ def config_for(record: Record, config: DetectorConfig) -> tuple[DetectorConfig, 
     if not missing:
         return config, []
     remarks = [f'no {name} channel in the recording' for name in missing]
-    roughness = config.roughness
-    if roughness and 'roller' in missing:
-        roughness = False
-        remarks[missing.index('roller')] += ': the roughness line is not separated'
     present = tuple(name for name in config.channels if name not in missing)
-    return replace(config, channels=present, roughness=roughness), remarks
+    found = replace(config, channels=present)
+    if 'roller' in missing and any(config.lines):
+        assumed = '' if config.roller_diameter_m else ' (assumed, set roller_diameter_m)'
+        remarks[missing.index('roller')] += (
+            f': its lines are where the speed has them on a roller of'
+            f' {roller_diameter(config):g} m{assumed}'
+        )
+    return found, remarks
 
 
 def detect(detector: HuntingDetector, record: Record) -> Output:

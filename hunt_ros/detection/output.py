@@ -140,7 +140,7 @@ class Motion:
     speed : ndarray, shape (n,)
         m/s; NaN where it is not known.
     roller_angle : ndarray, shape (n,)
-        rad; NaN where it is not known, and without `roughness`.
+        By its encoder, rad; NaN where there is none.
     quiet : ndarray of bool, shape (n,)
         False while the wheelset hunts.
     """

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.frequencies import with_frequencies
-from hunt_ros.detection.tracking import USUAL_ROLLER_M
+from hunt_ros.detection.tracking import roller_diameter, shafts
+from hunt_ros.estimation.turning import unwrapped
 from hunt_ros.samples import Record, Series
 
 _F = NDArray[np.float64]
@@ -48,6 +49,7 @@ class _Piece:
     values: _F
     speed: _F
     turning_hz: _F
+    orders: tuple[float, ...]
 
     @property
     def power(self) -> _F:
@@ -63,9 +65,9 @@ class _Piece:
         near = np.zeros(_GRID.size, dtype=np.bool_)
         turn = self.turning_hz
         if np.isfinite(turn).all():
-            for harmonic in (1.0, 2.0):
-                low = (1.0 - _ROLLER_BAND) * harmonic * turn.min()
-                near |= _between(low, (1.0 + _ROLLER_BAND) * harmonic * turn.max())
+            for order in self.orders:
+                low = (1.0 - _ROLLER_BAND) * order * turn.min()
+                near |= _between(low, (1.0 + _ROLLER_BAND) * order * turn.max())
         return near
 
     def sharpness(self, frequency: float) -> tuple[float, float]:
@@ -198,6 +200,10 @@ def _pieces(record: Record, config: DetectorConfig) -> Iterator[_Piece]:
     if starts.size > _PIECES:
         starts = starts[np.linspace(0, starts.size - 1, _PIECES).astype(np.intp)]
     even = np.arange(int(length * rate)) / rate
+    orders = tuple(order for shaft in shafts(config) for order in shaft.orders)
+    encoder = record.get('roller')
+    if encoder is not None:
+        encoder = Series(encoder.stamps_ns, unwrapped(encoder.values))
     for start in starts.tolist():
         first, last = np.searchsorted(time, [start, start + length])
         if last - first < max(0.6 * even.size, 100):
@@ -205,18 +211,19 @@ def _pieces(record: Record, config: DetectorConfig) -> Iterator[_Piece]:
         at = start + even
         piece = np.interp(at, time[first:last], values[first:last])
         wanted = stamps[0] + at * 1e9
-        roller, speed = _at(record.get('roller'), wanted), _at(record.get('speed'), wanted)
+        roller, speed = _at(encoder, wanted), _at(record.get('speed'), wanted)
         speed = np.abs(speed)
-        turning = speed / (math.pi * (config.roller_diameter_m or USUAL_ROLLER_M))
+        turning = speed / (math.pi * roller_diameter(config))
         columns = [np.ones_like(even), even]
         if np.isfinite(roller).all() and np.ptp(roller) > 0.0:
-            for harmonic in (1.0, 2.0):
-                columns += [np.cos(harmonic * roller), np.sin(harmonic * roller)]
-            turns = roller[:: max(roller.size // _SECTIONS, 1)] / (2.0 * math.pi)
-            turning = np.abs(np.diff(turns)) * rate / max(roller.size // _SECTIONS, 1)
+            for order in orders:
+                columns += [np.cos(order * roller), np.sin(order * roller)]
+            section = max(roller.size // _SECTIONS, 1)
+            turns = np.abs(roller[::section] - roller[0]) / (2.0 * math.pi)
+            turning = np.abs(np.diff(turns)) * rate / section
         basis = np.stack(columns, axis=1)
         piece = piece - basis @ np.linalg.lstsq(basis, piece, rcond=None)[0]
-        yield _Piece(rate, piece, speed, turning)
+        yield _Piece(rate, piece, speed, turning, orders)
 
 
 def _at(series: Series | None, stamps_ns: _F) -> _F:

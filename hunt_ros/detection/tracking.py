@@ -17,15 +17,21 @@ from hunt_ros.compiled import compiled
 from hunt_ros.detection import doubts
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.dynamics.mode_shape import ModeShape
+from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.estimation.line_search import LineSearch
-from hunt_ros.estimation.tracker_config import ModePoint, TrackerConfig
+from hunt_ros.estimation.tracker_config import ModePoint, Shaft, TrackerConfig
+from hunt_ros.estimation.turning import TurningAngle
 
 #: Scale of the yaw sensor against that of the lateral one, then and now: what a mode shape
 #: from recordings or from theory cannot know of the sensors at hand.
 SCALE_STD = 0.03
-#: Diameter of the roller where nothing is said of it, m: that of the paper. A line at its
-#: turning frequency is its roughness, also where no roller channel tells its angle.
-USUAL_ROLLER_M = 0.3
+#: Where only the speed is known the roller's angle is integrated from it, with a scale that is
+#: known to a few parts in a thousand at best: the tachometer's, and the diameter.
+SPEED_STD = 0.01
+#: A wheel turns by its diameter and its creep, whatever is known of the roller.
+CREEP_STD = 0.005
+#: The lines of a roller whose diameter nobody gave lie at least so far above the hunting.
+_ASSUMED_ABOVE = 1.5
 #: The turning of the roller is averaged over this time, s: an encoder counts whole steps.
 _TURNING_S = 1.0
 
@@ -36,7 +42,44 @@ def tracker_config(config: DetectorConfig) -> TrackerConfig:
         config.hunting_frequency_hz,
         config.hunting_frequency_min_hz,
         config.hunting_frequency_max_hz,
+        shafts(config),
     )
+
+
+def roller_diameter(config: DetectorConfig) -> float:
+    """Return the diameter of the roller, m; that of the built-in rig where none is given."""
+    return config.roller_diameter_m or RigParameters.roller_diameter_m
+
+
+def shafts(config: DetectorConfig) -> tuple[Shaft, ...]:
+    """Return what turns with the roller's angle, and how well each angle is known by it."""
+    known = 'roller' in config.channels
+    orders = tuple(order for order in config.lines if order > 0.0)
+    found = (Shaft(orders, 0.0 if known else SPEED_STD),)
+    if config.wheel_diameter_m == 0.0:
+        return found
+    order = config.roller_diameter_m / config.wheel_diameter_m
+    return (*found, Shaft((order,), CREEP_STD if known else SPEED_STD))
+
+
+def turning_angle(config: DetectorConfig) -> TurningAngle:
+    """Return what tells the angle of the roller from its encoder or the speed."""
+    return TurningAngle(roller_diameter(config))
+
+
+def lines_known(config: DetectorConfig, speed: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """
+    Tell the speeds, m/s, at which the lines are known well enough to be taken out.
+
+    They are where encoder or diameter are given. A diameter that is only assumed must not make
+    a line of the hunting itself.
+    """
+    if 'roller' in config.channels or config.roller_diameter_m > 0.0:
+        return np.ones(speed.size, dtype=np.bool_)
+    lowest = min((order for order in config.lines if order > 0.0), default=math.inf)
+    line = lowest * speed / (math.pi * roller_diameter(config))
+    above: NDArray[np.bool_] = line > _ASSUMED_ABOVE * config.hunting_frequency_hz
+    return above
 
 
 def mode_points(shape: ModeShape, plain: TrackerConfig) -> tuple[ModePoint, ...]:
@@ -79,21 +122,15 @@ def line_search(config: DetectorConfig) -> LineSearch:
     """Return the search for motion outside the range that is tracked."""
     rate = 1e9 / config.period_ns
     high = min(config.hunting_frequency_max_hz, 0.3 * rate)
-    return LineSearch(rate, min(config.hunting_frequency_min_hz, 0.5 * high), high)
+    low = min(config.hunting_frequency_min_hz, 0.5 * high)
+    orders = [order for shaft in shafts(config) for order in shaft.orders]
+    return LineSearch(rate, low, high, orders)
 
 
 class Turning:
-    """
-    How fast the roller turns, row by row: by its angle, or where that is not known by the speed.
+    """How fast the roller turns, row by row."""
 
-    Parameters
-    ----------
-    diameter_m : float
-        Of the roller, m.
-    """
-
-    def __init__(self, diameter_m: float) -> None:
-        self._around = math.pi * diameter_m
+    def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
@@ -102,10 +139,10 @@ class Turning:
         self._last_ns = 0
 
     def update(
-        self, rows_ns: NDArray[np.int64], angle: NDArray[np.float64], speed: NDArray[np.float64]
+        self, rows_ns: NDArray[np.int64], angle: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return turns per second at rows; angle in rad and speed in m/s, or NaN."""
-        turning: NDArray[np.float64] = speed / self._around
+        """Return turns per second at rows, NaN where unknown; angle in rad or NaN."""
+        turning = np.full(rows_ns.size, math.nan)
         if rows_ns.size:
             seconds = np.diff(rows_ns, prepend=self._last_ns) * 1e-9
             self._last_ns = int(rows_ns[-1])
@@ -126,9 +163,9 @@ def _count_turns(
         if not (math.isfinite(angle[i] - last) and seconds[i] > 0.0):
             memory[1] = math.nan
             continue
-        turns = (angle[i] - last) / (2.0 * math.pi * seconds[i])
+        turns = abs(angle[i] - last) / (2.0 * math.pi * seconds[i])
         if math.isnan(mean):
-            mean = turning[i] if math.isfinite(turning[i]) else turns
+            mean = turns
         mean += min(seconds[i] / _TURNING_S, 1.0) * (turns - mean)
         memory[1] = mean
         turning[i] = mean

@@ -88,8 +88,8 @@ class HuntingTracker:
     Amplitude, frequency, growth rate of the hunting motion, live.
 
     An extended Kalman filter over both sensors that splits the signals into the
-    hunting phasor, a fast-decaying second mode, the roughness line at the roller's
-    angle and twice that, and a bias, and that finds its own noise levels.
+    hunting phasor, a fast-decaying second mode, the known lines of what turns (the
+    roughness of roller and wheel) and a bias, and that finds its own noise levels.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ class HuntingTracker:
         """Forget everything seen."""
         memory = np.zeros(at.N_MEMORY)
         memory[[at.M_KICK, at.M_STEP]] = -math.inf
-        memory[[at.M_SPEED, at.M_SPEED_SEEN]] = math.nan
+        memory[[at.M_SPEED, at.M_SPEED_SEEN, at.M_ANGLE]] = math.nan
         if math.isnan(self._modes[0, 0, 2]):
             memory[at.M_RATIO_VAR] = 1.0
         else:
@@ -144,16 +144,24 @@ class HuntingTracker:
         sensors[:, at.S_VALUE] = math.nan
         counters = np.zeros(at.N_COUNTER, dtype=np.int64)
         counters[at.I_LAST : at.I_OUTPUT + 1] = _NEVER
+        lines, slips = self.config.line_table()
+        size = at.ROUGH + 4 * lines.shape[0] + slips.size
+        P = np.zeros((size, size))
+        own = np.arange(size - slips.size, size)
+        P[own, own] = slips**2
         self._filter = at.Filter(
-            x=np.zeros(at.N),
-            P=np.zeros((at.N, at.N)),
+            x=np.zeros(size),
+            P=P,
             m=memory,
             sensors=sensors,
-            sums=np.zeros((2, at.N_ACCUMULATOR)),
+            sums=np.zeros((2, at.A_LINES + 2 * lines.shape[0])),
             counters=counters,
             cfg=self._settings,
             modes=self._modes,
-            g=np.zeros(at.N),
+            lines=lines,
+            rough=np.zeros((2, lines.shape[0], at.N_LINE)),
+            slips=np.stack([slips, np.zeros_like(slips)], axis=1),
+            g=np.zeros(size),
         )
 
     def update(
@@ -177,7 +185,8 @@ class HuntingTracker:
         values : array_like, shape (n,)
             m or rad, or any unit that stays the same.
         roller_angle : array_like, shape (n,)
-            Continuous roller angle at each sample, rad; NaN: no roller, no roughness line.
+            Continuous angle at each sample that the lines of `TrackerConfig.shafts` turn with,
+            rad; NaN: not known, no line is told apart.
         speed : array_like, shape (n,)
             Running speed at each sample, m/s; NaN: as before.
         output_ns : array_like of int64, shape (m,)
@@ -263,13 +272,13 @@ class HuntingTracker:
 
     @property
     def state(self) -> NDArray[np.float64]:
-        """Copy of the state vector, (20,), in the order of `tracker.layout`, in its time."""
+        """Copy of the state vector, shape (n,), in the order of `tracker.layout`, in its time."""
         state: NDArray[np.float64] = self._filter.x.copy()
         return state
 
     @property
     def covariance(self) -> NDArray[np.float64]:
-        """Copy of the covariance of `state`, shape (20, 20)."""
+        """Copy of the covariance of `state`, shape (n, n)."""
         covariance: NDArray[np.float64] = self._filter.P.copy()
         return covariance
 

@@ -8,6 +8,7 @@ itself: kept within its range, it follows a motion outside it by turning its pha
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -45,6 +46,8 @@ class LineSearch:
         Rate of the values, Hz.
     low_hz, high_hz : float
         The range, Hz.
+    orders : sequence of float
+        Known lines, in multiples of the frequency given with the values.
 
     Raises
     ------
@@ -57,7 +60,9 @@ class LineSearch:
     numbers, bit for bit.
     """
 
-    def __init__(self, rate_hz: float, low_hz: float, high_hz: float) -> None:
+    def __init__(
+        self, rate_hz: float, low_hz: float, high_hz: float, orders: Sequence[float] = (1.0, 2.0)
+    ) -> None:
         if not 0.0 < low_hz < high_hz < 0.5 * rate_hz:
             raise ConfigError(
                 f'line search: {low_hz}..{high_hz} Hz must lie inside 0..{0.5 * rate_hz} Hz'
@@ -74,6 +79,7 @@ class LineSearch:
         self._slow = 1.0 - math.exp(-2.0 * math.pi * low_hz / (2.0 * _BEYOND) / rate_hz)
         self._hold = float(round(_PERIODS * rate_hz / low_hz))
         self._rate = rate_hz
+        self._orders = np.array(orders, dtype=np.float64)
         self.reset()
 
     def reset(self) -> None:
@@ -92,7 +98,7 @@ class LineSearch:
         values : array_like, shape (n,)
             The signal, in any unit.
         known_hz : array_like, shape (n,) or ()
-            A line that is passed over here, and at twice this frequency; NaN: none.
+            What the orders are multiples of; a line there is passed over. NaN: none.
 
         Returns
         -------
@@ -106,6 +112,7 @@ class LineSearch:
         _search(
             block,
             known,
+            self._orders,
             self._bank,
             self._memory,
             self._poles,
@@ -138,6 +145,7 @@ class LineSearch:
 def _search(
     values: _F,
     known: _F,
+    orders: _F,
     bank: _F,
     memory: _F,
     poles: _F,
@@ -183,10 +191,10 @@ def _search(
                 bank[j - 1, 2], bank[j + 1, 2]
             ):
                 continue
-            if math.isfinite(known[i]) and (
-                abs(frequencies[j] - known[i]) < _KNOWN * known[i]
-                or abs(frequencies[j] - 2.0 * known[i]) < _KNOWN * 2.0 * known[i]
-            ):
+            forced = False
+            for order in orders:
+                forced |= abs(frequencies[j] - order * known[i]) < _KNOWN * order * known[i]
+            if forced:
                 continue
             best_out, place = square, j
         easier = _RELAXED if memory[_M_ON] > 0.0 else 1.0

@@ -9,6 +9,7 @@ phasors is the mode's, whatever drives it.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,7 +50,9 @@ class RatioPoints:
     ratio: NDArray[np.complex128]
 
 
-def measure_ratio(record: Record, frequency_hz: float, harmonics: int = 2) -> RatioPoints:
+def measure_ratio(
+    record: Record, frequency_hz: float, orders: Sequence[float] = (1.0, 2.0)
+) -> RatioPoints:
     """
     Measure the ratio wherever both sensors show the hunting motion clear of their noise.
 
@@ -59,8 +62,8 @@ def measure_ratio(record: Record, frequency_hz: float, harmonics: int = 2) -> Ra
         With `lateral`, `yaw` and `speed`; `roller` where there is one.
     frequency_hz : float
         Hunting frequency to within a twentieth, Hz.
-    harmonics : int
-        Of the roughness line, removed where the roller angle is known.
+    orders : sequence of float
+        Known lines, in turns of the roller; removed where its angle is known.
 
     Returns
     -------
@@ -81,7 +84,7 @@ def measure_ratio(record: Record, frequency_hz: float, harmonics: int = 2) -> Ra
         speed = _Channel.of(record['speed'], start)
         roller = _Channel.of(record['roller'], start) if 'roller' in record else None
         if min(lateral.time.size, yaw.time.size, speed.time.size) > _LEAST:
-            rows = _windows(lateral, yaw, speed, roller, frequency_hz, harmonics)
+            rows = _windows(lateral, yaw, speed, roller, frequency_hz, orders)
     table = np.array(rows, dtype=np.float64).reshape(-1, 6)
     return RatioPoints(
         table[:, 0], table[:, 1], table[:, 2], table[:, 3], table[:, 4] + 1j * table[:, 5]
@@ -113,7 +116,7 @@ def _windows(
     speed: _Channel,
     roller: _Channel | None,
     frequency_hz: float,
-    harmonics: int,
+    orders: Sequence[float],
 ) -> list[tuple[float, ...]]:
     length = _CYCLES / frequency_hz
     begin = max(lateral.time[0], yaw.time[0])
@@ -132,15 +135,15 @@ def _windows(
         ):
             continue
         centre, frequency = place + 0.5 * length, frequency_hz
-        found = _phasor(lateral, parts[0], centre, frequency, roller, harmonics)
+        found = _phasor(lateral, parts[0], centre, frequency, roller, orders)
         for _ in range(2):  # the frame turns with the motion: what is left of its turning
             if found is None or abs(found.turning) > 0.1 * frequency_hz:
                 break
             frequency = frequency_hz + found.turning
-            found = _phasor(lateral, parts[0], centre, frequency, roller, harmonics, frequency_hz)
+            found = _phasor(lateral, parts[0], centre, frequency, roller, orders, frequency_hz)
         if found is None or abs(found.value) < _CLEAR * found.std:
             continue
-        seen = _phasor(yaw, parts[1], centre, frequency, roller, harmonics)
+        seen = _phasor(yaw, parts[1], centre, frequency, roller, orders)
         if seen is None or abs(seen.value) < _CLEAR * seen.std:
             continue
         ratio = seen.value / found.value
@@ -165,7 +168,7 @@ def _phasor(
     centre: float,
     frequency_hz: float,
     roller: _Channel | None,
-    harmonics: int,
+    orders: Sequence[float],
     nominal_hz: float | None = None,
 ) -> _Phasor | None:
     """Weighted least squares in one window; None where its lines cannot be told apart."""
@@ -177,8 +180,8 @@ def _phasor(
     columns += [x * columns[1], x * columns[2]]
     if roller is not None and roller.time.size > 1:
         angle = np.interp(channel.time[part], roller.time, roller.values)
-        for harmonic in range(1, harmonics + 1):
-            columns += [np.cos(harmonic * angle), np.sin(harmonic * angle)]
+        for order in orders:
+            columns += [np.cos(order * angle), np.sin(order * angle)]
     basis = np.stack(columns, axis=1)
     weight = np.clip(0.5 + 0.5 * np.cos(math.pi * np.clip(x, -1.0, 1.0)), 0.0, None)
     information = basis.T @ (weight[:, None] * basis)

@@ -67,10 +67,11 @@ class ReferenceTracker(PlainTracker):
 
     def __init__(self, config: TrackerConfig | None = None) -> None:
         super().__init__(config)
-        self._kf = KalmanFilter(dim_x=at.N, dim_z=1)
-        self._kf.Q = np.zeros((at.N, at.N))
-        self._row = np.zeros((1, at.N))
-        for name in ('predict', 'diffuse', 'expected', 'project', 'correct'):
+        size = self._filter.x.size
+        self._kf = KalmanFilter(dim_x=size, dim_z=1)
+        self._kf.Q = np.zeros((size, size))
+        self._row = np.zeros((1, size))
+        for name in ('predict', 'turn_lines', 'diffuse', 'expected', 'project', 'correct'):
             self._parts[name] = getattr(self, f'_{name}')
 
     def _load(self, f: at.Filter) -> None:
@@ -83,15 +84,22 @@ class ReferenceTracker(PlainTracker):
         self._kf.predict(F=F)
         f.x[:], f.P[:] = moved, self._kf.P
 
+    def _turn_lines(self, f: at.Filter, angle: float) -> None:
+        F = turning(f, angle - f.m[at.M_ANGLE])
+        f.m[at.M_ANGLE] = angle
+        self._load(f)
+        self._kf.P = F @ self._kf.P @ F.T
+        f.P[:] = self._kf.P
+
     def _diffuse(self, f: at.Filter, dt: float) -> None:
         f.P[:] += process_noise(f, dt)
 
     def _expected(self, f: at.Filter, k: int, row: _F) -> float:
-        self._row = measurement(k, row)
+        self._row = measurement(f, k, row)
         return float((self._row @ f.x)[0])
 
     def _project(self, f: at.Filter, k: int, row: _F) -> float:
-        self._row = measurement(k, row)
+        self._row = measurement(f, k, row)
         return float((self._row @ f.P @ self._row.T)[0, 0])
 
     def _correct(self, f: at.Filter, innovation: float, S: float) -> None:
@@ -108,12 +116,12 @@ def _turn(value: complex) -> _F:
 
 
 def transition(f: at.Filter, dt: float) -> tuple[_F, _F]:
-    """Return f(x) and its Jacobian F, shapes (20,) and (20, 20)."""
+    """Return f(x) and its Jacobian F, shapes (n,) and (n, n)."""
     omega, growth = f.x[at.OMEGA], f.x[at.GROWTH]
     first = _turn(complex(np.exp((growth + 1j * omega) * dt)))
     second = _turn(complex(np.exp((-f.m[at.M_DECAY2] + 1j * f.m[at.M_OMEGA2]) * dt)))
     keep = math.exp(-dt / algebra.REVERSION)
-    F = np.eye(at.N)
+    F = np.eye(f.x.size)
     for k in range(2):
         z, w = at.Z + 2 * k, at.W + 2 * k
         F[z : z + 2, z : z + 2] = first
@@ -131,6 +139,23 @@ def transition(f: at.Filter, dt: float) -> tuple[_F, _F]:
     return moved, F
 
 
+def turning(f: at.Filter, turned: float) -> _F:
+    """Add the slips to the angles of the lines; return the Jacobian, shape (n, n)."""
+    F = np.eye(f.x.size)
+    if not math.isfinite(turned):
+        return F
+    first, count = at.ROUGH + 4 * len(f.lines), len(f.lines)
+    f.slips[:, at.P_TURNED] += f.x[first:] * turned
+    for j, (order, slip) in enumerate(f.lines):
+        for k in range(2):
+            part = slice(at.ROUGH + 2 * (k * count + j), at.ROUGH + 2 * (k * count + j) + 2)
+            power, doubt = f.x[part] @ f.x[part], np.trace(f.P[part, part])
+            if slip >= 0.0 and power > 2.0 * doubt:
+                share = order * turned * power / (power + doubt)
+                F[part, first + int(slip)] = _turn(-1j) @ f.x[part] * share
+    return F
+
+
 def _rank_one(variance: float, ratio: complex, spread: float) -> _F:
     """Covariance of (u, (ratio + e) u), u complex and isotropic, shape (4, 4)."""
     shape = np.vstack([np.eye(2), _turn(ratio)])
@@ -140,8 +165,8 @@ def _rank_one(variance: float, ratio: complex, spread: float) -> _F:
 
 
 def process_noise(f: at.Filter, dt: float) -> _F:
-    """Return Q for a step of dt seconds, shape (20, 20)."""
-    Q = np.zeros((at.N, at.N))
+    """Return Q for a step of dt seconds, shape (n, n)."""
+    Q = np.zeros((f.x.size, f.x.size))
     alive = f.sensors[:, at.S_ALIVE] > 0.0
     speaking = np.array([algebra.speaks(f.sensors, f.m, k) for k in range(2)])
     heard = speaking if speaking.any() else alive
@@ -173,17 +198,21 @@ def process_noise(f: at.Filter, dt: float) -> _F:
     for k in np.flatnonzero(alive):
         sensor = f.sensors[k]
         Q[at.BIAS + k, at.BIAS + k] = math.exp(2.0 * sensor[at.S_LAMBDA_BIAS]) * density[k] * dt
-        rough = math.exp(2.0 * sensor[at.S_LAMBDA_ROUGH]) * density[k] * dt
-        for i in range(at.ROUGH + 4 * k, at.ROUGH + 4 * k + 4):
-            Q[i, i] = rough * sensor[at.S_ROLLER]
+        rough = np.exp(2.0 * f.rough[k, :, at.R_LAMBDA]) * density[k] * dt * sensor[at.S_ROLLER]
+        own = at.ROUGH + 2 * k * rough.size + np.arange(2 * rough.size)
+        Q[own, own] = np.repeat(rough, 2)
+    own = at.ROUGH + 4 * len(f.lines) + np.arange(len(f.slips))
+    variance = f.slips[:, at.P_STD] ** 2
+    Q[own, own] = np.where(f.P[own, own] < variance, 2.0 * variance * dt / algebra.REVERSION, 0.0)
     return Q
 
 
-def measurement(k: int, row: _F) -> _F:
-    """Return H for a bin of sensor k, shape (1, 20); `row` as in the at."""
-    H = np.zeros((1, at.N))
+def measurement(f: at.Filter, k: int, row: _F) -> _F:
+    """Return H for a bin of sensor k, shape (1, n); `row` as in the kernel."""
+    H = np.zeros((1, f.x.size))
     H[0, at.Z + 2 * k] = row[0]
     H[0, at.W + 2 * k] = 1.0
     H[0, at.BIAS + k] = 1.0
-    H[0, at.ROUGH + 4 * k : at.ROUGH + 4 * k + 4] = row[1:]
+    first = at.ROUGH + k * (row.size - 1)
+    H[0, first : first + row.size - 1] = row[1:]
     return H

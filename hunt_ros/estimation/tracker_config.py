@@ -73,6 +73,36 @@ class ModePoint:
         _share('mode point: second_std', self.second_std)
 
 
+@dataclass(frozen=True)
+class Shaft:
+    """
+    Something that turns, and the lines that it forces on the signals.
+
+    Parameters
+    ----------
+    orders : tuple of float
+        Frequencies of its lines, in turns of the angle that the tracker is given.
+    slip_std : float
+        Relative standard deviation of its turning rate against that of the angle: 0 where it
+        turns with it (an encoder's own shaft), 0.01 where the angle is an integrated speed.
+
+    Raises
+    ------
+    ConfigError
+        For an order that is not positive, or a slip outside 0..0.1.
+    """
+
+    orders: tuple[float, ...]
+    slip_std: float = 0.0
+
+    def __post_init__(self) -> None:
+        for order in self.orders:
+            if not (math.isfinite(order) and order > 0.0):
+                raise ConfigError(f'shaft: an order must be positive, got {order}')
+        if not 0.0 <= self.slip_std <= 0.1:
+            raise ConfigError(f'shaft: slip_std must be within 0..0.1, got {self.slip_std}')
+
+
 #: The hunting frequency the times inside the tracker are meant for, Hz: it counts time in units
 #: that make the nominal frequency this one, so that a rig of another frequency gets the same
 #: filter, slower or faster.
@@ -134,6 +164,8 @@ class TrackerConfig:
         Time constants, s, of the self-tuned sensor noise and process noise.
     stuck_s : float
         A sensor whose value does not change for this long, s, is not measuring.
+    shafts : tuple of Shaft
+        What turns, and its lines.
     gap_s : float
         After silence longer than this, s, the hunting phasor is known no more.
 
@@ -164,9 +196,10 @@ class TrackerConfig:
     bandwidth_time: float = 1.0
     stuck_s: float = 0.05
     gap_s: float = 2.0
+    shafts: tuple[Shaft, ...] = (Shaft((1.0, 2.0)),)
 
     def __post_init__(self) -> None:
-        free = ('yaw_ratio', 'second_yaw_ratio', 'second_std', 'modes', 'bin_s')
+        free = ('yaw_ratio', 'second_yaw_ratio', 'second_std', 'modes', 'bin_s', 'shafts')
         for setting in fields(self):
             if setting.name not in free:
                 _positive(setting.name, getattr(self, setting.name))
@@ -199,7 +232,13 @@ class TrackerConfig:
         return self.frequency_hz / REFERENCE_HZ
 
     @classmethod
-    def at(cls, frequency_hz: float, lowest_hz: float, highest_hz: float) -> TrackerConfig:
+    def at(
+        cls,
+        frequency_hz: float,
+        lowest_hz: float,
+        highest_hz: float,
+        shafts: tuple[Shaft, ...] = (Shaft((1.0, 2.0)),),
+    ) -> TrackerConfig:
         """
         Return the settings for a rig that hunts at another frequency: all times with it.
 
@@ -207,6 +246,8 @@ class TrackerConfig:
         ----------
         frequency_hz, lowest_hz, highest_hz : float
             Nominal hunting frequency, and the range it may lie in, Hz.
+        shafts : tuple of Shaft
+            What turns.
 
         Raises
         ------
@@ -231,7 +272,29 @@ class TrackerConfig:
             # What repeats a value is a sensor, whose rate does not rise with the frequency.
             stuck_s=plain.stuck_s / min(faster, 1.0),
             gap_s=plain.gap_s / faster,
+            shafts=shafts,
         )
+
+    def line_table(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """
+        Return the known lines as the kernel reads them.
+
+        Returns
+        -------
+        lines : ndarray of float64, shape (lines, 2)
+            Order, and which slip it turns with (-1: none).
+        slips : ndarray of float64, shape (slips,)
+            Prior standard deviation of each.
+        """
+        lines: list[tuple[float, float]] = []
+        slips: list[float] = []
+        for shaft in self.shafts:
+            place = -1.0
+            if shaft.slip_std > 0.0 and shaft.orders:
+                place = float(len(slips))
+                slips.append(shaft.slip_std)
+            lines += [(order, place) for order in shaft.orders]
+        return np.array(lines, dtype=np.float64).reshape(-1, 2), np.array(slips, dtype=np.float64)
 
     def mode_table(self) -> NDArray[np.float64]:
         """

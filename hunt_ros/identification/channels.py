@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,8 @@ class Channels:
         sample dropped out, roller empty without roller.
     rate_hz : float
         Sample rate by the median spacing.
+    assumed : bool
+        True where the roller's angle rests on a diameter that nobody gave.
     """
 
     source: str
@@ -38,16 +40,15 @@ class Channels:
     speed: NDArray[np.float64]
     roller: NDArray[np.float64]
     rate_hz: float
+    assumed: bool = False
 
     def thinned(self, stride: int) -> Channels:
         """Return every so many-th sample."""
         if stride <= 1:
             return self
         time, lateral, speed = (x[::stride] for x in (self.time, self.lateral, self.speed))
-        rate = self.rate_hz / stride
-        return Channels(
-            self.source, self.start_ns, time, lateral, speed, self.roller[::stride], rate
-        )
+        roller, rate = self.roller[::stride], self.rate_hz / stride
+        return replace(self, time=time, lateral=lateral, speed=speed, roller=roller, rate_hz=rate)
 
 
 def channels_of(record: Record) -> Channels:

@@ -99,12 +99,13 @@ def _local_phasors(
     values: NDArray[np.float64],
     phase: NDArray[np.float64],
     roller: NDArray[np.float64],
-    harmonics: int,
+    orders: NDArray[np.float64],
     centres: NDArray[np.float64],
     half: float,
     out: NDArray[np.float64],
 ) -> None:
     """Fit each window; out rows: re, im, roughness, noise, weight, residual, line power."""
+    harmonics = orders.size
     count = 5 + 2 * harmonics
     basis = np.zeros(count)
     matrix = np.zeros((count, count))
@@ -136,8 +137,8 @@ def _local_phasors(
                 basis[3] = x * basis[1]
                 basis[4] = x * basis[2]
                 for h in range(harmonics):
-                    basis[5 + 2 * h] = math.cos((h + 1) * roller[i])
-                    basis[6 + 2 * h] = math.sin((h + 1) * roller[i])
+                    basis[5 + 2 * h] = math.cos(orders[h] * roller[i])
+                    basis[6 + 2 * h] = math.sin(orders[h] * roller[i])
                 for a in range(count):
                     right[a] += weight * basis[a] * y
                     for b in range(a + 1):
@@ -208,7 +209,7 @@ def envelope_of(
     frequency : ndarray, shape (n,)
         Of the turning frame at each lateral sample, Hz.
     settings : IdentificationSettings
-        Says how many roughness lines are removed.
+        Says which lines are removed.
 
     Returns
     -------
@@ -221,10 +222,10 @@ def envelope_of(
     centres = np.arange(time[0] + half, time[-1] - half + 1e-9, step)
     increments = np.diff(time, prepend=time[0]) * frequency
     phase = 2.0 * np.pi * np.cumsum(increments)
-    harmonics = settings.roughness_harmonics if channels.roller.size else 0
-    roller = channels.roller if harmonics else np.zeros(1)
+    orders = settings.orders if channels.roller.size else np.zeros(0)
+    roller = channels.roller if orders.size else np.zeros(1)
     out = np.empty((centres.size, 7))
-    _local_phasors(time, channels.lateral, phase, roller, harmonics, centres, half, out)
+    _local_phasors(time, channels.lateral, phase, roller, orders, centres, half, out)
     # Weight of a full window, by the nominal rate: what is missing is missing from this.
     full = 0.42 * 2.0 * half * channels.rate_hz
     out[out[:, 4] < LEAST_WEIGHT * full] = np.nan
@@ -240,10 +241,10 @@ def envelope_of(
         speed,
         out[:, 2],
         # A line of nothing but noise has the power of its two parts.
-        np.maximum(out[:, 6] - 2.0 * harmonics * out[:, 3] ** 2, 0.0),
+        np.maximum(out[:, 6] - 2.0 * orders.size * out[:, 3] ** 2, 0.0),
         out[:, 3],
         np.interp(centres, time, frequency),
         out[:, 5],
         np.interp(centres, time, phase),
-        np.interp(centres, time, roller) if harmonics else np.full(centres.size, np.nan),
+        np.interp(centres, time, roller) if orders.size else np.full(centres.size, np.nan),
     )

@@ -59,8 +59,8 @@ def find_frequency(records: Sequence[Channels], settings: IdentificationSettings
             columns = [np.ones_like(even), even]
             if record.roller.size:
                 angle = np.interp(start + even, record.time[part], record.roller[part])
-                for harmonic in range(1, settings.roughness_harmonics + 1):
-                    columns += [np.cos(harmonic * angle), np.sin(harmonic * angle)]
+                for order in settings.orders:
+                    columns += [np.cos(order * angle), np.sin(order * angle)]
             basis = np.stack(columns, axis=1)
             weighted = basis * window[:, None]
             solution = np.linalg.lstsq(weighted, piece * window, rcond=None)[0]
@@ -92,7 +92,7 @@ def tracked_envelope(
     frequency_hz : float
         First guess.
     settings : IdentificationSettings
-        Says how many roughness lines are removed.
+        Says which lines are removed.
 
     Returns
     -------

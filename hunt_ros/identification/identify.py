@@ -15,6 +15,7 @@ from hunt_ros.analysis.steady_state import (
     hunting_threshold,
     observed_critical_speeds,
 )
+from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.beat import without_beat
 from hunt_ros.identification.channels import Channels
@@ -39,6 +40,7 @@ from hunt_ros.identification.screening import above_noise, distinct, doubts, mov
 from hunt_ros.identification.segments import Segment, find_kicks
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.stops import measuring
+from hunt_ros.identification.turning import is_assumed, lines_above, with_angle
 from hunt_ros.identification.uncertainty import ENOUGH_RUNS
 from hunt_ros.samples import Record
 
@@ -63,7 +65,8 @@ def identify(
     Parameters
     ----------
     records : Record or iterable of Record
-        Each with `lateral` and `speed`; with `roller` the roughness line is removed.
+        Each with `lateral` and `speed`. The known lines are removed by the angle of `roller`,
+        or where that is missing by one that follows from the speed.
     settings : IdentificationSettings, optional
         What is known of the rig, and how to identify it.
     progress : callable, optional
@@ -84,8 +87,18 @@ def identify(
     tell = progress or (lambda fraction: None)
     warnings: list[str] = []
     records = _measuring(distinct(records, warnings), warnings)
-    channels = _usable(records, settings, warnings)
+    turning = [with_angle(record, settings) for record in records]
+    channels = _usable(turning, settings, warnings)
     frequency = find_frequency(channels, settings)
+    if any(map(is_assumed, turning)):
+        bare = [replace(c, roller=np.zeros(0)) if c.assumed else c for c in channels]
+        plain = find_frequency(bare, settings)
+        assumed = f'no roller angle, and a roller of {RigParameters.roller_diameter_m:g} m assumed'
+        if lines_above(channels, settings, min(frequency, plain)):
+            warnings.append(f'{assumed}: its lines are removed where the speed has them')
+        else:  # a line of a roller that nobody named must not be the hunting itself
+            warnings.append(f'{assumed}: its lines would be near the hunting, none is removed')
+            channels, frequency, turning = bare, plain, records
     runs = _envelopes(channels, frequency, settings, warnings)
     tell(0.2)
     states = [state for run in runs for state in run.states]
@@ -122,7 +135,7 @@ def identify(
         evidence, settings, warnings, lambda part: tell(_FITTED + (1.0 - _FITTED) * part)
     )
     if result.normal_form is not None:
-        shape = measured_shape(records, frequency, settings)
+        shape = measured_shape(turning, frequency, settings)
         form = replace(result.normal_form, mode_shape=shape)
         result = replace(result, normal_form=form)
     tell(1.0)
@@ -172,7 +185,7 @@ def _usable(
     channels = []
     for record in records:
         try:
-            channels += moving(record)
+            channels += [replace(c, assumed=is_assumed(record)) for c in moving(record)]
         except IdentificationError as error:
             if len(records) == 1:
                 raise
@@ -180,8 +193,6 @@ def _usable(
     if not channels:
         reason = f' (the first: {warnings[0]})' if warnings else ''
         raise IdentificationError(f'none of {len(records)} records can be used{reason}')
-    if not all(channel.roller.size for channel in channels):
-        warnings.append('no roller angle: a roughness line, if there is one, is not removed')
     warnings += doubts(channels, settings)
     return channels
 

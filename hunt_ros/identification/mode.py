@@ -26,16 +26,14 @@ def measured_shape(
     frequency_hz : float
         Hunting frequency, Hz.
     settings : IdentificationSettings
-        Says how many roughness lines are removed.
+        Says which lines are removed.
 
     Returns
     -------
     ModeShape or None
         None where no recording shows the motion on both sensors.
     """
-    points = [
-        measure_ratio(record, frequency_hz, settings.roughness_harmonics) for record in records
-    ]
+    points = [measure_ratio(record, frequency_hz, settings.orders.tolist()) for record in records]
     if not points:
         return None
     return fitted_shape(

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.errors import ConfigError
 
@@ -27,9 +30,13 @@ class IdentificationSettings:
         Hunting frequency, where it is known better than the recording shows it.
     frequency_range_hz : tuple of float
         Where the hunting frequency is looked for.
-    roughness_harmonics : int
-        Lines of the roller's own frequency that are removed, 0 to 3; they need the
-        channel `roller`.
+    lines : tuple of float
+        Known lines that are removed, in turns of the roller; they need not be whole numbers.
+    roller_diameter_m : float
+        Where the channel `roller` is missing its angle is integrated from the speed; 0: as
+        the built-in rig, which is said in a warning.
+    wheel_diameter_m : float
+        The wheel's own line is removed as well; 0: none. It needs `roller_diameter_m`.
     prior_v_c, prior_D1 : tuple of (float, float), optional
         Value and standard deviation known from elsewhere (linear theory, an earlier run).
     speed_resolution : float
@@ -59,7 +66,9 @@ class IdentificationSettings:
     time_scale: float | None = None
     frequency_hz: float | None = None
     frequency_range_hz: tuple[float, float] = (0.5, 20.0)
-    roughness_harmonics: int = 2
+    lines: tuple[float, ...] = (1.0, 2.0)
+    roller_diameter_m: float = 0.0
+    wheel_diameter_m: float = 0.0
     prior_v_c: tuple[float, float] | None = None
     prior_D1: tuple[float, float] | None = None
     speed_resolution: float = 0.0
@@ -82,12 +91,13 @@ class IdentificationSettings:
         _require('frequency_range_hz', self.frequency_range_hz, 0.0 < low < high, '0 < low < high')
         if self.frequency_hz is not None:
             _require('frequency_hz', self.frequency_hz, self.frequency_hz > 0.0, 'positive')
-        _require(
-            'roughness_harmonics',
-            self.roughness_harmonics,
-            self.roughness_harmonics in range(4),
-            '0 to 3',
-        )
+        lines = self.lines
+        _require('lines', lines, all(0.0 < order <= 100.0 for order in lines), 'within 0..100')
+        for name in ('roller_diameter_m', 'wheel_diameter_m'):
+            value = getattr(self, name)
+            _require(name, value, 0.0 <= value <= 10.0, 'within 0..10 m')
+        given = self.wheel_diameter_m == 0.0 or self.roller_diameter_m > 0.0
+        _require('roller_diameter_m', 0.0, given, 'given with wheel_diameter_m')
         for name in ('prior_v_c', 'prior_D1'):
             prior = getattr(self, name)
             if prior is not None:
@@ -103,6 +113,13 @@ class IdentificationSettings:
     def time_unit(self) -> float:
         """1 / omega_psi, s: as given, or the paper's."""
         return PAPER_NORMAL_FORM.time_scale if self.time_scale is None else self.time_scale
+
+    @property
+    def orders(self) -> NDArray[np.float64]:
+        """All known lines, in turns of the roller, shape (n,)."""
+        wheel = self.wheel_diameter_m
+        own = (self.roller_diameter_m / wheel,) if wheel > 0.0 else ()
+        return np.array([*self.lines, *own], dtype=np.float64)
 
 
 def _require(name: str, value: object, fine: bool, expected: str) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from queue import Empty, SimpleQueue
 
 from hunt_ros.detection.companions import CompanionConfig, Companions
+from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.criteria import Verdict
 from hunt_ros.detection.forecast import Forecast
 from hunt_ros.detection.output import Motion, Output
@@ -27,8 +28,8 @@ class CompanionWorker:
     ----------
     config : CompanionConfig
         What to run.
-    channels : sequence of str
-        What the detector has.
+    detector : DetectorConfig
+        What the detector is told of the rig.
     tell : callable
         Gets each `Verdict`, in the worker's thread.
     diagnostics : Diagnostics
@@ -38,12 +39,12 @@ class CompanionWorker:
     def __init__(
         self,
         config: CompanionConfig,
-        channels: Sequence[str],
+        detector: DetectorConfig,
         tell: Callable[[Verdict], None],
         diagnostics: Diagnostics,
     ) -> None:
         rig = read_rig(config.forecast_rig) if config.forecast == 'wheelset' else None
-        self._companions = Companions.of(config, channels, rig)
+        self._companions = Companions.of(config, detector, rig)
         self._tell = tell
         self._diagnostics = diagnostics
         self._queue: SimpleQueue[Motion | None] = SimpleQueue()

@@ -86,7 +86,7 @@ class HuntingDetectorNode(LifecycleNode):
         self._vector = vector_layout(self._settings.frame_id)
         self._verdicts = self.create_publisher(DiagnosticArray, 'hunting/criteria', EVENTS)
         self._companions = CompanionWorker(
-            companions, self._config.channels, self._on_verdict, self._diagnostics
+            companions, self._config, self._on_verdict, self._diagnostics
         )
         self._inbox = DetectorInbox(
             self, self._config.channels, self._config.period_ns, self._drain

@@ -33,7 +33,7 @@ class Rig:
     """A detector with a lateral sensor and a speed, fed block by block."""
 
     def __init__(self, form: IdentifiedNormalForm | None = PAPER, **settings: object) -> None:
-        config = DetectorConfig(channels=('lateral', 'speed'), roughness=False, **settings)
+        config = DetectorConfig(channels=('lateral', 'speed'), **settings)
         self.detector = HuntingDetector(config, form)
         self.outputs: list[Output] = []
         self.fed: dict[str, list[Series]] = {'lateral': [], 'speed': []}

@@ -174,7 +174,7 @@ def test_a_clock_that_all_share_may_be_set(step_s: float, recorded) -> None:
 
 
 def test_a_clock_that_is_far_away_and_stays_there_costs_no_memory_without_end() -> None:
-    detector = HuntingDetector(DetectorConfig(channels=('lateral', 'speed'), roughness=False))
+    detector = HuntingDetector(DetectorConfig(channels=('lateral', 'speed')))
     stamps = 10_000 * SECOND + 500_000 * np.arange(2_000)  # 2 kHz
     values = 1e-5 * np.sin(np.arange(stamps.size))
     detector.update('speed', stamps[::10], np.full(200, 6.0))

@@ -46,7 +46,7 @@ def hunting() -> Record:
 def test_the_forecast_is_made_from_what_the_detector_merged(staircase) -> None:
     for channels in (('lateral', 'yaw', 'roller', 'speed'), ('yaw', 'roller', 'speed')):
         config = DetectorConfig(channels=channels)
-        companions = Companions.of(CompanionConfig(), channels, live=False)
+        companions = Companions.of(CompanionConfig(), config, live=False)
         companions.update(detect(HuntingDetector(config), staircase))
         forecast = companions.finish()
         assert forecast is not None
@@ -57,7 +57,7 @@ def test_the_forecast_is_made_from_what_the_detector_merged(staircase) -> None:
 
 def test_a_criterion_speaks_when_its_limit_is_passed_and_after_reset_again(hunting) -> None:
     config, _ = config_for(hunting, DetectorConfig())
-    companions = Companions.of(HUNTING, config.channels)
+    companions = Companions.of(HUNTING, config)
     output = detect(HuntingDetector(config), hunting)
     first = companions.update(output)
     assert [verdict.exceeded for verdict in first] == [True]
@@ -108,12 +108,26 @@ def test_a_stuck_sensor_and_a_missing_speed_are_not_heard(recorded) -> None:
     channels = tuple(name for name in record if name != 'speed')
     output = detect(HuntingDetector(DetectorConfig(channels=channels)), record)
     assert all(np.isnan(motion.speed).all() for motion in output.motion)
-    companions = Companions.of(CompanionConfig(criteria=('uic_518',)), channels)
+    companions = Companions.of(
+        CompanionConfig(criteria=('uic_518',)), DetectorConfig(channels=channels)
+    )
     assert companions.update(output) == ()
+
+
+def test_the_forecast_is_made_for_the_rig_that_the_detector_is_told_of() -> None:
+    config = DetectorConfig(hunting_frequency_hz=12.0, roller_diameter_m=0.5)
+    of_rig = Companions.of(CompanionConfig(), config)._forecast
+    assert of_rig is not None
+    assert of_rig.settings.lowest_hz < 12.0 / 2.84
+    assert of_rig.settings.highest_hz > 24.0
+    assert of_rig.settings.roller_diameter_m == 0.5
+    plain = Companions.of(CompanionConfig())._forecast
+    assert plain is not None
+    assert (plain.settings.lowest_hz, plain.settings.highest_hz) == (0.8, 8.0)
 
 
 def test_what_cannot_be_run_is_refused() -> None:
     with pytest.raises(ConfigError, match='cfr_213_333'):
         CompanionConfig(criteria=('cfr',))
     with pytest.raises(ConfigError, match='lateral'):
-        Companions.of(HUNTING, ('yaw', 'speed'))
+        Companions.of(HUNTING, DetectorConfig(channels=('yaw', 'speed')))

@@ -22,7 +22,7 @@ from hunt_ros.samples import Record, Series
 FOLDER = Path(__file__).parents[3] / 'shared' / 'data' / 'flutter_rig'
 HITS = sorted(FOLDER.glob('*Hammer*.mat'))
 SEEDS = 3
-LATERAL = DetectorConfig(channels=('lateral', 'speed'), roughness=False)
+LATERAL = DetectorConfig(channels=('lateral', 'speed'))
 
 FORM = PAPER_NORMAL_FORM
 SPEEDS = (6.8, 7.2, 7.4, 7.6)
@@ -154,7 +154,7 @@ def test_each_hit_that_grows_is_an_error_before_it_has_grown() -> None:
         lateral = 0.47 * (heave - np.median(heave))
         channels = {'lateral': lateral, 'yaw': pitch, 'speed': speed}
         record = Record({name: Series(stamps, values) for name, values in channels.items()})
-        config = DetectorConfig(channels=tuple(channels), roughness=False)
+        config = DetectorConfig(channels=tuple(channels))
         rows = detect(HuntingDetector(config), record).estimates
         error = rows['stamp_ns'][rows['level'] == Level.ERROR]
         final = 0.5 * np.ptp(lateral[-500:])

@@ -171,7 +171,6 @@ def test_fewer_channels_are_enough(channels, recorded, true_form) -> None:
     record = _only(recorded(7.2, 30.0, kicks=[(8.0, 330e-6)]), *channels)
     config = DetectorConfig(
         channels=channels,
-        roughness=False,
         constant_speed_mps=0.0 if 'speed' in channels else 7.2,
     )
     detector = HuntingDetector(config, true_form)
@@ -234,7 +233,7 @@ def test_estimates_lie_on_whole_multiples_of_the_period(recorded) -> None:
 
 
 def test_an_unknown_channel_and_unequal_lengths_are_refused() -> None:
-    detector = HuntingDetector(DetectorConfig(channels=('lateral', 'speed'), roughness=False))
+    detector = HuntingDetector(DetectorConfig(channels=('lateral', 'speed')))
     with pytest.raises(HuntError, match='yaw'):
         detector.update('yaw', [0], [0.0])
     with pytest.raises(HuntError, match='one value a stamp'):
@@ -245,8 +244,10 @@ def test_an_unknown_channel_and_unequal_lengths_are_refused() -> None:
     ('changes', 'word'),
     [
         ({'channels': ('lateral', 'pitch')}, 'pitch'),
-        ({'channels': ('speed',), 'roughness': False}, 'lateral or yaw'),
-        ({'channels': ('lateral',)}, 'roller'),
+        ({'channels': ('speed',)}, 'lateral or yaw'),
+        ({'lines': (1.0, -2.0)}, 'lines: -2.0'),
+        ({'lines': tuple(range(1, 20))}, 'at most 8'),
+        ({'wheel_diameter_m': 0.07}, 'roller_diameter_m'),
         ({'disturbed_in': 1.5}, 'disturbed_out'),
         ({'critical_speed_mps': 6.0, 'nonlinear_critical_speed_mps': 7.0}, 'v_c'),
         ({'output_rate_hz': 0.0}, 'output_rate_hz'),

@@ -40,7 +40,7 @@ def _record(path: Path) -> Record:
 
 @pytest.fixture(scope='module')
 def detector() -> HuntingDetector:
-    return HuntingDetector(DetectorConfig(channels=('lateral', 'yaw', 'speed'), roughness=False))
+    return HuntingDetector(DetectorConfig(channels=('lateral', 'yaw', 'speed')))
 
 
 def _half_range(values: np.ndarray) -> float:

@@ -185,6 +185,6 @@ def test_hum_roughness_and_drift_are_not_taken_for_hunting(kind) -> None:
     if kind == 'unknown ratio':
         return
     names = tuple(channels)
-    config = DetectorConfig(channels=names, roughness='roller' in names)
+    config = DetectorConfig(channels=names)
     output = detect(HuntingDetector(config), record)
     assert 'motion_outside_range' not in [event.event for event in output.events]

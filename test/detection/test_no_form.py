@@ -44,7 +44,6 @@ def trial(rig, seed: int, first: float, hit: float, noise: float = 0.03, forcing
     nominal = 1.1 * frequency
     config = DetectorConfig(
         channels=('lateral',),
-        roughness=False,
         hunting_frequency_hz=nominal,
         hunting_frequency_min_hz=0.35 * nominal,
         hunting_frequency_max_hz=2.1 * nominal,

@@ -17,7 +17,6 @@ def disagreement(frequency_hz: float, rows_hz: float, rate_hz: float, noise: flo
     values = 1e-3 * np.cos(2.0 * np.pi * frequency_hz * t) + noise * rng.standard_normal(t.size)
     config = DetectorConfig(
         channels=('lateral',),
-        roughness=False,
         output_rate_hz=rows_hz,
         hunting_frequency_hz=frequency_hz,
     )

@@ -9,7 +9,7 @@ from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, detect, h
 from hunt_ros.samples import Record, Series
 
 RATE, STEP = 200.0, 1e-6
-CONFIG = DetectorConfig(channels=('lateral', 'speed'), roughness=False)
+CONFIG = DetectorConfig(channels=('lateral', 'speed'))
 
 
 def stuck(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

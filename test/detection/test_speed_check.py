@@ -153,15 +153,15 @@ def test_blocks_and_whole_give_the_same(cuts: list[int]) -> None:
     assert check.update(stamps, angle, speed).tobytes() == whole.tobytes()
 
 
-@pytest.mark.parametrize('roughness', [True, False])
-def test_the_detector_is_stale_and_says_why(roughness: bool, recorded) -> None:
+@pytest.mark.parametrize('lines', [(1.0, 2.0), ()])
+def test_the_detector_is_stale_and_says_why(lines: tuple[float, ...], recorded) -> None:
     profile = SpeedProfile((0.0, 10.0, 20.0, 30.0, 40.0), (4.0, 4.0, 6.0, 6.0, 4.0))
     record = recorded(profile, 48.0)
     speed = record['speed']
     t = speed.stamps_ns * 1e-9
     spoilt = np.where((t > 8.0) & (t < 34.0), 4.0, speed.values)
     paper = IdentifiedNormalForm(PAPER_NORMAL_FORM)
-    config = DetectorConfig(roughness=roughness)
+    config = DetectorConfig(lines=lines)
     sound = detect(HuntingDetector(config, paper), record)
     assert not [event for event in sound.events if event.event == 'sensor_fault']
     detector = HuntingDetector(config, paper)

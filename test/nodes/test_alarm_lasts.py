@@ -59,7 +59,6 @@ def test_an_alarm_outlasts_pauses_and_settings_change_while_it_runs(graph, resid
     node = resident(
         HuntingDetectorNode,
         channels='[lateral, speed]',
-        roughness=False,
         limit_cycle_amplitude_m=1e-4,
     )
     node.trigger_configure()

@@ -83,7 +83,7 @@ profile = SpeedProfile((0.0, 30.0), (7.2, 7.2))
 record = simulate(paper_rig(), settings, profile, kicks=[Kick(10.0, lateral_m=3e-4)], seed=1)
 form = IdentifiedNormalForm(PAPER_NORMAL_FORM)
 detect(HuntingDetector(DetectorConfig(), form), record)
-detect(HuntingDetector(DetectorConfig(channels=('lateral', 'speed'), roughness=False)), record)
+detect(HuntingDetector(DetectorConfig(channels=('lateral', 'speed'))), record)
 print('NEW', sorted(known() - before))
 """
 

@@ -17,6 +17,18 @@ REVERSION = 30.0  # s in which frequency and growth rate fall back to the nomina
 
 
 @compiled_part
+def line(f: at.Filter, k: int) -> int:
+    """Return where the lines of sensor k begin in the state."""
+    return at.ROUGH + 2 * k * int(f.lines.shape[0])
+
+
+@compiled_part
+def slip(f: at.Filter, number: int) -> int:
+    """Return where a slip is in the state."""
+    return at.ROUGH + 4 * int(f.lines.shape[0]) + number
+
+
+@compiled_part
 def known(x: _F, P: _F, first: int) -> float:
     """Share of the power at `first` that is not uncertainty, 0..1."""
     power = x[first] ** 2 + x[first + 1] ** 2
@@ -57,7 +69,7 @@ def predict(f: at.Filter, dt: float) -> None:
         f.x[at.Z + 2] * yaw,
         f.x[at.Z + 3] * yaw,
     )
-    for j in range(at.N):
+    for j in range(f.x.size):
         p0, p1, p2, p3, po, pg = (
             f.P[0, j],
             f.P[1, j],
@@ -99,8 +111,40 @@ def predict(f: at.Filter, dt: float) -> None:
         f.P[i, 8] = c2 * p8 - s2 * p9
         f.P[i, 9] = s2 * p8 + c2 * p9
     for i in range(at.BIAS):
-        for j in range(i + 1, at.N):
+        for j in range(i + 1, f.x.size):
             f.P[j, i] = f.P[i, j]
+
+
+@compiled_part
+def turn_lines(f: at.Filter, angle: float) -> None:
+    """
+    Move the lines on to an angle of the roller, rad.
+
+    Where a shaft may turn faster than the angle by the factor 1 + slip, the estimate of the
+    slip is added to its angle, and what the slip may be off by turns the phasors of its lines.
+    """
+    turned = angle - f.m[at.M_ANGLE]
+    f.m[at.M_ANGLE] = angle
+    if not math.isfinite(turned):
+        return
+    for number in range(f.slips.shape[0]):
+        f.slips[number, at.P_TURNED] += f.x[slip(f, number)] * turned
+    for j in range(f.lines.shape[0]):
+        if f.lines[j, at.L_SLIP] < 0.0:
+            continue
+        e = slip(f, int(f.lines[j, at.L_SLIP]))
+        for k in range(2):
+            i = line(f, k) + 2 * j
+            share = f.lines[j, at.L_ORDER] * turned * known(f.x, f.P, i)
+            a, b = share * f.x[i + 1], -share * f.x[i]
+            if a == 0.0 and b == 0.0:
+                continue
+            for n in range(f.x.size):
+                f.P[i, n] += a * f.P[e, n]
+                f.P[i + 1, n] += b * f.P[e, n]
+            for n in range(f.x.size):
+                f.P[n, i] += a * f.P[n, e]
+                f.P[n, i + 1] += b * f.P[n, e]
 
 
 @compiled_part
@@ -201,9 +245,15 @@ def diffuse(f: at.Filter, dt: float) -> None:
         if f.sensors[k, at.S_ALIVE] > 0.0:
             d = density(f.sensors, k) * dt
             f.P[at.BIAS + k, at.BIAS + k] += math.exp(2.0 * f.sensors[k, at.S_LAMBDA_BIAS]) * d
-            rough = math.exp(2.0 * f.sensors[k, at.S_LAMBDA_ROUGH]) * d * f.sensors[k, at.S_ROLLER]
-            for i in range(at.ROUGH + 4 * k, at.ROUGH + 4 * k + 4):
-                f.P[i, i] += rough
+            for j in range(f.lines.shape[0]):
+                walk = math.exp(2.0 * f.rough[k, j, at.R_LAMBDA]) * d * f.sensors[k, at.S_ROLLER]
+                i = line(f, k) + 2 * j
+                f.P[i, i] += walk
+                f.P[i + 1, i + 1] += walk
+    for j in range(f.slips.shape[0]):
+        i, variance = slip(f, j), f.slips[j, at.P_STD] ** 2
+        if f.P[i, i] < variance:
+            f.P[i, i] += 2.0 * variance * dt / REVERSION
 
 
 @compiled_part
@@ -223,52 +273,42 @@ def open_modes(f: at.Filter, variance: float) -> None:
 
 @compiled_part
 def project(f: at.Filter, k: int, row: _F) -> float:
-    """Write P H' into g and return H P H', for sensor k with H in `row` (gain, c1, s1, c2, s2)."""
-    z, w, b, r = at.Z + 2 * k, at.W + 2 * k, at.BIAS + k, at.ROUGH + 4 * k
-    h, c1, s1, c2, s2 = row[0], row[1], row[2], row[3], row[4]
-    for j in range(at.N):
-        f.g[j] = (
-            h * f.P[z, j]
-            + f.P[w, j]
-            + f.P[b, j]
-            + c1 * f.P[r, j]
-            + s1 * f.P[r + 1, j]
-            + c2 * f.P[r + 2, j]
-            + s2 * f.P[r + 3, j]
-        )
-    return float(
-        h * f.g[z]
-        + f.g[w]
-        + f.g[b]
-        + c1 * f.g[r]
-        + s1 * f.g[r + 1]
-        + c2 * f.g[r + 2]
-        + s2 * f.g[r + 3]
-    )
+    """Write P H' into g and return H P H', for sensor k with H in `row` (gain, c1, s1, ...)."""
+    z, w, b, r = at.Z + 2 * k, at.W + 2 * k, at.BIAS + k, line(f, k)
+    for j in range(f.x.size):
+        f.g[j] = row[0] * f.P[z, j] + f.P[w, j] + f.P[b, j]
+    for i in range(row.size - 1):
+        for j in range(f.x.size):
+            f.g[j] += row[1 + i] * f.P[r + i, j]
+    variance = row[0] * f.g[z] + f.g[w] + f.g[b]
+    for i in range(row.size - 1):
+        variance += row[1 + i] * f.g[r + i]
+    return float(variance)
+
+
+@compiled_part
+def roughness(f: at.Filter, k: int, row: _F) -> float:
+    """Return what the lines are expected to be in the signal of sensor k."""
+    total, r = 0.0, line(f, k)
+    for i in range(row.size - 1):
+        total += row[1 + i] * f.x[r + i]
+    return total
 
 
 @compiled_part
 def expected(f: at.Filter, k: int, row: _F) -> float:
     """Return H x for sensor k."""
-    r = at.ROUGH + 4 * k
-    return float(
-        row[0] * f.x[at.Z + 2 * k]
-        + f.x[at.W + 2 * k]
-        + f.x[at.BIAS + k]
-        + row[1] * f.x[r]
-        + row[2] * f.x[r + 1]
-        + row[3] * f.x[r + 2]
-        + row[4] * f.x[r + 3]
-    )
+    modes = row[0] * f.x[at.Z + 2 * k] + f.x[at.W + 2 * k]
+    return float(modes + f.x[at.BIAS + k] + roughness(f, k, row))
 
 
 @compiled_part
 def correct(f: at.Filter, innovation: float, S: float) -> None:
     """Kalman update with a scalar innovation: g = P H', S = H P H' + R. Scales g."""
     root = 1.0 / math.sqrt(S)
-    for i in range(at.N):
+    for i in range(f.x.size):
         f.g[i] *= root
         f.x[i] += f.g[i] * root * innovation
-    for i in range(at.N):
-        for j in range(at.N):
+    for i in range(f.x.size):
+        for j in range(f.x.size):
             f.P[i, j] -= f.g[i] * f.g[j]  # this order keeps P symmetric to the last bit

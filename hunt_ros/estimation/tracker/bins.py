@@ -13,9 +13,13 @@ from hunt_ros.estimation.tracker.algebra import (
     correct,
     diffuse,
     expected,
+    line,
     open_modes,
     predict,
     project,
+    roughness,
+    slip,
+    turn_lines,
 )
 from hunt_ros.estimation.tracker.kicks import handle_kick, kicked
 from hunt_ros.estimation.tracker.ratio import (
@@ -62,9 +66,9 @@ def absorb(f: at.Filter, k: int, t: float, mean: float, count: float, row: _F) -
     if not noise <= S < math.inf:
         # Rounding has eaten the covariance: admit it and start it anew.
         f.counters[at.I_RESETS] += 1
-        for i in range(at.N):
+        for i in range(f.x.size):
             scale = max(abs(f.P[i, i]), 1e-30)
-            for j in range(at.N):
+            for j in range(f.x.size):
                 f.P[i, j] = 0.0
             f.P[i, i] = scale if scale < 1e30 else noise
         S = project(f, k, row) + noise
@@ -84,13 +88,15 @@ def absorb(f: at.Filter, k: int, t: float, mean: float, count: float, row: _F) -
     f.x[at.GROWTH] = min(
         max(f.x[at.GROWTH], -5.0 * f.cfg[at.C_GROWTH_STD]), 5.0 * f.cfg[at.C_GROWTH_STD]
     )
+    for number in range(f.slips.shape[0]):
+        furthest = 3.0 * f.slips[number, at.P_STD]
+        f.x[slip(f, number)] = min(max(f.x[slip(f, number)], -furthest), furthest)
     left = noise * (1.0 - noise / S)
     residual = innovation * noise / S
     tune(f, k, residual, innovation, S, left, row, dt, count, surprise)
     f.sensors[k, at.S_STEP] += 0.02 * (min(dt, 0.1) / count - f.sensors[k, at.S_STEP])
-    r = at.ROUGH + 4 * k
-    rough = row[1] * f.x[r] + row[2] * f.x[r + 1] + row[3] * f.x[r + 2] + row[4] * f.x[r + 3]
-    f.sensors[k, at.S_CLEAN_SUM] += count * (mean - f.x[at.BIAS + k] - rough)
+    clean = mean - f.x[at.BIAS + k] - roughness(f, k, row)
+    f.sensors[k, at.S_CLEAN_SUM] += count * clean
     f.sensors[k, at.S_CLEAN_COUNT] += count
     learn_ratio(f)
     tie_silent(f, k)
@@ -120,20 +126,24 @@ def close_bin(f: at.Filter, row: _F) -> None:
         angles = f.sums[k, at.A_ANGLES]
         known = angles == count
         f.sensors[k, at.S_ROLLER] = 1.0 if known else 0.0
-        if (
-            known
-            and f.sensors[k, at.S_ALIVE] > 0.0
-            and f.P[at.ROUGH + 4 * k, at.ROUGH + 4 * k] == 0.0
-        ):
-            for i in range(at.ROUGH + 4 * k, at.ROUGH + 4 * k + 4):
-                f.P[i, i] = 4.0 * f.sensors[k, at.S_BOOT_SQUARE]
-        for i in range(4):
-            row[1 + i] = f.sums[k, at.A_C1 + i] / count if known else 0.0
+        turn_lines(f, f.sums[k, at.A_ANGLE] / count if known else math.nan)
+        for j in range(f.lines.shape[0]):
+            i, c = line(f, k) + 2 * j, at.A_LINES + 2 * j
+            if known and f.sensors[k, at.S_ALIVE] > 0.0 and f.P[i, i] == 0.0:
+                f.P[i, i] = f.P[i + 1, i + 1] = 4.0 * f.sensors[k, at.S_BOOT_SQUARE]
+            cosine = f.sums[k, c] / count if known else 0.0
+            sine = f.sums[k, c + 1] / count if known else 0.0
+            if f.lines[j, at.L_SLIP] >= 0.0:
+                turned = f.slips[int(f.lines[j, at.L_SLIP]), at.P_TURNED]
+                turned *= f.lines[j, at.L_ORDER]
+                more, across = math.cos(turned), math.sin(turned)
+                cosine, sine = more * cosine - across * sine, more * sine + across * cosine
+            row[1 + 2 * j], row[2 + 2 * j] = cosine, sine
         mean = f.sums[k, at.A_VALUE] / count
         if f.sensors[k, at.S_STEP] == 0.0:
             f.sensors[k, at.S_STEP] = 1e-3
         absorb(f, k, start + late, mean, count, row)
-        for i in range(at.N_ACCUMULATOR):
+        for i in range(f.sums.shape[1]):
             f.sums[k, i] = 0.0
 
 
@@ -171,18 +181,16 @@ def accumulate(
     k: int,
     late: float,
     value: float,
-    known: bool,
-    cosine: float,
-    sine: float,
+    angle: float,
+    turns: _F,
 ) -> None:
     """Add a sample, `late` seconds into the bin, to the open bin of sensor k."""
     sums[k, at.A_COUNT] += 1.0
     sums[k, at.A_VALUE] += value
     sums[k, at.A_TIME] += late
     sums[k, at.A_TIME2] += late * late
-    if known:
+    if math.isfinite(angle):
         sums[k, at.A_ANGLES] += 1.0
-        sums[k, at.A_C1] += cosine
-        sums[k, at.A_S1] += sine
-        sums[k, at.A_C2] += cosine * cosine - sine * sine
-        sums[k, at.A_S2] += 2.0 * cosine * sine
+        sums[k, at.A_ANGLE] += angle
+        for i in range(turns.size):
+            sums[k, at.A_LINES + i] += turns[i]

@@ -16,7 +16,11 @@ Lateral and yaw signal, k = 0, 1:  v_k = Re z_k + Re w_k + b_k + roughness_k + n
   (1, ratio), but for the uncertainty of the ratio.
 - w_k the second mode, a phasor that decays. A kick excites both. Where its frequency and
   decay are only guessed, what they may be off by is process noise (`doubt_second`).
-- roughness_k = c1 cos th + s1 sin th + c2 cos 2 th + s2 sin 2 th, th the roller angle.
+- roughness_k = sum over the known lines of c cos(n th) + s sin(n th), th the roller angle and n
+  the order of the line, which need not be a whole number. Where th is not the angle of the
+  shaft the line comes from but only near it (a speed that was integrated, a wheel that
+  creeps), th turns slower by a factor 1 + slip: the slip is a state of that shaft, a random
+  walk within what it may be. Its estimate is added to th; c and s need not turn.
 - b_k bias.
 
 Averaging before filtering
@@ -87,9 +91,10 @@ def _kernel(source: int) -> Callable[..., None]:
         """
         if source < 0:  # it never is: what is closed over is part of the key of the cache
             return
-        row = np.zeros(5)  # H of the update at hand: hunting, cos, sin, cos 2, sin 2
+        row = np.zeros(1 + 2 * f.lines.shape[0])  # H of the update at hand: hunting, then lines
+        turns = np.zeros(2 * f.lines.shape[0])  # cos and sin of each line at the last angle
         written = 0
-        angle, cosine, sine = math.nan, 0.0, 0.0
+        angle = math.nan
         bin_ns = max(round(f.cfg[at.C_BIN] / f.cfg[at.C_SECOND]), 1)
         for i in range(stamps.size + 1):
             done = i == stamps.size
@@ -118,18 +123,18 @@ def _kernel(source: int) -> Callable[..., None]:
             elif math.isnan(f.m[at.M_SPEED]):
                 look_up(f, f.modes[0, 0, 0])  # no speed yet: the first of the table
                 f.m[at.M_SPEED_SEEN] = math.nan
-            known = math.isfinite(angles[i])
-            if known and angles[i] != angle:
+            if math.isfinite(angles[i]) and angles[i] != angle:
                 angle = angles[i]
-                cosine, sine = math.cos(angle), math.sin(angle)
+                for j in range(f.lines.shape[0]):
+                    turns[2 * j] = math.cos(f.lines[j, at.L_ORDER] * angle)
+                    turns[2 * j + 1] = math.sin(f.lines[j, at.L_ORDER] * angle)
             accumulate(
                 f.sums,
                 k,
                 elapsed * f.cfg[at.C_SECOND] - place * f.cfg[at.C_BIN],
                 value,
-                known,
-                cosine,
-                sine,
+                angles[i],
+                turns,
             )
 
     return track_block

@@ -10,14 +10,19 @@ from numpy.typing import NDArray
 _F = NDArray[np.float64]
 _I = NDArray[np.int64]
 
-# --- state vector -------------------------------------------------------------------
-N = 20
+# --- state vector: of 12 + 4 lines + slips elements ------------------------------------
 Z = 0  # hunting phasors: lateral 0, 1; yaw 2, 3
 OMEGA = 4
 GROWTH = 5
 W = 6  # second mode: lateral 6, 7; yaw 8, 9
 BIAS = 10  # lateral 10, yaw 11
-ROUGH = 12  # cos, sin, cos 2, sin 2: lateral 12..15, yaw 16..19
+ROUGH = 12  # cos, sin of each line: all of lateral from 12 on, then all of yaw, then the slips
+
+# --- known lines: columns of `Filter.lines`, and of what each sensor remembers of each ----
+L_ORDER, L_SLIP = range(2)  # turns of the line in one of the angle; its slip (-1: none)
+R_LAMBDA, R_RE, R_IM, N_LINE = range(4)  # ln of the bandwidth; innovations demodulated
+# ... and of `Filter.slips`: one row for each shaft that may turn faster or slower than the angle
+P_STD, P_TURNED, N_SLIP = range(3)  # relative, prior; what has been added to the angle, rad
 
 # --- configuration vector (see kalman.py) --------------------------------------------
 (
@@ -69,10 +74,11 @@ ROUGH = 12  # cos, sin, cos 2, sin 2: lateral 12..15, yaw 16..19
     M_RHO2_IM,
     M_GIVEN_STD,  # relative, of the ratio given at this speed and amplitude
     M_STD2,  # relative, of the second mode's eigenvalue; to here, the modes in force
+    M_ANGLE,  # that the lines were last moved to, rad; NaN: not known
     M_LEFT2,  # power of the second mode since the last kick, at most: lateral, yaw
     M_LEFT2_YAW,
     N_MEMORY,
-) = range(31)
+) = range(32)
 
 # --- memory of each sensor ------------------------------------------------------------
 (
@@ -81,7 +87,6 @@ ROUGH = 12  # cos, sin, cos 2, sin 2: lateral 12..15, yaw 16..19
     S_QUICK,  # the same from third differences
     S_STEP,  # mean spacing of samples, s
     S_LAST,  # time of the last bin, s
-    S_LAMBDA_ROUGH,
     S_LAMBDA_BIAS,
     S_D1,  # last innovations
     S_D2,
@@ -96,8 +101,6 @@ ROUGH = 12  # cos, sin, cos 2, sin 2: lateral 12..15, yaw 16..19
     S_H_IM,
     S_K_RE,
     S_K_IM,
-    S_R_RE,  # at the roller's frequency
-    S_R_IM,
     S_B,  # at zero
     S_CLEAN_SUM,
     S_CLEAN_COUNT,
@@ -114,10 +117,10 @@ ROUGH = 12  # cos, sin, cos 2, sin 2: lateral 12..15, yaw 16..19
     S_ROLLER,  # 1 where the roller angle is known
     S_TIED,  # 1 while its phasor is that of the other sensor through the ratio
     N_SENSOR,
-) = range(38)
+) = range(35)
 
 # --- running sums of the bin that is open ----------------------------------------------
-A_COUNT, A_VALUE, A_TIME, A_TIME2, A_C1, A_S1, A_C2, A_S2, A_ANGLES, N_ACCUMULATOR = range(10)
+A_COUNT, A_VALUE, A_TIME, A_TIME2, A_ANGLES, A_ANGLE, A_LINES = range(7)  # then cos, sin of each
 
 # --- counters ----------------------------------------------------------------------------
 (
@@ -190,12 +193,15 @@ class Filter(NamedTuple):
     this: it is handed over by value, nine arrays at each call, which made up a fifth of an update.
     """
 
-    x: _F  # state, shape (N,)
-    P: _F  # its covariance, (N, N)
+    x: _F  # state, shape (n,)
+    P: _F  # its covariance, (n, n)
     m: _F  # memory common to both sensors, (N_MEMORY,)
     sensors: _F  # memory of each, (2, N_SENSOR)
-    sums: _F  # the bin that is open, (2, N_ACCUMULATOR)
+    sums: _F  # the bin that is open, (2, A_LINES + 2 lines)
     counters: _I  # (N_COUNTER,)
     cfg: _F  # (N_CONFIG,)
     modes: _F  # TrackerConfig.mode_table(), (speeds, amplitudes, 11)
-    g: _F  # P H' of the update at hand, (N,)
+    lines: _F  # TrackerConfig.line_table(), (lines, 2)
+    rough: _F  # memory of each sensor of each line, (2, lines, N_LINE)
+    slips: _F  # (slips, N_SLIP)
+    g: _F  # P H' of the update at hand, (n,)

@@ -162,10 +162,10 @@ def tie_silent(f: at.Filter, k: int) -> None:
         re, im = re / size, -im / size
     z, o = at.Z + 2 * k, at.Z + 2 * other
     f.x[o], f.x[o + 1] = re * f.x[z] - im * f.x[z + 1], im * f.x[z] + re * f.x[z + 1]
-    for j in range(at.N):
+    for j in range(f.x.size):
         a, b = f.P[z, j], f.P[z + 1, j]
         f.P[o, j], f.P[o + 1, j] = re * a - im * b, im * a + re * b
-    for j in range(at.N):
+    for j in range(f.x.size):
         a, b = f.P[j, z], f.P[j, z + 1]
         f.P[j, o], f.P[j, o + 1] = re * a - im * b, im * a + re * b
     power = f.x[o] * f.x[o] + f.x[o + 1] * f.x[o + 1]

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled_part
 from hunt_ros.estimation.tracker import layout as at
+from hunt_ros.estimation.tracker.algebra import line
 
 _F = NDArray[np.float64]
 
@@ -35,7 +36,7 @@ def write_row(f: at.Filter, row: _F) -> None:
     for k in range(2):
         if f.sensors[k, at.S_ALIVE] == 0.0 and f.sensors[k, at.S_TIED] == 0.0:
             continue
-        z, r = at.Z + 2 * k, at.ROUGH + 4 * k
+        z, r = at.Z + 2 * k, line(f, k)
         amplitude = math.hypot(f.x[z], f.x[z + 1])
         variance = radial(f, z)
         across = 0.0
@@ -53,11 +54,12 @@ def write_row(f: at.Filter, row: _F) -> None:
         row[o + 3] = math.sqrt(max(rate_variance, 0.0))
         if f.sensors[k, at.S_ALIVE] == 0.0:
             continue  # it has never spoken: its phasor is all that is known of it
-        if f.sensors[k, at.S_ROLLER] > 0.0:
+        if f.sensors[k, at.S_ROLLER] > 0.0 and f.lines.shape[0] > 0:
             o = at.O_Y_ROUGH if k == 0 else at.O_P_ROUGH
             row[o] = math.hypot(f.x[r], f.x[r + 1])
             row[o + 1] = math.sqrt(radial(f, r))
-            row[o + 2] = math.hypot(f.x[r + 2], f.x[r + 3])
+            if f.lines.shape[0] > 1:
+                row[o + 2] = math.hypot(f.x[r + 2], f.x[r + 3])
         row[at.O_Y_BIAS + k] = f.x[at.BIAS + k]
         row[at.O_Y_RESIDUAL + k] = math.sqrt(max(f.sensors[k, at.S_RESIDUAL], 0.0))
         row[at.O_Y_NIS + k] = f.sensors[k, at.S_NIS]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled_part
 from hunt_ros.estimation.tracker import layout as at
-from hunt_ros.estimation.tracker.algebra import open_modes, speaks
+from hunt_ros.estimation.tracker.algebra import line, open_modes, speaks
 from hunt_ros.estimation.tracker.ratio import SETTLING, loosen
 
 _F = NDArray[np.float64]
@@ -31,22 +31,23 @@ def start_sensor(f: at.Filter, k: int, t: float) -> None:
     f.sensors[k, at.S_ALIVE] = 1.0
     f.sensors[k, at.S_NIS] = 1.0
     f.sensors[k, at.S_RESIDUAL] = f.sensors[k, at.S_NOISE]
-    f.sensors[k, at.S_LAMBDA_ROUGH] = 0.0
+    for j in range(f.lines.shape[0]):
+        f.rough[k, j, at.R_LAMBDA] = 0.0
     f.sensors[k, at.S_LAMBDA_BIAS] = math.log(0.1)
     roller = f.sensors[k, at.S_ROLLER]
     for first, width in (
         (at.Z + 2 * k, 2),
         (at.W + 2 * k, 2),
         (at.BIAS + k, 1),
-        (at.ROUGH + 4 * k, 4),
+        (line(f, k), 2 * f.lines.shape[0]),
     ):
         for i in range(first, first + width):
             f.x[i] = 0.0
-            for j in range(at.N):
+            for j in range(f.x.size):
                 f.P[i, j] = 0.0
                 f.P[j, i] = 0.0
             f.P[i, i] = 4.0 * spread
-            if first == at.ROUGH + 4 * k:
+            if first == line(f, k):
                 f.P[i, i] *= roller
     f.x[at.BIAS + k] = f.sensors[k, at.S_BOOT_REF] + mean
     f.sensors[k, at.S_TIED] = 0.0
@@ -90,6 +91,7 @@ def stop_sensor(f: at.Filter, k: int) -> None:
     f.sensors[k, at.S_PENDING] = 0.0
     for i in range(at.S_H1_RE, at.S_B + 1):
         f.sensors[k, i] = 0.0
+    f.rough[k, :, at.R_RE :] = 0.0
 
 
 @compiled_part
@@ -197,10 +199,12 @@ def tune(
             open_modes(f, f.m[at.M_KICK_SIZE])
         f.P[at.BIAS + k, at.BIAS + k] += stepped
         f.sensors[k, at.S_B] = 0.0
-    if row[1] != 0.0 or row[2] != 0.0:
-        size = 1.0 / math.sqrt(row[1] * row[1] + row[2] * row[2])
-        f.sensors[k, at.S_R_RE] = decay * f.sensors[k, at.S_R_RE] + step * unit * row[1] * size
-        f.sensors[k, at.S_R_IM] = decay * f.sensors[k, at.S_R_IM] + step * unit * row[2] * size
+    for j in range(f.lines.shape[0]):
+        cosine, sine = row[1 + 2 * j], row[2 + 2 * j]
+        if cosine != 0.0 or sine != 0.0:
+            size = step * unit / math.sqrt(cosine * cosine + sine * sine)
+            f.rough[k, j, at.R_RE] = decay * f.rough[k, j, at.R_RE] + size * cosine
+            f.rough[k, j, at.R_IM] = decay * f.rough[k, j, at.R_IM] + size * sine
     if not settled:
         return
     rate = 0.5 * dt / f.cfg[at.C_BANDWIDTH_TIME]
@@ -209,10 +213,9 @@ def tune(
     f.m[at.M_LAMBDA] = tuned(f.m[at.M_LAMBDA], power, rate / alive, 0.2, 100.0)
     power = f.sensors[k, at.S_B] ** 2
     f.sensors[k, at.S_LAMBDA_BIAS] = tuned(f.sensors[k, at.S_LAMBDA_BIAS], power, rate, 0.02, 3.0)
-    power = f.sensors[k, at.S_R_RE] ** 2 + f.sensors[k, at.S_R_IM] ** 2
-    f.sensors[k, at.S_LAMBDA_ROUGH] = tuned(
-        f.sensors[k, at.S_LAMBDA_ROUGH], power, rate, 0.05, 5.0
-    )
+    for j in range(f.lines.shape[0]):
+        power = f.rough[k, j, at.R_RE] ** 2 + f.rough[k, j, at.R_IM] ** 2
+        f.rough[k, j, at.R_LAMBDA] = tuned(f.rough[k, j, at.R_LAMBDA], power, rate, 0.05, 5.0)
 
 
 @compiled_part

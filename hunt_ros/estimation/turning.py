@@ -1,0 +1,185 @@
+"""
+The turning of a roller: what its angle is, from an encoder, a speed, or both.
+
+Known lines are told apart by their phase in this angle, live and in whole records. Where an
+encoder gives it, it is exact; where it is an integrated speed it drifts away from the true one
+by the error of the speed, and who uses it must let the phase of the lines wander
+(`tracker_config.Shaft.slip_std` live, `identification.turning` in whole records).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.compiled import compiled
+
+_F = NDArray[np.float64]
+
+_TURN = 2.0 * math.pi
+#: An angle that has covered more than this is one that goes on beyond a turn, rad.
+_WITHIN = 1.25 * _TURN
+#: The speed is integrated over no longer step than this, s.
+_STEP_S = 2.0
+#: Time constant with which the ratio of turning and speed is learnt where both are known, s.
+_LEARN_S = 20.0
+
+_U_LAST, _U_STEP, _U_LOW, _U_HIGH, _U_ADDED, _N_UNWRAP = range(6)
+_A_ANGLE, _A_TOLD, _A_SPEED, _A_TURNED, _A_COVERED, _A_SENSE, _N_ANGLE = range(7)
+
+
+class Unwrapping:
+    """
+    Makes the angle of an encoder that wraps a continuous one.
+
+    A step that is a whole number of turns off the step before is one of the counter, not of
+    the roller. An angle that goes on beyond one turn is left as it is. Values that are not
+    finite are passed on. Blocks of any size give the same numbers, bit for bit.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every sample."""
+        self._memory = np.full(_N_UNWRAP, math.nan)
+        self._memory[_U_ADDED] = 0.0
+
+    def update(self, angle: _F, following: float = math.nan) -> tuple[_F, float]:
+        """
+        Take the next samples.
+
+        Parameters
+        ----------
+        angle : ndarray, shape (n,)
+            As read, rad.
+        following : float
+            The sample after these, which is not taken in yet.
+
+        Returns
+        -------
+        angle : ndarray, shape (n,)
+            Continuous, rad.
+        following : float
+            The same of the sample after these.
+        """
+        found = np.empty(angle.size)
+        _unwrap(np.ascontiguousarray(angle, dtype=np.float64), self._memory, found)
+        after = np.empty(1)
+        _unwrap(np.array([following]), self._memory.copy(), after)
+        return found, float(after[0])
+
+
+@compiled
+def _unwrap(angle: _F, m: _F, found: _F) -> None:
+    for i in range(angle.size):
+        value = angle[i]
+        if not math.isfinite(value):
+            found[i] = value
+            continue
+        if math.isnan(m[_U_LAST]):
+            m[_U_LOW] = m[_U_HIGH] = value
+        elif value != m[_U_LAST]:
+            known = m[_U_HIGH] - m[_U_LOW] > _WITHIN
+            m[_U_LOW], m[_U_HIGH] = min(m[_U_LOW], value), max(m[_U_HIGH], value)
+            step = value - m[_U_LAST]
+            # The first step beyond one turn says that the angle does not wrap there.
+            first = not known and m[_U_HIGH] - m[_U_LOW] > _WITHIN and abs(step) < _TURN
+            if not first:
+                expected = m[_U_STEP] if math.isfinite(m[_U_STEP]) else 0.0
+                turns = math.floor((step - expected) / _TURN + 0.5)
+                m[_U_ADDED] -= _TURN * turns
+                step -= _TURN * turns
+            m[_U_STEP] = step
+        m[_U_LAST] = value
+        found[i] = value + m[_U_ADDED]
+
+
+def unwrapped(angle: _F) -> _F:
+    """Return the readings of an encoder as a continuous angle, rad, shape (n,)."""
+    return Unwrapping().update(angle)[0]
+
+
+class TurningAngle:
+    """
+    Angle of the roller at any stamp: of its encoder, and where that is silent by the speed.
+
+    Parameters
+    ----------
+    diameter_m : float
+        Of the roller, m. Where encoder and speed are both known their ratio is learnt, and
+        takes its place.
+
+    Notes
+    -----
+    Where the encoder is known the angle is its own, to the last bit. Stamps that do not
+    increase repeat the angle. Blocks of any size give the same numbers, bit for bit.
+    """
+
+    def __init__(self, diameter_m: float) -> None:
+        self._ratio = 2.0 / diameter_m
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every sample."""
+        self._memory = np.full(_N_ANGLE, math.nan)
+        self._memory[[_A_TURNED, _A_COVERED]] = 0.0
+        self._memory[_A_SENSE] = 1.0
+        self._last_ns = np.zeros(1, dtype=np.int64)
+
+    def update(self, stamps_ns: NDArray[np.int64], encoder: _F, speed: _F) -> _F:
+        """
+        Return the angle, rad, NaN where neither encoder nor speed is known.
+
+        Parameters
+        ----------
+        stamps_ns : ndarray of int64, shape (n,)
+            Sorted, none before those of earlier calls.
+        encoder, speed : ndarray, shape (n,)
+            Continuous angle, rad, and running speed, m/s; NaN where not known.
+        """
+        angle = np.empty(stamps_ns.size)
+        _turn(stamps_ns, encoder, speed, self._ratio, self._memory, self._last_ns, angle)
+        return angle
+
+
+@compiled
+def _turn(
+    stamps: NDArray[np.int64],
+    encoder: _F,
+    speed: _F,
+    ratio: float,
+    m: _F,
+    last: NDArray[np.int64],
+    angle: _F,
+) -> None:
+    for i in range(stamps.size):
+        dt = (stamps[i] - last[0]) * 1e-9
+        if dt <= 0.0 and math.isfinite(m[_A_ANGLE]):
+            angle[i] = m[_A_ANGLE]
+            continue
+        last[0] = stamps[i]
+        way = 0.5 * (speed[i] + m[_A_SPEED]) * dt if dt <= _STEP_S else math.nan
+        turned = encoder[i] - m[_A_TOLD]
+        if math.isfinite(turned) and math.isfinite(way):
+            keep = math.exp(-dt / _LEARN_S)
+            m[_A_TURNED] = keep * m[_A_TURNED] + turned
+            m[_A_COVERED] = keep * m[_A_COVERED] + way
+            if turned != 0.0:
+                m[_A_SENSE] = 1.0 if turned > 0.0 else -1.0
+        if math.isfinite(encoder[i]):
+            m[_A_ANGLE] = encoder[i]
+        else:
+            learnt = abs(m[_A_TURNED])
+            turning = learnt / m[_A_COVERED] if learnt > _TURN and m[_A_COVERED] > 0.0 else ratio
+            if math.isnan(m[_A_ANGLE]) and math.isfinite(speed[i]):
+                m[_A_ANGLE] = 0.0
+            elif math.isfinite(way):
+                m[_A_ANGLE] += m[_A_SENSE] * turning * way
+            else:
+                m[_A_ANGLE] = math.nan
+        m[_A_TOLD] = encoder[i]
+        m[_A_SPEED] = speed[i]
+        angle[i] = m[_A_ANGLE]

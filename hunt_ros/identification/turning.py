@@ -1,0 +1,166 @@
+"""
+The roller's angle in a whole record: its encoder's, or tracked along an integrated speed.
+
+The one place where identification makes an angle. Everything behind it reads the channel
+`roller`, continuous and forward, wherever it comes from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from hunt_ros.dynamics.parameters import RigParameters
+from hunt_ros.estimation.turning import unwrapped
+from hunt_ros.identification.channels import Channels
+from hunt_ros.identification.settings import IdentificationSettings
+from hunt_ros.samples import NANOSECONDS, Record, Series
+
+_F = NDArray[np.float64]
+
+#: Cells in which the motion is averaged, and length of the windows of which there is one a
+#: second: the hunting, a hertz and more away from a line, is not seen in them.
+_CELL_S, _WINDOW_S = 0.02, 2.0
+#: Standard deviation, before the record is looked at, of a speed's scale and of a diameter.
+_SLIP_STD, _MOST = 0.01, 0.03
+#: Time over which the scale of the speed is taken to be one, s (standard deviation of the weight).
+_STEADY_S = 8.0
+#: What the record says of itself where the diameter was not given.
+_ASSUMED = 'assumed'
+#: Lines of a roller whose diameter nobody gave lie at least so far above the hunting.
+_ASSUMED_ABOVE = 1.5
+
+
+def with_angle(record: Record, settings: IdentificationSettings) -> Record:
+    """
+    Give a record a continuous angle of the roller that turns forward.
+
+    With an encoder it is the encoder's, without its wrapping; without one it is integrated
+    from the speed and follows the phase of the known lines in the lateral channel, since a
+    tachometer is wrong by some parts in a thousand.
+
+    Parameters
+    ----------
+    record : Record
+        With `lateral` and `speed`, else it is handed back.
+    settings : IdentificationSettings
+        Diameter of the roller, and the lines.
+
+    Returns
+    -------
+    Record
+        With the channel `roller`.
+    """
+    if 'roller' in record and np.isfinite(record['roller'].values).sum() > 10:
+        encoder = record['roller']
+        angle = unwrapped(encoder.values)
+        known = angle[np.isfinite(angle)]
+        forward = angle if known[-1] >= known[0] else -angle
+        return _with_roller(record, Series(encoder.stamps_ns, forward), '')
+    if not all(name in record and len(record[name]) > 10 for name in ('lateral', 'speed')):
+        return record
+    stamps, first = np.unique(record['lateral'].stamps_ns, return_index=True)
+    lateral = record['lateral'].values[first]
+    told, first = np.unique(record['speed'].stamps_ns, return_index=True)
+    speed = np.abs(record['speed'].values[first])
+    known = np.isfinite(speed)
+    if not known.any() or not np.isfinite(lateral).any() or not settings.orders.size:
+        return record
+    time = (stamps - stamps[0]) / NANOSECONDS
+    running = np.interp(time, (told[known] - stamps[0]) / NANOSECONDS, speed[known])
+    turning = running * 2.0 / (settings.roller_diameter_m or RigParameters.roller_diameter_m)
+    angle = np.concatenate([[0.0], np.cumsum(0.5 * (turning[1:] + turning[:-1]) * np.diff(time))])
+    angle = follow_lines(time, lateral, angle, settings.orders)
+    return _with_roller(
+        record, Series(stamps, angle), '' if settings.roller_diameter_m else _ASSUMED
+    )
+
+
+def _with_roller(record: Record, roller: Series, remark: str) -> Record:
+    notes = {**record.notes, 'roller_angle': remark}
+    return replace(record, channels={**record.channels, 'roller': roller}, notes=notes)
+
+
+def is_assumed(record: Record) -> bool:
+    """Return True where the angle of `with_angle` rests on a diameter that nobody gave."""
+    return record.notes.get('roller_angle') == _ASSUMED
+
+
+def follow_lines(time: _F, values: _F, angle: _F, orders: _F) -> _F:
+    """
+    Correct an angle by what the phases of the lines turn against it.
+
+    The signal is demodulated at each line; what the phasor turns from window to window is the
+    relative error of the turning, averaged with the weight of the lines that show it, and with
+    that of what a tachometer is known to.
+
+    Parameters
+    ----------
+    time, values, angle : ndarray, shape (n,)
+        s; the signal, in any unit, NaN where missing; angle, rad.
+    orders : ndarray, shape (k,)
+        Lines, in turns of the angle.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        rad.
+    """
+    good = np.isfinite(values)
+    cell = np.floor((time - time[0]) / _CELL_S).astype(np.int64)
+    count = int(cell[-1]) + 1
+    every = round(0.5 * _WINDOW_S / _CELL_S)
+    window = np.hanning(2 * every + 1)
+    if count < 4 * every or not good.any():
+        return angle
+    centred = values[good] - np.median(values[good])
+    # Windows one half apart: the angle and the time at their middles.
+    middles = np.arange(every, count - every, every)
+    turned = np.diff(np.interp((middles + 0.5) * _CELL_S, time - time[0], angle))
+    information = np.full(turned.size, 1.0 / _SLIP_STD**2)
+    weighted = np.zeros(turned.size)
+    width = _STEADY_S / (every * _CELL_S)
+    independent = np.sqrt(np.pi) * width  # windows that overlap by half, under the weight
+    seen = np.convolve(np.bincount(cell[good], minlength=count), window, 'same')[middles]
+    for order in orders:
+        mixed = centred * np.exp(-1j * order * angle[good])
+        summed = np.bincount(cell[good], mixed.real, minlength=count) + 1j * np.bincount(
+            cell[good], mixed.imag, minlength=count
+        )
+        phasor = np.convolve(summed, window, 'same')[middles]
+        phasor /= np.maximum(seen, 1e-9)
+        product = phasor[1:] * np.conj(phasor[:-1])
+        smooth = _smooth(product.real, width) + 1j * _smooth(product.imag, width)
+        coherence = np.abs(smooth) / np.maximum(_smooth(np.abs(product), width), 1e-300)
+        coherence = np.clip(coherence, 1e-6, 1.0 - 1e-6)
+        variance = (1.0 - coherence**2) / (2.0 * coherence**2 * independent)
+        known = (order * turned) ** 2 / variance
+        slip = np.divide(
+            np.angle(smooth), order * turned, out=np.zeros_like(turned), where=turned > 0.0
+        )
+        weighted += np.where(np.abs(slip) < _MOST, known * slip, 0.0)
+        information += np.where(np.abs(slip) < _MOST, known, 0.0)
+    at = (0.5 * (middles[1:] + middles[:-1]) + 0.5) * _CELL_S
+    slip = np.interp(time - time[0], at, weighted / information)
+    corrected = np.diff(angle) * (1.0 + 0.5 * (slip[1:] + slip[:-1]))
+    found: _F = angle[0] + np.concatenate([[0.0], np.cumsum(corrected)])
+    return found
+
+
+def _smooth(values: _F, width: float) -> _F:
+    smooth: _F = gaussian_filter1d(values, width, mode='nearest')
+    return smooth
+
+
+def lines_above(channels: Sequence[Channels], settings: IdentificationSettings, hz: float) -> bool:
+    """Return True where the lowest line is clear of the hunting in every assumed angle."""
+    lowest = min(settings.orders, default=np.inf)
+    for channel in channels:
+        turns = 0.5 * np.quantile(channel.speed, 0.05) * 2.0 / RigParameters.roller_diameter_m
+        if channel.assumed and lowest * turns / np.pi < _ASSUMED_ABOVE * hz:
+            return False
+    return True

@@ -1,0 +1,123 @@
+"""Lines that the roller forces are no hunting, however little is known of its angle."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hunt_ros.detection.configuration import DetectorConfig
+from hunt_ros.detection.detector import HuntingDetector
+from hunt_ros.detection.offline import config_for, detect
+from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.simulation import Kick, simulate
+from hunt_ros.dynamics.simulation_settings import (
+    DriveModel,
+    Roughness,
+    SensorModel,
+    SimulationSettings,
+)
+from hunt_ros.dynamics.speed_profile import SpeedProfile
+from hunt_ros.samples import Record, Series
+
+
+def _quiet(
+    speed=6.0, diameter=0.3, rate=200.0, wheel=(), kicks=(), seconds=60.0, rough=3e-4, **drive
+):
+    """Quiet running over strong roughness of the roller."""
+    rig = replace(paper_rig(), roller_diameter_m=diameter)
+    settings = SimulationSettings(
+        sample_rate_hz=rate,
+        initial_speed=speed,
+        broadband=8e-6,
+        roughness=Roughness((rough,), wheel_amplitudes=wheel, reference_speed=speed),
+        lateral_sensor=SensorModel(noise=5e-6),
+        yaw_sensor=SensorModel(noise=2e-5),
+        drive=DriveModel(**drive),
+    )
+    return simulate(rig, settings, SpeedProfile.constant(speed), seconds, kicks, seed=1)
+
+
+def _without(record: Record, name: str) -> Record:
+    return Record({key: series for key, series in record.items() if key != name})
+
+
+def _run(record: Record, form=None, **settings):
+    config, _ = config_for(record, DetectorConfig(**settings))
+    detector = HuntingDetector(config, form)
+    return detector, detect(detector, record)
+
+
+@pytest.mark.parametrize(
+    ('speed', 'diameter', 'rate', 'gain'),
+    [(6.0, 0.3, 200.0, 1.0), (6.2, 0.3, 100.0, 1.005), (5.0, 0.4, 200.0, 0.995)],
+)
+def test_no_alarm_in_quiet_running_where_only_the_speed_is_known(
+    speed, diameter, rate, gain, true_form
+) -> None:
+    record = _quiet(speed, diameter, rate, speed_gain=gain, speed_noise=0.01)
+    told = {} if diameter == 0.3 else {'roller_diameter_m': diameter}
+    for form in (None, true_form):
+        detector, output = _run(_without(record, 'roller'), form, **told)
+        assert not detector.status.alarm
+        assert not output.events
+        # The angle would have told the line apart no better than by a factor of two.
+        late = output.estimates['lateral_amplitude'][1000:]
+        known = _run(record, form)[1].estimates['lateral_amplitude'][1000:]
+        assert np.sqrt(np.mean(late**2)) < 2.0 * np.sqrt(np.mean(known**2))
+
+
+def test_a_limit_cycle_is_told_where_only_the_speed_is_known() -> None:
+    record = _quiet(7.2, kicks=[Kick(15.0, lateral_m=700e-6)], seconds=30.0, rough=1e-4)
+    detector, output = _run(_without(record, 'roller'))
+    assert detector.status.alarm
+    at = [event.stamp_ns * 1e-9 for event in output.events if event.event == 'limit_cycle']
+    assert at
+    assert 14.0 < at[0] < 28.0
+
+
+@pytest.mark.parametrize('reading', ['wraps', 'backwards', 'wraps backwards'])
+def test_an_encoder_that_wraps_or_runs_backwards_tells_the_same(reading) -> None:
+    record = _quiet(seconds=30.0)
+    roller = record['roller']
+    angle = -roller.values if 'backwards' in reading else roller.values
+    if 'wraps' in reading:
+        angle = np.mod(angle, 2.0 * np.pi)
+    other = Record({**record.channels, 'roller': Series(roller.stamps_ns, angle)})
+    expected, got = (_run(r)[1].estimates for r in (record, other))
+    late = slice(300, None)
+    for name in ('lateral_amplitude', 'lateral_roughness'):
+        np.testing.assert_allclose(got[name][late], expected[name][late], rtol=0.02, atol=2e-7)
+    assert (got['roller_wrong'] == expected['roller_wrong']).all()
+    assert (got['speed_wrong'] == expected['speed_wrong']).all()
+
+
+def test_the_line_of_the_wheel_is_known_by_its_diameter() -> None:
+    record = _quiet(rate=500.0, wheel=(2e-4,), seconds=30.0)
+    rig = paper_rig()
+    wheel = {'wheel_diameter_m': 2.0 * rig.wheel_radius_m}
+    roller = {'roller_diameter_m': rig.roller_diameter_m}
+    plain, known = (
+        _run(record, **told)[1].estimates['lateral_amplitude_std'][1000:]
+        for told in (roller, roller | wheel)
+    )
+    # What is not known is noise to the filter.
+    assert np.nanmedian(known) < 0.7 * np.nanmedian(plain)
+
+
+def test_an_assumed_diameter_never_makes_a_line_of_the_hunting() -> None:
+    # 2.84 Hz would be the line of a roller of 0.3 m at this speed.
+    time = np.arange(8000) / 200.0
+    stamps = 1 + np.round(time * 1e9).astype(np.int64)
+    rng = np.random.default_rng(0)
+    hunts = np.where(time > 20.0, 5e-4, 1e-6) * np.cos(2.0 * np.pi * 2.84 * time)
+    values = {
+        'lateral': hunts + 5e-6 * rng.standard_normal(time.size),
+        'speed': np.full(time.size, 2.84 * np.pi * 0.3),
+    }
+    record = Record({name: Series(stamps, value) for name, value in values.items()})
+    detector, output = _run(record)
+    assert detector.status.alarm
+    late = output.estimates['lateral_amplitude'][-500:]
+    np.testing.assert_allclose(late, 5e-4, rtol=0.03)

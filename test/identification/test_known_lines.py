@@ -1,0 +1,75 @@
+"""The normal form without the roller's angle: its lines follow from the speed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.simulation import simulate
+from hunt_ros.dynamics.simulation_settings import (
+    DriveModel,
+    Roughness,
+    SensorModel,
+    SimulationSettings,
+)
+from hunt_ros.dynamics.speed_profile import SpeedProfile
+from hunt_ros.errors import ConfigError
+from hunt_ros.identification import IdentificationSettings, identify
+from hunt_ros.identification.turning import follow_lines, with_angle
+from hunt_ros.samples import Record, Series
+
+
+def _staircase() -> Record:
+    up = np.arange(5.6, 9.01, 0.2).tolist()
+    profile = SpeedProfile.staircase(*up, *up[-2::-1], hold_s=20.0)
+    settings = SimulationSettings(
+        sample_rate_hz=100.0,
+        initial_speed=up[0],
+        broadband=1.5e-5,
+        roughness=Roughness((1e-4,)),
+        lateral_sensor=SensorModel(noise=5e-6),
+        drive=DriveModel(speed_noise=0.01),
+    )
+    return simulate(paper_rig(), settings, profile, profile.duration_s, seed=1)
+
+
+def test_a_staircase_without_the_rollers_angle_tells_as_much_as_with_it() -> None:
+    record = _staircase()
+    bare = Record({name: series for name, series in record.items() if name != 'roller'})
+    known, found = identify(record).v_c, identify(bare).v_c
+    assert found.std < 1.3 * known.std
+    assert abs(found.value - known.value) < known.std
+    assert abs(found.value - 8.0) < max(0.1, 2.5 * found.std)
+    roller = record['roller']
+    wrapped = Series(roller.stamps_ns, np.mod(-roller.values, 2.0 * np.pi))
+    again = identify(Record({**record.channels, 'roller': wrapped})).v_c
+    assert again.value == pytest.approx(known.value, abs=0.1 * known.std)
+
+
+@pytest.mark.parametrize('scale', [1.0, 1.006, 0.992])
+def test_the_angle_follows_the_lines(scale: float) -> None:
+    rng = np.random.default_rng(1)
+    time = np.arange(0.0, 120.0, 0.005)
+    angle = 40.0 * time + 0.2 * time**2
+    signal = 1e-4 * np.cos(angle) + 1e-3 * np.cos(17.8 * time) + 1e-5 * rng.normal(size=time.size)
+    got = follow_lines(time, signal, scale * angle, np.array([1.0, 2.0]))
+    off = got - angle
+    assert np.ptp(off) < 0.5  # of 43 rad for 0.6 %
+    alone = follow_lines(time, 1e-5 * rng.normal(size=time.size), scale * angle, np.array([1.0]))
+    np.testing.assert_allclose(alone, scale * angle, rtol=0.01)
+
+
+def test_the_angle_of_a_record_is_continuous_and_forward() -> None:
+    stamps = np.arange(1000) * 10_000_000
+    angle = 0.57 * np.arange(1000)
+    series = Series(stamps, np.mod(-angle, 2.0 * np.pi))
+    got = with_angle(Record({'roller': series}), IdentificationSettings())['roller'].values
+    np.testing.assert_allclose(np.diff(got), 0.57)
+
+
+def test_an_impossible_line_is_refused() -> None:
+    with pytest.raises(ConfigError, match='lines'):
+        IdentificationSettings(lines=(1.0, -1.0))
+    with pytest.raises(ConfigError, match='roller_diameter_m'):
+        IdentificationSettings(wheel_diameter_m=0.07)
