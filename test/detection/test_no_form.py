@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, State, detect
 from hunt_ros.samples import Record, Series
@@ -63,23 +64,39 @@ def test_quiet_running_and_bumps_raise_no_alarm(rig, hit) -> None:
         assert detector.status.state in (State.QUIET, State.DISTURBED)
 
 
-@pytest.mark.parametrize('rig', RIGS)
-def test_a_motion_that_hunts_from_the_start_is_found_within_25_periods(rig) -> None:
-    detector, output, end = trial(rig, 3, math.sqrt(7.0), 0.0)
-    assert end > 2.0
-    assert detector.status.state is State.LIMIT_CYCLE
-    alarm = next(event for event in output.events if event.event in ('escaping', 'limit_cycle'))
-    assert alarm.stamp_ns * 1e-9 * rig[0] < 25.0
+def at_most(rate: float, trials: int) -> int:
+    """Return how many of the trials may go wrong by chance, but for one suite in ten thousand."""
+    return int(binom.ppf(1.0 - 1e-4, trials, rate))
 
 
-@pytest.mark.parametrize('rig', RIGS)
-def test_a_hit_that_grows_is_an_alarm_soon_after_it_hunts(rig) -> None:
-    detector, output, end = trial(rig, 4, 0.05, 1.5)
-    assert end > 2.0
-    assert detector.status.alarm
-    assert detector.status.state is State.LIMIT_CYCLE
-    alarm = next(event for event in output.events if event.event in ('escaping', 'limit_cycle'))
-    assert 60.0 < alarm.stamp_ns * 1e-9 * rig[0] < 110.0
+def alarm_period(output, frequency: float) -> float:
+    """Period in which the first alarm came; NaN without one."""
+    hunts = (e.stamp_ns for e in output.events if e.event in ('escaping', 'limit_cycle'))
+    return next(hunts, math.nan) * 1e-9 * frequency
+
+
+def test_a_motion_that_hunts_from_the_start_is_found_within_25_periods() -> None:
+    wrong = []
+    trials = [(rig, seed) for rig in RIGS for seed in range(3, 6)]
+    for rig, seed in trials:
+        detector, output, end = trial(rig, seed, math.sqrt(7.0), 0.0)
+        assert end > 2.0
+        at = alarm_period(output, rig[0])
+        if not (detector.status.state is State.LIMIT_CYCLE and at < 25.0):
+            wrong.append((rig, seed, detector.status.state, at))
+    assert len(wrong) <= at_most(0.02, len(trials)), wrong
+
+
+def test_a_hit_that_grows_is_an_alarm_soon_after_it_hunts() -> None:
+    wrong = []
+    trials = [(rig, seed) for rig in RIGS for seed in range(3, 6)]
+    for rig, seed in trials:
+        detector, output, end = trial(rig, seed, 0.05, 1.5)
+        at = alarm_period(output, rig[0])
+        found = detector.status.alarm and detector.status.state is State.LIMIT_CYCLE
+        if end > 2.0 and not (found and 60.0 < at < 110.0):
+            wrong.append((rig, seed, detector.status.state, at))
+    assert len(wrong) <= at_most(0.02, len(trials)), wrong
 
 
 def test_the_same_motion_slower_and_smaller_is_judged_alike() -> None:
