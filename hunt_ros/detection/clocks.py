@@ -15,6 +15,8 @@ from collections import deque
 #: The least delay is taken over this time: longer than a network holds samples back while they
 #: keep coming; in it clocks that drift by 100 ppm move by 0.2 ms.
 _WINDOW_NS = 2_000_000_000
+#: ... and over this many ticks at least: those of a machine that is too busy may all be late.
+_LEAST = 10
 
 
 class ChannelClock:
@@ -73,7 +75,7 @@ class ChannelClock:
         delay = now_ns - self._newest_ns
         if self.fresh:
             self._delays.append((now_ns, delay))
-            while len(self._delays) > 1 and self._delays[1][0] <= now_ns - _WINDOW_NS:
+            while len(self._delays) > _LEAST and self._delays[1][0] <= now_ns - _WINDOW_NS:
                 self._delays.popleft()
             self.offset_ns = min(known for _, known in self._delays)
         if self.offset_ns is not None:
@@ -82,7 +84,9 @@ class ChannelClock:
     @property
     def settled(self) -> bool:
         """True where the offset was seen over the whole window."""
-        return bool(self._delays) and self._delays[-1][0] - self._delays[0][0] >= _WINDOW_NS
+        if len(self._delays) < _LEAST:
+            return False
+        return self._delays[-1][0] - self._delays[0][0] >= _WINDOW_NS
 
     @property
     def believed(self) -> bool:

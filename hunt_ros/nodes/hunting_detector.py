@@ -127,9 +127,12 @@ class HuntingDetectorNode(LifecycleNode):
                 self._publish(self._detector.update(channel, stamps_ns, values))
 
     def _tick(self) -> None:
+        if not self._active:
+            return
+        self._inbox.take_waiting()
+        # Read after the samples: on a busy machine some would come from the future otherwise.
         now_ns = self.get_clock().now().nanoseconds
-        if self._active and now_ns > 0:
-            self._inbox.take_waiting()
+        if now_ns > 0:
             self._drain()
             self._publish(self._detector.tick(now_ns))
 
