@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     from hunt_ros.detection import HuntingDetector
     from hunt_ros.detection.offline import collect, config_for, watch
     from hunt_ros.detection.record_frequency import frequency_for
-    from hunt_ros.detection.replay import missing_samples, replay_journal
+    from hunt_ros.detection.replay import missing_samples, replay_journal, unheard_samples
 
     record = read(arguments)
     asked, beside = _settings(arguments)
@@ -69,7 +69,9 @@ def run(arguments: argparse.Namespace) -> int:
         if live is not None:
             config, beside = live.config, live.companions
             remarks = ['the live run of this recording, with its settings and journal']
-            remarks += _differences(missing_samples(record, live.journal))
+            remarks += _differences(
+                missing_samples(record, live.journal), unheard_samples(record, live.journal)
+            )
             outputs = iter([replay_journal(HuntingDetector(config), record, live.journal)])
         else:
             form = read_form(arguments.normal_form) if arguments.normal_form else None
@@ -118,15 +120,17 @@ def read(arguments: argparse.Namespace) -> Record:
     return check_units(record)
 
 
-def _differences(missing: Mapping[str, int]) -> list[str]:
+def _differences(missing: Mapping[str, int], unheard: Mapping[str, int]) -> list[str]:
     """Say that the numbers are not those of the live run, and why."""
-    if not missing:
-        return []
-    lacks = ', '.join(f'{count} of {name}' for name, count in missing.items())
-    return [
-        f'the recording lacks samples that the live detector had (at least {lacks}):'
-        ' its numbers were others'
-    ]
+    found = []
+    for text, counts in (
+        ('the recording lacks samples that the live detector had', missing),
+        ('the recording has samples that did not reach the live detector', unheard),
+    ):
+        if counts:
+            told = ', '.join(f'{count} of {name}' for name, count in counts.items())
+            found.append(f'{text} (at least {told}): its numbers were others')
+    return found
 
 
 def _damage(record: Record) -> list[str]:

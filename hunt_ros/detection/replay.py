@@ -72,6 +72,20 @@ def missing_samples(record: Record, journal: Sequence[JournalEntry]) -> dict[str
     return found
 
 
+def unheard_samples(record: Record, journal: Sequence[JournalEntry]) -> dict[str, int]:
+    """
+    Count the samples of the recording that did not reach the live detector within a run.
+
+    As `missing_samples`, the other way round: the middleware lost them on the way.
+    """
+    found: dict[str, int] = {}
+    for run in _runs(record, journal):
+        for name, part in run.parts.items():
+            if part.unheard:
+                found[name] = found.get(name, 0) + part.unheard
+    return found
+
+
 class _Part:
     """
     Samples of one channel that a run was made of.
@@ -100,6 +114,7 @@ class _Part:
     ) -> None:
         self.series = series
         self.missing = 0
+        self.unheard = 0
         self.done = begin
         heard = next((e for e in entries if e.kind == 'heard' and name in e.channels), None)
         if heard is not None:
@@ -137,6 +152,7 @@ class _Part:
             return self._begin
         if count is not None:
             self.missing = max(self.missing, expected - place)
+            self.unheard = max(self.unheard, place - expected)
         return place + 1
 
     def _place(self, stamp: int | None, expected: int, begin: int) -> int | None:

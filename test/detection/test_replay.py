@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hunt_ros.detection import DetectorConfig, HuntingDetector, JournalEntry, Level
 from hunt_ros.detection.acceptance import rolled_back
 from hunt_ros.detection.output import Output
-from hunt_ros.detection.replay import missing_samples, replay_journal
+from hunt_ros.detection.replay import missing_samples, replay_journal, unheard_samples
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.errors import HuntError
@@ -222,6 +222,13 @@ def test_a_recorder_that_joined_late_is_told_of_what_it_lacks(recorded) -> None:
     later = {**arrived, 'lateral': arrived['lateral'].between(100_000_000, 2**62)}
     lost = len(arrived['lateral']) - len(later['lateral'])
     assert missing_samples(Record(later), journal) == {'lateral': lost}
+    assert unheard_samples(arrived, journal) == {}
+    doubled = np.repeat(arrived['lateral'].stamps_ns[:100], 2) + np.tile([0, 1], 100)
+    lateral = Series(
+        np.concatenate([doubled, arrived['lateral'].stamps_ns[100:]]),
+        np.concatenate([np.zeros(200), arrived['lateral'].values[100:]]),
+    )
+    assert unheard_samples(Record({**arrived, 'lateral': lateral}), journal) == {'lateral': 100}
 
 
 def test_each_run_of_the_detector_is_repeated_with_the_settings_of_that_run(recorded) -> None:
