@@ -24,12 +24,13 @@ def _staircase() -> Record:
     up = np.arange(5.6, 9.01, 0.2).tolist()
     profile = SpeedProfile.staircase(*up, *up[-2::-1], hold_s=20.0)
     settings = SimulationSettings(
-        sample_rate_hz=100.0,
+        sample_rate_hz=200.0,
         initial_speed=up[0],
         broadband=1.5e-5,
-        roughness=Roughness((1e-4,)),
+        roughness=Roughness((5e-5,)),
         lateral_sensor=SensorModel(noise=5e-6),
-        drive=DriveModel(speed_noise=0.01),
+        yaw_sensor=SensorModel(noise=2e-5),
+        drive=DriveModel(speed_gain=1.005, speed_noise=0.01),
     )
     return simulate(paper_rig(), settings, profile, profile.duration_s, seed=1)
 
@@ -40,11 +41,8 @@ def test_a_staircase_without_the_rollers_angle_tells_as_much_as_with_it() -> Non
     known, found = identify(record).v_c, identify(bare).v_c
     assert found.std < 1.3 * known.std
     assert abs(found.value - known.value) < known.std
-    assert abs(found.value - 8.0) < max(0.1, 2.5 * found.std)
-    roller = record['roller']
-    wrapped = Series(roller.stamps_ns, np.mod(-roller.values, 2.0 * np.pi))
-    again = identify(Record({**record.channels, 'roller': wrapped})).v_c
-    assert again.value == pytest.approx(known.value, abs=0.1 * known.std)
+    # The speed reads half a per cent too high, and the critical speed with it.
+    assert abs(found.value - 1.005 * 8.0) < max(0.1, 2.0 * found.std)
 
 
 @pytest.mark.parametrize('scale', [1.0, 1.006, 0.992])
