@@ -193,7 +193,7 @@ def _assumed(settings: IdentificationSettings) -> list[str]:
         return []
     return [
         f'not given, and taken from the rig of the paper: {" and ".join(assumed)}; the'
-        ' coefficients of another rig are in units that are not its own'
+        ' coefficients of another rig are then not in its own scales'
     ]
 
 
