@@ -92,5 +92,7 @@ def channels_of(record: Record) -> Channels:
             turned = np.diff(roller) * np.sign(on_time[1:])
             roller = roller[0] + np.concatenate([[0.0], np.cumsum(turned)])
         on_time = np.abs(on_time)
+    if roller.size and roller[-1] < roller[0]:
+        roller = -roller  # an encoder that counts down: forward is the sense of the running
     rate = 1.0 / float(np.median(np.diff(time)))
     return Channels(name, start_ns, time, lateral, on_time, roller, rate)
