@@ -203,7 +203,8 @@ class Estimator:
             slow[name] = found
         angle = np.empty(wanted.size)
         encoder, speed = slow['roller'][sorting], slow['speed'][sorting]
-        angle[sorting] = self._angle.update(wanted[sorting], encoder, speed)
+        within = self._slow['roller'].within if 'roller' in blocks else None
+        angle[sorting] = self._angle.update(wanted[sorting], encoder, speed, within)
         slow['angle'] = angle
         return slow
 

@@ -93,6 +93,12 @@ class SlowChannel:
     rising : bool
         True for an angle, which goes on at its last rate. A reading that repeats the one
         before says nothing then: the encoder is coarse, or it is stuck.
+
+    Attributes
+    ----------
+    within : ndarray of float64, shape (n,)
+        How far the values of the last call may be off, since the change of a reading that was
+        repeated lies anywhere between two samples; 0 where no reading is repeated.
     """
 
     def __init__(self, timeout_ns: int, rising: bool) -> None:
@@ -102,8 +108,9 @@ class SlowChannel:
 
     def reset(self) -> None:
         """Forget every sample."""
-        self._whole = np.zeros(2, dtype=np.int64)
-        self._real = np.array([math.nan, math.nan, 0.0])
+        self._whole = np.zeros(3, dtype=np.int64)
+        self._real = np.array([math.nan, math.nan, 0.0, 0.0])
+        self.within = np.zeros(0)
 
     def at(
         self,
@@ -128,7 +135,7 @@ class SlowChannel:
         -------
         ndarray of float64, shape (n,)
         """
-        found = np.empty(wanted_ns.size)
+        found, self.within = np.empty(wanted_ns.size), np.zeros(wanted_ns.size)
         after_ns, after = (_NEVER, math.nan) if following is None else following
         _evaluate(
             wanted_ns,
@@ -141,6 +148,7 @@ class SlowChannel:
             self._whole,
             self._real,
             found,
+            self.within,
         )
         return found
 
@@ -157,12 +165,14 @@ def _evaluate(
     whole: _Stamps,
     real: _Values,
     found: _Values,
+    within: _Values,
 ) -> None:
     """
     Run `SlowChannel.at`.
 
-    whole = [stamp of the last sample, and of the last valid one]; real = [value of the
-    last sample (NaN: invalid), and of the last valid one, rate of the last line].
+    whole = [stamp of the last sample, of the last valid one, and of the last repeat]; real =
+    [value of the last sample (NaN: invalid), and of the last valid one, rate of the last line,
+    how far its end may be off].
     """
     n = 0
     for k in range(wanted.size):
@@ -170,6 +180,7 @@ def _evaluate(
         while n < stamps.size and stamps[n] <= stamp:
             _take(stamps[n], values[n], timeout, rising, whole, real)
             n += 1
+        within[k] = real[3]
         end, value = after_stamp, after
         if n < stamps.size:
             end, value = stamps[n], values[n]
@@ -194,6 +205,7 @@ def _take(
 ) -> None:
     """Take one sample."""
     if rising and value == real[0]:
+        whole[2] = stamp
         return
     if not np.isfinite(value):
         whole[0], real[0] = stamp, np.nan
@@ -201,5 +213,7 @@ def _take(
     step = stamp - whole[0]
     if 0 < step <= timeout and np.isfinite(real[0]):
         real[2] = (value - real[0]) / (step * 1e-9)
+        late = stamp - whole[2] if whole[2] > whole[0] else 0
+        real[3] = abs(real[2]) * (late * 1e-9)
     whole[0] = whole[1] = stamp
     real[0] = real[1] = value

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.frequencies import with_frequencies
 from hunt_ros.detection.tracking import roller_diameter, shafts
-from hunt_ros.estimation.turning import unwrapped
+from hunt_ros.estimation.turning import continuous
 from hunt_ros.samples import Record, Series
 
 _F = NDArray[np.float64]
@@ -203,7 +203,7 @@ def _pieces(record: Record, config: DetectorConfig) -> Iterator[_Piece]:
     orders = tuple(order for shaft in shafts(config) for order in shaft.orders)
     encoder = record.get('roller')
     if encoder is not None:
-        encoder = Series(encoder.stamps_ns, unwrapped(encoder.values))
+        encoder = continuous(encoder)
     for start in starts.tolist():
         first, last = np.searchsorted(time, [start, start + length])
         if last - first < max(0.6 * even.size, 100):

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled
+from hunt_ros.samples import Series
 
 _F = NDArray[np.float64]
 
@@ -27,7 +28,7 @@ _STEP_S = 2.0
 _LEARN_S = 20.0
 
 _U_LAST, _U_STEP, _U_LOW, _U_HIGH, _U_ADDED, _N_UNWRAP = range(6)
-_A_ANGLE, _A_TOLD, _A_SPEED, _A_TURNED, _A_COVERED, _A_SENSE, _N_ANGLE = range(7)
+_A_ANGLE, _A_TOLD, _A_SPEED, _A_TURNED, _A_COVERED, _N_ANGLE = range(6)
 
 
 class Unwrapping:
@@ -102,6 +103,19 @@ def unwrapped(angle: _F) -> _F:
     return Unwrapping().update(angle)[0]
 
 
+def continuous(encoder: Series) -> Series:
+    """
+    Return a whole recording of an encoder as a continuous angle, rad.
+
+    A reading that repeats the one before is left out: a coarse encoder tells the angle where it
+    changes, and between its steps the roller turns on.
+    """
+    angle = unwrapped(encoder.values)
+    told = np.diff(angle, prepend=math.nan) != 0.0
+    told[-1:] = True
+    return Series(encoder.stamps_ns[told], angle[told])
+
+
 class TurningAngle:
     """
     Angle of the roller at any stamp: of its encoder, and where that is silent by the speed.
@@ -114,8 +128,9 @@ class TurningAngle:
 
     Notes
     -----
-    Where the encoder is known the angle is its own, to the last bit. Stamps that do not
-    increase repeat the angle. Blocks of any size give the same numbers, bit for bit.
+    Where the encoder is known the angle is its own, to the last bit. A coarse encoder leaves the
+    angle to the speed as long as that stays within its steps. Stamps that do not increase
+    repeat the angle. Blocks of any size give the same numbers, bit for bit.
     """
 
     def __init__(self, diameter_m: float) -> None:
@@ -126,10 +141,11 @@ class TurningAngle:
         """Forget every sample."""
         self._memory = np.full(_N_ANGLE, math.nan)
         self._memory[[_A_TURNED, _A_COVERED]] = 0.0
-        self._memory[_A_SENSE] = 1.0
         self._last_ns = np.zeros(1, dtype=np.int64)
 
-    def update(self, stamps_ns: NDArray[np.int64], encoder: _F, speed: _F) -> _F:
+    def update(
+        self, stamps_ns: NDArray[np.int64], encoder: _F, speed: _F, within: _F | None = None
+    ) -> _F:
         """
         Return the angle, rad, NaN where neither encoder nor speed is known.
 
@@ -139,9 +155,12 @@ class TurningAngle:
             Sorted, none before those of earlier calls.
         encoder, speed : ndarray, shape (n,)
             Continuous angle, rad, and running speed, m/s; NaN where not known.
+        within : ndarray, shape (n,), optional
+            How far the encoder's angle may be off, rad; None: it is exact.
         """
         angle = np.empty(stamps_ns.size)
-        _turn(stamps_ns, encoder, speed, self._ratio, self._memory, self._last_ns, angle)
+        off = np.zeros(stamps_ns.size) if within is None else within
+        _turn(stamps_ns, encoder, off, speed, self._ratio, self._memory, self._last_ns, angle)
         return angle
 
 
@@ -149,6 +168,7 @@ class TurningAngle:
 def _turn(
     stamps: NDArray[np.int64],
     encoder: _F,
+    within: _F,
     speed: _F,
     ratio: float,
     m: _F,
@@ -167,19 +187,18 @@ def _turn(
             keep = math.exp(-dt / _LEARN_S)
             m[_A_TURNED] = keep * m[_A_TURNED] + turned
             m[_A_COVERED] = keep * m[_A_COVERED] + way
-            if turned != 0.0:
-                m[_A_SENSE] = 1.0 if turned > 0.0 else -1.0
+        turning = math.copysign(ratio, m[_A_TURNED])
+        if abs(m[_A_TURNED]) > _TURN and m[_A_COVERED] > 0.0:
+            turning = m[_A_TURNED] / m[_A_COVERED]
+        moved = m[_A_ANGLE] + turning * way
         if math.isfinite(encoder[i]):
             m[_A_ANGLE] = encoder[i]
+            if within[i] > 0.0 and math.isfinite(moved):
+                m[_A_ANGLE] = min(max(moved, encoder[i] - within[i]), encoder[i] + within[i])
+        elif math.isnan(m[_A_ANGLE]) and math.isfinite(speed[i]):
+            m[_A_ANGLE] = 0.0
         else:
-            learnt = abs(m[_A_TURNED])
-            turning = learnt / m[_A_COVERED] if learnt > _TURN and m[_A_COVERED] > 0.0 else ratio
-            if math.isnan(m[_A_ANGLE]) and math.isfinite(speed[i]):
-                m[_A_ANGLE] = 0.0
-            elif math.isfinite(way):
-                m[_A_ANGLE] += m[_A_SENSE] * turning * way
-            else:
-                m[_A_ANGLE] = math.nan
+            m[_A_ANGLE] = moved
         m[_A_TOLD] = encoder[i]
         m[_A_SPEED] = speed[i]
         angle[i] = m[_A_ANGLE]

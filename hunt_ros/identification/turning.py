@@ -2,7 +2,7 @@
 The roller's angle in a whole record: its encoder's, or tracked along an integrated speed.
 
 The one place where identification makes an angle. Everything behind it reads the channel
-`roller`, continuous and forward, wherever it comes from.
+`roller`, which is continuous, wherever it comes from; `channels` turns it forward.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from hunt_ros.dynamics.parameters import RigParameters
-from hunt_ros.estimation.turning import unwrapped
+from hunt_ros.estimation.turning import continuous
 from hunt_ros.identification.channels import Channels
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import NANOSECONDS, Record, Series
@@ -37,11 +37,11 @@ _ASSUMED_ABOVE = 1.5
 
 def with_angle(record: Record, settings: IdentificationSettings) -> Record:
     """
-    Give a record a continuous angle of the roller that turns forward.
+    Give a record a continuous angle of the roller.
 
-    With an encoder it is the encoder's, without its wrapping; without one it is integrated
-    from the speed and follows the phase of the known lines in the lateral channel, since a
-    tachometer is wrong by some parts in a thousand.
+    With an encoder it is the encoder's, without its wrapping and its steps; without one it is
+    integrated from the speed and follows the phase of the known lines in the lateral channel,
+    since a tachometer is wrong by some parts in a thousand.
 
     Parameters
     ----------
@@ -56,11 +56,7 @@ def with_angle(record: Record, settings: IdentificationSettings) -> Record:
         With the channel `roller`.
     """
     if 'roller' in record and np.isfinite(record['roller'].values).sum() > 10:
-        encoder = record['roller']
-        angle = unwrapped(encoder.values)
-        known = angle[np.isfinite(angle)]
-        forward = angle if known[-1] >= known[0] else -angle
-        return _with_roller(record, Series(encoder.stamps_ns, forward), '')
+        return _with_roller(record, continuous(record['roller']), '')
     if not all(name in record and len(record[name]) > 10 for name in ('lateral', 'speed')):
         return record
     stamps, first = np.unique(record['lateral'].stamps_ns, return_index=True)

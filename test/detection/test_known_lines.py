@@ -93,6 +93,18 @@ def test_an_encoder_that_wraps_or_runs_backwards_tells_the_same(reading) -> None
     assert (got['speed_wrong'] == expected['speed_wrong']).all()
 
 
+@pytest.mark.parametrize('sense', [1.0, -1.0])
+def test_six_pulses_a_turn_tell_the_line_as_a_fine_encoder_does(sense) -> None:
+    record = _quiet(seconds=30.0, speed_gain=1.01)
+    roller = record['roller']
+    step = np.pi / 3.0
+    angle = np.floor(sense * roller.values / step) * step
+    other = Record({**record.channels, 'roller': Series(roller.stamps_ns, angle)})
+    expected, got = (_run(r)[1].estimates['lateral_amplitude'][300:] for r in (record, other))
+    assert np.sqrt(np.mean(got**2)) < 1.3 * np.sqrt(np.mean(expected**2))
+    assert got.max() < 1.5 * expected.max()
+
+
 def test_the_line_of_the_wheel_is_known_by_its_diameter() -> None:
     record = _quiet(rate=500.0, wheel=(2e-4,), seconds=30.0)
     rig = paper_rig()

@@ -16,6 +16,7 @@ from hunt_ros.dynamics.simulation_settings import (
 from hunt_ros.dynamics.speed_profile import SpeedProfile
 from hunt_ros.errors import ConfigError
 from hunt_ros.identification import IdentificationSettings, identify
+from hunt_ros.identification.channels import channels_of
 from hunt_ros.identification.turning import follow_lines, with_angle
 from hunt_ros.samples import Record, Series
 
@@ -58,12 +59,23 @@ def test_the_angle_follows_the_lines(scale: float) -> None:
     np.testing.assert_allclose(alone, scale * angle, rtol=0.01)
 
 
-def test_the_angle_of_a_record_is_continuous_and_forward() -> None:
+@pytest.mark.parametrize('sense', [1.0, -1.0])
+@pytest.mark.parametrize('running', [6.0, -6.0])
+@pytest.mark.parametrize('pulses', [0, 6])
+def test_the_angle_of_a_record_is_continuous_and_forward(
+    sense: float, running: float, pulses: int
+) -> None:
     stamps = np.arange(1000) * 10_000_000
-    angle = 0.57 * np.arange(1000)
-    series = Series(stamps, np.mod(-angle, 2.0 * np.pi))
-    got = with_angle(Record({'roller': series}), IdentificationSettings())['roller'].values
-    np.testing.assert_allclose(np.diff(got), 0.57)
+    step = 0.17
+    angle = np.mod(sense * step * np.arange(1000), 2.0 * np.pi)
+    if pulses:
+        angle = np.floor(angle * pulses / (2.0 * np.pi)) * 2.0 * np.pi / pulses
+    values = {'lateral': np.zeros(1000), 'speed': np.full(1000, running), 'roller': angle}
+    record = Record({name: Series(stamps, value) for name, value in values.items()})
+    got = channels_of(with_angle(record, IdentificationSettings())).roller
+    # A coarse encoder tells its angle to within a sample.
+    off = got - got[0] - step * np.arange(1000)
+    assert np.ptp(off[20:-20]) < (1.5 * step if pulses else 1e-9)
 
 
 def test_an_impossible_line_is_refused() -> None:
