@@ -11,6 +11,9 @@ import pytest
 from hunt_ros.cli.identify import describe
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
+from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.simulation import SensorModel, SimulationSettings, simulate
+from hunt_ros.dynamics.speed_profile import SpeedProfile
 from hunt_ros.errors import HuntError, IdentificationError
 from hunt_ros.identification import IdentificationSettings, identify, trajectory_fit, update
 from hunt_ros.identification.silence import reason_in
@@ -87,6 +90,27 @@ def test_a_long_hold_without_an_amplitude_makes_no_small_error_bar(make):
         result = identify([held(make, seed)])
         assert abs(result.v_c.value - 8.0) < 3.0 * result.v_c.std
         assert result.fit.converged
+
+
+def stepped(hold_s, seed):
+    """Steps of the full model up and down without roughness, under random forcing."""
+    settings = SimulationSettings(
+        sample_rate_hz=100.0, broadband=2e-5, lateral_sensor=SensorModel(noise=5e-6)
+    )
+    profile = SpeedProfile.staircase(6.2, 7.0, 7.8, 8.4, 7.6, 6.8, 6.2, hold_s=hold_s)
+    return simulate(paper_rig(), settings, profile, seed=seed)
+
+
+def test_the_same_steps_held_four_times_as_long_tell_no_less():
+    wide, narrow = [], []
+    for seed in range(2):
+        short, long = (identify([stepped(hold_s, seed)]) for hold_s in (25.0, 103.0))
+        assert long.normal_form is not None
+        for number, truth in ((long.v_c, 8.0), (long.v_n, 6.433)):
+            assert within(number, truth, 1.5)
+        wide.append([short.v_c.std, short.v_n.std])
+        narrow.append([long.v_c.std, long.v_n.std])
+    assert np.all(np.sum(narrow, axis=0) <= np.sum(wide, axis=0))
 
 
 def test_a_fit_that_has_not_converged_says_so_and_gives_no_number(records, monkeypatch):
