@@ -40,7 +40,7 @@ def _record(path: Path) -> Record:
 
 @pytest.fixture(scope='module')
 def detector() -> HuntingDetector:
-    return HuntingDetector(DetectorConfig(channels=('lateral', 'yaw', 'speed')))
+    return HuntingDetector(DetectorConfig(channels=('lateral', 'yaw', 'speed'), lines=()))
 
 
 def _half_range(values: np.ndarray) -> float:
