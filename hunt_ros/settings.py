@@ -79,24 +79,31 @@ class Settings:
                 raise ConfigError(f'{item.name}: {value!r} is {problem}')
 
     @classmethod
-    def from_values(cls: type[_Kind], values: Mapping[str, Any]) -> _Kind:
+    def from_recorded(cls: type[_Kind], values: Mapping[str, Any]) -> _Kind:
         """
-        Build the settings from values by name, as JSON keeps them; the others have defaults.
+        Build the settings from those of a recording, by name, as JSON keeps them.
+
+        Another version may have made it: what it does not have gets its default, and a name
+        that this one does not have is left out, see `unknown`.
 
         Raises
         ------
         ConfigError
-            For an unknown name or a value out of range.
+            For a value out of range.
         """
-        unknown = sorted(set(values) - {item.name for item in fields(cls)})
-        if unknown:
-            raise ConfigError(f'{unknown[0]}: no setting of {cls.__name__}')
+        known = set(values) - cls.unknown(values)
         return cls(
             **{
                 name: tuple(value) if isinstance(value, list) else value
                 for name, value in values.items()
+                if name in known
             }
         )
+
+    @classmethod
+    def unknown(cls, values: Mapping[str, Any]) -> set[str]:
+        """Return the names that are none of these settings."""
+        return set(values) - {item.name for item in fields(cls)}
 
 
 _KINDS = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}

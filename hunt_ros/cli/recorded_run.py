@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from hunt_ros.detection import CompanionConfig, DetectorConfig, JournalEntry
+from hunt_ros.detection.acceptance import AcceptanceConfig
 
 _DETECTOR = 'hunting_detector'
 _JOURNAL = 'hunting/journal'
+#: Parameters of the node by which no row changes.
+_OF_THE_NODE = ('frame_id', 'autostart', 'use_sim_time', 'start_type_description_service')
 
 
 @dataclass(frozen=True)
@@ -24,11 +28,14 @@ class RecordedRun:
         Of what ran beside it.
     journal : list of JournalEntry
         From the detector's first start in the recording on.
+    unknown : list of str
+        Settings of the recording that this version does not have: they are left out.
     """
 
     config: DetectorConfig
     companions: CompanionConfig
     journal: list[JournalEntry]
+    unknown: list[str]
 
 
 def recorded_run(path: Path) -> RecordedRun | None:
@@ -52,7 +59,7 @@ def recorded_run(path: Path) -> RecordedRun | None:
     """
     from hunt_ros.bag import Bag
     from hunt_ros.bag.messages import read_texts
-    from hunt_ros.cli.settings_file import settings_from_text
+    from hunt_ros.cli.settings_file import parameters_of
 
     with Bag(path) as bag:
         texts_of_journal = [entry.text for entry in read_texts(bag, _JOURNAL)]
@@ -62,14 +69,25 @@ def recorded_run(path: Path) -> RecordedRun | None:
     if not starts:
         return None
     detectors = [text for node, text in texts.items() if node.rsplit('/', 1)[-1] == _DETECTOR]
-    parameters = detectors[-1] if detectors else '{}'
-    source = f'{path}: recorded parameters of {_DETECTOR}'
-    settings = journal[starts[-1]].config
-    if settings:
-        config = DetectorConfig.from_values(settings)
-    elif detectors:
-        config = settings_from_text(DetectorConfig, _DETECTOR, parameters, source)
-    else:
+    parameters: dict[str, object] = {}
+    if detectors:
+        source = f'{path}: recorded parameters of {_DETECTOR}'
+        parameters = parameters_of(_DETECTOR, detectors[-1], source)
+    start = journal[starts[-1]]
+    if not start.config and not detectors:
         return None
-    companions = settings_from_text(CompanionConfig, _DETECTOR, parameters, source)
-    return RecordedRun(config, companions, journal[starts[0] :])
+    told = [entry.config for entry in journal] + [entry.companions for entry in journal]
+    told = [values for values in told if values] or [parameters]
+    return RecordedRun(
+        DetectorConfig.from_recorded(start.config or parameters),
+        CompanionConfig.from_recorded(start.companions or parameters),
+        journal[starts[0] :],
+        sorted(set().union(*map(_unknown, told))),
+    )
+
+
+def _unknown(values: Mapping[str, object]) -> set[str]:
+    """Return the names that are settings of nothing that a replay runs, and once were."""
+    names = DetectorConfig.unknown(values) & CompanionConfig.unknown(values)
+    names &= AcceptanceConfig.unknown(values) - set(_OF_THE_NODE)
+    return {name for name in names if '.' not in name}  # normal_form.v_c, qos_overrides. ...

@@ -69,6 +69,11 @@ def run(arguments: argparse.Namespace) -> int:
         if live is not None:
             config, beside = live.config, live.companions
             remarks = ['the live run of this recording, with its settings and journal']
+            if live.unknown:
+                names = ', '.join(live.unknown)
+                remarks.append(
+                    f'settings of the recording that this version does not have: {names}'
+                )
             remarks += _differences(
                 missing_samples(record, live.journal), unheard_samples(record, live.journal)
             )

@@ -48,7 +48,7 @@ def read_settings(
     foreign = {item.name: item.default for other in others for item in fields(other)}
     values: dict[str, Any] = {}
     for path in files:
-        found = _section(read_text(path, 'parameter file'), node, str(path))
+        found = parameters_of(node, read_text(path, 'parameter file'), str(path))
         values |= {k: v for k, v in found.items() if k in known}
     for word in words:
         name, equals, text = word.partition('=')
@@ -63,14 +63,12 @@ def read_settings(
     return kind(**{name: _like(known[name], value) for name, value in values.items()})
 
 
-def settings_from_text(kind: type[_Kind], node: str, text: str, source: str) -> _Kind:
+def parameters_of(node: str, text: str, source: str) -> dict[str, Any]:
     """
-    Build the settings of a node from the text of a parameter file.
+    Return the parameters of a file that are meant for a node, under any namespace.
 
     Parameters
     ----------
-    kind : type of Settings
-        Which settings.
     node : str
         Name of the node.
     text, source : str
@@ -79,15 +77,8 @@ def settings_from_text(kind: type[_Kind], node: str, text: str, source: str) -> 
     Raises
     ------
     ConfigError
-        Naming the source.
+        Naming the source, if it is no parameter file.
     """
-    known = {item.name: item.default for item in fields(kind)}
-    found = _section(text, node, source)
-    return kind(**{name: _like(known[name], v) for name, v in found.items() if name in known})
-
-
-def _section(text: str, node: str, source: str) -> dict[str, Any]:
-    """Return the parameters of a file that are meant for a node, under any namespace."""
     try:
         document = yaml.safe_load(text)
     except yaml.YAMLError as error:

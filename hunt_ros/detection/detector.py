@@ -270,7 +270,7 @@ class HuntingDetector:
             text = entry.text
             return self.set_normal_form(IdentifiedNormalForm.from_yaml(text) if text else None)
         elif entry.kind == 'settings':
-            return self.reconfigure(DetectorConfig.from_values(entry.config))
+            return self.reconfigure(DetectorConfig.from_recorded(entry.config))
         elif entry.kind == 'acknowledged':
             return self.acknowledge(entry.now_ns)
         elif entry.kind == 'finished':

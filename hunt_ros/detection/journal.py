@@ -10,9 +10,10 @@ entry with the *position* at which it acted, that is the last row made before it
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 
 from hunt_ros.errors import HuntError
+from hunt_ros.settings import Settings
 
 KINDS = (
     'start',  # of the detector, reset() or restart(): with `config`, and the `memory` it kept
@@ -64,6 +65,9 @@ class JournalEntry:
         recordings.
     memory : mapping of str to float
         For 'start': what `RowMaker.lasting` gave.
+    companions : mapping of str to object
+        For 'start' of a node: every setting of what runs beside the detector, see
+        `CompanionConfig`; empty in earlier recordings.
     """
 
     kind: str
@@ -77,6 +81,13 @@ class JournalEntry:
     stamps: tuple[int, ...] = ()
     config: dict[str, object] = field(default_factory=dict)
     memory: dict[str, float] = field(default_factory=dict)
+    companions: dict[str, object] = field(default_factory=dict)
+
+    def beside(self, companions: Settings) -> JournalEntry:
+        """Return the entry with the settings of what runs beside the detector, if it starts it."""
+        if self.kind != 'start':
+            return self
+        return replace(self, companions=asdict(companions))
 
     def to_text(self) -> str:
         """Return the entry as one line of JSON; what is empty is left out."""

@@ -130,7 +130,9 @@ class _Part:
             if entry.kind != 'start' and name in entry.received
         ]
         self.end = len(series)
-        if ending is not None and name in ending.channels:
+        if heard is None and any(entry.kind == 'heard' for entry in entries):
+            self.end = begin  # what is recorded of it did not reach this run
+        elif ending is not None and name in ending.channels:
             self.end = self._behind(name, ending)
 
     def until(self, number: int) -> int:
@@ -192,7 +194,7 @@ def _repeat(detector: HuntingDetector, run: _Run) -> list[Output]:
     config = None
     if entries and entries[0].kind == 'start':
         first = entries[0]
-        config = DetectorConfig.from_values(first.config) if first.config else None
+        config = DetectorConfig.from_recorded(first.config) if first.config else None
         form = IdentifiedNormalForm.from_yaml(first.text) if first.text else None
         detector.set_normal_form(form)
     detector.reset(config)

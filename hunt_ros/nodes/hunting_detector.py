@@ -62,7 +62,7 @@ class HuntingDetectorNode(LifecycleNode):
         self._config = declare(self, DetectorConfig, self._reconfigure)
         self._bounds = declare(self, AcceptanceConfig, self._set_bounds)
         self._form = declare_normal_form(self)
-        companions = declare(self, CompanionConfig)
+        self._beside = declare(self, CompanionConfig)
         self._waiting: IdentifiedNormalForm | None = None
         warn_unknown(self)
         self._rig = self.get_namespace().strip('/')
@@ -86,7 +86,7 @@ class HuntingDetectorNode(LifecycleNode):
         self._vector = vector_layout(self._settings.frame_id)
         self._verdicts = self.create_publisher(DiagnosticArray, 'hunting/criteria', EVENTS)
         self._companions = CompanionWorker(
-            companions, self._config, self._on_verdict, self._diagnostics
+            self._beside, self._config, self._on_verdict, self._diagnostics
         )
         self._inbox = DetectorInbox(
             self, self._config.channels, self._config.period_ns, self._drain
@@ -144,7 +144,8 @@ class HuntingDetectorNode(LifecycleNode):
             self._events.publish(event_message(event, self._rig))
             self._log(event)
         if output.journal:
-            lines = [entry.to_text() for entry in output.journal]
+            entries = (entry.beside(self._beside) for entry in output.journal)
+            lines = [entry.to_text() for entry in entries]
             self._journal.publish(String(data='\n'.join(lines)))
 
     def _log(self, event: Event) -> None:
