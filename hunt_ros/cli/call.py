@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
         'words_topic': service.words_topic,
     }
     spec = NodeSpec('service_call', parameters)
-    command = [sys.executable, '-m', f'hunt_ros.nodes.{spec.module}']
+    command = [sys.executable, '-m', 'hunt_ros.nodes.entry', spec.module]
     answer = _ask([*command, *spec.ros_arguments(arguments.namespace)])
     if 'success' not in answer:
         raise HuntError(_nobody(answer, arguments.namespace.strip('/'), service.node))

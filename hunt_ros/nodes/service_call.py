@@ -1,8 +1,6 @@
 """
 The node behind `hunt call`: calls one Trigger service, prints the answer, and ends.
 
-Not started by `hunt_ros.nodes.entry`: it does not run until it is asked to end.
-
 One line of JSON on standard output: `success` and `message` as the service said; without
 `success` where nobody offers it (`elsewhere`: where it is offered) or nobody answers (`silent`).
 """
