@@ -17,6 +17,7 @@ import sys
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
+from pkgutil import resolve_name
 
 import pytest
 
@@ -90,12 +91,8 @@ def test_scripts_go_where_ros2_run_looks() -> None:
 
 
 @pytest.mark.parametrize('script', sorted(console_scripts()))
-def test_every_console_script_points_at_a_function_that_is_there(script: str) -> None:
-    module, _, function = console_scripts()[script].partition(':')
-    path = ROOT / Path(*module.split('.')).with_suffix('.py')
-    assert path.is_file(), f'{script}: {module} is missing'
-    names = [node.name for node in ast.parse(path.read_text()).body if hasattr(node, 'name')]
-    assert function in names
+def test_every_console_script_points_at_something_that_can_be_called(script: str) -> None:
+    assert callable(resolve_name(console_scripts()[script]))
 
 
 def clean_environment() -> dict[str, str]:

@@ -16,6 +16,7 @@ pytest.importorskip('rclpy', reason='the extra ros is not installed')
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import TwistStamped
+from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu, JointState
@@ -140,8 +141,10 @@ def test_what_was_published_before_a_stop_is_taken_though_the_machine_was_busy(g
     process = graph.start('bag_recorder', directory=str(graph.folder))
     stop = graph.node.create_client(Trigger, 'recording/stop')
     graph.spin_until(lambda: lateral.get_subscription_count() and stop.service_is_ready())
+    lateral.publish(joint('lateral', BEGIN_NS, 0.0))
+    graph.spin_until(lambda: lateral.wait_for_all_acked(Duration(seconds=0.0)))
     process.send_signal(signal.SIGSTOP)
-    for index in range(1500):
+    for index in range(1, 1500):
         lateral.publish(joint('lateral', BEGIN_NS + index, float(index)))
     answer = stop.call_async(Trigger.Request())
     graph.spin(0.5)

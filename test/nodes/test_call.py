@@ -36,7 +36,8 @@ def test_a_call_is_done_refused_or_finds_nobody(graph, capsys) -> None:
         texts = [entry.text for entry in read_texts(opened, 'recording/mark')]
     assert texts == ['mark', 'bump at joint 3']
 
-    assert main(['call', 'mark', '--namespace', 'lab', '--wait', '1']) == 2
+    looking_s = 5.0 * graph.machine.measure()
+    assert main(['call', 'mark', '--namespace', 'lab', '--wait', f'{looking_s:.0f}']) == 2
     assert '--namespace rig' in capsys.readouterr().err
     # What these nodes offer to an operator is in the table.
     nodes = ('rig_simulator', 'roller_speed', 'bag_recorder')
