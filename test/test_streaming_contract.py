@@ -198,7 +198,7 @@ def _bad_rig_input(make: Callable[[], Any]) -> None:
 
 def _criterion(name: str) -> Stream:
     def make() -> Any:
-        from hunt_ros.detection.criteria import make_criterion
+        from hunt_ros.criteria import make_criterion
 
         return make_criterion(name, rate_hz=500.0, scale=0.01)
 
@@ -306,7 +306,7 @@ def _climb(seed: int) -> tuple[np.ndarray, ...]:
 
 
 def _make_forecast() -> Any:
-    from hunt_ros.detection.forecast import CriticalSpeedForecast, ForecastSettings
+    from hunt_ros.forecast import CriticalSpeedForecast, ForecastSettings
 
     return CriticalSpeedForecast(ForecastSettings(refresh_s=6.0, shortest_level_s=4.0))
 

@@ -8,8 +8,8 @@ from typing import Any
 from hunt_ros.cli.narration import event_line, length
 from hunt_ros.cli.output import known
 from hunt_ros.detection import DetectorConfig
-from hunt_ros.detection.forecast import Forecast
 from hunt_ros.detection.offline import Findings
+from hunt_ros.forecast import Forecast
 from hunt_ros.samples import Record
 
 _LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')

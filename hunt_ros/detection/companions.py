@@ -12,15 +12,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from hunt_ros.criteria import CRITERIA, CriteriaPanel, Verdict
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.criteria import CRITERIA, CriteriaPanel, Verdict
-from hunt_ros.detection.forecast import CriticalSpeedForecast, Forecast, ForecastSettings
 from hunt_ros.detection.frequencies import with_frequencies
 from hunt_ros.detection.output import Motion, Output
 from hunt_ros.detection.tracking import roller_diameter
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.errors import ConfigError
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
+from hunt_ros.forecast import CriticalSpeedForecast, Forecast, ForecastSettings
 from hunt_ros.settings import Settings, setting
 
 

@@ -16,18 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled
+from hunt_ros.criteria import Verdict
 from hunt_ros.detection import doubts, health
 from hunt_ros.detection.companions import Companions
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.criteria import Verdict
 from hunt_ros.detection.detector import HuntingDetector
-from hunt_ros.detection.forecast import Forecast
 from hunt_ros.detection.output import Event, Motion, Output
 from hunt_ros.detection.reasons import reason_counts
 from hunt_ros.detection.regions import Level, Region
 from hunt_ros.detection.steadiness import SURE
 from hunt_ros.detection.tracking import roller_diameter
 from hunt_ros.detection.transitions import event_of
+from hunt_ros.forecast import Forecast
 from hunt_ros.samples import NANOSECONDS, Record, Series
 
 #: Time that is fed at once: one channel waits for the others no longer than this.

@@ -6,11 +6,11 @@ import threading
 from collections.abc import Callable, Sequence
 from queue import Empty, SimpleQueue
 
+from hunt_ros.criteria import Verdict
 from hunt_ros.detection.companions import CompanionConfig, Companions
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.criteria import Verdict
-from hunt_ros.detection.forecast import Forecast
 from hunt_ros.detection.output import Motion, Output
+from hunt_ros.forecast import Forecast
 from hunt_ros.nodes.diagnostics import Diagnostics
 from hunt_ros.nodes.parameters import read_rig
 from hunt_ros.nodes.worker import Worker

@@ -18,10 +18,10 @@ from rclpy.lifecycle import LifecycleNode, State, TransitionCallbackReturn
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from hunt_ros.criteria import Verdict
 from hunt_ros.detection.acceptance import AcceptanceConfig, objections
 from hunt_ros.detection.companions import CompanionConfig
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.criteria import Verdict
 from hunt_ros.detection.detector import HuntingDetector
 from hunt_ros.detection.output import Event, Output
 from hunt_ros.dynamics.identified import IdentifiedNormalForm

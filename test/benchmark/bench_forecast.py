@@ -14,10 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from tables import markdown, publish
 
-from hunt_ros.detection.damping_laws import SmoothLaw, WheelsetLaw
-from hunt_ros.detection.forecast import CriticalSpeedForecast, ForecastSettings
-from hunt_ros.detection.response_spectrum import ResponseLaw, Spectra, expected_periodogram
-from hunt_ros.detection.whittle import critical_interval, maximise
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.dynamics.simulation import (
     RollerRig,
@@ -26,6 +22,10 @@ from hunt_ros.dynamics.simulation import (
     SimulationSettings,
     SpeedProfile,
 )
+from hunt_ros.forecast import CriticalSpeedForecast, ForecastSettings
+from hunt_ros.forecast.damping_laws import SmoothLaw, WheelsetLaw
+from hunt_ros.forecast.response_spectrum import ResponseLaw, Spectra, expected_periodogram
+from hunt_ros.forecast.whittle import critical_interval, maximise
 
 NOISE = 5e-6
 #: v_c of the same run is also forecast on the way, from the levels up to these shares of it.

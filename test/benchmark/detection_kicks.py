@@ -12,8 +12,8 @@ from detection_knowledge import Knowledge, detector_for
 from detection_rigs import BENCHES, RATE_HZ, WAYS
 from detection_scenarios import Kick, Outcome, kicked
 
+from hunt_ros.criteria import CRITERIA, make_criterion
 from hunt_ros.detection import State, detect
-from hunt_ros.detection.criteria import CRITERIA, make_criterion
 
 RATIOS = (0.02, 0.05, 0.1, 0.2)
 FACTORS = (0.8, 0.95, 1.05, 1.2, 2.0)

@@ -13,8 +13,8 @@ from detection_rigs import BENCHES, RATE_HZ
 from detection_scenarios import Quiet, quiet_minutes
 from tables import markdown
 
+from hunt_ros.criteria import CRITERIA, make_criterion
 from hunt_ros.detection import Output, State
-from hunt_ros.detection.criteria import CRITERIA, make_criterion
 from hunt_ros.samples import Record
 
 RATIOS = (0.05, 0.1, 0.2)

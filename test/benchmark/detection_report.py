@@ -29,7 +29,7 @@ from detection_verdicts import (
 )
 from tables import markdown
 
-from hunt_ros.detection.criteria import CRITERIA
+from hunt_ros.criteria import CRITERIA
 
 
 def sections(measured: Measured) -> list[str]:

@@ -11,8 +11,8 @@ from detection_rigs import BENCHES, RATE_HZ
 from detection_scenarios import recording, true_amplitude
 from tables import markdown
 
+from hunt_ros.criteria import CRITERIA, make_criterion
 from hunt_ros.detection import detect
-from hunt_ros.detection.criteria import CRITERIA, make_criterion
 from hunt_ros.dynamics.simulation import RollerRig
 
 _BEFORE_S, _AFTER_S, _JUDGED_S = 4.0, 50.0, 20.0

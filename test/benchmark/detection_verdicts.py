@@ -13,7 +13,7 @@ from detection_rigs import BENCHES, RATE_HZ
 from detection_scenarios import Kick
 from tables import markdown
 
-from hunt_ros.detection.criteria import CRITERIA
+from hunt_ros.criteria import CRITERIA
 
 _BINS = (0.0, 0.05, 0.3, 0.7, 0.95, 1.0001)
 

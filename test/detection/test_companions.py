@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from hunt_ros.criteria import Verdict
 from hunt_ros.detection import CompanionConfig, Companions, DetectorConfig, HuntingDetector, detect
-from hunt_ros.detection.criteria import Verdict
 from hunt_ros.detection.offline import collect, config_for, watch
 from hunt_ros.detection.output import Output
 from hunt_ros.detection.replay import replay_journal

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.detection.response_spectrum import (
+from hunt_ros.forecast.response_spectrum import (
     ResponseLaw,
     Spectra,
     expected_periodogram,

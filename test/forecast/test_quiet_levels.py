@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hunt_ros.detection.forecast import CriticalSpeedForecast, ForecastSettings
-from hunt_ros.detection.quiet_levels import MOST_LEVELS, QuietLevels
+from hunt_ros.forecast import CriticalSpeedForecast, ForecastSettings
+from hunt_ros.forecast.quiet_levels import MOST_LEVELS, QuietLevels
 
 RATE = 200.0
 

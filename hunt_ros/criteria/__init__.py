@@ -7,15 +7,15 @@ The railway stability criteria as streaming detectors, to run beside the detecto
 
 from __future__ import annotations
 
-from hunt_ros.detection.criteria.base import (
+from hunt_ros.criteria.base import (
     CRITERION_DTYPE,
     Criterion,
     CriterionSettings,
 )
-from hunt_ros.detection.criteria.consecutive_peaks import SixPeaks, TenPeaks
-from hunt_ros.detection.criteria.panel import CriteriaPanel, Verdict
-from hunt_ros.detection.criteria.registry import CRITERIA, make_criterion
-from hunt_ros.detection.criteria.sliding_rms import SlidingRms, TrackSafetyStandards
+from hunt_ros.criteria.consecutive_peaks import SixPeaks, TenPeaks
+from hunt_ros.criteria.panel import CriteriaPanel, Verdict
+from hunt_ros.criteria.registry import CRITERIA, make_criterion
+from hunt_ros.criteria.sliding_rms import SlidingRms, TrackSafetyStandards
 
 __all__ = [
     'CRITERIA',

@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 from scipy.integrate import trapezoid
 from scipy.signal import lfilter
 
-from hunt_ros.detection.damping_laws import SmoothLaw, WheelsetLaw
-from hunt_ros.detection.level_spectrum import SpeedLevel
-from hunt_ros.detection.response_spectrum import Spectra, expected_periodogram, own_bins
-from hunt_ros.detection.whittle import best_fit, information
 from hunt_ros.dynamics.forced_response import quiet_covariance
 from hunt_ros.dynamics.linear_stability import critical_speed, hunting_mode
 from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.forecast.damping_laws import SmoothLaw, WheelsetLaw
+from hunt_ros.forecast.level_spectrum import SpeedLevel
+from hunt_ros.forecast.response_spectrum import Spectra, expected_periodogram, own_bins
+from hunt_ros.forecast.whittle import best_fit, information
 
 
 def flat_levels(speeds, duration=60.0):

@@ -14,9 +14,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.detection.level_spectrum import SpeedLevel
-from hunt_ros.detection.response_spectrum import Spectra
 from hunt_ros.dynamics.parameters import RigParameters
+from hunt_ros.forecast.level_spectrum import SpeedLevel
+from hunt_ros.forecast.response_spectrum import Spectra
 
 
 class WheelsetLaw:

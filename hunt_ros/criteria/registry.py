@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any
 
-from hunt_ros.detection.criteria.base import Criterion
-from hunt_ros.detection.criteria.consecutive_peaks import SixPeaks, TenPeaks
-from hunt_ros.detection.criteria.sliding_rms import SlidingRms, TrackSafetyStandards
+from hunt_ros.criteria.base import Criterion
+from hunt_ros.criteria.consecutive_peaks import SixPeaks, TenPeaks
+from hunt_ros.criteria.sliding_rms import SlidingRms, TrackSafetyStandards
 from hunt_ros.errors import ConfigError
 
 #: Every criterion by the name a parameter file gives it.

@@ -9,12 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hunt_ros.detection.forecast import (
-    COLLECTING,
-    NO_EXCITATION,
-    CriticalSpeedForecast,
-    ForecastSettings,
-)
 from hunt_ros.dynamics.linear_stability import critical_speed
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.simulation import (
@@ -25,6 +19,12 @@ from hunt_ros.dynamics.simulation import (
     SpeedProfile,
 )
 from hunt_ros.errors import ConfigError
+from hunt_ros.forecast import (
+    COLLECTING,
+    NO_EXCITATION,
+    CriticalSpeedForecast,
+    ForecastSettings,
+)
 
 RATE = 200.0
 TRUTH = 8.0

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hunt_ros.detection.criteria import CRITERIA, CriteriaPanel, make_criterion
+from hunt_ros.criteria import CRITERIA, CriteriaPanel, make_criterion
 from hunt_ros.errors import ConfigError
 
 RATE = 500.0
@@ -139,7 +139,7 @@ def test_the_window_in_metres_takes_its_time_from_the_speed():
 
 def test_the_trend_is_removed_inside_the_window():
     # The sums of the ring against numpy, over more than one turn.
-    from hunt_ros.detection.criteria.sliding_rms import _trend_free_rms
+    from hunt_ros.criteria.sliding_rms import _trend_free_rms
 
     values = np.random.default_rng(3).normal(size=500).cumsum()
     for linear, degree in ((True, 1), (False, 0)):

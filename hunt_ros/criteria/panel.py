@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hunt_ros.detection.criteria.base import Criterion
-from hunt_ros.detection.criteria.registry import make_criterion
+from hunt_ros.criteria.base import Criterion
+from hunt_ros.criteria.registry import make_criterion
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled
-from hunt_ros.detection.criteria.base import Criterion, CriterionSettings
+from hunt_ros.criteria.base import Criterion, CriterionSettings
 from hunt_ros.settings import setting
 
 

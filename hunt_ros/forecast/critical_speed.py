@@ -15,12 +15,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hunt_ros.detection.damping_laws import SmoothLaw, WheelsetLaw
-from hunt_ros.detection.level_spectrum import SpeedLevel
-from hunt_ros.detection.quiet_levels import QuietLevels
-from hunt_ros.detection.response_spectrum import ResponseLaw, Spectra
-from hunt_ros.detection.whittle import WhittleFit, best_fit, critical_interval
 from hunt_ros.dynamics.parameters import RigParameters
+from hunt_ros.forecast.damping_laws import SmoothLaw, WheelsetLaw
+from hunt_ros.forecast.level_spectrum import SpeedLevel
+from hunt_ros.forecast.quiet_levels import QuietLevels
+from hunt_ros.forecast.response_spectrum import ResponseLaw, Spectra
+from hunt_ros.forecast.whittle import WhittleFit, best_fit, critical_interval
 from hunt_ros.samples import NANOSECONDS, Uncertain
 from hunt_ros.settings import Settings, setting
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled
-from hunt_ros.detection.criteria.base import (
+from hunt_ros.criteria.base import (
     STANDARD_GRAVITY,
     Criterion,
     CriterionSettings,

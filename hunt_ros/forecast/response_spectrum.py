@@ -16,7 +16,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.detection.level_spectrum import SpeedLevel
+from hunt_ros.forecast.level_spectrum import SpeedLevel
 
 
 class Spectra:

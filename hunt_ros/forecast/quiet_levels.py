@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled
-from hunt_ros.detection.level_spectrum import COLUMNS, HARMONICS, SpeedLevel, level_spectrum
+from hunt_ros.forecast.level_spectrum import COLUMNS, HARMONICS, SpeedLevel, level_spectrum
 from hunt_ros.samples import NANOSECONDS
 
 #: A block whose rms exceeds this many times the level's median was disturbed.

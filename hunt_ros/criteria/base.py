@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hunt_ros.detection.criteria.acceleration import LateralAcceleration, runs
+from hunt_ros.criteria.acceleration import LateralAcceleration, runs
 from hunt_ros.settings import Settings, setting
 
 #: A row a grid point: the index (m/s^2; NaN while it is not yet defined) and the verdict.
