@@ -24,7 +24,6 @@ from hunt_ros.detection.detector import HuntingDetector
 from hunt_ros.detection.output import Event, Motion, Output
 from hunt_ros.detection.reasons import reason_counts
 from hunt_ros.detection.regions import Level, Region
-from hunt_ros.detection.steadiness import SURE
 from hunt_ros.detection.tracking import roller_diameter
 from hunt_ros.detection.transitions import event_of
 from hunt_ros.forecast import Forecast
@@ -48,9 +47,10 @@ class Summary:
     reason_rows : Counter
         Rows that each reason, in words, made WARN or worse.
     max_amplitude_m : float
-        Largest amplitude of the hunting component in rows with a sensor to trust, m; in none
-        of them larger than half the range of the readings within the period before: while the
-        filter starts, and after a kick, it may be far off. NaN where nothing was known.
+        Largest amplitude of the hunting component, m: that of the row, of those with a sensor
+        to trust, whose amplitude less its standard deviation is the largest. It counts for no
+        more than half the range of the readings within the period before: while the filter
+        starts, and after a kick, it may be far off. NaN where nothing was known.
     """
 
     rows: int = 0
@@ -58,6 +58,7 @@ class Summary:
     region_rows: Counter[str] = field(default_factory=Counter)
     reason_rows: Counter[str] = field(default_factory=Counter)
     max_amplitude_m: float = math.nan
+    _least_m: float = field(default=-math.inf, repr=False)
     _readings: list[tuple[NDArray[np.int64], NDArray[np.float64]]] = field(
         default_factory=list, repr=False
     )
@@ -73,15 +74,16 @@ class Summary:
             for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
                 counter[kind(number).label] += count
         self.reason_rows += reason_counts(rows)
-        amplitude = np.minimum(rows['lateral_amplitude'], self._half_range(rows, motion))
         from_yaw = (rows['doubts'] & doubts.FROM_YAW) != 0
-        # Without a lateral sensor there is no reading to compare it with: it must be well known.
-        sure = rows['lateral_amplitude_std'] < SURE * rows['lateral_amplitude']
-        amplitude = np.where(from_yaw & sure, rows['lateral_amplitude'], amplitude)
+        # Without a lateral sensor there is no reading to compare it with.
+        most = np.where(from_yaw, math.inf, self._half_range(rows, motion))
+        amplitude = np.minimum(rows['lateral_amplitude'], most)
+        least = amplitude - rows['lateral_amplitude_std']
         wrong = np.where(from_yaw, rows['yaw_wrong'], rows['lateral_wrong'])
-        amplitude = amplitude[np.isfinite(amplitude) & ((wrong & health.BLIND) == 0)]
-        if amplitude.size:
-            self.max_amplitude_m = float(np.fmax(self.max_amplitude_m, amplitude.max()))
+        least[~np.isfinite(least) | ((wrong & health.BLIND) != 0)] = -math.inf
+        best = int(np.argmax(least))
+        if least[best] > self._least_m:
+            self._least_m, self.max_amplitude_m = float(least[best]), float(amplitude[best])
 
     def _half_range(self, rows: NDArray[np.void], motion: Sequence[Motion]) -> NDArray[np.float64]:
         """Return half the range of the readings in the longest period before each row, m."""
