@@ -40,6 +40,7 @@ def _record(path: Path) -> Record:
 
 @pytest.fixture(scope='module')
 def detector() -> HuntingDetector:
+    # A wing has no roller: no line follows the speed of the air.
     return HuntingDetector(DetectorConfig(channels=('lateral', 'yaw', 'speed'), lines=()))
 
 

@@ -86,6 +86,8 @@ def test_a_lateral_sensor_that_comes_late_is_judged_from_then_on(recorded, true_
     known = np.flatnonzero(np.isfinite(rows['lateral_amplitude']))[0]
     assert np.isnan(rows['margin'][:known]).all()
     assert np.isfinite(rows['margin'][known + 300 :]).all()
+    # Until then yaw is judged, whose noise is learnt within the first seconds: in some records
+    # it is disturbed at first. It never hunts.
     assert (rows['state'] <= State.DISTURBED).all()
 
 
