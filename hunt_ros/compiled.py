@@ -12,7 +12,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
@@ -52,12 +52,23 @@ def compiled(function: _Function) -> _Function:
     if not HAVE_COMPILER:
         return function
     try:
-        return cast(_Function, _numba().njit(cache=True, nogil=True)(function))
+        kernel = _numba().njit(cache=True, nogil=True)(function)
     except RuntimeError as error:
         if 'cannot cache' not in str(error):
             raise
         _tell_uncached()
         return compiled_part(function)
+    kernel._cache.load_overload = partial(_load, kernel._cache, kernel._cache.load_overload)
+    return cast(_Function, kernel)
+
+
+def _load(cache: Any, load: Callable[..., Any], signature: Any, target: Any) -> Any:
+    """Load machine code from disk; what an earlier version left there is thrown away."""
+    try:
+        return load(signature, target)
+    except (ImportError, AttributeError):  # it names types that are no longer where they were
+        cache.flush()
+        return None
 
 
 def compiled_part(function: _Function) -> _Function:

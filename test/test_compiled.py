@@ -199,3 +199,33 @@ def test_where_nothing_can_be_written_kernels_work_and_one_line_says_so(tmp_path
     assert done.stdout == '2.0 3.0\n'
     (line,) = done.stderr.splitlines()
     assert 'NUMBA_CACHE_DIR' in line
+
+
+@pytest.mark.skipif(not HAVE_COMPILER, reason='without numba nothing is kept on disk')
+def test_machine_code_of_an_earlier_version_is_made_anew(tmp_path) -> None:
+    kernel = textwrap.dedent(
+        """
+        from {module} import Pair
+        from hunt_ros.compiled import compiled
+
+        @compiled
+        def total(pair):
+            return pair.first + pair.second
+
+        print(total(Pair(1.0, 2.0)), sum(total.stats.cache_hits.values()))
+        """
+    )
+    fields = '[("first", float), ("second", float)]'
+    pair = f'from typing import NamedTuple\nPair = NamedTuple("Pair", {fields})\n'
+    script = f'import sys; sys.path.insert(0, {str(tmp_path)!r}); import kernels'
+
+    def version(module: str) -> list[str]:
+        (tmp_path / f'{module}.py').write_text(pair)
+        (tmp_path / 'kernels.py').write_text(kernel.format(module=module))
+        return run(script, hide=False).split()
+
+    assert version('before') == ['3.0', '0']
+    assert version('before') == ['3.0', '1']
+    (tmp_path / 'before.py').unlink()
+    assert version('later') == ['3.0', '0']
+    assert version('later') == ['3.0', '1']
