@@ -24,18 +24,34 @@ class Service(NamedTuple):
     words_topic : str
         std_msgs/String, below the namespace: where words that go with the call are published;
         '' where it takes none.
+    words : str
+        What these are, as a line of the help text.
+    words_first : bool
+        True where they are published before the call, which needs them.
     """
 
     name: str
     node: str
     does: str
     words_topic: str = ''
+    words: str = ''
+    words_first: bool = False
 
 
 #: Word of `hunt call` -> service.
 SERVICES: dict[str, Service] = {
     'acknowledge': Service(
-        'hunting/acknowledge_alarm', 'hunting_detector', 'end an alarm whose cause is over'
+        'hunting/acknowledge_alarm',
+        'hunting_detector',
+        'end an alarm whose cause is over',
+        'hunting/acknowledged_by',
+        'who acknowledges',
+        words_first=True,
+    ),
+    'alarm-history': Service(
+        'hunting/alarm_history',
+        'hunting_detector',
+        'tell the last 100 alarms, as JSON: when, why, how large, who acknowledged',
     ),
     'start-profile': Service(
         'speed/start_profile', 'roller_speed', 'start the speed profile from its beginning'
@@ -56,7 +72,11 @@ SERVICES: dict[str, Service] = {
     'stop-recording': Service('recording/stop', 'bag_recorder', 'close the recording'),
     'split-recording': Service('recording/split', 'bag_recorder', 'begin a new file of it'),
     'mark': Service(
-        'recording/mark', 'bag_recorder', 'mark this moment in the recording', 'recording/mark'
+        'recording/mark',
+        'bag_recorder',
+        'mark this moment in the recording',
+        'recording/mark',
+        'what to write beside it',
     ),
     'identify': Service(
         'identify', 'normal_form_identifier', 'refit the normal form from the recordings'

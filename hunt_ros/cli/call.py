@@ -19,13 +19,17 @@ EXAMPLE = "hunt call mark 'bump at joint 3'"
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     width = max(map(len, SERVICES)) + 2
-    lines = (f'  {word:{width}}{service.does}' for word, service in SERVICES.items())
+    lines = (
+        f'  {word:{width}}{service.does}'
+        + (f' (WORDS: {service.words})' if service.words_topic else '')
+        for word, service in SERVICES.items()
+    )
     listed = '\n'.join(lines)
     parser.description = f'{parser.description}\n\nservices:\n{listed}'
     parser.add_argument(
         'service', choices=SERVICES, metavar='SERVICE', help='one of those listed above'
     )
-    parser.add_argument('words', nargs='?', default='', help='what to write beside a mark')
+    parser.add_argument('words', nargs='?', default='', help='words that go with it')
     options.add_namespace(parser)
     parser.add_argument(
         '--wait',
@@ -51,6 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
         'wait_s': float(arguments.wait),
         'words': arguments.words,
         'words_topic': service.words_topic,
+        'words_first': service.words_first,
     }
     spec = NodeSpec('service_call', parameters)
     command = [sys.executable, '-m', 'hunt_ros.nodes.entry', spec.module]

@@ -77,14 +77,16 @@ def run(arguments: argparse.Namespace) -> int:
             remarks += _differences(
                 missing_samples(record, live.journal), unheard_samples(record, live.journal)
             )
-            outputs = iter([replay_journal(HuntingDetector(config), record, live.journal)])
+            detector = HuntingDetector(config)
+            outputs = iter([replay_journal(detector, record, live.journal)])
         else:
             form = read_form(arguments.normal_form) if arguments.normal_form else None
             if form is None:
                 config, more = frequency_for(record, config)
                 remarks += more
-            outputs = watch(record, HuntingDetector(config, form), advance)
-        found = collect(outputs, _companions(beside, config))
+            detector = HuntingDetector(config, form)
+            outputs = watch(record, detector, advance)
+        found = collect(outputs, _companions(beside, config), detector)
     remarks += _damage(record)
     if arguments.json:
         write_json(document(record, config, found, remarks), arguments.json)

@@ -9,6 +9,7 @@ from hunt_ros.cli.narration import event_line, length
 from hunt_ros.cli.output import known
 from hunt_ros.detection import DetectorConfig
 from hunt_ros.detection.offline import Findings
+from hunt_ros.detection.output import EVENT_NUMBERS
 from hunt_ros.forecast import Forecast
 from hunt_ros.samples import Record
 
@@ -25,7 +26,9 @@ def document(
     `summary.forecast` is the forecast of v_c from the quiet response: `v_c_mps`, `std` and
     `ci95` are null where it cannot be known, for the `reason` given; it is null itself where
     none was asked for. A railway criterion that begins or ceases to exceed its limit stands
-    among the events, and with its numbers in `criteria`. `warnings` says what the recording
+    among the events, and with its numbers in `criteria`. An event has the numbers behind its
+    `cause`, all that there are, null where unknown, and the `normal_form` in force; `alarms` is
+    the history of the alarms as the live detector keeps it. `warnings` says what the recording
     lacks and what is wrong with it.
     """
     row_s = config.period_ns / 1e9
@@ -49,14 +52,15 @@ def document(
                 't_s': seconds(event.stamp_ns),
                 'since_s': seconds(event.since_ns),
                 'event': event.event,
-                'cause': event.cause,
-                'speed_mps': known(event.speed_mps),
-                'amplitude_m': known(event.amplitude_m),
-                'growth_rate_per_s': known(event.growth_rate_per_s),
                 'level': event.level.label,
+                'test': event.test,
+                'cause': event.cause,
+                'normal_form': event.normal_form or None,
+                **{name: known(event.numbers.get(name)) for name in EVENT_NUMBERS},
             }
             for event in found.events
         ],
+        'alarms': found.history.to_json(record.start_ns) if found.history else None,
         'criteria': [
             {
                 't_s': seconds(verdict.stamp_ns),

@@ -129,11 +129,20 @@ def is_rolled_back(form: IdentifiedNormalForm) -> bool:
 
 
 def form_event(form: IdentifiedNormalForm | None) -> tuple[str, str]:
-    """Return the word and the detail of the event that a form was taken over."""
+    """Return the word and the cause of the event that a form was taken over."""
+    words = form_words(form)
     if form is None:
-        return 'normal_form_changed', 'none is in force'
-    v_n = form.form.nonlinear_critical_speed
-    detail = f'v_c {form.form.critical_speed:.3f} m/s'
-    if v_n is not None:
-        detail += f', v_n {v_n:.3f} m/s'
-    return ('normal_form_reverted' if is_rolled_back(form) else 'normal_form_changed'), detail
+        return 'normal_form_changed', 'no normal form is in force'
+    if is_rolled_back(form):
+        return 'normal_form_reverted', f'{words}: the operator went back to this normal form'
+    return 'normal_form_changed', f'{words}: a new normal form is in force'
+
+
+def form_words(form: IdentifiedNormalForm | None) -> str:
+    """Return a form by its critical speeds; '' where there is none."""
+    if form is None:
+        return ''
+    v_n, std = form.form.nonlinear_critical_speed, form.std('v_c')
+    doubt = f' +/- {std:.3f}' if std > 0.0 else ''
+    words = f'v_c {form.form.critical_speed:.3f}{doubt} m/s'
+    return words if v_n is None else f'{words}, v_n {v_n:.3f} m/s'

@@ -10,12 +10,15 @@ stuck is so for them as well, and a replay of a live run tells them what the run
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from hunt_ros.criteria import CRITERIA, CriteriaPanel, Verdict
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.frequencies import with_frequencies
-from hunt_ros.detection.output import Motion, Output
+from hunt_ros.detection.output import Event, Motion, Output
+from hunt_ros.detection.regions import Level
 from hunt_ros.detection.tracking import roller_diameter
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.errors import ConfigError
@@ -168,3 +171,27 @@ class Companions:
     def finish(self) -> Forecast | None:
         """Forecast from all that was fed; None where none is made."""
         return None if self._forecast is None else self._forecast.finish()
+
+
+def criterion_event(
+    verdict: Verdict, stamp_ns: int, level: Level, numbers: Mapping[str, float]
+) -> Event:
+    """
+    Return the event that a criterion began or ceased to exceed its limit.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        Which it is.
+    stamp_ns : int
+        Row at which it is known.
+    level : Level
+        Of that row: a criterion does not change it.
+    numbers : mapping of str to float
+        Of that row, see `Event`.
+    """
+    index = f'{verdict.index:.3g} m/s^2' if math.isfinite(verdict.index) else 'not defined'
+    word = 'criterion_exceeded' if verdict.exceeded else 'criterion_cleared'
+    cause = f'{verdict.criterion}: {index}, limit {verdict.limit:.3g} m/s^2'
+    since_ns = min(verdict.stamp_ns, stamp_ns)
+    return Event(stamp_ns, word, level, since_ns, verdict.criterion, cause, numbers=numbers)

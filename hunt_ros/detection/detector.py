@@ -8,7 +8,6 @@ changed. It has no clock, no logger and no file.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, fields, replace
 from types import MappingProxyType
@@ -16,16 +15,18 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hunt_ros.detection.acceptance import form_event
+from hunt_ros.detection.acceptance import form_event, form_words
+from hunt_ros.detection.alarms import UNKNOWN, AlarmHistory
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.journal import JournalEntry
 from hunt_ros.detection.merge import ChannelMerger, LateRun
 from hunt_ros.detection.output import EMPTY, Event, Output
+from hunt_ros.detection.reasons import InForce
 from hunt_ros.detection.regions import Level
 from hunt_ros.detection.rows import RowMaker
 from hunt_ros.detection.schedule import Schedule
 from hunt_ros.detection.status import DetectorStatus, status_of
-from hunt_ros.detection.transitions import Transitions, event_of
+from hunt_ros.detection.transitions import Transitions
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError, HuntError
 from hunt_ros.samples import CHANNELS
@@ -57,6 +58,7 @@ class HuntingDetector:
         normal_form: IdentifiedNormalForm | None = None,
     ) -> None:
         self._form = normal_form
+        self._history = AlarmHistory((config or DetectorConfig()).period_ns)
         self._start(config or DetectorConfig(), {}, {})
 
     def _start(
@@ -85,10 +87,11 @@ class HuntingDetector:
         self._schedule = Schedule(self._merger, c.period_ns)
         self._rows = RowMaker(c, drain)
         self._rows.set_normal_form(self._form)
-        self._transitions = Transitions(c)
+        self._transitions = Transitions(self._in_force())
         self._last_row: np.void | None = None
         self._sequence = 0
-        self.remember(memory)
+        self._rows.remember(memory)
+        self._transitions.remember(self._rows.state)
         text = '' if self._form is None else self._form.to_yaml()
         start = JournalEntry(
             'start',
@@ -188,12 +191,18 @@ class HuntingDetector:
         self._form = form
         self._rows.set_normal_form(form)
         self._note('normal_form', text='' if form is None else form.to_yaml())
+        self._transitions.in_force = self._in_force()
         row = self._last_row
         output = self._advance()
         if row is None:
             return output
-        event = event_of(row, *form_event(form))
+        word, cause = form_event(form)
+        event = self._transitions.event_of(row, word, 'normal_form', cause)
         return replace(output, events=(event, *output.events))
+
+    def _in_force(self) -> InForce:
+        """Return what the words compare the numbers with."""
+        return InForce(self.config, *self._rows.boundaries, form_words(self._form))
 
     def reconfigure(self, config: DetectorConfig) -> Output:
         """
@@ -215,30 +224,32 @@ class HuntingDetector:
                 raise ConfigError(f'{item.name}: {new!r} can only be given at the start')
         self.config = config
         self._rows.reconfigure(config)
-        self._transitions.config = config
+        self._transitions.in_force = self._in_force()
         self._note('settings', config=asdict(config))
         return self._advance()
 
-    def acknowledge(self, now_ns: int = 0) -> Output:
+    def acknowledge(self, now_ns: int = 0, by: str = '') -> Output:
         """
         Acknowledge the alarm; while the wheelset still hunts it stays until that is over.
 
         Parameters
         ----------
         now_ns : int
-            For the journal.
+            For the journal and the history.
+        by : str
+            Who does; '' where that is not known.
         """
         self._rows.acknowledge()
-        self._note('acknowledged', now_ns)
+        self._history.acknowledge(now_ns, by)
+        self._note('acknowledged', now_ns, text=by)
         row = self._last_row
-        cause = 'by the operator'
+        cause = f'by {by or UNKNOWN}'
         if self._rows.alarm:
             cause += ': the alarm ends with the hunting'
         if row is None:
-            nan = math.nan
-            event = Event(now_ns, 'acknowledged', nan, nan, nan, Level.STALE, now_ns, cause)
+            event = Event(now_ns, 'acknowledged', Level.STALE, now_ns, 'operator', cause)
         else:
-            event = event_of(row, 'acknowledged', cause)
+            event = self._transitions.event_of(row, 'acknowledged', 'operator', cause)
         output = self._advance()
         return replace(output, events=(event, *output.events))
 
@@ -272,7 +283,7 @@ class HuntingDetector:
         elif entry.kind == 'settings':
             return self.reconfigure(DetectorConfig.from_recorded(entry.config))
         elif entry.kind == 'acknowledged':
-            return self.acknowledge(entry.now_ns)
+            return self.acknowledge(entry.now_ns, entry.text)
         elif entry.kind == 'finished':
             return self.finish()
         return self._advance()
@@ -287,32 +298,41 @@ class HuntingDetector:
         """The channels that are not waited for."""
         return frozenset(self._merger.silent)
 
-    def reset(self, config: DetectorConfig | None = None) -> None:
+    def reset(
+        self,
+        config: DetectorConfig | None = None,
+        memory: Mapping[str, float] = MappingProxyType({}),
+    ) -> None:
         """
-        Forget every sample, the alarm and the journal; keep the normal form.
+        Forget every sample, the alarms and the journal; keep the normal form.
 
         Parameters
         ----------
         config : DetectorConfig, optional
             Settings from now on; without them those it has.
+        memory : mapping of str to float
+            For a replay: what a restart of the live run kept; with any, the history of alarms
+            is kept as well.
         """
+        config = config or self.config
         last, received = self._merger.received_of(self._merger.received)
-        self._start(config or self.config, last, received)
+        if not memory:
+            self._history = AlarmHistory(config.period_ns)
+        self._start(config, last, received, memory)
 
     def restart(self) -> None:
         """
         Begin anew after a pause in which nothing was seen.
 
-        Config, normal form, noise floor, hunting and alarm are kept: a pause ends no hunting,
-        and only `acknowledge` takes an alarm back.
+        Config, normal form, noise floor, hunting, alarm and the history of alarms are kept: a
+        pause ends no hunting, and only `acknowledge` takes an alarm back.
         """
-        last, received = self._merger.received_of(self._merger.received)
-        self._start(self.config, last, received, self._rows.lasting())
+        self.reset(self.config, self._rows.lasting())
 
-    def remember(self, memory: Mapping[str, float]) -> None:
-        """For a replay: go on with what a restart of the live run kept."""
-        self._rows.remember(memory)
-        self._transitions.remember(self._rows.state)
+    @property
+    def history(self) -> AlarmHistory:
+        """The alarms there were."""
+        return self._history
 
     @property
     def status(self) -> DetectorStatus:
@@ -321,9 +341,11 @@ class HuntingDetector:
         until = merger.watermark_ns
         return status_of(
             self._last_row,
+            self._transitions,
             merger.intakes,
             merger.clocks,
             (self._rows.state, self._rows.alarm),
+            self._history,
             self._sequence,
             until,
         )
@@ -389,7 +411,8 @@ class HuntingDetector:
         rows, motion = self._rows.make(after_ns, until_ns, self._merger.take(until_ns))
         if not rows.size:
             return EMPTY
-        events = self._transitions.update(rows, self._rows.boundaries)
+        events = self._transitions.update(rows)
+        self._history.update(rows, events)
         self._sequence += rows.size
         self._last_row = rows[-1]
         return Output(rows, tuple(events), motion=(motion,))

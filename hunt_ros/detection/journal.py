@@ -57,7 +57,8 @@ class JournalEntry:
     offsets : mapping of str to int
         For 'offset': channel and ns.
     text : str
-        For 'start' and 'normal_form'.
+        For 'start' and 'normal_form' a parameter file; for 'acknowledged' who did, where that
+        is known.
     stamps : tuple of int
         For 'late': the stamps dropped.
     config : mapping of str to object

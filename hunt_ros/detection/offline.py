@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from hunt_ros.compiled import compiled
 from hunt_ros.criteria import Verdict
 from hunt_ros.detection import doubts, health
-from hunt_ros.detection.companions import Companions
+from hunt_ros.detection.alarms import AlarmHistory
+from hunt_ros.detection.companions import Companions, criterion_event
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.detector import HuntingDetector
-from hunt_ros.detection.output import Event, Motion, Output
+from hunt_ros.detection.output import Event, Motion, Output, numbers_behind
 from hunt_ros.detection.reasons import reason_counts
 from hunt_ros.detection.regions import Level, Region
 from hunt_ros.detection.tracking import roller_diameter
-from hunt_ros.detection.transitions import event_of
 from hunt_ros.forecast import Forecast
 from hunt_ros.samples import NANOSECONDS, Record, Series
 
@@ -133,6 +133,8 @@ class Findings:
         Transitions of the detector, and of the criteria.
     verdicts : list of Verdict
         Railway criteria that began or ceased to exceed their limit.
+    history : AlarmHistory or None
+        The alarms; None where no detector was named.
     forecast : Forecast or None
         Of v_c, from the quiet response of the whole record; None where none was made.
     """
@@ -140,6 +142,7 @@ class Findings:
     summary: Summary = field(default_factory=Summary)
     events: list[Event] = field(default_factory=list)
     verdicts: list[Verdict] = field(default_factory=list)
+    history: AlarmHistory | None = None
     forecast: Forecast | None = None
 
 
@@ -236,7 +239,11 @@ def watch(
     yield detector.finish()
 
 
-def collect(outputs: Iterator[Output], companions: Companions | None = None) -> Findings:
+def collect(
+    outputs: Iterator[Output],
+    companions: Companions | None = None,
+    detector: HuntingDetector | None = None,
+) -> Findings:
     """
     Add up what a detector said, and what runs beside it.
 
@@ -246,6 +253,8 @@ def collect(outputs: Iterator[Output], companions: Companions | None = None) -> 
         As from `watch`.
     companions : Companions, optional
         Fed with the outputs, and finished at their end.
+    detector : HuntingDetector, optional
+        Which they come from: its history of alarms is kept with them.
     """
     found = Findings()
     for output in outputs:
@@ -261,15 +270,15 @@ def collect(outputs: Iterator[Output], companions: Companions | None = None) -> 
         found.events += events
     if companions is not None:
         found.forecast = companions.finish()
+    found.history = None if detector is None else detector.history
     return found
 
 
 def _event_of(verdict: Verdict, rows: NDArray[np.void]) -> Event:
     """Put a verdict among the events, at the first row that could know it."""
     row = rows[min(int(np.searchsorted(rows['stamp_ns'], verdict.stamp_ns)), rows.size - 1)]
-    index = f'{verdict.index:.3g} m/s^2' if math.isfinite(verdict.index) else 'not defined'
-    word = 'criterion_exceeded' if verdict.exceeded else 'criterion_cleared'
-    return event_of(row, word, f'{verdict.criterion}: {index}, limit {verdict.limit:.3g} m/s^2')
+    level = Level(int(row['level']))
+    return criterion_event(verdict, int(row['stamp_ns']), level, numbers_behind(row))
 
 
 def _stretches(series: Series, start_ns: int) -> NDArray[np.int64]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,8 @@ _OWN = (
     'margin_low',
     'margin_high',
     'escape_probability',
+    'escape_probability_low',
+    'escape_probability_high',
     'outlook',
     'time_to_limit_cycle',
 )
@@ -90,11 +93,62 @@ ESTIMATE_DTYPE: np.dtype[np.void] = np.dtype(
 #: The numbers of the status, in the order in which they are published.
 NUMBERS: tuple[str, ...] = (*TRACKER_FIELDS, *_OWN)
 
+#: Column -> public name, with its unit, in status, events and JSON; all others keep theirs.
+PUBLIC: dict[str, str] = {
+    'speed': 'speed_mps',
+    'lateral_amplitude': 'amplitude_m',
+    'lateral_amplitude_std': 'amplitude_std_m',
+    'lateral_amplitude_rate': 'amplitude_rate_mps',
+    'yaw_amplitude': 'yaw_amplitude_rad',
+    'yaw_amplitude_std': 'yaw_amplitude_std_rad',
+    'lateral_envelope': 'envelope_m',
+    'yaw_envelope': 'yaw_envelope_rad',
+    'growth_rate': 'growth_rate_per_s',
+    'growth_rate_std': 'growth_rate_std_per_s',
+    'unstable_amplitude': 'unstable_amplitude_m',
+    'unstable_amplitude_std': 'unstable_amplitude_std_m',
+    'stable_amplitude': 'stable_amplitude_m',
+    'lateral_roughness': 'roughness_m',
+    'noise_floor': 'noise_floor_m',
+    'outlook': 'escape_chance_next_minute',
+    'time_to_limit_cycle': 'time_to_limit_cycle_s',
+}
+#: The numbers behind an event, by column.
+_BEHIND = (
+    'speed',
+    'lateral_amplitude',
+    'lateral_amplitude_std',
+    'yaw_amplitude',
+    'yaw_amplitude_std',
+    'growth_rate',
+    'growth_rate_std',
+    'frequency_hz',
+    'unstable_amplitude',
+    'unstable_amplitude_std',
+    'stable_amplitude',
+    'margin',
+    'margin_low',
+    'margin_high',
+    'escape_probability',
+    'escape_probability_low',
+    'escape_probability_high',
+    'time_to_limit_cycle',
+    'noise_floor',
+    'noise_intensity',
+)
+#: The same by public name, in the order in which they are published.
+EVENT_NUMBERS: tuple[str, ...] = tuple(PUBLIC.get(name, name) for name in _BEHIND)
+
+
+def numbers_behind(row: np.void) -> dict[str, float]:
+    """Return the numbers of a row (ESTIMATE_DTYPE) that stand with an event; NaN: unknown."""
+    return {PUBLIC.get(name, name): float(row[name]) for name in _BEHIND}
+
 
 @dataclass(frozen=True)
 class Event:
     """
-    One transition.
+    One transition, and why.
 
     Parameters
     ----------
@@ -102,25 +156,44 @@ class Event:
         Row at which it was decided.
     event : str
         One of the words of the design: 'hysteresis_entered', 'escaping', ...
-    speed_mps, amplitude_m, growth_rate_per_s : float
-        Estimates at that row; NaN where unknown.
     level : Level
         In force from then on.
     since_ns : int
         When it began: the stamp of the first row that showed it, of the last good sample of a
         channel that is silent, or of the last sign of a fault that is over.
+    test : str
+        Which test decided: 'escape_probability', 'speed', 'timeout', ...
     cause : str
-        Why, as a sentence with the numbers behind it.
+        Why, as a sentence with the numbers that count.
+    normal_form : str
+        The form in force, by its critical speeds; '' where there is none.
+    numbers : mapping of str to float
+        Those of `EVENT_NUMBERS` at that row; NaN where unknown. Empty before the first row.
     """
 
     stamp_ns: int
     event: str
-    speed_mps: float
-    amplitude_m: float
-    growth_rate_per_s: float
     level: Level
     since_ns: int
+    test: str
     cause: str
+    normal_form: str = ''
+    numbers: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def speed_mps(self) -> float:
+        """Speed, m/s; NaN where unknown."""
+        return self.numbers.get('speed_mps', math.nan)
+
+    @property
+    def amplitude_m(self) -> float:
+        """Lateral amplitude of the hunting, m; NaN where unknown."""
+        return self.numbers.get('amplitude_m', math.nan)
+
+    @property
+    def growth_rate_per_s(self) -> float:
+        """Growth rate of the hunting, 1/s; NaN where unknown."""
+        return self.numbers.get('growth_rate_per_s', math.nan)
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,6 +42,8 @@ def clear(out: Any) -> None:
     out['margin_low'] = math.nan
     out['margin_high'] = math.nan
     out['escape_probability'] = math.nan
+    out['escape_probability_low'] = math.nan
+    out['escape_probability_high'] = math.nan
     out['outlook'] = math.nan
     out['time_to_limit_cycle'] = math.nan
 
@@ -151,11 +153,16 @@ def judge(
         cycle = form.cycle_share[k] + part * (form.cycle_share[k + 1] - form.cycle_share[k])
         if math.isnan(edge) and damping < 0.0:
             edge = form.unstable_mean[k]
-    inside = 0.0
+    inside, least_inside, most_inside = 0.0, 0.0, 0.0
     if not math.isnan(edge):
         spread = out['unstable_amplitude_std']
         spread = 0.0 if math.isnan(spread) else spread
-        inside = _beyond(edge_noise, noise_spread, edge, a, s * s + spread * spread)
+        variance = s * s + spread * spread
+        inside = _beyond(edge_noise, noise_spread, edge, a, variance)
+        # Its interval: what it would be were the distance to the edge at the ends of its own.
+        off = _NORMAL_95 * math.sqrt(variance)
+        least_inside = _beyond(edge_noise, noise_spread, edge, a - off, 0.0)
+        most_inside = _beyond(edge_noise, noise_spread, edge, a + off, 0.0)
         out['margin'] = edge / a if a > 0.0 else math.inf
         most, least = a + _NORMAL_95 * s, a - _NORMAL_95 * s
         out['margin_low'] = max(edge - _NORMAL_95 * spread, 0.0) / most if most > 0.0 else math.inf
@@ -164,6 +171,13 @@ def judge(
         quiet = min(quiet, 0.5) if not exact else 0.0
     probability = 1.0 - quiet + quiet * cycle * inside
     out['escape_probability'] = probability
+    # A mean may lie beyond such an end where the chance is settled but for a thin tail.
+    low, high = (
+        1.0 - quiet + quiet * cycle * least_inside,
+        1.0 - quiet + quiet * cycle * most_inside,
+    )
+    out['escape_probability_low'] = min(low, probability)
+    out['escape_probability_high'] = max(high, probability)
     stays = (1.0 - probability) * math.exp(-outlook_s * edge_noise['rate'])
     out['outlook'] = 1.0 - stays
 

@@ -4,31 +4,36 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.detection import doubts, health, states
+from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.regions import Region, State
 from hunt_ros.samples import CHANNELS
 
 _HUNTING = {State.ESCAPING: 'escaping from the quiet state', State.LIMIT_CYCLE: 'limit cycle'}
 _DISAGREE = 'filter and Hilbert envelope disagree on the amplitude'
+_UNSTABLE = 'above the linear critical speed'
+_HYSTERESIS = 'hysteresis region: a disturbance can start hunting'
+_DECAYING = 'hunting is dying out'
 #: Of the doubts that are told with their numbers, the words without.
 _HELD: tuple[tuple[int, str], ...] = (
     (doubts.MARGIN, 'low margin'),
     (doubts.DISAGREE, _DISAGREE),
     (doubts.FROM_YAW, 'lateral amplitude is that of yaw through the mode shape'),
     (doubts.OUTSIDE, 'motion outside the hunting frequencies that are followed'),
+    (doubts.HYSTERESIS, _HYSTERESIS),
+    (doubts.UNSTABLE, _UNSTABLE),
+    (doubts.DECAYING, _DECAYING),
 )
 _DOUBTS: tuple[tuple[int, str], ...] = (
     (doubts.NO_ESTIMATE, 'no estimate of the hunting amplitude yet'),
     (doubts.SETTLING, 'learning the noise floor'),
     (doubts.NO_SPEED, 'region unknown: no speed'),
     (doubts.NO_FORM, 'region unknown: no normal form and no critical speeds'),
-    (doubts.HYSTERESIS, 'hysteresis region: a disturbance can start hunting'),
-    (doubts.UNSTABLE, 'above the linear critical speed'),
-    (doubts.DECAYING, 'hunting is dying out'),
     (
         doubts.IN_YAW,
         'lateral amplitude unknown: yaw is judged, by its growth and steadiness alone',
@@ -36,7 +41,27 @@ _DOUBTS: tuple[tuple[int, str], ...] = (
 )
 
 
-def reasons_of(row: np.void) -> tuple[str, ...]:
+@dataclass(frozen=True)
+class InForce:
+    """
+    What the numbers of a row were compared with.
+
+    Parameters
+    ----------
+    config : DetectorConfig
+    v_n, v_c : float
+        Boundaries of the regions, m/s; NaN: none, unknown.
+    normal_form : str
+        By its critical speeds; '' where there is none.
+    """
+
+    config: DetectorConfig
+    v_n: float = math.nan
+    v_c: float = math.nan
+    normal_form: str = ''
+
+
+def reasons_of(row: np.void, limits: InForce | None = None, decided: str = '') -> tuple[str, ...]:
     """
     Put a row of the estimates into words.
 
@@ -44,6 +69,10 @@ def reasons_of(row: np.void) -> tuple[str, ...]:
     ----------
     row : void of ESTIMATE_DTYPE
         One row.
+    limits : InForce, optional
+        What its numbers were compared with; without it they are not told.
+    decided : str
+        Why the state was said, with the numbers there were then.
 
     Returns
     -------
@@ -52,18 +81,21 @@ def reasons_of(row: np.void) -> tuple[str, ...]:
     """
     found = [*channel_reasons(row, health.SEVERE)]
     state = State(int(row['state']))
-    if state is State.ESCAPING:
+    lasted = 1e-9 * (int(row['stamp_ns']) - int(row['state_since_ns']))
+    # Where a clock was set back, the state began on the one before.
+    lasting = f' for {lasted:.1f} s' if lasted >= 0.0 else ''
+    why = f'{lasting}: {decided}' if decided else ''
+    if state in _HUNTING:
+        words = _HUNTING[state] + why
         time = float(row['time_to_limit_cycle'])
-        soon = f', limit cycle in about {time:.1f} s' if math.isfinite(time) else ''
-        found.append(f'{_HUNTING[state]}{soon}')
-    elif state is State.LIMIT_CYCLE:
-        found.append(_HUNTING[state])
+        if state is State.ESCAPING and math.isfinite(time):
+            words += f', limit cycle in about {time:.1f} s'
+        found.append(words)
     bits = int(row['doubts'])
     if bits & doubts.MARGIN:
-        margin = float(row['margin'])
-        found.append('low margin' + (f': now {margin:.2f}' if math.isfinite(margin) else ''))
+        found.append('low margin' + ('' if limits is None else f': {margin_cause(row, limits)}'))
     if bits & doubts.DISAGREE:
-        found.append(_DISAGREE)
+        found.append(_DISAGREE + ('' if limits is None else f': {_two_amplitudes(row)}'))
     if bits & doubts.FROM_YAW:
         spread = 100.0 * float(row['lateral_amplitude_std']) / float(row['lateral_amplitude'])
         found.append(
@@ -72,58 +104,148 @@ def reasons_of(row: np.void) -> tuple[str, ...]:
     if bits & doubts.OUTSIDE:
         found.append(outside_words(row))
     found += [words for bit, words in _DOUBTS if bits & bit]
+    if bits & doubts.DECAYING:
+        found.append(_DECAYING + why)
+    if bits & (doubts.HYSTERESIS | doubts.UNSTABLE):
+        told = '' if limits is None else f': {region_cause(row, limits)}'
+        found.append((_HYSTERESIS if bits & doubts.HYSTERESIS else _UNSTABLE) + told)
     return (*found, *channel_reasons(row, health.MILD))
 
 
-def state_cause(row: np.void) -> str:
-    """Return the evidence that led to the state of a row, with its numbers."""
+def _measured(value: float, std: float, unit: str) -> str:
+    """Return a number with its deviation, to the digits that this gives sense to."""
+    if math.isnan(value):
+        return 'unknown'
+    return f'{value:.3g} +/- {std:.1g} {unit}' if math.isfinite(std) else f'{value:.3g} {unit}'
+
+
+def _growth(row: np.void) -> str:
+    return _measured(float(row['growth_rate']), float(row['growth_rate_std']), '1/s')
+
+
+def _unstable(row: np.void) -> str:
+    edge, std = 1e3 * float(row['unstable_amplitude']), 1e3 * float(row['unstable_amplitude_std'])
+    return f'unstable amplitude {_measured(edge, std or math.nan, "mm")}'
+
+
+def _size(row: np.void) -> str:
+    """Return the amplitude that is judged, with its deviation."""
     in_yaw = bool(int(row['doubts']) & doubts.IN_YAW)
     name, unit = ('yaw', 'mrad') if in_yaw else ('lateral', 'mm')
     a, s = 1e3 * float(row[f'{name}_amplitude']), 1e3 * float(row[f'{name}_amplitude_std'])
-    unstable, stable = 1e3 * float(row['unstable_amplitude']), 1e3 * float(row['stable_amplitude'])
-    growth = f'{float(row["growth_rate"]):.2g} +/- {float(row["growth_rate_std"]):.1g} 1/s'
-    chance = f'{100.0 * float(row["escape_probability"]):.0f} %'
-    size = f'the amplitude {a:.3g} +/- {s:.1g} {unit}'
-    edge = f' (unstable amplitude {unstable:.3g} mm)' if math.isfinite(unstable) else ''
+    return f'amplitude {_measured(a, s, unit)}'
+
+
+def _chance(row: np.void) -> str:
+    """Return the probability of ending on the limit cycle, with its interval."""
+    value, low, high = (
+        100.0 * float(row[f'escape_probability{end}']) for end in ('', '_low', '_high')
+    )
+    interval = f' ({low:.0f} to {high:.0f} %)' if f'{low:.0f}' != f'{high:.0f}' else ''
+    return f'{value:.0f} %{interval}'
+
+
+def _floor(row: np.void) -> str:
+    in_yaw = bool(int(row['doubts']) & doubts.IN_YAW)
+    floor = 1e3 * float(row['noise_floor'])
+    return f'quiet amplitude {_measured(floor, math.nan, "mrad" if in_yaw else "mm")}'
+
+
+def state_cause(row: np.void, limits: InForce) -> tuple[str, str]:
+    """Return which test led to the state of a row, and its evidence with its numbers."""
+    size, growth, chance = f'the {_size(row)}', _growth(row), _chance(row)
+    config = limits.config
+    edge = ''
+    if math.isfinite(row['unstable_amplitude']):
+        edge = f', {_unstable(row)}'
+    elif int(row['region']) == Region.UNSTABLE and not int(row['doubts']) & doubts.IN_YAW:
+        edge = ', no amplitude comes back at this speed'
+    stable = 1e3 * float(row['stable_amplitude'])
     words = {
-        states.BEYOND: f'{size} ends on the limit cycle with a probability of {chance}{edge}',
-        states.ARRIVED: f'{size} has reached the limit cycle'
-        + (f' ({stable:.3g} mm)' if math.isfinite(stable) else ''),
-        states.STEADY: f'{size} stays as that of a limit cycle does',
-        states.GROWING: f'{size} grows for sure, by {growth}',
-        states.COMES_BACK: f'{size} ends on the limit cycle with a probability of {chance} only',
-        states.FALLS: f'{size} falls for sure, by {growth}',
-        states.SMALLER: f'{size} is far below that of the limit cycle it was on',
-        states.OVER: f'{size} is that of the quiet motion again',
+        states.BEYOND: (
+            'escape_probability',
+            f'{size} ends on the limit cycle with a probability of {chance},'
+            f' limit {100.0 * config.escape_probability_in:g} %{edge}; growth rate {growth}',
+        ),
+        states.ARRIVED: (
+            'stable_amplitude',
+            f'{size} has reached the limit cycle'
+            + (f' of {stable:.3g} mm' if math.isfinite(stable) else '')
+            + f'{edge}; growth rate {growth}',
+        ),
+        states.STEADY: (
+            'steadiness',
+            f'{size} stays as that of a limit cycle does: growth rate {growth}, {_floor(row)}',
+        ),
+        states.GROWING: (
+            'growth_rate',
+            f'{size} grows for sure: growth rate {growth}, {_floor(row)}',
+        ),
+        states.COMES_BACK: (
+            'escape_probability',
+            f'{size} ends on the limit cycle with a probability of {chance} only{edge};'
+            f' growth rate {growth}',
+        ),
+        states.FALLS: ('growth_rate', f'{size} falls for sure: growth rate {growth}{edge}'),
+        states.SMALLER: (
+            'amplitude',
+            f'{size} is far below that of the limit cycle it was on; growth rate {growth}{edge}',
+        ),
+        states.OVER: (
+            'noise_floor',
+            f'{size} is that of the quiet motion again: {_floor(row)}',
+        ),
     }
-    return words.get(int(row['state_cause']), size)
+    return words.get(int(row['state_cause']), ('amplitude', size))
 
 
-def region_cause(row: np.void, boundaries: tuple[float, float]) -> str:
-    """Say where the speed of a row lies; `boundaries` are v_n and v_c, m/s."""
-    v_n, v_c = boundaries
+def region_cause(row: np.void, limits: InForce) -> str:
+    """Say where the speed of a row lies."""
+    v_n, v_c = limits.v_n, limits.v_c
     speed = float(row['speed'])
     if math.isnan(speed):
         return 'the speed is not known'
-    region = Region(int(row['region']))
     fold = f'v_n = {v_n:.3f} m/s' if v_n > 0.0 else 'the fold, which is not known'
+    edge = 1e3 * float(row['unstable_amplitude'])
+    starts = f', {_unstable(row)}' if math.isfinite(edge) else ''
     words = {
         Region.STABLE: f'is below {fold if math.isfinite(v_n) else f"v_c = {v_c:.3f} m/s"}',
-        Region.HYSTERESIS: f'lies between {fold} and v_c = {v_c:.3f} m/s',
+        Region.HYSTERESIS: f'lies between {fold} and v_c = {v_c:.3f} m/s{starts}',
         Region.UNSTABLE: f'is above v_c = {v_c:.3f} m/s',
     }
+    region = Region(int(row['region']))
     return f'the speed {speed:.3f} m/s ' + words.get(region, 'has no known boundaries')
 
 
-def margin_cause(row: np.void, limit: float) -> str:
+def margin_cause(row: np.void, limits: InForce) -> str:
     """Compare the margin of a row with its limit."""
+    low = bool(int(row['doubts']) & doubts.MARGIN)
+    limit = limits.config.margin_in if low else limits.config.margin_out
     margin = float(row['margin'])
-    if math.isnan(margin):
-        return 'there is no unstable amplitude at this speed'
+    if not math.isfinite(margin):
+        if int(row['region']) == Region.UNSTABLE:
+            return 'quiet motion is unstable at this speed'
+        gone = 'quiet motion of any amplitude is stable at this speed'
+        return f'{gone}, but it is not quiet yet' if low else gone
+    least, most = float(row['margin_low']), float(row['margin_high'])
+    interval = f'{least:.3g} to {most:.3g}' if math.isfinite(most) else f'at least {least:.3g}'
     return (
-        f'unstable amplitude over amplitude is {margin:.3g}'
-        f' ({float(row["margin_low"]):.3g} to {float(row["margin_high"]):.3g}), limit {limit:g}'
+        f'unstable amplitude over amplitude is {margin:.3g} ({interval}),'
+        f' limit {limit:g}; {_unstable(row)}, {_size(row)}'
     )
+
+
+def _two_amplitudes(row: np.void) -> str:
+    """Return both estimates of the amplitude, for each sensor that has both."""
+    found = []
+    for name, unit in (('lateral', 'mm'), ('yaw', 'mrad')):
+        amplitude, envelope = (
+            1e3 * float(row[f'{name}_amplitude']),
+            1e3 * float(row[f'{name}_envelope']),
+        )
+        if math.isfinite(amplitude + envelope):
+            found.append(f'{name} {amplitude:.3g} and {envelope:.3g} {unit}')
+    return ', '.join(found)
 
 
 def reason_counts(rows: NDArray[np.void]) -> Counter[str]:

@@ -191,15 +191,14 @@ def _runs(record: Record, journal: Sequence[JournalEntry]) -> Iterator[_Run]:
 def _repeat(detector: HuntingDetector, run: _Run) -> list[Output]:
     """Repeat one run."""
     entries = run.entries
-    config = None
     if entries and entries[0].kind == 'start':
         first = entries[0]
         config = DetectorConfig.from_recorded(first.config) if first.config else None
         form = IdentifiedNormalForm.from_yaml(first.text) if first.text else None
         detector.set_normal_form(form)
-    detector.reset(config)
-    if entries and entries[0].kind == 'start':
-        detector.remember(entries[0].memory)
+        detector.reset(config, first.memory)
+    else:
+        detector.reset()
     for channel, late in _late_runs(entries):
         detector.expect_late(channel, late)
     outputs = []

@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from hunt_ros.detection import health
+from hunt_ros.detection.alarms import AlarmHistory
 from hunt_ros.detection.clocks import ChannelClock
 from hunt_ros.detection.intake import Intake
 from hunt_ros.detection.output import NUMBERS
-from hunt_ros.detection.reasons import reasons_of
 from hunt_ros.detection.regions import Level, Region, State
+from hunt_ros.detection.transitions import Transitions
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,15 @@ class DetectorStatus:
     clock_offsets_s : mapping of str to float
         Channel and by how much the detector's clock is ahead of its clock, transport delay
         included, s; without those not known.
+    test : str
+        Which test decided the state; '' before any.
+    since_ns, state_since_ns, state_decided_ns : int
+        Stamps of the rows at which the level came into force, at which the state began, and at
+        which it was decided; 0 before any.
+    normal_form : str
+        The form in force, by its critical speeds; '' where there is none.
+    totals : mapping of str to int, float or None
+        What `AlarmHistory.totals` gives.
     """
 
     stamp_ns: int = 0
@@ -56,6 +67,12 @@ class DetectorStatus:
     numbers: Mapping[str, float] = field(default_factory=lambda: dict.fromkeys(NUMBERS, math.nan))
     dropped: Mapping[str, int] = field(default_factory=dict)
     clock_offsets_s: Mapping[str, float] = field(default_factory=dict)
+    test: str = ''
+    since_ns: int = 0
+    state_since_ns: int = 0
+    state_decided_ns: int = 0
+    normal_form: str = ''
+    totals: Mapping[str, Any] = field(default_factory=dict)
 
     def __getattr__(self, name: str) -> float:
         """Return one of the numbers by its name."""
@@ -67,9 +84,11 @@ class DetectorStatus:
 
 def status_of(
     row: np.void | None,
+    transitions: Transitions,
     intakes: Mapping[str, Intake],
     clocks: Mapping[str, ChannelClock],
     present: tuple[State, bool],
+    history: AlarmHistory,
     sequence: int,
     inputs_until_ns: int | None,
 ) -> DetectorStatus:
@@ -80,12 +99,16 @@ def status_of(
     ----------
     row : void of ESTIMATE_DTYPE or None
         The last row; None before the first.
+    transitions : Transitions
+        Why it is so, and since when.
     intakes : mapping of str to Intake
         The channels: what they refused is told.
     clocks : mapping of str to ChannelClock
         Theirs.
     present : tuple of (State, bool)
         State and latched alarm: an acknowledgement acts between two rows.
+    history : AlarmHistory
+        Its totals are told.
     sequence : int
         Number of rows so far.
     inputs_until_ns : int or None
@@ -116,6 +139,8 @@ def status_of(
             alarm=alarm,
             dropped=dropped,
             clock_offsets_s=offsets,
+            normal_form=transitions.in_force.normal_form,
+            totals=history.totals(),
         )
     refused += tuple(
         f'{channel}: {intake.refused_since} samples refused for their stamps'
@@ -128,13 +153,19 @@ def status_of(
         level=Level(int(row['level'])),
         region=Region(int(row['region'])),
         state=state,
-        reasons=(*_with_offsets(reasons_of(row), offsets), *refused),
+        reasons=(*_with_offsets(transitions.reasons(row), offsets), *refused),
         alarm=alarm,
         sequence=sequence,
         inputs_until_ns=stamp_ns if inputs_until_ns is None else inputs_until_ns,
         numbers={name: float(row[name]) for name in NUMBERS},
         dropped=dropped,
         clock_offsets_s=offsets,
+        test=transitions.test,
+        since_ns=transitions.level_since_ns,
+        state_since_ns=int(row['state_since_ns']),
+        state_decided_ns=transitions.decided_ns,
+        normal_form=transitions.in_force.normal_form,
+        totals=history.totals(),
     )
 
 

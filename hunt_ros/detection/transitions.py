@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.detection import doubts, health
-from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.output import ESTIMATE_DTYPE, Event
+from hunt_ros.detection.output import ESTIMATE_DTYPE, Event, numbers_behind
 from hunt_ros.detection.reasons import (
+    InForce,
     margin_cause,
     outside_words,
     reasons_of,
@@ -20,8 +20,8 @@ from hunt_ros.detection.reasons import (
 from hunt_ros.detection.regions import Level, Region, State
 from hunt_ros.samples import CHANNELS, NANOSECONDS
 
-#: An event without the numbers of its row: word, cause, and since when, ns.
-_Change = tuple[str, str, int]
+#: An event without the numbers of its row: word, test, cause, and since when, ns.
+_Change = tuple[str, str, str, int]
 
 #: Motion outside the range is named again when it has grown by this factor.
 _GROWN = 10.0
@@ -35,25 +35,36 @@ class Transitions:
 
     Parameters
     ----------
-    config : DetectorConfig
+    in_force : InForce
         Names the channels, and the limits that the causes speak of.
 
     Attributes
     ----------
-    config : DetectorConfig
+    in_force : InForce
+    decided : str
+        Why the hunting that is in force was said; '' where there is none, or where it was said
+        before a restart.
+    decided_ns, level_since_ns : int
+        Rows at which the state was decided, and from which on the level is in force; 0 before any.
+    test : str
+        Which test decided the state; '' before any.
     """
 
-    def __init__(self, config: DetectorConfig) -> None:
-        self.config = config
-        self._channels = tuple(name for name in CHANNELS if name in config.channels)
+    def __init__(self, in_force: InForce) -> None:
+        self.in_force = in_force
+        self._channels = tuple(name for name in CHANNELS if name in in_force.config.channels)
         self._before = np.zeros(1, dtype=ESTIMATE_DTYPE)
+        self._before['level'] = -1
         self._said: dict[str, float] = {}
+        self._began_ns: dict[str, int] = {}
+        self.decided, self.test = '', ''
+        self.decided_ns = self.level_since_ns = 0
 
     def remember(self, state: State) -> None:
         """Take a state for that of the row before the first."""
         self._before['state'] = state
 
-    def update(self, rows: NDArray[np.void], boundaries: tuple[float, float]) -> list[Event]:
+    def update(self, rows: NDArray[np.void]) -> list[Event]:
         """
         Return the events of new rows, in their order.
 
@@ -61,10 +72,8 @@ class Transitions:
         ----------
         rows : ndarray of ESTIMATE_DTYPE, shape (m,)
             With level, region and state filled in; m > 0.
-        boundaries : tuple of float
-            v_n and v_c, m/s; NaN where there is none.
         """
-        watched = ['region', 'state']
+        watched = ['region', 'state', 'level']
         changed = np.zeros(rows.size, dtype=np.bool_)
         before = {}
         for name in (*watched, 'doubts', *(f'{name}_wrong' for name in self._channels)):
@@ -83,59 +92,112 @@ class Transitions:
         changed |= (rows['doubts'] & doubts.OUTSIDE) != 0
         for k in np.flatnonzero(changed).tolist():
             row = rows[k]
-            for word, cause, since_ns in self._changes(
-                row, {name: int(x[k]) for name, x in before.items()}, boundaries
+            if row['level'] != before['level'][k]:
+                self.level_since_ns = int(row['stamp_ns'])
+            for word, test, cause, since_ns in self._changes(
+                row, {name: int(x[k]) for name, x in before.items()}
             ):
-                events.append(event_of(row, word, cause, since_ns))
+                events.append(self.event_of(row, word, test, cause, since_ns))
         return events
 
-    def _changes(
-        self, row: np.void, before: dict[str, int], boundaries: tuple[float, float]
-    ) -> list[_Change]:
+    def event_of(
+        self, row: np.void, word: str, test: str, cause: str, since_ns: int | None = None
+    ) -> Event:
+        """
+        Return the event of a word at a row.
+
+        Where the level is WARN or STALE for more than the cause of the event, the cause says
+        that too. `since_ns` None: it began with the row.
+        """
+        stamp_ns, level = int(row['stamp_ns']), Level(int(row['level']))
+        reasons = self.reasons(row)
+        if level in (Level.WARN, Level.STALE) and reasons:
+            told = reasons[0]
+            if told not in cause and cause not in told:
+                cause += f'; {level.label}: {told}'
+        return Event(
+            stamp_ns,
+            word,
+            level,
+            stamp_ns if since_ns is None else since_ns,
+            test,
+            cause,
+            self.in_force.normal_form,
+            numbers_behind(row),
+        )
+
+    def reasons(self, row: np.void) -> tuple[str, ...]:
+        """Return why the level of a row is what it is, the most serious first."""
+        return reasons_of(row, self.in_force, self.decided)
+
+    def _changes(self, row: np.void, before: dict[str, int]) -> list[_Change]:
         found: list[_Change] = []
         for name in self._channels:
             found += self._channel(name, before[f'{name}_wrong'], row)
         old_region, region = Region(before['region']), Region(int(row['region']))
         if region != old_region:
-            cause, since_ns = region_cause(row, boundaries), int(row['region_since_ns'])
+            cause, since_ns = region_cause(row, self.in_force), int(row['region_since_ns'])
             if old_region in _REGIONS:
-                found.append((f'{_REGIONS[old_region]}_left', cause, since_ns))
+                found.append((f'{_REGIONS[old_region]}_left', 'speed', cause, since_ns))
             if region in _REGIONS:
-                found.append((f'{_REGIONS[region]}_entered', cause, since_ns))
+                found.append((f'{_REGIONS[region]}_entered', 'speed', cause, since_ns))
         low = bool(int(row['doubts']) & doubts.MARGIN)
         if low != bool(before['doubts'] & doubts.MARGIN):
-            limit = self.config.margin_in if low else self.config.margin_out
             word = 'margin_low' if low else 'margin_restored'
-            found.append((word, margin_cause(row, limit), int(row['margin_since_ns'])))
+            cause = margin_cause(row, self.in_force)
+            found.append((word, 'margin', cause, int(row['margin_since_ns'])))
         found += self._outside(row, before['doubts'])
         old_state, state = State(before['state']), State(int(row['state']))
-        # A disturbance that stays in the basin is a state, not an event.
-        if state != old_state and (state in _STATES or old_state in _STATES):
-            found.append((state.label, state_cause(row), int(row['state_since_ns'])))
+        if state != old_state:
+            self.test, self.decided = state_cause(row, self.in_force)
+            self.decided_ns = int(row['stamp_ns'])
+            # A disturbance that stays in the basin is a state, not an event.
+            if state in _STATES or old_state in _STATES:
+                since_ns = int(row['state_since_ns'])
+                found.append((state.label, self.test, self.decided, since_ns))
         return found
 
     def _channel(self, name: str, old: int, row: np.void) -> list[_Change]:
         new, stamp_ns = int(row[f'{name}_wrong']), int(row['stamp_ns'])
-        over_ns = stamp_ns - round(self.config.fault_hold_s * NANOSECONDS)
-        found = []
+        over_ns = stamp_ns - round(self.in_force.config.fault_hold_s * NANOSECONDS)
+        found: list[_Change] = []
         if (new ^ old) & health.SILENT:
-            silent = bool(new & health.SILENT)
-            age = self.config.timeout_ns(name)
-            cause = f'{name}: silent for {age / NANOSECONDS:g} s' if silent else f'{name} is back'
-            word = 'input_stale' if silent else 'input_recovered'
-            found.append((word, cause, stamp_ns - age if silent else over_ns))
+            if new & health.SILENT:
+                age = self.in_force.config.timeout_ns(name)
+                self._began_ns[f'{name} silent'] = since_ns = stamp_ns - age
+                cause = f'{name}: silent for {age / NANOSECONDS:g} s'
+                found.append(('input_stale', 'timeout', cause, since_ns))
+            else:
+                cause = f'{name} is back{self._after(f"{name} silent", over_ns)}'
+                found.append(('input_recovered', 'timeout', cause, over_ns))
         faults, cleared = new & health.FAULTS & ~old, old & health.FAULTS
         if faults:
-            words = ', '.join(health.WORDS[bit] for bit in health.WORDS if faults & bit)
-            age = max(self._age_ns(name, bit) for bit in health.WORDS if faults & bit)
-            found.append(('sensor_fault', f'{name}: {words}', stamp_ns - age))
+            bits = [bit for bit in health.WORDS if faults & bit]
+            since_ns = stamp_ns - max(self._age_ns(name, bit) for bit in bits)
+            self._began_ns.setdefault(f'{name} fault', since_ns)
+            words = ', '.join(health.WORDS[bit] + self._limit(name, bit) for bit in bits)
+            found.append(('sensor_fault', 'sensor', f'{name}: {words}', since_ns))
         elif cleared and not new & health.FAULTS:
-            found.append(('sensor_recovered', f'{name}: no fault is left', over_ns))
+            cause = f'{name}: no fault is left{self._after(f"{name} fault", over_ns)}'
+            found.append(('sensor_recovered', 'sensor', cause, over_ns))
         return found
+
+    def _after(self, what: str, over_ns: int) -> str:
+        """Say how long something lasted that is over."""
+        began_ns = self._began_ns.pop(what, None)
+        return '' if began_ns is None else f' after {(over_ns - began_ns) / NANOSECONDS:.2f} s'
+
+    def _limit(self, channel: str, fault: int) -> str:
+        """Say what a fault was found by."""
+        config = self.in_force.config
+        age = self._age_ns(channel, fault) / NANOSECONDS
+        if fault == health.CONTRADICTED:
+            return f' by more than {config.speed_contradiction_mps:g} m/s for {age:g} s'
+        return f' for {age:g} s' if age > 0.0 else ''
 
     def _age_ns(self, channel: str, fault: int) -> int:
         """Return how long a fault has lasted when it is found, ns."""
-        config = self.config
+        config = self.in_force.config
         ages = {
             health.NO_VALUE: config.timeout_ns(channel),
             health.STUCK: round(config.stuck_time_s * NANOSECONDS),
@@ -145,11 +207,13 @@ class Transitions:
 
     def _outside(self, row: np.void, doubts_before: int) -> list[_Change]:
         """Name motion outside the range when it is seen, and again when it has grown."""
+        test, stamp_ns = 'frequency_range', int(row['stamp_ns'])
         if not int(row['doubts']) & doubts.OUTSIDE:
             self._said = {}
-            over = doubts_before & doubts.OUTSIDE
-            cause = 'none is left'
-            return [('motion_outside_range_over', cause, int(row['stamp_ns']))] if over else []
+            if not doubts_before & doubts.OUTSIDE:
+                return []
+            cause = f'none is left{self._after("outside", stamp_ns)}'
+            return [('motion_outside_range_over', test, cause, stamp_ns)]
         channel = 'lateral' if math.isfinite(row['outside_lateral']) else 'yaw'
         amplitude = float(row[f'outside_{channel}'])
         if self._said:
@@ -157,27 +221,5 @@ class Transitions:
             if not amplitude > _GROWN * before:
                 return []
         self._said[channel] = amplitude
-        return [('motion_outside_range', outside_words(row), int(row['stamp_ns']))]
-
-
-def event_of(row: np.void, word: str, cause: str, since_ns: int | None = None) -> Event:
-    """
-    Return the event of a word at a row.
-
-    Where the level is WARN or STALE for more than the cause of the event, the cause says that
-    too. `since_ns` None: it began with the row.
-    """
-    stamp_ns, level = int(row['stamp_ns']), Level(int(row['level']))
-    reasons = reasons_of(row)
-    if level in (Level.WARN, Level.STALE) and reasons and reasons[0] not in cause:
-        cause += f'; {level.label}: {reasons[0]}'
-    return Event(
-        stamp_ns,
-        word,
-        float(row['speed']),
-        float(row['lateral_amplitude']),
-        float(row['growth_rate']),
-        level,
-        stamp_ns if since_ns is None else since_ns,
-        cause,
-    )
+        since_ns = self._began_ns.setdefault('outside', stamp_ns)
+        return [('motion_outside_range', test, outside_words(row), since_ns)]

@@ -56,10 +56,15 @@ DESIGN_TOPICS: dict[str, str] = {
     'hunting/events': _DIAGNOSTIC,
     'hunting/status': _DIAGNOSTIC,
     'recording/mark': _TEXT,
+    'hunting/acknowledged_by': _TEXT,
     '/diagnostics': _DIAGNOSTIC,
 }
 #: What they offer that are latched; a late look at the graph corrects a wrong guess.
-LATCHED_TOPICS: dict[str, str] = {'hunting/normal_form': _TEXT, 'hunting/journal': _TEXT}
+LATCHED_TOPICS: dict[str, str] = {
+    'hunting/normal_form': _TEXT,
+    'hunting/journal': _TEXT,
+    'hunting/alarms': _TEXT,
+}
 #: Of the whole graph, recorded beside the namespace of the rig.
 GLOBAL_TOPICS = ('/diagnostics', '/parameter_events', '/rosout')
 #: Not recorded: it would name the recording in itself.

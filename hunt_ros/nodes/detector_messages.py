@@ -4,42 +4,22 @@ from __future__ import annotations
 
 from diagnostic_msgs.msg import DiagnosticArray
 
-from hunt_ros.detection.output import Event
+from hunt_ros.detection.output import PUBLIC, Event
 from hunt_ros.detection.status import DetectorStatus
 from hunt_ros.nodes.conversions import diagnostic
 from hunt_ros.samples import NANOSECONDS
 
-#: Number of the detector -> key in `hunting/status`; all others keep their name.
-_KEYS = {
-    'speed': 'speed_mps',
-    'lateral_amplitude': 'amplitude_m',
-    'lateral_amplitude_std': 'amplitude_std_m',
-    'lateral_amplitude_rate': 'amplitude_rate_mps',
-    'yaw_amplitude': 'yaw_amplitude_rad',
-    'yaw_amplitude_std': 'yaw_amplitude_std_rad',
-    'lateral_envelope': 'envelope_m',
-    'yaw_envelope': 'yaw_envelope_rad',
-    'growth_rate': 'growth_rate_per_s',
-    'growth_rate_std': 'growth_rate_std_per_s',
-    'unstable_amplitude': 'unstable_amplitude_m',
-    'unstable_amplitude_std': 'unstable_amplitude_std_m',
-    'stable_amplitude': 'stable_amplitude_m',
-    'lateral_roughness': 'roughness_m',
-    'noise_floor': 'noise_floor_m',
-    'outlook': 'escape_chance_next_minute',
-    'time_to_limit_cycle': 'time_to_limit_cycle_s',
-}
-
 
 def event_message(event: Event, rig: str) -> DiagnosticArray:
-    """Return a transition: its word is the name of the status."""
-    values = {
+    """Return a transition: its word is the name of the status, its cause the message."""
+    values: dict[str, object] = {
         'event': event.event,
-        'since_s': f'{event.since_ns / NANOSECONDS:.3f}',
+        'since_s': _seconds(event.since_ns),
+        'decided_s': _seconds(event.stamp_ns),
+        'test': event.test,
         'cause': event.cause,
-        'speed_mps': event.speed_mps,
-        'amplitude_m': event.amplitude_m,
-        'growth_rate_per_s': event.growth_rate_per_s,
+        'normal_form': event.normal_form,
+        **event.numbers,
     }
     return diagnostic(event.stamp_ns, event.event, event.level.label, event.cause, values, rig)
 
@@ -52,9 +32,20 @@ def status_message(status: DetectorStatus, rig: str) -> DiagnosticArray:
         'alarm': status.alarm,
         'sequence': status.sequence,
         'inputs_until_ns': status.inputs_until_ns,
+        'since_s': _seconds(status.since_ns),
+        'test': status.test,
+        'state_since_s': _seconds(status.state_since_ns),
+        'state_decided_s': _seconds(status.state_decided_ns),
+        'normal_form': status.normal_form,
     }
-    values |= {_KEYS.get(name, name): value for name, value in status.numbers.items()}
+    values |= {name: '' if x is None else x for name, x in status.totals.items()}
+    values |= {PUBLIC.get(name, name): value for name, value in status.numbers.items()}
     values |= {f'dropped {what}': count for what, count in status.dropped.items()}
     values |= {f'clock_offset_s {name}': x for name, x in status.clock_offsets_s.items()}
     text = '; '.join(status.reasons)
     return diagnostic(status.stamp_ns, 'hunting', status.level.label, text, values, rig)
+
+
+def _seconds(stamp_ns: int) -> str:
+    """Return a stamp in seconds, to the millisecond; '' where there is none."""
+    return f'{stamp_ns / NANOSECONDS:.3f}' if stamp_ns else ''

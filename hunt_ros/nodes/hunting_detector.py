@@ -9,6 +9,7 @@ is published. Silence enters through its `tick`, on the node's clock.
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,10 +21,10 @@ from std_srvs.srv import Trigger
 
 from hunt_ros.criteria import Verdict
 from hunt_ros.detection.acceptance import AcceptanceConfig, objections
-from hunt_ros.detection.companions import CompanionConfig
+from hunt_ros.detection.companions import CompanionConfig, criterion_event
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.detector import HuntingDetector
-from hunt_ros.detection.output import Event, Output
+from hunt_ros.detection.output import EVENT_NUMBERS, PUBLIC, Event, Output
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.companion_worker import CompanionWorker
@@ -33,13 +34,15 @@ from hunt_ros.nodes.detector_messages import event_message, status_message
 from hunt_ros.nodes.diagnostics import Diagnostics, Health, NewSince, steady_clock
 from hunt_ros.nodes.estimate_publishers import EstimatePublishers
 from hunt_ros.nodes.parameters import declare, declare_normal_form, warn_unknown
-from hunt_ros.nodes.qos import EVENTS, STATUS, latched
+from hunt_ros.nodes.qos import EVENTS, STATUS, latched, stream
 from hunt_ros.nodes.sole import hold_name
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 
 _TICK_S = 0.05
 _STATUS_S = 0.05
+#: A name given longer ago than this is not that of who acknowledges now, s.
+_NAME_S = 5.0
 _SEVERITY = ('OK', 'WARN', 'STALE', 'ERROR')
 
 
@@ -71,6 +74,7 @@ class HuntingDetectorNode(LifecycleNode):
         self._compile_kernels()
         self._detector = HuntingDetector(self._config, self._form)
         self._active = False
+        self._alarms_said = ''
         self._estimates = EstimatePublishers(
             self, self._config.output_rate_hz, self._settings.frame_id
         )
@@ -92,7 +96,13 @@ class HuntingDetectorNode(LifecycleNode):
             self, self._config.channels, self._config.period_ns, self._drain
         )
         self.create_subscription(String, 'hunting/normal_form', self._on_form, latched())
+        self._alarms = self.create_publisher(String, 'hunting/alarms', latched())
+        self._name = self.create_subscription(
+            String, 'hunting/acknowledged_by', self._on_name, stream(10)
+        )
+        self._named: tuple[str, float] = ('', -math.inf)
         self.create_service(Trigger, 'hunting/acknowledge_alarm', self._on_acknowledge)
+        self.create_service(Trigger, 'hunting/alarm_history', self._on_history)
         self.create_service(Trigger, 'hunting/accept_normal_form', self._on_accept)
         self.create_timer(_TICK_S, self._tick)
         self.create_timer(_STATUS_S, self._publish_status, clock=steady_clock())
@@ -141,15 +151,20 @@ class HuntingDetectorNode(LifecycleNode):
             self._estimates.publish(output.estimates)
             self._companions.offer(output)
         for event in output.events:
-            self._events.publish(event_message(event, self._rig))
-            self._log(event)
+            self._tell(event)
+        if output.events and self._detector.history.alarms:
+            text = self._detector.history.to_text()
+            if text != self._alarms_said:
+                self._alarms_said = text
+                self._alarms.publish(String(data=text))
         if output.journal:
             entries = (entry.beside(self._beside) for entry in output.journal)
             lines = [entry.to_text() for entry in entries]
             self._journal.publish(String(data='\n'.join(lines)))
 
-    def _log(self, event: Event) -> None:
-        """Log a transition; rclpy wants each severity on a line of its own."""
+    def _tell(self, event: Event) -> None:
+        """Publish a transition, and log it: rclpy wants each severity on a line of its own."""
+        self._events.publish(event_message(event, self._rig))
         text = f'{event.event} at {event.speed_mps:.2f} m/s, {1e3 * event.amplitude_m:.3f} mm: '
         text += event.cause
         if event.level.label == 'ERROR':
@@ -174,6 +189,10 @@ class HuntingDetectorNode(LifecycleNode):
         level = 'WARN' if verdict.exceeded else 'OK'
         message = diagnostic(verdict.stamp_ns, verdict.criterion, level, '', values, self._rig)
         self._verdicts.publish(message)
+        status = self._detector.status
+        numbers = {PUBLIC.get(name, name): value for name, value in status.numbers.items()}
+        known = {name: numbers.get(name, math.nan) for name in EVENT_NUMBERS}
+        self._tell(criterion_event(verdict, status.stamp_ns, status.level, known))
 
     def _publish_critical_speed(self) -> None:
         """Publish v_c of the normal form in force, of the parameters, or of the forecast."""
@@ -216,8 +235,10 @@ class HuntingDetectorNode(LifecycleNode):
     def _take_over(self, form: IdentifiedNormalForm) -> None:
         self._form, self._waiting = form, None
         self._drain()
-        self._publish(self._detector.set_normal_form(form))
-        self.get_logger().info('a new normal form is in force')
+        output = self._detector.set_normal_form(form)
+        self._publish(output)
+        if not output.events:  # before the first row it is none
+            self.get_logger().info('a new normal form is in force')
 
     def _on_accept(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = self._waiting is not None
@@ -230,9 +251,27 @@ class HuntingDetectorNode(LifecycleNode):
     def _on_acknowledge(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
+        # The name was published before: it may wait behind this call.
+        with self._name.handle:
+            while (taken := self._name.handle.take_message(String, False)) is not None:
+                self._on_name(taken[0])
+        by, at_s = self._named
+        self._named = ('', -math.inf)
+        by = by if time.monotonic() - at_s < _NAME_S else ''
         self._drain()
-        self._publish(self._detector.acknowledge(self.get_clock().now().nanoseconds))
+        self._publish(self._detector.acknowledge(self.get_clock().now().nanoseconds, by))
         response.success = True
+        return response
+
+    def _on_name(self, message: String) -> None:
+        """Take the name of who acknowledges next."""
+        self._named = (' '.join(message.data.split()), time.monotonic())
+
+    def _on_history(
+        self, request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        response.success = True
+        response.message = self._detector.history.to_text()
         return response
 
     def _health(self) -> Health:

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hunt_ros.detection import DetectorConfig, HuntingDetector, JournalEntry, State
-from hunt_ros.detection.output import Output
+from hunt_ros.detection import DetectorConfig, HuntingDetector, JournalEntry, Level, State
+from hunt_ros.detection.output import EVENT_NUMBERS, Output
 from hunt_ros.detection.replay import replay_journal
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
@@ -239,4 +239,48 @@ def test_an_event_says_when_it_began_and_why() -> None:
     ].cause.startswith('the speed 7.200 m/s lies between v_n = 6.406 m/s and v_c = 8.000 m/s')
     for event in events.values():
         assert event.cause
+        assert event.test
         assert event.since_ns <= event.stamp_ns
+        assert event.normal_form == 'v_c 8.000 m/s, v_n 6.406 m/s'
+        assert set(event.numbers) == set(EVENT_NUMBERS)
+    assert (escape.test, cycle.test) == ('escape_probability', 'stable_amplitude')
+    numbers = escape.numbers
+    low, high = numbers['escape_probability_low'], numbers['escape_probability_high']
+    assert 0.0 <= low <= numbers['escape_probability'] <= high <= 1.0
+    assert f'{1e3 * numbers["unstable_amplitude_m"]:.3g} mm' in escape.cause
+    assert f'{numbers["growth_rate_per_s"]:.3g} +/- ' in escape.cause
+
+
+def test_the_status_says_why_and_since_when_with_its_numbers() -> None:
+    rig = Rig()
+    rig.feed(motion(np.full(600, 20e-6)))
+    status = rig.detector.status
+    assert status.level is Level.WARN
+    assert 'the speed 7.200 m/s lies between v_n = 6.406 m/s and v_c' in status.reasons[-1]
+    assert f'unstable amplitude {1e3 * status.unstable_amplitude:.3g} mm' in status.reasons[-1]
+    assert 0 < status.since_ns < 3 * SECOND
+    rig.feed(motion(hunting(), start_s=3.0))
+    status = rig.detector.status
+    events = {event.event: event for output in rig.outputs for event in output.events}
+    cycle, escape = events['limit_cycle'], events['escaping']
+    assert status.level is Level.ERROR
+    # The sentence of the moment at which it was said, and for how long it has lasted.
+    lasted = 1e-9 * (status.stamp_ns - cycle.since_ns)
+    assert status.reasons[0] == f'limit cycle for {lasted:.1f} s: {cycle.cause}'
+    assert status.test == cycle.test
+    assert status.since_ns == escape.stamp_ns
+    assert (status.state_since_ns, status.state_decided_ns) == (cycle.since_ns, cycle.stamp_ns)
+    assert status.normal_form == cycle.normal_form
+
+
+def test_a_channel_that_is_back_says_how_long_it_was_gone() -> None:
+    rig = Rig()
+    rig.feed(motion(np.full(600, 20e-6)))
+    later = motion(np.full(400, 20e-6), start_s=5.0)
+    rig.outputs.append(rig.detector.tick(5 * SECOND))
+    rig.feed(later)
+    events = {event.event: event for output in rig.outputs for event in output.events}
+    gone, back = events['input_stale'], events['input_recovered']
+    assert gone.test == back.test == 'timeout'
+    assert 'silent for 0.2 s' in gone.cause or 'silent for 0.5 s' in gone.cause
+    assert ' is back after 2.' in back.cause or ' is back after 1.' in back.cause

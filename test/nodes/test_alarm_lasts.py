@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
+from rcl_interfaces.msg import Log
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
+from hunt_ros.cli.main import main
 from hunt_ros.nodes.conversions import read_diagnostic, to_time
 from hunt_ros.nodes.hunting_detector import HuntingDetectorNode
+from hunt_ros.nodes.qos import latched
 
 pytestmark = pytest.mark.ros
 
@@ -56,6 +61,7 @@ class Wheelset:
 
 def test_an_alarm_outlasts_pauses_and_settings_change_while_it_runs(graph, resident) -> None:
     wheelset = Wheelset(graph)
+    log: list[Log] = graph.collect(Log, '/rosout')
     node = resident(
         HuntingDetectorNode,
         channels='[lateral, speed]',
@@ -88,6 +94,33 @@ def test_an_alarm_outlasts_pauses_and_settings_change_while_it_runs(graph, resid
     graph.spin_until(wheelset.status)
     assert wheelset.status()['alarm'] == 'True'
     assert wheelset.status()['state'] == 'limit_cycle'
-    assert graph.call('hunting/acknowledge_alarm').success
+    assert main(['call', 'acknowledge', 'Mia  Lopez']) == 0
     graph.spin_until(lambda: wheelset.status()['level'] == 'ERROR')
-    assert wheelset.status()['alarm'] == 'True', 'it still hunts'
+    status = wheelset.status()
+    assert status['alarm'] == 'True', 'it still hunts'
+    assert status['message'].startswith('limit cycle')
+    assert status['alarm_count'] == '1'
+    assert float(status['hunting_hours']) > 0.0
+    assert float(status['highest_amplitude_m']) == pytest.approx(3e-4, rel=0.05)
+
+    def acknowledged() -> list[dict[str, str]]:
+        wheelset.status()
+        return [one for one in wheelset.events if one['event'] == 'acknowledged']
+
+    graph.spin_until(acknowledged)
+    assert acknowledged()[0]['cause'].startswith('by Mia Lopez')
+    answer = graph.call('hunting/alarm_history')
+    (alarm,) = json.loads(answer.message)['alarms']
+    assert alarm['acknowledged_by'] == 'Mia Lopez'
+    assert alarm['cause'] == event['cause']
+    assert alarm['began_s'] == pytest.approx(float(event['since_s']), abs=2e-3)
+    latest = graph.collect(String, 'hunting/alarms', latched())
+    graph.spin_until(lambda: latest)
+    assert json.loads(latest[-1].data)['alarms'][0]['acknowledged_by'] == 'Mia Lopez'
+
+    def lines(begin: str) -> list[Log]:
+        return [line for line in log if line.msg.startswith(begin)]
+
+    # Each transition once on /rosout, as severe as it is.
+    graph.spin_until(lambda: lines('acknowledged at'))
+    assert [line.level for line in lines('limit_cycle at')] == [Log.ERROR]

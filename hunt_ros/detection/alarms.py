@@ -1,0 +1,241 @@
+"""
+What the alarm was for: the last alarms, the highest amplitude, and how long it hunted.
+
+Fed with the rows and the events of the detector, and with the acknowledgements: it knows no
+clock. It is not journalled, for it follows from what is; a restart after a pause keeps it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.detection import health
+from hunt_ros.detection.output import Event
+from hunt_ros.detection.regions import State
+from hunt_ros.samples import NANOSECONDS
+
+#: Alarms that are kept.
+KEPT = 100
+#: Who acknowledged, where no name came with it.
+UNKNOWN = 'unknown'
+
+#: After a kick, and while the filter starts, an amplitude may be far off: one whose standard
+#: deviation is a larger part of it than this is not the highest.
+_SURE = 0.1
+_BEGINS = {State.ESCAPING.label, State.LIMIT_CYCLE.label}
+_ENDS = {State.QUIET.label, State.DISTURBED.label}
+_COLUMNS = (('lateral', 'highest_amplitude_m'), ('yaw', 'highest_yaw_amplitude_rad'))
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """
+    One alarm: hunting from its beginning to its end.
+
+    Parameters
+    ----------
+    began_ns, decided_ns : int
+        First row that showed it, and the row at which it was said.
+    cause : str
+        Why it was said, as a sentence with its numbers.
+    test : str
+        Which test decided.
+    reached : str
+        How far it came: 'escaping' or 'limit_cycle'.
+    over_ns : int
+        Row at which it was over; 0 while it lasts.
+    highest_amplitude_m, highest_yaw_amplitude_rad : float
+        Highest amplitudes of the hunting that were known to 10 %; NaN where none was.
+    acknowledged_ns : int
+        0 where nobody has.
+    acknowledged_by : str
+        The name that came with it, or 'unknown'; '' where nobody has.
+    """
+
+    began_ns: int
+    decided_ns: int
+    cause: str
+    test: str
+    reached: str
+    over_ns: int = 0
+    highest_amplitude_m: float = math.nan
+    highest_yaw_amplitude_rad: float = math.nan
+    acknowledged_ns: int = 0
+    acknowledged_by: str = ''
+
+    def to_json(self, origin_ns: int = 0) -> dict[str, Any]:
+        """
+        Return it for JSON, with null for what is not known or has not been.
+
+        Stamps are in seconds from `origin_ns` on.
+        """
+
+        def seconds(stamp_ns: int) -> float:
+            return (stamp_ns - origin_ns) / NANOSECONDS
+
+        return {
+            'began_s': seconds(self.began_ns),
+            'decided_s': seconds(self.decided_ns),
+            'over_s': seconds(self.over_ns) if self.over_ns else None,
+            'reached': self.reached,
+            'test': self.test,
+            'cause': self.cause,
+            'highest_amplitude_m': _known(self.highest_amplitude_m),
+            'highest_yaw_amplitude_rad': _known(self.highest_yaw_amplitude_rad),
+            'acknowledged_s': seconds(self.acknowledged_ns) if self.acknowledged_by else None,
+            'acknowledged_by': self.acknowledged_by or None,
+        }
+
+
+class AlarmHistory:
+    """
+    The last `KEPT` alarms, and totals over all.
+
+    Parameters
+    ----------
+    period_ns : int
+        Spacing of the rows, ns.
+
+    Attributes
+    ----------
+    count : int
+        Alarms so far, also those that are no longer kept.
+    since_ns : int
+        First row that was seen; 0 before any. What was before is not known here.
+    highest : dict of str to float
+        Highest amplitudes of the hunting by the names of `Alarm`; NaN before any.
+    """
+
+    def __init__(self, period_ns: int) -> None:
+        self._period_ns = period_ns
+        self._alarms: deque[Alarm] = deque(maxlen=KEPT)
+        self._lasts = False
+        self._dying = False
+        self._hunting_rows = 0
+        self.count = 0
+        self.since_ns = 0
+        self.highest = {name: math.nan for _, name in _COLUMNS}
+
+    @property
+    def alarms(self) -> tuple[Alarm, ...]:
+        """Those that are kept, the oldest first."""
+        return tuple(self._alarms)
+
+    @property
+    def hunting_hours(self) -> float:
+        """How long it hunted, until the hunting was over, h."""
+        return self._hunting_rows * self._period_ns / (3600.0 * NANOSECONDS)
+
+    def update(self, rows: NDArray[np.void], events: Sequence[Event]) -> bool:
+        """
+        Take in rows and their events.
+
+        Parameters
+        ----------
+        rows : ndarray of ESTIMATE_DTYPE, shape (m,)
+            m > 0.
+        events : sequence of Event
+            Their transitions, in order.
+
+        Returns
+        -------
+        bool
+            True where an alarm began, went further or was over.
+        """
+        if not self.since_ns:
+            self.since_ns = int(rows['stamp_ns'][0])
+        hunting = rows['state'] >= State.ESCAPING
+        told = [event for event in events if event.event in _BEGINS | _ENDS | {'decaying'}]
+        if not (told or self._lasts or hunting.any()):
+            return False
+        self._hunting_rows += int(np.count_nonzero(hunting))
+        begin = 0
+        for event in told:
+            end = int(np.searchsorted(rows['stamp_ns'], event.stamp_ns))
+            self._measure(rows[begin:end])
+            self._take(event)
+            begin = end
+        self._measure(rows[begin:])
+        return bool(told)
+
+    def _take(self, event: Event) -> None:
+        """Begin an alarm, or go on with the one that lasts."""
+        word, stamp_ns = event.event, event.stamp_ns
+        if word in _BEGINS:
+            if self._lasts and self._dying and self._alarms[-1].acknowledged_by:
+                self._change(over_ns=stamp_ns)  # it was taken back, and is raised again
+                self._lasts = False
+            if self._lasts:
+                self._change(reached=_further(self._alarms[-1].reached, word))
+            else:
+                self.count += 1
+                self._alarms.append(Alarm(event.since_ns, stamp_ns, event.cause, event.test, word))
+                self._lasts = True
+        elif word in _ENDS and self._lasts:
+            self._change(over_ns=stamp_ns)
+            self._lasts = False
+        self._dying = word == State.DECAYING.label
+
+    def _measure(self, rows: NDArray[np.void]) -> None:
+        """Take in the amplitudes of rows between two events."""
+        if not (self._lasts and rows.size):
+            return
+        for channel, name in _COLUMNS:
+            amplitude, std = rows[f'{channel}_amplitude'], rows[f'{channel}_amplitude_std']
+            # Where lateral is that of yaw through the mode shape, its own sensor may be dead.
+            seen = (rows[f'{channel}_wrong'] & health.BLIND) == 0
+            sure = amplitude[seen & (std < _SURE * amplitude)]
+            if sure.size:
+                highest = float(sure.max())
+                self.highest[name] = float(np.fmax(self.highest[name], highest))
+                before = getattr(self._alarms[-1], name)
+                self._change(**{name: float(np.fmax(before, highest))})
+
+    def acknowledge(self, now_ns: int, by: str) -> None:
+        """Note who has acknowledged all alarms there are."""
+        for k, alarm in enumerate(self._alarms):
+            if not alarm.acknowledged_by:
+                self._alarms[k] = replace(
+                    alarm, acknowledged_ns=now_ns, acknowledged_by=by or UNKNOWN
+                )
+
+    def to_json(self, origin_ns: int = 0) -> dict[str, Any]:
+        """Return the totals, and the alarms that are kept, the oldest first; s from an origin."""
+        since_ns = self.since_ns - origin_ns
+        return {
+            'since_s': since_ns / NANOSECONDS if self.since_ns else None,
+            **self.totals(),
+            'alarms': [alarm.to_json(origin_ns) for alarm in self._alarms],
+        }
+
+    def totals(self) -> dict[str, Any]:
+        """Return the totals by their public names; null for what is not known."""
+        return {
+            'alarm_count': self.count,
+            'hunting_hours': self.hunting_hours,
+            **{name: _known(value) for name, value in self.highest.items()},
+        }
+
+    def to_text(self) -> str:
+        """Return `to_json` as text."""
+        return json.dumps(self.to_json(), allow_nan=False)
+
+    def _change(self, **values: Any) -> None:
+        self._alarms[-1] = replace(self._alarms[-1], **values)
+
+
+def _further(before: str, now: str) -> str:
+    """Return the worse of two words."""
+    return State.LIMIT_CYCLE.label if State.LIMIT_CYCLE.label in (before, now) else now
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None
