@@ -17,6 +17,8 @@ _SENTENCES: dict[str, str] = {
     'disturbed': 'disturbed, inside the basin of the quiet state',
     'margin_low': 'margin is low',
     'margin_restored': 'margin is restored',
+    'limit_exceeded': 'AMPLITUDE LIMIT EXCEEDED',
+    'limit_cleared': 'amplitude limit kept again',
     'motion_outside_range': 'MOTION OUTSIDE THE RANGE THAT IS FOLLOWED',
     'motion_outside_range_over': 'no more motion outside the range that is followed',
     'sensor_fault': 'SENSOR FAULT',

@@ -32,13 +32,17 @@ UNKNOWN = 'unknown'
 _SURE = 0.1
 _BEGINS = {State.ESCAPING.label, State.LIMIT_CYCLE.label}
 _ENDS = {State.QUIET.label, State.DISTURBED.label}
+_LIMIT = {'limit_exceeded', 'limit_cleared'}
+_TOLD = _BEGINS | _ENDS | _LIMIT | {State.DECAYING.label}
+#: How far an alarm came, from less to more.
+_FAR = ('amplitude_limit', State.ESCAPING.label, State.LIMIT_CYCLE.label)
 _COLUMNS = (('lateral', 'highest_amplitude_m'), ('yaw', 'highest_yaw_amplitude_rad'))
 
 
 @dataclass(frozen=True)
 class Alarm:
     """
-    One alarm: hunting from its beginning to its end.
+    One alarm: hunting, or an amplitude above an alarm limit, from its beginning to its end.
 
     Parameters
     ----------
@@ -49,11 +53,11 @@ class Alarm:
     test : str
         Which test decided.
     reached : str
-        How far it came: 'escaping' or 'limit_cycle'.
+        How far it came: 'amplitude_limit', 'escaping' or 'limit_cycle'.
     over_ns : int
         Row at which it was over; 0 while it lasts.
     highest_amplitude_m, highest_yaw_amplitude_rad : float
-        Highest amplitudes of the hunting that were known to 10 %; NaN where none was.
+        Highest amplitudes that were known to 10 %; NaN where none was.
     acknowledged_ns : int
         0 where nobody has.
     acknowledged_by : str
@@ -118,7 +122,8 @@ class AlarmHistory:
         self._period_ns = period_ns
         self._alarms: deque[Alarm] = deque(maxlen=KEPT)
         self._lasts = False
-        self._dying = False
+        #: What makes it last: a word of the hunting, and the alarm limits that are exceeded.
+        self._sources: set[str] = set()
         self._hunting_rows = 0
         self.count = 0
         self.since_ns = 0
@@ -153,7 +158,7 @@ class AlarmHistory:
         if not self.since_ns:
             self.since_ns = int(rows['stamp_ns'][0])
         hunting = rows['state'] >= State.ESCAPING
-        told = [event for event in events if event.event in _BEGINS | _ENDS | {'decaying'}]
+        told = [event for event in events if event.event in _TOLD]
         if not (told or self._lasts or hunting.any()):
             return False
         self._hunting_rows += int(np.count_nonzero(hunting))
@@ -167,22 +172,41 @@ class AlarmHistory:
         return bool(told)
 
     def _take(self, event: Event) -> None:
-        """Begin an alarm, or go on with the one that lasts."""
+        """Begin an alarm, go on with the one that lasts, or end it."""
         word, stamp_ns = event.event, event.stamp_ns
+        reached = ''
         if word in _BEGINS:
-            if self._lasts and self._dying and self._alarms[-1].acknowledged_by:
-                self._change(over_ns=stamp_ns)  # it was taken back, and is raised again
-                self._lasts = False
-            if self._lasts:
-                self._change(reached=_further(self._alarms[-1].reached, word))
+            raised_again = State.DECAYING.label in self._sources
+            self._sources -= _BEGINS | {State.DECAYING.label}
+            self._sources.add(word)
+            if raised_again and not self._sources - _BEGINS and self._lasts:
+                self._close_if_acknowledged(stamp_ns)
+            reached = word
+        elif word == State.DECAYING.label or word in _ENDS:
+            self._sources -= _BEGINS | {State.DECAYING.label}
+            if word not in _ENDS:
+                self._sources.add(word)
+        elif event.test.startswith('alarm_'):
+            if word == 'limit_exceeded':
+                self._sources.add(event.test)
+                reached = _FAR[0]
             else:
-                self.count += 1
-                self._alarms.append(Alarm(event.since_ns, stamp_ns, event.cause, event.test, word))
-                self._lasts = True
-        elif word in _ENDS and self._lasts:
+                self._sources.discard(event.test)
+        if reached and self._lasts:
+            self._change(reached=max(self._alarms[-1].reached, reached, key=_FAR.index))
+        elif reached:
+            self.count += 1
+            self._alarms.append(Alarm(event.since_ns, stamp_ns, event.cause, event.test, reached))
+            self._lasts = True
+        elif self._lasts and not self._sources:
             self._change(over_ns=stamp_ns)
             self._lasts = False
-        self._dying = word == State.DECAYING.label
+
+    def _close_if_acknowledged(self, stamp_ns: int) -> None:
+        """End an alarm that was taken back while it decayed: it is raised anew."""
+        if self._alarms[-1].acknowledged_by:
+            self._change(over_ns=stamp_ns)
+            self._lasts = False
 
     def _measure(self, rows: NDArray[np.void]) -> None:
         """Take in the amplitudes of rows between two events."""
@@ -230,11 +254,6 @@ class AlarmHistory:
 
     def _change(self, **values: Any) -> None:
         self._alarms[-1] = replace(self._alarms[-1], **values)
-
-
-def _further(before: str, now: str) -> str:
-    """Return the worse of two words."""
-    return State.LIMIT_CYCLE.label if State.LIMIT_CYCLE.label in (before, now) else now
 
 
 def _known(value: float) -> float | None:

@@ -47,6 +47,11 @@ class DetectorConfig(Settings):
     channels: tuple[str, ...] = setting(
         CHANNELS, 'channels the rig has; one that is listed and silent is a fault', fixed=True
     )
+    optional_channels: tuple[str, ...] = setting(
+        (),
+        'of the channels, those whose silence is no fault: it is said, with what it costs',
+        fixed=True,
+    )
     lines: tuple[float, ...] = setting(
         (1.0, 2.0),
         'known lines, in turns of the roller: what is forced at these orders is no hunting'
@@ -322,6 +327,32 @@ class DetectorConfig(Settings):
     agreement_hold_s: float = setting(
         1.0, 'and for this time (at 2.84 Hz)', unit='s', low=0.0, high=60.0
     )
+    warn_lateral_mm: float = setting(
+        0.0, 'WARN above this lateral amplitude (0: off)', unit='mm', low=0.0, high=1e4
+    )
+    alarm_lateral_mm: float = setting(
+        0.0, 'ERROR and alarm above this lateral amplitude (0: off)', unit='mm', low=0.0, high=1e4
+    )
+    warn_yaw_mrad: float = setting(
+        0.0, 'WARN above this yaw amplitude (0: off)', unit='mrad', low=0.0, high=1e4
+    )
+    alarm_yaw_mrad: float = setting(
+        0.0, 'ERROR and alarm above this yaw amplitude (0: off)', unit='mrad', low=0.0, high=1e4
+    )
+    warn_acceleration_mps2: float = setting(
+        0.0,
+        'WARN above this amplitude of the lateral acceleration, A (2 pi f)^2 (0: off)',
+        unit='m/s2',
+        low=0.0,
+        high=1e4,
+    )
+    alarm_acceleration_mps2: float = setting(
+        0.0,
+        'ERROR and alarm above this amplitude of the lateral acceleration (0: off)',
+        unit='m/s2',
+        low=0.0,
+        high=1e4,
+    )
     outlook_s: float = setting(
         60.0,
         'horizon of the chance of being thrown out of the quiet basin',
@@ -337,7 +368,9 @@ class DetectorConfig(Settings):
             raise ConfigError(f'channels: unknown {unknown[0]!r}, expected some of {CHANNELS}')
         if not set(self.channels) & {'lateral', 'yaw'}:
             raise ConfigError(f'channels: need lateral or yaw, got {self.channels}')
+        self._check_optional()
         self._check_lines()
+        self._check_limits()
         for high, low in (
             ('disturbed_in', 'disturbed_out'),
             ('escape_probability_in', 'escape_probability_out'),
@@ -351,6 +384,34 @@ class DetectorConfig(Settings):
         v_n, v_c = self.nonlinear_critical_speed_mps, self.critical_speed_mps
         if v_n > 0.0 and not v_n < v_c:
             raise ConfigError(f'nonlinear_critical_speed_mps: {v_n} must lie below v_c ({v_c})')
+
+    def _check_optional(self) -> None:
+        """Refuse channels as optional without which nothing can be said."""
+        for name in self.optional_channels:
+            if name not in self.channels:
+                raise ConfigError(
+                    f'optional_channels: {name!r} is none of the channels {self.channels}'
+                )
+        if 'speed' in self.optional_channels and self.constant_speed_mps == 0.0:
+            raise ConfigError(
+                "optional_channels: 'speed' needs constant_speed_mps: without a speed the region"
+                ' is unknown'
+            )
+        motion = {'lateral', 'yaw'} & set(self.channels)
+        if motion <= set(self.optional_channels):
+            raise ConfigError(
+                f'optional_channels: {self.optional_channels} leaves no channel of the motion,'
+                ' expected lateral or yaw to be required'
+            )
+
+    def _check_limits(self) -> None:
+        """Refuse a limit that warns later than it alarms."""
+        for name in ('lateral_mm', 'yaw_mrad', 'acceleration_mps2'):
+            warn, alarm = getattr(self, f'warn_{name}'), getattr(self, f'alarm_{name}')
+            if 0.0 < alarm < warn:
+                raise ConfigError(
+                    f'warn_{name}: {warn:g} must not be above alarm_{name} ({alarm:g})'
+                )
 
     def _check_lines(self) -> None:
         """Refuse orders that are none, and a wheel whose order is not known."""

@@ -21,7 +21,7 @@ from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.journal import JournalEntry
 from hunt_ros.detection.merge import ChannelMerger, LateRun
 from hunt_ros.detection.output import EMPTY, Event, Output
-from hunt_ros.detection.reasons import InForce
+from hunt_ros.detection.reasons import Basis
 from hunt_ros.detection.regions import Level
 from hunt_ros.detection.rows import RowMaker
 from hunt_ros.detection.schedule import Schedule
@@ -87,7 +87,7 @@ class HuntingDetector:
         self._schedule = Schedule(self._merger, c.period_ns)
         self._rows = RowMaker(c, drain)
         self._rows.set_normal_form(self._form)
-        self._transitions = Transitions(self._in_force())
+        self._transitions = Transitions(self._basis())
         self._last_row: np.void | None = None
         self._sequence = 0
         self._rows.remember(memory)
@@ -191,7 +191,7 @@ class HuntingDetector:
         self._form = form
         self._rows.set_normal_form(form)
         self._note('normal_form', text='' if form is None else form.to_yaml())
-        self._transitions.in_force = self._in_force()
+        self._transitions.basis = self._basis()
         row = self._last_row
         output = self._advance()
         if row is None:
@@ -200,9 +200,9 @@ class HuntingDetector:
         event = self._transitions.event_of(row, word, 'normal_form', cause)
         return replace(output, events=(event, *output.events))
 
-    def _in_force(self) -> InForce:
+    def _basis(self) -> Basis:
         """Return what the words compare the numbers with."""
-        return InForce(self.config, *self._rows.boundaries, form_words(self._form))
+        return Basis(self.config, *self._rows.boundaries, form_words(self._form))
 
     def reconfigure(self, config: DetectorConfig) -> Output:
         """
@@ -224,7 +224,7 @@ class HuntingDetector:
                 raise ConfigError(f'{item.name}: {new!r} can only be given at the start')
         self.config = config
         self._rows.reconfigure(config)
-        self._transitions.in_force = self._in_force()
+        self._transitions.basis = self._basis()
         self._note('settings', config=asdict(config))
         return self._advance()
 

@@ -144,7 +144,10 @@ class Estimator:
         rows['stamp_ns'] = rows_ns
         usable = {}
         for name, block in blocks.items():
-            rows[f'{name}_wrong'], usable[name] = self._health[name].update(block, rows_ns)
+            wrong, usable[name] = self._health[name].update(block, rows_ns)
+            if name in self.config.optional_channels:
+                wrong = health.excused(wrong)
+            rows[f'{name}_wrong'] = wrong
         stamp, sensor, value = _in_order(blocks, usable)
         slow = self._slow_at(np.concatenate([stamp, rows_ns]), blocks, usable)
         count = stamp.size

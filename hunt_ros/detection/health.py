@@ -31,6 +31,8 @@ _BITS = 12
 CONTRADICTED = 4096
 #: Found by the merger: its clock is away from the detector's, and the stamps are corrected.
 CLOCK = 8192
+#: In place of silence, where the channel is optional: known, and no fault.
+ABSENT = 16384
 
 #: Told in the status, but the channel is still believed.
 MILD = (
@@ -39,7 +41,7 @@ MILD = (
 #: The channel cannot be trusted.
 SEVERE = WAITING | SILENT | NO_VALUE | STUCK | SATURATED | CONTRADICTED
 #: A saturated sensor still shows that there is motion; the others show nothing.
-BLIND = SEVERE & ~SATURATED
+BLIND = SEVERE & ~SATURATED | ABSENT
 #: Of these, the ones that are a fault of the sensor rather than missing input.
 FAULTS = NO_VALUE | STUCK | SATURATED | CONTRADICTED
 
@@ -58,6 +60,14 @@ WORDS: dict[int, str] = {
     REVERSE: 'negative: the rig runs in reverse',
     CONTRADICTED: 'contradicts the roller angle',
     CLOCK: 'clocks differ',
+}
+
+#: What it costs to do without a channel.
+COSTS: dict[str, str] = {
+    'lateral': 'the lateral amplitude is that of yaw through the mode shape, or unknown',
+    'yaw': 'nothing stands in for the lateral sensor when it fails',
+    'roller': 'the lines of the roller are where the speed has them, and nothing checks the speed',
+    'speed': 'the speed is taken to be constant_speed_mps',
 }
 
 _MOTION, _ROLLER, _SPEED = 0, 1, 2
@@ -185,6 +195,14 @@ class ChannelHealth:
         if block.shifted:
             wrong |= np.uint32(CLOCK)
         return wrong, usable
+
+
+def excused(wrong: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """Return the bits of an optional channel: its silence is an absence."""
+    missing = (wrong & np.uint32(SILENT | WAITING)) != 0
+    rest = wrong & ~np.uint32(SILENT | WAITING)
+    excused: NDArray[np.uint32] = np.where(missing, rest | np.uint32(ABSENT), rest)
+    return excused
 
 
 @compiled

@@ -169,7 +169,8 @@ def config_for(record: Record, config: DetectorConfig) -> tuple[DetectorConfig, 
         return config, []
     remarks = [f'no {name} channel in the recording' for name in missing]
     present = tuple(name for name in config.channels if name not in missing)
-    found = replace(config, channels=present)
+    optional = tuple(name for name in config.optional_channels if name in present)
+    found = replace(config, channels=present, optional_channels=optional)
     if 'roller' in missing and any(config.lines):
         assumed = '' if config.roller_diameter_m else ' (assumed, set roller_diameter_m)'
         remarks[missing.index('roller')] += (

@@ -80,6 +80,9 @@ ESTIMATE_DTYPE: np.dtype[np.void] = np.dtype(
         ('state_since_ns', np.int64),
         ('margin_since_ns', np.int64),
         ('state_cause', np.int8),
+        # Amplitude limits that are exceeded, one bit each, and when the last to change did so.
+        ('limits', np.uint32),
+        ('limit_since_ns', np.int64),
         ('level', np.int8),
         ('alarm', np.bool_),
         ('doubts', np.uint32),

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.detection import doubts, health, states
 from hunt_ros.detection.configuration import DetectorConfig
+from hunt_ros.detection.limits import LIMITS, limit_cause
 from hunt_ros.detection.regions import Region, State
 from hunt_ros.samples import CHANNELS
 
@@ -41,8 +42,14 @@ _DOUBTS: tuple[tuple[int, str], ...] = (
 )
 
 
+_LIMIT_BITS = [
+    (1 << number, f'{limit.what} above its {limit.severity} limit')
+    for number, limit in enumerate(LIMITS)
+]
+
+
 @dataclass(frozen=True)
-class InForce:
+class Basis:
     """
     What the numbers of a row were compared with.
 
@@ -61,7 +68,7 @@ class InForce:
     normal_form: str = ''
 
 
-def reasons_of(row: np.void, limits: InForce | None = None, decided: str = '') -> tuple[str, ...]:
+def reasons_of(row: np.void, basis: Basis | None = None, decided: str = '') -> tuple[str, ...]:
     """
     Put a row of the estimates into words.
 
@@ -69,7 +76,7 @@ def reasons_of(row: np.void, limits: InForce | None = None, decided: str = '') -
     ----------
     row : void of ESTIMATE_DTYPE
         One row.
-    limits : InForce, optional
+    basis : Basis, optional
         What its numbers were compared with; without it they are not told.
     decided : str
         Why the state was said, with the numbers there were then.
@@ -91,11 +98,15 @@ def reasons_of(row: np.void, limits: InForce | None = None, decided: str = '') -
         if state is State.ESCAPING and math.isfinite(time):
             words += f', limit cycle in about {time:.1f} s'
         found.append(words)
+    for number, (bit, words) in reversed(list(enumerate(_LIMIT_BITS))):  # alarms first
+        if int(row['limits']) & bit:
+            told = '' if basis is None else f': {limit_cause(row, number, basis.config)}'
+            found.append(words + told)
     bits = int(row['doubts'])
     if bits & doubts.MARGIN:
-        found.append('low margin' + ('' if limits is None else f': {margin_cause(row, limits)}'))
+        found.append('low margin' + ('' if basis is None else f': {margin_cause(row, basis)}'))
     if bits & doubts.DISAGREE:
-        found.append(_DISAGREE + ('' if limits is None else f': {_two_amplitudes(row)}'))
+        found.append(_DISAGREE + ('' if basis is None else f': {_two_amplitudes(row)}'))
     if bits & doubts.FROM_YAW:
         spread = 100.0 * float(row['lateral_amplitude_std']) / float(row['lateral_amplitude'])
         found.append(
@@ -107,9 +118,15 @@ def reasons_of(row: np.void, limits: InForce | None = None, decided: str = '') -
     if bits & doubts.DECAYING:
         found.append(_DECAYING + why)
     if bits & (doubts.HYSTERESIS | doubts.UNSTABLE):
-        told = '' if limits is None else f': {region_cause(row, limits)}'
+        told = '' if basis is None else f': {region_cause(row, basis)}'
         found.append((_HYSTERESIS if bits & doubts.HYSTERESIS else _UNSTABLE) + told)
     return (*found, *channel_reasons(row, health.MILD))
+
+
+def absent_words(row: np.void) -> tuple[str, ...]:
+    """Return which optional channels are absent in a row, and what that costs."""
+    gone = [name for name in CHANNELS if int(row[f'{name}_wrong']) & health.ABSENT]
+    return tuple(f'{name} is absent: {health.COSTS[name]}' for name in gone)
 
 
 def _measured(value: float, std: float, unit: str) -> str:
@@ -151,10 +168,10 @@ def _floor(row: np.void) -> str:
     return f'quiet amplitude {_measured(floor, math.nan, "mrad" if in_yaw else "mm")}'
 
 
-def state_cause(row: np.void, limits: InForce) -> tuple[str, str]:
+def state_cause(row: np.void, basis: Basis) -> tuple[str, str]:
     """Return which test led to the state of a row, and its evidence with its numbers."""
     size, growth, chance = f'the {_size(row)}', _growth(row), _chance(row)
-    config = limits.config
+    config = basis.config
     edge = ''
     if math.isfinite(row['unstable_amplitude']):
         edge = f', {_unstable(row)}'
@@ -199,9 +216,9 @@ def state_cause(row: np.void, limits: InForce) -> tuple[str, str]:
     return words.get(int(row['state_cause']), ('amplitude', size))
 
 
-def region_cause(row: np.void, limits: InForce) -> str:
+def region_cause(row: np.void, basis: Basis) -> str:
     """Say where the speed of a row lies."""
-    v_n, v_c = limits.v_n, limits.v_c
+    v_n, v_c = basis.v_n, basis.v_c
     speed = float(row['speed'])
     if math.isnan(speed):
         return 'the speed is not known'
@@ -217,10 +234,10 @@ def region_cause(row: np.void, limits: InForce) -> str:
     return f'the speed {speed:.3f} m/s ' + words.get(region, 'has no known boundaries')
 
 
-def margin_cause(row: np.void, limits: InForce) -> str:
+def margin_cause(row: np.void, basis: Basis) -> str:
     """Compare the margin of a row with its limit."""
     low = bool(int(row['doubts']) & doubts.MARGIN)
-    limit = limits.config.margin_in if low else limits.config.margin_out
+    limit = basis.config.margin_in if low else basis.config.margin_out
     margin = float(row['margin'])
     if not math.isfinite(margin):
         if int(row['region']) == Region.UNSTABLE:
@@ -264,6 +281,7 @@ def reason_counts(rows: NDArray[np.void]) -> Counter[str]:
     counts: Counter[str] = Counter()
     columns = [(rows['doubts'], '', (*_HELD, *_DOUBTS))]
     channel_words = tuple(health.WORDS.items())
+    columns.append((rows['limits'], '', tuple(_LIMIT_BITS)))
     columns += [(rows[f'{name}_wrong'], f'{name}: ', channel_words) for name in CHANNELS]
     for column, prefix, table in columns:
         present = int(np.bitwise_or.reduce(column)) if column.size else 0

@@ -20,6 +20,7 @@ from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.estimates import Estimator
 from hunt_ros.detection.frequencies import nominal_hz, with_frequencies
 from hunt_ros.detection.grid import RowGrid
+from hunt_ros.detection.limits import ALARMS, AmplitudeLimits
 from hunt_ros.detection.merge import MergedBlock
 from hunt_ros.detection.output import Motion
 from hunt_ros.detection.regions import Level, State
@@ -69,6 +70,7 @@ class RowMaker:
         self._grid = RowGrid(config.period_ns, drain_ns)
         self._estimator = Estimator(self.config)
         self._judged = JudgedChannel(config)
+        self._limits = AmplitudeLimits(self.config)
         self._judging = ''
         self._floors: dict[str, NDArray[np.void]] = {}
         self._edge_second = -1
@@ -92,6 +94,7 @@ class RowMaker:
         self._asked = config
         self.config = with_frequencies(config, self._nominal_hz)
         self._estimator.reconfigure(self.config)
+        self._limits.reconfigure(self.config)
         self._make_rules()
 
     def _make_rules(self) -> None:
@@ -125,12 +128,14 @@ class RowMaker:
             'learnt': floor['learnt'],
             'in_yaw': self._judging == 'yaw',
         }
-        return {name: float(value) for name, value in found.items() if not math.isnan(value)}
+        known = {name: float(value) for name, value in found.items() if not math.isnan(value)}
+        return known | self._limits.lasting()
 
     def remember(self, lasting: Mapping[str, float]) -> None:
         """Go on, before the first row, with what `lasting` gave."""
         if not lasting:
             return
+        self._limits.remember(lasting)
         state = self.memory['state']
         state['hunting']['word'] = state['hunting']['wanted'] = lasting['hunting']
         for part, name in (*_HUNTING[1:], *_SIZES):
@@ -147,6 +152,7 @@ class RowMaker:
             return
         self.config = tuned
         self._estimator.retune(tuned)
+        self._limits.reconfigure(tuned)
         # The noise that it has learnt is that at another frequency; the hunting is the same.
         self._forget((*_HUNTING, ('evidence', 'reference')))
         self._floors.clear()
@@ -171,7 +177,7 @@ class RowMaker:
     @property
     def alarm(self) -> bool:
         """The latched alarm."""
-        return bool(self.memory['state']['alarm'][0])
+        return bool(self.memory['state']['alarm'][0]) or self._limits.alarm
 
     @property
     def state(self) -> State:
@@ -179,7 +185,8 @@ class RowMaker:
         return State(states.shown(self.memory['state'][0]))
 
     def acknowledge(self) -> None:
-        """Take the alarm back: at once, or once the hunting is over."""
+        """Take the alarm back: at once, or once the hunting is over and all limits are kept."""
+        self._limits.acknowledge()
         memory = self.memory['state'][0]
         if memory['alarm']:
             hunting = memory['hunting']['word'] in (State.ESCAPING, State.LIMIT_CYCLE)
@@ -212,6 +219,7 @@ class RowMaker:
         if rows.size:
             trusted = self._trusted(rows)
             self._decide(rows, trusted, disagree)
+            self._limits.watch(rows, trusted)
             self._levels(rows)
             motion = motion.told(rows)
         return rows, motion
@@ -283,8 +291,9 @@ class RowMaker:
         wrong = np.zeros(rows.size, dtype=np.uint32)
         for name in self._channels:
             wrong |= rows[f'{name}_wrong']
-        level = np.where((rows['doubts'] != 0) | (wrong != 0), Level.WARN, Level.OK)
+        told = (rows['doubts'] != 0) | ((wrong & ~np.uint32(health.ABSENT)) != 0)
+        level = np.where(told | (rows['limits'] != 0), Level.WARN, Level.OK)
         hunting = (rows['state'] == State.ESCAPING) | (rows['state'] == State.LIMIT_CYCLE)
-        level[hunting] = Level.ERROR
+        level[hunting | ((rows['limits'] & np.uint32(ALARMS)) != 0)] = Level.ERROR
         level[(wrong & health.SEVERE) != 0] = Level.STALE
         rows['level'] = level

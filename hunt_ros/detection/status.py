@@ -14,6 +14,7 @@ from hunt_ros.detection.alarms import AlarmHistory
 from hunt_ros.detection.clocks import ChannelClock
 from hunt_ros.detection.intake import Intake
 from hunt_ros.detection.output import NUMBERS
+from hunt_ros.detection.reasons import absent_words
 from hunt_ros.detection.regions import Level, Region, State
 from hunt_ros.detection.transitions import Transitions
 
@@ -52,6 +53,8 @@ class DetectorStatus:
         which it was decided; 0 before any.
     normal_form : str
         The form in force, by its critical speeds; '' where there is none.
+    absent : tuple of str
+        Optional channels that are absent, and what that costs: no reason for a level.
     totals : mapping of str to int, float or None
         What `AlarmHistory.totals` gives.
     """
@@ -72,6 +75,7 @@ class DetectorStatus:
     state_since_ns: int = 0
     state_decided_ns: int = 0
     normal_form: str = ''
+    absent: tuple[str, ...] = ()
     totals: Mapping[str, Any] = field(default_factory=dict)
 
     def __getattr__(self, name: str) -> float:
@@ -139,7 +143,7 @@ def status_of(
             alarm=alarm,
             dropped=dropped,
             clock_offsets_s=offsets,
-            normal_form=transitions.in_force.normal_form,
+            normal_form=transitions.basis.normal_form,
             totals=history.totals(),
         )
     refused += tuple(
@@ -164,7 +168,8 @@ def status_of(
         since_ns=transitions.level_since_ns,
         state_since_ns=int(row['state_since_ns']),
         state_decided_ns=transitions.decided_ns,
-        normal_form=transitions.in_force.normal_form,
+        normal_form=transitions.basis.normal_form,
+        absent=absent_words(row),
         totals=history.totals(),
     )
 

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.detection import doubts, health
+from hunt_ros.detection.limits import LIMITS, limit_cause
 from hunt_ros.detection.output import ESTIMATE_DTYPE, Event, numbers_behind
 from hunt_ros.detection.reasons import (
-    InForce,
+    Basis,
     margin_cause,
     outside_words,
     reasons_of,
@@ -25,6 +26,8 @@ _Change = tuple[str, str, str, int]
 
 #: Motion outside the range is named again when it has grown by this factor.
 _GROWN = 10.0
+#: A channel gives nothing: a fault, or one that is optional.
+_MISSING = health.SILENT | health.ABSENT
 _STATES = {State.ESCAPING, State.LIMIT_CYCLE, State.DECAYING}
 _REGIONS = {Region.HYSTERESIS: 'hysteresis', Region.UNSTABLE: 'unstable'}
 
@@ -35,12 +38,12 @@ class Transitions:
 
     Parameters
     ----------
-    in_force : InForce
+    basis : Basis
         Names the channels, and the limits that the causes speak of.
 
     Attributes
     ----------
-    in_force : InForce
+    basis : Basis
     decided : str
         Why the hunting that is in force was said; '' where there is none, or where it was said
         before a restart.
@@ -50,9 +53,9 @@ class Transitions:
         Which test decided the state; '' before any.
     """
 
-    def __init__(self, in_force: InForce) -> None:
-        self.in_force = in_force
-        self._channels = tuple(name for name in CHANNELS if name in in_force.config.channels)
+    def __init__(self, basis: Basis) -> None:
+        self.basis = basis
+        self._channels = tuple(name for name in CHANNELS if name in basis.config.channels)
         self._before = np.zeros(1, dtype=ESTIMATE_DTYPE)
         self._before['level'] = -1
         self._said: dict[str, float] = {}
@@ -73,7 +76,7 @@ class Transitions:
         rows : ndarray of ESTIMATE_DTYPE, shape (m,)
             With level, region and state filled in; m > 0.
         """
-        watched = ['region', 'state', 'level']
+        watched = ['region', 'state', 'level', 'limits']
         changed = np.zeros(rows.size, dtype=np.bool_)
         before = {}
         for name in (*watched, 'doubts', *(f'{name}_wrong' for name in self._channels)):
@@ -81,7 +84,7 @@ class Transitions:
             if name == 'doubts':
                 values = values & (doubts.MARGIN | doubts.OUTSIDE)
             elif name.endswith('_wrong'):
-                values = values & (health.SILENT | health.FAULTS)
+                values = values & (_MISSING | health.FAULTS)
             last = self._before[name][0]
             earlier = np.concatenate(([last], values[:-1]))
             changed |= values != earlier
@@ -122,13 +125,13 @@ class Transitions:
             stamp_ns if since_ns is None else since_ns,
             test,
             cause,
-            self.in_force.normal_form,
+            self.basis.normal_form,
             numbers_behind(row),
         )
 
     def reasons(self, row: np.void) -> tuple[str, ...]:
         """Return why the level of a row is what it is, the most serious first."""
-        return reasons_of(row, self.in_force, self.decided)
+        return reasons_of(row, self.basis, self.decided)
 
     def _changes(self, row: np.void, before: dict[str, int]) -> list[_Change]:
         found: list[_Change] = []
@@ -136,7 +139,7 @@ class Transitions:
             found += self._channel(name, before[f'{name}_wrong'], row)
         old_region, region = Region(before['region']), Region(int(row['region']))
         if region != old_region:
-            cause, since_ns = region_cause(row, self.in_force), int(row['region_since_ns'])
+            cause, since_ns = region_cause(row, self.basis), int(row['region_since_ns'])
             if old_region in _REGIONS:
                 found.append((f'{_REGIONS[old_region]}_left', 'speed', cause, since_ns))
             if region in _REGIONS:
@@ -144,12 +147,18 @@ class Transitions:
         low = bool(int(row['doubts']) & doubts.MARGIN)
         if low != bool(before['doubts'] & doubts.MARGIN):
             word = 'margin_low' if low else 'margin_restored'
-            cause = margin_cause(row, self.in_force)
+            cause = margin_cause(row, self.basis)
             found.append((word, 'margin', cause, int(row['margin_since_ns'])))
+        for number, limit in enumerate(LIMITS):
+            if (int(row['limits']) ^ before['limits']) & (1 << number):
+                over = int(row['limits']) & (1 << number)
+                word = 'limit_exceeded' if over else 'limit_cleared'
+                cause = limit_cause(row, number, self.basis.config)
+                found.append((word, limit.setting, cause, int(row['limit_since_ns'])))
         found += self._outside(row, before['doubts'])
         old_state, state = State(before['state']), State(int(row['state']))
         if state != old_state:
-            self.test, self.decided = state_cause(row, self.in_force)
+            self.test, self.decided = state_cause(row, self.basis)
             self.decided_ns = int(row['stamp_ns'])
             # A disturbance that stays in the basin is a state, not an event.
             if state in _STATES or old_state in _STATES:
@@ -159,13 +168,15 @@ class Transitions:
 
     def _channel(self, name: str, old: int, row: np.void) -> list[_Change]:
         new, stamp_ns = int(row[f'{name}_wrong']), int(row['stamp_ns'])
-        over_ns = stamp_ns - round(self.in_force.config.fault_hold_s * NANOSECONDS)
+        over_ns = stamp_ns - round(self.basis.config.fault_hold_s * NANOSECONDS)
         found: list[_Change] = []
-        if (new ^ old) & health.SILENT:
-            if new & health.SILENT:
-                age = self.in_force.config.timeout_ns(name)
+        if (new ^ old) & _MISSING:
+            if new & _MISSING:
+                age = self.basis.config.timeout_ns(name)
                 self._began_ns[f'{name} silent'] = since_ns = stamp_ns - age
                 cause = f'{name}: silent for {age / NANOSECONDS:g} s'
+                if new & health.ABSENT:
+                    cause += f', but it is optional: {health.COSTS[name]}'
                 found.append(('input_stale', 'timeout', cause, since_ns))
             else:
                 cause = f'{name} is back{self._after(f"{name} silent", over_ns)}'
@@ -189,7 +200,7 @@ class Transitions:
 
     def _limit(self, channel: str, fault: int) -> str:
         """Say what a fault was found by."""
-        config = self.in_force.config
+        config = self.basis.config
         age = self._age_ns(channel, fault) / NANOSECONDS
         if fault == health.CONTRADICTED:
             return f' by more than {config.speed_contradiction_mps:g} m/s for {age:g} s'
@@ -197,7 +208,7 @@ class Transitions:
 
     def _age_ns(self, channel: str, fault: int) -> int:
         """Return how long a fault has lasted when it is found, ns."""
-        config = self.in_force.config
+        config = self.basis.config
         ages = {
             health.NO_VALUE: config.timeout_ns(channel),
             health.STUCK: round(config.stuck_time_s * NANOSECONDS),

@@ -37,6 +37,7 @@ def status_message(status: DetectorStatus, rig: str) -> DiagnosticArray:
         'state_since_s': _seconds(status.state_since_ns),
         'state_decided_s': _seconds(status.state_decided_ns),
         'normal_form': status.normal_form,
+        'absent': '; '.join(status.absent),
     }
     values |= {name: '' if x is None else x for name, x in status.totals.items()}
     values |= {PUBLIC.get(name, name): value for name, value in status.numbers.items()}

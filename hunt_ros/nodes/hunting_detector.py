@@ -292,6 +292,7 @@ class HuntingDetectorNode(LifecycleNode):
             return 'STALE', 'inactive', values
         text = f'{status.state.label}, region {status.region.label}'
         said = [(status.level.label, '; '.join([text, *status.reasons]))]
+        said += [('OK', words) for words in status.absent]
         if mute := self._inbox.mute():
             said.append(('WARN', mute))
         if unreadable:

@@ -1,0 +1,198 @@
+"""Limits in mm, mrad and m/s2, and channels that may be missing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hunt_ros.detection import DetectorConfig, HuntingDetector, JournalEntry, Level, State
+from hunt_ros.detection.output import Output
+from hunt_ros.detection.replay import replay_journal
+from hunt_ros.errors import ConfigError
+from hunt_ros.samples import Record, Series
+
+SECOND = 1_000_000_000
+RATE_HZ = 200.0
+HUNTING_HZ = 2.84
+
+
+class Rig:
+    """Moves sideways by amplitudes given per second; no form, a speed of 7.2 m/s."""
+
+    def __init__(self, channels: tuple[str, ...] = ('lateral', 'speed'), **settings) -> None:
+        config = DetectorConfig(channels=channels, critical_speed_mps=8.0, **settings)
+        self.detector = HuntingDetector(config)
+        self.outputs: list[Output] = []
+        self.fed: dict[str, list[Series]] = {name: [] for name in channels}
+        self._seconds = 0.0
+
+    def move(self, *amplitudes_m: float, scale: dict[str, float] | None = None) -> None:
+        """Go on for a second with each amplitude."""
+        scale = scale or {'lateral': 1.0}
+        sizes = np.repeat(amplitudes_m, round(RATE_HZ))
+        t = self._seconds + (np.arange(sizes.size) + 1) / RATE_HZ
+        self._seconds += len(amplitudes_m)
+        noise = 2e-6 * np.random.default_rng(1).standard_normal(t.size)
+        stamps = np.round(1e9 * t).astype(np.int64)
+        motion = sizes * np.cos(2.0 * np.pi * HUNTING_HZ * t) + noise
+        series = {name: Series(stamps, factor * motion) for name, factor in scale.items()}
+        series['speed'] = Series(stamps, np.full(t.size, 7.2))
+        for name, part in series.items():
+            self.fed[name].append(part)
+            self.outputs.append(self.detector.update(name, part.stamps_ns, part.values))
+
+    def tick(self) -> None:
+        self.outputs.append(self.detector.tick(round(self._seconds * SECOND)))
+
+    @property
+    def events(self) -> list:
+        return [event for output in self.outputs for event in output.events]
+
+    def said(self) -> list[tuple[str, str]]:
+        """Return word and test of the events about limits."""
+        return [
+            (e.event, e.test)
+            for e in self.events
+            if e.event in ('limit_exceeded', 'limit_cleared')
+        ]
+
+    def replayed(self) -> tuple[Output, HuntingDetector]:
+        record = Record(
+            {
+                name: Series(
+                    np.concatenate([part.stamps_ns for part in parts]),
+                    np.concatenate([part.values for part in parts]),
+                )
+                for name, parts in self.fed.items()
+                if parts
+            }
+        )
+        lines = [entry.to_text() for output in self.outputs for entry in output.journal]
+        again = HuntingDetector(self.detector.config)
+        return replay_journal(again, record, [JournalEntry.from_text(x) for x in lines]), again
+
+
+def test_a_limit_is_its_own_cause_with_hysteresis_and_an_alarm_that_latches() -> None:
+    rig = Rig(warn_lateral_mm=1.0, alarm_lateral_mm=2.0)
+    rig.move(*[20e-6] * 4)
+    assert rig.detector.status.level is Level.OK
+    rig.move(*[1.5e-3] * 2)
+    warned = [event for event in rig.events if event.event == 'limit_exceeded']
+    assert [event.test for event in warned] == ['warn_lateral_mm']
+    assert 'warn limit of 1 mm' in warned[0].cause
+    assert 4 * SECOND < warned[0].since_ns < warned[0].stamp_ns < 5 * SECOND
+    rig.move(*[2.5e-3] * 2)
+    status = rig.detector.status
+    assert (status.level, status.alarm) == (Level.ERROR, True)
+    (over,) = (event for event in rig.events if event.test == 'alarm_lateral_mm')
+    assert over.level is Level.ERROR
+    assert 'is above the alarm limit of 2 mm' in over.cause
+    assert any(
+        reason.startswith('lateral amplitude above its alarm limit') for reason in status.reasons
+    )
+    count = len(rig.said())
+    rig.move(*[1.9e-3, 2.1e-3] * 4)  # about the limit: nothing changes
+    assert len(rig.said()) == count
+    rig.move(*[20e-6] * 6)
+    assert sorted(rig.said()[count:]) == [
+        ('limit_cleared', 'alarm_lateral_mm'),
+        ('limit_cleared', 'warn_lateral_mm'),
+    ]
+    assert rig.detector.status.alarm, 'until it is acknowledged'
+    (first, *_) = rig.detector.history.alarms
+    assert rig.detector.history.highest['highest_amplitude_m'] == pytest.approx(2.5e-3, rel=0.1)
+    assert first.began_ns > 0
+    replayed, _ = rig.replayed()
+    rows = np.concatenate([output.estimates for output in rig.outputs])
+    assert replayed.estimates.tobytes() == rows.tobytes()
+
+
+@pytest.mark.parametrize(
+    ('setting', 'value'),
+    [('alarm_yaw_mrad', 1.0), ('alarm_acceleration_mps2', 0.15), ('alarm_lateral_mm', 0.4)],
+)
+def test_each_quantity_has_a_limit_in_its_unit(setting: str, value: float) -> None:
+    rig = Rig(('lateral', 'yaw', 'speed'), **{setting: value})
+    scale = {'lateral': 1.0, 'yaw': 2.5}
+    # 0.5 mm at 2.84 Hz: 1.25 mrad, 0.159 m/s2.
+    rig.move(*[0.45e-3 if setting != 'alarm_lateral_mm' else 0.35e-3] * 3, scale=scale)
+    rig.tick()
+    if setting != 'alarm_yaw_mrad':
+        assert not rig.said()
+    rig.move(*[0.5e-3] * 3, scale=scale)
+    assert ('limit_exceeded', setting) in rig.said()
+    assert f'{value:g}' in next(e.cause for e in rig.events if e.test == setting)
+
+
+def test_limits_change_while_it_runs_and_are_replayed_bit_for_bit() -> None:
+    rig = Rig(alarm_lateral_mm=5.0)
+    rig.move(*[1.5e-3] * 3)
+    assert not rig.said()
+    rig.outputs.append(
+        rig.detector.reconfigure(replace(rig.detector.config, alarm_lateral_mm=1.0))
+    )
+    rig.move(*[1.5e-3] * 2)
+    assert rig.said() == [('limit_exceeded', 'alarm_lateral_mm')]
+    rig.outputs.append(rig.detector.acknowledge(5 * SECOND, 'Mia'))
+    assert rig.detector.status.alarm, 'the limit is still exceeded'
+    rig.outputs.append(
+        rig.detector.reconfigure(replace(rig.detector.config, alarm_lateral_mm=0.0))
+    )
+    rig.move(*[1.5e-3] * 2)
+    assert rig.said()[-1] == ('limit_cleared', 'alarm_lateral_mm')
+    assert 'is off' in rig.events[[e.event for e in rig.events].index('limit_cleared')].cause
+    replayed, again = rig.replayed()
+    rows = np.concatenate([output.estimates for output in rig.outputs])
+    assert replayed.estimates.tobytes() == rows.tobytes()
+    assert [repr(e) for e in replayed.events] == [repr(e) for e in rig.events]
+    assert again.history.to_text() == rig.detector.history.to_text()
+
+
+def test_a_pause_does_not_take_a_limit_back() -> None:
+    rig = Rig(alarm_lateral_mm=1.0)
+    rig.move(*[1.5e-3] * 3)
+    assert rig.detector.status.alarm
+    rig.detector.restart()
+    assert rig.detector.status.alarm
+    rig.detector.acknowledge()
+    assert rig.detector.status.alarm, 'it was above the limit when it was seen last'
+
+
+@pytest.mark.parametrize(
+    ('settings', 'word'),
+    [
+        ({'warn_yaw_mrad': 3.0, 'alarm_yaw_mrad': 2.0}, 'warn_yaw_mrad'),
+        ({'optional_channels': ('pitch',)}, 'pitch'),
+        ({'optional_channels': ('lateral', 'yaw')}, 'lateral or yaw'),
+        ({'optional_channels': ('speed',)}, 'constant_speed_mps'),
+    ],
+)
+def test_limits_and_optional_channels_that_cannot_be_are_named(settings, word) -> None:
+    with pytest.raises(ConfigError, match=word):
+        DetectorConfig(**settings)
+
+
+def test_an_optional_channel_that_is_absent_is_no_warning_but_is_said() -> None:
+    channels = ('lateral', 'yaw', 'speed')
+    needed, optional = Rig(channels), Rig(channels, optional_channels=('yaw',))
+    for rig in (needed, optional):
+        rig.move(0.0)
+        rig.tick()
+        for _ in range(20):
+            rig.move(0.0)
+            rig.tick()
+    assert needed.detector.status.level is Level.STALE
+    status = optional.detector.status
+    assert status.level is Level.OK, status.reasons
+    assert status.state in (State.QUIET, State.DISTURBED)
+    assert status.reasons == ()
+    (cost,) = status.absent
+    assert cost.startswith('yaw is absent: ')
+    (gone,) = (event for event in optional.events if event.event == 'input_stale')
+    assert 'yaw: silent for 0.2 s, but it is optional: ' in gone.cause
+    assert gone.level is not Level.STALE
+    replayed, _ = optional.replayed()
+    rows = np.concatenate([output.estimates for output in optional.outputs])
+    assert replayed.estimates.tobytes() == rows.tobytes()
