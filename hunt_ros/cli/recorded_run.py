@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hunt_ros.detection import CompanionConfig, DetectorConfig, JournalEntry
-from hunt_ros.detection.acceptance import AcceptanceConfig
 
 _DETECTOR = 'hunting_detector'
 _JOURNAL = 'hunting/journal'
@@ -89,5 +88,5 @@ def recorded_run(path: Path) -> RecordedRun | None:
 def _unknown(values: Mapping[str, object]) -> set[str]:
     """Return the names that are settings of nothing that a replay runs, and once were."""
     names = DetectorConfig.unknown(values) & CompanionConfig.unknown(values)
-    names &= AcceptanceConfig.unknown(values) - set(_OF_THE_NODE)
+    names -= set(_OF_THE_NODE)
     return {name for name in names if '.' not in name}  # normal_form.v_c, qos_overrides. ...

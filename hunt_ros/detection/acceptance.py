@@ -9,14 +9,13 @@ person went back to: it carries a mark, and whoever set the mark has seen what i
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import NormalForm
-from hunt_ros.settings import Settings, setting
 
 #: Line of the provenance that marks a form which a person went back to.
 _MARK = 'rolled back'
@@ -25,30 +24,17 @@ _MARK = 'rolled back'
 _PLACES = np.linspace(0.2, 1.0, 321)
 
 
-@dataclass(frozen=True)
-class AcceptanceConfig(Settings):
-    """Bounds within which a new normal form is taken over by itself."""
-
-    accept_amplitude_factor: float = setting(
-        1.15, 'a new form may raise the unstable amplitude by this factor', low=1.0, high=10.0
-    )
-    accept_speed_factor: float = setting(
-        1.02, 'a new form may raise v_n and v_c by this factor', low=1.0, high=10.0
-    )
-    accept_frequency_factor: float = setting(
-        1.1, 'a new form may change the hunting frequency by this factor', low=1.0, high=10.0
-    )
-    accept_width_factor: float = setting(
-        2.0,
-        'a new form may widen the standard deviation of v_c by this factor',
-        low=1.0,
-        high=100.0,
-    )
+#: A new form may raise the unstable amplitude by this factor: two fits of one rig differ by less.
+_AMPLITUDE = 1.15
+#: ... and v_n and v_c by this one,
+_SPEED = 1.02
+#: change the hunting frequency by this one: another is that of another rig,
+_FREQUENCY = 1.1
+#: and widen the standard deviation of v_c by this one.
+_WIDTH = 2.0
 
 
-def objections(
-    new: IdentifiedNormalForm, current: IdentifiedNormalForm | None, config: AcceptanceConfig
-) -> list[str]:
+def objections(new: IdentifiedNormalForm, current: IdentifiedNormalForm | None) -> list[str]:
     """
     Say what speaks against taking over a new form without asking.
 
@@ -57,8 +43,6 @@ def objections(
     new, current : IdentifiedNormalForm
         `current` None: nothing is in force, and nothing speaks against. Nor does
         anything speak against a `new` one that a person went back to.
-    config : AcceptanceConfig
-        The bounds.
 
     Returns
     -------
@@ -67,34 +51,30 @@ def objections(
     """
     if current is None or is_rolled_back(new):
         return []
-    found = _later(new.form, current.form, config)
+    found = _later(new.form, current.form)
     old_hz, new_hz = current.form.frequency_hz, new.form.frequency_hz
-    if (
-        not 1.0 / config.accept_frequency_factor
-        <= new_hz / old_hz
-        <= config.accept_frequency_factor
-    ):
+    if not 1.0 / _FREQUENCY <= new_hz / old_hz <= _FREQUENCY:
         found.append(
             f'hunts at {new_hz:.3g} Hz, the one in force at {old_hz:.3g} Hz: another rig?'
         )
     before, after = current.std('v_c'), new.std('v_c')
-    if before > 0.0 and after > before * config.accept_width_factor:
+    if before > 0.0 and after > before * _WIDTH:
         found.append(f'widens the standard deviation of v_c from {before:.3f} to {after:.3f} m/s')
     return found
 
 
-def _later(new: NormalForm, current: NormalForm, config: AcceptanceConfig) -> list[str]:
+def _later(new: NormalForm, current: NormalForm) -> list[str]:
     """
     Say where `new` would alarm later than `current`: one line, or none.
 
     The two are compared by the amplitude beyond which each alarms, at every speed: that of the
     unstable branch; infinite where there is none and quiet motion is stable; zero where it is
-    not. A speed is allowed to be off by the factor of the settings.
+    not. A speed is allowed to be off by `_SPEED`.
     """
     speeds = current.critical_speed * _PLACES
     before = _threshold(current, speeds)
-    after = _threshold(new, speeds * config.accept_speed_factor)
-    late = after > before * config.accept_amplitude_factor
+    after = _threshold(new, speeds * _SPEED)
+    late = after > before * _AMPLITUDE
     if not late.any():
         return []
     if late[-1]:

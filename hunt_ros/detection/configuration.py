@@ -45,7 +45,10 @@ class DetectorConfig(Settings):
     """
 
     channels: tuple[str, ...] = setting(
-        CHANNELS, 'channels the rig has; one that is listed and silent is a fault', fixed=True
+        CHANNELS,
+        f'channels the rig has, of {", ".join(CHANNELS)};'
+        ' one that is listed and silent is a fault',
+        fixed=True,
     )
     optional_channels: tuple[str, ...] = setting(
         (),
@@ -54,8 +57,8 @@ class DetectorConfig(Settings):
     )
     lines: tuple[float, ...] = setting(
         (1.0, 2.0),
-        'known lines, in turns of the roller: what is forced at these orders is no hunting'
-        ' (0.0: none)',
+        f'known lines, at most {MOST_LINES}, in turns of the roller from 0 to {MOST_TURNS:g}:'
+        ' what is forced at these orders is no hunting (0.0: none)',
         fixed=True,
     )
     constant_speed_mps: float = setting(
@@ -111,47 +114,15 @@ class DetectorConfig(Settings):
     )
 
     sensor_timeout_s: float = setting(
-        0.2, 'lateral or yaw silent for longer is stale', unit='s', low=0.01, high=60.0, fixed=True
-    )
-    roller_timeout_s: float = setting(
-        0.2, 'roller angle silent for longer is stale', unit='s', low=0.01, high=60.0, fixed=True
-    )
-    speed_timeout_s: float = setting(
-        0.5, 'speed silent for longer is stale', unit='s', low=0.01, high=60.0, fixed=True
-    )
-    stamp_jump_s: float = setting(
-        1.0,
-        'a stamp further ahead than this waits for the next one to confirm it',
-        unit='s',
-        low=0.01,
-        high=3600.0,
-        fixed=True,
-    )
-    clock_reset_s: float = setting(
-        1.0,
-        'stamps that stay behind by more than this are a clock that was set back',
-        unit='s',
-        low=0.01,
-        high=3600.0,
-        fixed=True,
-    )
-    clock_offset_limit_s: float = setting(
-        15.0,
-        'sensors whose clock is further from that of the detector are not believed',
-        unit='s',
-        low=0.0,
-        high=3600.0,
-        fixed=True,
-    )
-    fault_hold_s: float = setting(
-        1.0, 'a fault is reported for this long after its last sign', unit='s', low=0.0, high=600.0
-    )
-    stuck_time_s: float = setting(
-        0.25,
-        'a sensor that repeats one value for this long is stuck, if the motion exceeds its steps',
+        0.2,
+        'lateral, yaw or roller silent for longer is stale',
         unit='s',
         low=0.01,
         high=60.0,
+        fixed=True,
+    )
+    speed_timeout_s: float = setting(
+        0.5, 'speed silent for longer is stale', unit='s', low=0.01, high=60.0, fixed=True
     )
     lateral_range_m: float = setting(
         0.0,
@@ -161,9 +132,6 @@ class DetectorConfig(Settings):
     )
     yaw_range_rad: float = setting(
         0.0, 'yaw readings of this size and more are saturated (0: no limit)', unit='rad', low=0.0
-    )
-    standstill_mps: float = setting(
-        0.05, 'below this speed the rig stands still', unit='m/s', low=0.0, high=10.0
     )
     roller_diameter_m: float = setting(
         0.0,
@@ -181,26 +149,6 @@ class DetectorConfig(Settings):
         low=0.0,
         high=10.0,
         fixed=True,
-    )
-    speed_contradiction_mps: float = setting(
-        0.3,
-        'speed and roller angle contradict each other beyond this (0: not compared)',
-        unit='m/s',
-        low=0.0,
-        high=100.0,
-    )
-    speed_contradiction_fraction: float = setting(
-        0.05,
-        'fraction of the speed by which speed and roller angle may differ besides',
-        low=0.0,
-        high=10.0,
-    )
-    speed_contradiction_hold_s: float = setting(
-        2.0,
-        'a contradiction of speed and roller angle counts after this time',
-        unit='s',
-        low=0.0,
-        high=600.0,
     )
 
     noise_floor_m: float = setting(
@@ -314,15 +262,6 @@ class DetectorConfig(Settings):
         unit='s',
         low=0.0,
         high=600.0,
-    )
-    agreement_sigma: float = setting(
-        4.0,
-        'the two amplitude estimates disagree beyond this many standard deviations',
-        low=1.0,
-        high=20.0,
-    )
-    agreement_fraction: float = setting(
-        0.15, 'and beyond this fraction of the amplitude', low=0.01, high=1.0
     )
     agreement_hold_s: float = setting(
         1.0, 'and for this time (at 2.84 Hz)', unit='s', low=0.0, high=60.0
@@ -459,5 +398,4 @@ class DetectorConfig(Settings):
 
     def timeout_ns(self, channel: str) -> int:
         """Timeout of a channel, ns."""
-        names = {'roller': 'roller_timeout_s', 'speed': 'speed_timeout_s'}
-        return round(1e9 * float(getattr(self, names.get(channel, 'sensor_timeout_s'))))
+        return round(1e9 * (self.speed_timeout_s if channel == 'speed' else self.sensor_timeout_s))

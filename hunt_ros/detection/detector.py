@@ -29,7 +29,17 @@ from hunt_ros.detection.status import DetectorStatus, status_of
 from hunt_ros.detection.transitions import Transitions
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError, HuntError
-from hunt_ros.samples import CHANNELS
+from hunt_ros.samples import CHANNELS, NANOSECONDS
+
+#: A stamp further ahead than this waits for the next one to confirm it: one bad stamp would make
+#: all that follow come too late.
+_STAMP_JUMP_NS = NANOSECONDS
+#: Stamps that stay behind by more than this are a clock that was set back: a network does not
+#: hold samples back for so long while later ones pass.
+_CLOCK_RESET_NS = NANOSECONDS
+#: Sensors whose clock is further from that of the detector are not believed: clocks that drift are
+#: nearer, one that is hours away is that of another day.
+_CLOCK_OFFSET_NS = 15 * NANOSECONDS
 
 
 class HuntingDetector:
@@ -79,9 +89,9 @@ class HuntingDetector:
         drain = max(timeouts.values()) + 2 * c.period_ns
         self._merger = ChannelMerger(
             timeouts,
-            round(c.stamp_jump_s * 1e9),
-            round(c.clock_reset_s * 1e9),
-            round(c.clock_offset_limit_s * 1e9),
+            _STAMP_JUMP_NS,
+            _CLOCK_RESET_NS,
+            _CLOCK_OFFSET_NS,
             drain,
         )
         self._schedule = Schedule(self._merger, c.period_ns)
@@ -148,7 +158,7 @@ class HuntingDetector:
         Tell the time; call it a few times a second.
 
         A channel silent for longer than its timeout is not waited for any more. The clocks
-        of the channels may be away from this one by up to `clock_offset_limit_s`: what
+        of the channels may be away from this one by up to `_CLOCK_OFFSET_NS`: what
         stays of the difference is an offset, and is added to the stamps where it is more
         than a delay can be.
 

@@ -85,10 +85,6 @@ class Estimator:
         self.config = config
         for name, watch in self._health.items():
             watch.follow(channel_health(config, name))
-        if self._speed_check is not None:
-            self._speed_check.reconfigure(config)
-        for opinion in self._opinions.values():
-            opinion.reconfigure(config)
 
     def reset(self) -> None:
         """Forget every sample; the mode shape is kept."""
@@ -214,9 +210,9 @@ class Estimator:
     def _excuse_roller(self, rows: NDArray[np.void]) -> None:
         """A roller at rest is not stuck; where a speed channel is silent, it may be."""
         if 'speed' in self._channels:
-            still = rows['speed'] <= self.config.standstill_mps
+            still = rows['speed'] <= health.STANDSTILL_MPS
         else:
-            still = ~(rows['speed'] > self.config.standstill_mps)
+            still = ~(rows['speed'] > health.STANDSTILL_MPS)
         rows['roller_wrong'][still] &= ~np.uint32(health.STUCK)
 
     def _compare(
@@ -290,9 +286,6 @@ def channel_health(config: DetectorConfig, channel: str) -> ChannelHealth:
     return ChannelHealth(
         channel,
         config.timeout_ns(channel),
-        round(config.fault_hold_s * 1e9),
-        round(config.stuck_time_s * 1e9),
         ranges.get(channel, 0.0),
         config.hunting_frequency_hz,
-        config.standstill_mps,
     )

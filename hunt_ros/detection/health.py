@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled
 from hunt_ros.detection.merge import MergedBlock
+from hunt_ros.samples import NANOSECONDS
 
 # What can be wrong with a channel, one bit each. The first four are those of `intake`.
 REPEATED_STAMP = 1
@@ -62,6 +63,14 @@ WORDS: dict[int, str] = {
     CLOCK: 'clocks differ',
 }
 
+#: A fault is told for this long after its last sign, s: what comes and goes is one fault.
+FAULT_HOLD_S = 1.0
+#: A sensor that repeats one value for this long, s, is stuck, if the motion exceeds its steps: no
+#: motion of 1 Hz and more rests at its top for a quarter of a second.
+STUCK_S = 0.25
+#: Below this speed, m/s, the rig stands still: encoders and drives creep by less.
+STANDSTILL_MPS = 0.05
+
 #: What it costs to do without a channel.
 COSTS: dict[str, str] = {
     'lateral': 'the lateral amplitude is that of yaw through the mode shape, or unknown',
@@ -95,7 +104,7 @@ _FLAT_EXCESS = 3.0
 #: The motion must span this many steps of the converter before clipping is looked for.
 _SPAN_STEPS = 16.0
 #: A motion that spanned so many steps within the last half to one period does not come to rest
-#: within one step before `stuck_time_s`: the least damped motion of a rig cannot.
+#: within one step before `STUCK_S`: the least damped motion of a rig cannot.
 _REST_STEPS = 4.0
 
 
@@ -109,38 +118,28 @@ class ChannelHealth:
         'lateral', 'yaw', 'roller' or 'speed'.
     timeout_ns : int
         Silence that counts.
-    hold_ns : int
-        A fault is reported for this long after its last sign.
-    stuck_ns : int
-        A reading that stays the same to the last bit for this long is stuck, unless the motion
-        before was so small that the steps of the sensor hide it.
     value_range : float
         Readings of this size and more are saturated; 0: no such limit.
     frequency_hz : float
         Of the motion: what a flat top is measured against.
-    standstill : float
-        For the speed: standing still below this.
     """
 
     def __init__(
         self,
         channel: str,
         timeout_ns: int,
-        hold_ns: int,
-        stuck_ns: int,
         value_range: float,
         frequency_hz: float,
-        standstill: float,
     ) -> None:
         self._settings = np.array(
             [
                 _KINDS[channel],
                 value_range,
-                stuck_ns,
-                hold_ns,
+                round(STUCK_S * NANOSECONDS),
+                round(FAULT_HOLD_S * NANOSECONDS),
                 timeout_ns,
                 2.0 * np.pi * frequency_hz,
-                standstill,
+                STANDSTILL_MPS,
             ],
             dtype=np.float64,
         )

@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.estimation.hilbert import HilbertEnvelope
 
+#: The two estimates disagree beyond this many standard deviations, and beyond this share of the
+#: amplitude: what the band-pass leaves of a changing amplitude is less.
+_SIGMA, _SHARE = 4.0, 0.15
 #: Frequencies at which the gain of the envelope is tabulated.
 _FREQUENCIES = 400
 
@@ -23,7 +26,7 @@ class SecondOpinion:
     Parameters
     ----------
     config : DetectorConfig
-        Band, rate and limits of the disagreement.
+        Band and rate.
     """
 
     def __init__(self, config: DetectorConfig) -> None:
@@ -39,10 +42,6 @@ class SecondOpinion:
         self._gain = self._envelope.gain(self._grid)
         self._image = self._envelope.gain(-self._grid)
         self.reset()
-
-    def reconfigure(self, config: DetectorConfig) -> None:
-        """Use other limits of the disagreement from now on."""
-        self._config = config
 
     def reset(self) -> None:
         """Forget every row."""
@@ -109,8 +108,8 @@ class SecondOpinion:
             expected, tolerance = passed * then[0], passed * then[1]
             noise = self._envelope.noise_gain * noise_std[part] / np.sqrt(count)
             limit = np.maximum(
-                self._config.agreement_sigma * np.hypot(tolerance, noise),
-                self._config.agreement_fraction * expected,
+                _SIGMA * np.hypot(tolerance, noise),
+                _SHARE * expected,
             )
             disagree[part] = np.abs(envelope[part] - expected) > limit + image * then[0]
         if rows_ns.size:

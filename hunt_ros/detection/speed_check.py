@@ -15,10 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled
+from hunt_ros.detection import health
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.regions import HELD, hold
 from hunt_ros.samples import NANOSECONDS
 
+#: Speed and roller may differ by so much, m/s, and by this share of the speed: a scale that is
+#: off by a few per cent, a filter in the drive and a wheel that slips are no contradiction.
+TOLERANCE_MPS, _TOLERANCE_SHARE = 0.3, 0.05
+#: A contradiction counts after this time, s: a slip while the drive accelerates is over by then.
+CONTRADICTED_S = 2.0
 #: Rate and speed are compared as means over cells of this length.
 _CELL_NS = NANOSECONDS // 2
 #: Less of a cell than this is not compared, s.
@@ -80,10 +86,10 @@ class SpeedCheck:
     Compares the running speed with the roller's rate.
 
     The two contradict each other when the speeds they tell differ by more than the
-    tolerance `speed_contradiction_mps` + `speed_contradiction_fraction` x speed, widened
+    tolerance `TOLERANCE_MPS` + `_TOLERANCE_SHARE` x speed, widened
     by what the roller's speed changes in half a second (filters are late) and, where the
     ratio was learnt at a lower speed or just now, in proportion. A contradiction that lasts for
-    `speed_contradiction_hold_s` is told until they have agreed for `fault_hold_s`. A
+    `CONTRADICTED_S` is told until they have agreed for `health.FAULT_HOLD_S`. A
     ratio that has never been seen to hold at two speeds gives way to one that does.
     At standstill it is forgotten: another roller may be mounted.
 
@@ -94,22 +100,18 @@ class SpeedCheck:
     """
 
     def __init__(self, config: DetectorConfig) -> None:
-        self.reconfigure(config)
-        self.reset()
-
-    def reconfigure(self, config: DetectorConfig) -> None:
-        """Use other settings from now on."""
         cells = NANOSECONDS / _CELL_NS
         diameter = config.roller_diameter_m
         self._limits = _Limits(
-            config.speed_contradiction_mps,
-            config.speed_contradiction_fraction,
-            round(config.speed_contradiction_hold_s * cells),
-            round(config.fault_hold_s * cells),
-            config.standstill_mps,
+            TOLERANCE_MPS,
+            _TOLERANCE_SHARE,
+            round(CONTRADICTED_S * cells),
+            round(health.FAULT_HOLD_S * cells),
+            health.STANDSTILL_MPS,
             2.0 / diameter if diameter > 0.0 else math.nan,
             config.period_ns * 1e-9,
         )
+        self.reset()
 
     def reset(self) -> None:
         """Forget every row, and the ratio."""

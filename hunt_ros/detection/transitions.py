@@ -19,6 +19,7 @@ from hunt_ros.detection.reasons import (
     state_cause,
 )
 from hunt_ros.detection.regions import Level, Region, State
+from hunt_ros.detection.speed_check import CONTRADICTED_S, TOLERANCE_MPS
 from hunt_ros.samples import CHANNELS, NANOSECONDS
 
 #: An event without the numbers of its row: word, test, cause, and since when, ns.
@@ -168,7 +169,7 @@ class Transitions:
 
     def _channel(self, name: str, old: int, row: np.void) -> list[_Change]:
         new, stamp_ns = int(row[f'{name}_wrong']), int(row['stamp_ns'])
-        over_ns = stamp_ns - round(self.basis.config.fault_hold_s * NANOSECONDS)
+        over_ns = stamp_ns - round(health.FAULT_HOLD_S * NANOSECONDS)
         found: list[_Change] = []
         if (new ^ old) & _MISSING:
             if new & _MISSING:
@@ -200,19 +201,17 @@ class Transitions:
 
     def _limit(self, channel: str, fault: int) -> str:
         """Say what a fault was found by."""
-        config = self.basis.config
         age = self._age_ns(channel, fault) / NANOSECONDS
         if fault == health.CONTRADICTED:
-            return f' by more than {config.speed_contradiction_mps:g} m/s for {age:g} s'
+            return f' by more than {TOLERANCE_MPS:g} m/s for {age:g} s'
         return f' for {age:g} s' if age > 0.0 else ''
 
     def _age_ns(self, channel: str, fault: int) -> int:
         """Return how long a fault has lasted when it is found, ns."""
-        config = self.basis.config
         ages = {
-            health.NO_VALUE: config.timeout_ns(channel),
-            health.STUCK: round(config.stuck_time_s * NANOSECONDS),
-            health.CONTRADICTED: round(config.speed_contradiction_hold_s * NANOSECONDS),
+            health.NO_VALUE: self.basis.config.timeout_ns(channel),
+            health.STUCK: round(health.STUCK_S * NANOSECONDS),
+            health.CONTRADICTED: round(CONTRADICTED_S * NANOSECONDS),
         }
         return ages.get(fault, 0)
 

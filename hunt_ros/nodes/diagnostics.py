@@ -33,6 +33,12 @@ class Diagnostics:
         Returns level ('OK', 'WARN', 'ERROR', 'STALE'), one line, and values.
     hardware : str
         What the node talks to; empty: the computer it runs on.
+
+    Attributes
+    ----------
+    told : bool
+        Set it where the node has logged what changes its level, with the cause: the change is
+        not logged a second time.
     """
 
     def __init__(self, node: Node, health: Callable[[], Health], hardware: str = '') -> None:
@@ -40,6 +46,7 @@ class Diagnostics:
         self._health = health
         self._hardware = hardware or socket.gethostname()
         self._level = 'OK'
+        self.told = False
         self._failures: dict[str, str] = {}
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', STATUS)
         self._timer = node.create_timer(1.0, self._publish, clock=steady_clock())
@@ -76,9 +83,10 @@ class Diagnostics:
 
     def _log(self, level: str, text: str) -> None:
         """Log a change of level; rclpy wants each severity on a line of its own."""
-        if level == self._level:
-            return
+        told, self.told = self.told, False
         before, self._level = self._level, level
+        if level == before or told:
+            return
         logger = self._node.get_logger()
         line = f'{level} (was {before}): {text}'
         if level == 'ERROR':

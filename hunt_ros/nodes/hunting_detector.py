@@ -20,7 +20,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from hunt_ros.criteria import Verdict
-from hunt_ros.detection.acceptance import AcceptanceConfig, objections
+from hunt_ros.detection.acceptance import objections
 from hunt_ros.detection.companions import CompanionConfig, criterion_event
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.detector import HuntingDetector
@@ -63,7 +63,6 @@ class HuntingDetectorNode(LifecycleNode):
         self.failure = ''
         self._settings = declare(self, DetectorNodeConfig)
         self._config = declare(self, DetectorConfig, self._reconfigure)
-        self._bounds = declare(self, AcceptanceConfig, self._set_bounds)
         self._form = declare_normal_form(self)
         self._beside = declare(self, CompanionConfig)
         self._waiting: IdentifiedNormalForm | None = None
@@ -165,6 +164,7 @@ class HuntingDetectorNode(LifecycleNode):
     def _tell(self, event: Event) -> None:
         """Publish a transition, and log it: rclpy wants each severity on a line of its own."""
         self._events.publish(event_message(event, self._rig))
+        self._diagnostics.told = True
         text = f'{event.event} at {event.speed_mps:.2f} m/s, {1e3 * event.amplitude_m:.3f} mm: '
         text += event.cause
         if event.level.label == 'ERROR':
@@ -206,9 +206,6 @@ class HuntingDetectorNode(LifecycleNode):
         for publisher, number in ((self._critical_speed, value), (self._critical_speed_std, std)):
             publisher.publish(self._vector.encode(stamp_ns, number, 0.0, 0.0))
 
-    def _set_bounds(self, bounds: AcceptanceConfig) -> None:
-        self._bounds = bounds
-
     def _reconfigure(self, config: DetectorConfig) -> None:
         """Take new settings from the next row on; the journal tells a replay of it."""
         self._drain()
@@ -222,7 +219,7 @@ class HuntingDetectorNode(LifecycleNode):
         except ConfigError as error:
             self.get_logger().error(f'{error}; the form in force stays')
             return
-        against = objections(form, self._form, self._bounds)
+        against = objections(form, self._form)
         if against:
             self._waiting = form
             self.get_logger().warning(

@@ -64,7 +64,6 @@ def test_settings_of_another_version_are_left_out_and_named(tmp_path, capsys) ->
         'autostart': True,
         'frame_id': 'roller_rig',
         'use_sim_time': False,
-        'accept_speed_factor': 1.02,
         'normal_form.v_c': 8.0,
         'criteria': [''],
     }

@@ -8,15 +8,12 @@ import numpy as np
 import pytest
 
 from hunt_ros.detection.acceptance import (
-    AcceptanceConfig,
     is_rolled_back,
     objections,
     rolled_back,
 )
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-
-CONFIG = AcceptanceConfig()
 
 
 def _identified(std_v_c: float = 0.05, **changes: float) -> IdentifiedNormalForm:
@@ -26,15 +23,15 @@ def _identified(std_v_c: float = 0.05, **changes: float) -> IdentifiedNormalForm
 
 
 def test_the_first_form_is_taken_over() -> None:
-    assert objections(_identified(), None, CONFIG) == []
+    assert objections(_identified(), None) == []
 
 
 def test_the_same_form_sharper_is_taken_over() -> None:
-    assert objections(_identified(0.01), _identified(0.05), CONFIG) == []
+    assert objections(_identified(0.01), _identified(0.05)) == []
 
 
 def test_a_form_that_alarms_earlier_is_taken_over() -> None:
-    assert objections(_identified(D4=2600.0, critical_speed=7.8), _identified(), CONFIG) == []
+    assert objections(_identified(D4=2600.0, critical_speed=7.8), _identified()) == []
 
 
 #: Subcritical, without a quintic term: no fold, an unstable branch at every speed below v_c.
@@ -54,7 +51,7 @@ SUPERCRITICAL = {'D4': -2000.0}
     ids=['no fold', 'of a supercritical one', 'of a faster one', 'the same rig'],
 )
 def test_a_form_that_alarms_no_later_at_any_speed_is_taken_over(new, current) -> None:
-    assert objections(new, current, CONFIG) == []
+    assert objections(new, current) == []
 
 
 @pytest.mark.parametrize(
@@ -68,7 +65,7 @@ def test_a_form_that_alarms_no_later_at_any_speed_is_taken_over(new, current) ->
     ids=['frequency', 'ten times larger', 'supercritical', 'a fold'],
 )
 def test_a_form_that_alarms_later_anywhere_or_is_of_another_rig_waits(new, current, word) -> None:
-    assert any(word in line for line in objections(new, current, CONFIG))
+    assert any(word in line for line in objections(new, current))
 
 
 @pytest.mark.parametrize(
@@ -82,13 +79,13 @@ def test_a_form_that_alarms_later_anywhere_or_is_of_another_rig_waits(new, curre
     ],
 )
 def test_a_form_that_alarms_later_or_is_less_sure_waits(new, word) -> None:
-    assert any(word in line for line in objections(new, _identified(), CONFIG))
+    assert any(word in line for line in objections(new, _identified()))
 
 
 def test_a_form_that_a_person_went_back_to_is_taken_over_whatever_it_does() -> None:
     later = _identified(2.0, D4=1400.0, critical_speed=8.4)
-    assert objections(later, _identified(), CONFIG)
-    assert objections(rolled_back(later), _identified(), CONFIG) == []
+    assert objections(later, _identified())
+    assert objections(rolled_back(later), _identified()) == []
 
 
 def test_the_mark_survives_the_parameter_file_and_the_numbers_stay() -> None:

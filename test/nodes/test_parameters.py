@@ -8,7 +8,6 @@ import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from hunt_ros.detection.acceptance import AcceptanceConfig
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.bag_recorder import BagRecorderNode
@@ -121,7 +120,7 @@ LIVE = {
         'rig', 'operator', 'notes', 'prefix', 'split_s', 'split_mib', 'buffer_mib', 'chunk_s',
         'least_free_mib',
     },
-    'hunting_detector': _taken(DetectorConfig) | _taken(AcceptanceConfig),
+    'hunting_detector': _taken(DetectorConfig),
 }  # fmt: skip
 
 
