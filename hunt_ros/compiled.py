@@ -97,7 +97,7 @@ def compiled_part(function: _Function) -> _Function:
 
 @cache
 def _tell_uncached() -> None:
-    """Tell once that machine code finds no place on disk."""
+    """Log once that machine code finds no place on disk."""
     print(
         'hunt_ros: compiled kernels cannot be kept, neither beside their source nor in the home'
         ' folder: they are compiled at every start (NUMBA_CACHE_DIR names a place for them)',

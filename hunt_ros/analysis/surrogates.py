@@ -93,7 +93,7 @@ def is_nonlinear(
     seed: int = 0,
 ) -> bool:
     """
-    Tell whether neighbours are closer after one period than those of every surrogate.
+    Return True if neighbours are closer after one period than those of every surrogate.
 
     With 19 surrogates a linear response to noise passes for nonlinear once in twenty.
 

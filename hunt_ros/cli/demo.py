@@ -147,7 +147,7 @@ def _close(link: ConsoleLink, view: View) -> Path | None:
 
 
 def _last_word(line: dict[str, Any]) -> bool:
-    """Tell whether the identifier has said what it makes of the recording."""
+    """Return True if the identifier has said what it makes of the recording."""
     if line['topic'] == '/diagnostics':
         name: str = line['name']
         return name.endswith('normal_form_identifier') and line['level'] == 'WARN'

@@ -14,7 +14,7 @@ from hunt_ros.errors import HuntError
 
 
 class Advance(Protocol):
-    """Tell the progress bar how far the work is."""
+    """Show in the progress bar how far the work is."""
 
     def __call__(self, fraction: float) -> None:
         """Set the bar to `fraction` of the work, 0 to 1."""

@@ -108,7 +108,7 @@ def _check(arguments: argparse.Namespace) -> None:
 
 
 def _asks_for_another_run(arguments: argparse.Namespace) -> bool:
-    """Tell whether anything was given that the live run of the recording did not have."""
+    """Return True if anything was given that the live run of the recording did not have."""
     given = (arguments.normal_form, arguments.params, arguments.set, arguments.channel)
     return arguments.fresh or arguments.mapping is not None or any(given)
 

@@ -155,7 +155,7 @@ class HuntingDetector:
 
     def tick(self, now_ns: int) -> Output:
         """
-        Tell the time; call it a few times a second.
+        Take the present time; call it a few times a second.
 
         A channel silent for longer than its timeout is not waited for any more. The clocks
         of the channels may be away from this one by up to `_CLOCK_OFFSET_NS`: what

@@ -104,7 +104,7 @@ class Estimator:
             lines.reset()
 
     def set_mode_shape(self, shape: ModeShape | None) -> None:
-        """Tell the tracker of another mode shape; what it has learnt by itself it keeps."""
+        """Give the tracker another mode shape; what it has learnt by itself it keeps."""
         if shape is self._shape:
             return
         self._shape = shape

@@ -296,7 +296,7 @@ def _sample(
 
 @compiled
 def _should_move(real: _Floats) -> bool:
-    """Tell whether the motion seen last is larger than what the steps of the sensor hide."""
+    """Return True if the motion seen last is larger than what the steps of the sensor hide."""
     span = max(real[_F_TOP], real[_F_TOP0]) - min(real[_F_BOTTOM], real[_F_BOTTOM0])
     # A sensor that has never shown another value has no known step: it is not believed.
     return bool(np.isinf(real[_F_STEP]) or span > _REST_STEPS * real[_F_STEP])
@@ -304,7 +304,7 @@ def _should_move(real: _Floats) -> bool:
 
 @compiled
 def _clipped(value: float, length: int, settings: _Floats, whole: _Ints, real: _Floats) -> bool:
-    """Tell a flat top at the extreme from what rounding makes of a sine."""
+    """Return True if the top is flatter than rounding makes that of a sine."""
     high = max(real[_F_HIGH], real[_F_HIGH0])
     low = min(real[_F_LOW], real[_F_LOW0])
     if value < high and value > low:

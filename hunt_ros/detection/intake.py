@@ -82,7 +82,7 @@ class Intake:
 
     @property
     def run(self) -> tuple[int, int | None]:
-        """Tell the present run without a leap from those before: epoch and first stamp."""
+        """Epoch and first stamp (ns) of the present run without a leap."""
         return len(self.queues), self.queues[-1].run_ns
 
     def push(self, stamps_ns: _Stamps, values: _Values) -> None:
@@ -198,7 +198,7 @@ class Intake:
             self._mark |= marks
 
     def _follows(self, stamp_ns: int) -> bool:
-        """Tell whether a stamp comes after the last one as it should."""
+        """Return True if a stamp comes after the last one as it should."""
         if self._held is not None or self.last_ns is None:
             return False
         return 0 < stamp_ns - self.last_ns <= self.stamp_jump_ns

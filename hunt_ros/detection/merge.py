@@ -197,7 +197,7 @@ class ChannelMerger:
         return back
 
     def _is_time(self, stamp_ns: int, apart: Intake) -> bool:
-        """Tell whether another channel came to a stamp in the present epoch without a leap."""
+        """Return True if another channel came to a stamp in the present epoch without a leap."""
         for intake in self.intakes.values():
             queue = intake.queues[0]
             if intake is apart or queue.run_ns is None or queue.newest_ns is None:

@@ -225,7 +225,7 @@ class RowMaker:
         return rows, motion
 
     def _trusted(self, rows: NDArray[np.void]) -> NDArray[np.bool_]:
-        """Tell the rows with a motion sensor to trust."""
+        """Return which rows have a motion sensor to trust."""
         trusted = np.zeros(rows.size, dtype=np.bool_)
         for name in ('lateral', 'yaw'):
             if name in self._channels:

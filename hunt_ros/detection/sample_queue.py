@@ -58,7 +58,7 @@ class SampleQueue:
         return 0 if self.newest_ns is None or self.run_ns is None else self.newest_ns - self.run_ns
 
     def leapt_beyond(self, stamp_ns: int) -> bool:
-        """Tell whether the present run began with a leap over a stamp."""
+        """Return True if the present run began with a leap over a stamp."""
         if self.run_ns is None or self.before_run_ns is None:
             return False
         return self.before_run_ns < stamp_ns < self.run_ns

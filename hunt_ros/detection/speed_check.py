@@ -252,7 +252,7 @@ def _known(limits: _Limits, known: Any) -> tuple[float, float]:
 
 @compiled
 def _differ(limits: _Limits, v: float, told: float, learnt_at: float, late: float) -> bool:
-    """Tell a speed that is not what the roller tells, m/s."""
+    """Return True if a speed, m/s, is not that of the roller."""
     larger = max(v, told)
     beyond = max(1.0, larger / learnt_at) if learnt_at > 0.0 else 1.0
     tolerance = beyond * limits.speed + limits.fraction * larger + late
@@ -278,7 +278,7 @@ def _learn(known: Any, v: float, rate: float) -> None:
 
 @compiled
 def _moved(limits: _Limits, known: Any) -> bool:
-    """Tell a ratio that has held at two speeds."""
+    """Return True if the ratio has held at two speeds."""
     return bool(known['high'] - known['low'] > _MOVED * _tolerance(limits, known['high']))
 
 

@@ -69,7 +69,7 @@ def turning_angle(config: DetectorConfig) -> TurningAngle:
 
 def lines_known(config: DetectorConfig, speed: NDArray[np.float64]) -> NDArray[np.bool_]:
     """
-    Tell the speeds, m/s, at which the lines are known well enough to be taken out.
+    Return at which speeds, m/s, the lines are known well enough to be taken out.
 
     They are where encoder or diameter are given. A diameter that is only assumed must not make
     a line of the hunting itself.

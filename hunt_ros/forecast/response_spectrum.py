@@ -157,7 +157,7 @@ def own_bins(
     law: ResponseLaw, spectra: Spectra, theta: NDArray[np.float64], share: float = 0.9
 ) -> NDArray[np.bool_]:
     """
-    Tell the bins that show their own frequency from those that show leakage.
+    Return which bins show their own frequency, and not leakage.
 
     Far from a peak the spectrum of a wheelset falls faster than the leakage of a finite
     window. Leakage comes from the two ends of the window: however many bins it fills, it

@@ -84,7 +84,7 @@ def _one_rig(records: Sequence[Record]) -> None:
 
 
 def _fingerprint(record: Record) -> str:
-    """Tell recordings apart by their lateral samples; speed alone does not make one new."""
+    """Return a hash of lateral samples and speed, by which a repeated recording is known."""
     digest = hashlib.sha256()
     for name in ('lateral', 'speed'):
         if name in record:

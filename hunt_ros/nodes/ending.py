@@ -57,7 +57,7 @@ class Ending:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
 
     def say(self, text: str) -> None:
-        """Tell the operator what the node is doing."""
+        """Say to the operator what the node is doing."""
         print(f'{self._name}: {text}', file=sys.stderr, flush=True)
 
     def close(self, within_s: float) -> None:

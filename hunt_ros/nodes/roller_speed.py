@@ -158,7 +158,7 @@ class RollerSpeedNode(DriverNode):
             self._send(speed_mps)
 
     def _send(self, speed_mps: float) -> str:
-        """Tell the drive a set point; return '' or why it did not take it."""
+        """Send the drive a set point; return '' or why it did not take it."""
         driver = self._driver
         try:
             if driver is None:
