@@ -56,7 +56,6 @@ FLUTTER = Path(__file__).parents[2] / '../shared/data/flutter_rig'
 
 @pytest.mark.skipif(not FLUTTER.is_dir(), reason='the flutter recordings are not on this machine')
 def test_days_of_the_flutter_rig_are_reported_with_their_spread(tmp_path, capsys):
-    pytest.importorskip('scipy.io')
     chosen = [
         path
         for path in sorted(FLUTTER.glob('*.mat'))

@@ -44,7 +44,7 @@ def test_all_cores_give_the_numbers_of_one(fitted, serial):
 
 
 def test_a_cluster_gives_the_numbers_of_one_process(fitted, serial):
-    distributed = pytest.importorskip('distributed')
+    distributed = pytest.importorskip('distributed', reason='the extra cluster is not installed')
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, dashboard_address=None
     ) as cluster:
@@ -54,7 +54,7 @@ def test_a_cluster_gives_the_numbers_of_one_process(fitted, serial):
 
 
 def test_a_cluster_that_does_not_answer_is_named(fitted):
-    pytest.importorskip('distributed')
+    pytest.importorskip('distributed', reason='the extra cluster is not installed')
     settings = replace(SETTINGS, cluster='nonsense://nowhere')
     with pytest.raises(IdentificationError, match='nonsense://nowhere'):
         bootstrap(fitted, settings, 8)

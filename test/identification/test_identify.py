@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import loadmat
 
 from hunt_ros.cli.identify import describe
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
@@ -405,7 +406,6 @@ def test_no_records_are_refused():
 
 
 def flutter_runs(pattern: str) -> list[Record]:
-    loadmat = pytest.importorskip('scipy.io').loadmat
     runs = []
     for path in sorted(FLUTTER.glob(pattern)):
         data = loadmat(path)['data']
