@@ -33,7 +33,7 @@ from hunt_ros.bag.leftover import finalise_left
 from hunt_ros.bag.recording import Recording, RecordingLimits, RecordingState
 from hunt_ros.errors import BagError
 from hunt_ros.nodes.diagnostics import Diagnostics, Health, steady_clock
-from hunt_ros.nodes.estimate_publishers import ESTIMATE_TOPICS
+from hunt_ros.nodes.estimate_publishers import ESTIMATES
 from hunt_ros.nodes.parameter_collector import ParameterCollector
 from hunt_ros.nodes.parameters import declare, warn_unknown
 from hunt_ros.nodes.qos import latched, stream
@@ -234,7 +234,8 @@ class BagRecorderNode(Node):
     def _wants(self, name: str) -> bool:
         if name == self._full(OWN_TOPIC):
             return False
-        if not self._config.record_estimates and name in map(self._full, ESTIMATE_TOPICS):
+        estimated = any(name == self._full(topic.name) for topic in ESTIMATES)
+        if estimated and not self._config.record_estimates:
             return False
         inside = name.startswith(self.get_namespace().rstrip('/') + '/')
         alone = self.get_namespace() == '/'

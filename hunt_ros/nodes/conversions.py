@@ -114,9 +114,11 @@ class _Wire:
         self.data += bytes(-(len(self.data) - 4) % size)
 
 
-def joint_layout(names: Sequence[str], frame: str, velocity: bool = False) -> FixedLayout:
+def joint_layout(
+    names: Sequence[str], frame: str, velocity: bool = False, effort: bool = False
+) -> FixedLayout:
     """
-    Layout of a JointState: the positions of its joints, then their velocities if wanted.
+    Layout of a JointState: positions of its joints, then velocities and efforts if wanted.
 
     Parameters
     ----------
@@ -124,23 +126,16 @@ def joint_layout(names: Sequence[str], frame: str, velocity: bool = False) -> Fi
         Joints.
     frame : str
         frame_id.
-    velocity : bool
-        Whether it carries velocities.
+    velocity, effort : bool
+        Whether it carries them.
     """
     wire = _Wire(frame)
     wire.number(len(names))
     for name in names:
         wire.text(name)
-    for count in (len(names), len(names) if velocity else 0, 0):
+    for count in (len(names), len(names) * velocity, len(names) * effort):
         wire.number(count)
         wire.floats(count)
-    return wire.layout()
-
-
-def vector_layout(frame: str) -> FixedLayout:
-    """Layout of a Vector3Stamped (3 values)."""
-    wire = _Wire(frame)
-    wire.floats(3)
     return wire.layout()
 
 

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import Vector3Stamped
 from rclpy.lifecycle import LifecycleNode, State, TransitionCallbackReturn
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -28,7 +27,7 @@ from hunt_ros.detection.output import EVENT_NUMBERS, PUBLIC, Event, Output
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.companion_worker import CompanionWorker
-from hunt_ros.nodes.conversions import diagnostic, vector_layout
+from hunt_ros.nodes.conversions import diagnostic
 from hunt_ros.nodes.detector_inbox import DetectorInbox
 from hunt_ros.nodes.detector_messages import event_message, status_message
 from hunt_ros.nodes.diagnostics import Diagnostics, Health, NewSince, steady_clock
@@ -80,13 +79,6 @@ class HuntingDetectorNode(LifecycleNode):
         self._status = self.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
         self._events = self.create_publisher(DiagnosticArray, 'hunting/events', EVENTS)
         self._journal = self.create_publisher(String, 'hunting/journal', latched(1000))
-        self._critical_speed = self.create_publisher(
-            Vector3Stamped, 'hunting/critical_speed', STATUS
-        )
-        self._critical_speed_std = self.create_publisher(
-            Vector3Stamped, 'hunting/critical_speed_std', STATUS
-        )
-        self._vector = vector_layout(self._settings.frame_id)
         self._verdicts = self.create_publisher(DiagnosticArray, 'hunting/criteria', EVENTS)
         self._companions = CompanionWorker(
             self._beside, self._config, self._on_verdict, self._diagnostics
@@ -177,7 +169,7 @@ class HuntingDetectorNode(LifecycleNode):
     def _publish_status(self) -> None:
         if self._active:
             self._status.publish(status_message(self._detector.status, self._rig))
-            self._publish_critical_speed()
+            self._estimates.beside |= self._critical_speed()
 
     def close(self) -> None:
         """Stop the worker."""
@@ -194,17 +186,15 @@ class HuntingDetectorNode(LifecycleNode):
         known = {name: numbers.get(name, math.nan) for name in EVENT_NUMBERS}
         self._tell(criterion_event(verdict, status.stamp_ns, status.level, known))
 
-    def _publish_critical_speed(self) -> None:
-        """Publish v_c of the normal form in force, of the parameters, or of the forecast."""
+    def _critical_speed(self) -> dict[str, float]:
+        """Return v_c of the normal form in force, of the parameters, or of the forecast."""
         value, std = self._config.critical_speed_mps or math.nan, math.nan
         forecast = self._companions.forecast
         if self._form is not None:
             value, std = self._form.form.critical_speed, self._form.std('v_c')
         elif math.isnan(value) and forecast is not None and forecast.critical_speed is not None:
             value, std = forecast.critical_speed.value, forecast.critical_speed.std
-        stamp_ns = self._detector.status.stamp_ns
-        for publisher, number in ((self._critical_speed, value), (self._critical_speed_std, std)):
-            publisher.publish(self._vector.encode(stamp_ns, number, 0.0, 0.0))
+        return {'critical_speed': value, 'critical_speed_std': std}
 
     def _reconfigure(self, config: DetectorConfig) -> None:
         """Take new settings from the next row on; the journal tells a replay of it."""
