@@ -13,10 +13,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hunt_ros.compiled import HAVE_COMPILER
 from hunt_ros.errors import HuntError
 from hunt_ros.estimation.tracker import layout as at
 from hunt_ros.estimation.tracker.block import track_block
 from hunt_ros.estimation.tracker_config import ModePoint, TrackerConfig
+from hunt_ros.records import zeros
 
 __all__ = ['TRACK_DTYPE', 'HuntingTracker', 'ModePoint', 'TrackerConfig']
 
@@ -106,63 +108,57 @@ class HuntingTracker:
 
     def __init__(self, config: TrackerConfig | None = None) -> None:
         self.config = config or TrackerConfig()
-        c = self.config
-        scale = c.time_scale  # from here on, time in units that make the nominal 2.84 Hz
-        turn = 2.0 * math.pi / scale
-        nominal = turn * c.frequency_hz
-        self._modes = c.mode_table()
-        settings = np.zeros(at.N_CONFIG)
-        settings[at.C_SECOND] = 1e-9 * scale
-        settings[at.C_BIN] = round(c.bin_s * 1e9) * settings[at.C_SECOND]
-        settings[at.C_OMEGA_MIN] = turn * c.frequency_min_hz
-        settings[at.C_OMEGA_MAX] = turn * c.frequency_max_hz
-        settings[at.C_OMEGA_STD] = c.frequency_std * nominal
-        settings[at.C_OMEGA_DRIFT] = c.frequency_drift * nominal / math.sqrt(scale)
-        settings[at.C_GROWTH_STD] = c.growth_rate_std / scale
-        settings[at.C_GROWTH_DRIFT] = c.growth_rate_drift / (scale * math.sqrt(scale))
-        settings[at.C_RATIO_STD] = c.yaw_ratio_std
-        settings[at.C_RATIO_FLOOR] = c.yaw_ratio_floor
-        settings[at.C_GATE] = c.surprise
-        settings[at.C_NOISE_TIME] = c.noise_time * scale
-        settings[at.C_BANDWIDTH_TIME] = c.bandwidth_time * scale
-        settings[at.C_STUCK] = c.stuck_s * scale
-        settings[at.C_GAP] = c.gap_s * scale
-        self._settings = settings
+        self._modes = self.config.mode_table()
         self.reset()
+
+    def _memory(self) -> at.Filter:
+        """Return the record that the filter works on, all zero."""
+        return zeros(at.Filter, HAVE_COMPILER)
 
     def reset(self) -> None:
         """Forget everything seen."""
-        memory = np.zeros(at.N_MEMORY)
-        memory[[at.M_KICK, at.M_STEP]] = -math.inf
-        memory[[at.M_SPEED, at.M_SPEED_SEEN, at.M_ANGLE]] = math.nan
+        f = self._filter = self._memory()
+        self._set_up(f.cfg)
+        f.kick = f.level_step = -math.inf
+        f.speed = f.speed_seen = f.angle = f.turns_angle = math.nan
         if math.isnan(self._modes[0, 0, 2]):
-            memory[at.M_RATIO_VAR] = 1.0
+            f.ratio_var = 1.0
         else:
-            memory[at.M_RATIO_RE] = memory[at.M_RATIO_KNOWN] = 1.0
-            memory[at.M_RATIO_VAR] = self.config.yaw_ratio_std**2
-        sensors = np.zeros((2, at.N_SENSOR))
-        sensors[:, at.S_VALUE] = math.nan
-        counters = np.zeros(at.N_COUNTER, dtype=np.int64)
-        counters[at.I_LAST : at.I_OUTPUT + 1] = _NEVER
+            f.ratio_re, f.ratio_known = 1.0, True
+            f.ratio_var = self.config.yaw_ratio_std**2
+        f.last_stamp = f.last_output = _NEVER
+        for k in range(2):
+            f.sensors[k].value, f.sensors[k].last_stamp = math.nan, _NEVER
         lines, slips = self.config.line_table()
-        size = at.ROUGH + 4 * lines.shape[0] + slips.size
-        P = np.zeros((size, size))
-        own = np.arange(size - slips.size, size)
-        P[own, own] = slips**2
-        self._filter = at.Filter(
-            x=np.zeros(size),
-            P=P,
-            m=memory,
-            sensors=sensors,
-            sums=np.zeros((2, at.A_LINES + 2 * lines.shape[0])),
-            counters=counters,
-            cfg=self._settings,
-            modes=self._modes,
-            lines=lines,
-            rough=np.zeros((2, lines.shape[0], at.N_LINE)),
-            slips=np.stack([slips, np.zeros_like(slips)], axis=1),
-            g=np.zeros(size),
-        )
+        f.line_count, f.slip_count = len(lines), len(slips)
+        f.states = at.ROUGH + 4 * len(lines) + len(slips)
+        for j, (order, slip) in enumerate(lines):
+            f.lines[j].order, f.lines[j].slip = order, slip
+        for j, std in enumerate(slips):
+            own = f.states - len(slips) + j
+            f.slips[j].deviation, f.P[own, own] = std, std * std
+
+    def _set_up(self, cfg: at.Settings) -> None:
+        """Write the settings, in units of time that make the nominal frequency 2.84 Hz."""
+        c = self.config
+        scale = c.time_scale
+        turn = 2.0 * math.pi / scale
+        nominal = turn * c.frequency_hz
+        cfg.second = 1e-9 * scale
+        cfg.bin = round(c.bin_s * 1e9) * cfg.second
+        cfg.omega_min = turn * c.frequency_min_hz
+        cfg.omega_max = turn * c.frequency_max_hz
+        cfg.omega_std = c.frequency_std * nominal
+        cfg.omega_drift = c.frequency_drift * nominal / math.sqrt(scale)
+        cfg.growth_std = c.growth_rate_std / scale
+        cfg.growth_drift = c.growth_rate_drift / (scale * math.sqrt(scale))
+        cfg.ratio_std = c.yaw_ratio_std
+        cfg.ratio_floor = c.yaw_ratio_floor
+        cfg.gate = c.surprise
+        cfg.noise_time = c.noise_time * scale
+        cfg.bandwidth_time = c.bandwidth_time * scale
+        cfg.stuck = c.stuck_s * scale
+        cfg.gap = c.gap_s * scale
 
     def update(
         self,
@@ -219,7 +215,7 @@ class HuntingTracker:
         if shape[0] and (sensors.min() < 0 or sensors.max() > 1):
             raise HuntError('tracker: a sensor number must be 0 (lateral) or 1 (yaw)')
         if outputs.size and (
-            outputs[0] <= self._filter.counters[at.I_OUTPUT]
+            outputs[0] <= self._filter.last_output
             or (outputs.size > 1 and bool(np.any(outputs[1:] <= outputs[:-1])))
         ):
             raise HuntError(f'tracker: output stamps must increase, got {outputs[0]} first')
@@ -242,7 +238,9 @@ class HuntingTracker:
         outputs: NDArray[np.int64],
         rows: NDArray[np.float64],
     ) -> None:
-        track_block(self._filter, stamps, sensors, values, angles, speeds, outputs, rows)
+        track_block(
+            self._filter, self._modes, stamps, sensors, values, angles, speeds, outputs, rows
+        )
 
     def set_modes(self, modes: Sequence[ModePoint], yaw_ratio_std: float | None = None) -> None:
         """
@@ -266,38 +264,38 @@ class HuntingTracker:
             yaw_ratio_std=self.config.yaw_ratio_std if yaw_ratio_std is None else yaw_ratio_std,
         )
         self._modes = self.config.mode_table()
-        self._settings[at.C_RATIO_STD] = self.config.yaw_ratio_std
-        self._filter = self._filter._replace(modes=self._modes)
-        self._filter.m[at.M_CHANGED] = 1.0
+        self._filter.cfg.ratio_std = self.config.yaw_ratio_std
+        self._filter.modes_changed = True
 
     @property
     def state(self) -> NDArray[np.float64]:
         """Copy of the state vector, shape (n,), in the order of `tracker.layout`, in its time."""
-        state: NDArray[np.float64] = self._filter.x.copy()
+        state: NDArray[np.float64] = self._filter.x[: self._filter.states].copy()
         return state
 
     @property
     def covariance(self) -> NDArray[np.float64]:
         """Copy of the covariance of `state`, shape (n, n)."""
-        covariance: NDArray[np.float64] = self._filter.P.copy()
+        used = slice(self._filter.states)
+        covariance: NDArray[np.float64] = self._filter.P[used, used].copy()
         return covariance
 
     @property
     def kicks(self) -> int:
         """Kicks seen since the start."""
-        return int(self._filter.counters[at.I_KICKS])
+        return int(self._filter.kicks)
 
     @property
     def restarts(self) -> int:
         """Sensors started anew because their signal was no more the one they had given."""
-        return int(self._filter.counters[at.I_RESTARTS])
+        return int(self._filter.restarts)
 
     @property
     def dropped(self) -> dict[str, int]:
         """Samples left out since the start, by reason."""
         return {
-            'not_finite': int(self._filter.counters[at.I_NOT_FINITE]),
-            'backwards': int(self._filter.counters[at.I_BACKWARDS]),
-            'stuck': int(self._filter.counters[at.I_STUCK]),
-            'glitches': int(self._filter.counters[at.I_GLITCHES]),
+            'not_finite': int(self._filter.not_finite),
+            'backwards': int(self._filter.backwards),
+            'stuck': int(self._filter.stuck),
+            'glitches': int(self._filter.glitches),
         }

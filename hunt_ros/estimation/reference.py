@@ -21,8 +21,11 @@ from hunt_ros.estimation.kalman import HuntingTracker
 from hunt_ros.estimation.tracker import algebra, bins, block, kicks, ratio, rows, tuning
 from hunt_ros.estimation.tracker import layout as at
 from hunt_ros.estimation.tracker_config import TrackerConfig
+from hunt_ros.records import zeros
 
 _F = NDArray[np.float64]
+
+_speaks = getattr(algebra.speaks, 'py_func', algebra.speaks)
 
 
 def plain_parts() -> dict[str, Any]:
@@ -58,8 +61,11 @@ class PlainTracker(HuntingTracker):
         super().__init__(config)
         self._parts = plain_parts()
 
+    def _memory(self) -> at.Filter:
+        return zeros(at.Filter, compiled=False)
+
     def _run(self, *block_of_samples: Any) -> None:
-        self._parts['track_block'](self._filter, *block_of_samples)
+        self._parts['track_block'](self._filter, self._modes, *block_of_samples)
 
 
 class ReferenceTracker(PlainTracker):
@@ -67,7 +73,7 @@ class ReferenceTracker(PlainTracker):
 
     def __init__(self, config: TrackerConfig | None = None) -> None:
         super().__init__(config)
-        size = self._filter.x.size
+        size = self._filter.states
         self._kf = KalmanFilter(dim_x=size, dim_z=1)
         self._kf.Q = np.zeros((size, size))
         self._row = np.zeros((1, size))
@@ -75,39 +81,44 @@ class ReferenceTracker(PlainTracker):
             self._parts[name] = getattr(self, f'_{name}')
 
     def _load(self, f: at.Filter) -> None:
-        self._kf.x = f.x.reshape(-1, 1).copy()
-        self._kf.P = f.P.copy()
+        self._kf.x = f.x[: f.states].reshape(-1, 1).copy()
+        self._kf.P = f.P[: f.states, : f.states].copy()
+
+    def _store(self, f: at.Filter, x: _F) -> None:
+        f.x[: f.states], f.P[: f.states, : f.states] = x, self._kf.P
 
     def _predict(self, f: at.Filter, dt: float) -> None:
         moved, F = transition(f, dt)
         self._load(f)
         self._kf.predict(F=F)
-        f.x[:], f.P[:] = moved, self._kf.P
+        self._store(f, moved)
 
     def _turn_lines(self, f: at.Filter, angle: float) -> None:
-        F = turning(f, angle - f.m[at.M_ANGLE])
-        f.m[at.M_ANGLE] = angle
+        F = turning(f, angle - f.angle)
+        f.angle = angle
         self._load(f)
         self._kf.P = F @ self._kf.P @ F.T
-        f.P[:] = self._kf.P
+        f.P[: f.states, : f.states] = self._kf.P
 
     def _diffuse(self, f: at.Filter, dt: float) -> None:
-        f.P[:] += process_noise(f, dt)
+        f.P[: f.states, : f.states] += process_noise(f, dt)
 
-    def _expected(self, f: at.Filter, k: int, row: _F) -> float:
-        self._row = measurement(f, k, row)
-        return float((self._row @ f.x)[0])
+    def _expected(self, f: at.Filter, k: int) -> float:
+        self._load(f)
+        self._row = measurement(f, k)
+        return float((self._row @ self._kf.x)[0, 0])
 
-    def _project(self, f: at.Filter, k: int, row: _F) -> float:
-        self._row = measurement(f, k, row)
-        return float((self._row @ f.P @ self._row.T)[0, 0])
+    def _project(self, f: at.Filter, k: int) -> float:
+        self._load(f)
+        self._row = measurement(f, k)
+        return float((self._row @ self._kf.P @ self._row.T)[0, 0])
 
     def _correct(self, f: at.Filter, innovation: float, S: float) -> None:
         self._load(f)
-        noise = S - float((self._row @ f.P @ self._row.T)[0, 0])
-        value = innovation + float((self._row @ f.x)[0])
+        noise = S - float((self._row @ self._kf.P @ self._row.T)[0, 0])
+        value = innovation + float((self._row @ self._kf.x)[0, 0])
         self._kf.update(value, R=noise, H=self._row)
-        f.x[:], f.P[:] = self._kf.x[:, 0], self._kf.P
+        self._store(f, self._kf.x[:, 0])
 
 
 def _turn(value: complex) -> _F:
@@ -119,16 +130,16 @@ def transition(f: at.Filter, dt: float) -> tuple[_F, _F]:
     """Return f(x) and its Jacobian F, shapes (n,) and (n, n)."""
     omega, growth = f.x[at.OMEGA], f.x[at.GROWTH]
     first = _turn(complex(np.exp((growth + 1j * omega) * dt)))
-    second = _turn(complex(np.exp((-f.m[at.M_DECAY2] + 1j * f.m[at.M_OMEGA2]) * dt)))
+    second = _turn(complex(np.exp((-f.mode.decay2 + 1j * f.mode.omega2) * dt)))
     keep = math.exp(-dt / algebra.REVERSION)
-    F = np.eye(f.x.size)
+    F = np.eye(f.states)
     for k in range(2):
         z, w = at.Z + 2 * k, at.W + 2 * k
         F[z : z + 2, z : z + 2] = first
         F[w : w + 2, w : w + 2] = second
     F[at.OMEGA, at.OMEGA] = F[at.GROWTH, at.GROWTH] = keep
-    moved = F @ f.x
-    moved[at.OMEGA] += (1.0 - keep) * f.m[at.M_OMEGA0]
+    moved: _F = F @ f.x[: f.states]
+    moved[at.OMEGA] += (1.0 - keep) * f.mode.omega
     for k in range(2):
         z = at.Z + 2 * k
         power, doubt = moved[z] ** 2 + moved[z + 1] ** 2, f.P[z, z] + f.P[z + 1, z + 1]
@@ -141,18 +152,20 @@ def transition(f: at.Filter, dt: float) -> tuple[_F, _F]:
 
 def turning(f: at.Filter, turned: float) -> _F:
     """Add the slips to the angles of the lines; return the Jacobian, shape (n, n)."""
-    F = np.eye(f.x.size)
+    F = np.eye(f.states)
     if not math.isfinite(turned):
         return F
-    first, count = at.ROUGH + 4 * len(f.lines), len(f.lines)
-    f.slips[:, at.P_TURNED] += f.x[first:] * turned
-    for j, (order, slip) in enumerate(f.lines):
+    count = f.line_count
+    first = at.ROUGH + 4 * count
+    for j in range(f.slip_count):
+        f.slips[j].turned += f.x[first + j] * turned
+    for j, known in enumerate(f.lines[:count]):
         for k in range(2):
             part = slice(at.ROUGH + 2 * (k * count + j), at.ROUGH + 2 * (k * count + j) + 2)
             power, doubt = f.x[part] @ f.x[part], np.trace(f.P[part, part])
-            if slip >= 0.0 and power > 2.0 * doubt:
-                share = order * turned * power / (power + doubt)
-                F[part, first + int(slip)] = _turn(-1j) @ f.x[part] * share
+            if known.slip >= 0 and power > 2.0 * doubt:
+                share = known.order * turned * power / (power + doubt)
+                F[part, first + known.slip] = _turn(-1j) @ f.x[part] * share
     return F
 
 
@@ -166,53 +179,56 @@ def _rank_one(variance: float, ratio: complex, spread: float) -> _F:
 
 def process_noise(f: at.Filter, dt: float) -> _F:
     """Return Q for a step of dt seconds, shape (n, n)."""
-    Q = np.zeros((f.x.size, f.x.size))
-    alive = f.sensors[:, at.S_ALIVE] > 0.0
-    speaking = np.array([algebra.speaks(f.sensors, f.m, k) for k in range(2)])
+    Q = np.zeros((f.states, f.states))
+    alive = np.array([sensor.alive for sensor in f.sensors])
+    speaking = np.array([_speaks(f, k) for k in range(2)])
     heard = speaking if speaking.any() else alive
-    density = f.sensors[:, at.S_NOISE] * f.sensors[:, at.S_STEP]
-    ratio = complex(f.m[at.M_RHO_RE], f.m[at.M_RHO_IM])
-    spread = f.m[at.M_RHO_VAR]
+    density = np.array([sensor.noise * sensor.spacing for sensor in f.sensors])
+    ratio = complex(f.rho_re, f.rho_im)
+    spread = f.rho_var
     size = abs(ratio) ** 2 + 2.0 * spread
     tied = heard[1] and (not heard[0] or abs(ratio) ** 2 > 2.0 * spread)
     information = (1.0 / density[0] if heard[0] else 0.0) + (size / density[1] if tied else 0.0)
-    q = math.exp(2.0 * f.m[at.M_LAMBDA]) / information * dt
+    q = math.exp(2.0 * f.log_bandwidth) / information * dt
     z, w = slice(at.Z, at.Z + 4), slice(at.W, at.W + 4)
     Q[z, z] = _rank_one(q, ratio, spread)
-    second = complex(f.m[at.M_RHO2_RE], f.m[at.M_RHO2_IM])
+    second = complex(f.mode.rho2_re, f.mode.rho2_im)
     free = math.isnan(second.real)
     Q[w, w] = _rank_one(q, 0j, 0.5 * size) if free else _rank_one(q, second, 0.0)
-    pole = complex(-f.m[at.M_DECAY2], f.m[at.M_OMEGA2])
-    unknown = 0.5 * f.m[at.M_STD2] ** 2 * abs(pole) ** 2 / (-2.0 * pole.real)
+    pole = complex(-f.mode.decay2, f.mode.omega2)
+    unknown = 0.5 * f.mode.std2**2 * abs(pole) ** 2 / (-2.0 * pole.real)
     for side, part in enumerate((slice(at.W, at.W + 2), slice(at.W + 2, at.W + 4))):
-        power = f.x[part] @ f.x[part] + np.trace((f.P + Q)[part, part])
-        left = f.m[at.M_LEFT2 + side] * math.exp(2.0 * (1.0 - f.m[at.M_STD2]) * pole.real * dt)
-        f.m[at.M_LEFT2 + side] = min(left, power)
-        Q[part, part] += unknown * dt * f.m[at.M_LEFT2 + side] * np.eye(2)
-    drift = 0.5 * f.cfg[at.C_RATIO_FLOOR] ** 2 * dt * (f.x[2] ** 2 + f.x[3] ** 2)
+        power = f.x[part] @ f.x[part] + np.trace(f.P[part, part] + Q[part, part])
+        left = f.sensors[side].second_left * math.exp(2.0 * (1.0 - f.mode.std2) * pole.real * dt)
+        f.sensors[side].second_left = min(left, power)
+        Q[part, part] += unknown * dt * f.sensors[side].second_left * np.eye(2)
+    drift = 0.5 * f.cfg.ratio_floor**2 * dt * (f.x[2] ** 2 + f.x[3] ** 2)
     Q[2, 2] += drift
     Q[3, 3] += drift
-    Q[at.OMEGA, at.OMEGA] = f.cfg[at.C_OMEGA_DRIFT] ** 2 * dt
-    growing = f.cfg[at.C_GROWTH_DRIFT] ** 2 + 0.25 * f.x[at.GROWTH] ** 2
+    Q[at.OMEGA, at.OMEGA] = f.cfg.omega_drift**2 * dt
+    growing = f.cfg.growth_drift**2 + 0.25 * f.x[at.GROWTH] ** 2
     Q[at.GROWTH, at.GROWTH] = growing * dt
     for k in np.flatnonzero(alive):
         sensor = f.sensors[k]
-        Q[at.BIAS + k, at.BIAS + k] = math.exp(2.0 * sensor[at.S_LAMBDA_BIAS]) * density[k] * dt
-        rough = np.exp(2.0 * f.rough[k, :, at.R_LAMBDA]) * density[k] * dt * sensor[at.S_ROLLER]
+        walk = density[k] * dt
+        Q[at.BIAS + k, at.BIAS + k] = math.exp(2.0 * sensor.log_bias_bandwidth) * walk
+        bandwidths = np.array([line.log_bandwidth for line in sensor.lines[: f.line_count]])
+        rough = np.exp(2.0 * bandwidths) * walk * sensor.angle_known
         own = at.ROUGH + 2 * k * rough.size + np.arange(2 * rough.size)
         Q[own, own] = np.repeat(rough, 2)
-    own = at.ROUGH + 4 * len(f.lines) + np.arange(len(f.slips))
-    variance = f.slips[:, at.P_STD] ** 2
+    own = at.ROUGH + 4 * f.line_count + np.arange(f.slip_count)
+    variance = np.array([slip.deviation**2 for slip in f.slips[: f.slip_count]])
     Q[own, own] = np.where(f.P[own, own] < variance, 2.0 * variance * dt / algebra.REVERSION, 0.0)
     return Q
 
 
-def measurement(f: at.Filter, k: int, row: _F) -> _F:
-    """Return H for a bin of sensor k, shape (1, n); `row` as in the kernel."""
-    H = np.zeros((1, f.x.size))
-    H[0, at.Z + 2 * k] = row[0]
+def measurement(f: at.Filter, k: int) -> _F:
+    """Return H for a bin of sensor k, shape (1, n)."""
+    H = np.zeros((1, f.states))
+    H[0, at.Z + 2 * k] = f.row[0]
     H[0, at.W + 2 * k] = 1.0
     H[0, at.BIAS + k] = 1.0
-    first = at.ROUGH + k * (row.size - 1)
-    H[0, first : first + row.size - 1] = row[1:]
+    count = 2 * f.line_count
+    first = at.ROUGH + k * count
+    H[0, first : first + count] = f.row[1 : 1 + count]
     return H

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.errors import ConfigError
+from hunt_ros.estimation.tracker.layout import MOST_LINES, MOST_SLIPS
 
 
 @dataclass(frozen=True)
@@ -225,6 +226,12 @@ class TrackerConfig:
         known = {point.yaw_ratio is None for point in self.modes}
         if len(known) > 1:
             raise ConfigError('tracker: yaw_ratio must be given at every speed or at none')
+        lines, slips = self.line_table()
+        if len(lines) > MOST_LINES or len(slips) > MOST_SLIPS:
+            raise ConfigError(
+                f'tracker: {len(lines)} lines on {len(slips)} shafts with a slip, expected at most'
+                f' {MOST_LINES} and {MOST_SLIPS}'
+            )
 
     @property
     def time_scale(self) -> float:
@@ -275,26 +282,26 @@ class TrackerConfig:
             shafts=shafts,
         )
 
-    def line_table(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def line_table(self) -> tuple[list[tuple[float, int]], list[float]]:
         """
-        Return the known lines as the kernel reads them.
+        Return the known lines as the filter keeps them.
 
         Returns
         -------
-        lines : ndarray of float64, shape (lines, 2)
+        lines : list of (float, int)
             Order, and which slip it turns with (-1: none).
-        slips : ndarray of float64, shape (slips,)
+        slips : list of float
             Prior standard deviation of each.
         """
-        lines: list[tuple[float, float]] = []
+        lines: list[tuple[float, int]] = []
         slips: list[float] = []
         for shaft in self.shafts:
-            place = -1.0
+            place = -1
             if shaft.slip_std > 0.0 and shaft.orders:
-                place = float(len(slips))
+                place = len(slips)
                 slips.append(shaft.slip_std)
             lines += [(order, place) for order in shaft.orders]
-        return np.array(lines, dtype=np.float64).reshape(-1, 2), np.array(slips, dtype=np.float64)
+        return lines, slips
 
     def mode_table(self) -> NDArray[np.float64]:
         """

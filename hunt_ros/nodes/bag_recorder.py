@@ -42,7 +42,7 @@ from hunt_ros.nodes.sole import hold_name
 from hunt_ros.nodes.worker import Worker
 from hunt_ros.settings import setting
 
-_JOINT, _VALUE = 'sensor_msgs/msg/JointState', 'geometry_msgs/msg/Vector3Stamped'
+_JOINT = 'sensor_msgs/msg/JointState'
 _TWIST, _TEXT = 'geometry_msgs/msg/TwistStamped', 'std_msgs/msg/String'
 _DIAGNOSTIC = 'diagnostic_msgs/msg/DiagnosticArray'
 

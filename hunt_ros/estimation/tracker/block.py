@@ -75,6 +75,7 @@ def _kernel(source: int) -> Callable[..., None]:
     @compiled
     def track_block(
         f: at.Filter,
+        modes: _F,
         stamps: _I,
         sensor: NDArray[np.int8],
         values: _F,
@@ -91,51 +92,36 @@ def _kernel(source: int) -> Callable[..., None]:
         """
         if source < 0:  # it never is: what is closed over is part of the key of the cache
             return
-        row = np.zeros(1 + 2 * f.lines.shape[0])  # H of the update at hand: hunting, then lines
-        turns = np.zeros(2 * f.lines.shape[0])  # cos and sin of each line at the last angle
         written = 0
-        angle = math.nan
-        bin_ns = max(round(f.cfg[at.C_BIN] / f.cfg[at.C_SECOND]), 1)
+        bin_ns = max(round(f.cfg.bin / f.cfg.second), 1)
         for i in range(stamps.size + 1):
             done = i == stamps.size
             while written < outputs.size and (done or outputs[written] < stamps[i]):
-                close_bin(f, row)
-                if f.counters[at.I_STARTED] == 1:
-                    advance(f, (outputs[written] - f.counters[at.I_ORIGIN]) * f.cfg[at.C_SECOND])
+                close_bin(f, modes)
+                if f.started:
+                    advance(f, (outputs[written] - f.origin) * f.cfg.second)
                     write_row(f, table[written])
-                f.counters[at.I_OUTPUT] = outputs[written]
+                f.last_output = outputs[written]
                 written += 1
             if done:
                 break
             k, value = int(sensor[i]), values[i]
-            if not measures(f.counters, f.sensors, f.m, f.cfg, k, stamps[i], value):
+            if not measures(f, k, stamps[i], value):
                 continue
-            elapsed = stamps[i] - f.counters[at.I_ORIGIN]
+            elapsed = stamps[i] - f.origin
             place = (elapsed - 1) // bin_ns  # a bin holds its end and not its start
-            if place != f.counters[at.I_BIN] or f.cfg[at.C_BIN] == 0.0:
-                close_bin(f, row)
-                f.counters[at.I_BIN] = place
-            if f.m[at.M_CHANGED] > 0.0 and not math.isnan(f.m[at.M_SPEED]):
-                take_modes(f)
+            if place != f.bin_number or f.cfg.bin == 0.0:
+                close_bin(f, modes)
+                f.bin_number = place
+            if f.modes_changed and not math.isnan(f.speed):
+                take_modes(f, modes)
             if math.isfinite(speeds[i]):
-                if speeds[i] != f.m[at.M_SPEED]:
-                    look_up(f, speeds[i])
-            elif math.isnan(f.m[at.M_SPEED]):
-                look_up(f, f.modes[0, 0, 0])  # no speed yet: the first of the table
-                f.m[at.M_SPEED_SEEN] = math.nan
-            if math.isfinite(angles[i]) and angles[i] != angle:
-                angle = angles[i]
-                for j in range(f.lines.shape[0]):
-                    turns[2 * j] = math.cos(f.lines[j, at.L_ORDER] * angle)
-                    turns[2 * j + 1] = math.sin(f.lines[j, at.L_ORDER] * angle)
-            accumulate(
-                f.sums,
-                k,
-                elapsed * f.cfg[at.C_SECOND] - place * f.cfg[at.C_BIN],
-                value,
-                angles[i],
-                turns,
-            )
+                if speeds[i] != f.speed:
+                    look_up(f, modes, speeds[i])
+            elif math.isnan(f.speed):
+                look_up(f, modes, modes[0, 0, 0])  # no speed yet: the first of the table
+                f.speed_seen = math.nan
+            accumulate(f, k, elapsed * f.cfg.second - place * f.cfg.bin, value, angles[i])
 
     return track_block
 

@@ -21,40 +21,42 @@ SLIGHT = 0.03  # of the amplitude: a change that needs no opening of the covaria
 @compiled_part
 def kicked(f: at.Filter, k: int, innovation: float, S: float, dt: float) -> int:
     """Judge one innovation: 0 ordinary, 1 a kick, 2 leave it out for now, 3 another signal."""
+    sensor = f.sensors[k]
+    x = f.x
     decay = math.exp(-min(dt, 0.05) / KICK_QUICK)
     step = math.sqrt(1.0 - decay * decay)
-    turn_c, turn_s = math.cos(f.x[at.OMEGA] * dt), math.sin(f.x[at.OMEGA] * dt)
-    if f.sensors[k, at.S_NIS] < 1.0 / NOISY:
+    turn_c, turn_s = math.cos(x[at.OMEGA] * dt), math.sin(x[at.OMEGA] * dt)
+    if sensor.nis < 1.0 / NOISY:
         return 3
     unit = innovation / math.sqrt(S)
-    re, im = f.sensors[k, at.S_K_RE], f.sensors[k, at.S_K_IM]
+    re, im = sensor.burst_re, sensor.burst_im
     moved_re = decay * (turn_c * re - turn_s * im) + step * unit
     moved_im = decay * (turn_s * re + turn_c * im)
     # What surprises all the time is no surprise: harmonics, a mode that is not modelled.
-    usual = max(f.sensors[k, at.S_NIS], 1.0)
-    surprising = unit * unit > f.cfg[at.C_GATE] ** 2 * usual
+    usual = max(sensor.nis, 1.0)
+    surprising = unit * unit > f.cfg.gate**2 * usual
     # The further off, the longer it must last: an encoder that wraps is not a kick.
     patience = 0.0 if abs(unit) < ABSURD else 0.02
-    recent = f.m[at.M_TIME] - f.m[at.M_KICK] < 0.1
+    recent = f.time - f.kick < 0.1
     if surprising and not (recent and patience == 0.0):
-        if f.sensors[k, at.S_PENDING] == 0.0:
-            f.sensors[k, at.S_PENDING] = 1.0
-            f.sensors[k, at.S_DOUBT] = f.m[at.M_TIME]
+        if not sensor.doubted:
+            sensor.doubted = True
+            sensor.doubted_since = f.time
             return 2
-        if f.m[at.M_TIME] - f.sensors[k, at.S_DOUBT] < patience:
+        if f.time - sensor.doubted_since < patience:
             return 2
         if unit * unit > BEYOND * usual:
             return 3
-    if not surprising and f.sensors[k, at.S_PENDING] == 1.0:
-        f.counters[at.I_GLITCHES] += 1
-    f.sensors[k, at.S_PENDING] = 0.0
-    f.sensors[k, at.S_K_RE], f.sensors[k, at.S_K_IM] = moved_re, moved_im
+    if not surprising and sensor.doubted:
+        f.glitches += 1
+    sensor.doubted = False
+    sensor.burst_re, sensor.burst_im = moved_re, moved_im
     burst = moved_re * moved_re + moved_im * moved_im
     # A small part of a large motion may come and go without a kick: lines from its nonlinearity.
     z = at.Z + 2 * k
-    slight = SLIGHT * SLIGHT * (f.x[z] ** 2 + f.x[z + 1] ** 2)
+    slight = SLIGHT * SLIGHT * (x[z] ** 2 + x[z + 1] ** 2)
     # Nor may a wrong frequency keep opening the covariance: give it a second to be learnt.
-    if burst > BURST * usual and f.m[at.M_TIME] - f.m[at.M_KICK] > 1.0:
+    if burst > BURST * usual and f.time - f.kick > 1.0:
         return 1 if 2.0 * burst * S * min(dt, 0.05) / KICK_QUICK > slight else 0
     return 1 if surprising else 0
 
@@ -62,37 +64,39 @@ def kicked(f: at.Filter, k: int, innovation: float, S: float, dt: float) -> int:
 @compiled_part
 def handle_kick(f: at.Filter, k: int, innovation: float, dt: float) -> None:
     """Open the covariance after a kick seen by sensor k."""
+    sensor = f.sensors[k]
+    x, P = f.x, f.P
     size = 1.0
     if k == 1:
-        size = f.m[at.M_RHO_RE] ** 2 + f.m[at.M_RHO_IM] ** 2 + 2.0 * f.m[at.M_RHO_VAR]
-    burst = f.sensors[k, at.S_K_RE] ** 2 + f.sensors[k, at.S_K_IM] ** 2
-    scale = innovation * innovation + burst * f.sensors[k, at.S_NOISE]
-    limit = 1e8 * f.sensors[k, at.S_NOISE]  # what double precision can still resolve
+        size = f.rho_re**2 + f.rho_im**2 + 2.0 * f.rho_var
+    burst = sensor.burst_re**2 + sensor.burst_im**2
+    scale = innovation * innovation + burst * sensor.noise
+    limit = 1e8 * sensor.noise  # what double precision can still resolve
     opened = min(KICK_SCALE * KICK_SCALE * scale, limit) / size
     open_modes(f, opened)
-    f.m[at.M_KICK_SIZE] = opened
-    since = f.m[at.M_TIME] - f.m[at.M_KICK]
+    f.kick_size = opened
+    since = f.time - f.kick
     if since > SETTLING:
-        f.counters[at.I_KICKS] += 1
-        f.m[at.M_CHAIN] = f.m[at.M_TIME]
+        f.kicks += 1
+        f.kick_chain = f.time
     # A kick is over in a quarter of a period. What goes on, or comes again at once, is noise
     # or motion outside the model.
-    if f.m[at.M_TIME] - f.m[at.M_CHAIN] > 0.2:
-        f.sensors[k, at.S_NOISE] *= math.exp(5.0 * dt)
+    if f.time - f.kick_chain > 0.2:
+        sensor.noise *= math.exp(5.0 * dt)
         loosen(f, 1.1)  # or the two sensors are tied by a wrong ratio
     elif SETTLING < since < 2.0:
-        f.sensors[k, at.S_NOISE] *= 1.25
-        f.m[at.M_LAMBDA] = min(f.m[at.M_LAMBDA] + 0.2, math.log(100.0))
+        sensor.noise *= 1.25
+        f.log_bandwidth = min(f.log_bandwidth + 0.2, math.log(100.0))
         loosen(f, 4.0)
         # Or the frequency is wrong, and each beat looks like a kick.
-        f.P[at.OMEGA, at.OMEGA] = max(f.P[at.OMEGA, at.OMEGA], f.cfg[at.C_OMEGA_STD] ** 2)
-    power = f.x[0] * f.x[0] + f.x[1] * f.x[1]
+        P[at.OMEGA, at.OMEGA] = max(P[at.OMEGA, at.OMEGA], f.cfg.omega_std**2)
+    power = x[0] * x[0] + x[1] * x[1]
     if scale > 9.0 * power * size:
         # A motion much larger than before: what was learnt from noise is worth little.
-        off = f.x[at.OMEGA] - f.m[at.M_OMEGA0]
-        f.P[at.OMEGA, at.OMEGA] = max(f.P[at.OMEGA, at.OMEGA], off * off)
-        f.x[at.GROWTH] = min(max(f.x[at.GROWTH], -f.cfg[at.C_GROWTH_STD]), f.cfg[at.C_GROWTH_STD])
-    f.m[at.M_KICK] = f.m[at.M_TIME]
+        off = x[at.OMEGA] - f.mode.omega
+        P[at.OMEGA, at.OMEGA] = max(P[at.OMEGA, at.OMEGA], off * off)
+        x[at.GROWTH] = min(max(x[at.GROWTH], -f.cfg.growth_std), f.cfg.growth_std)
+    f.kick = f.time
     for i in range(2):
-        f.sensors[i, at.S_K_RE] = 0.0
-        f.sensors[i, at.S_K_IM] = 0.0
+        f.sensors[i].burst_re = 0.0
+        f.sensors[i].burst_im = 0.0

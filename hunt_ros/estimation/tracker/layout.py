@@ -1,14 +1,17 @@
-"""Where the tracker keeps what: indices into the arrays of `Filter`."""
+"""What the tracker remembers: named records, and where the state vector holds what."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 _F = NDArray[np.float64]
-_I = NDArray[np.int64]
+
+# The records have room for so many lines and slips, so that the kernel is compiled once, for
+# any number of them: it works on the part in use.
+MOST_LINES, MOST_SLIPS = 10, 4
 
 # --- state vector: of 12 + 4 lines + slips elements ------------------------------------
 Z = 0  # hunting phasors: lateral 0, 1; yaw 2, 3
@@ -17,130 +20,185 @@ GROWTH = 5
 W = 6  # second mode: lateral 6, 7; yaw 8, 9
 BIAS = 10  # lateral 10, yaw 11
 ROUGH = 12  # cos, sin of each line: all of lateral from 12 on, then all of yaw, then the slips
+MOST_STATES = ROUGH + 4 * MOST_LINES + MOST_SLIPS
 
-# --- known lines: columns of `Filter.lines`, and of what each sensor remembers of each ----
-L_ORDER, L_SLIP = range(2)  # turns of the line in one of the angle; its slip (-1: none)
-R_LAMBDA, R_RE, R_IM, N_LINE = range(4)  # ln of the bandwidth; innovations demodulated
-# ... and of `Filter.slips`: one row for each shaft that may turn faster or slower than the angle
-P_STD, P_TURNED, N_SLIP = range(3)  # relative, prior; what has been added to the angle, rad
 
-# --- configuration vector (see kalman.py) --------------------------------------------
-(
-    C_BIN,
-    C_OMEGA_MIN,
-    C_OMEGA_MAX,
-    C_OMEGA_STD,
-    C_OMEGA_DRIFT,
-    C_GROWTH_STD,
-    C_GROWTH_DRIFT,
-    C_RATIO_STD,
-    C_RATIO_FLOOR,
-    C_GATE,
-    C_NOISE_TIME,
-    C_BANDWIDTH_TIME,
-    C_STUCK,
-    C_GAP,
-    C_SECOND,  # units of the kernel's time in a nanosecond: see `tracker.block`
-    N_CONFIG,
-) = range(16)
+class Settings:
+    """`TrackerConfig` in the tracker's own time (see `tracker_config.REFERENCE_HZ`)."""
 
-# --- memory common to both sensors ---------------------------------------------------
-(
-    M_TIME,  # of the filter, s since the origin
-    M_LAMBDA,  # ln of the hunting bandwidth, 1/s
-    M_RATIO_RE,  # learnt ratio, in units of the one that is given (or absolute)
-    M_RATIO_IM,
-    M_RATIO_VAR,  # of each part
-    M_RHO_RE,  # ratio in force: learnt times given
-    M_RHO_IM,
-    M_RHO_VAR,
-    M_RATIO_TIME,  # when it was last learnt
-    M_RATIO_SPEED,  # where: mean speed, and mean logarithm of the lateral amplitude
-    M_RATIO_LOG,
-    M_RATIO_KNOWN,  # 1 where the ratio is given, or has been learnt
-    M_CHANGED,  # 1 where the table of modes is another one since the last sample
-    M_KICK,  # time of the last kick
-    M_KICK_SIZE,  # lateral variance it opened
-    M_STEP,  # time of the last step of a level
-    M_CHAIN,  # when the chain of kicks it belongs to began
-    M_SPEED,
-    M_SPEED_SEEN,  # where the growth rate was last opened for a change of speed
-    M_OMEGA0,  # from here, the modes in force
-    M_GIVEN_RE,
-    M_GIVEN_IM,
-    M_OMEGA2,
-    M_DECAY2,
-    M_RHO2_RE,
-    M_RHO2_IM,
-    M_GIVEN_STD,  # relative, of the ratio given at this speed and amplitude
-    M_STD2,  # relative, of the second mode's eigenvalue; to here, the modes in force
-    M_ANGLE,  # that the lines were last moved to, rad; NaN: not known
-    M_LEFT2,  # power of the second mode since the last kick, at most: lateral, yaw
-    M_LEFT2_YAW,
-    N_MEMORY,
-) = range(32)
+    bin: float
+    omega_min: float
+    omega_max: float
+    omega_std: float
+    omega_drift: float
+    growth_std: float
+    growth_drift: float
+    ratio_std: float
+    ratio_floor: float
+    gate: float
+    noise_time: float
+    bandwidth_time: float
+    stuck: float
+    gap: float
+    second: float  # units of the tracker's time in a nanosecond
 
-# --- memory of each sensor ------------------------------------------------------------
-(
-    S_ALIVE,
-    S_NOISE,  # R, variance of one sample
-    S_QUICK,  # the same from third differences
-    S_STEP,  # mean spacing of samples, s
-    S_LAST,  # time of the last bin, s
-    S_LAMBDA_BIAS,
-    S_D1,  # last innovations
-    S_D2,
-    S_D3,
-    S_DOUBT,  # since when bins have been left out
-    S_PENDING,  # 1: the last bin was surprising and was left out
-    S_NIS,  # recent mean of nu^2/S
-    S_RESIDUAL,  # recent mean of the squared residual of a sample
-    S_H1_RE,  # innovations demodulated at hunting: first stage, second stage, quick
-    S_H1_IM,
-    S_H_RE,
-    S_H_IM,
-    S_K_RE,
-    S_K_IM,
-    S_B,  # at zero
-    S_CLEAN_SUM,
-    S_CLEAN_COUNT,
-    S_VALUE,  # last raw value, and since when it has not changed
-    S_SINCE,
-    S_BOOT,  # bins seen before the start
-    S_BOOT_COUNT,  # samples in them
-    S_BOOT_START,
-    S_BOOT_SUM,
-    S_BOOT_SQUARE,
-    S_BOOT_DIFF,
-    S_BOOT_REF,
-    S_BEFORE,  # 1 where the sensor has been started before
-    S_ROLLER,  # 1 where the roller angle is known
-    S_TIED,  # 1 while its phasor is that of the other sensor through the ratio
-    N_SENSOR,
-) = range(35)
 
-# --- running sums of the bin that is open ----------------------------------------------
-A_COUNT, A_VALUE, A_TIME, A_TIME2, A_ANGLES, A_ANGLE, A_LINES = range(7)  # then cos, sin of each
+class Mode:
+    """What the table of modes says at the present speed and amplitude."""
 
-# --- counters ----------------------------------------------------------------------------
-(
-    I_ORIGIN,
-    I_BIN,
-    I_LAST,
-    I_LAST_LATERAL,
-    I_LAST_YAW,
-    I_OUTPUT,
-    I_STARTED,
-    I_USED,
-    I_NOT_FINITE,
-    I_BACKWARDS,
-    I_STUCK,
-    I_GLITCHES,
-    I_KICKS,
-    I_RESETS,
-    I_RESTARTS,
-    N_COUNTER,
-) = range(16)
+    omega: float
+    rho_re: float  # ratio that is given; NaN: none
+    rho_im: float
+    rho_std: float  # relative
+    omega2: float  # second mode
+    decay2: float
+    rho2_re: float
+    rho2_im: float
+    std2: float  # relative, of its eigenvalue
+
+
+class Line:
+    """One known line."""
+
+    order: float  # turns in one of the angle
+    slip: int  # the slip it turns with (-1: none)
+
+
+class Slip:
+    """One shaft that may turn faster or slower than the angle."""
+
+    deviation: float  # standard, relative, prior
+    turned: float  # what has been added to the angle, rad
+
+
+class LineNoise:
+    """What one sensor tells of the process noise of one line."""
+
+    log_bandwidth: float  # ln of the bandwidth, 1/s
+    re: float  # innovations demodulated
+    im: float
+
+
+class Bin:
+    """Running sums of the bin that is open."""
+
+    count: float
+    value: float
+    time: float
+    time2: float
+    angles: float  # samples with an angle
+    angle: float
+    turns: Annotated[_F, 2 * MOST_LINES]  # cos, sin of each line
+
+
+class Boot:
+    """The first bins of a sensor, from which it is started."""
+
+    bins: float
+    samples: float
+    start: float  # time
+    total: (
+        float  # of the values less the reference, their squares, their third differences squared
+    )
+    square: float
+    third: float
+    reference: float
+
+
+class Sensor:
+    """What is remembered of one sensor."""
+
+    alive: bool
+    started_before: bool
+    tied: bool  # its phasor is that of the other sensor through the ratio
+    angle_known: bool
+    noise: float  # R, variance of one sample
+    quick_noise: float  # the same from third differences
+    spacing: float  # mean, of samples, s
+    last: float  # time of the last bin, s
+    last_stamp: int  # of the last sample, ns
+    value: float  # last raw value, and since when it has not changed
+    value_since: float
+    before1: float  # last innovations
+    before2: float
+    before3: float
+    doubted: bool  # the last bin was surprising and was left out
+    doubted_since: float
+    nis: float  # recent mean of nu^2/S
+    residual: float  # recent mean of the squared residual of a sample
+    stage_re: float  # innovations demodulated at hunting: first stage, second stage, quick
+    stage_im: float
+    band_re: float
+    band_im: float
+    burst_re: float
+    burst_im: float
+    offset: float  # at zero
+    log_bias_bandwidth: float  # ln of 1/s
+    second_left: float  # power of the second mode since the last kick, at most
+    clean_sum: float
+    clean_count: float
+    boot: Boot
+    bin: Bin
+    lines: Annotated[list[LineNoise], MOST_LINES]
+
+
+class Filter:
+    """All the filter remembers between blocks, its settings, and room to work in."""
+
+    # the Kalman filter
+    states: int  # in use
+    x: Annotated[_F, MOST_STATES]
+    P: Annotated[_F, MOST_STATES, MOST_STATES]
+    g: Annotated[_F, MOST_STATES]  # P H' of the update at hand
+    row: Annotated[_F, 1 + 2 * MOST_LINES]  # H of it: hunting, then cos, sin of each line
+    time: float  # s since the origin
+    log_bandwidth: float  # ln of the hunting bandwidth, 1/s
+    # the ratio of yaw to lateral phasor
+    ratio_re: float  # learnt, in units of the one that is given (or absolute)
+    ratio_im: float
+    ratio_var: float  # of each part
+    rho_re: float  # in force: learnt times given
+    rho_im: float
+    rho_var: float
+    ratio_time: float  # when it was last learnt
+    ratio_speed: float  # where: mean speed, and mean logarithm of the lateral amplitude
+    ratio_log: float
+    ratio_known: bool  # it is given, or has been learnt
+    # kicks and steps
+    kick: float  # time of the last one
+    kick_size: float  # lateral variance it opened
+    kick_chain: float  # when the chain of kicks it belongs to began
+    level_step: float  # time of the last step of a level
+    # speed, modes, angle
+    speed: float
+    speed_seen: float  # where the growth rate was last opened for a change of speed
+    modes_changed: bool  # the table of modes is another one since the last sample
+    mode: Mode
+    mode_row: Annotated[_F, 11]  # the same as a row of the table
+    angle: float  # that the lines were last moved to, rad; NaN: not known
+    line_count: int
+    slip_count: int
+    lines: Annotated[list[Line], MOST_LINES]
+    slips: Annotated[list[Slip], MOST_SLIPS]
+    turns_angle: float  # of `turns`
+    turns: Annotated[_F, 2 * MOST_LINES]  # cos, sin of each line at the last sample
+    sensors: Annotated[list[Sensor], 2]
+    cfg: Settings
+    # samples taken, and left out by reason
+    started: bool
+    origin: int  # ns
+    bin_number: int
+    last_stamp: int  # ns
+    last_output: int
+    used: int
+    not_finite: int
+    backwards: int
+    stuck: int
+    glitches: int
+    kicks: int
+    resets: int
+    restarts: int
+
 
 # --- output columns (see kalman.TRACK_DTYPE) -----------------------------------------------
 (
@@ -183,25 +241,3 @@ A_COUNT, A_VALUE, A_TIME, A_TIME2, A_ANGLES, A_ANGLE, A_LINES = range(7)  # then
     O_Y_TIED,
     N_OUTPUT,
 ) = range(38)
-
-
-class Filter(NamedTuple):
-    """
-    All the filter remembers between blocks, its settings, and room to work in.
-
-    Small parts that are called from several places take the arrays they use, not all of
-    this: it is handed over by value, nine arrays at each call, which made up a fifth of an update.
-    """
-
-    x: _F  # state, shape (n,)
-    P: _F  # its covariance, (n, n)
-    m: _F  # memory common to both sensors, (N_MEMORY,)
-    sensors: _F  # memory of each, (2, N_SENSOR)
-    sums: _F  # the bin that is open, (2, A_LINES + 2 lines)
-    counters: _I  # (N_COUNTER,)
-    cfg: _F  # (N_CONFIG,)
-    modes: _F  # TrackerConfig.mode_table(), (speeds, amplitudes, 11)
-    lines: _F  # TrackerConfig.line_table(), (lines, 2)
-    rough: _F  # memory of each sensor of each line, (2, lines, N_LINE)
-    slips: _F  # (slips, N_SLIP)
-    g: _F  # P H' of the update at hand, (n,)

@@ -4,15 +4,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hunt_ros.compiled import compiled_part
 from hunt_ros.estimation.tracker import layout as at
 from hunt_ros.estimation.tracker.algebra import line, open_modes, speaks
 from hunt_ros.estimation.tracker.ratio import SETTLING, loosen
-
-_F = NDArray[np.float64]
 
 IN_BAND = 0.3  # s, of the whiteness measures
 OFFSET = 25.0  # power of the mean innovation over that of white noise taken for an offset
@@ -21,102 +16,106 @@ OFFSET = 25.0  # power of the mean innovation over that of white noise taken for
 @compiled_part
 def start_sensor(f: at.Filter, k: int, t: float) -> None:
     """Start the states of sensor k from the mean and spread of its first bins."""
-    count = f.sensors[k, at.S_BOOT]
-    mean = f.sensors[k, at.S_BOOT_SUM] / count
-    spread = f.sensors[k, at.S_BOOT_SQUARE] / count - mean * mean
-    noise = f.sensors[k, at.S_BOOT_DIFF] / (20.0 * (count - 3.0))
-    noise *= f.sensors[k, at.S_BOOT_COUNT] / count
-    f.sensors[k, at.S_NOISE] = min(max(noise, 1e-8 * spread), spread)
-    f.sensors[k, at.S_QUICK] = 0.0
-    f.sensors[k, at.S_ALIVE] = 1.0
-    f.sensors[k, at.S_NIS] = 1.0
-    f.sensors[k, at.S_RESIDUAL] = f.sensors[k, at.S_NOISE]
-    for j in range(f.lines.shape[0]):
-        f.rough[k, j, at.R_LAMBDA] = 0.0
-    f.sensors[k, at.S_LAMBDA_BIAS] = math.log(0.1)
-    roller = f.sensors[k, at.S_ROLLER]
+    sensor = f.sensors[k]
+    x, P = f.x, f.P
+    count = sensor.boot.bins
+    mean = sensor.boot.total / count
+    spread = sensor.boot.square / count - mean * mean
+    noise = sensor.boot.third / (20.0 * (count - 3.0))
+    noise *= sensor.boot.samples / count
+    sensor.noise = min(max(noise, 1e-8 * spread), spread)
+    sensor.quick_noise = 0.0
+    sensor.alive = True
+    sensor.nis = 1.0
+    sensor.residual = sensor.noise
+    for j in range(f.line_count):
+        sensor.lines[j].log_bandwidth = 0.0
+    sensor.log_bias_bandwidth = math.log(0.1)
+    roller = sensor.angle_known
     for first, width in (
         (at.Z + 2 * k, 2),
         (at.W + 2 * k, 2),
         (at.BIAS + k, 1),
-        (line(f, k), 2 * f.lines.shape[0]),
+        (line(f, k), 2 * f.line_count),
     ):
         for i in range(first, first + width):
-            f.x[i] = 0.0
-            for j in range(f.x.size):
-                f.P[i, j] = 0.0
-                f.P[j, i] = 0.0
-            f.P[i, i] = 4.0 * spread
+            x[i] = 0.0
+            for j in range(f.states):
+                P[i, j] = 0.0
+                P[j, i] = 0.0
+            P[i, i] = 4.0 * spread
             if first == line(f, k):
-                f.P[i, i] *= roller
-    f.x[at.BIAS + k] = f.sensors[k, at.S_BOOT_REF] + mean
-    f.sensors[k, at.S_TIED] = 0.0
-    if f.sensors[1 - k, at.S_ALIVE] == 0.0:
-        f.m[at.M_TIME] = t
-        f.x[at.OMEGA] = f.m[at.M_OMEGA0]
-        f.x[at.GROWTH] = 0.0
-        f.P[at.OMEGA, at.OMEGA] = f.cfg[at.C_OMEGA_STD] ** 2
-        f.P[at.GROWTH, at.GROWTH] = f.cfg[at.C_GROWTH_STD] ** 2
-    elif f.sensors[k, at.S_BEFORE] > 0.0:
+                P[i, i] *= roller
+    x[at.BIAS + k] = sensor.boot.reference + mean
+    sensor.tied = False
+    if not f.sensors[1 - k].alive:
+        f.time = t
+        x[at.OMEGA] = f.mode.omega
+        x[at.GROWTH] = 0.0
+        P[at.OMEGA, at.OMEGA] = f.cfg.omega_std**2
+        P[at.GROWTH, at.GROWTH] = f.cfg.growth_std**2
+    elif sensor.started_before:
         loosen(f, 4.0)
-    elif math.isnan(f.m[at.M_GIVEN_RE]):
+    elif math.isnan(f.mode.rho_re):
         # The ratio of the phasors is of the order of the ratio of the signals.
         other = 1 - k
         size = (
-            f.P[at.Z + 2 * other, at.Z + 2 * other]
-            + f.x[at.Z + 2 * other] ** 2
-            + f.x[at.Z + 2 * other + 1] ** 2
+            P[at.Z + 2 * other, at.Z + 2 * other]
+            + x[at.Z + 2 * other] ** 2
+            + x[at.Z + 2 * other + 1] ** 2
         )
-        size = max(size, f.sensors[other, at.S_RESIDUAL], f.sensors[other, at.S_BOOT_SQUARE])
-        f.m[at.M_RATIO_VAR] = 4.0 * spread / size if k == 1 else size / (4.0 * spread)
-        f.m[at.M_RATIO_RE] = 0.0
-        f.m[at.M_RATIO_IM] = 0.0
-    f.sensors[k, at.S_BOOT_SQUARE] = spread
-    f.sensors[k, at.S_BEFORE] = 1.0
+        size = max(size, f.sensors[other].residual, f.sensors[other].boot.square)
+        f.ratio_var = 4.0 * spread / size if k == 1 else size / (4.0 * spread)
+        f.ratio_re = 0.0
+        f.ratio_im = 0.0
+    sensor.boot.square = spread
+    sensor.started_before = True
 
 
 @compiled_part
 def forget_start(f: at.Filter, k: int) -> None:
     """Forget the bins gathered for a start of sensor k."""
-    for i in range(at.S_BOOT, at.S_BOOT_REF + 1):
-        f.sensors[k, i] = 0.0
+    boot = f.sensors[k].boot
+    boot.bins = boot.samples = boot.start = boot.reference = 0.0
+    boot.total = boot.square = boot.third = 0.0
 
 
 @compiled_part
 def stop_sensor(f: at.Filter, k: int) -> None:
     """Forget the level and noise of sensor k, which now gives another signal: start it anew."""
-    f.counters[at.I_RESTARTS] += 1
+    sensor = f.sensors[k]
+    f.restarts += 1
     forget_start(f, k)
-    f.sensors[k, at.S_ALIVE] = 0.0
-    f.sensors[k, at.S_PENDING] = 0.0
-    for i in range(at.S_H1_RE, at.S_B + 1):
-        f.sensors[k, i] = 0.0
-    f.rough[k, :, at.R_RE :] = 0.0
+    sensor.alive = False
+    sensor.doubted = False
+    sensor.stage_re = sensor.stage_im = sensor.band_re = sensor.band_im = 0.0
+    sensor.burst_re = sensor.burst_im = sensor.offset = 0.0
+    for j in range(f.line_count):
+        sensor.lines[j].re = sensor.lines[j].im = 0.0
 
 
 @compiled_part
 def gather_start(f: at.Filter, k: int, t: float, mean: float, count: float) -> None:
     """Take one bin of a sensor that has not started yet; start it when there are enough."""
-    if t - f.sensors[k, at.S_LAST] > 0.1:
+    sensor = f.sensors[k]
+    if t - sensor.last > 0.1:
         forget_start(f, k)  # what came before a gap may be another signal
-    if f.sensors[k, at.S_BOOT] == 0.0:
-        f.sensors[k, at.S_BOOT_START] = t
-        f.sensors[k, at.S_BOOT_REF] = mean
-    value = mean - f.sensors[k, at.S_BOOT_REF]
-    if f.sensors[k, at.S_BOOT] >= 3.0:
-        third = (
-            value - 3.0 * (f.sensors[k, at.S_D1] - f.sensors[k, at.S_D2]) - f.sensors[k, at.S_D3]
-        )
-        f.sensors[k, at.S_BOOT_DIFF] += third * third
-    f.sensors[k, at.S_D3] = f.sensors[k, at.S_D2]
-    f.sensors[k, at.S_D2] = f.sensors[k, at.S_D1]
-    f.sensors[k, at.S_D1] = value
-    f.sensors[k, at.S_BOOT] += 1.0
-    f.sensors[k, at.S_BOOT_COUNT] += count
-    f.sensors[k, at.S_BOOT_SUM] += value
-    f.sensors[k, at.S_BOOT_SQUARE] += value * value
-    enough = f.sensors[k, at.S_BOOT] >= 12.0 and t - f.sensors[k, at.S_BOOT_START] >= 0.15
-    if enough and f.sensors[k, at.S_BOOT_DIFF] > 0.0:
+    if sensor.boot.bins == 0.0:
+        sensor.boot.start = t
+        sensor.boot.reference = mean
+    value = mean - sensor.boot.reference
+    if sensor.boot.bins >= 3.0:
+        third = value - 3.0 * (sensor.before1 - sensor.before2) - sensor.before3
+        sensor.boot.third += third * third
+    sensor.before3 = sensor.before2
+    sensor.before2 = sensor.before1
+    sensor.before1 = value
+    sensor.boot.bins += 1.0
+    sensor.boot.samples += count
+    sensor.boot.total += value
+    sensor.boot.square += value * value
+    enough = sensor.boot.bins >= 12.0 and t - sensor.boot.start >= 0.15
+    if enough and sensor.boot.third > 0.0:
         start_sensor(f, k, t)
 
 
@@ -128,7 +127,6 @@ def tune(
     innovation: float,
     S: float,
     left: float,
-    row: _F,
     dt: float,
     count: float,
     surprise: float,
@@ -140,82 +138,80 @@ def tune(
     the sensor's last bin, `count` the samples in this one, `surprise`
     its nu^2/S before the covariance was opened.
     """
+    sensor = f.sensors[k]
+    x = f.x
     dt = min(dt, 0.05)
-    noise = f.sensors[k, at.S_NOISE]
-    third = (
-        innovation - 3.0 * (f.sensors[k, at.S_D1] - f.sensors[k, at.S_D2]) - f.sensors[k, at.S_D3]
-    )
-    f.sensors[k, at.S_D3] = f.sensors[k, at.S_D2]
-    f.sensors[k, at.S_D2] = f.sensors[k, at.S_D1]
-    f.sensors[k, at.S_D1] = innovation
+    noise = sensor.noise
+    third = innovation - 3.0 * (sensor.before1 - sensor.before2) - sensor.before3
+    sensor.before3 = sensor.before2
+    sensor.before2 = sensor.before1
+    sensor.before1 = innovation
     share = 1.0 - math.exp(-dt / 0.5)
     quick = count * third * third / 20.0
-    f.sensors[k, at.S_QUICK] += share * (min(quick, 9.0 * noise) - f.sensors[k, at.S_QUICK])
-    f.sensors[k, at.S_NIS] += share * (min(surprise, 25.0) - f.sensors[k, at.S_NIS])
+    sensor.quick_noise += share * (min(quick, 9.0 * noise) - sensor.quick_noise)
+    sensor.nis += share * (min(surprise, 25.0) - sensor.nis)
     explained = count * (residual * residual + left)
-    f.sensors[k, at.S_RESIDUAL] += share * (
-        count * residual * residual - f.sensors[k, at.S_RESIDUAL]
-    )
-    settled = f.m[at.M_TIME] - f.m[at.M_KICK] > SETTLING
+    sensor.residual += share * (count * residual * residual - sensor.residual)
+    settled = f.time - f.kick > SETTLING
     span = min(
-        f.cfg[at.C_NOISE_TIME],
-        max(0.3 * (f.m[at.M_TIME] - f.sensors[k, at.S_BOOT_START]), 0.1),
+        f.cfg.noise_time,
+        max(0.3 * (f.time - sensor.boot.start), 0.1),
     )
-    if not 0.5 < f.sensors[k, at.S_NIS] < 2.0:
+    if not 0.5 < sensor.nis < 2.0:
         span = max(0.25 * span, 0.1)  # far off: be quick
     noise += (1.0 - math.exp(-dt / span)) * (min(explained, 9.0 * noise) - noise)
-    f.sensors[k, at.S_NOISE] = max(
-        noise, 0.5 * f.sensors[k, at.S_QUICK], 1e-12 * f.sensors[k, at.S_BOOT_SQUARE]
-    )
+    sensor.noise = max(noise, 0.5 * sensor.quick_noise, 1e-12 * sensor.boot.square)
 
     # Innovations demodulated: u, with E |u|^2 = 1 where they are white.
     unit = innovation / math.sqrt(S)
     decay = math.exp(-dt / IN_BAND)
-    turn_c, turn_s = math.cos(f.x[at.OMEGA] * dt), math.sin(f.x[at.OMEGA] * dt)
+    turn_c, turn_s = math.cos(x[at.OMEGA] * dt), math.sin(x[at.OMEGA] * dt)
     step = math.sqrt(1.0 - decay * decay)
     # Two stages, so that harmonics of the limit cycle do not leak into the band.
-    re, im = f.sensors[k, at.S_H1_RE], f.sensors[k, at.S_H1_IM]
+    re, im = sensor.stage_re, sensor.stage_im
     re, im = (
         decay * (turn_c * re - turn_s * im) + unit,
         decay * (turn_s * re + turn_c * im),
     )
-    f.sensors[k, at.S_H1_RE], f.sensors[k, at.S_H1_IM] = re, im
-    old_re, old_im = f.sensors[k, at.S_H_RE], f.sensors[k, at.S_H_IM]
+    sensor.stage_re, sensor.stage_im = re, im
+    old_re, old_im = sensor.band_re, sensor.band_im
     gain = math.sqrt((1.0 - decay * decay) ** 3 / (1.0 + decay * decay))
-    f.sensors[k, at.S_H_RE] = decay * (turn_c * old_re - turn_s * old_im) + gain * re
-    f.sensors[k, at.S_H_IM] = decay * (turn_s * old_re + turn_c * old_im) + gain * im
-    f.sensors[k, at.S_B] = decay * f.sensors[k, at.S_B] + step * unit
-    if f.sensors[k, at.S_B] ** 2 > OFFSET * max(f.sensors[k, at.S_NIS], 1.0):
+    sensor.band_re = decay * (turn_c * old_re - turn_s * old_im) + gain * re
+    sensor.band_im = decay * (turn_s * old_re + turn_c * old_im) + gain * im
+    sensor.offset = decay * sensor.offset + step * unit
+    if sensor.offset**2 > OFFSET * max(sensor.nis, 1.0):
         # The level has stepped, more than the filter of the bias can follow; what looked like
         # a kick a moment ago was that.
-        stepped = 10.0 * f.sensors[k, at.S_B] ** 2 * S * dt / (2.0 * IN_BAND)
-        recent = f.m[at.M_TIME] - f.m[at.M_KICK] < 2.0
-        if recent and f.m[at.M_TIME] - f.m[at.M_STEP] > 5.0:
-            f.m[at.M_STEP] = f.m[at.M_TIME]
+        stepped = 10.0 * sensor.offset**2 * S * dt / (2.0 * IN_BAND)
+        recent = f.time - f.kick < 2.0
+        if recent and f.time - f.level_step > 5.0:
+            f.level_step = f.time
             size = 1.0
             if k == 1:
-                size = f.m[at.M_RHO_RE] ** 2 + f.m[at.M_RHO_IM] ** 2 + 2.0 * f.m[at.M_RHO_VAR]
-            stepped = max(stepped, f.m[at.M_KICK_SIZE] * size)
-            open_modes(f, f.m[at.M_KICK_SIZE])
+                size = f.rho_re**2 + f.rho_im**2 + 2.0 * f.rho_var
+            stepped = max(stepped, f.kick_size * size)
+            open_modes(f, f.kick_size)
         f.P[at.BIAS + k, at.BIAS + k] += stepped
-        f.sensors[k, at.S_B] = 0.0
-    for j in range(f.lines.shape[0]):
-        cosine, sine = row[1 + 2 * j], row[2 + 2 * j]
+        sensor.offset = 0.0
+    for j in range(f.line_count):
+        cosine, sine = f.row[1 + 2 * j], f.row[2 + 2 * j]
         if cosine != 0.0 or sine != 0.0:
             size = step * unit / math.sqrt(cosine * cosine + sine * sine)
-            f.rough[k, j, at.R_RE] = decay * f.rough[k, j, at.R_RE] + size * cosine
-            f.rough[k, j, at.R_IM] = decay * f.rough[k, j, at.R_IM] + size * sine
+            sensor.lines[j].re = decay * sensor.lines[j].re + size * cosine
+            sensor.lines[j].im = decay * sensor.lines[j].im + size * sine
     if not settled:
         return
-    rate = 0.5 * dt / f.cfg[at.C_BANDWIDTH_TIME]
-    alive = 2.0 if speaks(f.sensors, f.m, 0) and speaks(f.sensors, f.m, 1) else 1.0
-    power = f.sensors[k, at.S_H_RE] ** 2 + f.sensors[k, at.S_H_IM] ** 2
-    f.m[at.M_LAMBDA] = tuned(f.m[at.M_LAMBDA], power, rate / alive, 0.2, 100.0)
-    power = f.sensors[k, at.S_B] ** 2
-    f.sensors[k, at.S_LAMBDA_BIAS] = tuned(f.sensors[k, at.S_LAMBDA_BIAS], power, rate, 0.02, 3.0)
-    for j in range(f.lines.shape[0]):
-        power = f.rough[k, j, at.R_RE] ** 2 + f.rough[k, j, at.R_IM] ** 2
-        f.rough[k, j, at.R_LAMBDA] = tuned(f.rough[k, j, at.R_LAMBDA], power, rate, 0.05, 5.0)
+    rate = 0.5 * dt / f.cfg.bandwidth_time
+    alive = 2.0 if speaks(f, 0) and speaks(f, 1) else 1.0
+    power = sensor.band_re**2 + sensor.band_im**2
+    f.log_bandwidth = tuned(f.log_bandwidth, power, rate / alive, 0.2, 100.0)
+    power = sensor.offset**2
+    sensor.log_bias_bandwidth = tuned(sensor.log_bias_bandwidth, power, rate, 0.02, 3.0)
+    for j in range(f.line_count):
+        power = sensor.lines[j].re ** 2 + sensor.lines[j].im ** 2
+        sensor.lines[j].log_bandwidth = tuned(
+            sensor.lines[j].log_bandwidth, power, rate, 0.05, 5.0
+        )
 
 
 @compiled_part
