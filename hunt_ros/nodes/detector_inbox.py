@@ -1,8 +1,8 @@
 """
 What the detector node has heard and not yet handed over: one list of samples a channel.
 
-Callbacks only take messages apart. When every channel has reached the next row of
-estimates, or one of them is well beyond it, the node is told that it is time.
+Callbacks only take messages apart. When every channel has reached the next hand-over,
+or one of them is well beyond it, the node is told that it is time.
 """
 
 from __future__ import annotations
@@ -34,10 +34,11 @@ class DetectorInbox:
         Gets the subscriptions.
     channels : sequence of str
         Topics: the names of the channels.
-    period_ns : int
-        Spacing of the rows of estimates.
+    hand_over_ns : int
+        How often samples are handed over: most of what a hand-over costs does not depend on how
+        many samples it takes.
     ready : callable
-        Called when the samples of the next row have come: it empties the inbox.
+        Called when the samples of a hand-over have come: it empties the inbox.
 
     Attributes
     ----------
@@ -46,18 +47,18 @@ class DetectorInbox:
     """
 
     def __init__(
-        self, node: Node, channels: Sequence[str], period_ns: int, ready: Callable[[], None]
+        self, node: Node, channels: Sequence[str], hand_over_ns: int, ready: Callable[[], None]
     ) -> None:
         self.received = 0
         self.unreadable = 0
         self._node = node
-        self._period_ns = period_ns
+        self._hand_over_ns = hand_over_ns
         self._ready = ready
         self._samples: dict[str, tuple[list[int], list[float]]] = {
             name: ([], []) for name in channels
         }
         self._newest_ns = dict.fromkeys(channels, 0)
-        self._next_row_ns = 0
+        self._next_ns = 0
         self._inputs: list[tuple[Subscription, Callable[[bytes], None]]] = []
         for channel in channels:
             if channel == 'speed':
@@ -88,9 +89,8 @@ class DetectorInbox:
 
     def empty(self) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
         """Hand over what has been heard: channel, stamps (ns), values."""
-        self._next_row_ns = (max(self._newest_ns.values()) // self._period_ns + 1) * (
-            self._period_ns
-        )
+        passed = max(self._newest_ns.values()) // self._hand_over_ns
+        self._next_ns = (passed + 1) * self._hand_over_ns
         for channel, (stamps, values) in self._samples.items():
             if stamps:
                 block = channel, np.array(stamps, dtype=np.int64), np.array(values)
@@ -129,9 +129,8 @@ class DetectorInbox:
             stamps.append(stamp_ns)
             values.append(value)
             newest[channel] = stamp_ns
-            if stamp_ns >= self._next_row_ns and (
-                stamp_ns >= self._next_row_ns + _LAG_NS
-                or min(newest.values()) >= self._next_row_ns
+            if stamp_ns >= self._next_ns and (
+                stamp_ns >= self._next_ns + _LAG_NS or min(newest.values()) >= self._next_ns
             ):
                 self._ready()
 
