@@ -41,7 +41,7 @@ class DetectorConfig(Settings):
     Raises
     ------
     ConfigError
-        For a value out of range or a threshold pair in the wrong order.
+        For a value out of range, or two in the wrong order.
     """
 
     channels: tuple[str, ...] = setting(
@@ -106,12 +106,6 @@ class DetectorConfig(Settings):
         unit='m/s',
         low=0.0,
     )
-    region_band_mps: float = setting(
-        0.02, 'a region is left this far beyond its boundary', unit='m/s', low=0.0, high=10.0
-    )
-    region_hold_s: float = setting(
-        0.2, 'a region is changed after this time (at 2.84 Hz)', unit='s', low=0.0, high=60.0
-    )
 
     sensor_timeout_s: float = setting(
         0.2,
@@ -157,31 +151,9 @@ class DetectorConfig(Settings):
         unit='m',
         low=0.0,
     )
-    floor_time_s: float = setting(
-        20.0,
-        'time constant of the learnt noise floor (at 2.84 Hz)',
-        unit='s',
-        low=1.0,
-        high=3600.0,
-    )
-    disturbed_in: float = setting(
-        3.0, 'disturbed above this many noise floors', low=1.0, high=100.0
-    )
-    disturbed_out: float = setting(
-        2.0, 'quiet again below this many noise floors', low=0.5, high=100.0
-    )
-    disturbed_hold_s: float = setting(
-        0.02, 'disturbed after this time above (at 2.84 Hz)', unit='s', low=0.0, high=60.0
-    )
-    quiet_hold_s: float = setting(
-        0.5, 'quiet after this time below (at 2.84 Hz)', unit='s', low=0.0, high=600.0
-    )
 
     escape_probability_in: float = setting(
         0.95, 'escaping above this probability of ending on the limit cycle', low=0.5, high=1.0
-    )
-    escape_probability_out: float = setting(
-        0.5, 'no longer escaping below this probability', low=0.0, high=1.0
     )
     escape_hold_s: float = setting(
         0.1, 'escaping after this time above (at 2.84 Hz)', unit='s', low=0.0, high=60.0
@@ -248,24 +220,6 @@ class DetectorConfig(Settings):
     margin_in: float = setting(
         2.0, 'WARN below this ratio of unstable amplitude to amplitude', low=1.0, high=100.0
     )
-    margin_out: float = setting(3.0, 'no longer WARN above this ratio', low=1.0, high=100.0)
-    margin_hold_s: float = setting(
-        0.1,
-        'margin low after this time, and restored once there is room (at 2.84 Hz)',
-        unit='s',
-        low=0.0,
-        high=60.0,
-    )
-    margin_restore_s: float = setting(
-        20.0,
-        'in the hysteresis region restored after this time: noise comes back (at 2.84 Hz)',
-        unit='s',
-        low=0.0,
-        high=600.0,
-    )
-    agreement_hold_s: float = setting(
-        1.0, 'and for this time (at 2.84 Hz)', unit='s', low=0.0, high=60.0
-    )
     warn_lateral_mm: float = setting(
         0.0, 'WARN above this lateral amplitude (0: off)', unit='mm', low=0.0, high=1e4
     )
@@ -292,13 +246,6 @@ class DetectorConfig(Settings):
         low=0.0,
         high=1e4,
     )
-    outlook_s: float = setting(
-        60.0,
-        'horizon of the chance of being thrown out of the quiet basin',
-        unit='s',
-        low=1.0,
-        high=86400.0,
-    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -310,15 +257,6 @@ class DetectorConfig(Settings):
         self._check_optional()
         self._check_lines()
         self._check_limits()
-        for high, low in (
-            ('disturbed_in', 'disturbed_out'),
-            ('escape_probability_in', 'escape_probability_out'),
-            ('margin_out', 'margin_in'),
-        ):
-            if getattr(self, high) < getattr(self, low):
-                raise ConfigError(
-                    f'{high}: {getattr(self, high)} must not be below {low} ({getattr(self, low)})'
-                )
         self._check_frequencies()
         v_n, v_c = self.nonlinear_critical_speed_mps, self.critical_speed_mps
         if v_n > 0.0 and not v_n < v_c:

@@ -13,6 +13,7 @@ from hunt_ros.detection import doubts, health, states
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.limits import LIMITS, limit_cause
 from hunt_ros.detection.regions import Region, State
+from hunt_ros.detection.rules import MARGIN_BACK
 from hunt_ros.samples import CHANNELS
 
 _HUNTING = {State.ESCAPING: 'escaping from the quiet state', State.LIMIT_CYCLE: 'limit cycle'}
@@ -237,7 +238,7 @@ def region_cause(row: np.void, basis: Basis) -> str:
 def margin_cause(row: np.void, basis: Basis) -> str:
     """Compare the margin of a row with its limit."""
     low = bool(int(row['doubts']) & doubts.MARGIN)
-    limit = basis.config.margin_in if low else basis.config.margin_out
+    limit = basis.config.margin_in * (1.0 if low else MARGIN_BACK)
     margin = float(row['margin'])
     if not math.isfinite(margin):
         if int(row['region']) == Region.UNSTABLE:

@@ -8,6 +8,28 @@ from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.frequencies import with_frequencies
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 
+# Times are in seconds of a rig that hunts at `REFERENCE_HZ`: they count as many periods of any.
+#: A region is left this far beyond its boundary, m/s, and changed after this time: the reading of
+#: a speed that is held wanders by less.
+_REGION_BAND_MPS, _REGION_HOLD_S = 0.02, 0.2
+#: Time constant of the learnt noise floor: some sixty periods tell a mean square to 13 %.
+_FLOOR_S = 20.0
+#: Disturbed above, quiet again below this many noise floors. The amplitude of Gaussian noise is
+#: above k of them with the probability exp(-k^2): 1e-4 and 2 %.
+_DISTURBED, _QUIET = 3.0, 2.0
+#: A blow is a disturbance at once; what crosses zero growth on its way down is not quiet yet.
+_DISTURBED_HOLD_S, _QUIET_HOLD_S = 0.02, 0.5
+#: What escapes does so no longer where it is as likely to come back.
+_PROBABILITY_OUT = 0.5
+#: The margin is restored above this many times its limit,
+MARGIN_BACK = 1.5
+#: low after the first time, restored after it where there is room, and after the second in the
+#: hysteresis region, where the noise that made it low comes back.
+_MARGIN_HOLD_S, _MARGIN_RESTORE_S = 0.1, 20.0
+#: The two amplitudes disagree after this time: the envelope needs as long to follow.
+_DISAGREE_HOLD_S = 1.0
+#: Horizon of the outlook: the next minute, as its name says; on the clock, not in periods.
+_OUTLOOK_S = 60.0
 #: Spacing of the marks between which steps of the phasor are taken, in hunting periods.
 _MARK_PERIODS = 0.75
 
@@ -80,17 +102,17 @@ def rules_of(config: DetectorConfig, v_n: float, v_c: float) -> Rules:
         stride=stride,
         v_n=v_n,
         v_c=v_c,
-        region_band=config.region_band_mps,
-        region_hold=rows(config.region_hold_s),
+        region_band=_REGION_BAND_MPS,
+        region_hold=rows(_REGION_HOLD_S),
         floor=config.noise_floor_m,
-        floor_rows=config.floor_time_s / stride,
+        floor_rows=_FLOOR_S / stride,
         mark=max(rows(_MARK_PERIODS / REFERENCE_HZ), 1),
-        disturbed_in=config.disturbed_in,
-        disturbed_out=config.disturbed_out,
-        disturbed_hold=rows(config.disturbed_hold_s),
-        quiet_hold=rows(config.quiet_hold_s),
+        disturbed_in=_DISTURBED,
+        disturbed_out=_QUIET,
+        disturbed_hold=rows(_DISTURBED_HOLD_S),
+        quiet_hold=rows(_QUIET_HOLD_S),
         probability_in=config.escape_probability_in,
-        probability_out=config.escape_probability_out,
+        probability_out=_PROBABILITY_OUT,
         escape_hold=rows(config.escape_hold_s),
         sigma=config.growth_sigma,
         growth_floor=config.growth_floor,
@@ -104,9 +126,9 @@ def rules_of(config: DetectorConfig, v_n: float, v_c: float) -> Rules:
         decay_rate=config.decay_rate_per_s * faster,
         decay_hold=rows(config.decay_hold_s),
         margin_in=config.margin_in,
-        margin_out=config.margin_out,
-        margin_hold=rows(config.margin_hold_s),
-        margin_restore=rows(config.margin_restore_s),
-        disagree_hold=rows(config.agreement_hold_s),
-        outlook_s=config.outlook_s,
+        margin_out=config.margin_in * MARGIN_BACK,
+        margin_hold=rows(_MARGIN_HOLD_S),
+        margin_restore=rows(_MARGIN_RESTORE_S),
+        disagree_hold=rows(_DISAGREE_HOLD_S),
+        outlook_s=_OUTLOOK_S,
     )

@@ -248,7 +248,6 @@ def test_an_unknown_channel_and_unequal_lengths_are_refused() -> None:
         ({'lines': (1.0, -2.0)}, 'lines: -2.0'),
         ({'lines': tuple(range(1, 20))}, 'at most 8'),
         ({'wheel_diameter_m': 0.07}, 'roller_diameter_m'),
-        ({'disturbed_in': 1.5}, 'disturbed_out'),
         ({'critical_speed_mps': 6.0, 'nonlinear_critical_speed_mps': 7.0}, 'v_c'),
         ({'output_rate_hz': 0.0}, 'output_rate_hz'),
     ],
