@@ -77,13 +77,13 @@ def run(arguments: argparse.Namespace) -> int:
             remarks += _differences(
                 missing_samples(record, live.journal), unheard_samples(record, live.journal)
             )
+            remarks += frequency_for(record, config, known=True)[1]
             detector = HuntingDetector(config)
             outputs = iter([replay_journal(detector, record, live.journal)])
         else:
             form = read_form(arguments.normal_form) if arguments.normal_form else None
-            if form is None:
-                config, more = frequency_for(record, config)
-                remarks += more
+            config, more = frequency_for(record, config, known=form is not None)
+            remarks += more
             detector = HuntingDetector(config, form)
             outputs = watch(record, detector, advance)
         found = collect(outputs, _companions(beside, config), detector)

@@ -17,7 +17,9 @@ from hunt_ros.estimation.record_lines import RecordLines, turns_per_metre
 from hunt_ros.samples import Record
 
 
-def frequency_for(record: Record, config: DetectorConfig) -> tuple[DetectorConfig, list[str]]:
+def frequency_for(
+    record: Record, config: DetectorConfig, known: bool = False
+) -> tuple[DetectorConfig, list[str]]:
     """
     Take the nominal frequency from a record whose hunting is not in the usual range.
 
@@ -27,6 +29,8 @@ def frequency_for(record: Record, config: DetectorConfig) -> tuple[DetectorConfi
         All of it decides.
     config : DetectorConfig
         Left as it is where it names a hunting frequency.
+    known : bool
+        True where something else tells the frequency, as a normal form does.
 
     Returns
     -------
@@ -35,12 +39,14 @@ def frequency_for(record: Record, config: DetectorConfig) -> tuple[DetectorConfi
     remarks : list of str
         One line where it was changed, and one for each forced line that is not a known one.
     """
-    lines = RecordLines(record)
+    lines = RecordLines([record])
     turns = turns_per_metre(record, config.roller_diameter_m)
     orders = [order for shaft in shafts(config) for order in shaft.orders]
-    remarks = lines.forced([order * turns for order in orders if math.isfinite(turns)])
+    named = [order * turns for order in orders if math.isfinite(turns)]
+    remarks = [line.words(turns) for line in lines.forced(named)]
     if (
-        config.hunting_frequency_hz
+        known
+        or config.hunting_frequency_hz
         or config.hunting_frequency_min_hz
         or config.hunting_frequency_max_hz
     ):

@@ -1,10 +1,10 @@
 """
-The lines in the displacement of a whole record: which one hunts, and which are forced.
+The lines in the displacement of whole records: which one hunts, and which are forced.
 
-Hunting is a mode: it is excited, grows and decays, and its amplitude changes. A forced line is
-steady in time, as hum and motors are, or follows the speed, as all does that turns. So the
-hunting is where the power of the displacement changes most, and the line does not follow the
-speed. A record that is steady throughout does not tell it.
+Hunting is a mode: it is excited, grows and decays, and its amplitude changes. A forced line
+follows the speed, as all does that turns, or it is the same at every speed, as hum and motors
+are. So the hunting is where the power of the displacement changes most, and the line is not
+forced. Records that are steady throughout do not tell it.
 """
 
 from __future__ import annotations
@@ -20,14 +20,18 @@ from hunt_ros.estimation.turning import unwrapped
 from hunt_ros.samples import Record, Series
 
 _F = NDArray[np.float64]
+_C = NDArray[np.complex128]
 
-#: Where wheelsets hunt, Hz, and where lines are looked for: beyond it on both sides, in steps
-#: that are small against the width of the window.
-_HUNTING_HZ = (0.5, 10.0)
+#: Where wheelsets hunt, Hz.
+HUNTING_HZ = (0.5, 10.0)
+#: Where lines are looked for: beyond it on both sides, in steps that are small against the width
+#: of the window.
 _GRID: _F = np.geomspace(0.3, 25.0, 120)
 #: Standard deviation of the Gaussian window, periods: it tells lines a tenth apart, and follows
 #: a hit that decays in a few periods.
 _WINDOW = 2.0
+#: How far the window is followed, in its standard deviations, in time and in frequency.
+_REACH, _BAND = 3.0, 5.0
 #: A line stands so many times (power) above the middle of its surroundings, which reach from
 #: `1 / _AROUND` to `_AROUND` of its frequency: noise, once smoothed by the window, does not.
 _CLEAR, _AROUND = 10.0, 2.0
@@ -36,59 +40,166 @@ _STEADY = 0.01
 #: A line follows the speed where its steady power against the way is so many times that
 #: against time: at one speed both are the same.
 _FOLLOWS = 1.2
+#: So near to a line that was taken out, relative, what stands out is the rest of it.
+_LEFT = 0.12
 #: A line is a known one if their orders differ by less than this, relative.
 _SAME = 0.05
+#: Share of the time at which a forced line may be weaker than its `lasting` power says: it is
+#: there always, so that it is seen beside hunting that is stronger for most of the time.
+_WEAKER = 0.2
+#: Where the middles of the lower and the upper third of the speeds differ by this, relative, a
+#: line whose amplitudes there differ by less than the other is no limit cycle, which grows
+#: with about the root of the speed.
+_FASTER, _SAME_SIZE = 0.1, 0.02
 #: Samples in a period of the highest frequency that is looked at.
-_SAMPLES = 4.0
+_SAMPLES = 8.0
 
 
 @dataclass(frozen=True)
-class _Motion:
-    """The displacement, even in time; weight 0 in gaps; way in m, NaN where not known."""
+class ForcedLine:
+    """
+    A line that is not hunting.
 
-    rate_hz: float
-    values: _F
-    weight: _F
-    way: _F
+    Parameters
+    ----------
+    turns_per_metre : float
+        Cycles in a metre of way, 1/m; NaN for a line that stays at one frequency.
+    frequency_hz : float
+        Of a line that stays at it, Hz; NaN for one that follows the speed.
+    """
 
-    def amplitude(self, frequency: float, cycles: _F) -> _F:
+    turns_per_metre: float = math.nan
+    frequency_hz: float = math.nan
+
+    def words(self, roller: float = math.nan) -> str:
         """
-        Return the amplitude of a line over time, one value a period, NaN in gaps.
+        Return the line in words.
 
         Parameters
         ----------
-        frequency : float
-            Of the line, about: sets the window, Hz.
-        cycles : ndarray, shape (samples,)
-            Phase of the line, in turns.
+        roller : float
+            Turns of the roller in a metre of way, 1/m; NaN where they are not known.
         """
-        size = max(round(self.rate_hz / frequency), 1)
-        count = self.values.size // size
-        turned = self.values * np.exp(-2j * math.pi * cycles)
-        sums = turned[: count * size].reshape(count, size).sum(axis=1)
-        held = self.weight[: count * size].reshape(count, size).sum(axis=1)
-        reach = math.ceil(3.0 * _WINDOW)
-        if count <= 2 * reach:
-            return np.full(1, math.nan)
-        window = np.exp(-0.5 * (np.arange(-reach, reach + 1) / _WINDOW) ** 2)
-        held = np.convolve(held, window, 'same')
-        enough = held > 0.45 * size * window.sum()
-        smooth = np.convolve(sums, window, 'same')
-        found: _F = np.where(enough, 2.0 * np.abs(smooth) / np.maximum(held, 1e-300), math.nan)
-        return found
+        if math.isfinite(self.frequency_hz):
+            return (
+                f'line at {self.frequency_hz:.3g} Hz: forced, not hunting'
+                ' (neither speed nor time changes it)'
+            )
+        if math.isfinite(roller):
+            times = self.turns_per_metre / roller
+            return f"line at {times:.3g} times the roller's turn: forced, not hunting"
+        return (
+            f'line at {self.turns_per_metre:.3g} v Hz: forced, not hunting (it follows the speed)'
+        )
 
-    def against_time(self, frequency: float) -> _F:
-        """Return the amplitude of the line of a frequency, Hz."""
-        time = np.arange(self.values.size, dtype=np.float64) / self.rate_hz
-        return self.amplitude(frequency, frequency * time)
+
+class _Motion:
+    """
+    The displacement in one record, even in time or in way.
+
+    Parameters
+    ----------
+    rate : float
+        Values in a second or in a metre.
+    values, weight, speed : ndarray, shape (n,)
+        Weight 0 in gaps; speed in m/s, NaN where it is not known.
+    lowest : float
+        Lowest frequency that is looked at, in cycles a second or a metre.
+    """
+
+    def __init__(self, rate: float, values: _F, weight: _F, speed: _F, lowest: float) -> None:
+        self.rate, self.weight, self.speed, self.lowest = rate, weight, speed, lowest
+        # What is before the start is behind the end: the longest window finds nothing there.
+        least = values.size + math.ceil(2.0 * _REACH * _WINDOW * rate / lowest)
+        power = 1 << math.ceil(math.log2(least))
+        self._size = next(n for n in (5 * power // 8, 3 * power // 4, power) if n >= least)
+        self._spectrum = np.fft.rfft(values, self._size)
+        self._held = np.fft.fft(weight, self._size)
+
+    @property
+    def values(self) -> _F:
+        """The displacement, m, 0 in gaps."""
+        values: _F = np.fft.irfft(self._spectrum, self._size)[: self.weight.size]
+        return values
+
+    def line(self, frequency: float) -> _Line:
+        """Return the line of a frequency, in cycles a second or a metre."""
+        periods = self.weight.size * frequency / self.rate
+        if periods <= 2.0 * _REACH * _WINDOW or self.rate <= 3.0 * frequency:
+            return _Line(frequency, 1.0, np.zeros(0, dtype=np.complex128), np.zeros(0))
+        centre, bins, window = self._window(frequency)
+        order = np.argsort(bins % bins.size)
+        step = self._size / bins.size
+        place = (np.arange(bins.size) * step).astype(np.int64)
+        place = place[place < self.weight.size]
+        smooth = np.fft.ifft((window * self._spectrum[centre + bins])[order])[: place.size]
+        held = np.fft.ifft((window * self._held[bins])[order])[: place.size]
+        share = held.real / step
+        known = np.where(share > 0.45, 2.0 * smooth / step / np.maximum(share, 0.1), math.nan)
+        return _Line(centre * self.rate / self._size, step / self.rate, known, self.speed[place])
+
+    def remove(self, frequency: float) -> None:
+        """Take a line out."""
+        if self.rate > 3.0 * frequency:
+            centre, bins, window = self._window(frequency)
+            self._spectrum[centre + bins] *= 1.0 - window
+
+    def _window(self, frequency: float) -> tuple[int, NDArray[np.int64], _F]:
+        """Return the Gaussian window, as its spectrum: no other line is folded into it."""
+        deviation = frequency / (2.0 * math.pi * _WINDOW) * self._size / self.rate
+        reach = math.ceil(_BAND * deviation)
+        bins = np.arange(-reach, reach + 1)
+        return (
+            round(frequency * self._size / self.rate),
+            bins,
+            np.exp(-0.5 * (bins / deviation) ** 2),
+        )
+
+    def by_way(self) -> _Motion | None:
+        """Return the motion in time as one even in way; None where the way is not known."""
+        way = np.cumsum(self.speed) / self.rate
+        if not np.isfinite(way).all() or not way[-1] > 0.0:
+            return None
+        mean = float(way[-1]) * self.rate / way.size
+        even = np.arange(way.size) * (mean / self.rate)
+        values, weight, speed = (
+            np.interp(even, way, one) for one in (self.values, self.weight, self.speed)
+        )
+        return _Motion(self.rate / mean, values, weight, speed, self.lowest / mean)
+
+    def by_time(self, way: _Motion) -> _Motion:
+        """Return the motion that is even in way as one in time, the time of this one."""
+        at = np.cumsum(self.speed) / self.rate
+        values = np.interp(at, np.arange(way.weight.size) / way.rate, way.values)
+        return _Motion(self.rate, values, self.weight, self.speed, self.lowest)
+
+
+@dataclass(frozen=True)
+class _Line:
+    """
+    Phasors of one line in one record, about one a period, NaN in gaps.
+
+    Parameters
+    ----------
+    centre, step : float
+        What the phasors turn against, in cycles a second or a metre; distance, s or m.
+    phasor, speed : ndarray, shape (n,)
+        m; m/s, NaN where it is not known.
+    """
+
+    centre: float
+    step: float
+    phasor: _C
+    speed: _F
 
 
 @dataclass(frozen=True)
 class _Power:
-    """Power of a line, m^2: that of its mean amplitude, and what is more than that."""
+    """Power of a line, m^2: of its mean amplitude, what is more than that, and what lasts."""
 
     steady: float
     changing: float
+    lasting: float
 
     @property
     def is_steady(self) -> bool:
@@ -96,54 +207,166 @@ class _Power:
         return self.changing < _STEADY * (self.steady + self.changing)
 
     @classmethod
-    def of(cls, amplitude: _F) -> _Power:
-        """Return that of an amplitude over time."""
+    def of(cls, motions: Sequence[_Motion], frequency: float) -> _Power:
+        """Return that of one line in all records."""
+        amplitude, _ = _amplitudes([motion.line(frequency) for motion in motions])
         known = amplitude[np.isfinite(amplitude)]
         if known.size < 2:
-            return cls(0.0, 0.0)
-        return cls(0.5 * float(known.mean()) ** 2, 0.5 * float(known.var()))
+            return cls(0.0, 0.0, 0.0)
+        least = float(np.quantile(known, _WEAKER))
+        return cls(0.5 * float(known.mean()) ** 2, 0.5 * float(known.var()), 0.5 * least**2)
 
 
 class RecordLines:
     """
-    The lines of the displacement in a record: which one is the hunting, which are forced.
+    The lines of the displacement in records of one rig: which one hunts, which are forced.
 
     Parameters
     ----------
-    record : Record
-        Its lateral channel is looked at, or yaw where there is none.
+    records : sequence of Record
+        Their lateral channels are looked at, or yaw where there is none.
+    hunting_hz : tuple of float
+        Where the hunting is looked for, Hz.
+
+    Notes
+    -----
+    A line that is found forced is taken out, and the rest looked at again: it does not hide
+    the others.
     """
 
-    def __init__(self, record: Record) -> None:
-        self._motion = _motion(record)
-        self._grid = _GRID[:0]
-        self._powers: list[_Power] = []
-        if self._motion is not None:
-            self._grid = _GRID[self._motion.rate_hz > 2.5 * _GRID]
-            self._powers = [
-                _Power.of(self._motion.against_time(frequency))
-                for frequency in self._grid.tolist()
-            ]
+    def __init__(
+        self, records: Sequence[Record], hunting_hz: tuple[float, float] = HUNTING_HZ
+    ) -> None:
+        self._range = hunting_hz
+        self._motions = [motion for record in records if (motion := _motion(record)) is not None]
+        self._follow()
+        self._fixed: list[float] = []
+        self._orders: list[float] = []
+        while self._find_fixed() or self._find_orders():
+            self._follow()
 
     @property
     def hunting_hz(self) -> float | None:
         """Frequency of the mode whose power changes most, Hz; None where all is steady."""
-        if self._motion is None:
-            return None
-        return _hunting(self._motion, self._grid, self._powers)
+        changing = np.array([power.changing for power in self._powers])
+        for place in _lines(changing):
+            frequency = _between(changing, place)
+            if not self._range[0] <= frequency <= self._range[1]:
+                continue
+            if not self._follows_speed(frequency):
+                return None if self._powers[place].is_steady else frequency
+        return None
 
-    def forced(self, turns_per_metre: Sequence[float] = ()) -> list[str]:
+    def forced(self, known: Sequence[float] = ()) -> list[ForcedLine]:
         """
-        Return a sentence for each forced line.
+        Return the forced lines: those that follow the speed, then those of one frequency.
 
         Parameters
         ----------
-        turns_per_metre : sequence of float
-            Lines that are known, and need no words.
+        known : sequence of float
+            Lines that are known, and not returned, in turns in a metre of way.
         """
-        if self._motion is None:
-            return []
-        return _forced(self._motion, self._grid, self._powers, turns_per_metre)
+        found = [ForcedLine(turns_per_metre=order) for order in self._orders]
+        # At one speed a known line is at one frequency.
+        speeds = [float(np.median(motion.speed)) for motion in self._motions]
+        speed = float(np.median(speeds)) if speeds else math.nan
+        found += [ForcedLine(frequency_hz=frequency) for frequency in self._fixed]
+        return [
+            line
+            for line in found
+            if not any(
+                abs(at / one - 1.0) < _SAME
+                for one in known
+                for at in (line.turns_per_metre, line.frequency_hz / speed)
+            )
+        ]
+
+    def _follow(self) -> None:
+        """Look at the motion as it is now, against time and against the way."""
+        self._powers = [_Power.of(self._motions, frequency) for frequency in _GRID.tolist()]
+        self._ways = [motion.by_way() for motion in self._motions]
+
+    def _find_fixed(self) -> bool:
+        """Find the lines of one frequency, and take them out; return False if there is none."""
+        lasting = np.array([power.lasting for power in self._powers])
+        found = []
+        for place in _lines(lasting):
+            frequency = _between(lasting, place)
+            if _has(self._fixed, frequency):
+                continue
+            elsewhere = not self._range[0] <= frequency <= self._range[1]
+            if (
+                self._powers[place].is_steady
+                and (elsewhere or self._is_one_size(frequency))
+                and not self._follows_speed(frequency)
+            ):
+                found.append(_exact(self._motions, frequency))
+        for frequency in found:
+            for motion in self._motions:
+                motion.remove(frequency)
+        self._fixed += found
+        return bool(found)
+
+    def _find_orders(self) -> bool:
+        """Find those that follow the speed, and take them out; return False if there is none."""
+        ways = [way for way in self._ways if way is not None]
+        speed = np.concatenate([np.zeros(0), *(way.speed for way in ways)])
+        if not speed.size:
+            return False
+        # What a frequency of the grid is in way, with one mean speed of all records.
+        mean = _GRID[0] / float(np.mean([way.lowest for way in ways]))
+        slow, fast = np.percentile(speed, [1.0, 99.0]) / mean
+        lasting = np.array([_Power.of(ways, one / mean).lasting for one in _GRID.tolist()])
+        found: list[float] = []
+        for place in _lines(lasting):
+            frequency = _between(lasting, place)
+            if _has(self._orders, frequency / mean):
+                continue
+            # Over time it would be somewhere between these.
+            others = self._near(0.95 * slow * frequency, 1.05 * fast * frequency)
+            if lasting[place] > _FOLLOWS * max(power.lasting for power in others):
+                found.append(_exact(ways, frequency / mean))
+        for order in found:
+            for way in ways:
+                way.remove(order)
+        self._orders += found
+        if found:
+            self._motions = [
+                motion if way is None else motion.by_time(way)
+                for motion, way in zip(self._motions, self._ways, strict=True)
+            ]
+        return bool(found)
+
+    def _near(self, low: float, high: float) -> list[_Power]:
+        """Return the powers against time between two frequencies, Hz, and beside them."""
+        first, last = np.searchsorted(_GRID, [low, high])
+        return self._powers[max(int(first) - 1, 0) : int(last) + 1]
+
+    def _follows_speed(self, frequency: float) -> bool:
+        """Return True if what is at a frequency, Hz, follows the speed."""
+        amplitude, speed = _amplitudes([motion.line(frequency) for motion in self._motions])
+        known = np.isfinite(amplitude) & (speed > 0.0)
+        weight = amplitude[known] ** 2
+        if not weight.sum() > 0.0:
+            return False
+        order = frequency * float(weight.sum() / (weight @ speed[known]))
+        ways = [way for way in self._ways if way is not None]
+        against_way = [_Power.of(ways, one * order).steady for one in np.linspace(0.9, 1.1, 9)]
+        others = self._near(0.9 * frequency, 1.1 * frequency)
+        return max(against_way) > _FOLLOWS * max(power.steady for power in others)
+
+    def _is_one_size(self, frequency: float) -> bool:
+        """Return True if a line is the same at speeds at which a limit cycle would not be."""
+        amplitude, speed = _amplitudes([motion.line(frequency) for motion in self._motions])
+        known = np.isfinite(amplitude) & np.isfinite(speed)
+        if known.sum() < 3:
+            return False
+        low, high = np.quantile(speed[known], [1.0 / 3.0, 2.0 / 3.0])
+        slow, fast = known & (speed <= low), known & (speed >= high)
+        if not np.median(speed[fast]) > (1.0 + _FASTER) * np.median(speed[slow]):
+            return False
+        change = float(np.mean(amplitude[fast]) / np.mean(amplitude[slow])) - 1.0
+        return abs(change) < _SAME_SIZE
 
 
 def turns_per_metre(record: Record, diameter_m: float) -> float:
@@ -176,46 +399,37 @@ def turns_per_metre(record: Record, diameter_m: float) -> float:
     )
 
 
-def _hunting(motion: _Motion, grid: _F, powers: list[_Power]) -> float | None:
-    """Return the frequency of the mode whose power changes most, Hz; None if all is forced."""
-    changing = np.array([power.changing for power in powers])
-    for place in _lines(changing):
-        frequency = _between(grid, changing, place)
-        if not _HUNTING_HZ[0] <= frequency <= _HUNTING_HZ[1]:
-            continue
-        if _order(motion, frequency) is None:
-            return None if powers[place].is_steady else frequency
-    return None
+def _has(found: Sequence[float], frequency: float) -> bool:
+    """Return True if a line is what is left of one that was taken out."""
+    return any(abs(math.log(frequency / one)) < _LEFT for one in found)
 
 
-def _forced(motion: _Motion, grid: _F, powers: list[_Power], known: Sequence[float]) -> list[str]:
-    """Name the lines that are forced."""
-    total = np.array([power.steady + power.changing for power in powers])
-    said = []
-    for place in _lines(total):
-        frequency = _between(grid, total, place)
-        order = _order(motion, frequency)
-        # A steady line where wheelsets hunt may be a limit cycle.
-        outside = not _HUNTING_HZ[0] <= frequency <= _HUNTING_HZ[1]
-        if order is not None:
-            if any(abs(order / one - 1.0) < _SAME for one in known):
-                continue
-            said.append(f'a line at {order:.3g} v Hz is forced: it follows the speed')
-        elif powers[place].is_steady and outside:
-            said.append(
-                f'a line at {frequency:.3g} Hz is forced: neither its frequency nor its amplitude'
-                ' changes'
-            )
-    return list(dict.fromkeys(said))
+def _amplitudes(lines: Sequence[_Line]) -> tuple[_F, _F]:
+    """Return amplitude, m, NaN in gaps, and speed of a line in all records, in a row."""
+    amplitude = np.concatenate([np.zeros(0), *(np.abs(line.phasor) for line in lines)])
+    return amplitude, np.concatenate([np.zeros(0), *(line.speed for line in lines)])
 
 
-def _between(grid: _F, power: _F, place: int) -> float:
+def _exact(motions: Sequence[_Motion], frequency: float) -> float:
+    """Return the frequency of a line by how its phasors turn, in cycles a second or a metre."""
+    found, weight = 0.0, 0.0
+    for motion in motions:
+        line = motion.line(frequency)
+        product = line.phasor[1:] * np.conj(line.phasor[:-1])
+        turn = complex(product[np.isfinite(product)].sum())
+        turns = math.atan2(turn.imag, turn.real) / (2.0 * math.pi)
+        found += abs(turn) * (line.centre + turns / line.step)
+        weight += abs(turn)
+    return found / weight if weight > 0.0 else frequency
+
+
+def _between(power: _F, place: int) -> float:
     """Return the frequency of a peak by the parabola through its three points, Hz."""
     left, top, right = np.log(np.maximum(power[place - 1 : place + 2], 1e-300)).tolist()
     bend = left - 2.0 * top + right
     shift = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
-    ratio = float(grid[1] / grid[0])
-    return float(f'{grid[place] * ratio ** min(max(shift, -0.5), 0.5):.3g}')
+    ratio = float(_GRID[1] / _GRID[0])
+    return float(_GRID[place] * ratio ** min(max(shift, -0.5), 0.5))
 
 
 def _lines(power: _F) -> Iterator[int]:
@@ -223,33 +437,9 @@ def _lines(power: _F) -> Iterator[int]:
     inner = power[1:-1]
     peaks = 1 + np.flatnonzero((inner >= power[:-2]) & (inner > power[2:]))
     for place in peaks[np.argsort(-power[peaks])].tolist():
-        around = (_GRID[place] / _AROUND < _GRID) & (_GRID[place] * _AROUND > _GRID)
-        if power[place] > _CLEAR * float(np.median(power[around[: power.size]])):
+        around = (_GRID[place] / _AROUND < _GRID) & (_GRID[place] * _AROUND > _GRID) & (power > 0)
+        if power[place] > _CLEAR * float(np.median(power[around])):
             yield place
-
-
-def _order(motion: _Motion, frequency: float) -> float | None:
-    """Return the cycles in a metre of way of a line that follows the speed, or None."""
-    if not np.isfinite(motion.way).all():
-        return None
-    amplitude = motion.against_time(frequency)
-    size = max(round(motion.rate_hz / frequency), 1)
-    speed = np.diff(motion.way[::size])[: amplitude.size] * motion.rate_hz / size
-    amplitude = amplitude[: speed.size]
-    known = np.isfinite(amplitude) & (speed > 0.0)
-    weight = amplitude[known] ** 2
-    if not weight.sum() > 0.0:
-        return None
-    mean = float(weight @ speed[known] / weight.sum())
-    time = np.arange(motion.values.size) / motion.rate_hz
-    near = frequency * np.linspace(0.9, 1.1, 41)
-    against_way, against_time = (
-        [_Power.of(motion.amplitude(frequency, one * base)).steady for one in near]
-        for base in (motion.way / mean, time)
-    )
-    best = int(np.argmax(against_way))
-    follows = against_way[best] > _FOLLOWS * max(against_time)
-    return float(near[best]) / mean if follows else None
 
 
 def _motion(record: Record) -> _Motion | None:
@@ -276,7 +466,7 @@ def _motion(record: Record) -> _Motion | None:
     rate = 1.0 / (several * step)
     at = np.arange(even.size) / rate
     speed = np.abs(_at(record.get('speed'), stamps[0] + at * 1e9))
-    return _Motion(rate, even, weight, np.cumsum(speed) / rate)
+    return _Motion(rate, even, weight, speed, float(_GRID[0]))
 
 
 def _at(series: Series | None, stamps_ns: _F) -> _F:

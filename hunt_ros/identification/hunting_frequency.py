@@ -9,23 +9,45 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.errors import IdentificationError
+from hunt_ros.estimation.record_lines import RecordLines
 from hunt_ros.identification.channels import Channels
 from hunt_ros.identification.envelope import Envelope, envelope_of
 from hunt_ros.identification.settings import IdentificationSettings
+from hunt_ros.samples import NANOSECONDS, Record, Series
 
 #: Length of a piece of the search, s: fine enough to tell lines 0.1 Hz apart.
 _PIECE_S = 10.24
+#: The frequency of the power that changes is known to this, relative: the width of its window.
+_NEAR = 0.15
 #: Samples in a cycle of the first pass, at least.
 _COARSE = 40.0
 
 
-def find_frequency(records: Sequence[Channels], settings: IdentificationSettings) -> float:
-    """
-    Frequency of the strongest line that is not the roller's, Hz.
+def lines_of(records: Sequence[Channels], settings: IdentificationSettings) -> RecordLines:
+    """Return the lines of the lateral displacement in all records together."""
+    return RecordLines([_record(channels) for channels in records], settings.frequency_range_hz)
 
-    Each piece is freed from its trend and, where the roller is known, from the lines
-    at its own angle; the power of the pieces is added up, so that the limit cycle
-    decides where there is one, and the noise-driven mode where there is none.
+
+def find_frequency(
+    records: Sequence[Channels],
+    settings: IdentificationSettings,
+    lines: RecordLines | None = None,
+) -> float:
+    """
+    Frequency of the hunting, Hz: of the motion that changes most, or of the strongest line.
+
+    Each piece is freed from its trend, from the lines at the roller's own angle where that is
+    known, and from lines that are forced; the power of the pieces is added up. Where all
+    records are steady the strongest line is the limit cycle.
+
+    Parameters
+    ----------
+    records : sequence of Channels
+        Of one rig.
+    settings : IdentificationSettings
+        A frequency that it names is returned as it is.
+    lines : RecordLines, optional
+        Those of the records, where they are known already.
 
     Raises
     ------
@@ -35,7 +57,11 @@ def find_frequency(records: Sequence[Channels], settings: IdentificationSettings
     if settings.frequency_hz is not None:
         return settings.frequency_hz
     low, high = settings.frequency_range_hz
+    lines = lines_of(records, settings) if lines is None else lines
+    forced = lines.forced()
     grid = np.arange(low, high, 0.02)
+    if lines.hunting_hz is not None:
+        grid = grid[np.abs(np.log(grid / lines.hunting_hz)) < _NEAR]
     power = np.zeros(grid.size)
     pieces = 0
     for record in records:
@@ -49,6 +75,7 @@ def find_frequency(records: Sequence[Channels], settings: IdentificationSettings
         even = np.arange(length * rate) / rate
         window = np.hanning(even.size)
         known = np.isfinite(record.lateral)
+        way = np.concatenate([[0.0], np.cumsum(record.speed[1:] * np.diff(record.time))])
         for start in np.arange(record.time[0], record.time[-1] - length + 1e-6, 0.5 * length):
             first, last = np.searchsorted(record.time, [start, start + length])
             part = slice(int(first), int(last))
@@ -61,6 +88,14 @@ def find_frequency(records: Sequence[Channels], settings: IdentificationSettings
                 angle = np.interp(start + even, record.time[part], record.roller[part])
                 for order in settings.orders:
                     columns += [np.cos(order * angle), np.sin(order * angle)]
+            covered = np.interp(start + even, record.time[part], way[part])
+            for line in forced:
+                turns = (
+                    line.frequency_hz * even
+                    if math.isfinite(line.frequency_hz)
+                    else line.turns_per_metre * covered
+                )
+                columns += [np.cos(2.0 * np.pi * turns), np.sin(2.0 * np.pi * turns)]
             basis = np.stack(columns, axis=1)
             weighted = basis * window[:, None]
             solution = np.linalg.lstsq(weighted, piece * window, rcond=None)[0]
@@ -73,6 +108,13 @@ def find_frequency(records: Sequence[Channels], settings: IdentificationSettings
     if not pieces:
         raise IdentificationError('no stretch of the lateral channel is free of drop-outs')
     return float(grid[int(np.argmax(power))])
+
+
+def _record(channels: Channels) -> Record:
+    """Return displacement and speed as a record."""
+    stamps = channels.start_ns + np.round(channels.time * NANOSECONDS).astype(np.int64)
+    values = {'lateral': channels.lateral, 'speed': channels.speed}
+    return Record({name: Series(stamps, one) for name, one in values.items()}, channels.source)
 
 
 def tracked_envelope(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
@@ -17,6 +18,7 @@ from hunt_ros.analysis.steady_state import (
 )
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import IdentificationError
+from hunt_ros.estimation.record_lines import RecordLines, turns_per_metre
 from hunt_ros.identification.beat import without_beat
 from hunt_ros.identification.channels import Channels
 from hunt_ros.identification.conclusions import Evidence, conclude
@@ -29,7 +31,11 @@ from hunt_ros.identification.envelope import (
     Envelope,
 )
 from hunt_ros.identification.growth_law import GrowthScales
-from hunt_ros.identification.hunting_frequency import find_frequency, tracked_envelope
+from hunt_ros.identification.hunting_frequency import (
+    find_frequency,
+    lines_of,
+    tracked_envelope,
+)
 from hunt_ros.identification.lack_of_fit import following, misfit_of
 from hunt_ros.identification.law_choice import fit_again, fit_laws
 from hunt_ros.identification.mode import measured_shape
@@ -89,10 +95,12 @@ def identify(
     records = _measuring(distinct(records, warnings), warnings)
     turning = [with_angle(record, settings) for record in records]
     channels = _usable(turning, settings, warnings)
-    frequency = find_frequency(channels, settings)
+    lines = lines_of(channels, settings)
+    warnings += _forced(lines, records, settings)
+    frequency = find_frequency(channels, settings, lines)
     if any(map(is_assumed, turning)):
         bare = [replace(c, roller=np.zeros(0)) if c.assumed else c for c in channels]
-        plain = find_frequency(bare, settings)
+        plain = find_frequency(bare, settings, lines)
         assumed = f'no roller angle, and a roller of {RigParameters.roller_diameter_m:g} m assumed'
         if lines_above(channels, settings, min(frequency, plain)):
             warnings.append(f'{assumed}: its lines are removed where the speed has them')
@@ -195,6 +203,17 @@ def _usable(
         raise IdentificationError(f'none of {len(records)} records can be used{reason}')
     warnings += doubts(channels, settings)
     return channels
+
+
+def _forced(
+    lines: RecordLines, records: Sequence[Record], settings: IdentificationSettings
+) -> list[str]:
+    """Name the forced lines that are not known ones: none of them is taken for the hunting."""
+    turns = [turns_per_metre(record, settings.roller_diameter_m) for record in records]
+    known = [one for one in turns if math.isfinite(one)]
+    roller = float(np.median(known)) if known else math.nan
+    orders = [order * roller for order in settings.orders.tolist() if known]
+    return [line.words(roller) for line in lines.forced(orders)]
 
 
 def _envelopes(

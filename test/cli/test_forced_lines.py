@@ -10,6 +10,10 @@ import pytest
 
 from hunt_ros.bag import write_record
 from hunt_ros.cli.main import main
+from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.simulation import Kick, simulate
+from hunt_ros.dynamics.simulation_settings import SensorModel, SimulationSettings
+from hunt_ros.dynamics.speed_profile import SpeedProfile
 from hunt_ros.samples import Record, Series
 
 TIME = np.arange(0.0, 30.0, 0.005)
@@ -40,7 +44,7 @@ def test_a_steady_line_beside_a_hit_is_not_the_hunting(tmp_path, capsys, rate, l
     steady = line * np.sin(2.0 * np.pi * 19.4 * TIME)
     found = warnings_of(tmp_path, hit(2.9, rate) + steady, np.full(TIME.size, 7.0), capsys)
     assert not any('taken for the hunting' in words for words in found)
-    assert any(words.startswith('a line at 19.4 Hz is forced') for words in found)
+    assert any(words.startswith('line at 19.4 Hz: forced, not hunting') for words in found)
 
 
 @pytest.mark.parametrize('rate', [-0.5, 0.2])
@@ -56,6 +60,105 @@ def test_lines_over_the_steps_of_a_staircase_are_named(tmp_path, capsys) -> None
     turning = 3e-4 * np.cos(2.0 * np.pi * 1.06 * np.cumsum(speed) * 0.005)
     fixed = 2e-4 * np.sin(2.0 * np.pi * 12.5 * TIME)
     found = warnings_of(tmp_path, turning + fixed, speed, capsys)
-    assert 'a line at 1.06 v Hz is forced: it follows the speed' in found
-    assert any(words.startswith('a line at 12.5 Hz is forced') for words in found)
+    assert any(words.startswith('line at 1.06 v Hz: forced, not hunting') for words in found)
+    assert any(words.startswith('line at 12.5 Hz: forced, not hunting') for words in found)
     assert not any('taken for the hunting' in words for words in found)
+
+
+#: Turns of the roller in a metre of way: a diameter that nobody would assume.
+DIAMETER = 0.36
+TURNS = 1.0 / (np.pi * DIAMETER)
+
+
+@pytest.fixture(scope='module')
+def staircase() -> Record:
+    """Up into the hysteresis and down, with a bump on the way; without roughness."""
+    up = [5.6, 6.4, 7.2, 8.0]
+    profile = SpeedProfile.staircase(*up, *up[-2::-1], hold_s=20.0)
+    settings = SimulationSettings(
+        sample_rate_hz=100.0,
+        initial_speed=up[0],
+        broadband=8e-6,
+        lateral_sensor=SensorModel(noise=5e-6),
+        yaw_sensor=SensorModel(noise=2e-5),
+    )
+    kicks = [Kick(50.0, lateral_m=5e-4)]
+    return simulate(paper_rig(), settings, profile, profile.duration_s, kicks, seed=1)
+
+
+def with_lines(
+    record: Record, orders: dict[float, float], fixed: dict[float, float], angle: bool
+) -> Record:
+    """Add lines, order or frequency (Hz) to amplitude (m), and the roller's angle or none."""
+    lateral, speed = record['lateral'], record['speed']
+    time = (lateral.stamps_ns - lateral.stamps_ns[0]) * 1e-9
+    running = np.interp(lateral.stamps_ns, speed.stamps_ns, speed.values)
+    turned = np.concatenate([[0.0], np.cumsum(running[1:] * np.diff(time))]) * TURNS
+    values = lateral.values.copy()
+    for order, size in orders.items():
+        values += size * np.cos(2.0 * np.pi * order * turned + order)
+    for frequency, size in fixed.items():
+        values += size * np.cos(2.0 * np.pi * frequency * time)
+    channels = {'lateral': Series(lateral.stamps_ns, values), 'speed': speed}
+    if angle:
+        channels['roller'] = Series(lateral.stamps_ns, 2.0 * np.pi * turned)
+    return Record(channels, record.source)
+
+
+def assert_lines(named: list[str], expected: list[str]) -> None:
+    """Compare lines in words: of one kind, and within a part in a hundred."""
+    got, wanted = (
+        sorted(words.split(':')[0].split(maxsplit=3)[2:] for words in lines)
+        for lines in (named, expected)
+    )
+    assert [kind for _, kind in got] == [kind for _, kind in wanted]
+    for (number, _), (truth, _) in zip(got, wanted, strict=True):
+        assert float(number) == pytest.approx(float(truth), rel=0.01)
+
+
+CASES = [
+    # orders, fixed lines, angle?, options; what is named
+    ({1.0: 1e-4, 1.7: 2e-4}, {}, True, [], ["line at 1.7 times the roller's turn"]),
+    (
+        {1.0: 1e-4, 1.7: 1e-4, DIAMETER / 0.15: 1e-4},
+        {},
+        False,
+        ['--roller-diameter', '0.36', '--lines', '1', '--wheel-diameter', '0.15'],
+        ["line at 1.7 times the roller's turn"],
+    ),
+    (
+        {1.0: 1e-4, 1.7: 1e-4, DIAMETER / 0.15: 1e-4},
+        {},
+        False,
+        ['--roller-diameter', '0.36', '--lines', '1'],
+        ["line at 1.7 times the roller's turn", "line at 2.4 times the roller's turn"],
+    ),
+    ({1.7: 3e-4}, {}, False, ['--lines', ''], [f'line at {1.7 * TURNS:.3g} v Hz']),
+    # Larger than the limit cycle, and near to it.
+    ({}, {13.2: 2e-3}, True, [], ['line at 13.2 Hz']),
+    ({}, {4.4: 1e-4}, True, [], ['line at 4.4 Hz']),
+]
+
+
+@pytest.mark.parametrize(('orders', 'fixed', 'angle', 'options', 'expected'), CASES)
+def test_forced_lines_of_a_staircase_are_named_and_do_not_hunt(
+    staircase, tmp_path, capsys, orders, fixed, angle, options, expected
+) -> None:
+    bag = write_record(tmp_path / 'bag', with_lines(staircase, orders, fixed, angle))
+    main(['identify', str(bag), *options, '--json', str(tmp_path / 'result.json')])
+    said = [line for line in capsys.readouterr().out.splitlines() if 'forced' in line]
+    document = json.loads((tmp_path / 'result.json').read_text())
+    assert document['frequency_hz']['value'] == pytest.approx(2.83, rel=0.03)
+    named = [words for words in document['warnings'] if 'forced, not hunting' in words]
+    assert_lines(named, expected)
+    assert said == [f'warning: {words}' for words in named]
+
+
+def test_forced_lines_are_named_beside_a_normal_form(staircase, tmp_path, capsys) -> None:
+    form = Path(__file__).parents[2] / 'bags' / 'paper.yaml'
+    record = with_lines(staircase, {1.0: 1e-4, 1.7: 1e-4}, {4.4: 1e-4}, True)
+    bag = write_record(tmp_path / 'bag', record)
+    main(['replay', str(bag), '--normal-form', str(form), '--json', '-'])
+    found = json.loads(capsys.readouterr().out)['warnings']
+    named = [words for words in found if 'forced, not hunting' in words]
+    assert_lines(named, ["line at 1.7 times the roller's turn", 'line at 4.4 Hz'])

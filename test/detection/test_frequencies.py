@@ -186,7 +186,7 @@ def test_hum_roughness_and_drift_are_not_taken_for_hunting(kind) -> None:
     # What is known by the encoder needs no words.
     forced = {'no roller': '1.06 v Hz', 'unknown ratio': '1.45 v Hz'}.get(kind)
     assert len(remarks) == (forced is not None)
-    assert all(f'a line at {forced} is forced' in remark for remark in remarks)
+    assert all(f'line at {forced}: forced' in remark for remark in remarks)
     if kind == 'unknown ratio':
         return
     names = tuple(channels)
