@@ -7,9 +7,10 @@ A day is what the recording calls it (note `day`), or else the date of its first
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -163,7 +164,7 @@ def by_day(
     branches = branch_by_day(
         [DayAmplitude(s.speed, s.amplitude, day.get(s.source, UNDATED)) for s in hunting]
     )
-    hits = _hits(segments, envelopes, day, threshold)
+    hits = free_motion(segments, envelopes, threshold, day)
     shifts = branches.shifts()
     kicks = [(part.source, part.start_ns) for part in segments if part.kind == 'kick']
     summaries = []
@@ -186,13 +187,24 @@ def by_day(
     return Days(tuple(summaries), branches, tuple(hits), seed)
 
 
-def _hits(
+def free_motion(
     segments: Sequence[Segment],
     envelopes: Sequence[Envelope],
-    day: dict[str, str],
     threshold: float | None,
+    day: Mapping[str, str] = MappingProxyType({}),
 ) -> list[Hit]:
-    """Free motion at one speed, out of the noise."""
+    """
+    Return the free motion at one speed, out of the noise.
+
+    Parameters
+    ----------
+    segments, envelopes : sequences
+        What was seen.
+    threshold : float or None
+        Amplitude that parts quiet from hunting, m.
+    day : mapping of str to str, optional
+        Of each source.
+    """
     if threshold is None:
         return []
     everywhere = np.concatenate([envelope.amplitude for envelope in envelopes])

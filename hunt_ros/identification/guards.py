@@ -16,6 +16,7 @@ import numpy as np
 
 from hunt_ros.analysis.steady_state import SteadyState, hunting_threshold
 from hunt_ros.dynamics.normal_form import NormalForm
+from hunt_ros.identification.days import free_motion, highest_decay
 from hunt_ros.identification.envelope import Envelope
 from hunt_ros.identification.law_choice import FittedLaw
 from hunt_ros.identification.segments import Segment
@@ -28,6 +29,8 @@ _ONE_SPEED = 0.02
 _VAGUE_SPEED = 0.1
 #: Largest relative deviation at which a coefficient's sign is known.
 _VAGUE = 0.5
+#: A limit cycle so many times larger than what was measured was not seen.
+_BEYOND = 1.1
 #: Cycles of free motion below which a record is too short for anything.
 _FEWEST_STEPS = 12
 
@@ -108,7 +111,13 @@ def support_of(
     enough = int(np.isfinite(amplitude).sum()) >= _FEWEST_STEPS
     if not enough:
         reasons.append('too short: fewer than a few dozen hunting cycles')
-    critical = several and enough and _critical(best, forms, (low, high), settings, reasons)
+    decay = highest_decay(free_motion(segments, envelopes, hunting_threshold(amplitude)))
+    critical = (
+        several
+        and enough
+        and _critical(best, forms, (low, high), settings, reasons)
+        and not _decays_above(forms, decay, reasons)
+    )
     why: dict[str, str] = {}
     if not critical:
         why['critical'] = reasons[-1]
@@ -135,7 +144,8 @@ def support_of(
         why['nonlinear'] = 'a supercritical rig has no fold and no unstable branch'
     elif cubic and not moved:
         why['nonlinear'] = 'no free transient: none passed by the unstable branch'
-    limited = _limited(best, (low, high), hunts, reasons) if cubic else False
+    top = float(np.nanmax(amplitude))
+    limited = _limited(best, (low, high), top, reasons) if cubic else False
     if cubic and not limited:
         why['complete'] = reasons[-1]
     if cubic:
@@ -199,6 +209,23 @@ def _critical(
     return True
 
 
+def _decays_above(
+    forms: Sequence[NormalForm | None], decay: float | None, reasons: list[str]
+) -> bool:
+    """Whether free motion decayed at a speed that is above v_c for sure, by the law."""
+    values = [form.critical_speed for form in forms if form is not None]
+    if decay is None or not values:
+        return False
+    middle, high = np.percentile(values, [50.0, 97.5])
+    if high > decay:
+        return False
+    reasons.append(
+        f'v_c would be {middle:.3g} m/s by the law, at most {high:.3g} m/s, and free motion'
+        f' decayed at {decay:.3g} m/s: it is not given'
+    )
+    return True
+
+
 def _quiet_motion(best: FittedLaw, forms: Sequence[NormalForm | None]) -> bool:
     """Whether the random motion of the quiet state alone shows how fast it is damped."""
     middle, std = _share(forms, 'D1')
@@ -216,9 +243,7 @@ def _cubic(best: FittedLaw, forms: Sequence[NormalForm | None], reasons: list[st
     return True
 
 
-def _limited(
-    best: FittedLaw, speeds: tuple[float, float], hunts: bool, reasons: list[str]
-) -> bool:
+def _limited(best: FittedLaw, speeds: tuple[float, float], top: float, reasons: list[str]) -> bool:
     """Whether the form is one that ends its own growth, inside the range of the data."""
     if best.law.criticality == 'supercritical':
         return True
@@ -228,6 +253,11 @@ def _limited(
     if not np.isfinite(stable[0]):
         reasons.append('no restoring quintic term (D15 < 0) was found: no normal form is given')
         return False
+    if stable[0] > _BEYOND * top:
+        reasons.append(
+            f'the limit cycle ({stable[0]:.2g} m at {at[0]:.3g} m/s) is a forecast: no amplitude'
+            f' above {top:.2g} m was measured'
+        )
     return True
 
 
