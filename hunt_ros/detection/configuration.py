@@ -23,6 +23,10 @@ HUNTING_HZ = {
 #: Highest order of a known line, and how many there may be: each costs a tenth of the filter.
 MOST_TURNS, MOST_LINES = 100.0, 8
 
+#: A speed is silent after this time at least, s: a tachometer is read seldom, and a roller of
+#: hundreds of kilograms does not change its speed in it.
+_SPEED_TIMEOUT_S = 0.5
+
 
 @dataclass(frozen=True)
 class DetectorConfig(Settings):
@@ -109,14 +113,11 @@ class DetectorConfig(Settings):
 
     sensor_timeout_s: float = setting(
         0.2,
-        'lateral, yaw or roller silent for longer is stale',
+        'lateral, yaw or roller silent for longer is stale, the speed after 0.5 s at least',
         unit='s',
         low=0.01,
         high=60.0,
         fixed=True,
-    )
-    speed_timeout_s: float = setting(
-        0.5, 'speed silent for longer is stale', unit='s', low=0.01, high=60.0, fixed=True
     )
     lateral_range_m: float = setting(
         0.0,
@@ -336,4 +337,5 @@ class DetectorConfig(Settings):
 
     def timeout_ns(self, channel: str) -> int:
         """Timeout of a channel, ns."""
-        return round(1e9 * (self.speed_timeout_s if channel == 'speed' else self.sensor_timeout_s))
+        least = _SPEED_TIMEOUT_S if channel == 'speed' else 0.0
+        return round(1e9 * max(self.sensor_timeout_s, least))
