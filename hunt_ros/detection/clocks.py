@@ -35,8 +35,8 @@ class ChannelClock:
     offset_ns : int or None
         The detector's clock less that of the channel, ns; None before the first sample.
     late_ns : int
-        By how much the newest sample was older than that at the last tick, ns; before the first
-        sample the time since the first tick.
+        By how much the newest sample was older than that at the last tick, ns, and at least the
+        time in which none came: the detector's clock may be set back meanwhile.
     fresh : bool
         Samples had come since the tick before.
     """
@@ -47,7 +47,8 @@ class ChannelClock:
         self.offset_ns: int | None = None
         self.late_ns = 0
         self.fresh = False
-        self._first_tick_ns: int | None = None
+        self._last_tick_ns: int | None = None
+        self._silence_ns = 0
         self._newest_ns: int | None = None  # stamp as it came
         self._taken = False
         #: Ticks after which new samples were there, and the delay then.
@@ -63,14 +64,17 @@ class ChannelClock:
         self._delays.clear()
 
     def look(self, now_ns: int) -> None:
-        """Compare with the detector's clock."""
+        """Compare with the detector's clock; where that stands still it tells nothing."""
+        if now_ns == self._last_tick_ns:
+            return
         if self._delays and now_ns < self._delays[-1][0]:
             self._delays.clear()  # that one was set back
-        if self._first_tick_ns is None:
-            self._first_tick_ns = now_ns
         self.fresh, self._taken = self._taken, False
+        step = 0 if self._last_tick_ns is None else max(now_ns - self._last_tick_ns, 0)
+        self._last_tick_ns = now_ns
+        self._silence_ns = 0 if self.fresh else self._silence_ns + step
+        self.late_ns = self._silence_ns
         if self._newest_ns is None:
-            self.late_ns = now_ns - self._first_tick_ns
             return
         delay = now_ns - self._newest_ns
         if self.fresh:
@@ -79,7 +83,7 @@ class ChannelClock:
                 self._delays.popleft()
             self.offset_ns = min(known for _, known in self._delays)
         if self.offset_ns is not None:
-            self.late_ns = delay - self.offset_ns
+            self.late_ns = max(delay - self.offset_ns, self._silence_ns)
 
     @property
     def settled(self) -> bool:

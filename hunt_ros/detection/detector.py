@@ -41,6 +41,10 @@ _CLOCK_RESET_NS = NANOSECONDS
 #: nearer, one that is hours away is that of another day.
 _CLOCK_OFFSET_NS = 15 * NANOSECONDS
 
+#: A stamp beyond this is taken for this one: differences of two stay within int64. It is later
+#: than any that a header can hold, whose seconds are int32.
+_MOST_NS = 2**61
+
 
 class HuntingDetector:
     """
@@ -139,7 +143,7 @@ class HuntingDetector:
         """
         if channel not in self._channels:
             raise HuntError(f'channel {channel!r} is not one of {self._channels}')
-        stamps = np.atleast_1d(np.asarray(stamps_ns, dtype=np.int64))
+        stamps = np.atleast_1d(np.asarray(stamps_ns, dtype=np.int64)).clip(-_MOST_NS, _MOST_NS)
         numbers = np.atleast_1d(np.asarray(values, dtype=np.float64))
         if stamps.shape != numbers.shape or stamps.ndim != 1:
             raise HuntError(
@@ -167,7 +171,7 @@ class HuntingDetector:
         now_ns : int
             ns.
         """
-        output, merger = self._advance(), self._merger
+        output, merger, now_ns = self._advance(), self._merger, int(now_ns)
         merger.look(now_ns)
         if overdue := merger.overdue(now_ns):
             self._note('released', now_ns, *merger.received_of(overdue))
@@ -358,6 +362,7 @@ class HuntingDetector:
             self._history,
             self._sequence,
             until,
+            merger.behind,
         )
 
     def _note(

@@ -222,6 +222,27 @@ class ChannelMerger:
         return min(known) if len(known) == len(ends) else None
 
     @property
+    def behind(self) -> tuple[str, ...]:
+        """
+        The channels for which the others have waited longer than ticks would let them.
+
+        One sentence each. Without ticks, or where the clock stands still, no channel is ever
+        let go: no rows come, and the last one is not what is now.
+        """
+        newest = {name: intake.queues[0].newest_ns for name, intake in self.intakes.items()}
+        known = {name: end for name, end in newest.items() if end is not None}
+        if not known:
+            return ()
+        front = max(known.values())
+        first = front if self.first_ns is None else self.first_ns
+        lags = {name: front - known.get(name, first) for name in newest}
+        return tuple(
+            f'{name}: {1e-9 * lag:.1f} s behind the other channels'
+            for name, lag in lags.items()
+            if lag > self._drain_ns and name not in self.silent
+        )
+
+    @property
     def epoch_over(self) -> bool:
         """
         True where no channel has anything more to say in the present epoch.

@@ -95,6 +95,7 @@ def status_of(
     history: AlarmHistory,
     sequence: int,
     inputs_until_ns: int | None,
+    behind: tuple[str, ...],
 ) -> DetectorStatus:
     """
     Put the last row and the counts of the channels into a status.
@@ -117,6 +118,8 @@ def status_of(
         Number of rows so far.
     inputs_until_ns : int or None
         Stamp up to which all inputs are known; None: that of the row.
+    behind : tuple of str
+        Channels for which the others wait: the row is an old one, and its level STALE.
     """
     dropped = {
         f'{channel} {reason}': count
@@ -154,10 +157,10 @@ def status_of(
     stamp_ns = int(row['stamp_ns'])
     return DetectorStatus(
         stamp_ns=stamp_ns,
-        level=Level(int(row['level'])),
+        level=Level.STALE if behind else Level(int(row['level'])),
         region=Region(int(row['region'])),
         state=state,
-        reasons=(*_with_offsets(transitions.reasons(row), offsets), *refused),
+        reasons=(*_with_offsets(transitions.reasons(row), offsets), *behind, *refused),
         alarm=alarm,
         sequence=sequence,
         inputs_until_ns=stamp_ns if inputs_until_ns is None else inputs_until_ns,

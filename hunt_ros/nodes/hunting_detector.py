@@ -103,7 +103,8 @@ class HuntingDetectorNode(LifecycleNode):
         self.create_service(Trigger, 'hunting/acknowledge_alarm', self._on_acknowledge)
         self.create_service(Trigger, 'hunting/alarm_history', self._on_history)
         self.create_service(Trigger, 'hunting/accept_normal_form', self._on_accept)
-        self.create_timer(_TICK_S, self._tick)
+        # A clock that is set back, or stands still, would hold a timer of its own up.
+        self.create_timer(_TICK_S, self._tick, clock=steady_clock())
         self.create_timer(_STATUS_S, self._publish_status, clock=steady_clock())
 
     def on_activate(self, state: State) -> TransitionCallbackReturn:

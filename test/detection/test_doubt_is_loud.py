@@ -1,0 +1,162 @@
+"""Whatever is wrong with channels, stamps and clocks: the level does not stay OK on doubt."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from hunt_ros.detection import DetectorConfig, HuntingDetector, Level
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+
+PAPER = IdentifiedNormalForm(PAPER_NORMAL_FORM)
+CHANNELS = ('lateral', 'yaw', 'roller', 'speed')
+MOTION, TICK = ('lateral', 'yaw'), 100_000_000
+LEAST, MOST = np.iinfo(np.int64).min, np.iinfo(np.int64).max
+#: Of the first sample, ns; when the doubt begins, and when it must be said, ns after it.
+START, BEGIN, SAID = 1_700_000_000_000_000_000, 4_000_000_000, 5_200_000_000
+END = 6_500_000_000
+
+#: From the stamps of a channel to those that are told; what is left out is silence.
+Told = Callable[[np.ndarray], np.ndarray]
+
+
+def _never(stamps: np.ndarray) -> np.ndarray:
+    return stamps[:0]
+
+
+def _falls_silent(stamps: np.ndarray) -> np.ndarray:
+    return stamps[stamps < START + BEGIN]
+
+
+def _all(stamp_ns: int) -> Told:
+    return lambda stamps: np.full_like(stamps, stamp_ns)
+
+
+def _then(stamp_ns: int) -> Told:
+    return lambda stamps: np.where(stamps < START + BEGIN, stamps, stamp_ns)
+
+
+def _away(offset_s: float) -> Told:
+    return lambda stamps: stamps + int(offset_s * 1e9)
+
+
+def _leaps(stamps: np.ndarray) -> np.ndarray:
+    """Return stamps of a clock that is set back and forth every half second."""
+    steps = (stamps - START) // 500_000_000
+    return stamps + np.where(stamps < START + BEGIN, 0, (steps % 3 - 1) * 3_000_000_000)
+
+
+@dataclass
+class Case:
+    """What is told of the stamps; the detector's clock, None where it does not tick."""
+
+    told: Mapping[str, Told] = field(default_factory=dict)
+    clock: Callable[[int], int | None] = lambda now: now
+    since: int = SAID
+
+    def levels(self) -> list[tuple[int, Level]]:
+        """Return the level published at each tick, ns after the start."""
+        stamps = START + np.arange(0, END, 10_000_000)
+        rng = np.random.default_rng(1)
+        values = {name: 1e-5 * rng.standard_normal(stamps.size) for name in MOTION}
+        values['roller'] = 40e-9 * (stamps - START)
+        values['speed'] = np.full(stamps.size, 6.0)
+        detector = HuntingDetector(DetectorConfig(), PAPER)
+        told = {}
+        for name in CHANNELS:
+            # A channel that falls silent leaves out the end.
+            found = self.told.get(name, lambda x: x)(stamps)
+            told[name] = found, stamps[: found.size]
+        levels = []
+        for now in range(START + TICK, START + END, TICK):
+            for name, (found, arrival) in told.items():
+                come = (arrival >= now - TICK) & (arrival < now)
+                detector.update(name, found[come], values[name][: found.size][come])
+            if (tick := self.clock(now)) is not None:
+                detector.tick(tick)
+            levels.append((now - START, detector.status.level))
+        return levels
+
+
+def _no_tick(now: int) -> int | None:
+    return None
+
+
+def _no_more_ticks(now: int) -> int | None:
+    return now if now < START + BEGIN else None
+
+
+def _stands(now: int) -> int | None:
+    return min(now, START + BEGIN)
+
+
+def _set_by(offset_s: float) -> Callable[[int], int | None]:
+    """Return a clock that is set while a channel is silent, before that could be noticed."""
+    return lambda now: now if now <= START + BEGIN else now + int(offset_s * 1e9)
+
+
+CLOCKS: dict[str, Callable[[int], int | None]] = {
+    'the clock goes on': lambda now: now,
+    **{f'the clock is set by {offset:+g} s': _set_by(offset) for offset in (-3600, -3, 3600)},
+}
+
+CASES: dict[str, Case] = {
+    **{f'{name} never comes': Case({name: _never}, since=0) for name in CHANNELS},
+    **{
+        f'only {name} comes': Case({n: _never for n in CHANNELS if n != name}, since=0)
+        for name in CHANNELS
+    },
+    'nothing comes': Case(dict.fromkeys(CHANNELS, _never), since=0),
+    'no ticks, nothing of yaw': Case({'yaw': _never}, _no_tick, 0),
+    **{
+        f'{words}, {name} falls silent': Case({name: _falls_silent}, clock)
+        for words, clock in {
+            **CLOCKS,
+            'no ticks': _no_tick,
+            'ticks cease': _no_more_ticks,
+            'the clock stands': _stands,
+        }.items()
+        for name in ('lateral', 'speed')
+    },
+    **{
+        f'{words}, all fall silent': Case(dict.fromkeys(CHANNELS, _falls_silent), clock)
+        for words, clock in CLOCKS.items()
+    },
+    **{
+        f'{words} {offset:g} s away': Case(dict.fromkeys(names, _away(offset)))
+        for words, names in {'lateral': ('lateral',), 'all': CHANNELS}.items()
+        for offset in (3600.0, -16.0, -1.7e9)
+    },
+    **{
+        f'{words} stamped {stamp}': Case(dict.fromkeys(names, _all(stamp)))
+        for words, names in {'lateral': ('lateral',), 'all': CHANNELS}.items()
+        for stamp in (0, LEAST, MOST)
+    },
+    **{
+        f'{words} stamped {stamp} from some time on': Case(dict.fromkeys(names, _then(stamp)))
+        for words, names in {'speed': ('speed',), 'all': CHANNELS}.items()
+        for stamp in (0, LEAST, MOST)
+    },
+    'a clock that leaps again and again': Case({'lateral': _leaps}),
+    'the detector at the end of time': Case({}, lambda now: MOST if now > START + BEGIN else now),
+}
+
+
+@pytest.mark.parametrize('name', CASES)
+def test_the_level_does_not_stay_ok_on_doubt(name: str) -> None:
+    case = CASES[name]
+    ok = [at * 1e-9 for at, level in case.levels() if at >= case.since and level is Level.OK]
+    assert not ok
+
+
+def test_without_doubt_it_is_ok_also_after_one_stamp_that_is_none() -> None:
+    def one(stamp: int) -> Told:
+        return lambda stamps: np.where(np.arange(stamps.size) == 100, stamp, stamps)
+
+    for told in ({}, *({'lateral': one(stamp)} for stamp in (0, LEAST, MOST))):
+        levels = {level for at, level in Case(told).levels() if at >= SAID}
+        assert levels == {Level.OK}, told
