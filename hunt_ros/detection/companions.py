@@ -12,14 +12,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from hunt_ros.criteria import CRITERIA, CriteriaPanel, Verdict
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.frequencies import with_frequencies
 from hunt_ros.detection.output import Event, Motion, Output
 from hunt_ros.detection.regions import Level
-from hunt_ros.detection.tracking import roller_diameter
+from hunt_ros.detection.tracking import roller_diameter, shafts
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.errors import ConfigError
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
@@ -123,16 +123,16 @@ class Companions:
             return cls(panel, None)
         law = (rig or paper_rig()) if config.forecast == 'wheelset' else None
         tuned = with_frequencies(detector)
-        plain = ForecastSettings()
-        faster = tuned.hunting_frequency_hz / REFERENCE_HZ
-        settings = ForecastSettings(
+        paced = ForecastSettings().paced(tuned.hunting_frequency_hz / REFERENCE_HZ)
+        settings = replace(
+            paced,
             live=live,
             channel=channel,
-            lowest_hz=max(min(plain.lowest_hz * faster, tuned.hunting_frequency_min_hz), 0.05),
-            highest_hz=min(max(plain.highest_hz * faster, tuned.hunting_frequency_max_hz), 100.0),
+            lowest_hz=max(min(paced.lowest_hz, tuned.hunting_frequency_min_hz), 0.05),
+            highest_hz=min(max(paced.highest_hz, tuned.hunting_frequency_max_hz), 100.0),
             roller_diameter_m=law.roller_diameter_m if law else roller_diameter(detector),
         )
-        return cls(panel, CriticalSpeedForecast(settings, law))
+        return cls(panel, CriticalSpeedForecast(settings, law, shafts(detector)))
 
     @property
     def idle(self) -> bool:

@@ -9,13 +9,15 @@ damping law carries it to the speed where it vanishes.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hunt_ros.dynamics.parameters import RigParameters
+from hunt_ros.estimation.tracker_config import Shaft
 from hunt_ros.forecast.damping_laws import SmoothLaw, WheelsetLaw
 from hunt_ros.forecast.level_spectrum import SpeedLevel
 from hunt_ros.forecast.quiet_levels import QuietLevels
@@ -50,13 +52,11 @@ class ForecastSettings(Settings):
     speed_tolerance: float = setting(
         0.015, 'relative change of speed within one level', low=1e-4, high=0.1
     )
-    shortest_level_s: float = setting(6.0, 'shortest level used', unit='s', low=2.0, high=600.0)
+    shortest_level_s: float = setting(6.0, 'shortest level used', unit='s', low=0.1, high=6e3)
     longest_level_s: float = setting(
-        60.0, 'a longer hold is cut into levels', unit='s', low=4.0, high=600.0
+        60.0, 'a longer hold is cut into levels', unit='s', low=0.2, high=6e3
     )
-    settle_s: float = setting(
-        2.0, 'left out after a change of speed', unit='s', low=0.0, high=60.0
-    )
+    settle_s: float = setting(2.0, 'left out after a change of speed', unit='s', low=0.0, high=6e2)
     refresh_s: float = setting(
         20.0, 'a new forecast after this time at the latest', unit='s', low=1.0, high=3600.0
     )
@@ -78,6 +78,24 @@ class ForecastSettings(Settings):
         3.0, 'no number where the law fits worse (1 is perfect)', low=1.1, high=100.0
     )
     roller_diameter_m: float = setting(0.3, 'roller diameter', unit='m', low=0.01, high=10.0)
+
+    def paced(self, faster: float) -> ForecastSettings:
+        """
+        Return the settings for a rig that hunts faster: the same numbers of periods.
+
+        Parameters
+        ----------
+        faster : float
+            Its hunting frequency over the one that these settings are made for.
+        """
+        return replace(
+            self,
+            lowest_hz=min(max(self.lowest_hz * faster, 0.05), 50.0),
+            highest_hz=min(max(self.highest_hz * faster, 0.2), 100.0),
+            shortest_level_s=self.shortest_level_s / faster,
+            longest_level_s=self.longest_level_s / faster,
+            settle_s=self.settle_s / faster,
+        )
 
 
 @dataclass(frozen=True)
@@ -127,10 +145,15 @@ class CriticalSpeedForecast:
     settings : ForecastSettings
     rig : RigParameters, optional
         Geometry and stiffness; its creep coefficients are not trusted.
+    shafts : sequence of Shaft
+        What turns, with its known lines in turns of the roller.
     """
 
     def __init__(
-        self, settings: ForecastSettings | None = None, rig: RigParameters | None = None
+        self,
+        settings: ForecastSettings | None = None,
+        rig: RigParameters | None = None,
+        shafts: Sequence[Shaft] = (Shaft((1.0, 2.0)),),
     ) -> None:
         self.settings = ForecastSettings() if settings is None else settings
         self._laws: list[ResponseLaw] = (
@@ -155,6 +178,7 @@ class CriticalSpeedForecast:
             s.longest_level_s,
             s.settle_s,
             diameter,
+            shafts,
         )
         self.reset()
 

@@ -1,18 +1,21 @@
-"""One speed level reduced to its periodogram, without the roughness lines of Eq. (1)."""
+"""One speed level reduced to its periodogram, without the known lines, Eq. (1)."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-#: Harmonics of the roller's frequency that are fitted and removed.
-HARMONICS = 3
+from hunt_ros.estimation.tracker_config import Shaft
 
-#: Columns of a cell: count, sum of y, sum of v, then sums of cos and sin of each harmonic.
-COLUMNS = 3 + 2 * HARMONICS
+#: Columns of a cell: count, sums of y, v and the roller's angle, then sums of cos and sin of each
+#: line that turns with that angle.
+COLUMNS = 4
+#: Relative standard deviation of a line's frequency where the speed alone tells it.
+SPEED_STD = 0.01
 
 #: A signal that varies by less than this part of itself varies by rounding only.
 STUCK = 1e-9
@@ -34,7 +37,7 @@ class SpeedLevel:
     periodogram : ndarray, shape (k,)
         |integral of y exp(-i omega t) dt|^2 / T, m^2 s (two-sided).
     weight : ndarray, shape (k,)
-        Windows averaged in each bin; 0 where a roughness line lies.
+        Windows averaged in each bin; 0 where a known line lies.
     gain : ndarray, shape (k,)
         Power response of the averaging into cells.
     floor : float
@@ -69,51 +72,69 @@ class SpeedLevel:
         )
 
 
+def fitted_orders(shafts: Sequence[Shaft]) -> NDArray[np.float64]:
+    """Return the lines that turn with the roller's angle, in its turns: their phase is known."""
+    orders = [order for shaft in shafts if shaft.slip_std == 0.0 for order in shaft.orders]
+    return np.array(orders, dtype=np.float64)
+
+
 def level_spectrum(
     cells: NDArray[np.float64],
     cell_s: float,
     band_hz: tuple[float, float],
     roller_diameter_m: float,
+    shafts: Sequence[Shaft],
 ) -> SpeedLevel:
     """
-    Periodogram of a stretch of cells, without trend and roughness lines.
+    Periodogram of a stretch of cells, without trend and known lines.
 
-    The lines are fitted by their phase, which the encoder gives; without a roller angle
-    only the bins where the speed says they are can be left out.
+    The lines that turn with the roller are fitted by their phase, which the encoder gives.
+    The others, and without a roller angle all, are fitted where they are strongest within their
+    slip, and the bins where they may be are left out.
 
     Parameters
     ----------
-    cells : ndarray, shape (n, COLUMNS)
+    cells : ndarray, shape (n, COLUMNS + 2 * orders)
         Sums over each cell; a cell without samples is interpolated.
     cell_s : float
         Length of a cell, s.
     band_hz : (float, float)
         Band kept, Hz.
     roller_diameter_m : float
-        D of Eq. (1), m.
+        D of Eq. (1), m: how fast the roller turns where its angle is not known.
+    shafts : sequence of Shaft
+        What turns, with its lines in turns of the roller.
     """
     held = cells[:, 0] > 0.0
     place = np.arange(cells.shape[0], dtype=np.float64)
     mean = cells[held] / cells[held, :1]
     columns = np.stack(
-        [np.interp(place, place[held], mean[:, k]) for k in range(1, COLUMNS)], axis=1
+        [np.interp(place, place[held], mean[:, k]) for k in range(1, cells.shape[1])], axis=1
     )
-    y, speed, lines = columns[:, 0], float(columns[:, 1].mean()), columns[:, 2:]
+    y, speed = columns[:, 0], float(columns[:, 1].mean())
+    angle, lines = columns[:, 2], columns[:, 3:]
     stuck = float(np.ptp(y)) <= STUCK * float(np.abs(y).max())
+    known = bool(np.isfinite(angle).all())
+    if not known:
+        turning = columns[:, 1] * 2.0 / roller_diameter_m
+        angle, lines = np.cumsum(turning) * cell_s, lines[:, :0]
     trend = np.stack([np.ones_like(place), place / place.size], axis=1)
-    known = bool(np.isfinite(lines).all())
-    regressors = np.concatenate([trend, lines], axis=1) if known else trend
+    regressors = np.concatenate([trend, lines], axis=1)
     y = y - regressors @ np.linalg.lstsq(regressors, y, rcond=None)[0]
     duration = y.size * cell_s
     frequency = np.arange(y.size // 2 + 1) / duration
-    power = np.asarray(np.abs(np.fft.rfft(y)) ** 2 * cell_s / y.size, dtype=np.float64)
     weight = np.ones_like(frequency)
-    for harmonic in range(1, HARMONICS + 1):
-        line = harmonic * speed / (math.pi * roller_diameter_m)
-        # A fitted line takes its own bins with it; one that is only known from the
-        # speed is as wide as the speed is uncertain.
-        width = 1.5 / duration if known else max(3.0 / duration, 0.02 * line)
-        weight[np.abs(frequency - line) <= width] = 0.0
+    roller = abs(float(np.polyfit(place * cell_s, angle, 1)[0])) / (2.0 * math.pi)
+    for shaft in shafts:
+        slip = shaft.slip_std if known else max(shaft.slip_std, SPEED_STD)
+        for order in shaft.orders:
+            # A fitted line takes its own bins with it; another is as wide as it may slip.
+            line = order * roller
+            width = max(3.0 / duration, 2.0 * slip * line) if slip > 0.0 else 1.5 / duration
+            weight[np.abs(frequency - line) <= width] = 0.0
+            if slip > 0.0:
+                y = y - _strongest(y, order * angle, 2.0 * slip)
+    power = np.asarray(np.abs(np.fft.rfft(y)) ** 2 * cell_s / y.size, dtype=np.float64)
     above = (frequency > 1.5 * band_hz[1]) & (frequency < 2.7 * band_hz[1])
     inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
     return SpeedLevel(
@@ -127,3 +148,15 @@ def level_spectrum(
         floor=0.0 if stuck else float(np.median(power[above & (weight > 0.0)])) / math.log(2.0),
         rms=math.sqrt(2.0 / duration * float((power * weight)[inside].sum())),
     )
+
+
+def _strongest(
+    y: NDArray[np.float64], phase: NDArray[np.float64], slip: float
+) -> NDArray[np.float64]:
+    """Return the line of this phase, rad, at the slip at which most of it is in y."""
+    step = 0.25 * 2.0 * math.pi / max(float(np.ptp(phase)), 1.0)
+    scales = 1.0 + np.arange(-slip, slip + step, step)
+    place = int(np.argmax([abs(np.exp(-1j * scale * phase) @ y) for scale in scales]))
+    basis = np.stack([np.cos(scales[place] * phase), np.sin(scales[place] * phase)], axis=1)
+    line: NDArray[np.float64] = basis @ np.linalg.lstsq(basis, y, rcond=None)[0]
+    return line

@@ -10,14 +10,15 @@ hours of running stay small.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled
-from hunt_ros.forecast.level_spectrum import COLUMNS, HARMONICS, SpeedLevel, level_spectrum
+from hunt_ros.estimation.tracker_config import Shaft
+from hunt_ros.forecast.level_spectrum import COLUMNS, SpeedLevel, fitted_orders, level_spectrum
 from hunt_ros.samples import NANOSECONDS
 
 #: A block whose rms exceeds this many times the level's median was disturbed.
@@ -42,6 +43,7 @@ def _fill_cells(
     values: NDArray[np.float64],
     speeds: NDArray[np.float64],
     angles: NDArray[np.float64],
+    orders: NDArray[np.float64],
     cell_ns: int,
     clock: NDArray[np.int64],
     cell: NDArray[np.float64],
@@ -73,12 +75,10 @@ def _fill_cells(
         cell[0] += 1.0
         cell[1] += values[k]
         cell[2] += speeds[k]
-        cosine, sine = np.cos(angles[k]), np.sin(angles[k])
-        re, im = cosine, sine
-        for h in range(HARMONICS):  # the next harmonic is the last one turned by the angle
-            cell[3 + 2 * h] += re
-            cell[4 + 2 * h] += im
-            re, im = re * cosine - im * sine, re * sine + im * cosine
+        cell[3] += angles[k]
+        for h in range(orders.size):
+            cell[COLUMNS + 2 * h] += np.cos(orders[h] * angles[k])
+            cell[COLUMNS + 1 + 2 * h] += np.sin(orders[h] * angles[k])
     return done
 
 
@@ -101,7 +101,9 @@ class QuietLevels:
     settle_s : float
         Left out at the start of a level: the response still remembers the speed before.
     roller_diameter_m : float
-        D of Eq. (1), m: where the roughness lines are.
+        D of Eq. (1), m: how fast the roller turns where its angle is not known.
+    shafts : sequence of Shaft
+        What turns, with its lines in turns of the roller.
     """
 
     def __init__(
@@ -113,6 +115,7 @@ class QuietLevels:
         longest_s: float = 60.0,
         settle_s: float = 2.0,
         roller_diameter_m: float = 0.3,
+        shafts: Sequence[Shaft] = (Shaft((1.0, 2.0)),),
     ) -> None:
         self._band = (lowest_hz, highest_hz)
         self._cell_ns = round(NANOSECONDS / (6.0 * highest_hz))
@@ -122,7 +125,9 @@ class QuietLevels:
         self._fewest = max(math.ceil(shortest_s / self._block_s), 4)
         self._most = max(math.ceil(longest_s / self._block_s), self._fewest)
         self._settle = math.ceil(settle_s / self._block_s)
-        self._diameter = roller_diameter_m
+        self._diameter, self._shafts = roller_diameter_m, tuple(shafts)
+        self._orders = fitted_orders(shafts)
+        self._columns = COLUMNS + 2 * self._orders.size
         self.reset()
 
     def reset(self) -> None:
@@ -130,8 +135,8 @@ class QuietLevels:
         self.levels: list[SpeedLevel] = []
         self.closed_s = 0.0
         self._clock = np.zeros(4, dtype=np.int64)
-        self._cell = np.zeros(COLUMNS)
-        self._block = np.zeros((BLOCK, COLUMNS))
+        self._cell = np.zeros(self._columns)
+        self._block = np.zeros((BLOCK, self._columns))
         self._block_number: int | None = None
         self._blocks: list[NDArray[np.float64]] = []
         self._speed = 0.0
@@ -171,12 +176,13 @@ class QuietLevels:
             ns; m; m/s; continuous roller angle in rad, NaN where it is not known.
         """
         numbers = np.empty(stamps_ns.size, dtype=np.int64)
-        cells = np.empty((stamps_ns.size, COLUMNS))
+        cells = np.empty((stamps_ns.size, self._columns))
         count = _fill_cells(
             stamps_ns,
             values,
             speeds,
             angles,
+            self._orders,
             self._cell_ns,
             self._clock,
             self._cell,
@@ -290,5 +296,7 @@ class QuietLevels:
         blocks = self._quiet_blocks()
         if not blocks:
             return None
-        level = level_spectrum(np.concatenate(blocks), self._cell_s, self._band, self._diameter)
+        level = level_spectrum(
+            np.concatenate(blocks), self._cell_s, self._band, self._diameter, self._shafts
+        )
         return level if level.floor > 0.0 else None  # a stuck sensor has no noise at all

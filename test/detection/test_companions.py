@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hunt_ros.criteria import Verdict
 from hunt_ros.detection import CompanionConfig, Companions, DetectorConfig, HuntingDetector, detect
 from hunt_ros.detection.offline import collect, config_for, watch
-from hunt_ros.detection.output import Output
+from hunt_ros.detection.output import Motion, Output
 from hunt_ros.detection.replay import replay_journal
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.simulation import (
@@ -19,6 +21,7 @@ from hunt_ros.dynamics.simulation import (
     simulate,
 )
 from hunt_ros.errors import ConfigError
+from hunt_ros.forecast import Forecast
 from hunt_ros.samples import Record, Series
 
 HUNTING = CompanionConfig(criteria=('cfr_213_333',), criteria_scale=0.02, forecast='off')
@@ -131,3 +134,56 @@ def test_what_cannot_be_run_is_refused() -> None:
         CompanionConfig(criteria=('cfr',))
     with pytest.raises(ConfigError, match='lateral'):
         Companions.of(HUNTING, DetectorConfig(channels=('yaw', 'speed')))
+
+
+def forecast_of(motions: list[Motion], config: DetectorConfig) -> Forecast:
+    companions = Companions.of(CompanionConfig(), config, live=False)
+    for motion in motions:
+        companions.take(motion)
+    found = companions.finish()
+    assert found is not None
+    return found
+
+
+@pytest.fixture(scope='module')
+def merged(staircase) -> list[Motion]:
+    output = detect(HuntingDetector(), staircase)
+    return list(output.motion)
+
+
+@pytest.mark.parametrize('encoder', [True, False])
+def test_the_forecast_leaves_out_the_lines_that_the_detector_is_told_of(merged, encoder) -> None:
+    lines = []
+    for motion in merged:
+        forced = 5e-5 * np.cos(0.61 * motion.roller_angle)
+        angle = motion.roller_angle if encoder else np.full(forced.size, np.nan)
+        lines.append(replace(motion, values=motion.values + forced, roller_angle=angle))
+    channels = ('lateral', 'yaw', 'roller', 'speed') if encoder else ('lateral', 'yaw', 'speed')
+    told = DetectorConfig(lines=(1.0, 0.61), roller_diameter_m=0.3, channels=channels)
+    found, plain = forecast_of(lines, told), forecast_of(merged, DetectorConfig())
+    assert found.critical_speed is not None, found.reason
+    assert plain.critical_speed is not None
+    assert found.critical_speed.low < 8.0 < found.critical_speed.high
+    assert found.critical_speed.std < 2.0 * plain.critical_speed.std
+
+
+@pytest.mark.parametrize('faster', [12.0, 0.25])
+def test_the_levels_of_the_forecast_are_periods_long(merged, faster) -> None:
+    start = int(merged[0].stamps_ns[0])
+    quick = [
+        replace(one, stamps_ns=start + np.round((one.stamps_ns - start) / faster).astype(np.int64))
+        for one in merged
+    ]
+    config = DetectorConfig(
+        hunting_frequency_hz=2.84 * faster,
+        hunting_frequency_min_hz=1.0 * faster,
+        hunting_frequency_max_hz=6.0 * faster,
+        output_rate_hz=200.0,
+    )
+    found, plain = forecast_of(quick, config), forecast_of(merged, DetectorConfig())
+    assert found.levels == plain.levels
+    assert found.critical_speed is not None, found.reason
+    assert plain.critical_speed is not None
+    for end in ('low', 'value', 'high'):
+        truth = getattr(plain.critical_speed, end)
+        assert getattr(found.critical_speed, end) == pytest.approx(truth, rel=0.02)
