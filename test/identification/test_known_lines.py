@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.simulation import simulate
@@ -20,10 +21,14 @@ from hunt_ros.identification.channels import channels_of
 from hunt_ros.identification.turning import follow_lines, with_angle
 from hunt_ros.samples import Record, Series
 
+SEEDS = range(3)
+#: The speed reads half a per cent too high, and the critical speed with it.
+TRUTH = 1.005 * 8.0
 
-def _staircase() -> Record:
-    up = np.arange(5.6, 9.01, 0.2).tolist()
-    profile = SpeedProfile.staircase(*up, *up[-2::-1], hold_s=20.0)
+
+def _staircase(seed: int) -> Record:
+    up = np.arange(5.6, 9.01, 0.3).tolist()
+    profile = SpeedProfile.staircase(*up, *up[-2::-1], hold_s=10.0)
     settings = SimulationSettings(
         sample_rate_hz=200.0,
         initial_speed=up[0],
@@ -33,17 +38,22 @@ def _staircase() -> Record:
         yaw_sensor=SensorModel(noise=2e-5),
         drive=DriveModel(speed_gain=1.005, speed_noise=0.01),
     )
-    return simulate(paper_rig(), settings, profile, profile.duration_s, seed=1)
+    return simulate(paper_rig(), settings, profile, profile.duration_s, seed=seed)
 
 
-def test_a_staircase_without_the_rollers_angle_tells_as_much_as_with_it() -> None:
-    record = _staircase()
-    bare = Record({name: series for name, series in record.items() if name != 'roller'})
-    known, found = identify(record).v_c, identify(bare).v_c
-    assert found.std < 1.3 * known.std
-    assert abs(found.value - known.value) < known.std
-    # The speed reads half a per cent too high, and the critical speed with it.
-    assert abs(found.value - 1.005 * 8.0) < max(0.1, 2.0 * found.std)
+def test_staircases_without_the_rollers_angle_tell_as_much_as_with_it() -> None:
+    off = []
+    for seed in SEEDS:
+        record = _staircase(seed)
+        bare = Record({name: series for name, series in record.items() if name != 'roller'})
+        known, found = identify(record).v_c, identify(bare).v_c
+        # The samples are the same: only the angle of the lines is another.
+        assert found.std < 1.3 * known.std, seed
+        assert abs(found.value - known.value) < known.std, seed
+        # Some of what a short hold leaves is no spread: not known better than by 0.05 m/s.
+        off.append((found.value - TRUTH) / max(0.05, found.std))
+    # One correct run in a thousand is beyond this.
+    assert np.square(off).sum() < chi2.ppf(0.999, len(off))
 
 
 @pytest.mark.parametrize('scale', [1.0, 1.006, 0.992])
