@@ -14,6 +14,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -308,7 +309,7 @@ def _climb(seed: int) -> tuple[np.ndarray, ...]:
 def _make_forecast() -> Any:
     from hunt_ros.forecast import CriticalSpeedForecast, ForecastSettings
 
-    return CriticalSpeedForecast(ForecastSettings(refresh_s=6.0, shortest_level_s=4.0))
+    return CriticalSpeedForecast(ForecastSettings(refresh_s=11.0, shortest_level_s=4.0))
 
 
 def _feed_forecast(forecast: Any, record: Any, begin: int, end: int) -> Outputs:
@@ -445,23 +446,28 @@ STREAMS: list[Stream] = [
 each_stream = pytest.mark.parametrize('stream', STREAMS, ids=lambda stream: stream.name)
 
 
+@cache
+def _whole(stream: Stream, seed: int) -> list[bytes]:
+    """Return what a stream gives where the record is fed in one block."""
+    return stream.run(stream.make(), stream.record(seed), [])
+
+
 @each_stream
 @settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-@given(data=st.data(), seed=st.integers(0, 3))
+@given(data=st.data(), seed=st.integers(1, 2))
 def test_any_cut_into_blocks_gives_the_numbers_of_the_whole(
     stream: Stream, data: st.DataObject, seed: int
 ) -> None:
     record = stream.record(seed)
     cuts = data.draw(st.lists(st.integers(0, stream.length(record)), max_size=6))
-    whole = stream.run(stream.make(), record, [])
-    assert stream.run(stream.make(), record, cuts) == whole
+    assert stream.run(stream.make(), record, cuts) == _whole(stream, seed)
 
 
 @each_stream
 def test_sample_by_sample_gives_the_numbers_of_the_whole(stream: Stream) -> None:
     record = stream.record(1)
     pieces = range(1, stream.length(record))
-    assert stream.run(stream.make(), record, pieces) == stream.run(stream.make(), record, [])
+    assert stream.run(stream.make(), record, pieces) == _whole(stream, 1)
 
 
 @each_stream
@@ -469,8 +475,7 @@ def test_reset_equals_fresh(stream: Stream) -> None:
     used = stream.make()
     stream.run(used, stream.record(2), [])
     used.reset()
-    record = stream.record(1)
-    assert stream.run(used, record, []) == stream.run(stream.make(), record, [])
+    assert stream.run(used, stream.record(1), []) == _whole(stream, 1)
 
 
 @each_stream

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import odeint, solve_ivp
+from scipy.integrate import odeint
 
 from hunt_ros.analysis.lyapunov import largest_lyapunov_exponent
 from hunt_ros.analysis.surrogates import is_nonlinear, phase_randomised
@@ -25,12 +25,11 @@ def henon(count: int, seed: int) -> np.ndarray:
 
 @pytest.fixture(scope='module')
 def lorenz() -> np.ndarray:
-    def flow(_: float, u: np.ndarray) -> list[float]:
+    def flow(u: np.ndarray, _: float) -> list[float]:
         return [10 * (u[1] - u[0]), u[0] * (28 - u[2]) - u[1], u[0] * u[1] - 8 / 3 * u[2]]
 
-    times = 20.0 + np.arange(12_000) * 0.02
-    found = solve_ivp(flow, (0.0, times[-1]), [1.0, 1.0, 20.0], t_eval=times, rtol=1e-8)
-    return found.y[0]
+    times = np.arange(9000) * 0.02
+    return odeint(flow, [1.0, 1.0, 20.0], times, rtol=1e-8, atol=1e-8)[1000:, 0]
 
 
 @pytest.mark.parametrize('seed', range(4))
@@ -60,7 +59,7 @@ def test_the_unit_of_time_is_the_second():
 
 @pytest.mark.parametrize('noise', [0.0, 0.01, 0.1])
 def test_hunting_over_roughness_is_not_chaotic(noise):
-    time = np.arange(20_000) / 100.0
+    time = np.arange(10_000) / 100.0
     signal = np.sin(2 * np.pi * 2.835 * time) + 0.2 * np.sin(2 * np.pi * 6.8123 * time)
     signal += np.random.default_rng(1).normal(0.0, noise, time.size)
     found = largest_lyapunov_exponent(signal, 100.0)

@@ -165,7 +165,7 @@ def _check(
     faults: list[tuple[str, str]],
     rate_hz: int = 500,
     timing: str = 'even',
-    step_ns: int | None = 50_000_000,
+    step_ns: int | None = 100_000_000,
     form: bool = True,
     seed: int = 1,
 ) -> None:
@@ -217,7 +217,7 @@ def test_each_fault_on_each_channel(fault: str) -> None:
 
 
 @settings(
-    max_examples=40,
+    max_examples=24,
     deadline=None,
     suppress_health_check=list(HealthCheck),
     phases=[Phase.explicit, Phase.generate],

@@ -128,7 +128,7 @@ def test_a_stalled_channel_is_let_go_and_its_late_samples_dropped(recorded) -> N
 
 
 @settings(
-    max_examples=8,
+    max_examples=5,
     deadline=None,
     suppress_health_check=list(HealthCheck),
     phases=[Phase.explicit, Phase.generate],
