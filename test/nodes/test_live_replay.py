@@ -32,14 +32,16 @@ def test_a_replay_refuses_another_and_a_stopped_one_goes_on_where_it_was(graph) 
     assert graph.wait('live_replay') == 2
     assert first.poll() is None, 'the one that plays goes on'
 
+    stopped_s = 8.0
     first.send_signal(signal.SIGSTOP)
-    graph.spin(3.0)
+    graph.spin(stopped_s)
     heard, begin = len(lateral), time.monotonic()
     first.send_signal(signal.SIGCONT)
     graph.spin_until(lambda: len(lateral) > heard + 700)
     stamps = [to_ns(message.header.stamp) for message in lateral]
     assert stamps == sorted(stamps)
+    # A busy machine holds it up a little, and that is made up for: the stop is not.
     played_s = (stamps[-1] - stamps[heard - 1]) / 1e9
-    assert played_s < time.monotonic() - begin + 1.5, 'what the stop has cost is not made up for'
+    assert played_s < time.monotonic() - begin + 0.6 * stopped_s
     first.kill()
     first.wait()
