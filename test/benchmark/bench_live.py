@@ -230,7 +230,14 @@ def measure(rate_hz: float, seconds: float) -> dict[str, object]:
             suite.start_nodes(processes, suite.LISTENERS, {}, parameters)
             suite.start_nodes(processes, ['rig_simulator', *suite.SOURCES], {}, parameters)
             pids = processes.pids()
-            probe.spin(15.0)  # start-up and compilation
+            deadline = time.monotonic() + 600.0
+            while not set(pids) <= set(probe.health):  # start-up, and perhaps compilation
+                probe.spin(1.0)
+                if failure := processes.failed():
+                    raise SystemExit(failure)
+                if time.monotonic() > deadline:
+                    raise SystemExit(f'not up: {sorted(set(pids) - set(probe.health))}')
+            probe.spin(10.0)
             probe.arrivals.clear()
             before = {name: Usage.of(pid) for name, pid in pids.items()}
             earlier = dict(probe.health)
