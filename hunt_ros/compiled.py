@@ -20,8 +20,8 @@ from typing import Any, TypeVar, cast
 
 _Function = TypeVar('_Function', bound=Callable[..., Any])
 
-#: How long all kernels take, s (measured: 94 to 147), and how often they are heard of.
-_USUAL_S, _PROGRESS_S = 120, 5.0
+#: How long all kernels take, s (87 s of CPU on a busy machine), and how often they are heard of.
+_USUAL_S, _PROGRESS_S = 80, 5.0
 
 #: True where numba is installed and kernels run as machine code.
 HAVE_COMPILER: bool = find_spec('numba') is not None

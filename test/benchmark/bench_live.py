@@ -231,12 +231,14 @@ def measure(rate_hz: float, seconds: float) -> dict[str, object]:
             suite.start_nodes(processes, ['rig_simulator', *suite.SOURCES], {}, parameters)
             pids = processes.pids()
             deadline = time.monotonic() + 600.0
-            while not set(pids) <= set(probe.health):  # start-up, and perhaps compilation
+            # Start-up, and perhaps compilation: until there are estimates.
+            while not (probe.arrivals and set(pids) <= set(probe.health)):
                 probe.spin(1.0)
                 if failure := processes.failed():
                     raise SystemExit(failure)
                 if time.monotonic() > deadline:
-                    raise SystemExit(f'not up: {sorted(set(pids) - set(probe.health))}')
+                    silent = sorted(set(pids) - set(probe.health))
+                    raise SystemExit(f'no estimates after 600 s; without health: {silent}')
             probe.spin(10.0)
             probe.arrivals.clear()
             before = {name: Usage.of(pid) for name, pid in pids.items()}

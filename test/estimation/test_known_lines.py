@@ -75,3 +75,10 @@ def test_lines_and_slips_are_those_of_the_textbook_filter() -> None:
 def test_an_impossible_shaft_is_refused(orders, slip) -> None:
     with pytest.raises(ConfigError, match='shaft'):
         Shaft(orders, slip)
+
+
+def test_more_lines_than_there_is_room_for_are_refused() -> None:
+    orders = tuple(float(k) for k in range(1, 12))
+    TrackerConfig(shafts=(Shaft(orders[:10]),))
+    with pytest.raises(ConfigError, match='11 lines'):
+        TrackerConfig(shafts=(Shaft(orders),))
