@@ -256,6 +256,8 @@ class Estimator:
         signal = track[f'{name}_clean'] + track[f'{name}_bias']
         frequency, amplitude = self._lines[name].update(signal, turning)
         there = np.isfinite(frequency)
+        if not there.any():
+            return
         slower = frequency < self.config.hunting_frequency_hz
         rows['doubts'][there & slower] |= np.uint32(doubts.TOO_SLOW)
         rows['doubts'][there & ~slower] |= np.uint32(doubts.TOO_FAST)

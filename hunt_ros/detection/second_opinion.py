@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.compiled import compiled, compiled_part
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.estimation.hilbert import HilbertEnvelope
+
+_F = NDArray[np.float64]
 
 #: The two estimates disagree beyond this many standard deviations, and beyond this share of the
 #: amplitude: what the band-pass leaves of a changing amplitude is less.
@@ -38,15 +43,18 @@ class SecondOpinion:
         self._config = config
         self._late = round(self._envelope.delay_s * rate)
         self._rate = rate
-        self._grid = np.linspace(0.0, 0.5 * rate, _FREQUENCIES)
-        self._gain = self._envelope.gain(self._grid)
-        self._image = self._envelope.gain(-self._grid)
+        grid = np.linspace(0.0, 0.5 * rate, _FREQUENCIES)
+        self._gains = np.stack([self._envelope.gain(grid), self._envelope.gain(-grid)])
+        self._noise_gain = self._envelope.noise_gain
         self.reset()
 
     def reset(self) -> None:
         """Forget every row."""
         self._envelope.reset()
-        self._before = np.full((4, self._late), np.nan)
+        # What the filter said in the rows that the envelope is late, in a ring: amplitude,
+        # its deviation, frequency, samples of the row.
+        self._said = np.full((self._late, 4), np.nan)
+        self._place = np.zeros(1, dtype=np.int64)
         self._next_ns: int | None = None
 
     @property
@@ -100,29 +108,71 @@ class SecondOpinion:
                 self.reset()
             part = slice(begin, end)
             envelope[part] = self._envelope.update(clean[part])
-            count = np.maximum(samples[part], 1)
-            told = np.stack([amplitude[part], amplitude_std[part], frequency_hz[part], count])
-            told = np.concatenate([self._before, told], axis=1)
-            then, self._before = told[:, : end - begin], told[:, end - begin :]
-            passed, image = self._passed(then[2], then[3])
-            expected, tolerance = passed * then[0], passed * then[1]
-            noise = self._envelope.noise_gain * noise_std[part] / np.sqrt(count)
-            limit = np.maximum(
-                _SIGMA * np.hypot(tolerance, noise),
-                _SHARE * expected,
+            _compare(
+                envelope[part],
+                np.ascontiguousarray(amplitude[part]),
+                np.ascontiguousarray(amplitude_std[part]),
+                np.ascontiguousarray(frequency_hz[part]),
+                np.ascontiguousarray(noise_std[part]),
+                np.ascontiguousarray(samples[part]),
+                self._said,
+                self._place,
+                self._gains,
+                self._noise_gain,
+                self._rate,
+                disagree[part],
             )
-            disagree[part] = np.abs(envelope[part] - expected) > limit + image * then[0]
         if rows_ns.size:
             self._next_ns = int(rows_ns[-1]) + self._config.period_ns
         return envelope, disagree
 
-    def _passed(
-        self, frequency_hz: NDArray[np.float64], samples: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the gain for a motion, and for its image, of row means and band-pass."""
+
+@compiled
+def _compare(
+    envelope: _F,
+    amplitude: _F,
+    amplitude_std: _F,
+    frequency_hz: _F,
+    noise_std: _F,
+    samples: NDArray[np.int64],
+    said: _F,
+    place: NDArray[np.int64],
+    gains: _F,
+    noise_gain: float,
+    rate_hz: float,
+    disagree: NDArray[np.bool_],
+) -> None:
+    """Compare the envelope of each row with what the filter said then."""
+    for i in range(envelope.size):
+        then, deviation, frequency, count = (
+            said[place[0], 0],
+            said[place[0], 1],
+            said[place[0], 2],
+            said[place[0], 3],
+        )
+        now = max(samples[i], 1)
+        said[place[0], 0] = amplitude[i]
+        said[place[0], 1] = amplitude_std[i]
+        said[place[0], 2] = frequency_hz[i]
+        said[place[0], 3] = now
+        place[0] = (place[0] + 1) % said.shape[0]
         # Mean of n samples over a row: sin(x) / (n sin(x / n)), x = pi f T.
-        turn = np.pi * frequency_hz / self._rate
-        with np.errstate(invalid='ignore', divide='ignore'):
-            mean = np.where(turn > 0.0, np.sin(turn) / (samples * np.sin(turn / samples)), 1.0)
-        gain = np.interp(frequency_hz, self._grid, self._gain)
-        return mean * gain, mean * np.interp(frequency_hz, self._grid, self._image)
+        turn = math.pi * frequency / rate_hz
+        mean = math.sin(turn) / (count * math.sin(turn / count)) if turn > 0.0 else 1.0
+        passed = mean * _gain_at(gains[0], frequency, rate_hz)
+        image = mean * _gain_at(gains[1], frequency, rate_hz)
+        noise = noise_gain * noise_std[i] / math.sqrt(now)
+        spread = _SIGMA * math.hypot(passed * deviation, noise)
+        away = abs(envelope[i] - passed * then) - image * then
+        # NaN: one of the two says nothing.
+        disagree[i] = away > spread and away > _SHARE * passed * then
+
+
+@compiled_part
+def _gain_at(gains: _F, frequency_hz: float, rate_hz: float) -> float:
+    """Interpolate a gain tabulated from 0 to half the rate; NaN where the frequency is."""
+    if math.isnan(frequency_hz):
+        return math.nan
+    place = max(2.0 * frequency_hz / rate_hz, 0.0) * (gains.size - 1)
+    low = min(int(place), gains.size - 2)
+    return float(gains[low] + min(place - low, 1.0) * (gains[low + 1] - gains[low]))

@@ -126,6 +126,8 @@ class LineSearch:
         place, turn, size = found
         line = np.full((2, block.size), math.nan)
         there = np.isfinite(place)
+        if not there.any():
+            return line
         line[0, there] = turn[there] * self._rate / (2.0 * math.pi)
         line[1, there] = 2.0 * size[there] / self._gain(place[there].astype(np.intp), turn[there])
         return line
@@ -200,8 +202,11 @@ def _search(
         easier = _RELAXED if memory[_M_ON] > 0.0 else 1.0
         stands = best_out * easier**2 > _STRONGER**2 * best_in and place > 0
         if stands:
-            middle = np.sort(power)[count // 2]
-            stands = power[place] * easier**2 > _CLEAR**2 * middle
+            below = 0  # a sort for the median would take half of the compilation
+            for j in range(count):
+                if power[place] * easier**2 > _CLEAR**2 * power[j]:
+                    below += 1
+            stands = below > count // 2
         if stands:
             memory[_M_STOOD] = min(memory[_M_STOOD] + 1.0, 1.5 * _BEYOND * hold)
             memory[_M_ABSENT] = 0.0
