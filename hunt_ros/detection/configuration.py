@@ -159,63 +159,30 @@ class DetectorConfig(Settings):
     escape_hold_s: float = setting(
         0.1, 'escaping after this time above (at 2.84 Hz)', unit='s', low=0.0, high=60.0
     )
-    growth_sigma: float = setting(
-        3.0,
-        'growing (decaying) for sure: growth rate this many standard deviations off zero',
-        low=1.0,
-        high=10.0,
-    )
-    growth_floor: float = setting(
-        5.0,
-        'without a normal form, escaping only above this many noise floors',
-        low=1.0,
-        high=1000.0,
-    )
-    growth_hold_s: float = setting(
+    false_alarms_per_day: float = setting(
         1.0,
-        'without a normal form, escaping after growing for this time (at 2.84 Hz)',
-        unit='s',
-        low=0.0,
-        high=60.0,
+        'what is said of growing, holding or falling is false no more often than this',
+        unit='1/day',
+        low=1e-6,
+        high=1e4,
+    )
+    least_damping_per_s: float = setting(
+        0.05,
+        'quiet motion is damped by at least this: what is damped by less passes for a limit'
+        ' cycle (at 2.84 Hz)',
+        unit='1/s',
+        low=1e-4,
+        high=10.0,
     )
 
     limit_cycle_fraction: float = setting(
         0.85, 'limit cycle from this fraction of the stable branch', low=0.1, high=1.0
-    )
-    limit_cycle_floor: float = setting(
-        12.0,
-        'without a normal form, limit cycle only above this many noise floors',
-        low=2.0,
-        high=1000.0,
-    )
-    limit_cycle_growth_per_s: float = setting(
-        0.15,
-        'without a normal form, a limit cycle grows or decays by less (at 2.84 Hz)',
-        unit='1/s',
-        low=0.001,
-        high=10.0,
     )
     limit_cycle_amplitude_m: float = setting(
         0.0, 'amplitude that is a limit cycle whatever else is known (0: none)', unit='m', low=0.0
     )
     limit_cycle_hold_s: float = setting(
         1.0, 'limit cycle after this time (at 2.84 Hz)', unit='s', low=0.0, high=60.0
-    )
-    decay_fraction: float = setting(
-        0.7,
-        'decaying below this fraction of the amplitude it had in the limit cycle',
-        low=0.05,
-        high=1.0,
-    )
-    decay_rate_per_s: float = setting(
-        0.3,
-        'decaying also when it falls faster than this, for sure (at 2.84 Hz)',
-        unit='1/s',
-        low=0.001,
-        high=100.0,
-    )
-    decay_hold_s: float = setting(
-        0.3, 'decaying after this time (at 2.84 Hz)', unit='s', low=0.0, high=60.0
     )
 
     margin_in: float = setting(

@@ -3,7 +3,7 @@ The decisions, row by row: what is quiet, what the form says, and what follows.
 
 One compiled kernel over a block of rows, with its memory in a record, so that an hour
 of rows costs a fraction of a second and the live detector runs the very same code on one
-row. Its parts are `noise_floor`, `steadiness` and `noise_intensity` (what quiet is),
+row. Its parts are `likelihood`, `noise_floor` and `noise_intensity` (what quiet is),
 `prediction` (what the form says), `evidence`, `states` and `doubts` (what follows).
 """
 
@@ -20,12 +20,12 @@ from hunt_ros.compiled import compiled, compiled_part, source_stamp
 from hunt_ros.detection import (
     doubts,
     evidence,
+    likelihood,
     noise_floor,
     noise_intensity,
     prediction,
     regions,
     states,
-    steadiness,
 )
 from hunt_ros.detection.basin import FormNumbers
 from hunt_ros.detection.regions import hold, region_of
@@ -37,7 +37,7 @@ _F = NDArray[np.float64]
 MEMORY: np.dtype[np.void] = np.dtype(
     [
         ('floor', noise_floor.NOISE_FLOOR),
-        ('steadiness', steadiness.STEADINESS),
+        ('ratios', likelihood.LIKELIHOOD),
         ('noise', noise_intensity.NOISE_INTENSITY),
         ('edge', prediction.EDGE),
         ('region', regions.HELD),
@@ -120,30 +120,30 @@ def _kernel(source: int) -> Callable[..., None]:
                     )
             quiet = False
             if known:
+                drift = prediction.growth_at(form, v, a) if predictable else math.nan
+                likelihood.watch(rules, m['ratios'], a, s, drift)
                 noise_floor.observe(rules, m['floor'], a)
-                steadiness.watch(rules, m['steadiness'], a, s)
                 if m['state']['hunting']['word'] == states.NO:
                     basin = not out['escape_probability'] > rules.probability_in
-                    quiet = noise_floor.learn(rules, m['floor'], m['steadiness'], a, s, basin)
+                    quiet = noise_floor.learn(rules, m['floor'], m['ratios'], a, basin)
+            else:
+                likelihood.interrupt(m['ratios'])
             if quiet and predictable:
                 noise_intensity.learn(rules, form, m['noise'], v, a, out['phase'])
             else:
                 noise_intensity.interrupt(m['noise'])
-            out['noise_floor'] = noise_floor.floor_of(rules, m['floor'], m['steadiness'], s)
+            out['noise_floor'] = noise_floor.floor_of(rules, m['floor'], m['ratios'], s)
             out['noise_intensity'] = m['noise']['intensity']
             if known:
                 found = evidence.gather(
                     rules,
                     form,
                     m['evidence'],
-                    m['floor'],
-                    m['steadiness'],
+                    m['ratios'],
                     m['state']['hunting']['word'],
                     a,
                     s,
                     outside[k],
-                    out['growth_rate'],
-                    out['growth_rate_std'],
                     out,
                 )
                 states.next_state(
@@ -179,6 +179,6 @@ def _region(rules: Rules, memory: Any, v: float, stamp_ns: int) -> int:
 
 decide = _kernel(
     source_stamp(
-        doubts, evidence, noise_floor, noise_intensity, prediction, regions, states, steadiness
+        doubts, evidence, likelihood, noise_floor, noise_intensity, prediction, regions, states
     )
 )

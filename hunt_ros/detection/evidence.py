@@ -13,29 +13,30 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hunt_ros.compiled import compiled_part
-from hunt_ros.detection import noise_floor, prediction, steadiness
+from hunt_ros.detection import likelihood, prediction
 from hunt_ros.detection.basin import FormNumbers
 from hunt_ros.detection.regions import State, switched
 from hunt_ros.detection.rules import Rules
 
 #: What is remembered: answers with a memory, and the amplitude of the hunting (m, NaN before any).
 EVIDENCE: np.dtype[np.void] = np.dtype(
-    [('reference', np.float64), ('disturbed', np.bool_), ('growing', np.bool_)], align=True
+    [('reference', np.float64), ('disturbed', np.bool_)], align=True
 )
 
-_ESCAPING, _DECAYING = int(State.ESCAPING), int(State.DECAYING)
+_ESCAPING = int(State.ESCAPING)
 
 #: What the form says of how the motion ends.
 RETURNS, OPEN, ESCAPES = -1, 0, 1
 
-#: About the unstable branch a motion lingers without being a limit cycle.
-_LINGER_HIGH = 1.35
-#: With a stable branch in the form, a limit cycle is at least this share of it.
-_CYCLE_AT_LEAST = 0.5
+#: What has this part of the amplitude of the hunting, or more, may be the hunting.
+_SAME = 0.7
+#: An amplitude is sure to be less than it seems plus this many standard deviations.
+_SURE = 3.0
+#: To fall ends an alarm and raises none: it takes less than the whole evidence. To hold is asked
+#: only of what is no noise: not once a mark, but once a kick.
+_FALLS, _HOLDS = 2.0 / 3.0, 0.25
 #: A limit cycle stands this many standard deviations of its amplitude clear of the noise.
 _WANDERS = 2.0
-#: Without a noise floor, hunting is over below this part of its amplitude.
-_OVER = 0.1
 
 
 class Evidence(NamedTuple):
@@ -51,17 +52,15 @@ class Evidence(NamedTuple):
         where noise alone carries it over the edge, without coming back into the noise before;
         `RETURNS`, it comes back; `OPEN`, the form does not say.
     growing : bool
-        It has been seen to grow for sure, where the form knows no limit cycle to escape to.
+        It grows, and is more than noise, where the form knows no limit cycle to escape to.
     arrived : bool
         It is on the stable branch, or above the amplitude that is a limit cycle anyway.
     steady : bool
-        It stays as a limit cycle does.
+        It holds, and is more than noise.
     falls : bool
-        It falls for sure.
-    lost : bool
-        It has left the limit cycle it was on: much smaller for sure, or falling fast.
+        It falls.
     over : bool
-        Nothing is left of the hunting.
+        It is no more than noise, and small beside what it was.
     """
 
     disturbed: bool
@@ -70,7 +69,6 @@ class Evidence(NamedTuple):
     arrived: bool
     steady: bool
     falls: bool
-    lost: bool
     over: bool
 
 
@@ -79,14 +77,11 @@ def gather(
     rules: Rules,
     form: FormNumbers,
     memory: Any,
-    floor_memory: Any,
-    steady_memory: Any,
+    ratios: Any,
     hunting: int,
     a: float,
     s: float,
     outside: float,
-    growth: float,
-    growth_std: float,
     out: Any,
 ) -> Evidence:
     """
@@ -94,46 +89,42 @@ def gather(
 
     Parameters
     ----------
-    rules, form, memory, floor_memory, steady_memory
-        Thresholds; normal form; records of EVIDENCE, NOISE_FLOOR and STEADINESS.
+    rules, form, memory, ratios
+        Thresholds; normal form; records of EVIDENCE and LIKELIHOOD.
     hunting : int
         The word in force: to stay is easier than to enter.
-    a, s, growth, growth_std : float
-        Amplitude, m, and growth rate, 1/s, with their standard deviations.
+    a, s : float
+        Amplitude and its standard deviation, m.
     outside : float
         Amplitude of the motion outside the range that is followed, m; NaN: there is none.
         As large as the hunting was, it is the hunting: nothing says that this has ended.
     out
         Row of the estimates with noise floor and predictions filled in.
     """
-    floor, stable = out['noise_floor'], out['stable_amplitude']
-    trend = steadiness.trend(rules, steady_memory)
-    grows = growth > rules.sigma * growth_std and trend > 0.0
-    falls = growth < -rules.sigma * growth_std and trend < 0.0
+    floor = out['noise_floor']
     disturbed = switched(
         memory['disturbed'], a, rules.disturbed_in * floor, rules.disturbed_out * floor
     )
     memory['disturbed'] = disturbed
-    clear = rules.growth_floor * noise_floor.clearance(rules, floor_memory)
-    over = not disturbed and not math.isnan(floor)
-    if falls or over or not math.isnan(stable):
-        memory['growing'] = False
-    elif grows and a > clear * floor:
-        memory['growing'] = True
-    most = a + rules.sigma * s  # after a kick, or a new start of the filter, little is known
-    if noise_floor.unlearnt(rules, floor_memory):
-        over = most < _OVER * memory['reference']
-    lost = most < rules.decay_fraction * memory['reference']
-    seen = not outside > rules.decay_fraction * memory['reference']
+    excess, some = likelihood.excess(rules, ratios), likelihood.SOME * rules.evidence
+    falls = ratios['fall'] > _FALLS * rules.evidence
+    holds = ratios['hold'] > _HOLDS * rules.evidence and not falls
+    hunts = excess > rules.evidence and holds
+    grows = ratios['growth'] > some
+    # What is left of it is small for sure: an estimate that has just begun anew knows little.
+    small = not a + _SURE * s > _SAME * memory['reference']
+    over = likelihood.settled(ratios) and excess < some and small and not disturbed
+    seen = not outside > _SAME * memory['reference']
     return Evidence(
         disturbed,
         _outcome(rules, form, hunting, disturbed, a, out),
-        memory['growing'],
+        # Where the form knows a limit cycle, it says whether the motion escapes to it.
+        math.isnan(out['stable_amplitude'])
+        and excess > some
+        and (ratios['growth'] > rules.evidence or (hunts and grows)),
         _arrived(rules, form, a, disturbed, out),
-        # What falls for sure, however slowly, is no limit cycle.
-        not falls and _steady(rules, form, memory, steady_memory, hunting, a, s, out),
+        hunts and not grows,
         falls and seen,
-        (lost or (falls and growth < -rules.decay_rate)) and seen,
         over and seen,
     )
 
@@ -183,33 +174,3 @@ def _arrived(rules: Rules, form: FormNumbers, a: float, disturbed: bool, out: An
     clear = not math.isnan(out['unstable_amplitude'])
     clear = clear or (disturbed and not _cycle_in_noise(rules, form, out))
     return bool(clear and a > rules.cycle_fraction * out['stable_amplitude'])
-
-
-@compiled_part
-def _steady(
-    rules: Rules,
-    form: FormNumbers,
-    memory: Any,
-    steady_memory: Any,
-    hunting: int,
-    a: float,
-    s: float,
-    out: Any,
-) -> bool:
-    """Tell an amplitude that stays, and at which a limit cycle can be."""
-    if a < _LINGER_HIGH * out['unstable_amplitude']:
-        return False  # below the edge of the basin, or lingering near it
-    if a < _CYCLE_AT_LEAST * out['stable_amplitude']:
-        return False  # lingering where growth is slow: near the critical speed
-    floor = out['noise_floor']
-    least = rules.cycle_floor * floor
-    dies = out['escape_probability'] < rules.probability_out or _cycle_in_noise(rules, form, out)
-    if hunting in (_ESCAPING, _DECAYING) and not dies:
-        # What was seen to grow need not stand as far above it.
-        least = max(rules.disturbed_in * floor, 0.5 * memory['reference'])
-    if steady_memory['slow'] > least and steadiness.steady(rules, steady_memory):
-        return True
-    # The floor may have been learnt on the hunting itself: the sensor noise has not.
-    least = rules.cycle_floor * noise_floor.STD_FLOORS * steady_memory['std']
-    sure = steady_memory['slow'] > least and steadiness.well_known(a, s)
-    return bool(sure and steadiness.very_steady(rules, steady_memory))

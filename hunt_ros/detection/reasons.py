@@ -38,7 +38,7 @@ _DOUBTS: tuple[tuple[int, str], ...] = (
     (doubts.NO_FORM, 'region unknown: no normal form and no critical speeds'),
     (
         doubts.IN_YAW,
-        'lateral amplitude unknown: yaw is judged, by its growth and steadiness alone',
+        'lateral amplitude unknown: yaw is judged, by what its amplitude does alone',
     ),
 )
 
@@ -192,11 +192,11 @@ def state_cause(row: np.void, basis: Basis) -> tuple[str, str]:
             + f'{edge}; growth rate {growth}',
         ),
         states.STEADY: (
-            'steadiness',
+            'likelihood_ratio',
             f'{size} stays as that of a limit cycle does: growth rate {growth}, {_floor(row)}',
         ),
         states.GROWING: (
-            'growth_rate',
+            'likelihood_ratio',
             f'{size} grows for sure: growth rate {growth}, {_floor(row)}',
         ),
         states.COMES_BACK: (
@@ -204,11 +204,7 @@ def state_cause(row: np.void, basis: Basis) -> tuple[str, str]:
             f'{size} ends on the limit cycle with a probability of {chance} only{edge};'
             f' growth rate {growth}',
         ),
-        states.FALLS: ('growth_rate', f'{size} falls for sure: growth rate {growth}{edge}'),
-        states.SMALLER: (
-            'amplitude',
-            f'{size} is far below that of the limit cycle it was on; growth rate {growth}{edge}',
-        ),
+        states.FALLS: ('likelihood_ratio', f'{size} falls for sure: growth rate {growth}{edge}'),
         states.OVER: (
             'noise_floor',
             f'{size} is that of the quiet motion again: {_floor(row)}',

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from hunt_ros.detection.configuration import DetectorConfig
@@ -32,6 +33,9 @@ _DISAGREE_HOLD_S = 1.0
 _OUTLOOK_S = 60.0
 #: Spacing of the marks between which steps of the phasor are taken, in hunting periods.
 _MARK_PERIODS = 0.75
+#: Spacing of the amplitudes that are compared, in hunting periods.
+_STEP_PERIODS = 0.375
+_DAY_S = 86400.0
 
 
 class Rules(NamedTuple):
@@ -39,11 +43,14 @@ class Rules(NamedTuple):
     Settings in kernel form: amplitudes in m, rates in 1/s, hold times in rows.
 
     `period_s` is the spacing of the rows, s; `stride` the same in the time of the motion:
-    seconds of a rig that hunts at `REFERENCE_HZ`, for which the kernel's times are meant.
+    seconds of a rig that hunts at `REFERENCE_HZ`, for which the kernel's times are meant;
+    `faster` is the ratio of the frequencies. `evidence` is the log likelihood ratio that
+    decides: the logarithm of the number of steps in the time of one false alarm.
     """
 
     period_s: float
     stride: float
+    faster: float
     v_n: float
     v_c: float
     region_band: float
@@ -58,17 +65,12 @@ class Rules(NamedTuple):
     probability_in: float
     probability_out: float
     escape_hold: int
-    sigma: float
-    growth_floor: float
-    growth_hold: int
+    step: int
+    evidence: float
+    least_damping: float
     cycle_fraction: float
-    cycle_floor: float
-    cycle_growth: float
     cycle_amplitude: float
     cycle_hold: int
-    decay_fraction: float
-    decay_rate: float
-    decay_hold: int
     margin_in: float
     margin_out: float
     margin_hold: int
@@ -97,9 +99,11 @@ def rules_of(config: DetectorConfig, v_n: float, v_c: float) -> Rules:
         """Return a time of the settings in rows: it counts as many periods of this rig."""
         return round(seconds / stride)
 
+    step = max(rows(_STEP_PERIODS / REFERENCE_HZ), 1)
     return Rules(
         period_s=period,
         stride=stride,
+        faster=faster,
         v_n=v_n,
         v_c=v_c,
         region_band=_REGION_BAND_MPS,
@@ -114,17 +118,12 @@ def rules_of(config: DetectorConfig, v_n: float, v_c: float) -> Rules:
         probability_in=config.escape_probability_in,
         probability_out=_PROBABILITY_OUT,
         escape_hold=rows(config.escape_hold_s),
-        sigma=config.growth_sigma,
-        growth_floor=config.growth_floor,
-        growth_hold=rows(config.growth_hold_s),
+        step=step,
+        evidence=max(math.log(_DAY_S / (step * period * config.false_alarms_per_day)), 1.0),
+        least_damping=config.least_damping_per_s * faster,
         cycle_fraction=config.limit_cycle_fraction,
-        cycle_floor=config.limit_cycle_floor,
-        cycle_growth=config.limit_cycle_growth_per_s * faster,
         cycle_amplitude=config.limit_cycle_amplitude_m,
         cycle_hold=rows(config.limit_cycle_hold_s),
-        decay_fraction=config.decay_fraction,
-        decay_rate=config.decay_rate_per_s * faster,
-        decay_hold=rows(config.decay_hold_s),
         margin_in=config.margin_in,
         margin_out=config.margin_in * MARGIN_BACK,
         margin_hold=rows(_MARGIN_HOLD_S),

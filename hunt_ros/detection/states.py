@@ -11,20 +11,22 @@ hunting      evidence                      to           hold time
 ===========  ============================  ===========  ====================
 no           beyond                        escaping     escape_hold
              arrived                       limit cycle  limit_cycle_hold
-             steady                        limit cycle  3 limit_cycle_hold
-             growing                       escaping     growth_hold
+             steady                        limit cycle  -
+             growing                       escaping     -
 escaping     arrived                       limit cycle  limit_cycle_hold
-             steady                        limit cycle  3 limit_cycle_hold
+             steady                        limit cycle  -
              beyond, growing               escaping     -
-             returns, falls, or over       decaying     decay_hold
+             returns                       decaying     quiet_hold
+             falls, or over                decaying     -
 decaying     arrived                       limit cycle  limit_cycle_hold
-             steady                        limit cycle  3 limit_cycle_hold
+             steady                        limit cycle  -
              beyond                        escaping     escape_hold
-             growing                       escaping     growth_hold
+             growing                       escaping     -
              over                          no           quiet_hold
-limit cycle  lost                          decaying     decay_hold
+limit cycle  falls, or over                decaying     -
 ===========  ============================  ===========  ====================
 
+What is a likelihood ratio (steady, growing, falls: `likelihood`) has taken its time already.
 The two are shown as one word, the `State`: while it hunts that of the hunting, else that of
 the motion. Called by the kernel of the decisions, row by row.
 """
@@ -39,9 +41,9 @@ import numpy as np
 from hunt_ros.compiled import compiled_part
 from hunt_ros.detection import noise_floor
 from hunt_ros.detection.evidence import ESCAPES, OPEN, RETURNS, Evidence
+from hunt_ros.detection.likelihood import well_known
 from hunt_ros.detection.regions import HELD, State, hold
 from hunt_ros.detection.rules import Rules
-from hunt_ros.detection.steadiness import well_known
 
 #: What is remembered: the two machines, the cause of the last step of the hunting (one of those
 #: below), the alarm, and that it has been acknowledged.
@@ -61,7 +63,7 @@ QUIET, DISTURBED, ESCAPING, LIMIT_CYCLE, DECAYING = map(int, State)
 NO = 0
 
 #: Which evidence led to the word of the hunting that is in force.
-BEYOND, ARRIVED, STEADY, GROWING, COMES_BACK, FALLS, SMALLER, OVER = range(1, 9)
+BEYOND, ARRIVED, STEADY, GROWING, COMES_BACK, FALLS, OVER = range(1, 8)
 
 #: The amplitude of the limit cycle is followed at this pace while the speed changes, s.
 _FOLLOW_S = 5.0
@@ -71,27 +73,27 @@ _FOLLOW_S = 5.0
 def wanted(rules: Rules, hunting: int, evidence: Evidence) -> tuple[int, int, int]:
     """Return the word the evidence asks for, its hold time in rows, and the cause: the table."""
     if hunting == LIMIT_CYCLE:
-        if evidence.lost:
-            return DECAYING, rules.decay_hold, FALLS if evidence.falls else SMALLER
-        return LIMIT_CYCLE, 0, 0
+        if evidence.falls:
+            return DECAYING, 0, FALLS
+        return (DECAYING, 0, OVER) if evidence.over else (LIMIT_CYCLE, 0, 0)
     beyond = evidence.outcome == ESCAPES
     if beyond and hunting == NO:
         return ESCAPING, rules.escape_hold, BEYOND  # a bump may land on the limit cycle
     if evidence.arrived:
         return LIMIT_CYCLE, rules.cycle_hold, ARRIVED
     if evidence.steady:
-        return LIMIT_CYCLE, 3 * rules.cycle_hold, STEADY
+        return LIMIT_CYCLE, 0, STEADY
     if beyond:
         return ESCAPING, rules.escape_hold, BEYOND
     if evidence.growing:
-        return ESCAPING, rules.growth_hold, GROWING
+        return ESCAPING, 0, GROWING
     if hunting == ESCAPING:
         if evidence.outcome == RETURNS:
-            return DECAYING, rules.decay_hold, COMES_BACK
+            return DECAYING, rules.quiet_hold, COMES_BACK
         if evidence.outcome == OPEN and evidence.falls:
-            return DECAYING, rules.decay_hold, FALLS
+            return DECAYING, 0, FALLS
         if evidence.over:
-            return DECAYING, rules.decay_hold, OVER
+            return DECAYING, 0, OVER
     if hunting == DECAYING and evidence.over:
         return NO, rules.quiet_hold, OVER
     return hunting, 0, 0

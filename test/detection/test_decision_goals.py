@@ -88,13 +88,27 @@ def steady(amplitude_m: float, frequency_hz: float, speed: float, seconds: float
     )
 
 
-@pytest.mark.xfail(strict=True, reason='noise floor and hold times decide, not a likelihood')
-def test_without_a_form_a_kick_onto_the_limit_cycle_is_an_error_soon() -> None:
-    times = np.array(delays(16, hunts=True))
-    assert times.size > 12
+@pytest.fixture(scope='module')
+def kicks() -> np.ndarray:
+    return np.array(delays(16, hunts=True))
+
+
+def test_without_a_form_a_kick_onto_the_limit_cycle_is_an_error_soon(kicks: np.ndarray) -> None:
+    assert kicks.size > 12
     assert not np.isfinite(delays(8, hunts=False)).any()
     # With 95 % a kick, fewer than all but three of 16 come in one run of a hundred.
-    assert (times <= 1.5).sum() >= times.size - 3
+    assert (kicks <= 2.3).sum() >= kicks.size - 3
+
+
+@pytest.mark.xfail(
+    strict=True,
+    reason='to tell holding from the least damping, 0.05 1/s, takes 95 % of these kicks 2.3 s at'
+    ' best; within 1.5 s come 15 of 48',
+)
+def test_without_a_form_a_kick_onto_the_limit_cycle_is_an_error_in_1_5_s(
+    kicks: np.ndarray,
+) -> None:
+    assert (kicks <= 1.5).sum() >= kicks.size - 3
 
 
 def test_quiet_running_near_the_critical_speed_is_no_limit_cycle() -> None:
@@ -141,7 +155,6 @@ def test_a_steady_motion_at_another_frequency_than_the_form_gives_is_no_hunting(
 
 
 @pytest.mark.skipif(not HITS, reason=f'no recordings in {FOLDER}')
-@pytest.mark.xfail(strict=True, reason='the noise floor is learnt on the growing motion')
 def test_each_hit_that_grows_is_an_error_before_it_has_grown() -> None:
     from scipy.io import loadmat
 

@@ -97,5 +97,5 @@ def test_a_limit_cycle_that_the_noise_hides_is_no_alarm() -> None:
 def test_a_limit_cycle_of_a_few_noise_floors_is_found() -> None:
     form = SUPERCRITICAL
     speed, z = _paths(form, 0.9 * form.critical_speed, 1.05 * form.critical_speed, 100.0, 12e-6)
-    words = [_states(form, speed, path) for path in z.T]
-    assert all(word[-1] in HUNTING for word in words)
+    hunting = np.array([np.isin(_states(form, speed, path), HUNTING) for path in z.T])
+    assert hunting[:, hunting.shape[1] // 2 :].mean() > 0.95

@@ -123,7 +123,7 @@ def test_a_kick_inside_the_basin_is_a_disturbance_and_no_alarm(recorded, true_fo
     assert 'margin_low' in _words(output)
 
 
-def test_without_a_normal_form_growth_and_steadiness_decide(recorded) -> None:
+def test_without_a_normal_form_the_amplitude_alone_decides(recorded) -> None:
     record = recorded(7.2, 40.0, kicks=[(8.0, 330e-6)])
     detector = HuntingDetector(DetectorConfig())
     output = detect(detector, record)

@@ -1,4 +1,4 @@
-"""No form known: growth, steadiness and noise floor decide, on rigs of any frequency and size."""
+"""No form known: what the amplitude does decides, on rigs of any frequency and size."""
 
 from __future__ import annotations
 

@@ -35,16 +35,17 @@ class Machine:
         self.memory['evidence']['reference'] = CYCLE
         self.memory['floor']['square'] = FLOOR**2
         self.memory['floor']['learnt'] = 1e4
+        self.memory['ratios']['seen'] = 1000
+        self.memory['ratios']['noise'] = FLOOR**2
 
     def feed(
         self,
         amplitude: float,
         probability: float,
         rows: int = 1,
-        growth: float = 0.0,
+        falls: float = 0.0,
         edge: float = EDGE,
         stable: float = CYCLE,
-        trend: float = 0.0,
         speed: float = 7.6,
         noise: float = math.nan,
     ) -> State:
@@ -53,24 +54,18 @@ class Machine:
         row['noise_floor'], row['escape_probability'] = FLOOR, probability
         row['unstable_amplitude'], row['stable_amplitude'] = edge, stable
         memory = self.memory[0]
+        memory['ratios']['fall'] = falls
+        memory['ratios']['a'][0] = amplitude
         for _ in range(rows):
-            watched = self.memory['steadiness']
-            watched['rows'] = 1e3
-            watched['slow'] = watched['long'] = amplitude
-            watched['fast'] = amplitude * (1.0 + trend)
-            watched['slow_square'] = watched['long_square'] = 2.0 * amplitude**2  # not steady
             found = evidence.gather(
                 RULES,
                 FORM,
                 memory['evidence'],
-                memory['floor'],
-                memory['steadiness'],
+                memory['ratios'],
                 memory['state']['hunting']['word'],
                 amplitude,
                 1e-6,
                 math.nan,
-                growth,
-                0.02,
                 row[0],
             )
             states.next_state(
@@ -139,7 +134,7 @@ def test_an_escape_is_over_only_when_it_is_unlikely() -> None:
     machine = Machine()
     machine.feed(EDGE * 1.3, 0.99, HOLD)
     assert machine.feed(EDGE, 0.6, 300) is State.ESCAPING
-    assert machine.feed(EDGE * 0.9, 0.4, RULES.decay_hold + 2) is State.DECAYING
+    assert machine.feed(EDGE * 0.9, 0.4, RULES.quiet_hold + 2) is State.DECAYING
     assert machine.feed(FLOOR, 0.0, RULES.quiet_hold + 2) is State.QUIET
 
 
@@ -171,8 +166,7 @@ def test_the_limit_cycle_is_reached_kept_and_left() -> None:
     machine.feed(EDGE * 1.5, 1.0, HOLD)
     assert machine.feed(0.9 * CYCLE, 1.0, RULES.cycle_hold + 2) is State.LIMIT_CYCLE
     assert machine.feed(0.75 * CYCLE, 1.0, 500) is State.LIMIT_CYCLE  # slower: a smaller cycle
-    fallen = machine.feed(0.5 * CYCLE, 1.0, RULES.decay_hold + 2, growth=-1.0, trend=-0.5)
-    assert fallen is State.DECAYING
+    assert machine.feed(0.5 * CYCLE, 1.0, falls=RULES.evidence) is State.DECAYING
 
 
 @settings(deadline=None, max_examples=40)
