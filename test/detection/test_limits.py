@@ -27,6 +27,7 @@ class Rig:
         self.outputs: list[Output] = []
         self.fed: dict[str, list[Series]] = {name: [] for name in channels}
         self._seconds = 0.0
+        self._random = np.random.default_rng(1)
 
     def move(self, *amplitudes_m: float, scale: dict[str, float] | None = None) -> None:
         """Go on for a second with each amplitude."""
@@ -34,7 +35,7 @@ class Rig:
         sizes = np.repeat(amplitudes_m, round(RATE_HZ))
         t = self._seconds + (np.arange(sizes.size) + 1) / RATE_HZ
         self._seconds += len(amplitudes_m)
-        noise = 2e-6 * np.random.default_rng(1).standard_normal(t.size)
+        noise = 2e-6 * self._random.standard_normal(t.size)
         stamps = np.round(1e9 * t).astype(np.int64)
         motion = sizes * np.cos(2.0 * np.pi * HUNTING_HZ * t) + noise
         series = {name: Series(stamps, factor * motion) for name, factor in scale.items()}
