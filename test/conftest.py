@@ -26,14 +26,6 @@ hypothesis.settings.register_profile(
 hypothesis.settings.load_profile('anywhere')
 
 
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """With two workers: one file in one of them, and all tests that start nodes in the same."""
-    if config.pluginmanager.hasplugin('xdist'):
-        for item in items:
-            group = 'nodes' if item.get_closest_marker('ros') else str(item.path)
-            item.add_marker(pytest.mark.xdist_group(group))
-
-
 #: What a node does when it starts, and as much again of plain work.
 _PROBE = """
 try:

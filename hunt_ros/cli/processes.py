@@ -13,6 +13,7 @@ import json
 import os
 import random
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -72,6 +73,28 @@ class NodeSpec:
         return words
 
 
+def claim_domain(claim: socket.socket) -> int:
+    """
+    Choose a ROS domain in which no other private run on this machine is.
+
+    Parameters
+    ----------
+    claim : socket
+        Of the Unix family, new; the domain is claimed until it is closed.
+
+    Returns
+    -------
+    int
+        1 to 100: higher numbers take ports that any program may get.
+    """
+    numbers = random.SystemRandom().sample(range(1, 101), 100)
+    for number in numbers:
+        with contextlib.suppress(OSError):
+            claim.bind(f'\0hunt_ros private domain {number}')  # a name without a file
+            return number
+    return numbers[0]  # all are taken, or this system has no such names
+
+
 class Processes:
     """
     The processes of one run; a context manager that leaves none behind.
@@ -98,7 +121,8 @@ class Processes:
         self._log_directory = log_directory
         self.environment = dict(os.environ)
         if private:
-            self.environment['ROS_DOMAIN_ID'] = str(random.SystemRandom().randint(1, 100))
+            self._claim = socket.socket(socket.AF_UNIX)
+            self.environment['ROS_DOMAIN_ID'] = str(claim_domain(self._claim))
             self.environment['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
             if os.environ.get('ROS_DISTRO') == 'humble':
                 self.environment['ROS_LOCALHOST_ONLY'] = '1'  # newer ones warn about it

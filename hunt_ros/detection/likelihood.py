@@ -21,7 +21,8 @@ mu it lies about (exp(mu T) - 1) a(t - T), with a Student distribution, because 
   often than was asked for. No increment counts for more than a third of that: a kick alone
   decides nothing. What jumps has not held.
 - *excess*: minus the logarithm of the chance that noise of variance S and damping s has this
-  amplitude, a^2 s T / S where S is known, and less where it was estimated from few increments.
+  amplitude, a^2 / (S / (s T)) where S is known, and less where it was estimated from few
+  increments, or where the tracker itself is not sure of the amplitude.
 
 S is read off by how much the amplitude at the middle of two horizons misses the geometric mean
 of those at their ends: steady growth does not enter it, and a median forgets a kick. What the
@@ -126,7 +127,9 @@ def excess(rules: Rules, memory: Any) -> float:
         seen, noise = memory['seen'][j], memory['noise'][j]
         if seen > 0 and noise > 0.0:
             horizon = HORIZONS[j] * rules.step * rules.period_s
-            x = a * a * rules.least_damping * horizon / noise
+            # What noise alone drives, and what the tracker does not know of it: two components.
+            driven, unknown = noise / (rules.least_damping * horizon), 2.0 * memory['s'][0] ** 2
+            x = a * a / (driven + unknown)
             # Neighbouring increments overlap: four make up for one that is independent.
             freedom = 0.25 * min(seen, 2.0 * _MEMORY)
             return float(0.5 * freedom * math.log1p(2.0 * x / freedom))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 import signal
 import socket
 import subprocess
@@ -21,6 +20,8 @@ from lifecycle_msgs.srv import ChangeState  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.signals import SignalHandlerOptions  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
+
+from hunt_ros.cli.processes import claim_domain  # noqa: E402
 
 #: The tree under test, also for the nodes, which run in a folder of their own.
 ROOT = Path(__file__).resolve().parents[2]
@@ -142,6 +143,7 @@ class Graph:
                 process.wait(timeout=10.0 * self.machine.slowness)
             except subprocess.TimeoutExpired:
                 process.kill()
+                process.wait()
         self._executor.shutdown()
         self.node.destroy_node()
         rclpy.shutdown(context=self._context)
@@ -155,23 +157,12 @@ def _free_port() -> int:
 
 @pytest.fixture
 def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """Enter a ROS domain that no other test on this machine is in."""
-    # Higher numbers take ports that any program may get.
-    numbers = random.SystemRandom().sample(range(1, 101), 100)
+    """Enter a ROS domain that no other test, and no demo, on this machine is in."""
     with socket.socket(socket.AF_UNIX) as claim:
-        number = next(number for number in numbers if _is_claimed(claim, number))
+        number = claim_domain(claim)
         monkeypatch.setenv('ROS_DOMAIN_ID', str(number))
         monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
         yield number
-
-
-def _is_claimed(claim: socket.socket, number: int) -> bool:
-    """Claim a domain by a name without a file, which ends with this process at the latest."""
-    try:
-        claim.bind(f'\0hunt_ros test domain {number}')
-    except OSError:
-        return False
-    return True
 
 
 @pytest.fixture
