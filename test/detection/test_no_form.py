@@ -9,6 +9,8 @@ import pytest
 from scipy.stats import binom
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, State, detect
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.samples import Record, Series
 
 #: Frequency (Hz), unstable amplitude (m), damping in a period.
@@ -52,6 +54,19 @@ def trial(rig, seed: int, first: float, hit: float, noise: float = 0.03, forcing
     )
     detector = HuntingDetector(config)
     return detector, detect(detector, record), float(np.abs(path[-SAMPLES:]).mean())
+
+
+@pytest.mark.parametrize('form', [IdentifiedNormalForm(PAPER_NORMAL_FORM), None])
+@pytest.mark.parametrize('rate_hz', [100.0, 500.0])
+def test_the_noise_of_sensors_on_a_rig_that_stands_still_is_no_hunting(form, rate_hz) -> None:
+    stamps = np.round(np.arange(30.0 * rate_hz) / rate_hz * 1e9).astype(np.int64)
+    for seed in range(8):
+        noise = 1e-5 * np.random.default_rng(seed).standard_normal((2, stamps.size))
+        values = {'lateral': noise[0], 'yaw': noise[1], 'speed': np.full(stamps.size, 6.0)}
+        record = Record({name: Series(stamps, part) for name, part in values.items()})
+        config = DetectorConfig(channels=tuple(values))
+        found = detect(HuntingDetector(config, form), record).estimates['state']
+        assert np.isin(found, (State.QUIET, State.DISTURBED)).all(), seed
 
 
 @pytest.mark.parametrize('rig', RIGS)
