@@ -158,7 +158,7 @@ def _outcome(
 
 @compiled_part
 def _cycle_in_noise(rules: Rules, form: FormNumbers, out: Any) -> bool:
-    """Tell a limit cycle so small that the noise takes it back to what counts as quiet."""
+    """Return True if the limit cycle is so small that the noise takes it back to quiet."""
     cycle, diffusion = out['stable_amplitude'], out['noise_intensity']
     if math.isnan(cycle) or not diffusion > 0.0:
         return False
@@ -168,7 +168,7 @@ def _cycle_in_noise(rules: Rules, form: FormNumbers, out: Any) -> bool:
 
 @compiled_part
 def _arrived(rules: Rules, form: FormNumbers, a: float, disturbed: bool, out: Any) -> bool:
-    """Tell an amplitude on the stable branch; a branch that comes from zero has noise on it."""
+    """Return True on the stable branch; a branch that comes from zero has noise on it."""
     if rules.cycle_amplitude > 0.0 and a > rules.cycle_amplitude:
         return True
     clear = not math.isnan(out['unstable_amplitude'])

@@ -100,7 +100,7 @@ def floor_of(rules: Rules, memory: Any, ratios: Any, s: float) -> float:
 
 @compiled_part
 def unlearnt(rules: Rules, memory: Any) -> bool:
-    """Tell that no floor is set and none has been learnt."""
+    """Return True if no floor is set and none has been learnt."""
     return bool(math.isnan(memory['square']) and rules.floor == 0.0)
 
 

@@ -176,7 +176,7 @@ def density(f: at.Filter, k: int) -> float:
 
 @compiled_part
 def speaks(f: at.Filter, k: int) -> bool:
-    """Tell whether sensor k has started, and has not been silent for a hunting period."""
+    """Return True if sensor k has started, and was not silent for a hunting period."""
     sensor = f.sensors[k]
     silence = f.time - sensor.last
     return sensor.alive and silence * f.mode.omega <= 2.0 * math.pi

@@ -150,7 +150,7 @@ def close_bin(f: at.Filter, modes: _F) -> None:
 
 @compiled_part
 def measures(f: at.Filter, k: int, stamp: int, value: float) -> bool:
-    """Tell whether a sample of sensor k is to be used; count it by reason if not."""
+    """Return True if a sample of sensor k is to be used; count it by reason if not."""
     sensor = f.sensors[k]
     if not abs(value) < 1e100:
         f.not_finite += 1
