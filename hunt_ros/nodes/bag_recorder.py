@@ -1,7 +1,8 @@
 """
 The node that records: everything the rig says, its parameters, and the operator's marks.
 
-Messages are taken from raw subscriptions and stored as they were on the wire.
+Messages are taken from raw subscriptions, many at a time, and stored as they were on the wire
+in the order in which they came.
 The topics of the design are subscribed from the start; others are picked up as
 they appear. The estimates are left out unless asked for: a replay makes them again.
 No subscription and no client is destroyed while the node spins: the EventsExecutor
@@ -10,7 +11,6 @@ can crash on what is gone (ros2/rclpy #1644).
 
 from __future__ import annotations
 
-import inspect
 import threading
 import time
 from collections import deque
@@ -19,6 +19,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass, fields
 from datetime import datetime
 from importlib import import_module
+from operator import itemgetter
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
@@ -36,6 +37,7 @@ from hunt_ros.nodes.diagnostics import Diagnostics, Health, steady_clock
 from hunt_ros.nodes.estimate_publishers import ESTIMATES
 from hunt_ros.nodes.parameter_collector import ParameterCollector
 from hunt_ros.nodes.parameters import declare, warn_unknown
+from hunt_ros.nodes.polled import Polling, waiting
 from hunt_ros.nodes.qos import latched, stream
 from hunt_ros.nodes.service_thread import ServiceThread
 from hunt_ros.nodes.sole import hold_name
@@ -80,6 +82,8 @@ _LATE_S = 6.0
 _ROUND_S = 0.05
 
 _Result = TypeVar('_Result')
+#: When a message came and when it was published, ns.
+_TIMES = itemgetter(0, 1)
 #: When a message was published, ns, and which one of its publisher it is.
 _Mark = tuple[int, int]
 
@@ -105,7 +109,7 @@ class RecorderConfig(RecordingLimits):
     )
 
 
-class BagRecorderNode(Node):
+class BagRecorderNode(Polling, Node):
     """Subscribes to what there is, and hands it to a `Recording`."""
 
     #: Writing what waits takes as long as the disk takes, s.
@@ -120,7 +124,7 @@ class BagRecorderNode(Node):
         self._finishing: Recording | None = None
         #: Work of services for the node's own thread.
         self._orders: SimpleQueue[Callable[[], None]] = SimpleQueue()
-        self._hearers: list[tuple[Subscription, Callable[..., None]]] = []
+        self._heard: list[tuple[str, Subscription]] = []
         #: By topic: when its newest message was published, system clock, ns, and heard, s.
         self._newest: dict[str, tuple[int, float]] = {}
         self._once: dict[str, _Once] = {}
@@ -138,7 +142,7 @@ class BagRecorderNode(Node):
         names = ('start', 'stop', 'split', 'mark')
         answers = {f'recording/{name}': getattr(self, f'_on_{name}') for name in names}
         self._service_thread = ServiceThread(self, answers)
-        self.create_timer(_ROUND_S, self._follow_orders, clock=steady_clock())
+        self.create_timer(_ROUND_S, self._round, clock=steady_clock())
         self._diagnostics = Diagnostics(self, self._health)
         self.create_timer(0.25, self._look_around, clock=steady_clock())
         # A long repair of an earlier recording must not keep this one from beginning.
@@ -153,10 +157,7 @@ class BagRecorderNode(Node):
         """Take what has arrived, and close the recording."""
         self._collector.close()
         self._service_thread.close()
-        for subscription, hear in self._hearers:
-            with subscription.handle:
-                while heard := subscription.handle.take_message(subscription.msg_type, True):
-                    hear(heard)
+        self._listen()
         try:
             if self._recording is not None:
                 self._finish(self._take_away())
@@ -298,30 +299,38 @@ class BagRecorderNode(Node):
         if len(ways) == 2:
             self._once[name] = _Once()
 
-        def hear(*parts: Any) -> None:
-            # The EventsExecutor of these wheels hands both over as one tuple.
-            raw, info = parts if len(parts) == 2 else parts[0]
-            self._hear(name, raw, info)
+        subscription = self.create_polled_subscription(message_class, name, qos, raw=True)
+        self._heard.append((name, subscription))
 
-        hear.__signature__ = inspect.signature(lambda raw, info: None)
-        subscription = self.create_subscription(message_class, name, hear, qos, raw=True)
-        self._hearers.append((subscription, hear))
+    def _listen(self) -> None:
+        """Take what has come on all topics, in the order in which it came."""
+        come = [
+            (info['received_timestamp'], info['source_timestamp'], name, raw)
+            for name, subscription in self._heard
+            for raw, info in waiting(subscription)
+            if self._is_new(name, info)
+        ]
+        now = time.monotonic()
+        for received_ns, published_ns, name, raw in sorted(come, key=_TIMES):
+            self._newest[name] = published_ns, now
+            if name in self._said:
+                self._said[name].append(raw)
+            self._take(name, raw, received_ns)
 
-    def _hear(self, name: str, raw: bytes, info: dict[str, Any]) -> None:
-        published_ns = info['source_timestamp']
+    def _is_new(self, name: str, info: dict[str, Any]) -> bool:
+        """Return True if a message has not come by another subscription already."""
         once = self._once.get(name)
-        if once and not once.is_new((published_ns, info['publication_sequence_number'])):
-            return
-        self._newest[name] = published_ns, time.monotonic()
-        if name in self._said:
-            self._said[name].append(raw)
-        self._take(name, raw)
+        mark = info['source_timestamp'], info['publication_sequence_number']
+        return once is None or once.is_new(mark)
 
-    def _take(self, name: str, raw: bytes) -> None:
+    def _take(self, name: str, raw: bytes, received_ns: int = 0) -> None:
         """Hand a message over; with simulated time, not before there is a time."""
         if self._recording is None:
             return
-        now_ns = self.get_clock().now().nanoseconds
+        clock = self.get_clock()
+        # Some middleware does not say when a message came.
+        now_ns = 0 if clock.ros_time_is_active else received_ns
+        now_ns = now_ns or clock.now().nanoseconds
         if now_ns <= 0:
             self._early.append((name, raw))
             return
@@ -354,7 +363,9 @@ class BagRecorderNode(Node):
         self._orders.put(order)
         return done.result()
 
-    def _follow_orders(self) -> None:
+    def _round(self) -> None:
+        """Take what has come, then do what services ask for."""
+        self._listen()
         while True:
             try:
                 self._orders.get_nowait()()

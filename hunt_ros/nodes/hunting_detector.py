@@ -1,9 +1,8 @@
 """
 The detector node: measurements in, estimates, status, events and alarm out.
 
-Callbacks only take messages apart; when every channel has reached the next hand-over,
-what has come is handed to the `HuntingDetector`, and what it says
-is published. Silence enters through its `tick`, on the node's clock.
+Once in `hand_over_s` what the channels have said is taken and handed to the `HuntingDetector`,
+and what it says is published. Silence enters through its `tick`, on the node's clock.
 """
 
 from __future__ import annotations
@@ -33,6 +32,7 @@ from hunt_ros.nodes.detector_messages import event_message, status_message
 from hunt_ros.nodes.diagnostics import Diagnostics, Health, NewSince, steady_clock
 from hunt_ros.nodes.estimate_publishers import EstimatePublishers
 from hunt_ros.nodes.parameters import declare, declare_normal_form, warn_unknown
+from hunt_ros.nodes.polled import Polling, waiting
 from hunt_ros.nodes.qos import EVENTS, STATUS, latched, stream
 from hunt_ros.nodes.sole import hold_name
 from hunt_ros.samples import NANOSECONDS
@@ -62,7 +62,7 @@ class DetectorNodeConfig(Settings):
     )
 
 
-class HuntingDetectorNode(LifecycleNode):
+class HuntingDetectorNode(Polling, LifecycleNode):
     """Feeds a `HuntingDetector` from the topics, and publishes what it says."""
 
     def __init__(self) -> None:
@@ -92,18 +92,15 @@ class HuntingDetectorNode(LifecycleNode):
         self._companions = CompanionWorker(
             self._beside, self._config, self._on_verdict, self._diagnostics
         )
-        hand_over_ns = max(self._config.period_ns, round(self._settings.hand_over_s * NANOSECONDS))
-        self._inbox = DetectorInbox(self, self._config.channels, hand_over_ns, self._drain)
+        self._inbox = DetectorInbox(self, self._config.channels)
         self.create_subscription(String, 'hunting/normal_form', self._on_form, latched())
         self._alarms = self.create_publisher(String, 'hunting/alarms', latched())
-        self._name = self.create_subscription(
-            String, 'hunting/acknowledged_by', self._on_name, stream(10)
-        )
-        self._named: tuple[str, float] = ('', -math.inf)
+        self._name = self.create_polled_subscription(String, 'hunting/acknowledged_by', stream(10))
         self.create_service(Trigger, 'hunting/acknowledge_alarm', self._on_acknowledge)
         self.create_service(Trigger, 'hunting/alarm_history', self._on_history)
         self.create_service(Trigger, 'hunting/accept_normal_form', self._on_accept)
         # A clock that is set back, or stands still, would hold a timer of its own up.
+        self.create_timer(self._settings.hand_over_s, self._drain, clock=steady_clock())
         self.create_timer(_TICK_S, self._tick, clock=steady_clock())
         self.create_timer(_STATUS_S, self._publish_status, clock=steady_clock())
 
@@ -132,18 +129,18 @@ class HuntingDetectorNode(LifecycleNode):
 
     def _drain(self) -> None:
         """Hand what has come to the detector, and publish what it says."""
-        for channel, stamps_ns, values in self._inbox.empty():
+        for channel, stamps_ns, values in self._inbox.take():
             if self._active:
                 self._publish(self._detector.update(channel, stamps_ns, values))
 
     def _tick(self) -> None:
         if not self._active:
             return
-        self._inbox.take_waiting()
-        # Read after the samples: on a busy machine some would come from the future otherwise.
+        # No backlog may be mistaken for silence; and the clock is read after the samples: on a
+        # busy machine some would come from the future otherwise.
+        self._drain()
         now_ns = self.get_clock().now().nanoseconds
         if now_ns > 0:
-            self._drain()
             self._publish(self._detector.tick(now_ns))
 
     def _publish(self, output: Output) -> None:
@@ -247,21 +244,14 @@ class HuntingDetectorNode(LifecycleNode):
     def _on_acknowledge(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        # The name was published before: it may wait behind this call.
-        with self._name.handle:
-            while (taken := self._name.handle.take_message(String, False)) is not None:
-                self._on_name(taken[0])
-        by, at_s = self._named
-        self._named = ('', -math.inf)
-        by = by if time.monotonic() - at_s < _NAME_S else ''
+        by = ''
+        for name, info in waiting(self._name):
+            age_s = (time.time_ns() - info['received_timestamp']) / NANOSECONDS
+            by = ' '.join(name.data.split()) if age_s < _NAME_S else ''
         self._drain()
         self._publish(self._detector.acknowledge(self.get_clock().now().nanoseconds, by))
         response.success = True
         return response
-
-    def _on_name(self, message: String) -> None:
-        """Take the name of who acknowledges next."""
-        self._named = (' '.join(message.data.split()), time.monotonic())
 
     def _on_history(
         self, request: Trigger.Request, response: Trigger.Response

@@ -14,9 +14,10 @@ import time
 from collections.abc import Callable, Sequence
 
 import rclpy
+from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidParameterValueException, ParameterException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -30,13 +31,13 @@ _SPIN_S = 0.05
 _DELIVERY_S = 0.4
 
 
-def _executor():
+def cheapest_executor(context: Context | None = None) -> Executor:
     """Return the executor that costs least; Humble has no EventsExecutor."""
     try:
         from rclpy.experimental import EventsExecutor
     except ImportError:
-        return SingleThreadedExecutor()
-    return EventsExecutor()
+        return SingleThreadedExecutor(context=context)
+    return EventsExecutor(context=context)
 
 
 def run(
@@ -67,7 +68,7 @@ def run(
     on_compilation(ending.say)
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     node: Node | None = None
-    executor = _executor()
+    executor = cheapest_executor()
     try:
         node = make_node()
         _start(node)

@@ -33,7 +33,7 @@ from hunt_ros.cli import suite
 from hunt_ros.cli.processes import Processes
 from hunt_ros.nodes.conversions import JointReader, read_diagnostic
 from hunt_ros.nodes.qos import STATUS, stream
-from hunt_ros.nodes.runtime import _executor
+from hunt_ros.nodes.runtime import cheapest_executor
 
 RATES_HZ = (500.0, 1000.0, 2000.0)
 ORDER = ('rig_simulator', 'lateral_sensor', 'yaw_sensor', 'roller_speed', *sorted(suite.LISTENERS))
@@ -77,7 +77,7 @@ class Probe:
             JointState, 'hunting/amplitude', self._on_amplitude, stream(1000), raw=True
         )
         self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_health, STATUS)
-        self._executor = _executor()
+        self._executor = cheapest_executor()
         self._executor.add_node(self._node)
 
     def spin(self, seconds: float) -> None:
@@ -181,7 +181,7 @@ def be_twin(traffic: Traffic) -> None:
         # The detector publishes once a hand-over; a sensor with every sample.
         fastest = max(rate for _, rate, _ in outputs)
         node.create_timer(1.0 / min(max(fastest, 1.0), 1000.0), publish)
-    executor = _executor()
+    executor = cheapest_executor()
     executor.add_node(node)
     while True:
         executor.spin_once(timeout_sec=0.1)

@@ -1,0 +1,68 @@
+"""
+Subscriptions that a node empties itself, many messages at a time.
+
+An executor has an event for every message. At some thousand messages a second that is most of
+what a node does, and on a machine that cannot keep up the events queue without a bound: a call
+of a service, which has its place behind them, is never answered. Taken from the reader at the
+node's own pace a message costs half as much, what waits is bounded by the depth of the reader,
+and the executor is free for everything else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from rclpy.subscription import Subscription
+
+
+class Polling:
+    """
+    Mixin of nodes: some of its subscriptions are not for the executor.
+
+    To stand before `Node` in the bases: executors ask a node for its `subscriptions`.
+    """
+
+    _polled: frozenset[Subscription] = frozenset()
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """The subscriptions that an executor waits for."""
+        return (each for each in super().subscriptions if each not in self._polled)  # type: ignore[misc]
+
+    def create_polled_subscription(
+        self, kind: type, topic: str, *args: Any, **keywords: Any
+    ) -> Subscription:
+        """Subscribe like `create_subscription`, without a callback: see `waiting`."""
+        subscription = self.create_subscription(kind, topic, _never, *args, **keywords)  # type: ignore[attr-defined]
+        self._polled |= {subscription}
+        return subscription
+
+
+def waiting(subscription: Subscription) -> Iterator[tuple[Any, dict[str, Any]]]:
+    """
+    Take what waits in the reader of a subscription, and no more than it holds.
+
+    Parameters
+    ----------
+    subscription : Subscription
+        Made by `create_polled_subscription`, or an ordinary one that must not lag behind.
+
+    Yields
+    ------
+    message : bytes or message
+        Bytes where the subscription is raw.
+    info : dict
+        `source_timestamp`, `received_timestamp` (ns) and `publication_sequence_number`.
+    """
+    handle = subscription.handle
+    with handle:
+        for _ in range(max(1, subscription.qos_profile.depth)):
+            taken = handle.take_message(subscription.msg_type, subscription.raw)
+            if taken is None:
+                return
+            yield taken
+
+
+def _never(message: object) -> None:
+    raise AssertionError('a polled subscription was given to an executor')

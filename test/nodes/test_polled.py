@@ -1,0 +1,85 @@
+"""Polled subscriptions: however much comes, the executor has nothing to do with it."""
+
+from __future__ import annotations
+
+import pytest
+
+rclpy = pytest.importorskip('rclpy', reason='the extra ros is not installed')
+
+from rclpy.node import Node  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
+
+from hunt_ros.nodes.polled import Polling, waiting  # noqa: E402
+from hunt_ros.nodes.qos import stream  # noqa: E402
+from hunt_ros.nodes.runtime import cheapest_executor  # noqa: E402
+
+pytestmark = pytest.mark.ros
+
+_MANY = 500
+
+
+class Listener(Polling, Node):
+    """One polled subscription, and one for the executor."""
+
+    def __init__(self, context) -> None:
+        super().__init__('listener', context=context)
+        self.heard: list[str] = []
+        self.many = self.create_polled_subscription(String, 'many', stream(2 * _MANY))
+        self.create_subscription(String, 'one', lambda m: self.heard.append(m.data), stream(10))
+
+
+@pytest.fixture
+def listener(graph):
+    node = Listener(graph.node.context)
+    yield node
+    node.destroy_node()
+
+
+def _turns_until_heard(graph, executor, publisher, listener: Listener) -> int:
+    listener.heard.clear()
+    publisher.publish(String(data='now'))
+    deadline = graph.machine.deadline(30.0)
+    turns = 0
+    while not listener.heard:
+        assert not deadline.passed
+        executor.spin_once(timeout_sec=0.1)
+        turns += 1
+    return turns
+
+
+def test_what_the_executor_hears_does_not_wait_behind_a_flood(graph, listener) -> None:
+    many = graph.beside('flood').create_publisher(String, '/many', stream(2 * _MANY))
+    one = graph.node.create_publisher(String, '/one', stream(10))
+    executor = cheapest_executor(listener.context)
+    executor.add_node(listener)
+    graph.spin_until(lambda: many.get_subscription_count() and one.get_subscription_count())
+    _turns_until_heard(graph, executor, one, listener)  # from now on the executor has events
+    for number in range(_MANY):
+        many.publish(String(data=str(number)))
+    texts: list[str] = []
+
+    def all_have_come() -> bool:
+        texts.extend(message.data for message, _ in waiting(listener.many))
+        return len(texts) == _MANY
+
+    graph.spin_until(all_have_come)
+    assert texts == [str(number) for number in range(_MANY)]
+    assert not list(waiting(listener.many))
+    assert _turns_until_heard(graph, executor, one, listener) < _MANY / 10
+    executor.shutdown()
+
+
+def test_a_full_reader_gives_what_it_holds_and_keeps_the_newest(graph, listener) -> None:
+    many = graph.beside('flood').create_publisher(String, '/many', stream(4 * _MANY))
+    graph.spin_until(many.get_subscription_count)
+    for number in range(4 * _MANY):
+        many.publish(String(data=str(number)))
+    texts: list[str] = []
+
+    def the_last_has_come() -> bool:
+        texts.extend(message.data for message, _ in waiting(listener.many))
+        return texts and texts[-1] == str(4 * _MANY - 1)
+
+    graph.spin_until(the_last_has_come)
+    numbers = [int(text) for text in texts]
+    assert numbers == sorted(numbers)
