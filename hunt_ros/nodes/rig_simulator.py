@@ -2,8 +2,9 @@
 The rig that is not there: simulates wheelset, roller and sensors, and serves them as hardware.
 
 The sensor and speed nodes read it through the same drivers' interface as real
-hardware. With `time_scale` above 1 it runs that much faster than real time and
-publishes `/clock`, which the other nodes follow with `use_sim_time`.
+hardware. With a `time_scale` that is not 1 it runs so much faster than real time, or as fast as
+the detector can follow, and publishes `/clock`, which the other nodes follow with
+`use_sim_time`.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from hunt_ros.dynamics.simulation import RollerRig, Roughness, SensorModel, Simu
 from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.conversions import to_time
 from hunt_ros.nodes.diagnostics import Diagnostics, Health
+from hunt_ros.nodes.pace import Pace
 from hunt_ros.nodes.parameters import declare, read_rig, warn_unknown
 from hunt_ros.nodes.qos import stream
 from hunt_ros.nodes.sole import hold_name
@@ -34,7 +36,7 @@ _DRIVE_HZ = 100.0
 _DRIVE_STEP_NS = round(NANOSECONDS / _DRIVE_HZ)
 #: Simulated time begins here, so that no stamp is 0, which ROS takes for 'not set'.
 _FIRST_STAMP_NS = NANOSECONDS
-#: After a pause of the machine, at most this much is caught up at once.
+#: After a pause of the machine, at most this much of the rig's time is caught up at once.
 _MOST_BEHIND_S = 0.5
 
 
@@ -49,7 +51,8 @@ class SimulatorConfig(Settings):
     )
     time_scale: float = setting(
         1.0,
-        'Simulated seconds in a second; above 0, not 1, /clock is published.',
+        'Simulated seconds in a second, at most; not 1: /clock is published, and waits for the'
+        ' detector.',
         low=0.01,
         high=50.0,
         fixed=True,
@@ -103,9 +106,11 @@ class RigSimulatorNode(Node):
         self._kicks = _kick_plan(config)
         self._rig = RollerRig(read_rig(config.rig), _settings(config), seed=config.seed)
         self._server = SimulatorServer(config.host, config.port)
-        self._clock_publisher = None
+        self._clock_publisher = self._pace = None
         if config.time_scale != 1.0:
             self._clock_publisher = self.create_publisher(Clock, '/clock', stream(10))
+            self._pace = Pace(self)
+        self._time_ns = 0
         self._origin_ns = _FIRST_STAMP_NS
         self._samples = 0
         self._behind_s = 0.0
@@ -126,6 +131,7 @@ class RigSimulatorNode(Node):
         """Advance the simulation with real time, a block every few milliseconds."""
         rate = self._config.sample_rate_hz * self._config.time_scale
         pause_s = max(1e-3, 1.0 / rate)
+        most_behind_s = _MOST_BEHIND_S / max(1.0, self._config.time_scale)
         self._rig.advance(0)  # compile before the clock starts
         while not stopping.is_set() and self._server.readers < self._config.start_with_readers:
             self._server.poll()
@@ -135,13 +141,16 @@ class RigSimulatorNode(Node):
         while not stopping.is_set():
             due = max(0, int((time.monotonic() - begin) * rate) - done)
             self._behind_s = due / rate
-            if self._behind_s > _MOST_BEHIND_S:
+            if self._behind_s > most_behind_s:
                 begin += self._let_go(self._behind_s)
                 continue
             target = self._server.poll()
             if target is not None:
                 self._rig.target_speed = target
-            if due:
+            if self._pace is not None and self._pace.must_wait(self._time_ns):
+                time.sleep(pause_s)
+                begin = time.monotonic() - done / rate
+            elif due:
                 self._advance(due)
                 done += due
             next_wake = max(next_wake + pause_s, time.monotonic())
@@ -184,7 +193,8 @@ class RigSimulatorNode(Node):
         self._server.send_drive(stamps_ns[drive], block.roller_angle[drive], block.speed[drive])
         self._samples += count
         if self._clock_publisher is not None:
-            self._clock_publisher.publish(Clock(clock=to_time(int(stamps_ns[-1]))))
+            self._time_ns = int(stamps_ns[-1])
+            self._clock_publisher.publish(Clock(clock=to_time(self._time_ns)))
 
     def _kick_if_due(self) -> None:
         elapsed_s = self._samples / self._config.sample_rate_hz

@@ -1,0 +1,43 @@
+"""Simulated time goes no further than the detector can follow."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip('rclpy', reason='the extra ros is not installed')
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rosgraph_msgs.msg import Clock
+
+from hunt_ros.nodes.conversions import diagnostic, to_ns
+from hunt_ros.nodes.qos import STATUS, stream
+
+pytestmark = pytest.mark.ros
+
+_S = 1_000_000_000
+
+
+def test_simulated_time_waits_for_the_detector_as_long_as_it_makes_headway(graph) -> None:
+    times = graph.collect(Clock, '/clock', stream(10))
+    status = graph.node.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
+    graph.start('rig_simulator', port=graph.port, time_scale=4.0, sample_rate_hz=100.0)
+    graph.spin_until(lambda: status.get_subscription_count() and times, 60.0)
+    judged_ns = to_ns(times[-1].clock) + 2 * _S
+
+    def follow_slowly() -> None:
+        nonlocal judged_ns
+        judged_ns += 1
+        status.publish(diagnostic(judged_ns, 'hunting', 'OK', '', {}, 'rig'))
+        graph.spin(0.02)
+
+    deadline = graph.machine.deadline(60.0)
+    while to_ns(times[-1].clock) < judged_ns + 0.9 * _S:
+        assert not deadline.passed
+        follow_slowly()
+    for _ in range(50):
+        follow_slowly()
+    # What the detector has judged, the lead, and the largest step.
+    furthest_ns = judged_ns + 1.5 * _S
+    assert to_ns(times[-1].clock) <= furthest_ns
+    # A detector that makes no headway any more stops nobody.
+    graph.spin_until(lambda: to_ns(times[-1].clock) > furthest_ns + _S, 60.0)
