@@ -22,7 +22,8 @@ _RATE_HZ = 200.0
 _PROFILE = ((0.0, 6.0), (10.0, 6.0), (250.0, 8.8), (275.0, 8.8), (515.0, 6.0), (530.0, 6.0))
 #: Bumps on the way up, inside the basin: free decays tell the damping below v_c.
 _KICKS = ((60.0, 0.10e-3), (120.0, 0.10e-3), (160.0, 0.08e-3))
-_CLOSING_S = 60.0
+#: The most that a slow and busy machine takes; a node that ends by itself is seen at once.
+_CLOSING_S, _IDENTIFYING_S = 120.0, 900.0
 _PATIENCE_S = 3.0
 
 
@@ -135,20 +136,24 @@ def _sweep(link: ConsoleLink, view: View) -> None:
 
 def _close(link: ConsoleLink, view: View) -> Path | None:
     """Close the recording and wait for the identifier's word on it."""
-    bag: Path | None = None
     link.call('recording/stop')
     for line in link.lines(_CLOSING_S):
         view.show(line)
         if line['topic'] == 'recording/closed':
-            bag = Path(line['data'])
-        elif bag is not None and _last_word(line):
             break
-    return bag
+    else:
+        return None
+    view.say('Identifying the normal form from the recording ...')
+    for word in link.lines(_IDENTIFYING_S):
+        view.show(word)
+        if _last_word(word):
+            break
+    return Path(line['data'])
 
 
 def _last_word(line: dict[str, Any]) -> bool:
     """Return True if the identifier has said what it makes of the recording."""
     if line['topic'] == '/diagnostics':
         name: str = line['name']
-        return name.endswith('normal_form_identifier') and line['level'] == 'WARN'
+        return name.endswith('normal_form_identifier') and line['level'] in ('WARN', 'ERROR')
     return bool(line['topic'] == 'hunting/normal_form')
