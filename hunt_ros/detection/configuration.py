@@ -146,18 +146,8 @@ class DetectorConfig(Settings):
         fixed=True,
     )
 
-    noise_floor_m: float = setting(
-        0.0,
-        'quiet amplitude (r.m.s.) below which nothing is looked at (0: learnt)',
-        unit='m',
-        low=0.0,
-    )
-
     escape_probability_in: float = setting(
         0.95, 'escaping above this probability of ending on the limit cycle', low=0.5, high=1.0
-    )
-    escape_hold_s: float = setting(
-        0.1, 'escaping after this time above (at 2.84 Hz)', unit='s', low=0.0, high=60.0
     )
     false_alarms_per_day: float = setting(
         1.0,
@@ -173,16 +163,6 @@ class DetectorConfig(Settings):
         unit='1/s',
         low=1e-4,
         high=10.0,
-    )
-
-    limit_cycle_fraction: float = setting(
-        0.85, 'limit cycle from this fraction of the stable branch', low=0.1, high=1.0
-    )
-    limit_cycle_amplitude_m: float = setting(
-        0.0, 'amplitude that is a limit cycle whatever else is known (0: none)', unit='m', low=0.0
-    )
-    limit_cycle_hold_s: float = setting(
-        1.0, 'limit cycle after this time (at 2.84 Hz)', unit='s', low=0.0, high=60.0
     )
 
     margin_in: float = setting(

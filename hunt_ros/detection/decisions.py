@@ -132,7 +132,7 @@ def _kernel(source: int) -> Callable[..., None]:
                 noise_intensity.learn(rules, form, m['noise'], v, a, out['phase'])
             else:
                 noise_intensity.interrupt(m['noise'])
-            out['noise_floor'] = noise_floor.floor_of(rules, m['floor'], m['ratios'], s)
+            out['noise_floor'] = noise_floor.floor_of(m['floor'], m['ratios'], s)
             out['noise_intensity'] = m['noise']['intensity']
             if known:
                 found = evidence.gather(
@@ -163,7 +163,7 @@ def _kernel(source: int) -> Callable[..., None]:
             out['state_cause'] = m['state']['cause']
             out['margin_since_ns'] = m['doubts']['margin']['since_ns']
             out['alarm'] = m['state']['alarm']
-            settling = state == states.QUIET and noise_floor.unlearnt(rules, m['floor'])
+            settling = state == states.QUIET and noise_floor.unlearnt(m['floor'])
             out['doubts'] |= bits | doubts.present(region, state, v, known, settling)
 
     return decide

@@ -54,7 +54,7 @@ class Evidence(NamedTuple):
     growing : bool
         It grows, and is more than noise, where the form knows no limit cycle to escape to.
     arrived : bool
-        It is on the stable branch, or above the amplitude that is a limit cycle anyway.
+        It is on the stable branch of the form.
     steady : bool
         It holds, and is more than noise.
     falls : bool
@@ -169,8 +169,6 @@ def _cycle_in_noise(rules: Rules, form: FormNumbers, out: Any) -> bool:
 @compiled_part
 def _arrived(rules: Rules, form: FormNumbers, a: float, disturbed: bool, out: Any) -> bool:
     """Return True on the stable branch; a branch that comes from zero has noise on it."""
-    if rules.cycle_amplitude > 0.0 and a > rules.cycle_amplitude:
-        return True
     clear = not math.isnan(out['unstable_amplitude'])
     clear = clear or (disturbed and not _cycle_in_noise(rules, form, out))
     return bool(clear and a > rules.cycle_fraction * out['stable_amplitude'])

@@ -83,25 +83,25 @@ def learn(rules: Rules, memory: Any, ratios: Any, a: float, basin: bool = True) 
 
 
 @compiled_part
-def floor_of(rules: Rules, memory: Any, ratios: Any, s: float) -> float:
+def floor_of(memory: Any, ratios: Any, s: float) -> float:
     """
     Return the amplitude (r.m.s.) that counts as quiet, m; NaN before anything is known.
 
     `s` is the standard deviation of the amplitude in this row, m, NaN without one: it stands
     in while the motion has been more than noise from the start.
     """
-    floor = rules.floor
+    floor = math.nan
     if not math.isnan(memory['square']):
-        floor = max(floor, math.sqrt(memory['square']))
-    elif floor == 0.0 and likelihood.settled(ratios):
+        floor = math.sqrt(memory['square'])
+    elif likelihood.settled(ratios):
         floor = STD_FLOORS * s
     return floor if floor > 0.0 else math.nan
 
 
 @compiled_part
-def unlearnt(rules: Rules, memory: Any) -> bool:
-    """Return True if no floor is set and none has been learnt."""
-    return bool(math.isnan(memory['square']) and rules.floor == 0.0)
+def unlearnt(memory: Any) -> bool:
+    """Return True while no floor has been learnt."""
+    return bool(math.isnan(memory['square']))
 
 
 @compiled_part

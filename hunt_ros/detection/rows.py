@@ -25,7 +25,7 @@ from hunt_ros.detection.merge import MergedBlock
 from hunt_ros.detection.output import Motion
 from hunt_ros.detection.regions import Level, State
 from hunt_ros.detection.rules import rules_of
-from hunt_ros.detection.tracking import JudgedChannel, in_yaw
+from hunt_ros.detection.tracking import JudgedChannel
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
@@ -99,7 +99,6 @@ class RowMaker:
 
     def _make_rules(self) -> None:
         self._rules = rules_of(self.config, *self.boundaries)
-        self._yaw_rules = rules_of(in_yaw(self.config), *self.boundaries)
 
     @property
     def boundaries(self) -> tuple[float, float]:
@@ -260,7 +259,7 @@ class RowMaker:
         outside = np.ascontiguousarray(rows[f'outside_{channel}'])
         rules, numbers = self._rules, self._numbers
         if channel == 'yaw':  # the form speaks of metres
-            rules, numbers = self._yaw_rules, form_numbers(None)
+            numbers = form_numbers(None)
             if 'lateral' in self._channels or self._numbers.known:
                 rows['doubts'] |= np.uint32(doubts.IN_YAW)
         seconds = rows['stamp_ns'] // _EDGE_NS

@@ -20,6 +20,11 @@ _FLOOR_S = 20.0
 _DISTURBED, _QUIET = 3.0, 2.0
 #: A blow is a disturbance at once; what crosses zero growth on its way down is not quiet yet.
 _DISTURBED_HOLD_S, _QUIET_HOLD_S = 0.02, 0.5
+#: Escaping after this time above the probability: what the filter overshoots after a kick is over.
+_ESCAPE_HOLD_S = 0.1
+#: On the limit cycle from this part of the stable branch, whose place is known to 10 % or so, and
+#: after this time: a motion passes through on its way.
+_CYCLE_FRACTION, CYCLE_HOLD_S = 0.85, 1.0
 #: What escapes does so no longer where it is as likely to come back.
 _PROBABILITY_OUT = 0.5
 #: The margin is restored above this many times its limit,
@@ -55,7 +60,6 @@ class Rules(NamedTuple):
     v_c: float
     region_band: float
     region_hold: int
-    floor: float
     floor_rows: float
     mark: int
     disturbed_in: float
@@ -69,7 +73,6 @@ class Rules(NamedTuple):
     evidence: float
     least_damping: float
     cycle_fraction: float
-    cycle_amplitude: float
     cycle_hold: int
     margin_in: float
     margin_out: float
@@ -108,7 +111,6 @@ def rules_of(config: DetectorConfig, v_n: float, v_c: float) -> Rules:
         v_c=v_c,
         region_band=_REGION_BAND_MPS,
         region_hold=rows(_REGION_HOLD_S),
-        floor=config.noise_floor_m,
         floor_rows=_FLOOR_S / stride,
         mark=max(rows(_MARK_PERIODS / REFERENCE_HZ), 1),
         disturbed_in=_DISTURBED,
@@ -117,13 +119,12 @@ def rules_of(config: DetectorConfig, v_n: float, v_c: float) -> Rules:
         quiet_hold=rows(_QUIET_HOLD_S),
         probability_in=config.escape_probability_in,
         probability_out=_PROBABILITY_OUT,
-        escape_hold=rows(config.escape_hold_s),
+        escape_hold=rows(_ESCAPE_HOLD_S),
         step=step,
         evidence=max(math.log(_DAY_S / (step * period * config.false_alarms_per_day)), 1.0),
         least_damping=config.least_damping_per_s * faster,
-        cycle_fraction=config.limit_cycle_fraction,
-        cycle_amplitude=config.limit_cycle_amplitude_m,
-        cycle_hold=rows(config.limit_cycle_hold_s),
+        cycle_fraction=_CYCLE_FRACTION,
+        cycle_hold=rows(CYCLE_HOLD_S),
         margin_in=config.margin_in,
         margin_out=config.margin_in * MARGIN_BACK,
         margin_hold=rows(_MARGIN_HOLD_S),

@@ -8,7 +8,6 @@ which sensor's amplitude counts.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -169,11 +168,6 @@ def _count_turns(
         mean += min(seconds[i] / _TURNING_S, 1.0) * (turns - mean)
         memory[1] = mean
         turning[i] = mean
-
-
-def in_yaw(config: DetectorConfig) -> DetectorConfig:
-    """Return the settings without those that are lengths: for judging an angle."""
-    return replace(config, noise_floor_m=0.0, limit_cycle_amplitude_m=0.0)
 
 
 class JudgedChannel:

@@ -10,6 +10,7 @@ import pytest
 from hunt_ros.detection import DetectorConfig, HuntingDetector, JournalEntry, Level, State
 from hunt_ros.detection.output import EVENT_NUMBERS, Output
 from hunt_ros.detection.replay import replay_journal
+from hunt_ros.detection.rules import CYCLE_HOLD_S
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.errors import ConfigError
@@ -227,7 +228,7 @@ def test_an_event_says_when_it_began_and_why() -> None:
     rig = Rig()
     hunts(rig)
     events = {event.event: event for output in rig.outputs for event in output.events}
-    hold = rig.detector.config.limit_cycle_hold_s * 2.84 / HUNTING_HZ
+    hold = CYCLE_HOLD_S * 2.84 / HUNTING_HZ
     cycle = events['limit_cycle']
     assert (cycle.stamp_ns - cycle.since_ns) * 1e-9 == pytest.approx(hold, abs=0.02)
     assert 'has reached the limit cycle' in cycle.cause

@@ -41,7 +41,7 @@ class Floor:
             likelihood.watch(self.rules, memory['ratios'], a, STD, math.nan)
             noise_floor.observe(self.rules, memory['floor'], a)
             noise_floor.learn(self.rules, memory['floor'], memory['ratios'], a, basin)
-        return float(noise_floor.floor_of(self.rules, memory['floor'], memory['ratios'], STD))
+        return float(noise_floor.floor_of(memory['floor'], memory['ratios'], STD))
 
 
 @pytest.mark.parametrize('rms', [8e-6, 80e-6])
@@ -52,13 +52,6 @@ def test_the_floor_is_the_rms_of_the_quiet_amplitude(rms: float) -> None:
 
 def test_before_anything_is_known_there_is_no_floor() -> None:
     assert math.isnan(Floor().feed(_quiet(0.5, 8e-6)))
-
-
-def test_a_floor_that_is_set_is_the_least_there_is() -> None:
-    floor = Floor(noise_floor_m=20e-6)
-    assert floor.feed(_quiet(0.5, 8e-6)) == 20e-6
-    assert floor.feed(_quiet(60.0, 8e-6)) == 20e-6
-    assert Floor(noise_floor_m=1e-6).feed(_quiet(60.0, 8e-6)) > 4e-6
 
 
 def test_a_disturbance_raises_the_floor_little_and_its_end_brings_it_back() -> None:
