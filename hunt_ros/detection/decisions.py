@@ -160,7 +160,11 @@ def _kernel(source: int) -> Callable[..., None]:
             out['region_since_ns'] = m['region']['since_ns']
             out['state'] = state
             out['state_since_ns'] = states.since_ns(m['state'])
-            out['state_cause'] = m['state']['cause']
+            cause = m['state']['cause']
+            out['state_cause'] = cause
+            ratio, limit = states.ratio_behind(rules, m['ratios'], cause)
+            out['log_likelihood_ratio'] = ratio
+            out['log_likelihood_ratio_limit'] = limit
             out['margin_since_ns'] = m['doubts']['margin']['since_ns']
             out['alarm'] = m['state']['alarm']
             settling = state == states.QUIET and noise_floor.unlearnt(m['floor'])

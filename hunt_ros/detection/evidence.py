@@ -34,7 +34,7 @@ _SAME = 0.7
 _SURE = 3.0
 #: To fall ends an alarm and raises none: it takes less than the whole evidence. To hold is asked
 #: only of what is no noise: not once a mark, but once a kick.
-_FALLS, _HOLDS = 2.0 / 3.0, 0.25
+FALLING, HOLDING = 2.0 / 3.0, 0.25
 #: A limit cycle stands this many standard deviations of its amplitude clear of the noise.
 _WANDERS = 2.0
 
@@ -107,8 +107,8 @@ def gather(
     )
     memory['disturbed'] = disturbed
     excess, some = likelihood.excess(rules, ratios), likelihood.SOME * rules.evidence
-    falls = ratios['fall'] > _FALLS * rules.evidence
-    holds = ratios['hold'] > _HOLDS * rules.evidence and not falls
+    falls = ratios['fall'] > FALLING * rules.evidence
+    holds = ratios['hold'] > HOLDING * rules.evidence and not falls
     hunts = excess > rules.evidence and holds
     grows = ratios['growth'] > some
     # What is left of it is small for sure: an estimate that has just begun anew knows little.

@@ -54,6 +54,9 @@ _OWN = (
     'escape_probability_high',
     'outlook',
     'time_to_limit_cycle',
+    # Of the test behind the state, NaN where another one decided.
+    'log_likelihood_ratio',
+    'log_likelihood_ratio_limit',
 )
 
 #: The strongest motion outside the range that is followed, NaN where there is none: its
@@ -138,6 +141,8 @@ _BEHIND = (
     'time_to_limit_cycle',
     'noise_floor',
     'noise_intensity',
+    'log_likelihood_ratio',
+    'log_likelihood_ratio_limit',
 )
 #: The same by public name, in the order in which they are published.
 EVENT_NUMBERS: tuple[str, ...] = tuple(PUBLIC.get(name, name) for name in _BEHIND)

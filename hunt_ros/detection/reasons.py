@@ -169,6 +169,11 @@ def _floor(row: np.void) -> str:
     return f'quiet amplitude {_measured(floor, math.nan, "mrad" if in_yaw else "mm")}'
 
 
+def _ratio(row: np.void) -> str:
+    ratio, limit = float(row['log_likelihood_ratio']), float(row['log_likelihood_ratio_limit'])
+    return f'log likelihood ratio {ratio:.3g}, limit {limit:.3g}'
+
+
 def state_cause(row: np.void, basis: Basis) -> tuple[str, str]:
     """Return which test led to the state of a row, and its evidence with its numbers."""
     size, growth, chance = f'the {_size(row)}', _growth(row), _chance(row)
@@ -193,18 +198,22 @@ def state_cause(row: np.void, basis: Basis) -> tuple[str, str]:
         ),
         states.STEADY: (
             'likelihood_ratio',
-            f'{size} stays as that of a limit cycle does: growth rate {growth}, {_floor(row)}',
+            f'{size} stays as that of a limit cycle does: {_ratio(row)}; growth rate {growth},'
+            f' {_floor(row)}',
         ),
         states.GROWING: (
             'likelihood_ratio',
-            f'{size} grows for sure: growth rate {growth}, {_floor(row)}',
+            f'{size} grows for sure: {_ratio(row)}; growth rate {growth}, {_floor(row)}',
         ),
         states.COMES_BACK: (
             'escape_probability',
             f'{size} ends on the limit cycle with a probability of {chance} only{edge};'
             f' growth rate {growth}',
         ),
-        states.FALLS: ('likelihood_ratio', f'{size} falls for sure: growth rate {growth}{edge}'),
+        states.FALLS: (
+            'likelihood_ratio',
+            f'{size} falls for sure: {_ratio(row)}; growth rate {growth}{edge}',
+        ),
         states.OVER: (
             'noise_floor',
             f'{size} is that of the quiet motion again: {_floor(row)}',

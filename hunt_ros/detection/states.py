@@ -39,9 +39,8 @@ from typing import Any
 import numpy as np
 
 from hunt_ros.compiled import compiled_part
-from hunt_ros.detection import noise_floor
-from hunt_ros.detection.evidence import ESCAPES, OPEN, RETURNS, Evidence
-from hunt_ros.detection.likelihood import well_known
+from hunt_ros.detection import likelihood, noise_floor
+from hunt_ros.detection.evidence import ESCAPES, FALLING, HOLDING, OPEN, RETURNS, Evidence
 from hunt_ros.detection.regions import HELD, State, hold
 from hunt_ros.detection.rules import Rules
 
@@ -136,12 +135,12 @@ def next_state(
     if hunting not in (ESCAPING, LIMIT_CYCLE):
         return
     if changed or math.isnan(seen['reference']):
-        seen['reference'] = a if changed or well_known(a, s) else math.nan
+        seen['reference'] = a if changed or likelihood.well_known(a, s) else math.nan
         if changed and hunting == LIMIT_CYCLE:
             noise_floor.reconsider(floor_memory, a)
     elif hunting == ESCAPING:
         seen['reference'] = max(seen['reference'], a)
-    elif well_known(a, s):
+    elif likelihood.well_known(a, s):
         seen['reference'] += rules.stride / _FOLLOW_S * (a - seen['reference'])
 
 
@@ -150,6 +149,20 @@ def shown(memory: Any) -> int:
     """Return the one word for both machines, a `State`."""
     hunting = memory['hunting']['word']
     return int(hunting if hunting != NO else memory['motion']['word'])
+
+
+@compiled_part
+def ratio_behind(rules: Rules, ratios: Any, cause: int) -> tuple[float, float]:
+    """Return the log likelihood ratio that decides for a cause, and its limit; NaN: no ratio."""
+    if cause == GROWING:
+        # Less is asked of what holds for sure as well.
+        least = likelihood.SOME if ratios['growth'] <= rules.evidence else 1.0
+        return float(ratios['growth']), least * rules.evidence
+    if cause == STEADY:
+        return float(ratios['hold']), HOLDING * rules.evidence
+    if cause == FALLS:
+        return float(ratios['fall']), FALLING * rules.evidence
+    return math.nan, math.nan
 
 
 @compiled_part

@@ -138,6 +138,16 @@ def test_replay_of_a_simulated_bump_tells_what_happened(capsys, tmp_path) -> Non
     assert result['alarms']['highest_amplitude_m'] == alarm['highest_amplitude_m']
     summary = result['summary']
     assert set(summary['level_time_s']) == {'OK', 'WARN', 'ERROR', 'STALE'}
+    assert escaping['log_likelihood_ratio'] is None, 'the form has decided'
+
+    assert main(['replay', str(bag), '--json', '-']) == 0
+    events = json.loads(capsys.readouterr().out)['events']
+    decided = [event for event in events if event['test'] == 'likelihood_ratio']
+    assert 'limit_cycle' in [event['event'] for event in decided]
+    for event in decided:
+        ratio, limit = event['log_likelihood_ratio'], event['log_likelihood_ratio_limit']
+        assert ratio > limit > 0.0
+        assert f'log likelihood ratio {ratio:.3g}, limit {limit:.3g}' in event['cause']
     assert sum(summary['level_time_s'].values()) == pytest.approx(40.0, abs=0.5)
     assert summary['region_time_s']['hysteresis'] == pytest.approx(40.0, abs=1.0)
     assert summary['max_amplitude_m'] == pytest.approx(0.635e-3, rel=0.1)

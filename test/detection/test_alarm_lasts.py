@@ -252,6 +252,36 @@ def test_an_event_says_when_it_began_and_why() -> None:
     assert f'{numbers["growth_rate_per_s"]:.3g} +/- ' in escape.cause
 
 
+def test_an_event_that_a_likelihood_ratio_decided_has_it_with_its_limit() -> None:
+    rig = Rig(form=None)
+    hunts(rig)
+    rig.feed(motion(630e-6 * np.exp(-np.arange(2000) / 200.0), start_s=12.0))
+    events = {event.event: event for output in rig.outputs for event in output.events}
+    for name in ('escaping', 'limit_cycle', 'decaying'):
+        event = events[name]
+        ratio = event.numbers['log_likelihood_ratio']
+        limit = event.numbers['log_likelihood_ratio_limit']
+        assert event.test == 'likelihood_ratio'
+        assert ratio > limit > 0.0
+        assert f'log likelihood ratio {ratio:.3g}, limit {limit:.3g}' in event.cause
+    # Ten times fewer false alarms: the logarithm of ten is added to the whole evidence.
+    rare = Rig(form=None, false_alarms_per_day=0.1 * rig.detector.config.false_alarms_per_day)
+    hunts(rare)
+    (escaping,) = (
+        one for output in rare.outputs for one in output.events if one.event == 'escaping'
+    )
+    more = np.log(10.0) * np.array([1.0, 1.0 / 3.0])
+    gained = escaping.numbers['log_likelihood_ratio_limit']
+    gained -= events['escaping'].numbers['log_likelihood_ratio_limit']
+    assert np.isclose(gained, more).any()
+
+    known = Rig()
+    hunts(known)
+    for event in (event for output in known.outputs for event in output.events):
+        assert event.test != 'likelihood_ratio'
+        assert np.isnan(event.numbers['log_likelihood_ratio']), 'another test decided'
+
+
 def test_the_status_says_why_and_since_when_with_its_numbers() -> None:
     rig = Rig()
     rig.feed(motion(np.full(600, 20e-6)))
