@@ -149,12 +149,12 @@ class DetectorConfig(Settings):
     escape_probability_in: float = setting(
         0.95, 'escaping above this probability of ending on the limit cycle', low=0.5, high=1.0
     )
-    false_alarms_per_day: float = setting(
+    false_alarms_per_week: float = setting(
         1.0,
         'what is said of growing, holding or falling is false no more often than this',
-        unit='1/day',
+        unit='1/week',
         low=1e-6,
-        high=1e4,
+        high=1e5,
     )
     least_damping_per_s: float = setting(
         0.05,

@@ -40,7 +40,7 @@ _OUTLOOK_S = 60.0
 _MARK_PERIODS = 0.75
 #: Spacing of the amplitudes that are compared, in hunting periods.
 _STEP_PERIODS = 0.375
-_DAY_S = 86400.0
+_WEEK_S = 7.0 * 86400.0
 
 
 class Rules(NamedTuple):
@@ -121,7 +121,7 @@ def rules_of(config: DetectorConfig, v_n: float, v_c: float) -> Rules:
         probability_out=_PROBABILITY_OUT,
         escape_hold=rows(_ESCAPE_HOLD_S),
         step=step,
-        evidence=max(math.log(_DAY_S / (step * period * config.false_alarms_per_day)), 1.0),
+        evidence=max(math.log(_WEEK_S / (step * period * config.false_alarms_per_week)), 1.0),
         least_damping=config.least_damping_per_s * faster,
         cycle_fraction=_CYCLE_FRACTION,
         cycle_hold=rows(CYCLE_HOLD_S),

@@ -265,7 +265,7 @@ def test_an_event_that_a_likelihood_ratio_decided_has_it_with_its_limit() -> Non
         assert ratio > limit > 0.0
         assert f'log likelihood ratio {ratio:.3g}, limit {limit:.3g}' in event.cause
     # Ten times fewer false alarms: the logarithm of ten is added to the whole evidence.
-    rare = Rig(form=None, false_alarms_per_day=0.1 * rig.detector.config.false_alarms_per_day)
+    rare = Rig(form=None, false_alarms_per_week=0.1 * rig.detector.config.false_alarms_per_week)
     hunts(rare)
     (escaping,) = (
         one for output in rare.outputs for one in output.events if one.event == 'escaping'

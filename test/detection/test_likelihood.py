@@ -85,7 +85,7 @@ def test_after_a_kick_what_holds_is_hunting_and_what_falls_is_not() -> None:
 def test_an_hour_may_have_more_false_alarms_than_a_year_and_has_them_sooner() -> None:
     t = np.arange(60 * ROWS) / ROWS
     path = noise(60.0, 0.4) + QUIET * np.exp(0.15 * np.maximum(t - 20.0, 0.0))
-    hour, year = (judged(path, false_alarms_per_day=rate) for rate in (24.0, 1.0 / 365.0))
+    hour, year = (judged(path, false_alarms_per_week=rate) for rate in (168.0, 1.0 / 52.0))
     assert seconds_to_alarm(hour) < seconds_to_alarm(year)
 
 

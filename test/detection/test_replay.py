@@ -239,7 +239,7 @@ def test_each_run_of_the_detector_is_repeated_with_the_settings_of_that_run(reco
     for config, part in (
         (None, (0, half)),
         # What comes while the node is inactive is recorded, and not heard.
-        (DetectorConfig(margin_in=2.5, false_alarms_per_day=9.0), (half + 200_000_000, 2**62)),
+        (DetectorConfig(margin_in=2.5, false_alarms_per_week=9.0), (half + 200_000_000, 2**62)),
     ):
         if config is not None:
             detector.reset(config)
