@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hunt_ros.errors import IdentificationError
+from hunt_ros.errors import ConfigError, IdentificationError
 from hunt_ros.identification import IdentificationSettings, identify
 from hunt_ros.identification.bootstrap import bootstrap
 from hunt_ros.identification.identify import _envelopes, _path, _usable
@@ -67,3 +67,9 @@ def test_intervals_from_the_bootstrap_are_those_of_the_linearised_ones_within_re
     assert drawn.v_n is not None
     assert drawn.v_n.value == plain.v_n.value
     assert 0.3 < drawn.v_n.std / plain.v_n.std < 3.0
+
+
+@pytest.mark.parametrize('replications', [1, 9, 39])
+def test_replications_too_few_for_an_interval_are_refused(replications):
+    with pytest.raises(ConfigError, match='bootstrap must be 0 or at least 40'):
+        IdentificationSettings(bootstrap=replications)

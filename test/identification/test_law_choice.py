@@ -8,7 +8,7 @@ import pytest
 from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.identification import IdentificationSettings, identify
-from hunt_ros.identification.growth_law import EXTENDED, QUINTIC
+from hunt_ros.identification.growth_law import CONICITY, EXTENDED, QUINTIC
 from hunt_ros.identification.identify import _envelopes, _path, _usable
 from hunt_ros.identification.lack_of_fit import following, lack_of_fit, missed_transients
 from hunt_ros.identification.law_choice import _evidence, _one_block, _weighed, fit_laws
@@ -105,6 +105,23 @@ def test_where_all_laws_miss_the_limit_cycle_the_one_that_misses_least_is_taken(
     (chosen,) = following([far, near], states)
     assert chosen.law is near.law
     assert chosen.weight == 1.0
+
+
+def test_the_evidence_of_a_law_does_not_hang_on_the_unit_of_time(fitted):
+    laws, _ = fitted
+    path, scales = laws[0].path, laws[0].law.scales
+    # The same motion ten times slower: its rates have another size, the bend of a law has none.
+    path = replace(path, time=10.0 * path.time, blur=100.0 * path.blur, reach=10.0 * path.reach)
+    scales = replace(scales, time_scale=10.0 * scales.time_scale, frequency_hz=0.1 * 2.835)
+    slow = fit_laws(path, scales, SETTINGS, None, 0.02)
+
+    def gain(fits, name):
+        """Log evidence of a richer law less that of the quintic."""
+        found = {one.law.name: _evidence(one.fit, one.law.name, one.law.scales) for one in fits}
+        return found[name] - found[QUINTIC]
+
+    for name in (EXTENDED, CONICITY):
+        assert gain(slow, name) == pytest.approx(gain(laws, name), abs=0.5)
 
 
 def test_a_summary_of_draws_without_the_quantity_is_not_known():
