@@ -16,9 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.errors import HuntError
+from hunt_ros.sensors import MOTION, SENSORS
 
-#: Measured channels: y (m), psi (rad), continuous roller angle (rad), running speed v (m/s).
-CHANNELS: tuple[str, ...] = ('lateral', 'yaw', 'roller', 'speed')
+#: Channels that may be measured: the sensors of the motion (`hunt_ros.sensors`), the continuous
+#: roller angle (rad), the running speed v (m/s).
+CHANNELS: tuple[str, ...] = (*MOTION, 'roller', 'speed')
+#: Those that a rig has, unless it is said otherwise.
+USUAL_CHANNELS: tuple[str, ...] = (
+    *(sensor.name for sensor in SENSORS if sensor.usual),
+    'roller',
+    'speed',
+)
 
 NANOSECONDS = 1_000_000_000
 

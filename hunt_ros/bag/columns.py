@@ -124,7 +124,8 @@ def read_record(
     """
     Read the measurements of a rig out of a recording.
 
-    The topics named `lateral`, `yaw`, `roller` and `speed` under any namespace are taken.
+    The topics named as the channels (`lateral`, `yaw`, `roller`, `speed`, further sensors of the
+    motion) are taken, under any namespace.
     `channels` replaces or adds them one by one; the others are still found by name.
 
     Parameters

@@ -14,11 +14,11 @@ from hunt_ros.bag.columns import read_columns, read_record
 from hunt_ros.bag.reader import Bag
 from hunt_ros.errors import BagError
 from hunt_ros.samples import CHANNELS, Series
+from hunt_ros.sensors import SENSORS
 
 #: Column names of the measured channels: the unit is in the name.
 COLUMN_NAMES: dict[str, str] = {
-    'lateral': 'lateral_m',
-    'yaw': 'yaw_rad',
+    **{sensor.name: sensor.column for sensor in SENSORS},
     'roller': 'roller_rad',
     'speed': 'speed_mps',
 }

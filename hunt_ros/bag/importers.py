@@ -15,14 +15,12 @@ from hunt_ros.bag.tables import Table, load_table, select
 from hunt_ros.bag.writer import write_record
 from hunt_ros.errors import BagError
 from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series
+from hunt_ros.sensors import ANGLES, SENSORS
 
-_LENGTHS = {'m': 1.0, 'mm': 1e-3, 'um': 1e-6}
-_ANGLES = {'rad': 1.0, 'mrad': 1e-3, 'deg': np.pi / 180.0}
 #: Channel -> endings of column names that tell its unit: to SI.
-UNITS: dict[str, dict[str, float]] = {
-    'lateral': _LENGTHS,
-    'yaw': _ANGLES,
-    'roller': _ANGLES,
+UNITS: dict[str, Mapping[str, float]] = {
+    **{sensor.name: sensor.units for sensor in SENSORS},
+    'roller': ANGLES,
     'speed': {'mps': 1.0, 'kmh': 1.0 / 3.6},
 }
 #: Column names that mean the time, and their unit in seconds.
@@ -189,10 +187,10 @@ def _to_ns(table: Table, source: ChannelSource, raw: NDArray[np.float64]) -> NDA
 def _named(table: Table, path: str | Path) -> dict[str, ChannelSource]:
     found: dict[str, ChannelSource] = {}
     for channel in CHANNELS:
-        names = [str(name) for name in table if str(name).partition('_')[0] == channel]
+        names = [str(name) for name in table if f'{name}_'.startswith(f'{channel}_')]
         units = UNITS[channel]
         for name in names:
-            unit = name.partition('_')[2]
+            unit = name[len(channel) + 1 :]
             if not unit or unit in units:
                 found[channel] = ChannelSource(channel, name, units.get(unit, 1.0))
         if names and channel not in found:

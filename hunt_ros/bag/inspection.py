@@ -20,6 +20,7 @@ from hunt_ros.bag.plausible import wrong_unit
 from hunt_ros.bag.reader import Bag
 from hunt_ros.errors import BagError
 from hunt_ros.samples import CHANNELS, NANOSECONDS
+from hunt_ros.sensors import DISPLACEMENTS
 
 #: A pause longer than so many sample intervals, and than `GAP_S`, is a gap.
 GAP_STEPS = 20.0
@@ -132,8 +133,9 @@ def inspect(
     if names & set(CHANNELS):
         if 'speed' not in names:
             problems.append(Problem('missing_channel', 'no topic speed with messages'))
-        if not names & {'lateral', 'yaw'}:
-            problems.append(Problem('missing_channel', 'no topic lateral or yaw with messages'))
+        if not names & set(DISPLACEMENTS):
+            either = ' or '.join(DISPLACEMENTS)
+            problems.append(Problem('missing_channel', f'no topic {either} with messages'))
     return report
 
 

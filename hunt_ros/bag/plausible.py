@@ -6,12 +6,12 @@ import numpy as np
 
 from hunt_ros.errors import BagError
 from hunt_ros.samples import Record, Series
+from hunt_ros.sensors import SENSORS
 
-#: Largest usual value of a channel (lateral motion, m; yaw motion, rad; speed, m/s), its unit,
-#: and a factor that makes SI of the unit it may have been recorded in.
+#: Largest usual value of a channel, its unit, and a factor that makes SI of the unit it may have
+#: been recorded in.
 LARGEST: dict[str, tuple[float, str, str]] = {
-    'lateral': (1.0, 'm', '*0.001'),
-    'yaw': (1.6, 'rad', '*0.0174533'),
+    **{s.name: (s.largest, s.unit, s.mistaken) for s in SENSORS},
     'speed': (200.0, 'm/s', '/3.6'),
 }
 

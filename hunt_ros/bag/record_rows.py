@@ -16,13 +16,13 @@ from hunt_ros.bag.cdr_layout import JOINT_STATE, locate, parse_path
 from hunt_ros.bag.mcap_writer import CHUNK_BYTES, Rows
 from hunt_ros.bag.message_types import definitions_of, standard_types, topic_of_type
 from hunt_ros.samples import NANOSECONDS, Record, Series
+from hunt_ros.sensors import MOTION
 
 TWIST_STAMPED = 'geometry_msgs/msg/TwistStamped'
 
 #: Type and field of each channel, as the design names them.
 CHANNEL_FIELDS: dict[str, tuple[str, str]] = {
-    'lateral': (JOINT_STATE, 'position[0]'),
-    'yaw': (JOINT_STATE, 'position[0]'),
+    **dict.fromkeys(MOTION, (JOINT_STATE, 'position[0]')),
     'roller': (JOINT_STATE, 'position[0]'),
     'speed': (TWIST_STAMPED, 'twist.linear.x'),
 }

@@ -31,7 +31,7 @@ def write_record(
     """
     Write a record as a recording with the topics of a live rig.
 
-    `lateral`, `yaw` and `roller` become sensor_msgs/JointState, `speed` becomes
+    The sensors of the motion and `roller` become sensor_msgs/JointState, `speed` becomes
     geometry_msgs/TwistStamped; log time and header stamp are the sample's stamp.
 
     Parameters

@@ -16,7 +16,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('bag', type=Path, help='the recording')
     parser.add_argument('out', type=Path, help='.csv, .parquet or .npz; must not exist')
     options.add_channels(
-        parser, 'column and topic.field; repeatable (default: lateral, yaw, roller, speed)'
+        parser, 'column and topic.field; repeatable (default: all channels of a rig)'
     )
     options.add_stretch(parser)
     options.add_json(parser, 'what was written')

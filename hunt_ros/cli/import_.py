@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from hunt_ros.cli import options
+from hunt_ros.sensors import MOTION
 
 SUMMARY = 'turn a CSV, MATLAB, NumPy, TDMS or Parquet file, or a foreign bag, into a bag'
 EXAMPLE = (
@@ -19,7 +20,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('file', type=Path, help='the file to read')
     parser.add_argument('out', type=Path, help='folder of the bag; must not exist')
     options.add_channels(
-        parser, 'lateral, yaw, roller or speed: a column, data[1]*0.47, or a constant; repeatable'
+        parser,
+        f'{", ".join(MOTION)}, roller or speed: a column, data[1]*0.47, or a constant; repeatable',
     )
     options.add_rate(parser, None, 'of a file without times')
     parser.add_argument('--time', metavar='COLUMN', help='of the times, in s: t or t_ms*0.001')

@@ -117,13 +117,15 @@ def read(arguments: argparse.Namespace) -> Record:
     """Read the measurements, with the channels the user named."""
     from hunt_ros.bag import check_units, read_record
     from hunt_ros.samples import CHANNELS
+    from hunt_ros.sensors import DISPLACEMENTS
 
     channels = options.channels_of(arguments, CHANNELS)
     constant_speed = any(word.startswith('constant_speed_mps=') for word in arguments.set)
     require = () if constant_speed else ('speed',)
     record = read_record(arguments.bag, channels, require=require)
-    if not {'lateral', 'yaw'} & set(record):
-        raise ConfigError(f'{arguments.bag}: neither lateral nor yaw in it, expected one of them')
+    if not set(DISPLACEMENTS) & set(record):
+        neither = ' nor '.join(DISPLACEMENTS)
+        raise ConfigError(f'{arguments.bag}: neither {neither} in it, expected one of them')
     return check_units(record)
 
 

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.detection import health
 from hunt_ros.detection.output import Event
 from hunt_ros.detection.regions import State
 from hunt_ros.samples import NANOSECONDS
@@ -214,8 +213,8 @@ class AlarmHistory:
             return
         for channel, name in _COLUMNS:
             amplitude, std = rows[f'{channel}_amplitude'], rows[f'{channel}_amplitude_std']
-            # Where lateral is that of yaw through the mode shape, its own sensor may be dead.
-            seen = (rows[f'{channel}_wrong'] & health.BLIND) == 0
+            # Where lateral is that of yaw through the mode shape, its own sensors may be dead.
+            seen = ~rows[f'{channel}_blind']
             sure = amplitude[seen & (std < _SURE * amplitude)]
             if sure.size:
                 highest = float(sure.max())

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from hunt_ros.errors import ConfigError
-from hunt_ros.samples import CHANNELS
+from hunt_ros.samples import CHANNELS, USUAL_CHANNELS
+from hunt_ros.sensors import DISPLACEMENTS, sensors_of
 from hunt_ros.settings import Settings, setting
 
 #: The hunting frequencies: lowest, nominal and highest, and the least that each may be, Hz.
@@ -22,6 +23,8 @@ HUNTING_HZ = {
 
 #: Highest order of a known line, and how many there may be: each costs a tenth of the filter.
 MOST_TURNS, MOST_LINES = 100.0, 8
+
+_EITHER = ' or '.join(DISPLACEMENTS)
 
 #: A speed is silent after this time at least, s: a tachometer is read seldom, and a roller of
 #: hundreds of kilograms does not change its speed in it.
@@ -49,7 +52,7 @@ class DetectorConfig(Settings):
     """
 
     channels: tuple[str, ...] = setting(
-        CHANNELS,
+        USUAL_CHANNELS,
         f'channels the rig has, of {", ".join(CHANNELS)};'
         ' one that is listed and silent is a fault',
         fixed=True,
@@ -113,7 +116,7 @@ class DetectorConfig(Settings):
 
     sensor_timeout_s: float = setting(
         0.2,
-        'lateral, yaw or roller silent for longer is stale, the speed after 0.5 s at least',
+        'a channel silent for longer is stale, the speed after 0.5 s at least',
         unit='s',
         low=0.01,
         high=60.0,
@@ -200,8 +203,8 @@ class DetectorConfig(Settings):
         unknown = sorted(set(self.channels) - set(CHANNELS))
         if unknown:
             raise ConfigError(f'channels: unknown {unknown[0]!r}, expected some of {CHANNELS}')
-        if not set(self.channels) & {'lateral', 'yaw'}:
-            raise ConfigError(f'channels: need lateral or yaw, got {self.channels}')
+        if not set(self.channels) & set(DISPLACEMENTS):
+            raise ConfigError(f'channels: need {_EITHER}, got {self.channels}')
         self._check_optional()
         self._check_lines()
         self._check_limits()
@@ -222,11 +225,11 @@ class DetectorConfig(Settings):
                 "optional_channels: 'speed' needs constant_speed_mps: without a speed the region"
                 ' is unknown'
             )
-        motion = {'lateral', 'yaw'} & set(self.channels)
+        motion = set(DISPLACEMENTS) & set(self.channels)
         if motion <= set(self.optional_channels):
             raise ConfigError(
-                f'optional_channels: {self.optional_channels} leaves no channel of the motion,'
-                ' expected lateral or yaw to be required'
+                f'optional_channels: {self.optional_channels} leaves no displacement,'
+                f' expected {_EITHER} to be required'
             )
 
     def _check_limits(self) -> None:
@@ -276,6 +279,10 @@ class DetectorConfig(Settings):
                 f'output_rate_hz: {self.output_rate_hz:g} is too low for hunting at {nominal:.3g}'
                 f' Hz, expected at least {nominal / FASTEST_OF_RATE:.3g}'
             )
+
+    def measures(self, coordinate: str) -> bool:
+        """Return True if one of the channels is a sensor of this coordinate."""
+        return bool(set(sensors_of(coordinate)) & set(self.channels))
 
     @property
     def period_ns(self) -> int:

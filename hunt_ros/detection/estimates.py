@@ -33,8 +33,7 @@ from hunt_ros.estimation.kalman import HuntingTracker
 from hunt_ros.estimation.line_search import LineSearch
 from hunt_ros.estimation.turning import Unwrapping
 from hunt_ros.samples import CHANNELS
-
-_MOTION = ('lateral', 'yaw')
+from hunt_ros.sensors import DISPLACEMENTS, MOTION, SENSORS
 
 
 class Estimator:
@@ -51,6 +50,7 @@ class Estimator:
         self.config = config
         self._channels = tuple(name for name in CHANNELS if name in config.channels)
         self._health = {name: channel_health(config, name) for name in self._channels}
+        self._motion = tuple(name for name in MOTION if name in self._channels)
         self._slow: dict[str, SlowChannel] = {
             name: SlowChannel(config.timeout_ns(name), rising=name == 'roller')
             for name in ('roller', 'speed')
@@ -67,7 +67,7 @@ class Estimator:
         """Make what depends on where the hunting frequency is."""
         self._tracker = HuntingTracker(tracker_config(config))
         self._opinions = {
-            name: SecondOpinion(config) for name in _MOTION if name in self._channels
+            name: SecondOpinion(config) for name in self._motion if name in DISPLACEMENTS
         }
         self._lines: dict[str, LineSearch] = {name: line_search(config) for name in self._opinions}
 
@@ -144,7 +144,7 @@ class Estimator:
             if name in self.config.optional_channels:
                 wrong = health.excused(wrong)
             rows[f'{name}_wrong'] = wrong
-        stamp, sensor, value = _in_order(blocks, usable)
+        stamp, sensor, value = self._in_order(blocks, usable)
         slow = self._slow_at(np.concatenate([stamp, rows_ns]), blocks, usable)
         count = stamp.size
         angle, speed = slow['angle'][:count], slow['speed'][:count]
@@ -158,16 +158,30 @@ class Estimator:
         if self._speed_check is not None:
             contrary = self._speed_check.update(rows_ns, slow['roller'][count:], rows['speed'])
             rows['speed_wrong'][contrary] |= np.uint32(health.CONTRADICTED)
-        own = np.flatnonzero(sensor == _MOTION.index(next(n for n in _MOTION if n in blocks)))
+        own = np.flatnonzero(sensor == self._motion.index(next(iter(self._opinions))))
         quiet = np.ones(own.size, dtype=np.bool_)
         encoder = slow['roller'][:count]
         motion = Motion(stamp[own], value[own], speed[own], encoder[own], quiet)
         turning = self._turning.update(rows_ns, slow['angle'][count:])
         samples = {
             name: np.diff(np.searchsorted(stamp[sensor == k], rows_ns, side='right'), prepend=0)
-            for k, name in enumerate(_MOTION)
+            for k, name in enumerate(self._motion)
         }
         return rows, self._compare(rows, track, turning, samples), motion
+
+    def _in_order(
+        self, blocks: dict[str, MergedBlock], usable: dict[str, NDArray[np.bool_]]
+    ) -> tuple[NDArray[np.int64], NDArray[np.int8], NDArray[np.float64]]:
+        """Return stamps, sensors (places in `_motion`) and values that are usable, by stamp."""
+        stamps, sensors, values = [], [], []
+        for number, name in enumerate(self._motion):
+            good = usable[name]
+            stamps.append(blocks[name].stamps_ns[good])
+            values.append(blocks[name].values[good])
+            sensors.append(np.full(stamps[-1].size, number, dtype=np.int8))
+        stamp = np.concatenate(stamps)
+        order = np.argsort(stamp, kind='stable')
+        return stamp[order], np.concatenate(sensors)[order], np.concatenate(values)[order]
 
     def _slow_at(
         self,
@@ -227,7 +241,7 @@ class Estimator:
         rows['followed_min_hz'] = self.config.hunting_frequency_min_hz
         rows['followed_max_hz'] = self.config.hunting_frequency_max_hz
         rows['outside_hz'] = math.nan
-        for name in _MOTION:
+        for name, coordinate in ((s.name, s.coordinate) for s in SENSORS if s.derivative == 0):
             rows[f'{name}_envelope'] = rows[f'outside_{name}'] = math.nan
             if name in self._opinions:
                 rows[f'{name}_envelope'], differs = self._opinions[name].update(
@@ -235,13 +249,13 @@ class Estimator:
                     track[f'{name}_clean'],
                     samples[name],
                     track[f'{name}_noise_std'],
-                    track[f'{name}_amplitude'],
-                    track[f'{name}_amplitude_std'],
+                    track[f'{coordinate}_amplitude'],
+                    track[f'{coordinate}_amplitude_std'],
                     track['frequency_hz'],
                 )
                 disagree |= differs
                 self._look_outside(name, track, turning, rows)
-        if 'lateral' in self._channels:
+        if self.config.measures('lateral'):
             rows['doubts'][track['lateral_tied'] == 1.0] |= np.uint32(doubts.FROM_YAW)
         return disagree
 
@@ -266,25 +280,9 @@ class Estimator:
         rows[f'outside_{name}'] = amplitude
 
 
-def _in_order(
-    blocks: dict[str, MergedBlock], usable: dict[str, NDArray[np.bool_]]
-) -> tuple[NDArray[np.int64], NDArray[np.int8], NDArray[np.float64]]:
-    """Return stamps, sensors (0 lateral, 1 yaw) and values of the usable samples, by stamp."""
-    stamps, sensors, values = [], [], []
-    for number, name in enumerate(_MOTION):
-        if name in blocks:
-            good = usable[name]
-            stamps.append(blocks[name].stamps_ns[good])
-            values.append(blocks[name].values[good])
-            sensors.append(np.full(stamps[-1].size, number, dtype=np.int8))
-    stamp = np.concatenate(stamps)
-    order = np.argsort(stamp, kind='stable')
-    return stamp[order], np.concatenate(sensors)[order], np.concatenate(values)[order]
-
-
 def channel_health(config: DetectorConfig, channel: str) -> ChannelHealth:
     """Return the watch over one channel."""
-    ranges = {'lateral': config.lateral_range_m, 'yaw': config.yaw_range_rad}
+    ranges = {s.name: float(getattr(config, s.range_setting, 0.0)) for s in SENSORS}
     return ChannelHealth(
         channel,
         config.timeout_ns(channel),

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from hunt_ros.compiled import compiled
 from hunt_ros.detection.merge import MergedBlock
 from hunt_ros.samples import NANOSECONDS
+from hunt_ros.sensors import MOTION, SENSORS
 
 # What can be wrong with a channel, one bit each. The first four are those of `intake`.
 REPEATED_STAMP = 1
@@ -73,14 +74,13 @@ STANDSTILL_MPS = 0.05
 
 #: What it costs to do without a channel.
 COSTS: dict[str, str] = {
-    'lateral': 'the lateral amplitude is that of yaw through the mode shape, or unknown',
-    'yaw': 'nothing stands in for the lateral sensor when it fails',
+    **{sensor.name: sensor.cost for sensor in SENSORS},
     'roller': 'the lines of the roller are where the speed has them, and nothing checks the speed',
     'speed': 'the speed is taken to be constant_speed_mps',
 }
 
 _MOTION, _ROLLER, _SPEED = 0, 1, 2
-_KINDS = {'lateral': _MOTION, 'yaw': _MOTION, 'roller': _ROLLER, 'speed': _SPEED}
+_KINDS = {**dict.fromkeys(MOTION, _MOTION), 'roller': _ROLLER, 'speed': _SPEED}
 
 # Integer memory: stamps, ns, and counts.
 _I_ANY, _I_VALID, _I_RUN_START, _I_RUN, _I_START, _I_WINDOW, _I_SHORT, _I_SEEN = range(8)
@@ -115,7 +115,7 @@ class ChannelHealth:
     Parameters
     ----------
     channel : str
-        'lateral', 'yaw', 'roller' or 'speed'.
+        One of `CHANNELS`.
     timeout_ns : int
         Silence that counts.
     value_range : float

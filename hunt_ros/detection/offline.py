@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled
 from hunt_ros.criteria import Verdict
-from hunt_ros.detection import doubts, health
+from hunt_ros.detection import doubts
 from hunt_ros.detection.alarms import AlarmHistory
 from hunt_ros.detection.companions import Companions, criterion_event
 from hunt_ros.detection.configuration import DetectorConfig
@@ -75,12 +75,13 @@ class Summary:
                 counter[kind(number).label] += count
         self.reason_rows += reason_counts(rows)
         from_yaw = (rows['doubts'] & doubts.FROM_YAW) != 0
-        # Without a lateral sensor there is no reading to compare it with.
-        most = np.where(from_yaw, math.inf, self._half_range(rows, motion))
+        # Where no lateral displacement is read there is nothing to compare it with.
+        half = self._half_range(rows, motion)
+        most = np.where(from_yaw | np.isnan(half), math.inf, half)
         amplitude = np.minimum(rows['lateral_amplitude'], most)
         least = amplitude - rows['lateral_amplitude_std']
-        wrong = np.where(from_yaw, rows['yaw_wrong'], rows['lateral_wrong'])
-        least[~np.isfinite(least) | ((wrong & health.BLIND) != 0)] = -math.inf
+        blind = np.where(from_yaw, rows['yaw_blind'], rows['lateral_blind'])
+        least[~np.isfinite(least) | blind] = -math.inf
         best = int(np.argmax(least))
         if least[best] > self._least_m:
             self._least_m, self.max_amplitude_m = float(least[best]), float(amplitude[best])

@@ -12,18 +12,17 @@ from numpy.typing import NDArray
 from hunt_ros.detection.journal import JournalEntry
 from hunt_ros.detection.regions import Level, State
 from hunt_ros.estimation.kalman import TRACK_DTYPE
+from hunt_ros.samples import CHANNELS
+from hunt_ros.sensors import COORDINATES, DISPLACEMENTS, MOTION
 
 #: Columns of the tracker that stay inside: of use to the detector, or to who tunes the filter.
 _INSIDE = {
     'stamp_ns',
-    'lateral_roughness_second',
-    'yaw_roughness_second',
-    'lateral_residual',
-    'yaw_residual',
-    'lateral_nis',
-    'yaw_nis',
-    'lateral_clean',
-    'yaw_clean',
+    *(
+        f'{name}_{what}'
+        for name in MOTION
+        for what in ('roughness_second', 'residual', 'nis', 'clean')
+    ),
     'yaw_ratio',
     'yaw_ratio_std',
     'yaw_lag',
@@ -39,8 +38,7 @@ TRACKER_FIELDS: tuple[str, ...] = tuple(
 #: The detector's own.
 _OWN = (
     'speed',
-    'lateral_envelope',
-    'yaw_envelope',
+    *(f'{name}_envelope' for name in DISPLACEMENTS),
     'noise_floor',
     'noise_intensity',
     'unstable_amplitude',
@@ -63,8 +61,7 @@ _OWN = (
 #: frequency, its amplitude in m and rad; and the range, Hz.
 OUTSIDE: tuple[str, ...] = (
     'outside_hz',
-    'outside_lateral',
-    'outside_yaw',
+    *(f'outside_{name}' for name in DISPLACEMENTS),
     'followed_min_hz',
     'followed_max_hz',
 )
@@ -89,10 +86,9 @@ ESTIMATE_DTYPE: np.dtype[np.void] = np.dtype(
         ('level', np.int8),
         ('alarm', np.bool_),
         ('doubts', np.uint32),
-        ('lateral_wrong', np.uint32),
-        ('yaw_wrong', np.uint32),
-        ('roller_wrong', np.uint32),
-        ('speed_wrong', np.uint32),
+        # Of each coordinate whether all sensors of it that the rig has show nothing.
+        *((f'{name}_blind', np.bool_) for name in COORDINATES),
+        *((f'{name}_wrong', np.uint32) for name in CHANNELS),
     ]
 )
 

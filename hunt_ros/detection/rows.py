@@ -30,6 +30,7 @@ from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 from hunt_ros.samples import CHANNELS, NANOSECONDS
+from hunt_ros.sensors import COORDINATES, sensors_of
 
 #: The noise at the edge of the basin is looked up once in this time.
 _EDGE_NS = NANOSECONDS
@@ -224,11 +225,15 @@ class RowMaker:
         return rows, motion
 
     def _trusted(self, rows: NDArray[np.void]) -> NDArray[np.bool_]:
-        """Return which rows have a motion sensor to trust."""
+        """Fill in which coordinates no sensor shows; return which rows have one that is shown."""
         trusted = np.zeros(rows.size, dtype=np.bool_)
-        for name in ('lateral', 'yaw'):
-            if name in self._channels:
-                trusted |= (rows[f'{name}_wrong'] & health.BLIND) == 0
+        for coordinate in COORDINATES:
+            if self.config.measures(coordinate):
+                shown = np.zeros(rows.size, dtype=np.bool_)
+                for name in set(sensors_of(coordinate)) & set(self._channels):
+                    shown |= (rows[f'{name}_wrong'] & health.BLIND) == 0
+                rows[f'{coordinate}_blind'] = ~shown
+                trusted |= shown
         return trusted
 
     def _decide(
@@ -260,7 +265,7 @@ class RowMaker:
         rules, numbers = self._rules, self._numbers
         if channel == 'yaw':  # the form speaks of metres
             numbers = form_numbers(None)
-            if 'lateral' in self._channels or self._numbers.known:
+            if self.config.measures('lateral') or self._numbers.known:
                 rows['doubts'] |= np.uint32(doubts.IN_YAW)
         seconds = rows['stamp_ns'] // _EDGE_NS
         starts = np.flatnonzero(np.diff(seconds, prepend=self._edge_second))

@@ -20,6 +20,7 @@ from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.estimation.line_search import LineSearch
 from hunt_ros.estimation.tracker_config import ModePoint, Shaft, TrackerConfig
 from hunt_ros.estimation.turning import TurningAngle
+from hunt_ros.sensors import SENSORS
 
 #: Scale of the yaw sensor against that of the lateral one, then and now: what a mode shape
 #: from recordings or from theory cannot know of the sensors at hand.
@@ -42,6 +43,7 @@ def tracker_config(config: DetectorConfig) -> TrackerConfig:
         config.hunting_frequency_min_hz,
         config.hunting_frequency_max_hz,
         shafts(config),
+        tuple(sensor for sensor in SENSORS if sensor.name in config.channels),
     )
 
 
@@ -172,7 +174,7 @@ def _count_turns(
 
 class JudgedChannel:
     """
-    Which amplitude the decisions judge: lateral, or yaw while lateral is not measured.
+    Which coordinate the decisions judge: lateral, or yaw while lateral is not measured.
 
     What yaw tells of the lateral motion, through a mode shape or the ratio seen before, counts
     as lateral where there is a form to compare it with. Without, yaw itself is known better:
@@ -189,8 +191,7 @@ class JudgedChannel:
     """
 
     def __init__(self, config: DetectorConfig) -> None:
-        waits = 'lateral' in config.channels
-        self._patience = round(1e9 / config.period_ns) if waits else 0
+        self._patience = round(1e9 / config.period_ns) if config.measures('lateral') else 0
         self.compared = False
         self.reset()
 

@@ -19,40 +19,19 @@ from hunt_ros.estimation.tracker import layout as at
 from hunt_ros.estimation.tracker.block import track_block
 from hunt_ros.estimation.tracker_config import ModePoint, TrackerConfig
 from hunt_ros.records import zeros
+from hunt_ros.sensors import COORDINATES, MOTION
 
 __all__ = ['TRACK_DTYPE', 'HuntingTracker', 'ModePoint', 'TrackerConfig']
 
-_NUMBERS = (
-    'lateral_amplitude',
-    'lateral_amplitude_std',
-    'lateral_amplitude_rate',
-    'lateral_amplitude_rate_std',
-    'yaw_amplitude',
-    'yaw_amplitude_std',
-    'yaw_amplitude_rate',
-    'yaw_amplitude_rate_std',
+#: What is told of each coordinate, of the motion, and of each sensor: the columns of the kernel.
+_OF_COORDINATE = ('amplitude', 'amplitude_std', 'amplitude_rate', 'amplitude_rate_std')
+_OF_MOTION = (
     'phase',
     'phase_std',
     'frequency_hz',
     'frequency_hz_std',
     'growth_rate',
     'growth_rate_std',
-    'lateral_roughness',
-    'lateral_roughness_std',
-    'lateral_roughness_second',
-    'yaw_roughness',
-    'yaw_roughness_std',
-    'yaw_roughness_second',
-    'lateral_bias',
-    'yaw_bias',
-    'lateral_residual',
-    'yaw_residual',
-    'lateral_nis',
-    'yaw_nis',
-    'lateral_clean',
-    'yaw_clean',
-    'lateral_noise_std',
-    'yaw_noise_std',
     'yaw_ratio',
     'yaw_ratio_std',
     'yaw_lag',
@@ -61,20 +40,36 @@ _NUMBERS = (
     'since_kick',
     'lateral_tied',
 )
+OF_SENSOR = (
+    'roughness',
+    'roughness_std',
+    'roughness_second',
+    'bias',
+    'residual',
+    'nis',
+    'clean',
+    'noise_std',
+)
+_NUMBERS = (
+    *(f'{name}_{what}' for name in COORDINATES for what in _OF_COORDINATE),
+    *_OF_MOTION,
+    *(f'{name}_{what}' for name in MOTION for what in OF_SENSOR),
+)
 
-#: One estimate. Amplitudes, biases, residuals in the unit of the sensor (m, rad); rates per
-#: second; phase and yaw_lag in rad (y = amplitude cos(phase)); bandwidth in 1/s; lateral_tied
-#: is 1 where the lateral amplitude is that of yaw through the mode shape, 0 where it is measured.
+#: One estimate. Amplitudes in the unit of the coordinate (m, rad), what a sensor shows in its own;
+#: rates per second; phase and yaw_lag in rad (y = amplitude cos(phase)); bandwidth in 1/s;
+#: lateral_tied is 1 where the lateral amplitude is that of yaw through the mode shape, 0 where it
+#: is measured.
 TRACK_DTYPE: np.dtype[np.void] = np.dtype(
     [('stamp_ns', np.int64), *((name, np.float64) for name in _NUMBERS)]
 )
 
 #: Columns that are per second.
 _RATES = (
-    at.O_Y_RATE,
-    at.O_Y_RATE_STD,
-    at.O_P_RATE,
-    at.O_P_RATE_STD,
+    at.O_RATE,
+    at.O_RATE_STD,
+    at.N_COORDINATE + at.O_RATE,
+    at.N_COORDINATE + at.O_RATE_STD,
     at.O_FREQUENCY,
     at.O_FREQUENCY_STD,
     at.O_GROWTH,
@@ -89,7 +84,7 @@ class HuntingTracker:
     """
     Amplitude, frequency, growth rate of the hunting motion, live.
 
-    An extended Kalman filter over both sensors that splits the signals into the
+    An extended Kalman filter over all sensors of the motion that splits the signals into the
     hunting phasor, a fast-decaying second mode, the known lines of what turns (the
     roughness of roller and wheel) and a bias, and that finds its own noise levels.
 
@@ -127,16 +122,30 @@ class HuntingTracker:
             f.ratio_re, f.ratio_known = 1.0, True
             f.ratio_var = self.config.yaw_ratio_std**2
         f.last_stamp = f.last_output = _NEVER
-        for k in range(2):
-            f.sensors[k].value, f.sensors[k].last_stamp = math.nan, _NEVER
         lines, slips = self.config.line_table()
         f.line_count, f.slip_count = len(lines), len(slips)
-        f.states = at.ROUGH + 4 * len(lines) + len(slips)
+        self._set_up_sensors(f)
         for j, (order, slip) in enumerate(lines):
             f.lines[j].order, f.lines[j].slip = order, slip
         for j, std in enumerate(slips):
             own = f.states - len(slips) + j
             f.slips[j].deviation, f.P[own, own] = std, std * std
+
+    def _set_up_sensors(self, f: at.Filter) -> None:
+        """Lay out the state: what each sensor has in it, and the slips behind."""
+        sensors, scale = self.config.sensors, self.config.time_scale
+        f.sensor_count = len(sensors)
+        place = at.BIAS + len(sensors) * (1 + 2 * f.line_count)
+        measured: set[str] = set()
+        for own, sensor in zip(f.sensors, sensors, strict=False):
+            own.value, own.last_stamp = math.nan, _NEVER
+            own.coordinate = COORDINATES.index(sensor.coordinate)
+            own.derivative, own.unit = sensor.derivative, scale**sensor.derivative
+            own.scale = -1  # the first one of a coordinate says how large its motion is
+            if sensor.coordinate in measured:
+                own.scale, place = place, place + 2
+            measured.add(sensor.coordinate)
+        f.states = place + f.slip_count
 
     def _set_up(self, cfg: at.Settings) -> None:
         """Write the settings, in units of time that make the nominal frequency 2.84 Hz."""
@@ -175,11 +184,11 @@ class HuntingTracker:
         Parameters
         ----------
         stamps_ns : array_like of int64, shape (n,)
-            Stamps of the samples of both sensors, sorted.
+            Stamps of the samples of all sensors, sorted.
         sensor : array_like of int8, shape (n,)
-            0 lateral, 1 yaw.
+            Place of each one's sensor in `TrackerConfig.sensors`: 0 lateral, 1 yaw by default.
         values : array_like, shape (n,)
-            m or rad, or any unit that stays the same.
+            SI, or any unit that stays the same.
         roller_angle : array_like, shape (n,)
             Continuous angle at each sample that the lines of `TrackerConfig.shafts` turn with,
             rad; NaN: not known, no line is told apart.
@@ -197,8 +206,8 @@ class HuntingTracker:
         Raises
         ------
         HuntError
-            If the arrays differ in length, a sensor is neither 0 nor 1, or output stamps
-            do not increase; nothing has been taken in then.
+            If the arrays differ in length, there is no such sensor, or output stamps do not
+            increase; nothing has been taken in then.
         """
         stamps = np.ascontiguousarray(stamps_ns, dtype=np.int64)
         sensors = np.ascontiguousarray(sensor, dtype=np.int8)
@@ -212,8 +221,12 @@ class HuntingTracker:
                 f'tracker: {shape} stamps, {sensors.shape} sensors, {measured.shape} values,'
                 f' {angles.shape} angles and {speeds.shape} speeds, expected one of each a sample'
             )
-        if shape[0] and (sensors.min() < 0 or sensors.max() > 1):
-            raise HuntError('tracker: a sensor number must be 0 (lateral) or 1 (yaw)')
+        names = [own.name for own in self.config.sensors]
+        if shape[0] and (sensors.min() < 0 or sensors.max() >= len(names)):
+            raise HuntError(
+                f'tracker: sensor numbers are {sensors.min()} to {sensors.max()}, expected 0 to'
+                f' {len(names) - 1} ({", ".join(names)})'
+            )
         if outputs.size and (
             outputs[0] <= self._filter.last_output
             or (outputs.size > 1 and bool(np.any(outputs[1:] <= outputs[:-1])))
@@ -225,8 +238,21 @@ class HuntingTracker:
         rows[:, at.O_SINCE_KICK] /= self.config.time_scale
         track = np.empty(outputs.size, dtype=TRACK_DTYPE)
         track['stamp_ns'] = outputs
-        track.view(np.float64).reshape(outputs.size, len(_NUMBERS) + 1)[:, 1:] = rows
+        numbers = track.view(np.float64).reshape(outputs.size, len(_NUMBERS) + 1)[:, 1:]
+        numbers[:, : at.O_SENSOR] = rows[:, : at.O_SENSOR]
+        for name, place in zip(MOTION, self._places(), strict=True):
+            to = at.O_SENSOR + at.N_SENSOR * MOTION.index(name)
+            numbers[:, to : to + at.N_SENSOR] = rows[:, place : place + at.N_SENSOR]
         return track
+
+    def _places(self) -> list[int]:
+        """Return where the kernel has the columns of each sensor; those of one not in use: NaN."""
+        names = [own.name for own in self.config.sensors]
+        others = iter(range(len(names), len(MOTION)))
+        return [
+            at.O_SENSOR + at.N_SENSOR * (names.index(name) if name in names else next(others))
+            for name in MOTION
+        ]
 
     def _run(
         self,

@@ -26,6 +26,7 @@ from hunt_ros.records import zeros
 _F = NDArray[np.float64]
 
 _speaks = getattr(algebra.speaks, 'py_func', algebra.speaks)
+_known = getattr(algebra.known, 'py_func', algebra.known)
 
 
 def plain_parts() -> dict[str, Any]:
@@ -77,7 +78,7 @@ class ReferenceTracker(PlainTracker):
         self._kf = KalmanFilter(dim_x=size, dim_z=1)
         self._kf.Q = np.zeros((size, size))
         self._row = np.zeros((1, size))
-        for name in ('predict', 'turn_lines', 'diffuse', 'expected', 'project', 'correct'):
+        for name in ('predict', 'turn_lines', 'diffuse', 'aim', 'expected', 'project', 'correct'):
             self._parts[name] = getattr(self, f'_{name}')
 
     def _load(self, f: at.Filter) -> None:
@@ -103,14 +104,14 @@ class ReferenceTracker(PlainTracker):
     def _diffuse(self, f: at.Filter, dt: float) -> None:
         f.P[: f.states, : f.states] += process_noise(f, dt)
 
+    def _aim(self, f: at.Filter, k: int) -> None:
+        self._reading, self._row = measurement(f, k)
+
     def _expected(self, f: at.Filter, k: int) -> float:
-        self._load(f)
-        self._row = measurement(f, k)
-        return float((self._row @ self._kf.x)[0, 0])
+        return self._reading
 
     def _project(self, f: at.Filter, k: int) -> float:
         self._load(f)
-        self._row = measurement(f, k)
         return float((self._row @ self._kf.P @ self._row.T)[0, 0])
 
     def _correct(self, f: at.Filter, innovation: float, S: float) -> None:
@@ -156,12 +157,13 @@ def turning(f: at.Filter, turned: float) -> _F:
     if not math.isfinite(turned):
         return F
     count = f.line_count
-    first = at.ROUGH + 4 * count
+    first = f.states - f.slip_count
     for j in range(f.slip_count):
         f.slips[j].turned += f.x[first + j] * turned
     for j, known in enumerate(f.lines[:count]):
-        for k in range(2):
-            part = slice(at.ROUGH + 2 * (k * count + j), at.ROUGH + 2 * (k * count + j) + 2)
+        for k in range(f.sensor_count):
+            own = at.BIAS + f.sensor_count + 2 * (k * count + j)
+            part = slice(own, own + 2)
             power, doubt = f.x[part] @ f.x[part], np.trace(f.P[part, part])
             if known.slip >= 0 and power > 2.0 * doubt:
                 share = known.order * turned * power / (power + doubt)
@@ -180,15 +182,20 @@ def _rank_one(variance: float, ratio: complex, spread: float) -> _F:
 def process_noise(f: at.Filter, dt: float) -> _F:
     """Return Q for a step of dt seconds, shape (n, n)."""
     Q = np.zeros((f.states, f.states))
-    alive = np.array([sensor.alive for sensor in f.sensors])
-    speaking = np.array([_speaks(f, k) for k in range(2)])
+    sensors = f.sensors[: f.sensor_count]
+    alive = np.array([sensor.alive for sensor in sensors])
+    speaking = np.array([_speaks(f, k) for k in range(f.sensor_count)])
     heard = speaking if speaking.any() else alive
-    density = np.array([sensor.noise * sensor.spacing for sensor in f.sensors])
+    density = np.array([sensor.noise * sensor.spacing for sensor in sensors])
     ratio = complex(f.rho_re, f.rho_im)
     spread = f.rho_var
     size = abs(ratio) ** 2 + 2.0 * spread
-    tied = heard[1] and (not heard[0] or abs(ratio) ** 2 > 2.0 * spread)
-    information = (1.0 / density[0] if heard[0] else 0.0) + (size / density[1] if tied else 0.0)
+    seen = np.array([(s.unit * f.x[at.OMEGA] ** s.derivative) ** 2 for s in sensors])
+    lateral = np.array([sensor.coordinate == 0 for sensor in sensors])
+    informs = np.divide(seen, density, out=np.zeros(seen.size), where=heard)
+    information = float(informs[lateral].sum())
+    if not information or abs(ratio) ** 2 > 2.0 * spread:
+        information += size * float(informs[~lateral].sum())
     q = math.exp(2.0 * f.log_bandwidth) / information * dt
     z, w = slice(at.Z, at.Z + 4), slice(at.W, at.W + 4)
     Q[z, z] = _rank_one(q, ratio, spread)
@@ -199,9 +206,10 @@ def process_noise(f: at.Filter, dt: float) -> _F:
     unknown = 0.5 * f.mode.std2**2 * abs(pole) ** 2 / (-2.0 * pole.real)
     for side, part in enumerate((slice(at.W, at.W + 2), slice(at.W + 2, at.W + 4))):
         power = f.x[part] @ f.x[part] + np.trace(f.P[part, part] + Q[part, part])
-        left = f.sensors[side].second_left * math.exp(2.0 * (1.0 - f.mode.std2) * pole.real * dt)
-        f.sensors[side].second_left = min(left, power)
-        Q[part, part] += unknown * dt * f.sensors[side].second_left * np.eye(2)
+        own = f.coordinates[side]
+        left = own.second_left * math.exp(2.0 * (1.0 - f.mode.std2) * pole.real * dt)
+        own.second_left = min(left, power)
+        Q[part, part] += unknown * dt * own.second_left * np.eye(2)
     drift = 0.5 * f.cfg.ratio_floor**2 * dt * (f.x[2] ** 2 + f.x[3] ** 2)
     Q[2, 2] += drift
     Q[3, 3] += drift
@@ -214,21 +222,43 @@ def process_noise(f: at.Filter, dt: float) -> _F:
         Q[at.BIAS + k, at.BIAS + k] = math.exp(2.0 * sensor.log_bias_bandwidth) * walk
         bandwidths = np.array([line.log_bandwidth for line in sensor.lines[: f.line_count]])
         rough = np.exp(2.0 * bandwidths) * walk * sensor.angle_known
-        own = at.ROUGH + 2 * k * rough.size + np.arange(2 * rough.size)
-        Q[own, own] = np.repeat(rough, 2)
-    own = at.ROUGH + 4 * f.line_count + np.arange(f.slip_count)
+        places = at.BIAS + f.sensor_count + 2 * k * rough.size + np.arange(2 * rough.size)
+        Q[places, places] = np.repeat(rough, 2)
+        if sensor.scale >= 0:
+            places = sensor.scale + np.arange(2)
+            scale = np.full(2, algebra.SCALE_STD**2)
+            new = 2.0 * scale * dt / algebra.SCALE_TIME
+            Q[places, places] = np.where(f.P[places, places] < scale, new, 0.0)
+    places = f.states - f.slip_count + np.arange(f.slip_count)
     variance = np.array([slip.deviation**2 for slip in f.slips[: f.slip_count]])
-    Q[own, own] = np.where(f.P[own, own] < variance, 2.0 * variance * dt / algebra.REVERSION, 0.0)
+    new = 2.0 * variance * dt / algebra.REVERSION
+    Q[places, places] = np.where(f.P[places, places] < variance, new, 0.0)
     return Q
 
 
-def measurement(f: at.Filter, k: int) -> _F:
-    """Return H for a bin of sensor k, shape (1, n)."""
-    H = np.zeros((1, f.states))
-    H[0, at.Z + 2 * k] = f.row[0]
-    H[0, at.W + 2 * k] = 1.0
+def measurement(f: at.Filter, k: int) -> tuple[float, _F]:
+    """Return what sensor k is expected to read in a bin, and H of it, shape (1, n)."""
+    sensor, x = f.sensors[k], f.x[: f.states]
+    H, n = np.zeros((1, f.states)), sensor.derivative
+    z, w = at.Z + 2 * sensor.coordinate, at.W + 2 * sensor.coordinate
+    pole, second = complex(x[at.GROWTH], x[at.OMEGA]), complex(-f.mode.decay2, f.mode.omega2)
+    phasor = complex(x[z], x[z + 1])
+    scale = 1.0 + (complex(x[sensor.scale], x[sensor.scale + 1]) if sensor.scale >= 0 else 0.0)
+    for place, factor in (
+        (z, f.row.averaged * scale * sensor.unit * pole**n),
+        (w, sensor.unit * second**n),
+    ):
+        H[0, place], H[0, place + 1] = factor.real, -factor.imag
     H[0, at.BIAS + k] = 1.0
     count = 2 * f.line_count
-    first = at.ROUGH + k * count
-    H[0, first : first + count] = f.row[1 : 1 + count]
-    return H
+    first = at.BIAS + f.sensor_count + k * count
+    H[0, first : first + count] = f.row.lines[:count]
+    reading = float(H[0] @ x)
+    sure = f.row.averaged * _known(f, z) * sensor.unit
+    if n > 0:
+        slope = sure * scale * n * pole ** (n - 1) * phasor
+        H[0, at.GROWTH], H[0, at.OMEGA] = slope.real, -slope.imag
+    if sensor.scale >= 0:
+        seen = sure * pole**n * phasor
+        H[0, sensor.scale], H[0, sensor.scale + 1] = seen.real, -seen.imag
+    return reading, H

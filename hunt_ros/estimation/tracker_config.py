@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.errors import ConfigError
 from hunt_ros.estimation.tracker.layout import MOST_LINES, MOST_SLIPS
+from hunt_ros.sensors import SENSORS, MotionSensor
 
 
 @dataclass(frozen=True)
@@ -104,6 +105,9 @@ class Shaft:
             raise ConfigError(f'shaft: slip_std must be within 0..0.1, got {self.slip_std}')
 
 
+#: The sensors of a usual rig.
+USUAL: tuple[MotionSensor, ...] = tuple(sensor for sensor in SENSORS if sensor.usual)
+
 #: The hunting frequency the times inside the tracker are meant for, Hz: it counts time in units
 #: that make the nominal frequency this one, so that a rig of another frequency gets the same
 #: filter, slower or faster.
@@ -167,6 +171,9 @@ class TrackerConfig:
         A sensor whose value does not change for this long, s, is not measuring.
     shafts : tuple of Shaft
         What turns, and its lines.
+    sensors : tuple of MotionSensor
+        What measures the motion. The first one of a coordinate says how large its motion is; the
+        scale of a further one is learnt against it.
     gap_s : float
         After silence longer than this, s, the hunting phasor is known no more.
 
@@ -198,9 +205,14 @@ class TrackerConfig:
     stuck_s: float = 0.05
     gap_s: float = 2.0
     shafts: tuple[Shaft, ...] = (Shaft((1.0, 2.0)),)
+    sensors: tuple[MotionSensor, ...] = USUAL
 
     def __post_init__(self) -> None:
-        free = ('yaw_ratio', 'second_yaw_ratio', 'second_std', 'modes', 'bin_s', 'shafts')
+        names = [sensor.name for sensor in self.sensors]
+        if not names or len(set(names)) < len(names):
+            raise ConfigError(f'tracker: sensors must be one or more, each once, got {names}')
+        ratios = ('yaw_ratio', 'second_yaw_ratio')
+        free = (*ratios, 'second_std', 'modes', 'bin_s', 'shafts', 'sensors')
         for setting in fields(self):
             if setting.name not in free:
                 _positive(setting.name, getattr(self, setting.name))
@@ -245,6 +257,7 @@ class TrackerConfig:
         lowest_hz: float,
         highest_hz: float,
         shafts: tuple[Shaft, ...] = (Shaft((1.0, 2.0)),),
+        sensors: tuple[MotionSensor, ...] = USUAL,
     ) -> TrackerConfig:
         """
         Return the settings for a rig that hunts at another frequency: all times with it.
@@ -255,6 +268,8 @@ class TrackerConfig:
             Nominal hunting frequency, and the range it may lie in, Hz.
         shafts : tuple of Shaft
             What turns.
+        sensors : tuple of MotionSensor
+            What measures the motion.
 
         Raises
         ------
@@ -280,6 +295,7 @@ class TrackerConfig:
             stuck_s=plain.stuck_s / min(faster, 1.0),
             gap_s=plain.gap_s / faster,
             shafts=shafts,
+            sensors=sensors,
         )
 
     def line_table(self) -> tuple[list[tuple[float, int]], list[float]]:

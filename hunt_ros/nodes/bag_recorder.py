@@ -42,6 +42,7 @@ from hunt_ros.nodes.qos import latched, stream
 from hunt_ros.nodes.service_thread import ServiceThread
 from hunt_ros.nodes.sole import hold_name
 from hunt_ros.nodes.worker import Worker
+from hunt_ros.sensors import MOTION
 from hunt_ros.settings import setting
 
 _JOINT = 'sensor_msgs/msg/JointState'
@@ -50,8 +51,7 @@ _DIAGNOSTIC = 'diagnostic_msgs/msg/DiagnosticArray'
 
 #: Subscribed before their publishers appear, so that their first message is in the bag.
 DESIGN_TOPICS: dict[str, str] = {
-    'lateral': _JOINT,
-    'yaw': _JOINT,
+    **dict.fromkeys(MOTION, _JOINT),
     'roller': _JOINT,
     'speed': _TWIST,
     'speed/target': _TWIST,

@@ -31,6 +31,7 @@ from hunt_ros.nodes.qos import stream
 from hunt_ros.nodes.sole import hold_name
 from hunt_ros.nodes.worker import Worker
 from hunt_ros.samples import CHANNELS, NANOSECONDS
+from hunt_ros.sensors import DISPLACEMENTS, MOTION
 from hunt_ros.settings import Settings, setting
 
 _CLOCK_S = 0.01
@@ -68,7 +69,7 @@ class ReplayPlace(Settings):
 
 
 class LiveReplayNode(Node):
-    """Plays `lateral`, `yaw`, `roller`, `speed` and `/clock`."""
+    """Plays the channels of a recording, and `/clock`."""
 
     def __init__(self) -> None:
         super().__init__('live_replay')
@@ -108,8 +109,8 @@ class LiveReplayNode(Node):
         sources = [ChannelSource.parse(word) for word in self._config.channels]
         record = read_record(self._config.bag, sources)
         self._names = [name for name in CHANNELS if name in record]
-        if not {'lateral', 'yaw'} & set(self._names):
-            raise BagError(f'{self._config.bag}: neither lateral nor yaw in it')
+        if not set(DISPLACEMENTS) & set(self._names):
+            raise BagError(f'{self._config.bag}: neither {" nor ".join(DISPLACEMENTS)} in it')
         stamps = np.concatenate([record[name].stamps_ns for name in self._names])
         values = np.concatenate([record[name].values for name in self._names])
         which = np.concatenate([np.full(len(record[n]), k) for k, n in enumerate(self._names)])
@@ -152,7 +153,7 @@ class LiveReplayNode(Node):
     def _work(self, stopping: threading.Event) -> None:
         deadline = time.monotonic() + _LISTENERS_S
         while self._config.wait_for_listener and not stopping.is_set():
-            if any(self.count_subscribers(name) for name in ('lateral', 'yaw')):
+            if any(self.count_subscribers(name) for name in MOTION):
                 break
             if time.monotonic() > deadline:
                 self.get_logger().warning('nobody listens; playing all the same')

@@ -11,31 +11,32 @@ import pytest
 
 @dataclass
 class Signal:
-    """Samples of both sensors on shared stamps, and the hunting phasor in them."""
+    """Samples of the sensors on shared stamps, and the hunting phasor in them."""
 
     stamps: np.ndarray
     lateral: np.ndarray
     yaw: np.ndarray
+    acceleration: np.ndarray
     angle: np.ndarray
     speed: np.ndarray
     phasor: np.ndarray
     ratio: complex
 
-    def track(self, tracker, sensors=(0, 1), until=None, rate_hz=100):
+    def track(self, tracker, sensors=(0, 1, 2), until=None, rate_hz=100):
         """Run a tracker over all of it; return the rows and the true phasor at them."""
-        n = self.stamps.size
-        values = np.stack([self.lateral, self.yaw], axis=1)
-        for k in (0, 1):
+        n, count = self.stamps.size, len(tracker.config.sensors)
+        values = np.stack([self.lateral, self.yaw, self.acceleration][:count], axis=1)
+        for k in range(count):
             if k not in sensors:
                 values[:, k] = np.nan
         step = 1_000_000_000 // rate_hz
         outputs = np.arange(step, int(self.stamps[-1]) + 1, step)
         rows = tracker.update(
-            np.repeat(self.stamps, 2),
-            np.tile(np.array([0, 1], dtype=np.int8), n),
+            np.repeat(self.stamps, count),
+            np.tile(np.arange(count, dtype=np.int8), n),
             values.ravel(),
-            np.repeat(self.angle, 2),
-            np.repeat(self.speed, 2),
+            np.repeat(self.angle, count),
+            np.repeat(self.speed, count),
             outputs,
         )
         last = np.searchsorted(self.stamps, outputs, side='right') - 1
@@ -58,6 +59,8 @@ def _signal(
     speed=7.2,
     ratio=-3.94 + 2.37j,
     stamps=None,
+    acceleration_noise=5e-3,
+    acceleration_scale=1.0,
 ) -> Signal:
     """
     y = Re z + Re w + roughness + bias + noise.
@@ -91,7 +94,13 @@ def _signal(
     lateral = lateral + roughness * (np.cos(theta + 0.3) + 0.3 * np.cos(2 * theta))
     yaw = (ratio * phasor).real + 5.0 * other_yaw.real + 2e-4 + yaw_noise * rng.normal(size=t.size)
     yaw = yaw + 3.0 * roughness * np.cos(theta + 1.3)
-    return Signal(stamps, lateral, yaw, theta, np.full(t.size, speed), phasor, ratio)
+    # The second derivative of both modes in place of the displacement, with lines of its own.
+    pole, fast = growth * after + 2j * np.pi * frequency, -9.4 + 20.7j
+    acceleration = (pole**2 * phasor).real + (fast**2 * other).real + 0.2 * np.sin(theta)
+    acceleration = acceleration_scale * acceleration + 0.1
+    acceleration += acceleration_noise * np.random.default_rng([seed, 2]).normal(size=t.size)
+    speeds = np.full(t.size, speed)
+    return Signal(stamps, lateral, yaw, acceleration, theta, speeds, phasor, ratio)
 
 
 @pytest.fixture(scope='session')

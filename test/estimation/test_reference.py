@@ -11,10 +11,12 @@ import pytest
 from hunt_ros.compiled import HAVE_COMPILER
 from hunt_ros.estimation.kalman import HuntingTracker, TrackerConfig
 from hunt_ros.estimation.reference import PlainTracker, ReferenceTracker
+from hunt_ros.sensors import SENSORS
 
 CONFIGS = [
     TrackerConfig(),
     TrackerConfig(yaw_ratio=4.6 * np.exp(2.6j), second_yaw_ratio=5.0 - 3.0j, bin_s=0.0),
+    TrackerConfig(sensors=SENSORS[:3]),
 ]
 
 
@@ -28,7 +30,7 @@ def assert_same(rows, other, tolerance):
             assert np.abs(a[finite] - b[finite]).max() <= tolerance * scale, name
 
 
-@pytest.mark.parametrize('config', CONFIGS, ids=['learnt', 'given'])
+@pytest.mark.parametrize('config', CONFIGS, ids=['learnt', 'given', 'with an acceleration'])
 def test_kernel_and_filterpy_give_the_same_numbers(hunting_signal, config):
     signal = hunting_signal(
         0, duration=3.5, rate=500, kick_at=2.5, kick=3e-4, second=2e-4, noise=5e-6

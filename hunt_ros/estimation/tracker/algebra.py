@@ -9,18 +9,22 @@ from hunt_ros.estimation.tracker import layout as at
 
 SECOND_SHARE = 0.1  # of that, the second mode's, which is of the order of the first
 REVERSION = 30.0  # s in which frequency and growth rate fall back to the nominal ones
+#: Scale of a further sensor of a coordinate against that of the first: prior relative deviation
+#: of each part (size, and angle in rad), and s in which it may become another: calibrations and
+#: the delays of filters are known to a few per cent, and last.
+SCALE_STD, SCALE_TIME = 0.03, 600.0
 
 
 @compiled_part
 def line(f: at.Filter, k: int) -> int:
     """Return where the lines of sensor k begin in the state."""
-    return at.ROUGH + 2 * k * f.line_count
+    return at.BIAS + f.sensor_count + 2 * k * f.line_count
 
 
 @compiled_part
 def slip(f: at.Filter, number: int) -> int:
     """Return where a slip is in the state."""
-    return at.ROUGH + 4 * f.line_count + number
+    return f.states - f.slip_count + number
 
 
 @compiled_part
@@ -131,7 +135,7 @@ def turn_lines(f: at.Filter, angle: float) -> None:
         if f.lines[j].slip < 0:
             continue
         e = slip(f, f.lines[j].slip)
-        for k in range(2):
+        for k in range(f.sensor_count):
             i = line(f, k) + 2 * j
             share = f.lines[j].order * turned * known(f, i)
             a, b = share * x[i + 1], -share * x[i]
@@ -183,19 +187,58 @@ def speaks(f: at.Filter, k: int) -> bool:
 
 
 @compiled_part
+def started(f: at.Filter, coordinate: int) -> bool:
+    """Return True if a sensor of the coordinate has started."""
+    for k in range(f.sensor_count):
+        if f.sensors[k].coordinate == coordinate and f.sensors[k].alive:
+            return True
+    return False
+
+
+@compiled_part
+def measured(f: at.Filter, coordinate: int) -> bool:
+    """Return True if a sensor of the coordinate speaks."""
+    for k in range(f.sensor_count):
+        if f.sensors[k].coordinate == coordinate and speaks(f, k):
+            return True
+    return False
+
+
+@compiled_part
+def magnified(f: at.Filter, k: int) -> float:
+    """Power of the hunting in the signal of sensor k over that of its coordinate."""
+    sensor = f.sensors[k]
+    power = sensor.unit * sensor.unit
+    for _ in range(2 * sensor.derivative):
+        power *= f.x[at.OMEGA]
+    return power
+
+
+@compiled_part
+def seen_of_lateral(f: at.Filter, k: int) -> float:
+    """Power of the hunting in the signal of sensor k over that of the lateral motion."""
+    power = magnified(f, k)
+    if f.sensors[k].coordinate == 1:
+        power *= f.rho_re**2 + f.rho_im**2 + 2.0 * f.rho_var
+    return power
+
+
+@compiled_part
 def lateral_density(f: at.Filter) -> float:
-    """Noise density of both sensors together, referred to the lateral phasor."""
+    """Noise density of all sensors together, referred to the lateral phasor."""
     gain = f.rho_re**2 + f.rho_im**2 + 2.0 * f.rho_var
+    lateral, yaw = measured(f, 0), measured(f, 1)
+    silent = not lateral and not yaw  # all are: as they were
+    if silent:
+        lateral = started(f, 0)
     information = 0.0
-    lateral, yaw = speaks(f, 0), speaks(f, 1)
-    if not lateral and not yaw:  # both are silent: as they were
-        lateral, yaw = f.sensors[0].alive, f.sensors[1].alive
-    if lateral:
-        information += 1.0 / density(f, 0)
-        if yaw and gain > 4.0 * f.rho_var:
-            information += gain / density(f, 1)
-    elif yaw:
-        information = gain / density(f, 1)
+    for k in range(f.sensor_count):
+        sensor = f.sensors[k]
+        if not (sensor.alive if silent else speaks(f, k)):
+            continue
+        # A ratio that is not known to a factor tells nothing of the lateral phasor.
+        if sensor.coordinate == 0 or not lateral or gain > 4.0 * f.rho_var:
+            information += seen_of_lateral(f, k) / density(f, k)
     return 1.0 / information
 
 
@@ -211,17 +254,16 @@ def doubt_second(f: at.Filter, dt: float) -> None:
     """
     x, P = f.x, f.P
     std, decay = f.mode.std2, f.mode.decay2
-    if std == 0.0 or f.sensors[0].second_left + f.sensors[1].second_left == 0.0:
+    if std == 0.0 or f.coordinates[0].second_left + f.coordinates[1].second_left == 0.0:
         return
     omega = f.mode.omega2
     grown = 0.5 * std * std * (decay * decay + omega * omega) / (2.0 * decay) * dt
     kept = math.exp(-2.0 * (1.0 - std) * decay * dt)
-    for k in range(2):
-        sensor = f.sensors[k]
-        i = at.W + 2 * k
+    for c in range(2):
+        i = at.W + 2 * c
         power = x[i] ** 2 + x[i + 1] ** 2 + P[i, i] + P[i + 1, i + 1]
-        power = min(sensor.second_left * kept, power)
-        sensor.second_left = power
+        power = min(f.coordinates[c].second_left * kept, power)
+        f.coordinates[c].second_left = power
         P[i, i] += grown * power
         P[i + 1, i + 1] += grown * power
 
@@ -245,7 +287,7 @@ def diffuse(f: at.Filter, dt: float) -> None:
     P[at.OMEGA, at.OMEGA] += f.cfg.omega_drift**2 * dt
     # The growth rate changes with the amplitude, and so the quicker the larger it is.
     P[at.GROWTH, at.GROWTH] += (f.cfg.growth_drift**2 + 0.25 * x[at.GROWTH] ** 2) * dt
-    for k in range(2):
+    for k in range(f.sensor_count):
         sensor = f.sensors[k]
         if sensor.alive:
             d = density(f, k) * dt
@@ -255,6 +297,10 @@ def diffuse(f: at.Filter, dt: float) -> None:
                 i = line(f, k) + 2 * j
                 P[i, i] += walk
                 P[i + 1, i + 1] += walk
+            if sensor.scale >= 0:
+                for i in range(sensor.scale, sensor.scale + 2):
+                    if P[i, i] < SCALE_STD**2:
+                        P[i, i] += 2.0 * SCALE_STD**2 * dt / SCALE_TIME
     for j in range(f.slip_count):
         i, variance = slip(f, j), f.slips[j].deviation ** 2
         if P[i, i] < variance:
@@ -271,26 +317,78 @@ def open_modes(f: at.Filter, variance: float) -> None:
         add_pair(f, at.W, SECOND_SHARE * variance, 0.0, 0.0, 0.5 * size)
     else:
         add_pair(f, at.W, SECOND_SHARE * variance, f.mode.rho2_re, f.mode.rho2_im, 0.0)
-    f.sensors[0].second_left = math.inf
-    f.sensors[1].second_left = math.inf
+    f.coordinates[0].second_left = math.inf
+    f.coordinates[1].second_left = math.inf
     # Another amplitude has another growth rate and frequency.
     P[at.GROWTH, at.GROWTH] = max(P[at.GROWTH, at.GROWTH], f.cfg.growth_std**2)
     P[at.OMEGA, at.OMEGA] = max(P[at.OMEGA, at.OMEGA], (0.1 * f.cfg.omega_std) ** 2)
 
 
 @compiled_part
+def aim(f: at.Filter, k: int) -> None:
+    """
+    Write into `row` what sensor k reads of the state as it stands.
+
+    Of a phasor z with the eigenvalue v = s + i omega it reads Re(c v^d z), d the derivative that
+    it measures and c = 1 + e its scale; e is a state. What is not known yet of z tells nothing of
+    its frequency, its growth and the scale.
+    """
+    sensor, row, x = f.sensors[k], f.row, f.x
+    row.plain = sensor.derivative == 0 and sensor.scale < 0
+    row.z_re, row.w_re = row.averaged * sensor.unit, sensor.unit
+    if row.plain:
+        return
+    z = at.Z + 2 * sensor.coordinate
+    a, b, c, d, u, v = sensor.unit, 0.0, 0.0, 0.0, sensor.unit, 0.0
+    growth, omega = x[at.GROWTH], x[at.OMEGA]
+    for _ in range(sensor.derivative):
+        # (v^n)' = v (v^(n-1))' + v^(n-1)
+        c, d = growth * c - omega * d + a, omega * c + growth * d + b
+        a, b = growth * a - omega * b, omega * a + growth * b
+        u, v = (
+            -f.mode.decay2 * u - f.mode.omega2 * v,
+            f.mode.omega2 * u - f.mode.decay2 * v,
+        )
+    row.w_re, row.w_im = u, -v
+    sure = row.averaged * known(f, z)
+    row.scale_re = sure * (a * x[z] - b * x[z + 1])
+    row.scale_im = -sure * (b * x[z] + a * x[z + 1])
+    if sensor.scale >= 0:
+        size, turn = 1.0 + x[sensor.scale], x[sensor.scale + 1]
+        a, b = size * a - turn * b, turn * a + size * b
+        c, d = size * c - turn * d, turn * c + size * d
+    row.z_re, row.z_im = row.averaged * a, -row.averaged * b
+    row.growth = sure * (c * x[z] - d * x[z + 1])
+    row.omega = -sure * (d * x[z] + c * x[z + 1])
+
+
+@compiled_part
 def project(f: at.Filter, k: int) -> float:
     """Write P H' into g and return H P H', for sensor k with H in `row`."""
-    P = f.P
-    z, w, b, r = at.Z + 2 * k, at.W + 2 * k, at.BIAS + k, line(f, k)
+    P, row, sensor = f.P, f.row, f.sensors[k]
+    z, w = at.Z + 2 * sensor.coordinate, at.W + 2 * sensor.coordinate
+    b, r = at.BIAS + k, line(f, k)
     for j in range(f.states):
-        f.g[j] = f.row[0] * P[z, j] + P[w, j] + P[b, j]
+        f.g[j] = row.z_re * P[z, j] + row.w_re * P[w, j] + P[b, j]
     for i in range(2 * f.line_count):
         for j in range(f.states):
-            f.g[j] += f.row[1 + i] * P[r + i, j]
-    variance = f.row[0] * f.g[z] + f.g[w] + f.g[b]
+            f.g[j] += row.lines[i] * P[r + i, j]
+    if not row.plain:
+        for j in range(f.states):
+            f.g[j] += row.z_im * P[z + 1, j] + row.w_im * P[w + 1, j]
+            f.g[j] += row.omega * P[at.OMEGA, j] + row.growth * P[at.GROWTH, j]
+        if sensor.scale >= 0:
+            e = sensor.scale
+            for j in range(f.states):
+                f.g[j] += row.scale_re * P[e, j] + row.scale_im * P[e + 1, j]
+    variance = row.z_re * f.g[z] + row.w_re * f.g[w] + f.g[b]
     for i in range(2 * f.line_count):
-        variance += f.row[1 + i] * f.g[r + i]
+        variance += row.lines[i] * f.g[r + i]
+    if not row.plain:
+        variance += row.z_im * f.g[z + 1] + row.w_im * f.g[w + 1]
+        variance += row.omega * f.g[at.OMEGA] + row.growth * f.g[at.GROWTH]
+        if sensor.scale >= 0:
+            variance += row.scale_re * f.g[sensor.scale] + row.scale_im * f.g[sensor.scale + 1]
     return float(variance)
 
 
@@ -299,15 +397,18 @@ def roughness(f: at.Filter, k: int) -> float:
     """Return what the lines are expected to be in the signal of sensor k."""
     total, r = 0.0, line(f, k)
     for i in range(2 * f.line_count):
-        total += f.row[1 + i] * f.x[r + i]
+        total += f.row.lines[i] * f.x[r + i]
     return total
 
 
 @compiled_part
 def expected(f: at.Filter, k: int) -> float:
-    """Return H x for sensor k."""
-    x = f.x
-    modes = f.row[0] * x[at.Z + 2 * k] + x[at.W + 2 * k]
+    """Return what sensor k is expected to read, with H in `row`."""
+    x, row = f.x, f.row
+    z, w = at.Z + 2 * f.sensors[k].coordinate, at.W + 2 * f.sensors[k].coordinate
+    modes = row.z_re * x[z] + row.w_re * x[w]
+    if not row.plain:
+        modes += row.z_im * x[z + 1] + row.w_im * x[w + 1]
     return float(modes + x[at.BIAS + k] + roughness(f, k))
 
 

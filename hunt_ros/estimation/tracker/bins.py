@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from hunt_ros.compiled import compiled_part
 from hunt_ros.estimation.tracker import layout as at
 from hunt_ros.estimation.tracker.algebra import (
+    aim,
     correct,
     diffuse,
     expected,
@@ -19,6 +20,7 @@ from hunt_ros.estimation.tracker.algebra import (
     project,
     roughness,
     slip,
+    started,
     turn_lines,
 )
 from hunt_ros.estimation.tracker.kicks import handle_kick, kicked
@@ -38,7 +40,7 @@ def advance(f: at.Filter, t: float) -> None:
     """Bring the filter to time t, s."""
     x, P = f.x, f.P
     dt = t - f.time
-    if dt <= 0.0 or not (f.sensors[0].alive or f.sensors[1].alive):
+    if dt <= 0.0 or not (started(f, 0) or started(f, 1)):
         return
     f.time = t
     if dt > f.cfg.gap:
@@ -63,6 +65,7 @@ def absorb(f: at.Filter, modes: _F, k: int, t: float, mean: float, count: float)
     dt = t - sensor.last
     advance(f, t)
     noise = sensor.noise / count
+    aim(f, k)
     innovation = mean - expected(f, k)
     S = project(f, k) + noise
     if not noise <= S < math.inf:
@@ -105,27 +108,31 @@ def absorb(f: at.Filter, modes: _F, k: int, t: float, mean: float, count: float)
 
 
 @compiled_part
+def earliest(f: at.Filter) -> int:
+    """Return the sensor whose open bin has the earliest mean stamp; -1: none is open."""
+    found, soonest = -1, math.inf
+    for k in range(f.sensor_count):
+        sums = f.sensors[k].bin
+        if sums.count > 0.0 and sums.time / sums.count < soonest:
+            found, soonest = k, sums.time / sums.count
+    return found
+
+
+@compiled_part
 def close_bin(f: at.Filter, modes: _F) -> None:
-    """Close the open bin of both sensors and take them in by the order of their stamps."""
+    """Close the open bin of every sensor and take them in by the order of their stamps."""
     x, P = f.x, f.P
     start = f.bin_number * f.cfg.bin
-    first = 0
-    if f.sensors[0].bin.count > 0.0 and f.sensors[1].bin.count > 0.0:
-        lateral, yaw = (
-            f.sensors[0].bin.time / f.sensors[0].bin.count,
-            f.sensors[1].bin.time / f.sensors[1].bin.count,
-        )
-        first = 1 if yaw < lateral else 0
-    for turn in range(2):
-        k = first if turn == 0 else 1 - first
+    while True:
+        k = earliest(f)
+        if k < 0:
+            return
         sensor = f.sensors[k]
         sums = sensor.bin
         count = sums.count
-        if count == 0.0:
-            continue
         late = sums.time / count
         spread = max(sums.time2 / count - late * late, 0.0)
-        f.row[0] = 1.0 - 0.5 * x[at.OMEGA] * x[at.OMEGA] * spread
+        f.row.averaged = 1.0 - 0.5 * x[at.OMEGA] * x[at.OMEGA] * spread
         known = sums.angles == count
         sensor.angle_known = known
         turn_lines(f, sums.angle / count if known else math.nan)
@@ -140,7 +147,7 @@ def close_bin(f: at.Filter, modes: _F) -> None:
                 turned = f.lines[j].order * f.slips[f.lines[j].slip].turned
                 more, across = math.cos(turned), math.sin(turned)
                 cosine, sine = more * cosine - across * sine, more * sine + across * cosine
-            f.row[1 + 2 * j], f.row[2 + 2 * j] = cosine, sine
+            f.row.lines[2 * j], f.row.lines[2 * j + 1] = cosine, sine
         mean = sums.value / count
         if sensor.spacing == 0.0:
             sensor.spacing = 1e-3

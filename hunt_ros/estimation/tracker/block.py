@@ -1,5 +1,5 @@
 """
-The hunting tracker's inner loop: one extended Kalman filter over both sensors.
+The hunting tracker's inner loop: one extended Kalman filter over all sensors of the motion.
 
 Its parts: `layout` (what is kept where), `algebra` (prediction and correction),
 `ratio` (the tie between the sensors), `kicks`, `tuning`, `bins` (from samples to
@@ -8,9 +8,11 @@ updates) and `rows` (output). They are compiled as one, with `track_block`.
 Model (states in the order of the layout below)
 -----------------------------------------------
 Lateral and yaw signal, k = 0, 1:  v_k = Re z_k + Re w_k + b_k + roughness_k + noise
+Acceleration, or another derivative n of such a signal, with s + i omega = v:
+                                   Re (1 + e) v^n z_k + Re v_w^n w_k + b + roughness + noise
 
-- z_k hunting phasors, dz/dt = (s + i omega) z: one frequency omega and one growth
-  rate s for both, which are states too. What moves one phasor moves the other
+- z_k hunting phasors of the coordinates, dz/dt = (s + i omega) z: one frequency omega and one
+  growth rate s for both, which are states too. What moves one phasor moves the other
   through the complex ratio of the mode shape; the ratio is learnt, or given. So the
   process noise, and the opening of the covariance by a kick, are of rank one along
   (1, ratio), but for the uncertainty of the ratio.
@@ -21,7 +23,10 @@ Lateral and yaw signal, k = 0, 1:  v_k = Re z_k + Re w_k + b_k + roughness_k + n
   shaft the line comes from but only near it (a speed that was integrated, a wheel that
   creeps), th turns slower by a factor 1 + slip: the slip is a state of that shaft, a random
   walk within what it may be. Its estimate is added to th; c and s need not turn.
-- b_k bias.
+- b_k bias, of each sensor; as roughness_k is.
+- e error of the scale, of a sensor that is not the first one of its coordinate: by that one the
+  amplitude is told, and a calibration that is off by a few per cent must not be taken for another
+  frequency.
 
 Averaging before filtering
 --------------------------

@@ -6,7 +6,7 @@ import math
 
 from hunt_ros.compiled import compiled_part
 from hunt_ros.estimation.tracker import layout as at
-from hunt_ros.estimation.tracker.algebra import open_modes
+from hunt_ros.estimation.tracker.algebra import magnified, open_modes, seen_of_lateral
 from hunt_ros.estimation.tracker.ratio import SETTLING, loosen
 
 KICK_QUICK = 0.08  # s, time constant of the in-band burst detector
@@ -53,8 +53,8 @@ def kicked(f: at.Filter, k: int, innovation: float, S: float, dt: float) -> int:
     sensor.burst_re, sensor.burst_im = moved_re, moved_im
     burst = moved_re * moved_re + moved_im * moved_im
     # A small part of a large motion may come and go without a kick: lines from its nonlinearity.
-    z = at.Z + 2 * k
-    slight = SLIGHT * SLIGHT * (x[z] ** 2 + x[z + 1] ** 2)
+    z = at.Z + 2 * sensor.coordinate
+    slight = SLIGHT * SLIGHT * (x[z] ** 2 + x[z + 1] ** 2) * magnified(f, k)
     # Nor may a wrong frequency keep opening the covariance: give it a second to be learnt.
     if burst > BURST * usual and f.time - f.kick > 1.0:
         return 1 if 2.0 * burst * S * min(dt, 0.05) / KICK_QUICK > slight else 0
@@ -66,9 +66,7 @@ def handle_kick(f: at.Filter, k: int, innovation: float, dt: float) -> None:
     """Open the covariance after a kick seen by sensor k."""
     sensor = f.sensors[k]
     x, P = f.x, f.P
-    size = 1.0
-    if k == 1:
-        size = f.rho_re**2 + f.rho_im**2 + 2.0 * f.rho_var
+    size = seen_of_lateral(f, k)
     burst = sensor.burst_re**2 + sensor.burst_im**2
     scale = innovation * innovation + burst * sensor.noise
     limit = 1e8 * sensor.noise  # what double precision can still resolve
@@ -97,6 +95,6 @@ def handle_kick(f: at.Filter, k: int, innovation: float, dt: float) -> None:
         P[at.OMEGA, at.OMEGA] = max(P[at.OMEGA, at.OMEGA], off * off)
         x[at.GROWTH] = min(max(x[at.GROWTH], -f.cfg.growth_std), f.cfg.growth_std)
     f.kick = f.time
-    for i in range(2):
+    for i in range(f.sensor_count):
         f.sensors[i].burst_re = 0.0
         f.sensors[i].burst_im = 0.0

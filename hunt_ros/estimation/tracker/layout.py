@@ -7,20 +7,21 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.sensors import SENSORS
+
 _F = NDArray[np.float64]
 
-# The records have room for so many lines and slips, so that the kernel is compiled once, for
-# any number of them: it works on the part in use.
-MOST_LINES, MOST_SLIPS = 10, 4
+# The records have room for so many lines, slips and sensors, so that the kernel is compiled once,
+# for any number of them: it works on the part in use.
+MOST_LINES, MOST_SLIPS, MOST_SENSORS = 10, 4, len(SENSORS)
 
-# --- state vector: of 12 + 4 lines + slips elements ------------------------------------
-Z = 0  # hunting phasors: lateral 0, 1; yaw 2, 3
+# --- state vector: of 10 + sensors (1 + 2 lines) + 2 scales + slips elements ----------------
+Z = 0  # hunting phasors of the coordinates: lateral 0, 1; yaw 2, 3
 OMEGA = 4
 GROWTH = 5
 W = 6  # second mode: lateral 6, 7; yaw 8, 9
-BIAS = 10  # lateral 10, yaw 11
-ROUGH = 12  # cos, sin of each line: all of lateral from 12 on, then all of yaw, then the slips
-MOST_STATES = ROUGH + 4 * MOST_LINES + MOST_SLIPS
+BIAS = 10  # of each sensor; then cos, sin of each line, sensor by sensor; the scales; the slips
+MOST_STATES = BIAS + MOST_SENSORS * (1 + 2 * MOST_LINES + 2) + MOST_SLIPS
 
 
 class Settings:
@@ -71,6 +72,33 @@ class Slip:
     turned: float  # what has been added to the angle, rad
 
 
+class Row:
+    """
+    What one sensor reads of the state: a row of H.
+
+    Elements that have no field here are 0, and 1 for the sensor's own bias.
+    """
+
+    averaged: float  # what the mean over a bin leaves of hunting
+    plain: bool  # no more than z_re, w_re and the lines
+    z_re: float  # of the hunting phasor of its coordinate, and of the second mode's
+    z_im: float
+    w_re: float
+    w_im: float
+    omega: float
+    growth: float
+    scale_re: float
+    scale_im: float
+    lines: Annotated[_F, 2 * MOST_LINES]  # cos, sin of each
+
+
+class Coordinate:
+    """What is remembered of one coordinate: lateral, or yaw."""
+
+    tied: bool  # its phasor is that of the other through the ratio
+    second_left: float  # power of its second mode since the last kick, at most
+
+
 class LineNoise:
     """What one sensor tells of the process noise of one line."""
 
@@ -108,9 +136,12 @@ class Boot:
 class Sensor:
     """What is remembered of one sensor."""
 
+    coordinate: int  # that it measures: 0 lateral, 1 yaw
+    derivative: int  # in time, of the coordinate
+    unit: float  # of the coordinate, per unit of the tracker's time to the power of `derivative`
+    scale: int  # where the error of its scale is in the state; -1: it is taken to be right
     alive: bool
     started_before: bool
-    tied: bool  # its phasor is that of the other sensor through the ratio
     angle_known: bool
     noise: float  # R, variance of one sample
     quick_noise: float  # the same from third differences
@@ -134,7 +165,6 @@ class Sensor:
     burst_im: float
     offset: float  # at zero
     log_bias_bandwidth: float  # ln of 1/s
-    second_left: float  # power of the second mode since the last kick, at most
     clean_sum: float
     clean_count: float
     boot: Boot
@@ -150,7 +180,7 @@ class Filter:
     x: Annotated[_F, MOST_STATES]
     P: Annotated[_F, MOST_STATES, MOST_STATES]
     g: Annotated[_F, MOST_STATES]  # P H' of the update at hand
-    row: Annotated[_F, 1 + 2 * MOST_LINES]  # H of it: hunting, then cos, sin of each line
+    row: Row  # H of it
     time: float  # s since the origin
     log_bandwidth: float  # ln of the hunting bandwidth, 1/s
     # the ratio of yaw to lateral phasor
@@ -182,7 +212,9 @@ class Filter:
     slips: Annotated[list[Slip], MOST_SLIPS]
     turns_angle: float  # of `turns`
     turns: Annotated[_F, 2 * MOST_LINES]  # cos, sin of each line at the last sample
-    sensors: Annotated[list[Sensor], 2]
+    coordinates: Annotated[list[Coordinate], 2]
+    sensor_count: int
+    sensors: Annotated[list[Sensor], MOST_SENSORS]
     cfg: Settings
     # samples taken, and left out by reason
     started: bool
@@ -201,43 +233,34 @@ class Filter:
 
 
 # --- output columns (see kalman.TRACK_DTYPE) -----------------------------------------------
+# Of each coordinate, lateral first, from O_AMPLITUDE on.
+O_AMPLITUDE, O_STD, O_RATE, O_RATE_STD, N_COORDINATE = range(5)
 (
-    O_Y,
-    O_Y_STD,
-    O_Y_RATE,
-    O_Y_RATE_STD,
-    O_P,
-    O_P_STD,
-    O_P_RATE,
-    O_P_RATE_STD,
     O_PHASE,
     O_PHASE_STD,
     O_FREQUENCY,
     O_FREQUENCY_STD,
     O_GROWTH,
     O_GROWTH_STD,
-    O_Y_ROUGH,
-    O_Y_ROUGH_STD,
-    O_Y_ROUGH2,
-    O_P_ROUGH,
-    O_P_ROUGH_STD,
-    O_P_ROUGH2,
-    O_Y_BIAS,
-    O_P_BIAS,
-    O_Y_RESIDUAL,
-    O_P_RESIDUAL,
-    O_Y_NIS,
-    O_P_NIS,
-    O_Y_CLEAN,
-    O_P_CLEAN,
-    O_Y_NOISE,
-    O_P_NOISE,
     O_RATIO,
     O_RATIO_STD,
     O_LAG,
     O_BANDWIDTH,
     O_SECOND,
     O_SINCE_KICK,
-    O_Y_TIED,
-    N_OUTPUT,
-) = range(38)
+    O_TIED,
+    O_SENSOR,
+) = range(2 * N_COORDINATE, 2 * N_COORDINATE + 14)
+# Of each sensor, from O_SENSOR on.
+(
+    O_ROUGH,
+    O_ROUGH_STD,
+    O_ROUGH2,
+    O_BIAS,
+    O_RESIDUAL,
+    O_NIS,
+    O_CLEAN,
+    O_NOISE,
+    N_SENSOR,
+) = range(9)
+N_OUTPUT = O_SENSOR + MOST_SENSORS * N_SENSOR

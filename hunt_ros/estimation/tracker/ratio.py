@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled_part
 from hunt_ros.estimation.tracker import layout as at
-from hunt_ros.estimation.tracker.algebra import lateral_density, speaks
+from hunt_ros.estimation.tracker.algebra import lateral_density, measured, started
 
 _F = NDArray[np.float64]
 
@@ -52,9 +52,12 @@ def learn_ratio(f: at.Filter) -> None:
     elapsed = f.time - f.ratio_time
     if elapsed < 0.1 or f.time - f.kick < SETTLING:
         return
-    if not (speaks(f, 0) and speaks(f, 1)):
+    if not (measured(f, 0) and measured(f, 1)):
         return  # one that is silent tells nothing but what the other says
-    age = f.time - max(f.sensors[0].boot.start, f.sensors[1].boot.start)
+    age = math.inf
+    for k in range(f.sensor_count):
+        if f.sensors[k].alive:
+            age = min(age, f.time - f.sensors[k].boot.start)
     if age < 1.0:
         return  # the start is as rough as a kick
     f.ratio_time = f.time
@@ -145,16 +148,17 @@ def carried(f: at.Filter, amplitude: float) -> float:
 @compiled_part
 def tie_silent(f: at.Filter, k: int) -> None:
     """
-    Where the other sensor is silent, give it the phasor of sensor k through the ratio.
+    Where the other coordinate is not measured, give it the phasor of sensor k through the ratio.
 
     Its own last phasor, moved along by what the filter thinks of the coupling, would keep the
     error of the moment it fell silent, and not know of it.
     """
     x, P = f.x, f.P
-    other = 1 - k
-    f.sensors[k].tied = False
-    f.sensors[other].tied = False
-    if speaks(f, other) or not f.ratio_known:
+    c = f.sensors[k].coordinate
+    other = 1 - c
+    f.coordinates[c].tied = False
+    f.coordinates[other].tied = False
+    if measured(f, other) or not f.ratio_known:
         return
     re, im = f.rho_re, f.rho_im
     size = re * re + im * im
@@ -162,7 +166,7 @@ def tie_silent(f: at.Filter, k: int) -> None:
         return  # not known to a factor
     if other == 0:
         re, im = re / size, -im / size
-    z, o = at.Z + 2 * k, at.Z + 2 * other
+    z, o = at.Z + 2 * c, at.Z + 2 * other
     x[o], x[o + 1] = re * x[z] - im * x[z + 1], im * x[z] + re * x[z + 1]
     for j in range(f.states):
         a, b = P[z, j], P[z + 1, j]
@@ -175,13 +179,13 @@ def tie_silent(f: at.Filter, k: int) -> None:
     doubt = power * carried(f, lateral)
     P[o, o] += doubt
     P[o + 1, o + 1] += doubt
-    f.sensors[other].tied = True
+    f.coordinates[other].tied = True
 
 
 @compiled_part
 def loosen(f: at.Filter, factor: float) -> None:
     """Doubt the ratio that ties the sensors: its variance grows by a factor, up to its square."""
-    if not (speaks(f, 0) and speaks(f, 1)):
+    if not (measured(f, 0) and measured(f, 1)):
         return  # what one sensor says by itself is no evidence against it
     size = f.ratio_re**2 + f.ratio_im**2
     if f.ratio_var < size:
@@ -286,7 +290,7 @@ def take_modes(f: at.Filter, modes: _F) -> None:
 def lateral_amplitude(f: at.Filter) -> float:
     """Present amplitude of the lateral phasor, from yaw where lateral has given none."""
     x = f.x
-    if f.sensors[0].alive or f.sensors[0].tied:
+    if started(f, 0) or f.coordinates[0].tied:
         return math.hypot(x[0], x[1])
     size = math.hypot(f.rho_re, f.rho_im)
     return math.hypot(x[2], x[3]) / size if size > 0.0 else 0.0

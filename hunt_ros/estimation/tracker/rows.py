@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled_part
 from hunt_ros.estimation.tracker import layout as at
-from hunt_ros.estimation.tracker.algebra import line
+from hunt_ros.estimation.tracker.algebra import line, started
 
 _F = NDArray[np.float64]
 
@@ -35,11 +35,10 @@ def write_row(f: at.Filter, row: _F) -> None:
     """Write one row of output from the state as it stands."""
     x, P = f.x, f.P
     growth = x[at.GROWTH]
-    for k in range(2):
-        sensor = f.sensors[k]
-        if not sensor.alive and not sensor.tied:
+    for c in range(2):
+        if not started(f, c) and not f.coordinates[c].tied:
             continue
-        z, r = at.Z + 2 * k, line(f, k)
+        z = at.Z + 2 * c
         amplitude = math.hypot(x[z], x[z + 1])
         variance = radial(f, z)
         across = 0.0
@@ -50,32 +49,34 @@ def write_row(f: at.Filter, row: _F) -> None:
             + growth * growth * variance
             + 2.0 * amplitude * growth * across
         )
-        o = at.O_Y if k == 0 else at.O_P
-        row[o] = amplitude
-        row[o + 1] = math.sqrt(variance)
-        row[o + 2] = growth * amplitude
-        row[o + 3] = math.sqrt(max(rate_variance, 0.0))
+        o = at.N_COORDINATE * c
+        row[o + at.O_AMPLITUDE] = amplitude
+        row[o + at.O_STD] = math.sqrt(variance)
+        row[o + at.O_RATE] = growth * amplitude
+        row[o + at.O_RATE_STD] = math.sqrt(max(rate_variance, 0.0))
+    for k in range(f.sensor_count):
+        sensor = f.sensors[k]
         if not sensor.alive:
-            continue  # it has never spoken: its phasor is all that is known of it
+            continue
+        o, r = at.O_SENSOR + at.N_SENSOR * k, line(f, k)
         if sensor.angle_known and f.line_count > 0:
-            o = at.O_Y_ROUGH if k == 0 else at.O_P_ROUGH
-            row[o] = math.hypot(x[r], x[r + 1])
-            row[o + 1] = math.sqrt(radial(f, r))
+            row[o + at.O_ROUGH] = math.hypot(x[r], x[r + 1])
+            row[o + at.O_ROUGH_STD] = math.sqrt(radial(f, r))
             if f.line_count > 1:
-                row[o + 2] = math.hypot(x[r + 2], x[r + 3])
-        row[at.O_Y_BIAS + k] = x[at.BIAS + k]
-        row[at.O_Y_RESIDUAL + k] = math.sqrt(max(sensor.residual, 0.0))
-        row[at.O_Y_NIS + k] = sensor.nis
-        row[at.O_Y_NOISE + k] = math.sqrt(sensor.noise)
+                row[o + at.O_ROUGH2] = math.hypot(x[r + 2], x[r + 3])
+        row[o + at.O_BIAS] = x[at.BIAS + k]
+        row[o + at.O_RESIDUAL] = math.sqrt(max(sensor.residual, 0.0))
+        row[o + at.O_NIS] = sensor.nis
+        row[o + at.O_NOISE] = math.sqrt(sensor.noise)
         if sensor.clean_count > 0.0:
-            row[at.O_Y_CLEAN + k] = sensor.clean_sum / sensor.clean_count
+            row[o + at.O_CLEAN] = sensor.clean_sum / sensor.clean_count
         sensor.clean_sum = 0.0
         sensor.clean_count = 0.0
-    lateral, yaw = f.sensors[0].alive, f.sensors[1].alive
+    lateral, yaw = started(f, 0), started(f, 1)
     if not lateral and not yaw:
         return
-    tied = f.sensors[0].tied
-    row[at.O_Y_TIED] = tied
+    tied = f.coordinates[0].tied
+    row[at.O_TIED] = tied
     z = at.Z if lateral or tied > 0.0 else at.Z + 2
     power = x[z] ** 2 + x[z + 1] ** 2
     row[at.O_PHASE] = math.atan2(x[z + 1], x[z])

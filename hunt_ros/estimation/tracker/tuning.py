@@ -6,7 +6,14 @@ import math
 
 from hunt_ros.compiled import compiled_part
 from hunt_ros.estimation.tracker import layout as at
-from hunt_ros.estimation.tracker.algebra import line, open_modes, speaks
+from hunt_ros.estimation.tracker.algebra import (
+    SCALE_STD,
+    line,
+    magnified,
+    open_modes,
+    seen_of_lateral,
+    speaks,
+)
 from hunt_ros.estimation.tracker.ratio import SETTLING, loosen
 
 IN_BAND = 0.3  # s, of the whiteness measures
@@ -31,45 +38,70 @@ def start_sensor(f: at.Filter, k: int, t: float) -> None:
     for j in range(f.line_count):
         sensor.lines[j].log_bandwidth = 0.0
     sensor.log_bias_bandwidth = math.log(0.1)
-    roller = sensor.angle_known
-    for first, width in (
-        (at.Z + 2 * k, 2),
-        (at.W + 2 * k, 2),
-        (at.BIAS + k, 1),
-        (line(f, k), 2 * f.line_count),
-    ):
-        for i in range(first, first + width):
-            x[i] = 0.0
-            for j in range(f.states):
-                P[i, j] = 0.0
-                P[j, i] = 0.0
-            P[i, i] = 4.0 * spread
-            if first == line(f, k):
-                P[i, i] *= roller
-    x[at.BIAS + k] = sensor.boot.reference + mean
-    sensor.tied = False
-    if not f.sensors[1 - k].alive:
-        f.time = t
+    alone = first_of_all(f, k)
+    if alone:
         x[at.OMEGA] = f.mode.omega
+    c = sensor.coordinate
+    fresh = not known_by_others(f, k)
+    motion = spread / magnified(f, k)  # the same, of the coordinate
+    forget(f, at.BIAS + k, 1, 4.0 * spread)
+    forget(f, line(f, k), 2 * f.line_count, 4.0 * spread * sensor.angle_known)
+    if sensor.scale >= 0:
+        forget(f, sensor.scale, 2, SCALE_STD**2)
+    if fresh:
+        forget(f, at.Z + 2 * c, 2, 4.0 * motion)
+        forget(f, at.W + 2 * c, 2, 4.0 * motion)
+    x[at.BIAS + k] = sensor.boot.reference + mean
+    f.coordinates[c].tied = False
+    if alone:
+        f.time = t
         x[at.GROWTH] = 0.0
         P[at.OMEGA, at.OMEGA] = f.cfg.omega_std**2
         P[at.GROWTH, at.GROWTH] = f.cfg.growth_std**2
-    elif sensor.started_before:
+    elif fresh and sensor.started_before:
         loosen(f, 4.0)
-    elif math.isnan(f.mode.rho_re):
+    elif fresh and not f.ratio_known:
         # The ratio of the phasors is of the order of the ratio of the signals.
-        other = 1 - k
-        size = (
-            P[at.Z + 2 * other, at.Z + 2 * other]
-            + x[at.Z + 2 * other] ** 2
-            + x[at.Z + 2 * other + 1] ** 2
-        )
-        size = max(size, f.sensors[other].residual, f.sensors[other].boot.square)
-        f.ratio_var = 4.0 * spread / size if k == 1 else size / (4.0 * spread)
+        z = at.Z + 2 * (1 - c)
+        size = P[z, z] + x[z] ** 2 + x[z + 1] ** 2
+        for i in range(f.sensor_count):
+            other = f.sensors[i]
+            if other.coordinate != c and other.alive:
+                size = max(size, max(other.residual, other.boot.square) / magnified(f, i))
+        f.ratio_var = 4.0 * motion / size if c == 1 else size / (4.0 * motion)
         f.ratio_re = 0.0
         f.ratio_im = 0.0
     sensor.boot.square = spread
     sensor.started_before = True
+
+
+@compiled_part
+def forget(f: at.Filter, first: int, count: int, variance: float) -> None:
+    """Set states to zero, each of a variance of its own."""
+    for i in range(first, first + count):
+        f.x[i] = 0.0
+        for j in range(f.states):
+            f.P[i, j] = 0.0
+            f.P[j, i] = 0.0
+        f.P[i, i] = variance
+
+
+@compiled_part
+def first_of_all(f: at.Filter, k: int) -> bool:
+    """Return True if no other sensor has started."""
+    others = 0
+    for i in range(f.sensor_count):
+        others += i != k and f.sensors[i].alive
+    return others == 0
+
+
+@compiled_part
+def known_by_others(f: at.Filter, k: int) -> bool:
+    """Return True if another sensor tells the motion that sensor k measures."""
+    for i in range(f.sensor_count):
+        if i != k and f.sensors[i].coordinate == f.sensors[k].coordinate and speaks(f, i):
+            return True
+    return False
 
 
 @compiled_part
@@ -186,15 +218,12 @@ def tune(
         recent = f.time - f.kick < 2.0
         if recent and f.time - f.level_step > 5.0:
             f.level_step = f.time
-            size = 1.0
-            if k == 1:
-                size = f.rho_re**2 + f.rho_im**2 + 2.0 * f.rho_var
-            stepped = max(stepped, f.kick_size * size)
+            stepped = max(stepped, f.kick_size * seen_of_lateral(f, k))
             open_modes(f, f.kick_size)
         f.P[at.BIAS + k, at.BIAS + k] += stepped
         sensor.offset = 0.0
     for j in range(f.line_count):
-        cosine, sine = f.row[1 + 2 * j], f.row[2 + 2 * j]
+        cosine, sine = f.row.lines[2 * j], f.row.lines[2 * j + 1]
         if cosine != 0.0 or sine != 0.0:
             size = step * unit / math.sqrt(cosine * cosine + sine * sine)
             sensor.lines[j].re = decay * sensor.lines[j].re + size * cosine
@@ -202,9 +231,11 @@ def tune(
     if not settled:
         return
     rate = 0.5 * dt / f.cfg.bandwidth_time
-    alive = 2.0 if speaks(f, 0) and speaks(f, 1) else 1.0
+    speaking = 0.0
+    for i in range(f.sensor_count):
+        speaking += speaks(f, i)
     power = sensor.band_re**2 + sensor.band_im**2
-    f.log_bandwidth = tuned(f.log_bandwidth, power, rate / alive, 0.2, 100.0)
+    f.log_bandwidth = tuned(f.log_bandwidth, power, rate / max(speaking, 1.0), 0.2, 100.0)
     power = sensor.offset**2
     sensor.log_bias_bandwidth = tuned(sensor.log_bias_bandwidth, power, rate, 0.02, 3.0)
     for j in range(f.line_count):

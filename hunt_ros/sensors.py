@@ -1,0 +1,131 @@
+"""
+The sensors of the motion: what each measures, and by what name and unit it goes everywhere.
+
+The wheelset moves in two coordinates, lateral and yaw; amplitudes are told of these. A sensor
+measures one of them, or its first or second derivative in time. `SENSORS` is the one table:
+the channels of a rig, the settings, the tracker's measurement rows, the watch over the channels,
+the topics and the columns of files follow from it.
+
+To add a sensor, add a line. The detector uses it where its setting `channels` names it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+#: The coordinates of the motion; a sensor's `coordinate` is one of them.
+COORDINATES: tuple[str, ...] = ('lateral', 'yaw')
+
+_LENGTHS = {'m': 1.0, 'mm': 1e-3, 'um': 1e-6}
+#: Endings of names that tell the unit of an angle: to SI.
+ANGLES = {'rad': 1.0, 'mrad': 1e-3, 'deg': math.pi / 180.0}
+_ACCELERATIONS = {'mps2': 1.0, 'g': 9.80665, 'mg': 9.80665e-3}
+
+
+@dataclass(frozen=True)
+class MotionSensor:
+    """
+    One sensor of the motion.
+
+    Parameters
+    ----------
+    name : str
+        Its channel, its topic (a JointState) and the joint in it.
+    coordinate : str
+        What it measures, one of `COORDINATES`.
+    derivative : int
+        0: the coordinate itself; 1: its velocity; 2: its acceleration.
+    unit : str
+        SI, as it is written.
+    units : mapping of str to float
+        Endings of names that tell the unit of a column, and what makes SI of it; the first is SI.
+    largest : float
+        Usual values are smaller, SI: what is larger was recorded in another unit.
+    mistaken : str
+        The factor that makes SI of the unit it is likely to have been recorded in.
+    cost : str
+        What it costs to do without it.
+    usual : bool
+        A rig has it, unless the settings say otherwise.
+    """
+
+    name: str
+    coordinate: str
+    derivative: int
+    unit: str
+    units: Mapping[str, float]
+    largest: float
+    mistaken: str
+    cost: str
+    usual: bool = True
+
+    def response(self, eigenvalue: complex) -> complex:
+        """
+        Return the phasor of its signal over that of its coordinate, the sensor's row.
+
+        Parameters
+        ----------
+        eigenvalue : complex
+            Growth rate + i angular frequency of the mode, 1/s.
+        """
+        return complex(eigenvalue**self.derivative)
+
+    @property
+    def range_setting(self) -> str:
+        """Setting of the detector that says which readings are saturated, where there is one."""
+        return f'{self.name}_range_{next(iter(self.units))}'
+
+    @property
+    def column(self) -> str:
+        """Its name with its unit, as the columns of files have it: `lateral_m`."""
+        return f'{self.name}_{next(iter(self.units))}'
+
+
+SENSORS: tuple[MotionSensor, ...] = (
+    MotionSensor(
+        'lateral',
+        'lateral',
+        0,
+        'm',
+        _LENGTHS,
+        1.0,
+        '*0.001',
+        'the lateral amplitude is that of yaw through the mode shape, or unknown',
+    ),
+    MotionSensor(
+        'yaw',
+        'yaw',
+        0,
+        'rad',
+        ANGLES,
+        1.6,
+        '*0.0174533',
+        'nothing stands in for the lateral sensor when it fails',
+    ),
+    MotionSensor(
+        'axle_box',
+        'lateral',
+        2,
+        'm/s2',
+        _ACCELERATIONS,
+        500.0,
+        '*9.80665',
+        'the lateral amplitude is told by the other sensors alone',
+        usual=False,
+    ),
+)
+
+
+def sensors_of(coordinate: str) -> tuple[str, ...]:
+    """Return the names of the sensors that measure a coordinate."""
+    return tuple(sensor.name for sensor in SENSORS if sensor.coordinate == coordinate)
+
+
+#: Their names, in the order of the table.
+MOTION: tuple[str, ...] = tuple(sensor.name for sensor in SENSORS)
+#: Those that measure a coordinate itself. One of them at least is needed: the second opinion, the
+#: criteria and the forecast work on a displacement, and an acceleration shows what is fast many
+#: times larger.
+DISPLACEMENTS: tuple[str, ...] = tuple(s.name for s in SENSORS if s.derivative == 0)

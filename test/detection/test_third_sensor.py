@@ -1,0 +1,152 @@
+"""An axle-box acceleration beside displacement and yaw: one more name in `channels`."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from hunt_ros.bag import write_record
+from hunt_ros.cli.main import main
+from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect, doubts
+from hunt_ros.detection.offline import watch
+from hunt_ros.detection.output import Output
+from hunt_ros.detection.replay import replay_journal
+from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.simulation import Kick, simulate
+from hunt_ros.dynamics.simulation_settings import Roughness, SimulationSettings
+from hunt_ros.dynamics.speed_profile import SpeedProfile
+from hunt_ros.errors import ConfigError
+from hunt_ros.samples import USUAL_CHANNELS, Record, Series
+
+CHANNELS = (*USUAL_CHANNELS, 'axle_box')
+RATE, DEAD_NS = 500.0, 20_000_000_000
+NOISE = {'lateral': 2e-5, 'yaw': 8e-5, 'axle_box': 5e-3}
+
+
+@pytest.fixture(scope='module')
+def simulated() -> Record:
+    """A rig that is hit at 8 s and hunts; sensors without noise, and an axle-box acceleration."""
+    settings = SimulationSettings(
+        sample_rate_hz=RATE, broadband=8e-6, roughness=Roughness((50e-6, 20e-6))
+    )
+    blow = Kick(8.0, lateral_m=4e-4)
+    record = simulate(paper_rig(), settings, SpeedProfile.constant(7.2), 30.0, [blow], seed=4)
+    lateral = record['lateral']
+    acceleration = np.gradient(np.gradient(lateral.values)) * RATE**2
+    return Record({**record, 'axle_box': Series(lateral.stamps_ns, acceleration)})
+
+
+def noisy(record: Record, seed: int = 0) -> Record:
+    rng = np.random.default_rng(seed)
+    channels = dict(record)
+    for name, std in NOISE.items():
+        series = record[name]
+        values = series.values + std * rng.normal(size=len(series))
+        channels[name] = Series(series.stamps_ns, values)
+    return Record(channels)
+
+
+def without_lateral(record: Record) -> Record:
+    """Return a record in which the displacement sensor dies."""
+    alive = record['lateral'].between(0, record.start_ns + DEAD_NS)
+    return Record({**record, 'lateral': alive})
+
+
+def rows_of(record: Record, *names: str) -> np.ndarray:
+    config = DetectorConfig(channels=(*names, 'roller', 'speed'))
+    return detect(HuntingDetector(config), record).estimates
+
+
+@pytest.fixture(scope='module')
+def truth(simulated) -> np.ndarray:
+    """The amplitude of the limit cycle as displacement and yaw without noise show it, m."""
+    quiet = noisy(simulated, 99)
+    near = {
+        name: Series(s.stamps_ns, s.values + 0.02 * (quiet[name].values - s.values))
+        for name, s in simulated.items()
+    }
+    return rows_of(Record(near), 'lateral', 'yaw')['lateral_amplitude']
+
+
+def error(rows: np.ndarray, truth: np.ndarray, since_s: float) -> float:
+    """Return the r.m.s. error of the amplitude from then on, relative."""
+    late = rows['stamp_ns'] > since_s * 1e9
+    ratio = rows['lateral_amplitude'][late] / truth[: rows.size][late] - 1.0
+    return float(np.sqrt(np.mean(ratio**2)))
+
+
+def test_the_amplitude_is_no_worse_with_it(simulated, truth) -> None:
+    two, three = [], []
+    for seed in range(3):
+        record = noisy(simulated, seed)
+        two.append(error(rows_of(record, 'lateral', 'yaw'), truth, 15.0))
+        three.append(error(rows_of(record, 'lateral', 'yaw', 'axle_box'), truth, 15.0))
+    assert np.mean(three) < 1.05 * np.mean(two)
+
+
+@pytest.mark.parametrize('others', [('yaw',), ()])
+def test_it_carries_on_where_the_displacement_sensor_dies(simulated, truth, others) -> None:
+    record = without_lateral(noisy(simulated))
+    config = DetectorConfig(
+        channels=('lateral', *others, 'axle_box', 'roller', 'speed'),
+    )
+    detector = HuntingDetector(config)
+    rows = Output.joined(list(ticked(detector, record))).estimates
+    assert rows['stamp_ns'][-1] > 29_000_000_000
+    late = rows['stamp_ns'] > DEAD_NS + 2_000_000_000
+    assert error(rows, truth, 1e-9 * DEAD_NS + 2.0) < 0.05
+    assert not (rows['doubts'][late] & (doubts.FROM_YAW | doubts.IN_YAW)).any()
+    assert (rows['state'][late] == State.LIMIT_CYCLE).all()
+    assert (rows['level'][late] == Level.STALE).all()  # a sensor is missing, and it is said
+    assert any(words.startswith('lateral: silent') for words in detector.status.reasons)
+
+
+def assert_same(rows: np.ndarray, other: np.ndarray) -> None:
+    for name in rows.dtype.names:
+        assert np.array_equal(rows[name], other[name], equal_nan=rows[name].dtype.kind == 'f'), (
+            name
+        )
+
+
+def ticked(detector: HuntingDetector, record: Record):
+    """Feed a record as it would come live: silence shows by the time only."""
+    step = 100_000_000
+    for begin in range(record.start_ns, record.end_ns, step):
+        for name in detector.channels:
+            part = record[name].between(begin, begin + step)
+            if len(part):
+                yield detector.update(name, part.stamps_ns, part.values)
+        yield detector.tick(begin + step)
+    yield detector.finish()
+
+
+def test_stream_equals_batch_and_replay(simulated) -> None:
+    record = without_lateral(noisy(simulated)).between(0, 22_000_000_000)
+    config = DetectorConfig(channels=CHANNELS)
+    live = HuntingDetector(config)
+    out = Output.joined(list(ticked(live, record)))
+    again = replay_journal(HuntingDetector(config), record, out.journal).estimates
+    assert_same(again, out.estimates)
+    whole = noisy(simulated).between(0, 5_000_000_000)
+    batch = detect(HuntingDetector(config), whole).estimates
+    blocks = Output.joined(list(watch(whole, HuntingDetector(config)))).estimates
+    assert_same(batch, blocks)
+
+
+def test_a_recording_with_it_is_replayed(simulated, tmp_path, capsys) -> None:
+    bag = str(write_record(tmp_path / 'bag', without_lateral(noisy(simulated))))
+    found = {}
+    for names in (USUAL_CHANNELS, CHANNELS):
+        main(['replay', bag, '--json', '-', '--set', f'channels=[{", ".join(names)}]'])
+        found[names] = json.loads(capsys.readouterr().out)
+    summary = found[CHANNELS]['summary']
+    usual = found[USUAL_CHANNELS]['summary']['max_amplitude_m']
+    assert summary['max_amplitude_m'] == pytest.approx(usual, rel=0.1)
+    assert any(event['event'] == 'limit_cycle' for event in found[CHANNELS]['events'])
+
+
+def test_a_rig_needs_a_displacement() -> None:
+    with pytest.raises(ConfigError, match='need lateral or yaw'):
+        DetectorConfig(channels=('axle_box', 'roller', 'speed'))
