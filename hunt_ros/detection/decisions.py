@@ -27,7 +27,7 @@ from hunt_ros.detection import (
     regions,
     states,
 )
-from hunt_ros.detection.basin import FormNumbers
+from hunt_ros.detection.outlook import NO_OUTLOOK, OUTLOOK, FormNumbers
 from hunt_ros.detection.regions import hold, region_of
 from hunt_ros.detection.rules import Rules
 
@@ -39,7 +39,7 @@ MEMORY: np.dtype[np.void] = np.dtype(
         ('floor', noise_floor.NOISE_FLOOR),
         ('ratios', likelihood.LIKELIHOOD),
         ('noise', noise_intensity.NOISE_INTENSITY),
-        ('edge', prediction.EDGE),
+        ('outlook', OUTLOOK),
         ('region', regions.HELD),
         ('evidence', evidence.EVIDENCE),
         ('state', states.STATE),
@@ -55,7 +55,7 @@ def fresh_memory() -> NDArray[np.void]:
     memory['floor']['square'] = math.nan
     memory['noise']['intensity'] = math.nan
     memory['evidence']['reference'] = math.nan
-    memory['edge']['centre'] = 1.0
+    memory['outlook'] = NO_OUTLOOK
     return memory
 
 
@@ -109,8 +109,7 @@ def _kernel(source: int) -> Callable[..., None]:
                 if known:
                     prediction.judge(
                         form,
-                        m['edge'],
-                        m['noise']['spread'],
+                        m['outlook'],
                         v,
                         a,
                         s,
@@ -124,8 +123,11 @@ def _kernel(source: int) -> Callable[..., None]:
                 likelihood.watch(rules, m['ratios'], a, s, drift)
                 noise_floor.observe(rules, m['floor'], a)
                 if m['state']['hunting']['word'] == states.NO:
-                    basin = not out['escape_probability'] > rules.probability_in
-                    quiet = noise_floor.learn(rules, m['floor'], m['ratios'], a, basin)
+                    # By the form, what grows from here is hunting that begins.
+                    sure = rules.probability_in
+                    beyond = out['escape_probability'] > sure
+                    beyond |= predictable and m['outlook']['quiet'] < 1.0 - sure
+                    quiet = noise_floor.learn(rules, m['floor'], m['ratios'], a, not beyond)
             else:
                 likelihood.interrupt(m['ratios'])
             if quiet and predictable:
@@ -137,7 +139,6 @@ def _kernel(source: int) -> Callable[..., None]:
             if known:
                 found = evidence.gather(
                     rules,
-                    form,
                     m['evidence'],
                     m['ratios'],
                     m['state']['hunting']['word'],

@@ -13,8 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hunt_ros.compiled import compiled_part
-from hunt_ros.detection import likelihood, prediction
-from hunt_ros.detection.basin import FormNumbers
+from hunt_ros.detection import likelihood
 from hunt_ros.detection.regions import State, switched
 from hunt_ros.detection.rules import Rules
 
@@ -35,8 +34,6 @@ _SURE = 3.0
 #: To fall ends an alarm and raises none: it takes less than the whole evidence. To hold is asked
 #: only of what is no noise: not once a mark, but once a kick.
 FALLING, HOLDING = 2.0 / 3.0, 0.25
-#: A limit cycle stands this many standard deviations of its amplitude clear of the noise.
-_WANDERS = 2.0
 
 
 class Evidence(NamedTuple):
@@ -48,9 +45,8 @@ class Evidence(NamedTuple):
     disturbed : bool
         The amplitude stands clear of the noise floor.
     outcome : int
-        By the form: `ESCAPES`, it ends on the limit cycle with the set probability - near v_c,
-        where noise alone carries it over the edge, without coming back into the noise before;
-        `RETURNS`, it comes back; `OPEN`, the form does not say.
+        By the form: `ESCAPES`, it reaches the limit cycle before it is quiet again with the set
+        probability; `RETURNS`, it does not; `OPEN`, the form does not say.
     growing : bool
         It grows, and is more than noise, where the form knows no limit cycle to escape to.
     arrived : bool
@@ -75,7 +71,6 @@ class Evidence(NamedTuple):
 @compiled_part
 def gather(
     rules: Rules,
-    form: FormNumbers,
     memory: Any,
     ratios: Any,
     hunting: int,
@@ -89,8 +84,8 @@ def gather(
 
     Parameters
     ----------
-    rules, form, memory, ratios
-        Thresholds; normal form; records of EVIDENCE and LIKELIHOOD.
+    rules, memory, ratios
+        Thresholds; records of EVIDENCE and LIKELIHOOD.
     hunting : int
         The word in force: to stay is easier than to enter.
     a, s : float
@@ -117,12 +112,12 @@ def gather(
     seen = not outside > _SAME * memory['reference']
     return Evidence(
         disturbed,
-        _outcome(rules, form, hunting, disturbed, a, out),
+        _outcome(rules, hunting, disturbed, out),
         # Where the form knows a limit cycle, it says whether the motion escapes to it.
         math.isnan(out['stable_amplitude'])
         and excess > some
         and (ratios['growth'] > rules.evidence or (hunts and grows)),
-        _arrived(rules, form, a, disturbed, out),
+        _arrived(rules, a, disturbed, out),
         hunts and not grows,
         falls and seen,
         over and seen,
@@ -130,45 +125,20 @@ def gather(
 
 
 @compiled_part
-def _outcome(
-    rules: Rules, form: FormNumbers, hunting: int, disturbed: bool, a: float, out: Any
-) -> int:
+def _outcome(rules: Rules, hunting: int, disturbed: bool, out: Any) -> int:
     """Return how it ends by the chance of escape: to stay in it, less will do."""
     needed = rules.probability_out if hunting == _ESCAPING else rules.probability_in
-    floor, edge, chance = out['noise_floor'], out['unstable_amplitude'], out['escape_probability']
-    if math.isnan(chance):
+    if math.isnan(out['escape_probability']):
         return OPEN
-    if chance <= needed:
+    if out['escape_probability'] <= needed:
         return RETURNS
-    if math.isnan(floor):
-        return ESCAPES if disturbed or not math.isnan(edge) else OPEN
-    if not disturbed:
-        return RETURNS
-    # Near v_c the edge of the basin sinks into the noise, and all that is quiet is beyond it.
-    # Sooner or later it hunts: it escapes when it does not come back into the noise before.
-    back, diffusion = rules.disturbed_out * floor, out['noise_intensity']
-    if edge > back or math.isnan(out['stable_amplitude']) or not diffusion > 0.0:
-        return ESCAPES
-    if _cycle_in_noise(rules, form, out):
-        return RETURNS
-    cycle = rules.cycle_fraction * out['stable_amplitude']
-    stays = prediction.stays_up(form, out['speed'], a, back, cycle, diffusion)
-    return ESCAPES if stays > needed else RETURNS
+    return ESCAPES if disturbed or math.isnan(out['noise_floor']) else RETURNS
 
 
 @compiled_part
-def _cycle_in_noise(rules: Rules, form: FormNumbers, out: Any) -> bool:
-    """Return True if the limit cycle is so small that the noise takes it back to quiet."""
-    cycle, diffusion = out['stable_amplitude'], out['noise_intensity']
-    if math.isnan(cycle) or not diffusion > 0.0:
-        return False
-    least = cycle - _WANDERS * prediction.wander(form, out['speed'], cycle, diffusion)
-    return bool(least < rules.disturbed_out * out['noise_floor'])
-
-
-@compiled_part
-def _arrived(rules: Rules, form: FormNumbers, a: float, disturbed: bool, out: Any) -> bool:
-    """Return True on the stable branch; a branch that comes from zero has noise on it."""
-    clear = not math.isnan(out['unstable_amplitude'])
-    clear = clear or (disturbed and not _cycle_in_noise(rules, form, out))
-    return bool(clear and a > rules.cycle_fraction * out['stable_amplitude'])
+def _arrived(rules: Rules, a: float, disturbed: bool, out: Any) -> bool:
+    """Return True for an amplitude on the stable branch that will not come back from there."""
+    # A branch that comes from zero has the noise on it.
+    clear = disturbed or not math.isnan(out['unstable_amplitude'])
+    stays = out['escape_probability'] > rules.probability_out
+    return bool(clear and stays and a > rules.cycle_fraction * out['stable_amplitude'])

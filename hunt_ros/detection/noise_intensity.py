@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from hunt_ros.compiled import compiled_part
-from hunt_ros.detection.basin import FormNumbers
+from hunt_ros.detection.outlook import FormNumbers
 from hunt_ros.detection.prediction import growth_at
 from hunt_ros.detection.rules import Rules
 

@@ -2,7 +2,7 @@
 What the normal form says about a row: branches, margin, chance of escape, time to the cycle.
 
 Each part fills in its numbers in a row of the estimates (`VERDICT` names them). Called
-by the kernel of the decisions, row by row; the tables behind it are those of `basin`.
+by the kernel of the decisions, row by row; the tables behind it are those of `outlook`.
 """
 
 from __future__ import annotations
@@ -11,25 +11,19 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled_part
-from hunt_ros.detection.basin import FormNumbers
-
-#: The noise at the edge of the basin, `EdgeNoise` as the kernel reads it.
-EDGE: np.dtype[np.void] = np.dtype(
-    [('centre', np.float64), ('width', np.float64), ('rate', np.float64)], align=True
-)
+from hunt_ros.detection.outlook import FormNumbers
 
 _NORMAL_95 = 1.959964
-#: Gauss-Hermite quadrature of three points: the outer ones, and the weight of the middle.
-_NODE, _MIDDLE = math.sqrt(3.0), 2.0 / 3.0
+#: Standard deviations beyond which a normal distribution is 0 or 1.
+_SETTLED = 4.0
 #: The time to the limit cycle is that to this part of the stable amplitude,
 _ARRIVED = 0.9
 #: from at least this part of the unstable amplitude, about which time stands still.
 _LEFT = 1.02
 _PIECES = 64
-#: Far below the edge the chance is settled; this keeps its parts finite.
-_LARGEST_EXPONENT = 600.0
 
 
 @compiled_part
@@ -109,15 +103,14 @@ def branches(form: FormNumbers, v: float, roughness: float, out: Any) -> float:
 def _place(form: FormNumbers, v: float) -> tuple[int, float]:
     """Cell of the tables in which a speed lies, and how far along it."""
     place = (v - form.speed_low) / form.speed_step
-    k = min(max(int(place), 0), form.quiet_share.size - 2)
+    k = min(max(int(place), 0), form.unstable_std.size - 2)
     return k, min(max(place - k, 0.0), 1.0)
 
 
 @compiled_part
 def judge(
     form: FormNumbers,
-    edge_noise: Any,
-    noise_spread: float,
+    outlook: Any,
     v: float,
     a: float,
     s: float,
@@ -130,10 +123,10 @@ def judge(
 
     Parameters
     ----------
-    form, edge_noise
-        The form, and what the noise does at the edge of the basin.
-    noise_spread : float
-        Standard deviation of the logarithm of the noise intensity.
+    form
+        The form.
+    outlook
+        A record of OUTLOOK.
     v, a, s : float
         Speed, m/s; amplitude and its standard deviation, m.
     damping : float
@@ -143,126 +136,41 @@ def judge(
     out
         The row.
     """
-    k, part = _place(form, v)
-    exact = form.unstable_std.max() == 0.0  # no uncertainty: the shares are a matter of sign
-    quiet = 1.0 if damping < 0.0 else 0.0
-    cycle = 0.0 if math.isnan(out['stable_amplitude']) else 1.0
-    edge = out['unstable_amplitude']
-    if not exact:
-        quiet = form.quiet_share[k] + part * (form.quiet_share[k + 1] - form.quiet_share[k])
-        cycle = form.cycle_share[k] + part * (form.cycle_share[k + 1] - form.cycle_share[k])
-        if math.isnan(edge) and damping < 0.0:
-            edge = form.unstable_mean[k]
-    inside, least_inside, most_inside = 0.0, 0.0, 0.0
+    edge, spread = out['unstable_amplitude'], out['unstable_amplitude_std']
+    folded = math.isnan(edge) and damping < 0.0
+    if folded:  # below the fold of the form, but not of all its draws
+        k, _ = _place(form, v)
+        edge, spread = form.unstable_mean[k], form.unstable_std[k]
     if not math.isnan(edge):
-        spread = out['unstable_amplitude_std']
-        spread = 0.0 if math.isnan(spread) else spread
-        variance = s * s + spread * spread
-        inside = _beyond(edge_noise, noise_spread, edge, a, variance)
-        # Its interval: what it would be were the distance to the edge at the ends of its own.
-        off = _NORMAL_95 * math.sqrt(variance)
-        least_inside = _beyond(edge_noise, noise_spread, edge, a - off, 0.0)
-        most_inside = _beyond(edge_noise, noise_spread, edge, a + off, 0.0)
         out['margin'] = edge / a if a > 0.0 else math.inf
         most, least = a + _NORMAL_95 * s, a - _NORMAL_95 * s
         out['margin_low'] = max(edge - _NORMAL_95 * spread, 0.0) / most if most > 0.0 else math.inf
-        out['margin_high'] = (edge + _NORMAL_95 * spread) / least if least > 0.0 else math.inf
-    elif damping >= 0.0:
-        quiet = min(quiet, 0.5) if not exact else 0.0
-    probability = 1.0 - quiet + quiet * cycle * inside
+        high = (edge + _NORMAL_95 * spread) / least if least > 0.0 else math.inf
+        out['margin_high'] = math.inf if folded else high
+    probability = _beyond(outlook['decides'], a, s)
     out['escape_probability'] = probability
     # A mean may lie beyond such an end where the chance is settled but for a thin tail.
-    low, high = (
-        1.0 - quiet + quiet * cycle * least_inside,
-        1.0 - quiet + quiet * cycle * most_inside,
-    )
+    low = _beyond(outlook['latest'], a - _NORMAL_95 * s, 0.0)
+    high = _beyond(outlook['earliest'], a + _NORMAL_95 * s, 0.0)
     out['escape_probability_low'] = min(low, probability)
     out['escape_probability_high'] = max(high, probability)
-    stays = (1.0 - probability) * math.exp(-outlook_s * edge_noise['rate'])
-    out['outlook'] = 1.0 - stays
+    out['outlook'] = 1.0 - (1.0 - probability) * math.exp(-outlook_s * outlook['rate'])
 
 
 @compiled_part
-def _beyond(edge_noise: Any, noise_spread: float, edge: float, a: float, variance: float) -> float:
-    """
-    Committor averaged over the uncertainty of amplitude, edge (`variance`, m^2) and noise.
-
-    The noise is uncertain by a factor: Gauss-Hermite quadrature over its logarithm. The
-    width of the edge goes with the root of the intensity, its shift with the intensity.
-    """
+def _beyond(decides: NDArray[np.float64], a: float, s: float) -> float:
+    """Chance that an amplitude known to within `s` is beyond the one that decides."""
+    if math.isnan(decides[0]):
+        return math.nan
     total = 0.0
-    for k in range(3):
-        factor = math.exp((k - 1) * _NODE * noise_spread)
-        centre = max(1.0 - (1.0 - edge_noise['centre']) * factor, 0.5)
-        width = math.sqrt((edge_noise['width'] * edge) ** 2 * factor + variance)
-        distance = a - centre * edge
-        if width > 0.0:
-            beyond = 0.5 * math.erfc(-distance / (width * math.sqrt(2.0)))
+    for edge in decides:
+        if a - edge > _SETTLED * s:
+            total += 1.0
+        elif edge - a >= _SETTLED * s:
+            break  # they are in order
         else:
-            beyond = 1.0 if distance > 0.0 else 0.0
-        total += (_MIDDLE if k == 1 else 0.5 * (1.0 - _MIDDLE)) * beyond
-    return total
-
-
-@compiled_part
-def stays_up(
-    form: FormNumbers, v: float, a: float, low: float, high: float, diffusion: float
-) -> float:
-    """
-    Chance that a motion reaches the amplitude `high` before it falls to `low`.
-
-    From dA = (s A + D / A) dt + sqrt(2 D) dW, with s the growth rate of the form: the scale
-    function has the density exp(-int s A dA / D) / A (Gardiner, Handbook of Stochastic
-    Methods, 2004, Eq. (5.2.189)). Simpson's rule in ln A.
-
-    Parameters
-    ----------
-    form : FormNumbers
-        A form that is known.
-    v, a, low, high : float
-        Speed, m/s, and amplitudes, m; `low` above zero.
-    diffusion : float
-        Noise intensity D, m^2/s, above zero.
-    """
-    if a <= low or high <= low:
-        return 0.0
-    if a >= high:
-        return 1.0
-    fallen = _scale(form, v, a, low, a, diffusion)
-    return fallen / (fallen + _scale(form, v, a, a, high, diffusion))
-
-
-@compiled_part
-def _scale(
-    form: FormNumbers, v: float, a: float, low: float, high: float, diffusion: float
-) -> float:
-    """Scale function from `low` to `high`, but for a factor that depends on `a`."""
-    eps = v / form.critical_speed - 1.0
-    first = form.D1 * eps + form.D7 * eps**2
-    second, third = 0.5 * (form.D4 + form.D10 * eps), form.D15 / 3.0
-    size = 4.0 * form.length_scale**2
-    factor = 0.5 * size / (form.time_scale * diffusion)
-    r2 = a * a / size
-    here = r2 * (first + r2 * (second + r2 * third))
-    step = math.log(high / low) / _PIECES
-    total = 0.0
-    for k in range(_PIECES + 1):
-        r2 = (low * math.exp(k * step)) ** 2 / size
-        fall = here - r2 * (first + r2 * (second + r2 * third))
-        weight = 1.0 if k == 0 or k == _PIECES else 4.0 if k % 2 else 2.0
-        total += weight * math.exp(min(factor * fall, _LARGEST_EXPONENT))
-    return total * step / 3.0
-
-
-@compiled_part
-def wander(form: FormNumbers, v: float, a: float, diffusion: float) -> float:
-    """
-    Standard deviation, m, of the amplitude about a stable branch `a`, m, under noise.
-
-    Linearised: sqrt(D / -(A ds/dA)); infinite where nothing holds it.
-    """
-    pull = (growth_at(form, v, 0.99 * a) - growth_at(form, v, 1.01 * a)) / 0.02
-    return math.sqrt(diffusion / pull) if pull > 0.0 else math.inf
+            total += 0.5 * math.erfc((edge - a) / (s * math.sqrt(2.0)))
+    return total / decides.size
 
 
 @compiled_part

@@ -182,7 +182,7 @@ def state_cause(row: np.void, basis: Basis) -> tuple[str, str]:
     if math.isfinite(row['unstable_amplitude']):
         edge = f', {_unstable(row)}'
     elif int(row['region']) == Region.UNSTABLE and not int(row['doubts']) & doubts.IN_YAW:
-        edge = ', no amplitude comes back at this speed'
+        edge = ', the quiet state is unstable at this speed'
     stable = 1e3 * float(row['stable_amplitude'])
     words = {
         states.BEYOND: (

@@ -9,19 +9,19 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.detection import decisions, doubts, health, states
-from hunt_ros.detection.basin import EdgeTable, form_numbers
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.estimates import Estimator
 from hunt_ros.detection.frequencies import nominal_hz, with_frequencies
 from hunt_ros.detection.grid import RowGrid
 from hunt_ros.detection.limits import ALARMS, AmplitudeLimits
 from hunt_ros.detection.merge import MergedBlock
+from hunt_ros.detection.outlook import OutlookTable, form_numbers
 from hunt_ros.detection.output import Motion
 from hunt_ros.detection.regions import Level, State
 from hunt_ros.detection.rules import rules_of
@@ -32,8 +32,10 @@ from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 from hunt_ros.samples import CHANNELS, NANOSECONDS
 from hunt_ros.sensors import COORDINATES, sensors_of
 
-#: The noise at the edge of the basin is looked up once in this time.
-_EDGE_NS = NANOSECONDS
+#: The outlook is looked up once in this time, and when the speed has moved by a cell.
+_OUTLOOK_NS = NANOSECONDS
+#: Where the speed is not known: one more speed, m/s, at which there is no outlook.
+_NO_SPEED = -1e9
 #: What no new beginning ends: the hunting and its alarm, for nothing has been seen of its end.
 _HUNTING = (
     ('state', 'hunting'),
@@ -74,7 +76,7 @@ class RowMaker:
         self._limits = AmplitudeLimits(self.config)
         self._judging = ''
         self._floors: dict[str, NDArray[np.void]] = {}
-        self._edge_second = -1
+        self._looked_up = (-1, math.nan)
         self._form: NormalForm | None = None
         self.set_normal_form(None)
 
@@ -84,11 +86,11 @@ class RowMaker:
         self._follow(None if form is None else form.frequency_hz)
         self._estimator.set_mode_shape(None if identified is None else identified.mode_shape)
         self._numbers = form_numbers(identified)
-        self._edges = EdgeTable(form)
+        self._outlooks = OutlookTable(identified)
         self._judged.compared = identified is not None
         self._make_rules()
         self.memory['noise'] = decisions.fresh_memory()['noise']
-        self._edge_second = -1
+        self._looked_up = (-1, math.nan)
 
     def reconfigure(self, config: DetectorConfig) -> None:
         """Use other settings, but for those that are fixed, from now on."""
@@ -172,7 +174,7 @@ class RowMaker:
         hunting = memory['state']['hunting']
         hunting['wanted'], hunting['waited'] = hunting['word'], 0  # a hold time begins anew
         self.memory = memory
-        self._edge_second = -1
+        self._looked_up = (-1, math.nan)
 
     @property
     def alarm(self) -> bool:
@@ -258,7 +260,7 @@ class RowMaker:
         trusted: NDArray[np.bool_],
         disagree: NDArray[np.bool_],
     ) -> None:
-        """Run the decisions on one channel, stretch by stretch of one edge of the basin."""
+        """Run the decisions on one channel, stretch by stretch of one outlook."""
         amplitude = np.where(trusted, rows[f'{channel}_amplitude'], math.nan)
         spread = np.ascontiguousarray(rows[f'{channel}_amplitude_std'])
         outside = np.ascontiguousarray(rows[f'outside_{channel}'])
@@ -267,14 +269,7 @@ class RowMaker:
             numbers = form_numbers(None)
             if self.config.measures('lateral') or self._numbers.known:
                 rows['doubts'] |= np.uint32(doubts.IN_YAW)
-        seconds = rows['stamp_ns'] // _EDGE_NS
-        starts = np.flatnonzero(np.diff(seconds, prepend=self._edge_second))
-        bounds = [0, *starts[starts > 0].tolist(), rows.size]
-        for begin, end in itertools.pairwise(bounds):
-            if seconds[begin] != self._edge_second:
-                self._edge_second = int(seconds[begin])
-                self._look_up_edge(float(rows['speed'][begin]))
-            part = slice(begin, end)
+        for part in self._outlook_stretches(rows):
             decisions.decide(
                 rules,
                 numbers,
@@ -286,9 +281,33 @@ class RowMaker:
                 rows[part],
             )
 
-    def _look_up_edge(self, speed: float) -> None:
-        edge = self._edges.at(speed, float(self.memory['noise']['intensity'][0]))
-        self.memory['edge'] = tuple(edge)
+    def _outlook_stretches(self, rows: NDArray[np.void]) -> Iterator[slice]:
+        """Yield stretches of one outlook, which is then in the memory of the decisions."""
+        seconds = rows['stamp_ns'] // _OUTLOOK_NS
+        speeds = np.nan_to_num(rows['speed'], nan=_NO_SPEED)
+        starts = np.flatnonzero(np.diff(seconds)) + 1
+        for begin, end in itertools.pairwise([0, *starts.tolist(), rows.size]):
+            while begin < end:
+                second, speed = self._looked_up
+                if seconds[begin] != second or self._outlooks.differ(speeds[begin], speed):
+                    self._look_up(rows[begin])
+                    self._looked_up = int(seconds[begin]), float(speeds[begin])
+                moved = self._outlooks.differ(speeds[begin:end], self._looked_up[1])
+                stop = begin + int(moved.argmax()) if moved.any() else end
+                yield slice(begin, stop)
+                begin = stop
+
+    def _look_up(self, row: np.void) -> None:
+        memory, rules = self.memory[0], self._rules
+        line = float(row['lateral_roughness'])
+        quiet = math.sqrt(memory['floor']['square'])
+        self.memory['outlook'] = self._outlooks.at(
+            float(row['speed']),
+            float(memory['noise']['intensity']),
+            float(memory['noise']['spread']),
+            rules.disturbed_out * quiet,
+            0.0 if math.isnan(line) else line,
+        )
 
     def _levels(self, rows: NDArray[np.void]) -> None:
         """Fill in the level: the worst of what the decisions and the channels say."""

@@ -126,9 +126,6 @@ def test_quiet_running_near_the_critical_speed_is_no_limit_cycle() -> None:
     assert 'limit_cycle' not in words
 
 
-@pytest.mark.xfail(
-    strict=True, reason='below the fold an unknown spread of the edge counts as none'
-)
 def test_the_chance_of_escape_is_continuous_through_the_fold() -> None:
     form = PAPER_NORMAL_FORM
     spread = np.array([0.02, 0.002, 0.01, 0.05, 0.05, 0.01])

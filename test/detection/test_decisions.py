@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from hunt_ros.detection import decisions
-from hunt_ros.detection.basin import form_numbers
 from hunt_ros.detection.configuration import DetectorConfig
+from hunt_ros.detection.outlook import OutlookTable, form_numbers
 from hunt_ros.detection.output import ESTIMATE_DTYPE
 from hunt_ros.detection.regions import State
 from hunt_ros.detection.rules import rules_of
@@ -62,7 +62,27 @@ def _states(form: NormalForm, speed: np.ndarray, z: np.ndarray) -> np.ndarray:
     none = np.zeros(z.size, dtype=np.bool_)
     memory = decisions.fresh_memory()
     std, nowhere = np.full(z.size, STD), np.full(z.size, math.nan)
-    decisions.decide(rules, form_numbers(known), memory, np.abs(z), std, nowhere, none, rows)
+    table, numbers, second = OutlookTable(known), form_numbers(known), round(1.0 / PERIOD)
+    for begin in range(0, z.size, second):
+        noise, square = memory['noise'][0], float(memory['floor']['square'][0])
+        memory['outlook'] = table.at(
+            float(speed[begin]),
+            float(noise['intensity']),
+            float(noise['spread']),
+            rules.disturbed_out * math.sqrt(square),
+            0.0,
+        )
+        part = slice(begin, begin + second)
+        decisions.decide(
+            rules,
+            numbers,
+            memory,
+            np.abs(z[part]),
+            std[part],
+            nowhere[part],
+            none[part],
+            rows[part],
+        )
     return np.asarray(rows['state'])
 
 

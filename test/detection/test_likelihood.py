@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 from hunt_ros.detection import DetectorConfig, State, decisions
-from hunt_ros.detection.basin import form_numbers
+from hunt_ros.detection.outlook import form_numbers
 from hunt_ros.detection.output import ESTIMATE_DTYPE
 from hunt_ros.detection.rules import rules_of
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hunt_ros.detection import DetectorConfig, decisions
-from hunt_ros.detection.basin import form_numbers
+from hunt_ros.detection.outlook import form_numbers
 from hunt_ros.detection.output import ESTIMATE_DTYPE
 from hunt_ros.detection.regions import State
 from hunt_ros.detection.rules import rules_of

@@ -9,8 +9,8 @@ import pytest
 from scipy.signal import lfilter
 
 from hunt_ros.detection import decisions, noise_intensity
-from hunt_ros.detection.basin import form_numbers
 from hunt_ros.detection.configuration import DetectorConfig
+from hunt_ros.detection.outlook import form_numbers
 from hunt_ros.detection.rules import rules_of
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM

@@ -10,19 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hunt_ros.detection import decisions, evidence, states
-from hunt_ros.detection.basin import form_numbers
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.output import ESTIMATE_DTYPE
-from hunt_ros.detection.prediction import stays_up
 from hunt_ros.detection.regions import State
 from hunt_ros.detection.rules import rules_of
-from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 
 CONFIG = DetectorConfig()
 RULES = rules_of(CONFIG, 6.4, 8.0)
-FORM = form_numbers(IdentifiedNormalForm(PAPER_NORMAL_FORM))
-ESCAPING, PAPER_V_C = State.ESCAPING, PAPER_NORMAL_FORM.critical_speed
 EDGE, CYCLE, FLOOR = 240e-6, 630e-6, 10e-6
 
 
@@ -46,11 +40,8 @@ class Machine:
         falls: float = 0.0,
         edge: float = EDGE,
         stable: float = CYCLE,
-        speed: float = 7.6,
-        noise: float = math.nan,
     ) -> State:
         row = np.zeros(1, dtype=ESTIMATE_DTYPE)
-        row['speed'], row['noise_intensity'] = speed, noise
         row['noise_floor'], row['escape_probability'] = FLOOR, probability
         row['unstable_amplitude'], row['stable_amplitude'] = edge, stable
         memory = self.memory[0]
@@ -59,7 +50,6 @@ class Machine:
         for _ in range(rows):
             found = evidence.gather(
                 RULES,
-                FORM,
                 memory['evidence'],
                 memory['ratios'],
                 memory['state']['hunting']['word'],
@@ -141,24 +131,6 @@ def test_an_escape_is_over_only_when_it_is_unlikely() -> None:
 def test_inside_the_noise_nothing_escapes() -> None:
     machine = Machine()
     assert machine.feed(2.9 * FLOOR, 1.0, 500, edge=FLOOR) is State.QUIET
-
-
-@pytest.mark.parametrize('noise', [2e-11, 2e-10])
-def test_where_the_edge_is_lost_in_the_noise_it_takes_an_amplitude_the_noise_cannot_take_back(
-    noise: float,
-) -> None:
-    def called(amplitude: float) -> bool:
-        machine = Machine()
-        machine.feed(amplitude, 1.0, 50, edge=1e-9, speed=PAPER_V_C, noise=noise)
-        return machine.feed(amplitude, 1.0, edge=1e-9, speed=PAPER_V_C, noise=noise) is ESCAPING
-
-    sizes = np.linspace(3.1, 40.0, 60) * FLOOR
-    words = [called(a) for a in sizes]
-    back, cycle = RULES.disturbed_out * FLOOR, RULES.cycle_fraction * CYCLE
-    chances = [stays_up(FORM, PAPER_V_C, a, back, cycle, noise) for a in sizes]
-    assert words == [chance > RULES.probability_in for chance in chances]
-    assert not words[0]
-    assert sizes[words.index(True)] < 0.5 * CYCLE
 
 
 def test_the_limit_cycle_is_reached_kept_and_left() -> None:
