@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import threading
 import time
+from abc import ABC, abstractmethod
 
 from rclpy.lifecycle import LifecycleNode, State, TransitionCallbackReturn
 from rclpy.publisher import Publisher
@@ -29,13 +30,9 @@ _PAUSE_S = 1.0
 _SETTLED_S, _SETTLE_MOST_S = 0.5, 3.0
 
 
-class DriverNode(LifecycleNode):
+class DriverNode(LifecycleNode, ABC):
     """
     A lifecycle node around one driver.
-
-    A node of this kind has `_make_driver()`, which returns a driver that is not open yet,
-    `_take(block, publish)`, which gets every block that was read in time, and
-    `_lose(count)`, which gets the number of samples thrown away while active.
 
     Parameters
     ----------
@@ -175,11 +172,14 @@ class DriverNode(LifecycleNode):
             return 'ERROR', self._trouble
         return ('WARN', 'connecting') if self._connecting else None
 
+    @abstractmethod
     def _make_driver(self) -> SensorDriver | DriveDriver:
-        raise NotImplementedError
+        """Return a driver that is not open yet."""
 
+    @abstractmethod
     def _take(self, block: SensorBlock | DriveBlock, publish: bool) -> None:
-        raise NotImplementedError
+        """Get a block that was read in time; `publish`: the node is active."""
 
+    @abstractmethod
     def _lose(self, count: int) -> None:
-        raise NotImplementedError
+        """Get the number of samples thrown away while active."""
