@@ -31,7 +31,7 @@ SECOND = 1_000_000_000
 BEGIN, END, DURATION = 6 * SECOND, 8 * SECOND, 13 * SECOND
 #: After the fault begins it must be named within this time, ns.
 NOTICED = 600_000_000
-CONFIG = DetectorConfig(lateral_range_m=2e-3, yaw_range_rad=2e-3)
+CONFIG = DetectorConfig(channels=CHANNELS, lateral_range_m=2e-3, yaw_range_rad=2e-3)
 PAPER = IdentifiedNormalForm(PAPER_NORMAL_FORM)
 
 _Columns = tuple[np.ndarray, np.ndarray]
@@ -105,7 +105,12 @@ def _recorded(rate_hz: int, seed: int) -> Record:
         yaw_sensor=SensorModel(noise=2e-5),
     )
     profile = SpeedProfile.constant(6.0)  # below v_n: all is OK but for the faults
-    return simulate(paper_rig(), settings_, profile, DURATION / SECOND, (), seed)
+    record = simulate(paper_rig(), settings_, profile, DURATION / SECOND, (), seed)
+    lateral = record['lateral']
+    noise = 5e-3 * np.random.default_rng(seed).standard_normal(len(lateral))
+    moved = np.convolve(lateral.values, np.ones(rate_hz // 20) / (rate_hz // 20), 'same')
+    acceleration = np.gradient(np.gradient(moved)) * rate_hz**2 + noise
+    return Record({**record, 'axle_box': Series(lateral.stamps_ns, acceleration)})
 
 
 def _timed(series: Series, timing: str, seed: int) -> Series:

@@ -14,7 +14,7 @@ from hunt_ros.detection.offline import collect, detect, watch
 from hunt_ros.detection.regions import Region, State
 from hunt_ros.detection.rules import rules_of
 from hunt_ros.dynamics.speed_profile import SpeedProfile
-from hunt_ros.samples import CHANNELS, Record, Series
+from hunt_ros.samples import USUAL_CHANNELS, Record, Series
 
 RULES = rules_of(DetectorConfig(), 6.4, 8.0)
 HUNTING = (State.ESCAPING, State.LIMIT_CYCLE, State.DECAYING)
@@ -88,8 +88,8 @@ def test_the_margin_stays_low_as_long_as_the_wheelset_hunts(recorded, true_form)
 @pytest.mark.parametrize(
     ('channels', 'dies'),
     [
-        (CHANNELS, 'lateral'),
-        (CHANNELS, 'yaw'),
+        (USUAL_CHANNELS, 'lateral'),
+        (USUAL_CHANNELS, 'yaw'),
         (('lateral', 'roller', 'speed'), ''),
         (('lateral', 'roller', 'speed'), 'lateral'),
     ],
