@@ -27,6 +27,8 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     from hunt_ros.detection import DetectorConfig, HuntingDetector
     from hunt_ros.detection.offline import detect
+    from hunt_ros.dynamics.identified import IdentifiedNormalForm
+    from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
     from hunt_ros.dynamics.parameters import paper_rig
     from hunt_ros.dynamics.simulation import Roughness, SimulationSettings, SpeedProfile, simulate
     from hunt_ros.identification import identify
@@ -37,7 +39,8 @@ def run(arguments: argparse.Namespace) -> int:
     )
     profile = SpeedProfile((0.0, 100.0, 200.0), (6.0, 8.8, 6.0))
     record = simulate(paper_rig(), settings, profile, seed=1)
-    detect(HuntingDetector(DetectorConfig()), record)
+    for form in (None, IdentifiedNormalForm(PAPER_NORMAL_FORM)):
+        detect(HuntingDetector(DetectorConfig(), form), record)
     identify([record])
     print(f'the kernels are compiled ({time.monotonic() - began:.0f} s)')
     return 0

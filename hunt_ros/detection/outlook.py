@@ -53,6 +53,8 @@ _WANDERS = 2.0
 _GROWN = 2.0
 #: Exponents beyond this are taken as infinite.
 _LARGEST_EXPONENT = 600.0
+#: The longest time, s, and the largest exponent of one step: their product does not overflow.
+_LONGEST, _STEEPEST = 1e270, 50.0
 #: Draws on either side of the interval of 95 %, of all of them.
 _OUTSIDE = round(0.025 * _PATHS)
 #: Outlooks that are kept for when they are asked for again.
@@ -193,6 +195,8 @@ class OutlookTable:
         self._time_scale = identified.form.time_scale
         levels = ndtri((np.arange(_PATHS) + 0.5) / _PATHS)
         self._noise = np.random.default_rng(0).permutation(levels)
+        # Before the form is in force: no row of a live run waits for machine code.
+        self.at(1.02 * identified.form.critical_speed, math.nan, 0.0, math.nan, 0.0)
 
     def differ(self, speeds: _F, speed: float) -> NDArray[np.bool_]:
         """Return True for each speed, m/s, whose outlook is another one than that of `speed`."""
@@ -388,10 +392,10 @@ def _committors(
             before = density
             risen[k, i] = total
             if i > 0 and grid[i] <= high[k]:
-                rise = min(max(exponent[i] - exponent[i - 1], -50.0), 50.0)
+                rise = min(max(exponent[i] - exponent[i - 1], -_STEEPEST), _STEEPEST)
                 share = 0.5 * step / noise[k]
                 lasted = (lasted + share * grid[i - 1] ** 2) * math.exp(rise)
-                lasted = min(lasted + share * grid[i] ** 2, 1e300)
+                lasted = min(lasted + share * grid[i] ** 2, _LONGEST)
                 time += step * lasted
         for i in range(grid.size):
             if total > 0.0:

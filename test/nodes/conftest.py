@@ -15,8 +15,8 @@ import pytest
 
 rclpy = pytest.importorskip('rclpy', reason='the extra ros is not installed')
 
-from lifecycle_msgs.msg import Transition  # noqa: E402
-from lifecycle_msgs.srv import ChangeState  # noqa: E402
+from lifecycle_msgs.msg import State, Transition  # noqa: E402
+from lifecycle_msgs.srv import ChangeState, GetState  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.signals import SignalHandlerOptions  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
@@ -25,6 +25,15 @@ from hunt_ros.cli.processes import claim_domain  # noqa: E402
 
 #: The tree under test, also for the nodes, which run in a folder of their own.
 ROOT = Path(__file__).resolve().parents[2]
+
+
+#: The state after a transition.
+_AFTER = {
+    Transition.TRANSITION_CONFIGURE: State.PRIMARY_STATE_INACTIVE,
+    Transition.TRANSITION_CLEANUP: State.PRIMARY_STATE_UNCONFIGURED,
+    Transition.TRANSITION_ACTIVATE: State.PRIMARY_STATE_ACTIVE,
+    Transition.TRANSITION_DEACTIVATE: State.PRIMARY_STATE_INACTIVE,
+}
 
 
 class Graph:
@@ -95,13 +104,26 @@ class Graph:
         return future.result()
 
     def change_state(self, node: str, transition: int, timeout_s: float = 30.0) -> None:
-        client = self.node.create_client(ChangeState, f'{node}/change_state')
-        self.spin_until(client.service_is_ready, timeout_s)
+        change = self.node.create_client(ChangeState, f'{node}/change_state')
+        look = self.node.create_client(GetState, f'{node}/get_state')
+        self.spin_until(lambda: change.service_is_ready() and look.service_is_ready(), timeout_s)
         request = ChangeState.Request()
         request.transition.id = transition
-        future = client.call_async(request)
-        self.spin_until(future.done, timeout_s)
-        assert future.result().success
+        changed, seen = change.call_async(request), look.call_async(GetState.Request())
+        asked_s = time.monotonic()
+
+        def reached() -> bool:
+            # The answer is lost where a busy node has not found yet who asks: its state tells.
+            nonlocal seen, asked_s
+            if changed.done() or (seen.done() and seen.result().current_state.id == goal):
+                return True
+            if time.monotonic() - asked_s > 1.0:
+                seen, asked_s = look.call_async(GetState.Request()), time.monotonic()
+            return False
+
+        goal = _AFTER[transition]
+        self.spin_until(reached, timeout_s)
+        assert not changed.done() or changed.result().success
 
     def start_rig(self, **parameters: object) -> None:
         """

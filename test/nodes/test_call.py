@@ -41,14 +41,19 @@ def test_a_call_is_done_refused_or_finds_nobody(graph, capsys) -> None:
     assert '--namespace rig' in capsys.readouterr().err
     # What these nodes offer to an operator is in the table.
     nodes = ('rig_simulator', 'roller_speed', 'bag_recorder')
-    offered = {
-        name.removeprefix('/rig/')
-        for node, namespace in graph.node.get_node_names_and_namespaces()
-        if any(name in node for name in nodes)
-        for name, kinds in graph.node.get_service_names_and_types_by_node(node, namespace)
-        if kinds == ['std_srvs/srv/Trigger']
-    }
-    assert offered == {item.name for item in SERVICES.values() if item.node in nodes}
+    expected = {item.name for item in SERVICES.values() if item.node in nodes}
+
+    def offered() -> set[str]:
+        return {
+            name.removeprefix('/rig/')
+            for node, namespace in graph.node.get_node_names_and_namespaces()
+            if any(name in node for name in nodes)
+            for name, kinds in graph.node.get_service_names_and_types_by_node(node, namespace)
+            if kinds == ['std_srvs/srv/Trigger']
+        }
+
+    graph.spin_until(lambda: offered() >= expected)  # nodes find each other one by one
+    assert offered() == expected
 
 
 def test_words_go_with_a_mark_only(capsys) -> None:
