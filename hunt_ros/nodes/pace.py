@@ -18,7 +18,8 @@ from hunt_ros.nodes.conversions import to_ns
 from hunt_ros.nodes.qos import STATUS
 from hunt_ros.samples import NANOSECONDS
 
-#: Below the time after which the detector calls a sensor silent.
+#: Below the time after which the detector calls a sensor silent where time runs fast: a pause of
+#: the machine is then a longer one of the rig (`hunt demo` sets its `..._timeout_s` to 3 s).
 _LEAD_NS = NANOSECONDS
 #: A detector that makes no headway for so long, because a sensor is dead or it is itself, is
 #: not waited for, s of real time.

@@ -126,7 +126,9 @@ def test_a_sweep_is_recorded_refitted_and_the_form_taken_over_without_a_restart(
     forms = graph.collect(String, 'hunting/normal_form', latched())
     recordings = graph.folder / 'recordings'
     simulated = {'use_sim_time': True}
-    graph.start('hunting_detector', output_rate_hz=20.0, **simulated)
+    # In fast simulated time a short pause of the machine is a long one of the rig.
+    patience = {f'{channel}_timeout_s': 3.0 for channel in ('sensor', 'roller', 'speed')}
+    graph.start('hunting_detector', output_rate_hz=20.0, **patience, **simulated)
     graph.start('bag_recorder', directory=recordings, **simulated)
     graph.start('normal_form_identifier', directory=recordings, **simulated)
     graph.spin_until(lambda: graph.node.count_subscribers('/rig/lateral') == 2, 60.0)
