@@ -1,0 +1,625 @@
+"""
+A speed profile as an experimenter writes it: steps in YAML, shared by drive, demo and simulation.
+
+Each kind of step is a small class that turns itself into *legs*: go to a speed, stay there, go
+on. What runs a profile knows legs only. A leg may end early by what the detector sees, and a
+step may choose its next leg by it, so a see-saw is no special case. docs/profiles.md is the
+description of the format for people.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from hunt_ros.dynamics.speed_profile import SpeedProfile
+from hunt_ros.errors import ConfigError
+from hunt_ros.settings import Settings, setting
+
+#: Of a value that must be given.
+_REQUIRED = math.nan
+_FASTEST_MPS = 100.0
+_LONGEST_S = 604_800.0
+#: Corners of a period of a sine: straight lines between them err by 0.1 % of its amplitude.
+_SINE_CORNERS = 64
+#: Of the see-saw, in parts of the hysteresis region and of the amplitude at the fold.
+_WATCHED = (0.36, 0.74, 0.49, 0.62)
+_FALLEN, _GROWN, _QUIET = 0.7, 0.3, 0.1
+#: Key of the see-saw -> what of the form it follows from.
+_FROM_FORM = {
+    'low_mps': 'v_n',
+    'high_mps': 'v_c',
+    'watch_low_mps': 'v_n',
+    'watch_high_mps': 'v_c',
+    'grown_m': 'fold_amplitude_m',
+    'fallen_m': 'fold_amplitude_m',
+}
+
+
+@dataclass(frozen=True)
+class Motion:
+    """
+    What a profile may react to: the motion as the detector sees it, and the form in force.
+
+    Parameters
+    ----------
+    amplitude_m : float
+        Amplitude of the hunting motion; NaN: unknown.
+    v_n, v_c : float
+        Critical speeds of the normal form in force, m/s; NaN: unknown.
+    fold_amplitude_m : float
+        Amplitude of the limit cycle at v_n; NaN: unknown.
+    """
+
+    amplitude_m: float = math.nan
+    v_n: float = math.nan
+    v_c: float = math.nan
+    fold_amplitude_m: float = math.nan
+
+
+@dataclass(frozen=True)
+class Leg:
+    """
+    Go to a speed, and stay there.
+
+    Parameters
+    ----------
+    speed_mps : float
+        Where to.
+    rate_mps2 : float
+        How fast, positive; inf: as fast as the drive may.
+    hold_s : float
+        How long to stay.
+    above_m, below_m : float
+        Ends as soon as the amplitude is above, or below, this; NaN: not.
+    steady : float
+        Ends as soon as the amplitude has stayed within this share of itself (or below
+        `quiet_m`) for `steady_s`; NaN: not.
+    """
+
+    speed_mps: float
+    rate_mps2: float = math.inf
+    hold_s: float = 0.0
+    above_m: float = math.nan
+    below_m: float = math.nan
+    steady: float = math.nan
+    steady_s: float = 0.0
+    quiet_m: float = 0.0
+
+
+class Scene:
+    """
+    What a step sees while it runs.
+
+    Attributes
+    ----------
+    motion : Motion
+        Now.
+    elapsed_s : float
+        Since the step began.
+    """
+
+    def __init__(self, motion: Motion, elapsed_s: float = 0.0) -> None:
+        self.motion, self.elapsed_s = motion, elapsed_s
+
+
+@dataclass(frozen=True)
+class Step(Settings):
+    """A step of a profile; its fields are the keys of the YAML."""
+
+    def legs(self, scene: Scene) -> Iterator[Leg]:
+        """Iterate over the legs; the next one is asked for when the one before is over."""
+        raise NotImplementedError
+
+    def plan(self) -> list[Leg]:
+        """Return the legs, longest case, without a detector: what the step may ask for."""
+        return list(self.legs(Scene(Motion())))
+
+    def missing(self, motion: Motion) -> str:
+        """Return '' or what the step has to know of the detector, and does not."""
+        return ''
+
+    @property
+    def reacts(self) -> bool:
+        """True where the detector decides how the step goes."""
+        return False
+
+    @property
+    def longest_s(self) -> float:
+        """No longer than this, s; inf: the legs say."""
+        return math.inf
+
+
+def _speed(description: str, default: float = _REQUIRED) -> Any:
+    return setting(default, description, unit='m/s', low=0.0, high=_FASTEST_MPS)
+
+
+def _rate(default: float) -> Any:
+    what = 'how fast the set point changes'
+    return setting(default, what, unit='m/s2', low=1e-4, high=100.0)
+
+
+def _time(description: str, default: float = _REQUIRED, low: float = 0.0) -> Any:
+    return setting(default, description, unit='s', low=low, high=_LONGEST_S)
+
+
+def _amplitude(description: str) -> Any:
+    return setting(0.0, description, unit='m', low=0.0, high=1.0)
+
+
+@dataclass(frozen=True)
+class Hold(Step):
+    """Stay at a speed."""
+
+    speed_mps: float = _speed('where')
+    duration_s: float = _time('how long, the way there not counted')
+    rate_mps2: float = _rate(0.2)
+    until_above_m: float = _amplitude('ends as soon as the amplitude is above this (0: not)')
+    until_below_m: float = _amplitude('ends as soon as the amplitude is below this (0: not)')
+    note: str = setting('', 'told to the operator when the step begins')
+
+    def legs(self, scene: Scene) -> Iterator[Leg]:
+        """Iterate over the one leg."""
+        above, below = self.until_above_m or math.nan, self.until_below_m or math.nan
+        yield Leg(self.speed_mps, self.rate_mps2, self.duration_s, above, below)
+
+    @property
+    def reacts(self) -> bool:
+        """True where an amplitude may end it."""
+        return bool(self.until_above_m or self.until_below_m)
+
+
+@dataclass(frozen=True)
+class Ramp(Step):
+    """Go to a speed."""
+
+    speed_mps: float = _speed('where to')
+    rate_mps2: float = _rate(0.1)
+    until_above_m: float = _amplitude('ends as soon as the amplitude is above this (0: not)')
+    until_below_m: float = _amplitude('ends as soon as the amplitude is below this (0: not)')
+    note: str = setting('', 'told to the operator when the step begins')
+
+    def legs(self, scene: Scene) -> Iterator[Leg]:
+        """Iterate over the one leg."""
+        above, below = self.until_above_m or math.nan, self.until_below_m or math.nan
+        yield Leg(self.speed_mps, self.rate_mps2, 0.0, above, below)
+
+    @property
+    def reacts(self) -> bool:
+        """True where an amplitude may end it."""
+        return bool(self.until_above_m or self.until_below_m)
+
+
+@dataclass(frozen=True)
+class Sine(Step):
+    """Oscillate about a speed."""
+
+    speed_mps: float = _speed('about which')
+    amplitude_mps: float = _speed('how far, both ways')
+    period_s: float = _time('of one oscillation', low=0.1)
+    duration_s: float = _time('how long')
+    rate_mps2: float = _rate(0.2)
+    note: str = setting('', 'told to the operator when the step begins')
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.amplitude_mps > self.speed_mps:
+            raise ConfigError(
+                f'amplitude_mps: {self.amplitude_mps:g} is above speed_mps'
+                f' ({self.speed_mps:g}): the speed would be negative'
+            )
+
+    def legs(self, scene: Scene) -> Iterator[Leg]:
+        """Go to the middle, then from corner to corner."""
+        yield Leg(self.speed_mps, self.rate_mps2)
+        step_s, before = self.period_s / _SINE_CORNERS, self.speed_mps
+        for number in range(1, math.floor(self.duration_s / step_s + 1e-9) + 1):
+            phase = 2.0 * math.pi * number / _SINE_CORNERS
+            speed = self.speed_mps + self.amplitude_mps * math.sin(phase)
+            rate = abs(speed - before) / step_s
+            # A corner at the speed of the one before is a wait.
+            yield Leg(speed, rate) if rate > 1e-12 else Leg(speed, math.inf, step_s)
+            before = speed
+
+
+@dataclass(frozen=True)
+class Sweep(Step):
+    """Go from one speed to another and back."""
+
+    low_mps: float = _speed('from here')
+    high_mps: float = _speed('to here')
+    rate_mps2: float = _rate(0.02)
+    hold_s: float = _time('at the top', 0.0)
+    back: bool = setting(True, 'and back again')
+    note: str = setting('', 'told to the operator when the step begins')
+
+    def legs(self, scene: Scene) -> Iterator[Leg]:
+        """Go to the beginning, up, and down."""
+        yield Leg(self.low_mps, max(self.rate_mps2, 0.2))
+        yield Leg(self.high_mps, self.rate_mps2, self.hold_s)
+        if self.back:
+            yield Leg(self.low_mps, self.rate_mps2)
+
+
+@dataclass(frozen=True)
+class Staircase(Step):
+    """Go up in steps, and down again."""
+
+    low_mps: float = _speed('the lowest step')
+    high_mps: float = _speed('the highest step')
+    step_mps: float = setting(0.2, 'height of a step', unit='m/s', low=1e-3, high=_FASTEST_MPS)
+    hold_s: float = _time('on each step', 25.0)
+    rate_mps2: float = _rate(0.2)
+    back: bool = setting(True, 'and down again')
+    note: str = setting('', 'told to the operator when the step begins')
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.high_mps < self.low_mps:
+            raise ConfigError(f'high_mps: {self.high_mps:g} is below low_mps ({self.low_mps:g})')
+
+    @property
+    def levels(self) -> list[float]:
+        """Speeds of the steps, m/s."""
+        count = math.ceil((self.high_mps - self.low_mps) / self.step_mps - 1e-9)
+        up = [self.low_mps + k * self.step_mps for k in range(count)] + [self.high_mps]
+        return [*up, *up[-2::-1]] if self.back else up
+
+    def legs(self, scene: Scene) -> Iterator[Leg]:
+        """One leg a step."""
+        for speed in self.levels:
+            yield Leg(speed, self.rate_mps2, self.hold_s)
+
+
+@dataclass(frozen=True)
+class AdaptiveStaircase(Staircase):
+    """A staircase that leaves each step as soon as the amplitude there is known."""
+
+    shortest_s: float = _time('the amplitude is steady for so long, on each step', 6.0, low=0.1)
+    steady: float = setting(
+        0.03, 'share of itself within which a steady amplitude stays', low=1e-3, high=1.0
+    )
+    quiet_m: float = _amplitude(
+        'below this the wheelset is quiet, which is steady (0: 0.1 of the amplitude at the fold)'
+    )
+
+    def legs(self, scene: Scene) -> Iterator[Leg]:
+        """One leg a step, which ends when the amplitude is steady, `hold_s` at the latest."""
+        for speed in self.levels:
+            fold = scene.motion.fold_amplitude_m
+            quiet = self.quiet_m or (_QUIET * fold if math.isfinite(fold) else 0.0)
+            yield Leg(
+                speed,
+                self.rate_mps2,
+                self.hold_s,
+                steady=self.steady,
+                steady_s=self.shortest_s,
+                quiet_m=quiet,
+            )
+
+    @property
+    def reacts(self) -> bool:
+        """The detector ends each step."""
+        return True
+
+
+@dataclass(frozen=True)
+class Seesaw(Step):
+    """
+    Cross the middle amplitudes again and again, by reversals that the amplitude triggers.
+
+    Information about the growth law accrues where the amplitude moves, not where it waits on a
+    branch. From the quiet state go up past v_c; when the motion has grown, go down to just
+    below v_n; the moment it has fallen below the fold, go up into the hysteresis region and
+    watch where it goes. What is 0 follows from the normal form in force.
+    """
+
+    duration_s: float = _time('how long; then down to the lowest speed')
+    low_mps: float = _speed('where hunting dies out (0: 0.1 m/s below v_n)', 0.0)
+    high_mps: float = _speed('where it grows by itself (0: 0.4 m/s above v_c)', 0.0)
+    watch_low_mps: float = _speed('lowest speed to watch at (0: from v_n and v_c)', 0.0)
+    watch_high_mps: float = _speed('highest speed to watch at (0: from v_n and v_c)', 0.0)
+    watch_s: float = _time('how long to watch where the motion goes', 12.0)
+    grown_m: float = _amplitude('reverse above this (0: 0.3 of the amplitude at the fold)')
+    fallen_m: float = _amplitude('reverse below this (0: 0.7 of the amplitude at the fold)')
+    rate_mps2: float = _rate(0.1)
+    note: str = setting('', 'told to the operator when the step begins')
+
+    def missing(self, motion: Motion) -> str:
+        """Name the keys that have to be given where no form gives them."""
+        names = [
+            name
+            for name, source in _FROM_FORM.items()
+            if not getattr(self, name) and math.isnan(getattr(motion, source))
+        ]
+        if not names:
+            return ''
+        return f'no normal form with v_n and v_c is in force: give {", ".join(names)}'
+
+    def legs(self, scene: Scene) -> Iterator[Leg]:
+        """Iterate over the legs, by the form that is in force when each begins."""
+        for number in itertools.count():
+            low, high, watched, grown, fallen = self._by(scene.motion, number)
+            for leg in (
+                Leg(high, self.rate_mps2, _LONGEST_S, above_m=grown),
+                Leg(low, self.rate_mps2, _LONGEST_S, below_m=fallen),
+                Leg(watched, self.rate_mps2, self.watch_s),
+            ):
+                if scene.elapsed_s >= self.duration_s:
+                    yield Leg(low, self.rate_mps2)
+                    return
+                yield leg
+
+    def _by(self, motion: Motion, number: int) -> tuple[float, float, float, float, float]:
+        """Return lowest, highest and watched speed, m/s, and the two triggers, m."""
+        v_n, v_c, fold = motion.v_n, motion.v_c, motion.fold_amplitude_m
+        low = self.low_mps or v_n - 0.1
+        high = self.high_mps or v_c + 0.4
+        first = self.watch_low_mps or v_n + _WATCHED[0] * (v_c - v_n)
+        last = self.watch_high_mps or v_n + _WATCHED[1] * (v_c - v_n)
+        share = (_WATCHED[number % len(_WATCHED)] - _WATCHED[0]) / (_WATCHED[1] - _WATCHED[0])
+        grown, fallen = self.grown_m or _GROWN * fold, self.fallen_m or _FALLEN * fold
+        return low, high, first + share * (last - first), grown, fallen
+
+    def plan(self) -> list[Leg]:
+        """Return what is known without a form: the speeds that are given, and the time."""
+        speeds = (self.low_mps, self.high_mps, self.watch_low_mps, self.watch_high_mps)
+        return [Leg(speed) for speed in speeds if speed] + [
+            Leg(self.low_mps or math.nan, hold_s=self.duration_s)
+        ]
+
+    @property
+    def reacts(self) -> bool:
+        """The detector triggers the reversals."""
+        return True
+
+    @property
+    def longest_s(self) -> float:
+        """After this only the way down is left."""
+        return self.duration_s
+
+
+@dataclass(frozen=True)
+class Corners(Step):
+    """Straight lines between corners, counted from the beginning of the step."""
+
+    times_s: tuple[float, ...] = setting((), 'times of the corners, the first 0', unit='s')
+    speeds_mps: tuple[float, ...] = setting((), 'speeds there', unit='m/s')
+    note: str = setting('', 'told to the operator when the step begins')
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not all(map(math.isfinite, self.times_s)):
+            raise ConfigError(f'times_s: {list(self.times_s)} must be finite')
+        SpeedProfile(self.times_s, self.speeds_mps)
+
+    def legs(self, scene: Scene) -> Iterator[Leg]:
+        """One leg between two corners; the first speed is reached as fast as the drive may."""
+        yield Leg(self.speeds_mps[0])
+        corners = zip(self.times_s, self.speeds_mps, strict=True)
+        for (begin, before), (end, speed) in itertools.pairwise(corners):
+            rate = abs(speed - before) / (end - begin)
+            yield Leg(speed, rate) if rate else Leg(speed, math.inf, end - begin)
+
+
+#: Word of the YAML -> step.
+STEPS: dict[str, type[Step]] = {
+    'hold': Hold,
+    'ramp': Ramp,
+    'sweep': Sweep,
+    'sine': Sine,
+    'staircase': Staircase,
+    'adaptive_staircase': AdaptiveStaircase,
+    'seesaw': Seesaw,
+    'corners': Corners,
+}
+_WORDS = {kind: word for word, kind in STEPS.items()}
+
+
+@dataclass(frozen=True)
+class Profile:
+    """
+    A sequence of steps.
+
+    Parameters
+    ----------
+    steps : tuple of Step
+        At least one.
+    name : str
+        For people.
+
+    Raises
+    ------
+    ConfigError
+        Without a step.
+    """
+
+    steps: tuple[Step, ...]
+    name: str = ''
+    source: str = field(default='profile', compare=False)
+
+    def __post_init__(self) -> None:
+        if not self.steps:
+            raise ConfigError(f'{self.source}: no step in it')
+
+    @property
+    def highest_mps(self) -> float:
+        """Highest speed that is known without a detector, m/s."""
+        known = [leg.speed_mps for step in self.steps for leg in step.plan()]
+        return max((x for x in known if math.isfinite(x)), default=0.0)
+
+    @property
+    def reacts(self) -> bool:
+        """True where the detector decides how it goes."""
+        return any(step.reacts for step in self.steps)
+
+    def durations_s(self) -> list[float]:
+        """Return how long each step lasts, s, at most where it reacts to the detector."""
+        before: float | None = None
+        found = []
+        for step in self.steps:
+            total = 0.0
+            for leg in step.plan():
+                if math.isfinite(leg.speed_mps):
+                    way = 0.0 if before is None else abs(leg.speed_mps - before)
+                    total += way / leg.rate_mps2
+                    before = leg.speed_mps
+                total += leg.hold_s
+            found.append(total)
+        return found
+
+    @property
+    def duration_s(self) -> float:
+        """How long it lasts from its first speed on, s; at most where it reacts."""
+        return sum(self.durations_s())
+
+    def missing(self, motion: Motion) -> str:
+        """Return '' or what a step has to know of the detector, and does not."""
+        for number, step in enumerate(self.steps, 1):
+            if problem := step.missing(motion):
+                return f'{self._where(number, step)}: {problem}'
+        return ''
+
+    def check(self, ceiling_mps: float) -> None:
+        """
+        Refuse a profile that would be faster than the roller may turn.
+
+        Raises
+        ------
+        ConfigError
+            Naming the step and the speed.
+        """
+        for number, step in enumerate(self.steps, 1):
+            for leg in step.plan():
+                if leg.speed_mps > ceiling_mps:
+                    raise ConfigError(
+                        f'{self._where(number, step)}: {leg.speed_mps:g} m/s is above the'
+                        f' ceiling, {ceiling_mps:g} m/s'
+                    )
+
+    def corners(self) -> SpeedProfile:
+        """
+        Return the set point against time, for a simulation without a detector.
+
+        Raises
+        ------
+        ConfigError
+            Where the detector decides how it goes.
+        """
+        if self.reacts:
+            raise ConfigError(f'{self.source}: it reacts to the detector, and none is there')
+        times, speeds = [0.0], [self.steps[0].plan()[0].speed_mps]
+        for leg in (leg for step in self.steps for leg in step.plan()):
+            for way_s in (abs(leg.speed_mps - speeds[-1]) / leg.rate_mps2, leg.hold_s):
+                if way_s > 0.0:
+                    times.append(times[-1] + way_s)
+                    speeds.append(leg.speed_mps)
+            if leg.speed_mps != speeds[-1]:  # a jump
+                times.append(math.nextafter(times[-1], math.inf))
+                speeds.append(leg.speed_mps)
+        return SpeedProfile(tuple(times), tuple(speeds))
+
+    def _where(self, number: int, step: Step) -> str:
+        return f'{self.source}, step {number} ({_WORDS[type(step)]})'
+
+    def to_yaml(self) -> str:
+        """Return the text that `from_yaml` reads; what has its default is left out."""
+        steps = []
+        for step in self.steps:
+            default = {item.name: item.default for item in fields(step)}
+            values = {
+                name: list(value) if isinstance(value, tuple) else value
+                for name, value in asdict(step).items()
+                if value != default[name]
+            }
+            steps.append({_WORDS[type(step)]: values})
+        document: dict[str, Any] = {'name': self.name} if self.name else {}
+        document['profile'] = steps
+        text: str = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=99)
+        return text
+
+    @classmethod
+    def from_yaml(cls, text: str, source: str = 'profile') -> Profile:
+        """
+        Read a profile.
+
+        Parameters
+        ----------
+        text : str
+            YAML: a mapping with the key `profile`, a list of steps, and perhaps `name`.
+        source : str
+            Named in messages.
+
+        Raises
+        ------
+        ConfigError
+            One line: what, in which step, and what was expected.
+        """
+        try:
+            document = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise ConfigError(f'{source}: not YAML ({" ".join(str(error).split())})') from error
+        if not isinstance(document, Mapping) or 'profile' not in document:
+            raise ConfigError(f'{source}: no profile, expected "profile:" and a list of steps')
+        for key in document:
+            if key not in ('profile', 'name'):
+                raise ConfigError(f'{source}: unknown key {key!r}, expected profile, name')
+        items = document['profile']
+        if not isinstance(items, Sequence) or isinstance(items, str) or not items:
+            raise ConfigError(f'{source}: profile: expected a list of steps, got {items!r}')
+        steps = tuple(_step(item, f'{source}, step {k}') for k, item in enumerate(items, 1))
+        return cls(steps, str(document.get('name', '')), source)
+
+    @classmethod
+    def read(cls, words: str) -> Profile:
+        """
+        Read the text of a profile, or the file that the words name.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such file, or it is no profile.
+        """
+        if 'profile:' in words:
+            return cls.from_yaml(words)
+        try:
+            text = Path(words).read_text(encoding='utf-8')
+        except (OSError, UnicodeDecodeError, ValueError) as error:
+            reason = getattr(error, 'strerror', None) or error
+            raise ConfigError(f'profile {words!r}: cannot read it ({reason})') from error
+        found = cls.from_yaml(text, words)
+        return found if found.name else replace(found, name=Path(words).stem)
+
+
+def _step(item: object, where: str) -> Step:
+    """Read one step."""
+    if not isinstance(item, Mapping) or len(item) != 1:
+        raise ConfigError(f'{where}: {item!r} is no step, expected one of {", ".join(STEPS)}')
+    ((word, values),) = item.items()
+    if word not in STEPS:
+        raise ConfigError(f'{where}: unknown step {word!r}, expected one of {", ".join(STEPS)}')
+    kind, where = STEPS[word], f'{where} ({word})'
+    if not isinstance(values, Mapping):
+        raise ConfigError(f'{where}: {values!r} is no mapping of {_keys(kind)}')
+    for key in values:
+        if key not in {item.name for item in fields(kind)}:
+            raise ConfigError(f'{where}: unknown key {key!r}, expected {_keys(kind)}')
+    try:
+        step = kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+    except (ConfigError, TypeError, ValueError) as error:
+        raise ConfigError(f'{where}: {" ".join(str(error).split())}') from error
+    for each in fields(kind):
+        value = getattr(step, each.name)
+        if isinstance(value, float) and math.isnan(value):
+            raise ConfigError(f'{where}: {each.name} is missing, expected {_keys(kind)}')
+    return step
+
+
+def _keys(kind: type[Step]) -> str:
+    return ', '.join(each.name for each in fields(kind))

@@ -1,0 +1,111 @@
+"""Profiles in YAML: what they are, what is refused, and how long they last."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from hunt_ros.dynamics.profile import Corners, Hold, Motion, Profile, Ramp, Seesaw
+from hunt_ros.errors import ConfigError
+
+EVERY_STEP = """
+name: all of them
+profile:
+- hold: {speed_mps: 6, duration_s: 10}
+- ramp: {speed_mps: 7.0, rate_mps2: 0.1, note: up}
+- sine: {speed_mps: 7.0, amplitude_mps: 0.5, period_s: 16, duration_s: 32}
+- sweep: {low_mps: 7.0, high_mps: 8.0, rate_mps2: 0.05}
+- staircase: {low_mps: 7.0, high_mps: 7.4, hold_s: 5}
+- corners: {times_s: [0, 10, 20], speeds_mps: [7, 8, 8]}
+"""
+
+
+def test_a_profile_is_read_written_and_simulated_alike() -> None:
+    profile = Profile.from_yaml(EVERY_STEP)
+    assert profile.steps[:2] == (Hold(6.0, 10.0), Ramp(7.0, note='up'))
+    assert Profile.from_yaml(profile.to_yaml()) == profile
+    assert profile.highest_mps == 8.0
+    corners = profile.corners()
+    assert corners.duration_s == pytest.approx(profile.duration_s)
+    expected = 10.0 + 10.0 + 32.0 + 40.0 + (5 * 5.0 + 4.0) + 20.0
+    assert corners.duration_s == pytest.approx(expected, abs=0.1)
+    assert corners([5.0, 15.0, 20.0 + 4.0, 20.0 + 12.0]) == pytest.approx([6.0, 6.5, 7.5, 6.5])
+
+
+def test_a_staircase_goes_up_and_down_and_ends_at_the_top_it_was_given() -> None:
+    text = 'profile: [{staircase: {low_mps: 6.2, high_mps: 6.7, hold_s: 10}}]'
+    speeds = Profile.from_yaml(text).corners().speeds
+    levels = [speed for speed, after in itertools.pairwise(speeds) if speed == after]
+    assert levels == pytest.approx([6.2, 6.4, 6.6, 6.7, 6.6, 6.4, 6.2])
+
+
+@pytest.mark.parametrize(
+    ('text', 'words'),
+    [
+        ('{', 'not YAML'),
+        ('6.0', 'expected "profile:"'),
+        ('profile: []', 'expected a list of steps'),
+        ('{profile: [hold], x: 1}', "unknown key 'x'"),
+        ('profile: [hold]', "step 1: 'hold' is no step"),
+        ('profile: [{dance: {}}]', "unknown step 'dance'"),
+        ('profile: [{hold: 6}]', 'no mapping'),
+        ('profile: [{hold: {speed_mps: 6}}]', 'duration_s is missing'),
+        ('profile: [{hold: {speed_mps: 6, duration_s: -1}}]', 'duration_s: -1.0 is below 0 s'),
+        ('profile: [{hold: {speed_mps: -6, duration_s: 1}}]', 'speed_mps: -6.0 is below'),
+        ('profile: [{hold: {speed_mps: .inf, duration_s: 1}}]', 'speed_mps: inf is above'),
+        ('profile: [{hold: {speed_mps: six, duration_s: 1}}]', "speed_mps: 'six' is not a number"),
+        ('profile: [{hold: {speed_mps: 6, duration_s: 1, sped: 2}}]', "unknown key 'sped'"),
+        (
+            'profile: [{ramp: {speed_mps: 6}}, {ramp: {speed_mps: 6, rate_mps2: 0}}]',
+            'step 2 (ramp): rate_mps2: 0.0 is below',
+        ),
+        ('profile: [{corners: {times_s: [0, 1], speeds_mps: [6]}}]', '2 times for 1 speeds'),
+        ('profile: [{corners: {times_s: [0, 0], speeds_mps: [6, 7]}}]', '0 s comes after 0 s'),
+        ('profile: [{corners: {times_s: [0, a], speeds_mps: [6, 7]}}]', 'step 1 (corners)'),
+        ('profile: [{corners: {times_s: 3, speeds_mps: [6, 7]}}]', 'step 1 (corners)'),
+        ('profile: [{staircase: {low_mps: 7, high_mps: 6}}]', 'below low_mps'),
+        (
+            'profile: [{sine: {speed_mps: 1, amplitude_mps: 2, period_s: 9, duration_s: 9}}]',
+            'negative',
+        ),
+    ],
+)
+def test_what_is_no_profile_is_refused_in_one_line(text, words) -> None:
+    with pytest.raises(ConfigError) as refusal:
+        Profile.from_yaml(text, 'mine.yaml')
+    (line,) = str(refusal.value).splitlines()
+    assert words in line
+    assert line.startswith('mine.yaml')
+
+
+def test_a_profile_above_the_ceiling_is_refused_with_its_step(tmp_path) -> None:
+    file = tmp_path / 'fast.yaml'
+    file.write_text('profile: [{hold: {speed_mps: 6, duration_s: 1}}, {ramp: {speed_mps: 9}}]')
+    profile = Profile.read(str(file))
+    assert profile.name == 'fast'
+    profile.check(9.0)
+    with pytest.raises(ConfigError, match=r'fast.yaml, step 2 \(ramp\): 9 m/s is above'):
+        profile.check(8.5)
+    with pytest.raises(ConfigError, match='cannot read it'):
+        Profile.read(str(tmp_path / 'nowhere.yaml'))
+
+
+def test_a_see_saw_needs_a_form_or_its_numbers_and_no_simulation_alone() -> None:
+    profile = Profile((Seesaw(60.0, low_mps=6.0, high_mps=8.4),))
+    lacking = profile.missing(Motion())
+    assert 'watch_low_mps' in lacking
+    assert 'low_mps,' not in lacking.split('give ')[1].split('watch')[0]
+    assert not profile.missing(Motion(v_n=6.4, v_c=8.0, fold_amplitude_m=4e-4))
+    assert profile.highest_mps == 8.4
+    assert profile.duration_s == pytest.approx(60.0)
+    with pytest.raises(ConfigError, match='reacts to the detector'):
+        profile.corners()
+
+
+def test_corners_are_the_polyline_that_they_were() -> None:
+    times, speeds = (0.0, 10.0, 12.0, 30.0), (6.0, 8.0, 8.0, 5.0)
+    polyline = Profile((Corners(times, speeds),)).corners()
+    at = np.linspace(0.0, 30.0, 61)
+    assert polyline(at) == pytest.approx(np.interp(at, times, speeds))
