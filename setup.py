@@ -78,5 +78,9 @@ setup(
             'normal_form_identifier = hunt_ros.nodes.entry:normal_form_identifier',
             'bag_recorder = hunt_ros.nodes.entry:bag_recorder',
         ],
+        # Name of a driver: the module that has its classes (docs/drivers.md).
+        'hunt_ros.drivers': [
+            'simulated = hunt_ros.drivers.simulated',
+        ],
     },
 )

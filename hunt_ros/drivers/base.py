@@ -1,17 +1,28 @@
 """
 What a sensor driver and a drive driver do, whatever hardware is behind them.
 
-A node knows these two protocols and nothing else of the hardware. Stamps are
-taken where the sample is taken, in the driver, never where it is published.
+A driver is a module with a class `Sensor`, a class `Drive`, or both, registered under the
+entry points `hunt_ros.drivers` (see `hunt_ros.drivers.registry`, docs/drivers.md). A node knows
+these two base classes and nothing else of the hardware. Stamps are taken where the sample is
+taken, in the driver, never where it is published.
+
+One thread makes a driver, opens it, reads it and closes it; when the connection is lost it makes
+another one. Only `close`, which ends a read under way, and `Drive.set_speed` are called from other
+threads.
 """
 
 from __future__ import annotations
 
+import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from hunt_ros.errors import ConfigError
+from hunt_ros.settings import Settings as _Settings
 
 
 def _no_stamps() -> NDArray[np.int64]:
@@ -30,10 +41,10 @@ class SensorBlock:
     Parameters
     ----------
     stamps_ns : ndarray of int64, shape (n,)
-        When each was taken.
+        When each was taken, on the clock of the host.
     values : ndarray of float64, shape (n,)
-        m for the lateral sensor, rad for the yaw sensor; NaN for a sample the
-        hardware marked as bad.
+        Readings: in the unit of the device (V, counts) where the node has a calibration, else
+        m, rad or m/s2; NaN for a sample the hardware marked as bad.
     lost : int
         Samples known to be missing before this block.
     """
@@ -51,9 +62,9 @@ class DriveBlock:
     Parameters
     ----------
     stamps_ns : ndarray of int64, shape (n,)
-        When each was taken.
+        When each was taken, on the clock of the host.
     angle_rad : ndarray of float64, shape (n,)
-        Continuous roller angle.
+        Continuous roller angle; NaN where there is no encoder.
     speed_mps : ndarray of float64, shape (n,)
         Running speed.
     """
@@ -63,9 +74,47 @@ class DriveBlock:
     speed_mps: NDArray[np.float64] = field(default_factory=_no_values)
 
 
-class SensorDriver(Protocol):
-    """A source of samples of one quantity."""
+class SensorDriver(ABC):
+    """
+    A source of samples of one quantity.
 
+    Making one touches no hardware.
+
+    Parameters
+    ----------
+    settings : Settings
+        Of the class's own kind, `Settings`: the node declares its fields as parameters.
+    channel : str
+        What is measured: 'lateral', 'yaw', ...
+    rate_hz : float
+        Samples a second that the node expects; a driver that sets the pace samples so fast.
+
+    Attributes
+    ----------
+    range : tuple of float
+        Readings outside are saturated, in the unit of the readings. A driver that knows better
+        once it is open says so here.
+
+    Raises
+    ------
+    ConfigError
+        For a channel that the driver cannot measure.
+    """
+
+    #: Kind of the driver's own settings.
+    Settings: ClassVar[type[_Settings]] = _Settings
+    #: Channels that it can measure; empty: any.
+    channels: ClassVar[tuple[str, ...]] = ()
+
+    def __init__(self, settings: Any, channel: str, rate_hz: float) -> None:
+        if self.channels and channel not in self.channels:
+            raise ConfigError(f'{self}: no channel {channel!r}, it has {", ".join(self.channels)}')
+        self.settings = settings
+        self.channel = channel
+        self.rate_hz = rate_hz
+        self.range: tuple[float, float] = (-math.inf, math.inf)
+
+    @abstractmethod
     def open(self) -> None:
         """
         Connect to the hardware.
@@ -76,6 +125,7 @@ class SensorDriver(Protocol):
             Naming what cannot be reached, and where.
         """
 
+    @abstractmethod
     def read(self, timeout_s: float) -> SensorBlock:
         """
         Wait for samples, at most `timeout_s` seconds; an empty block means none came.
@@ -86,13 +136,37 @@ class SensorDriver(Protocol):
             If the connection is lost.
         """
 
+    @abstractmethod
     def close(self) -> None:
-        """Let go of the hardware. Closing twice does nothing."""
+        """Let go of the hardware. Closing twice, or what is not open, does nothing."""
+
+    def __str__(self) -> str:
+        """Return the driver and where its hardware is, for messages."""
+        return type(self).__module__.rpartition('.')[2]
 
 
-class DriveDriver(Protocol):
-    """The roller's drive: its encoder and its set point."""
+class DriveDriver(ABC):
+    """
+    The roller's drive: its encoder and its set point.
 
+    Making one touches no hardware.
+
+    Parameters
+    ----------
+    settings : Settings
+        Of the class's own kind, `Settings`.
+    roller_diameter_m : float
+        For a drive that is commanded in turns: v = rate D / 2.
+    """
+
+    #: Kind of the driver's own settings.
+    Settings: ClassVar[type[_Settings]] = _Settings
+
+    def __init__(self, settings: Any, roller_diameter_m: float) -> None:
+        self.settings = settings
+        self.roller_diameter_m = roller_diameter_m
+
+    @abstractmethod
     def open(self) -> None:
         """
         Connect to the drive.
@@ -103,6 +177,7 @@ class DriveDriver(Protocol):
             Naming what cannot be reached, and where.
         """
 
+    @abstractmethod
     def read(self, timeout_s: float) -> DriveBlock:
         """
         Wait for readings, at most `timeout_s` seconds; an empty block means none came.
@@ -113,6 +188,7 @@ class DriveDriver(Protocol):
             If the connection is lost.
         """
 
+    @abstractmethod
     def set_speed(self, speed_mps: float) -> None:
         """
         Command a running speed, m/s; also while another thread waits in `read`.
@@ -123,5 +199,10 @@ class DriveDriver(Protocol):
             If the drive did not take it.
         """
 
+    @abstractmethod
     def close(self) -> None:
-        """Let go of the drive. Closing twice does nothing."""
+        """Let go of the drive. Closing twice, or what is not open, does nothing."""
+
+    def __str__(self) -> str:
+        """Return the driver and where its hardware is, for messages."""
+        return type(self).__module__.rpartition('.')[2]

@@ -5,22 +5,32 @@ from __future__ import annotations
 import contextlib
 import socket
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
-from hunt_ros.drivers.base import DriveBlock, SensorBlock
+from hunt_ros.drivers.base import DriveBlock, DriveDriver, SensorBlock, SensorDriver
 from hunt_ros.drivers.simulator_protocol import Channel, Decoder, Frame, Kind, encode
 from hunt_ros.errors import DriverError
+from hunt_ros.settings import Settings, setting
 
 _RECEIVE_BYTES = 1 << 16
 _CONNECT_S = 1.0
 
 
+@dataclass(frozen=True)
+class SimulatorAddress(Settings):
+    """Where the rig simulator listens."""
+
+    host: str = setting('127.0.0.1', 'Address of the rig simulator.', fixed=True)
+    port: int = setting(47100, 'TCP port of the rig simulator.', low=1, high=65535, fixed=True)
+
+
 class _Connection:
     """A subscription to one channel of the simulator."""
 
-    def __init__(self, host: str, port: int, channel: Channel) -> None:
-        self._address = (host, port)
+    def __init__(self, address: SimulatorAddress, channel: Channel) -> None:
+        self._address = (address.host, address.port)
         self._channel = channel
         self._socket: socket.socket | None = None
         self._decoder = Decoder()
@@ -82,20 +92,15 @@ class _Connection:
         return f'rig simulator {self._channel.name.lower()} at {host}:{port}'
 
 
-class SimulatedSensor:
-    """
-    A sensor of the simulated rig (a `SensorDriver`).
+class Sensor(SensorDriver):
+    """A sensor of the simulated rig."""
 
-    Parameters
-    ----------
-    host, port : str, int
-        Where the simulator listens.
-    channel : Channel
-        LATERAL or YAW.
-    """
+    Settings = SimulatorAddress
+    channels = ('lateral', 'yaw')
 
-    def __init__(self, host: str, port: int, channel: Channel) -> None:
-        self._connection = _Connection(host, port, channel)
+    def __init__(self, settings: SimulatorAddress, channel: str, rate_hz: float) -> None:
+        super().__init__(settings, channel, rate_hz)
+        self._connection = _Connection(settings, Channel[channel.upper()])
 
     def open(self) -> None:
         """Connect; raises DriverError where nobody answers."""
@@ -114,19 +119,18 @@ class SimulatedSensor:
         """Disconnect."""
         self._connection.close()
 
+    def __str__(self) -> str:
+        return str(self._connection)
 
-class SimulatedDrive:
-    """
-    The drive of the simulated rig (a `DriveDriver`).
 
-    Parameters
-    ----------
-    host, port : str, int
-        Where the simulator listens.
-    """
+class Drive(DriveDriver):
+    """The drive of the simulated rig."""
 
-    def __init__(self, host: str, port: int) -> None:
-        self._connection = _Connection(host, port, Channel.DRIVE)
+    Settings = SimulatorAddress
+
+    def __init__(self, settings: SimulatorAddress, roller_diameter_m: float) -> None:
+        super().__init__(settings, roller_diameter_m)
+        self._connection = _Connection(settings, Channel.DRIVE)
 
     def open(self) -> None:
         """Connect; raises DriverError where nobody answers."""
@@ -147,3 +151,6 @@ class SimulatedDrive:
     def close(self) -> None:
         """Disconnect."""
         self._connection.close()
+
+    def __str__(self) -> str:
+        return str(self._connection)

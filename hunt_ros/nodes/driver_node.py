@@ -11,12 +11,19 @@ from __future__ import annotations
 import threading
 import time
 from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import fields
+from functools import partial
+from typing import Literal
 
 from rclpy.lifecycle import LifecycleNode, State, TransitionCallbackReturn
 from rclpy.publisher import Publisher
 
 from hunt_ros.drivers.base import DriveBlock, DriveDriver, SensorBlock, SensorDriver
+from hunt_ros.drivers.registry import driver_class
+from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.diagnostics import Diagnostics, one_line
+from hunt_ros.nodes.parameters import declare
 from hunt_ros.nodes.sole import hold_name
 from hunt_ros.nodes.worker import Worker
 
@@ -40,6 +47,8 @@ class DriverNode(LifecycleNode, ABC):
         Name of the node.
     """
 
+    #: Makes a driver that is not open yet.
+    _make_driver: Callable[[], SensorDriver | DriveDriver]
     #: A publisher whose listeners are waited for before the first sample.
     _announced: Publisher
     _diagnostics: Diagnostics
@@ -54,6 +63,39 @@ class DriverNode(LifecycleNode, ABC):
         self._connecting = False  # for the first time
         self._trouble = ''  # of the connection
         self._heard_s = -float('inf')  # when the driver last brought a sample, steady clock
+
+    def _use_driver(self, name: str, role: Literal['Sensor', 'Drive'], *rest: object) -> str:
+        """
+        Declare the settings of a driver as parameters, and say how the driver is made.
+
+        Parameters
+        ----------
+        name : str
+            Of its entry point: the parameter `driver`.
+        role : str
+            'Sensor' or 'Drive'.
+        *rest : object
+            What the driver gets beside its settings.
+
+        Returns
+        -------
+        str
+            The driver and where its hardware is.
+
+        Raises
+        ------
+        ConfigError
+            For an unknown driver, and for settings that it refuses.
+        """
+        kind = driver_class(name, role)
+        for item in fields(kind.Settings):
+            if self.has_parameter(item.name):
+                raise ConfigError(
+                    f'driver {name!r}: its setting {item.name!r} has the name of a parameter of'
+                    f' {self.get_name()}'
+                )
+        self._make_driver = partial(kind, declare(self, kind.Settings), *rest)
+        return f'{name}: {self._make_driver()}'
 
     def on_configure(self, state: State) -> TransitionCallbackReturn:
         """Begin to open the driver; hardware that is not there is tried again and again."""
@@ -171,10 +213,6 @@ class DriverNode(LifecycleNode, ABC):
         if self._trouble:
             return 'ERROR', self._trouble
         return ('WARN', 'connecting') if self._connecting else None
-
-    @abstractmethod
-    def _make_driver(self) -> SensorDriver | DriveDriver:
-        """Return a driver that is not open yet."""
 
     @abstractmethod
     def _take(self, block: SensorBlock | DriveBlock, publish: bool) -> None:

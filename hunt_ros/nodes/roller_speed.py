@@ -17,10 +17,9 @@ from rclpy.lifecycle import State, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from hunt_ros.drivers.base import DriveBlock, DriveDriver
+from hunt_ros.drivers.base import DriveBlock
 from hunt_ros.drivers.command import RollerCommand
 from hunt_ros.drivers.profile import ProfileRunner
-from hunt_ros.drivers.simulated import SimulatedDrive
 from hunt_ros.errors import DriverError
 from hunt_ros.nodes.conversions import joint_layout, twist
 from hunt_ros.nodes.diagnostics import Diagnostics, Health, NewSince, one_line, steady_clock
@@ -41,9 +40,9 @@ _SILENT_S = 2.0
 class SpeedConfig(Settings):
     """Parameters of the speed node."""
 
-    driver: str = setting('simulated', 'The drive.', choices=('simulated',), fixed=True)
-    host: str = setting('127.0.0.1', 'Address of the rig simulator.', fixed=True)
-    port: int = setting(47100, 'TCP port of the rig simulator.', low=1, high=65535, fixed=True)
+    driver: str = setting(
+        'simulated', 'The drive, docs/drivers.md; its settings are parameters too.', fixed=True
+    )
     frame_id: str = setting('roller_rig', 'frame_id of the messages.', fixed=True)
     roller_diameter_m: float = setting(
         0.3, 'Roller diameter: roller rate = 2 v / D.', unit='m', low=0.01, high=10.0, fixed=True
@@ -77,6 +76,7 @@ class RollerSpeedNode(DriverNode):
     def __init__(self) -> None:
         super().__init__('roller_speed')
         self._config = declare(self, SpeedConfig, self._reconfigure)
+        hardware = self._use_driver(self._config.driver, 'Drive', self._config.roller_diameter_m)
         warn_unknown(self)
         # The machine's clock may be set while the roller turns: only a simulated rig, whose
         # time is that of /clock, is driven by another clock than the steady one.
@@ -107,7 +107,6 @@ class RollerSpeedNode(DriverNode):
         ):
             self.create_service(Trigger, f'speed/{name}', _answer(action))
         self._timer = self.create_timer(_SET_POINT_S, self._send_next, clock=steady_clock())
-        hardware = f'{self._config.driver} drive {self._config.host}:{self._config.port}'
         self._diagnostics = Diagnostics(self, self._health, hardware)
 
     def on_activate(self, state: State) -> TransitionCallbackReturn:
@@ -123,9 +122,6 @@ class RollerSpeedNode(DriverNode):
 
     def _reconfigure(self, config: SpeedConfig) -> None:
         self._config = config
-
-    def _make_driver(self) -> DriveDriver:
-        return SimulatedDrive(self._config.host, self._config.port)
 
     def _take(self, block: DriveBlock, publish: bool) -> None:
         self._speed_mps = float(block.speed_mps[-1])

@@ -12,9 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from sensor_msgs.msg import JointState
 
-from hunt_ros.drivers.base import SensorBlock, SensorDriver
-from hunt_ros.drivers.simulated import SimulatedSensor
-from hunt_ros.drivers.simulator_protocol import Channel
+from hunt_ros.drivers.base import SensorBlock
 from hunt_ros.nodes.conversions import joint_layout
 from hunt_ros.nodes.diagnostics import Diagnostics, Health, NewSince
 from hunt_ros.nodes.driver_node import DriverNode
@@ -28,10 +26,10 @@ class SensorConfig(Settings):
     """Parameters of a sensor node."""
 
     driver: str = setting(
-        'simulated', 'Where the samples come from.', choices=('simulated',), fixed=True
+        'simulated',
+        'Where the samples come from, docs/drivers.md; its settings are parameters too.',
+        fixed=True,
     )
-    host: str = setting('127.0.0.1', 'Address of the rig simulator.', fixed=True)
-    port: int = setting(47100, 'TCP port of the rig simulator.', low=1, high=65535, fixed=True)
     sample_rate_hz: float = setting(
         500.0,
         'Expected rate: WARN when it is missed by 5 %, STALE when nothing comes.',
@@ -58,6 +56,9 @@ class SensorNode(DriverNode):
         super().__init__(f'{channel}_sensor')
         self._channel = channel
         self._config = declare(self, SensorConfig)
+        hardware = self._use_driver(
+            self._config.driver, 'Sensor', channel, self._config.sample_rate_hz
+        )
         warn_unknown(self)
         depth = int(self._config.sample_rate_hz)
         self._announced = self.create_publisher(JointState, channel, stream(depth))
@@ -67,12 +68,7 @@ class SensorNode(DriverNode):
         self._bad = 0
         self._new = NewSince()
         self._reported_s = 0.0
-        hardware = f'{self._config.driver} {channel} {self._config.host}:{self._config.port}'
         self._diagnostics = Diagnostics(self, self._health, hardware)
-
-    def _make_driver(self) -> SensorDriver:
-        channel = Channel[self._channel.upper()]
-        return SimulatedSensor(self._config.host, self._config.port, channel)
 
     def _take(self, block: SensorBlock, publish: bool) -> None:
         if not publish:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hunt_ros.drivers.simulated import SimulatedDrive, SimulatedSensor
+from hunt_ros.drivers.simulated import Drive, Sensor, SimulatorAddress
 from hunt_ros.drivers.simulator_protocol import HEADER, Channel, Decoder, Kind, encode
 from hunt_ros.drivers.simulator_server import SimulatorServer
 from hunt_ros.errors import DriverError
@@ -34,7 +34,7 @@ def _connected(server: SimulatorServer) -> bool:
 
 
 def test_a_sensor_receives_its_own_channel_only(server: SimulatorServer) -> None:
-    sensor = SimulatedSensor('127.0.0.1', server.port, Channel.YAW)
+    sensor = Sensor(SimulatorAddress(port=server.port), 'yaw', 500.0)
     sensor.open()
     _poll_until(server, lambda _: _connected(server))
     server.send_sensor(Channel.LATERAL, np.array([1]), np.array([9.0]))
@@ -48,7 +48,7 @@ def test_a_sensor_receives_its_own_channel_only(server: SimulatorServer) -> None
 
 
 def test_the_drive_reads_and_takes_a_set_point(server: SimulatorServer) -> None:
-    drive = SimulatedDrive('127.0.0.1', server.port)
+    drive = Drive(SimulatorAddress(port=server.port), 0.3)
     drive.open()
     _poll_until(server, lambda _: _connected(server))
     server.send_drive(np.array([5]), np.array([1.5]), np.array([7.25]))
@@ -60,7 +60,7 @@ def test_the_drive_reads_and_takes_a_set_point(server: SimulatorServer) -> None:
 
 
 def test_a_slow_reader_loses_samples_and_is_told_how_many(server: SimulatorServer) -> None:
-    sensor = SimulatedSensor('127.0.0.1', server.port, Channel.LATERAL)
+    sensor = Sensor(SimulatorAddress(port=server.port), 'lateral', 500.0)
     sensor.open()
     _poll_until(server, lambda _: _connected(server))
     sent = 0
@@ -87,13 +87,13 @@ def test_nobody_listening_is_one_clear_line() -> None:
     server = SimulatorServer()
     port = server.port
     server.close()
-    sensor = SimulatedSensor('127.0.0.1', port, Channel.LATERAL)
+    sensor = Sensor(SimulatorAddress(port=port), 'lateral', 500.0)
     with pytest.raises(DriverError, match=rf'lateral at 127\.0\.0\.1:{port}: cannot connect'):
         sensor.open()
 
 
 def test_a_simulator_that_goes_away_is_a_driver_error(server: SimulatorServer) -> None:
-    sensor = SimulatedSensor('127.0.0.1', server.port, Channel.LATERAL)
+    sensor = Sensor(SimulatorAddress(port=server.port), 'lateral', 500.0)
     sensor.open()
     _poll_until(server, lambda _: _connected(server))
     server._drop(server._clients[0])

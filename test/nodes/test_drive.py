@@ -59,11 +59,12 @@ class Drive:
 
 
 def _node(drive: Drive) -> Callable[[], RollerSpeedNode]:
-    class Node(RollerSpeedNode):
-        def _make_driver(self) -> Drive:
-            return drive
+    def make() -> RollerSpeedNode:
+        node = RollerSpeedNode()
+        node._make_driver = lambda: drive
+        return node
 
-    return Node
+    return make
 
 
 def _configure(graph, *, activate: bool) -> None:

@@ -1,0 +1,195 @@
+"""
+Stamps from the clock of a device: its counts or stamps, disciplined to the clock of the host.
+
+A sample arrives some time after it was taken: a delay that is never negative, and now and then
+long, when Python wakes late. So what the host knows of the device's clock is the line below all
+arrivals that comes closest to them (Moon, Skelly and Towsley 1999, "Estimation and removal of
+clock skew from network delay measurements", INFOCOM): late arrivals do not move it. What is left
+is the shortest delay, which no device can be asked for.
+"""
+
+from __future__ import annotations
+
+import time
+from bisect import bisect_right
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hunt_ros.samples import NANOSECONDS
+
+#: A point of the lower hull is kept for each part of the window.
+_PARTS = 32
+
+
+class _Arrival(NamedTuple):
+    """A tick of the device and when the host knew of it, steady clock."""
+
+    tick: int
+    arrived_ns: int
+
+
+class SampleClock:
+    """
+    Turns ticks of a device into stamps of the host.
+
+    Parameters
+    ----------
+    tick_s : float
+        Nominal length of a tick, s: the sample period where the ticks are sample numbers, 1e-9
+        where they are stamps in ns.
+    tolerance : float
+        The true length is within this fraction of the nominal one.
+    window_s : float
+        What is older is forgotten, s: drift that changes within it is averaged.
+    steady_ns, host_ns : callable
+        The clocks of the host, ns; for tests. The line is kept on the steady one: a host clock
+        that is set moves the stamps at once and by as much.
+    """
+
+    def __init__(
+        self,
+        tick_s: float,
+        *,
+        tolerance: float = 0.05,
+        window_s: float = 30.0,
+        steady_ns: Callable[[], int] = time.monotonic_ns,
+        host_ns: Callable[[], int] = time.time_ns,
+    ) -> None:
+        self._nominal_ns = tick_s * NANOSECONDS
+        self._tolerance = tolerance
+        self._window_ns = window_s * NANOSECONDS
+        self._steady_ns, self._host_ns = steady_ns, host_ns
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all; as new."""
+        self._arrivals: deque[_Arrival] = deque()  # the earliest of each part of the window
+        self._slope_ns = self._nominal_ns
+        self._base = _Arrival(0, 0)  # a point of the line
+        self._last: _Arrival | None = None  # tick and stamp given last, steady clock
+
+    @property
+    def tick_s(self) -> float:
+        """Measured length of a tick, s."""
+        return self._slope_ns / NANOSECONDS
+
+    def stamps(self, ticks: ArrayLike, arrived_ns: int | None = None) -> NDArray[np.int64]:
+        """
+        Return when samples were taken, ns, on the host's clock; later for each one.
+
+        Parameters
+        ----------
+        ticks : array_like of int64, shape (n,)
+            Increasing, without wrap-around (`Counter` unwraps); lost samples leave a gap. Ticks
+            that begin again below the last ones mean that the device was started anew.
+        arrived_ns : int, optional
+            When the last of them was there, steady clock; default: now.
+        """
+        counts = np.asarray(ticks, dtype=np.int64)
+        if not counts.size:
+            return np.zeros(0, dtype=np.int64)
+        if arrived_ns is None:
+            arrived_ns = self._steady_ns()
+        if self._last is not None and counts[0] <= self._last.tick:
+            self.reset()
+        self._note(_Arrival(int(counts[-1]), arrived_ns))
+        steady = self._base.arrived_ns + np.rint(
+            (counts - self._base.tick) * self._slope_ns
+        ).astype(np.int64)
+        if self._last is not None:
+            # The line fell when a sample came with less delay than any before: it is approached
+            # at twice the pace, and no stamp goes backwards.
+            passed = (counts - self._last.tick) * (0.5 * self._slope_ns)
+            least = self._last.arrived_ns + np.maximum(np.rint(passed), 1).astype(np.int64)
+            steady = np.maximum(steady, least)
+        self._last = _Arrival(int(counts[-1]), int(steady[-1]))
+        return np.asarray(steady + self._offset_ns(), dtype=np.int64)
+
+    def _note(self, arrival: _Arrival) -> None:
+        """Take an arrival into the window, and draw the line anew where it counts."""
+        kept = self._arrivals
+        part_ns = self._window_ns / _PARTS
+        if kept and arrival.arrived_ns // part_ns == kept[-1].arrived_ns // part_ns:
+            if self._delay_ns(arrival) >= self._delay_ns(kept[-1]):
+                return
+            kept.pop()
+        kept.append(arrival)
+        while arrival.arrived_ns - kept[0].arrived_ns > self._window_ns:
+            kept.popleft()
+        self._draw()
+
+    def _delay_ns(self, arrival: _Arrival) -> float:
+        """Return how far an arrival is above the line."""
+        ahead = (arrival.tick - self._base.tick) * self._slope_ns
+        return arrival.arrived_ns - self._base.arrived_ns - ahead
+
+    def _draw(self) -> None:
+        """
+        Lay the line below all arrivals, with the least mean distance.
+
+        The part of the window that has just begun counts for its height, not for its slope: it may
+        hold one late arrival and nothing else.
+        """
+        hull: list[_Arrival] = []
+        closed = list(self._arrivals)[:-1]
+        for point in closed:
+            while len(hull) > 1 and _above(hull[-2], hull[-1], point):
+                hull.pop()
+            hull.append(point)
+        if len(hull) > 1:
+            first = hull[0].tick
+            mean = first + sum(point.tick - first for point in closed) / len(closed)
+            place = bisect_right([point.tick for point in hull], mean)
+            right = min(max(place, 1), len(hull) - 1)
+            left = hull[right - 1]
+            slope = (hull[right].arrived_ns - left.arrived_ns) / (hull[right].tick - left.tick)
+            low, high = (self._nominal_ns * (1.0 + sign * self._tolerance) for sign in (-1, 1))
+            self._slope_ns = min(max(slope, low), high)
+        self._base = min(self._arrivals, key=self._delay_ns)
+
+    def _offset_ns(self) -> int:
+        """Return host clock less steady clock: of three readings the least disturbed."""
+        readings = []
+        for _ in range(3):
+            before, host, after = self._steady_ns(), self._host_ns(), self._steady_ns()
+            readings.append((after - before, host - (before + after) // 2))
+        return min(readings)[1]
+
+
+def _above(left: _Arrival, middle: _Arrival, right: _Arrival) -> bool:
+    """Return True if the middle point is on or above the line through the others."""
+    return (middle.arrived_ns - left.arrived_ns) * (right.tick - left.tick) >= (
+        right.arrived_ns - left.arrived_ns
+    ) * (middle.tick - left.tick)
+
+
+class Counter:
+    """
+    Makes a counter continuous that wraps around.
+
+    Parameters
+    ----------
+    bits : int
+        Width of the counter. It is taken to have gone the shorter way between two readings, so
+        it must be read before it has gone half around.
+    """
+
+    def __init__(self, bits: int) -> None:
+        self._size = 1 << bits
+        self._last: int | None = None  # continuous
+
+    def unwrap(self, raw: ArrayLike) -> NDArray[np.int64]:
+        """Return continuous counts, shape (n,); the first reading ever is taken as it is."""
+        counts = np.atleast_1d(np.asarray(raw, dtype=np.int64))
+        if not counts.size:
+            return counts
+        last = int(counts[0]) if self._last is None else self._last
+        half = self._size // 2
+        steps = np.diff(counts, prepend=np.int64(last))
+        continuous = last + np.cumsum((steps + half) % self._size - half)
+        self._last = int(continuous[-1])
+        return np.asarray(continuous, dtype=np.int64)

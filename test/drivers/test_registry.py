@@ -1,0 +1,82 @@
+"""Which drivers there are, and what is said where there is none."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from pathlib import Path
+
+import pytest
+
+from hunt_ros.drivers.base import DriveDriver, SensorDriver
+from hunt_ros.drivers.registry import driver_class, driver_names
+from hunt_ros.errors import ConfigError
+
+
+def _install(folder: Path, name: str, code: str) -> None:
+    """Put a package of a third party into a folder, as pip does."""
+    (folder / f'{name}.py').write_text(code)
+    info = folder / f'{name}-1.0.dist-info'
+    info.mkdir()
+    (info / 'METADATA').write_text(f'Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n')
+    (info / 'entry_points.txt').write_text(f'[hunt_ros.drivers]\n{name} = {name}\n')
+
+
+@pytest.fixture
+def third_party(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    installed: list[str] = []
+
+    def install(name: str, code: str) -> None:
+        installed.append(name)
+        _install(tmp_path, name, code)
+
+    yield install
+    for name in installed:
+        sys.modules.pop(name, None)
+
+
+def test_our_own_drivers_are_registered_like_any_other() -> None:
+    assert 'simulated' in driver_names()
+    assert issubclass(driver_class('simulated', 'Sensor'), SensorDriver)
+    assert issubclass(driver_class('simulated', 'Drive'), DriveDriver)
+
+
+def test_every_registered_module_has_one_of_the_two_classes() -> None:
+    for name in driver_names():
+        found = []
+        for role in ('Sensor', 'Drive'):
+            with contextlib.suppress(ConfigError):
+                found.append(driver_class(name, role))
+        assert found, name
+
+
+def test_an_unknown_driver_is_one_line_with_those_there_are() -> None:
+    with pytest.raises(ConfigError, match=r"driver 'telepathy': unknown.*simulated") as caught:
+        driver_class('telepathy', 'Sensor')
+    assert '\n' not in str(caught.value)
+
+
+def test_a_module_that_cannot_be_imported_is_named_with_the_reason(third_party) -> None:
+    third_party('lab_broken', 'import nowhere_to_be_found')
+    with pytest.raises(ConfigError, match=r"'lab_broken'.*nowhere_to_be_found"):
+        driver_class('lab_broken', 'Sensor')
+    assert 'lab_broken' in driver_names()
+
+
+def test_a_sensor_alone_cannot_command_a_roller(third_party) -> None:
+    third_party('lab_empty', 'Sensor = object')
+    with pytest.raises(ConfigError, match='lab_empty has no class Drive'):
+        driver_class('lab_empty', 'Drive')
+    with pytest.raises(ConfigError, match=r'lab_empty has no class Sensor, .*SensorDriver'):
+        driver_class('lab_empty', 'Sensor')
+
+
+def test_an_old_description_of_the_package_hides_no_driver(tmp_path, monkeypatch) -> None:
+    """A source tree may hold a `hunt_ros.egg-info` of before, which Python finds first."""
+    old = tmp_path / 'hunt_ros.egg-info'
+    old.mkdir()
+    (old / 'PKG-INFO').write_text('Metadata-Version: 2.1\nName: hunt_ros\nVersion: 0.1.0\n')
+    (old / 'entry_points.txt').write_text('[console_scripts]\n')
+    monkeypatch.syspath_prepend(tmp_path)
+    assert 'simulated' in driver_names()
