@@ -1,10 +1,13 @@
 """Install hunt_ros: with colcon as an ament_python package, or with pip into a plain venv."""
 
 from glob import glob
+from pathlib import Path
+from runpy import run_path
 
 from setuptools import find_packages, setup
 
 NAME = 'hunt_ros'
+NODES = run_path(str(Path(__file__).parent / NAME / 'suite.py'))['NODES']
 
 # Exactly the Jazzy line: without the pins pip takes Kilted.
 ROS = [
@@ -70,13 +73,7 @@ setup(
     entry_points={
         'console_scripts': [
             'hunt = hunt_ros.cli.main:main',
-            'lateral_sensor = hunt_ros.nodes.entry:lateral_sensor',
-            'yaw_sensor = hunt_ros.nodes.entry:yaw_sensor',
-            'roller_speed = hunt_ros.nodes.entry:roller_speed',
-            'rig_simulator = hunt_ros.nodes.entry:rig_simulator',
-            'hunting_detector = hunt_ros.nodes.entry:hunting_detector',
-            'normal_form_identifier = hunt_ros.nodes.entry:normal_form_identifier',
-            'bag_recorder = hunt_ros.nodes.entry:bag_recorder',
+            *(f'{node} = {NAME}.nodes.entry:{node}' for node in NODES),
         ],
         # Name of a driver: the module that has its classes (docs/drivers.md).
         'hunt_ros.drivers': [

@@ -106,6 +106,28 @@ class Settings:
         return set(values) - {item.name for item in fields(cls)}
 
 
+def yaml_value(default: Any, value: Any) -> Any:
+    """
+    Make of a YAML value what a setting is: a tuple, or a word that YAML takes for a bool.
+
+    Parameters
+    ----------
+    default : object
+        Default of the setting.
+    value : object
+        As YAML 1.1 reads it.
+    """
+    if isinstance(default, str) and isinstance(value, bool):
+        return 'on' if value else 'off'
+    if isinstance(default, float) and isinstance(value, str):
+        # YAML 1.1 takes 1e-5 for a word, ROS and people for a number.
+        try:
+            return float(value)
+        except ValueError:
+            return value
+    return tuple(value) if isinstance(default, tuple) and isinstance(value, list) else value
+
+
 _KINDS = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}
 
 

@@ -2,7 +2,7 @@
 Launch the suite: sensors, speed, detector, recorder, identifier; the simulator if wanted.
 
     ros2 launch hunt_ros rig.launch.py
-    ros2 launch hunt_ros rig.launch.py simulated:=false params:=my_rig.yaml
+    ros2 launch hunt_ros rig.launch.py simulated:=false rig:=my_rig.yaml
     ros2 launch hunt_ros rig.launch.py normal_form:=recordings/normal_form.yaml respawn:=true
 """
 
@@ -16,11 +16,11 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-from hunt_ros.cli.suite import LISTENERS, SIMULATOR, SOURCES
+from hunt_ros.suite import LISTENERS, SIMULATOR, SOURCES
 
 ARGUMENTS = {
     'namespace': ('rig', 'ROS namespace'),
-    'params': ('', 'Parameter file of the rig; empty: config/rig.yaml of the package'),
+    'rig': ('', 'Parameter file of the rig; empty: config/rig.yaml of the package'),
     'normal_form': ('', 'Parameter file of hunt identify --out; empty: none is known'),
     'simulated': ('true', 'Start the rig simulator'),
     'use_sim_time': ('', 'true: follow /clock; empty: as the parameter file says'),
@@ -42,7 +42,7 @@ def generate_launch_description() -> LaunchDescription:
 def _nodes(context: LaunchContext) -> list[Node]:
     """Return the nodes, now that the values of the arguments are known."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    parameters: list[object] = [_file(given['params'], 'params') or str(_default_file())]
+    parameters: list[object] = [_file(given['rig'], 'rig') or str(_default_file())]
     if given['normal_form']:
         parameters.append(_file(given['normal_form'], 'normal_form'))
     if given['use_sim_time']:

@@ -78,7 +78,7 @@ def test_every_node_of_the_suite_is_launched_once_with_the_default_file(launched
 
 
 def test_a_mistyped_file_ends_the_launch_and_says_which(launched, tmp_path: Path) -> None:
-    for argument in ('params', 'normal_form'):
+    for argument in ('rig', 'normal_form'):
         with pytest.raises(FileNotFoundError, match=rf'{argument}:=.*my_rgi\.yaml'):
             launched(**{argument: str(tmp_path / 'my_rgi.yaml')})
 
@@ -88,9 +88,9 @@ def test_what_is_not_given_does_not_override_the_users_file(launched, tmp_path: 
     for path in (rig, form):
         path.write_text('{}')
     files = [str(rig), str(form)]
-    (node, *_) = launched(params=str(rig), normal_form=str(form))
+    (node, *_) = launched(rig=str(rig), normal_form=str(form))
     assert node.named['parameters'] == files
-    (node, *_) = launched(params=str(rig), normal_form=str(form), use_sim_time='false')
+    (node, *_) = launched(rig=str(rig), normal_form=str(form), use_sim_time='false')
     *first, last = node.named['parameters']
     assert first == files
     assert list(last) == ['use_sim_time']

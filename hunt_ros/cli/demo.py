@@ -76,18 +76,19 @@ def _start(
 ) -> ConsoleLink:
     """Start the listeners, then the rig; return when all are up."""
     from hunt_ros.cli import suite
+    from hunt_ros.suite import LISTENERS, SIMULATOR, SOURCES
 
     port = suite.free_port()
     rate: dict[str, object] = {'sample_rate_hz': _RATE_HZ, 'port': port}
     parameters: dict[str, dict[str, object]] = {
-        suite.SIMULATOR: {
+        SIMULATOR: {
             **rate,
             'time_scale': float(arguments.pace),
             'initial_speed_mps': _PROFILE[0][1],
             'kick_times_s': [time for time, _ in _KICKS],
             'kick_sizes_m': [size for _, size in _KICKS],
             'seed': arguments.seed,
-            'start_with_readers': len(suite.SOURCES),
+            'start_with_readers': len(SOURCES),
         },
         'lateral_sensor': rate,
         'yaw_sensor': rate,
@@ -103,16 +104,20 @@ def _start(
             'output_rate_hz': 20.0,
             **{f'{channel}_timeout_s': _PATIENCE_S for channel in ('sensor', 'roller', 'speed')},
         },
-        'bag_recorder': {'directory': str(folder), 'operator': 'hunt demo', 'rig': 'simulated'},
+        'bag_recorder': {
+            'directory': str(folder),
+            'operator': 'hunt demo',
+            'rig_name': 'simulated',
+        },
         'normal_form_identifier': {'directory': str(folder)},
     }
     view.say('Starting seven ROS 2 nodes on this machine (Ctrl-C ends them all) ...')
     link = suite.start_console(processes, {})
     common: dict[str, object] = {'use_sim_time': True}
-    suite.start_nodes(processes, suite.LISTENERS, common, parameters, [form])
-    suite.wait_until_up(link, suite.LISTENERS, view.show)
-    suite.start_nodes(processes, [suite.SIMULATOR], {}, parameters)
-    suite.start_nodes(processes, suite.SOURCES, common, parameters)
+    suite.start_nodes(processes, LISTENERS, common, parameters, [form])
+    suite.wait_until_up(link, LISTENERS, view.show)
+    suite.start_nodes(processes, [SIMULATOR], {}, parameters)
+    suite.start_nodes(processes, SOURCES, common, parameters)
     view.say(
         f'Sweeping {_PROFILE[0][1]:g} -> {_PROFILE[2][1]:g} -> {_PROFILE[-1][1]:g} m/s in'
         f' {_PROFILE[-1][0]:.0f} s, {arguments.pace:g} times as fast as real time.'

@@ -18,6 +18,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     options.add_channels(
         parser, 'column and topic.field; repeatable (default: all channels of a rig)'
     )
+    options.add_rig(parser)
     options.add_stretch(parser)
     options.add_json(parser, 'what was written')
 

@@ -23,6 +23,10 @@ SUMMARY = 'identify the normal form, with intervals, from recordings'
 EXAMPLE = 'hunt identify bags/hysteresis_loop --out normal_form.yaml --json -'
 
 
+#: Whose section of a parameter file is read as well: it does the same in a running suite.
+NODE = 'normal_form_identifier'
+
+
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
     add_settings(parser)
@@ -39,6 +43,7 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
         metavar='PATTERN',
         help="regular expression: its first group in a bag's path is its day (else the date)",
     )
+    options.add_rig(parser)
     for name, metavar, share, what in (
         ('v-c', 'V[:STD]', 0.01, 'known v_c, m/s (STD: 1 %%)'),
         ('D1', 'D[:STD]', 0.1, 'known D1 (STD: 10 %%)'),
@@ -122,11 +127,12 @@ def records_of(arguments: argparse.Namespace, advance: Advance) -> list[Record]:
     from hunt_ros.bag import check_units, read_record
     from hunt_ros.samples import CHANNELS
 
-    channels = options.channels_of(arguments, CHANNELS)
+    channels, rig = options.channels_of(arguments, CHANNELS), options.rig_of(arguments, NODE)
     pattern = _pattern(arguments.day)
     records = []
     for count, path in enumerate(arguments.bags):
         record = check_units(read_record(path, channels))
+        rig.refuse_other(record.notes.get('rig', ''), str(path))
         if pattern is not None:
             found = pattern.search(str(path))
             if found is None:
@@ -173,8 +179,7 @@ def settings_of(arguments: argparse.Namespace) -> IdentificationSettings:
         if not arguments.bootstrap:
             raise HuntError('--cluster: only with --bootstrap N, whose replications it runs')
         _reach(arguments.cluster)
-    known = {name: value for name, value in given.items() if value is not None}
-    return IdentificationSettings(**known)
+    return IdentificationSettings.of_rig(options.rig_of(arguments, NODE), **given)
 
 
 def _prior(share: float) -> Callable[[str], tuple[float, float]]:

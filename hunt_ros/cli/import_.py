@@ -23,6 +23,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         parser,
         f'{", ".join(MOTION)}, roller or speed: a column, data[1]*0.47, or a constant; repeatable',
     )
+    options.add_rig(parser)
     options.add_rate(parser, None, 'of a file without times')
     parser.add_argument('--time', metavar='COLUMN', help='of the times, in s: t or t_ms*0.001')
     options.add_namespace(parser)

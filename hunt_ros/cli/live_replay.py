@@ -80,5 +80,5 @@ def _detector(arguments: argparse.Namespace) -> NodeSpec:
     for word in arguments.set:
         name, _, text = word.partition('=')
         parameters[name] = yaml.safe_load(text)
-    files = [*arguments.params, *([arguments.normal_form] if arguments.normal_form else [])]
+    files = [*arguments.rig, *([arguments.normal_form] if arguments.normal_form else [])]
     return NodeSpec('hunting_detector', parameters, files)

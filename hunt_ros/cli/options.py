@@ -18,6 +18,7 @@ from hunt_ros.errors import ConfigError
 
 if TYPE_CHECKING:
     from hunt_ros.bag import ChannelSource
+    from hunt_ros.rig import Rig
 
 #: Longest run or recording, s: ten days.
 LONGEST_S = 864_000.0
@@ -102,23 +103,25 @@ def channels_of(
     arguments: argparse.Namespace, allowed: Iterable[str] | None
 ) -> dict[str, ChannelSource]:
     """
-    Return where the channels stand; an option wins over the file.
+    Return where the channels stand; an option wins over a file, `--mapping` over `--rig`.
 
     Parameters
     ----------
     arguments : Namespace
-        With the options of `add_channels`.
+        With the options of `add_channels` and `add_rig`.
     allowed : iterable of str or None
         Names that may occur; None for any.
 
     Raises
     ------
-    BagError
+    HuntError
         Naming the file or the option.
     """
     from hunt_ros.bag import channel_map, read_channel_file
 
-    mapping = read_channel_file(arguments.mapping, allowed) if arguments.mapping else {}
+    mapping = channel_map(rig_of(arguments).sources, allowed)
+    if arguments.mapping:
+        mapping |= read_channel_file(arguments.mapping, allowed)
     return mapping | channel_map(arguments.channel, allowed)
 
 
@@ -129,16 +132,39 @@ def add_normal_form(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_params(parser: argparse.ArgumentParser, whose: str) -> None:
-    """`--params`: ROS parameter files."""
+def add_rig(parser: argparse._ActionsContainer) -> None:
+    """`--rig`: the description of the rig, a ROS parameter file."""
     parser.add_argument(
-        '--params',
+        '--rig',
         type=Path,
         action='append',
         default=[],
         metavar='FILE',
-        help=f'ROS parameter file with settings of {whose}; repeatable, a later one wins',
+        help='ROS parameter file that describes the rig and its nodes, as config/rig.yaml;'
+        ' repeatable, a later one wins',
     )
+
+
+def rig_of(arguments: argparse.Namespace, node: str = '') -> Rig:
+    """
+    Return the rig of `--rig`, or the usual one.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        With the option of `add_rig`.
+    node : str
+        Whose own section of the files is read as well.
+
+    Raises
+    ------
+    ConfigError
+        Naming the file, the section and the key.
+    """
+    from hunt_ros.rig import Rig
+
+    texts = [(str(path), read_text(path, 'parameter file')) for path in arguments.rig]
+    return Rig.from_texts(texts, node)
 
 
 def add_namespace(parser: argparse._ActionsContainer, default: str | None = 'rig') -> None:

@@ -58,7 +58,7 @@ def recorded_run(path: Path) -> RecordedRun | None:
     """
     from hunt_ros.bag import Bag
     from hunt_ros.bag.messages import read_texts
-    from hunt_ros.cli.settings_file import parameters_of
+    from hunt_ros.rig import parameters_of
 
     with Bag(path) as bag:
         texts_of_journal = [entry.text for entry in read_texts(bag, _JOURNAL)]

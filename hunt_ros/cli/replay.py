@@ -23,7 +23,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument('bag', type=Path, help='folder, .mcap or .db3')
     options.add_normal_form(parser)
-    options.add_params(parser, 'hunting_detector')
+    options.add_rig(parser)
     parser.add_argument(
         '--set',
         action='append',
@@ -109,7 +109,7 @@ def _check(arguments: argparse.Namespace) -> None:
 
 def _asks_for_another_run(arguments: argparse.Namespace) -> bool:
     """Return True if anything was given that the live run of the recording did not have."""
-    given = (arguments.normal_form, arguments.params, arguments.set, arguments.channel)
+    given = (arguments.normal_form, arguments.rig, arguments.set, arguments.channel)
     return arguments.fresh or arguments.mapping is not None or any(given)
 
 
@@ -120,9 +120,12 @@ def read(arguments: argparse.Namespace) -> Record:
     from hunt_ros.sensors import DISPLACEMENTS
 
     channels = options.channels_of(arguments, CHANNELS)
-    constant_speed = any(word.startswith('constant_speed_mps=') for word in arguments.set)
+    constant_speed = options.rig_of(arguments).constant_speed_mps > 0.0 or any(
+        word.startswith('constant_speed_mps=') for word in arguments.set
+    )
     require = () if constant_speed else ('speed',)
     record = read_record(arguments.bag, channels, require=require)
+    options.rig_of(arguments).refuse_other(record.notes.get('rig', ''), record.source)
     if not set(DISPLACEMENTS) & set(record):
         neither = ' nor '.join(DISPLACEMENTS)
         raise ConfigError(f'{arguments.bag}: neither {neither} in it, expected one of them')
@@ -161,7 +164,7 @@ def _settings(arguments: argparse.Namespace) -> tuple[DetectorConfig, CompanionC
     from hunt_ros.cli.settings_file import read_settings
     from hunt_ros.detection import CompanionConfig, DetectorConfig
 
-    where = 'hunting_detector', arguments.params, arguments.set
+    where = 'hunting_detector', arguments.rig, arguments.set
     config = read_settings(DetectorConfig, *where, others=[CompanionConfig])
     return config, read_settings(CompanionConfig, *where, others=[DetectorConfig])
 

@@ -26,7 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='follow /clock, which a live replay publishes: for hunt replay --live',
     )
-    options.add_params(parser, 'any node')
+    options.add_rig(parser)
     options.add_normal_form(parser)
     parser.add_argument(
         '--directory',
@@ -51,28 +51,30 @@ def run(arguments: argparse.Namespace) -> int:
     from hunt_ros.dynamics.identified import NEWEST_FILE
     from hunt_ros.errors import ConfigError
     from hunt_ros.services import SERVICES
+    from hunt_ros.suite import LISTENERS, SIMULATOR, SOURCES
 
-    if not (arguments.simulated or arguments.listen or arguments.params):
+    if not (arguments.simulated or arguments.listen or arguments.rig):
         raise ConfigError(
             'which rig? Expected --simulated (a simulated one), --listen (sensor nodes of your'
-            ' own, or hunt replay --live) or --params FILE (where the drivers find it)'
+            ' own, or hunt replay --live) or --rig FILE (where the drivers find it)'
         )
     kept = arguments.directory / NEWEST_FILE
     form = arguments.normal_form or (kept if kept.exists() else None)
-    files = [*arguments.params, *([form] if form else [])]
-    for path in files:
-        options.read_text(path, 'parameter file')
+    files = [*arguments.rig, *([form] if form else [])]
+    if form:
+        options.read_text(form, 'normal form')
+    options.rig_of(arguments)
     options.make_folder(arguments.directory, 'recordings')
-    names: tuple[str, ...] = (*suite.LISTENERS, *(() if arguments.listen else suite.SOURCES))
+    names: tuple[str, ...] = (*LISTENERS, *(() if arguments.listen else SOURCES))
     parameters: dict[str, dict[str, object]] = {
         'bag_recorder': {'directory': str(arguments.directory)},
         'normal_form_identifier': {'directory': str(arguments.directory)},
     }
     if arguments.simulated:
-        names = (suite.SIMULATOR, *names)
-        if not arguments.params:  # else the file says where the simulator is
+        names = (SIMULATOR, *names)
+        if not arguments.rig:  # else the file says where the simulator is
             port = suite.free_port()
-            parameters |= {name: {'port': port} for name in (suite.SIMULATOR, *suite.SOURCES)}
+            parameters |= {name: {'port': port} for name in (SIMULATOR, *SOURCES)}
     began = time.monotonic()
     with Processes(arguments.namespace, arguments.directory / 'logs', private=False) as processes:
         link = suite.start_console(processes, {})

@@ -11,7 +11,8 @@ import yaml
 
 from hunt_ros.cli.options import read_text
 from hunt_ros.errors import ConfigError
-from hunt_ros.settings import Settings
+from hunt_ros.rig import parameters_of
+from hunt_ros.settings import Settings, yaml_value
 
 _Kind = TypeVar('_Kind', bound=Settings)
 
@@ -60,50 +61,7 @@ def read_settings(
                 values[name] = yaml.safe_load(text)
             except yaml.YAMLError:
                 raise ConfigError(f'--set {word}: the value is not YAML') from None
-    return kind(**{name: _like(known[name], value) for name, value in values.items()})
-
-
-def parameters_of(node: str, text: str, source: str) -> dict[str, Any]:
-    """
-    Return the parameters of a file that are meant for a node, under any namespace.
-
-    Parameters
-    ----------
-    node : str
-        Name of the node.
-    text, source : str
-        The parameter file, and where it comes from, for messages.
-
-    Raises
-    ------
-    ConfigError
-        Naming the source, if it is no parameter file.
-    """
-    try:
-        document = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise ConfigError(f'{source}: not YAML ({str(error).splitlines()[0]})') from error
-    if not isinstance(document, Mapping):
-        raise ConfigError(f'{source}: no parameter file, expected NODE: ros__parameters: ...')
-    values: dict[str, Any] = {}
-    for name, section in document.items():
-        meant = str(name) == '/**' or str(name).rsplit('/', 1)[-1] == node
-        if meant and isinstance(section, Mapping):
-            values |= section.get('ros__parameters') or {}
-    return values
-
-
-def _like(default: Any, value: Any) -> Any:
-    """Make of a YAML value what the setting is: a tuple, or a word that YAML takes for a bool."""
-    if isinstance(default, str) and isinstance(value, bool):
-        return 'on' if value else 'off'
-    if isinstance(default, float) and isinstance(value, str):
-        # YAML 1.1 takes 1e-5 for a word, ROS and people for a number.
-        try:
-            return float(value)
-        except ValueError:
-            return value
-    return tuple(value) if isinstance(default, tuple) and isinstance(value, list) else value
+    return kind(**{name: yaml_value(known[name], value) for name, value in values.items()})
 
 
 def _listed(names: Mapping[str, object]) -> str:

@@ -56,7 +56,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar='T:SIZE',
         help='blow at T seconds that moves the wheelset sideways by SIZE m; repeatable',
     )
-    parser.add_argument('--rig', type=Path, metavar='FILE', help='rig as YAML (default: built in)')
+    parser.add_argument(
+        '--wheelset', type=Path, metavar='FILE', help='the rig as YAML (default: built in)'
+    )
     options.add_rate(parser, 500.0, 'of the sensors (%(default)s)')
     for name, default, metavar, what in (
         ('roughness', 20e-6, 'M', 'roughness line (%(default)s m)'),
@@ -78,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     if arguments.out.exists():
         raise ConfigError(f'{arguments.out}: exists already, expected the name of a new folder')
-    rig, settings, profile = _rig(arguments.rig), _settings(arguments), _profile(arguments)
+    rig, settings, profile = _rig(arguments.wheelset), _settings(arguments), _profile(arguments)
     duration_s = profile.duration_s if arguments.duration is None else arguments.duration
     if duration_s > options.LONGEST_S:
         raise ConfigError(f'the profile lasts {duration_s:g} s, more than {options.LONGEST_S:g} s')

@@ -1,4 +1,4 @@
-"""Which nodes make the suite, and how they are started, told apart by what they need."""
+"""How the nodes of the suite are started and waited for."""
 
 from __future__ import annotations
 
@@ -9,12 +9,6 @@ from pathlib import Path
 from hunt_ros.cli.console_link import ConsoleLink, Line
 from hunt_ros.cli.processes import NodeSpec, Processes
 from hunt_ros.errors import HuntError
-
-#: Nodes that only listen: started first, so that no sample is missed.
-LISTENERS = ('bag_recorder', 'hunting_detector', 'normal_form_identifier')
-#: Nodes that talk to the rig.
-SOURCES = ('lateral_sensor', 'yaw_sensor', 'roller_speed')
-SIMULATOR = 'rig_simulator'
 
 _READY_S = 60.0
 

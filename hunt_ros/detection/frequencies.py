@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from hunt_ros.detection.configuration import HUNTING_HZ, DetectorConfig
+from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
+from hunt_ros.rig import HUNTING_HZ
 
 #: The range that goes with the nominal frequency of `REFERENCE_HZ`, Hz; with another: likewise.
 _LOWEST_HZ, _HIGHEST_HZ = 1.0, 6.0

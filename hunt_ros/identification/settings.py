@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.errors import ConfigError
+from hunt_ros.rig import Rig
 
 #: Replications whose lowest and highest are the ends of a 95 % interval.
 FEWEST_REPLICATIONS = 40
@@ -103,6 +105,42 @@ class IdentificationSettings:
             if prior is not None:
                 fine = math.isfinite(prior[0]) and prior[0] > 0.0 and prior[1] > 0.0
                 _require(name, prior, fine, 'a positive value and a positive standard deviation')
+
+    @classmethod
+    def of_rig(cls, rig: Rig, **given: Any) -> IdentificationSettings:
+        """
+        Return the settings for a rig.
+
+        Parameters
+        ----------
+        rig : Rig
+            What it does not tell has the default.
+        **given
+            Settings by name that are told otherwise; None: not told.
+
+        Raises
+        ------
+        ConfigError
+            For a value out of its range.
+        """
+        low, high = cls.frequency_range_hz
+        told = {
+            'length_scale': rig.length_scale_m or None,
+            'time_scale': rig.time_scale_s or None,
+            'frequency_hz': rig.hunting_frequency_hz or None,
+            'frequency_range_hz': (
+                rig.hunting_frequency_min_hz or low,
+                rig.hunting_frequency_max_hz or high,
+            ),
+            'lines': tuple(order for order in rig.lines if order > 0.0),
+            'roller_diameter_m': rig.roller_diameter_m,
+            'wheel_diameter_m': rig.wheel_diameter_m,
+            'prior_v_c': rig.prior_v_c or None,
+            'prior_D1': rig.prior_D1 or None,
+            'speed_resolution': rig.speed_resolution_mps,
+            'speed_scale_std': rig.speed_scale_std,
+        }
+        return cls(**told | {name: value for name, value in given.items() if value is not None})
 
     @property
     def length_unit(self) -> float:

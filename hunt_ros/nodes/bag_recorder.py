@@ -42,6 +42,7 @@ from hunt_ros.nodes.qos import latched, stream
 from hunt_ros.nodes.service_thread import ServiceThread
 from hunt_ros.nodes.sole import hold_name
 from hunt_ros.nodes.worker import Worker
+from hunt_ros.rig import of_rig
 from hunt_ros.sensors import MOTION
 from hunt_ros.settings import setting
 
@@ -93,7 +94,7 @@ class RecorderConfig(RecordingLimits):
     """Parameters of the recorder."""
 
     directory: str = setting('./recordings', 'Where the recordings go.', fixed=True)
-    rig: str = setting('', 'Name of the rig, for the recording.')
+    rig_name: str = of_rig('rig_name')
     operator: str = setting('', 'Who runs it, for the recording.')
     notes: str = setting('', 'Remarks, for the recording.')
     autostart: bool = setting(True, 'Record from the start.', fixed=True)
@@ -174,7 +175,8 @@ class BagRecorderNode(Polling, Node):
     def _begin(self) -> Path:
         """Start a recording; what latched topics have said stands at its beginning."""
         limits = {item.name: getattr(self._config, item.name) for item in fields(RecordingLimits)}
-        notes = {name: getattr(self._config, name) for name in ('rig', 'operator', 'notes')}
+        notes = {name: getattr(self._config, name) for name in ('operator', 'notes')}
+        notes['rig'] = self._config.rig_name
         notes['started'] = f'{datetime.now().astimezone():%Y-%m-%dT%H:%M:%S%z}'
         notes['namespace'] = self.get_namespace()
         path = self._new_path()

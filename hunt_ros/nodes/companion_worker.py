@@ -12,7 +12,7 @@ from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.output import Motion, Output
 from hunt_ros.forecast import Forecast
 from hunt_ros.nodes.diagnostics import Diagnostics
-from hunt_ros.nodes.parameters import read_rig
+from hunt_ros.nodes.parameters import read_wheelset
 from hunt_ros.nodes.worker import Worker
 
 #: What has come is worked on this often, s: seldom enough to cost little.
@@ -43,7 +43,7 @@ class CompanionWorker:
         tell: Callable[[Verdict], None],
         diagnostics: Diagnostics,
     ) -> None:
-        rig = read_rig(config.forecast_rig) if config.forecast == 'wheelset' else None
+        rig = read_wheelset(config.forecast_rig) if config.forecast == 'wheelset' else None
         self._companions = Companions.of(config, detector, rig)
         self._tell = tell
         self._diagnostics = diagnostics

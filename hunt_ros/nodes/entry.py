@@ -13,6 +13,7 @@ from importlib import import_module
 from typing import NoReturn
 
 from hunt_ros.nodes.ending import Ending
+from hunt_ros.suite import NODES
 
 
 def start(node: str) -> NoReturn:
@@ -35,13 +36,8 @@ def start(node: str) -> NoReturn:
     ending.leave(code)
 
 
-lateral_sensor = partial(start, 'lateral_sensor')
-yaw_sensor = partial(start, 'yaw_sensor')
-roller_speed = partial(start, 'roller_speed')
-rig_simulator = partial(start, 'rig_simulator')
-hunting_detector = partial(start, 'hunting_detector')
-normal_form_identifier = partial(start, 'normal_form_identifier')
-bag_recorder = partial(start, 'bag_recorder')
+#: What the executables of `setup.py` import: a function for each node.
+globals().update({name: partial(start, name) for name in NODES})
 
 if __name__ == '__main__':
     start(sys.argv.pop(1))

@@ -25,7 +25,7 @@ from std_srvs.srv import Trigger
 
 from hunt_ros.bag.columns import read_record
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.errors import ConfigError, HuntError
+from hunt_ros.errors import HuntError
 from hunt_ros.identification import IdentificationSettings, update
 from hunt_ros.nodes.diagnostics import Diagnostics, Health, one_line
 from hunt_ros.nodes.form_files import FormFiles, recordings_of, with_recordings
@@ -33,6 +33,7 @@ from hunt_ros.nodes.parameters import declare, declare_normal_form, warn_unknown
 from hunt_ros.nodes.qos import latched
 from hunt_ros.nodes.sole import hold_name
 from hunt_ros.nodes.worker import Worker
+from hunt_ros.rig import Rig, of_rig
 from hunt_ros.samples import Record
 from hunt_ros.settings import Settings, setting
 
@@ -48,57 +49,18 @@ class IdentifierConfig(Settings):
     history: int = setting(
         8, 'Use so many of the last recordings together.', low=1, high=1000, fixed=True
     )
-    length_scale_m: float = setting(
-        0.0,
-        'd0: the unit of amplitude of the coefficients (0: of the built-in rig).',
-        unit='m',
-        low=0.0,
-        high=1e3,
-        fixed=True,
-    )
-    time_scale_s: float = setting(
-        0.0,
-        '1 / omega_psi: the unit of time of the coefficients (0: of the built-in rig).',
-        unit='s',
-        low=0.0,
-        high=1e3,
-        fixed=True,
-    )
-    hunting_frequency_hz: float = setting(
-        0.0,
-        'Hunting frequency (0: from the recordings).',
-        unit='Hz',
-        low=0.0,
-        high=50.0,
-        fixed=True,
-    )
-    lines: tuple[float, ...] = setting(
-        IdentificationSettings.lines,
-        'Known lines, in turns of the roller (0.0: none).',
-        fixed=True,
-    )
-    roller_diameter_m: float = setting(
-        0.0,
-        'Of the roller, where its angle is not recorded (0: as the built-in rig).',
-        unit='m',
-        low=0.0,
-        high=10.0,
-        fixed=True,
-    )
-    wheel_diameter_m: float = setting(
-        0.0,
-        'Of the wheel, whose own line is removed as well (0: none; needs roller_diameter_m).',
-        unit='m',
-        low=0.0,
-        high=10.0,
-        fixed=True,
-    )
-    prior_v_c: tuple[float, ...] = setting(
-        (), 'Known v_c and its standard deviation, m/s (none: not known).', fixed=True
-    )
-    prior_D1: tuple[float, ...] = setting(
-        (), 'Known D1 and its standard deviation (none: not known).', fixed=True
-    )
+    length_scale_m: float = of_rig('length_scale_m')
+    time_scale_s: float = of_rig('time_scale_s')
+    hunting_frequency_hz: float = of_rig('hunting_frequency_hz')
+    hunting_frequency_min_hz: float = of_rig('hunting_frequency_min_hz')
+    hunting_frequency_max_hz: float = of_rig('hunting_frequency_max_hz')
+    lines: tuple[float, ...] = of_rig('lines')
+    roller_diameter_m: float = of_rig('roller_diameter_m')
+    wheel_diameter_m: float = of_rig('wheel_diameter_m')
+    speed_resolution_mps: float = of_rig('speed_resolution_mps')
+    speed_scale_std: float = of_rig('speed_scale_std')
+    prior_v_c: tuple[float, ...] = of_rig('prior_v_c')
+    prior_D1: tuple[float, ...] = of_rig('prior_D1')
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -106,24 +68,7 @@ class IdentifierConfig(Settings):
 
     def identification(self) -> IdentificationSettings:
         """Return what the identification is told of the rig; raises ConfigError."""
-        priors = {}
-        for name in ('prior_v_c', 'prior_D1'):
-            given = getattr(self, name)
-            if given:
-                if len(given) != 2:
-                    raise ConfigError(
-                        f'{name}: expected value and standard deviation, got {given}'
-                    )
-                priors[name] = (float(given[0]), float(given[1]))
-        return IdentificationSettings(
-            length_scale=self.length_scale_m or None,
-            time_scale=self.time_scale_s or None,
-            frequency_hz=self.hunting_frequency_hz or None,
-            lines=tuple(float(order) for order in self.lines if order != 0.0),
-            roller_diameter_m=self.roller_diameter_m,
-            wheel_diameter_m=self.wheel_diameter_m,
-            **priors,
-        )
+        return IdentificationSettings.of_rig(Rig.of(self))
 
 
 class NormalFormIdentifierNode(Node):

@@ -21,6 +21,7 @@ from hunt_ros.dynamics.identified import PARAMETERS, SCALES, IdentifiedNormalFor
 from hunt_ros.dynamics.mode_shape import KEYS as MODE_SHAPE
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.errors import ConfigError
+from hunt_ros.rig import PARAMETERS as RIG
 from hunt_ros.settings import Settings
 
 _Config = TypeVar('_Config', bound=Settings)
@@ -132,11 +133,12 @@ def warn_unknown(node: Node, also: Sequence[str] = ()) -> None:
     """Name every parameter that was given to the node but means nothing to it."""
     for name in sorted(node._parameter_overrides):  # rclpy has no public list of them
         foreign = name.startswith(('qos_overrides.', 'normal_form.', *also))
-        if not node.has_parameter(name) and not foreign:
+        # The rig is described to all nodes, and each takes what it needs.
+        if not node.has_parameter(name) and not foreign and name not in RIG:
             node.get_logger().warning(f'unknown parameter {name!r} is ignored')
 
 
-def read_rig(path: str) -> RigParameters:
+def read_wheelset(path: str) -> RigParameters:
     """
     Read the rig that a parameter names; an empty name is the built-in rig.
 
@@ -150,7 +152,7 @@ def read_rig(path: str) -> RigParameters:
     try:
         text = Path(path).read_text(encoding='utf-8')
     except OSError as error:
-        raise ConfigError(f'rig {path!r}: cannot read it ({error.strerror})') from error
+        raise ConfigError(f'wheelset {path!r}: cannot read it ({error.strerror})') from error
     return RigParameters.from_yaml(text, path)
 
 

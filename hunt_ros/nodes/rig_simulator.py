@@ -25,7 +25,7 @@ from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.conversions import to_time
 from hunt_ros.nodes.diagnostics import Diagnostics, Health
 from hunt_ros.nodes.pace import Pace
-from hunt_ros.nodes.parameters import declare, read_rig, warn_unknown
+from hunt_ros.nodes.parameters import declare, read_wheelset, warn_unknown
 from hunt_ros.nodes.qos import stream
 from hunt_ros.nodes.sole import hold_name
 from hunt_ros.nodes.worker import Worker
@@ -57,7 +57,9 @@ class SimulatorConfig(Settings):
         high=50.0,
         fixed=True,
     )
-    rig: str = setting('', 'YAML file of the rig; empty: the default rig.', fixed=True)
+    wheelset: str = setting(
+        '', 'YAML file of the simulated rig; empty: the built-in one.', fixed=True
+    )
     initial_speed_mps: float = setting(
         6.0, 'Running speed at the start.', unit='m/s', low=0.1, high=100.0, fixed=True
     )
@@ -104,7 +106,7 @@ class RigSimulatorNode(Node):
         self._config = config = declare(self, SimulatorConfig, self._reconfigure)
         warn_unknown(self)
         self._kicks = _kick_plan(config)
-        self._rig = RollerRig(read_rig(config.rig), _settings(config), seed=config.seed)
+        self._rig = RollerRig(read_wheelset(config.wheelset), _settings(config), seed=config.seed)
         self._server = SimulatorServer(config.host, config.port)
         self._clock_publisher = self._pace = None
         if config.time_scale != 1.0:

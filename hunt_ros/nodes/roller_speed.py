@@ -20,12 +20,14 @@ from std_srvs.srv import Trigger
 from hunt_ros.drivers.base import DriveBlock
 from hunt_ros.drivers.command import RollerCommand
 from hunt_ros.drivers.profile import ProfileRunner
+from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import DriverError
 from hunt_ros.nodes.conversions import joint_layout, twist
 from hunt_ros.nodes.diagnostics import Diagnostics, Health, NewSince, one_line, steady_clock
 from hunt_ros.nodes.driver_node import DriverNode
 from hunt_ros.nodes.parameters import declare, warn_unknown
 from hunt_ros.nodes.qos import stream
+from hunt_ros.rig import of_rig
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 
@@ -44,9 +46,7 @@ class SpeedConfig(Settings):
         'simulated', 'The drive, docs/drivers.md; its settings are parameters too.', fixed=True
     )
     frame_id: str = setting('roller_rig', 'frame_id of the messages.', fixed=True)
-    roller_diameter_m: float = setting(
-        0.3, 'Roller diameter: roller rate = 2 v / D.', unit='m', low=0.01, high=10.0, fixed=True
-    )
+    roller_diameter_m: float = of_rig('roller_diameter_m')
     profile_times_s: tuple[float, ...] = setting(
         (0.0,), 'Corner times of the speed profile, from its start.', unit='s', fixed=True
     )
@@ -90,6 +90,7 @@ class RollerSpeedNode(DriverNode):
         self._asked_ns = 0  # when the last set point was asked for, profile clock
         self._target_mps = float('nan')
         self._speed_mps = float('nan')
+        self._diameter_m = self._config.roller_diameter_m or RigParameters.roller_diameter_m
         self._published = 0
         self._refusal = ''  # of the last set point
         self._refused = 0
@@ -134,7 +135,7 @@ class RollerSpeedNode(DriverNode):
             strict=True,
         )
         for stamp_ns, angle_rad, speed_mps in readings:
-            rate = 2.0 * speed_mps / self._config.roller_diameter_m
+            rate = 2.0 * speed_mps / self._diameter_m
             self._roller.publish(self._layout.encode(stamp_ns, angle_rad, rate))
             self._speed.publish(twist(stamp_ns, speed_mps, self._config.frame_id))
         self._published += block.stamps_ns.size

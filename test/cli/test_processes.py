@@ -9,6 +9,7 @@ import pytest
 from hunt_ros.cli import suite
 from hunt_ros.cli.main import main
 from hunt_ros.cli.processes import Processes
+from hunt_ros.suite import SIMULATOR, SOURCES
 
 
 def test_the_logs_of_another_run_are_not_overwritten(tmp_path: Path) -> None:
@@ -28,10 +29,10 @@ def test_two_simulated_rigs_on_one_machine_do_not_share_a_port(
     monkeypatch.setattr(suite, 'start_nodes', lambda *given: started.append(given[3]))
     words = ['run', '--simulated', '--duration', '1e-9', '--directory', str(tmp_path)]
     assert main(words) == 0
-    ports = {started[0][name]['port'] for name in (suite.SIMULATOR, *suite.SOURCES)}
+    ports = {started[0][name]['port'] for name in (SIMULATOR, *SOURCES)}
     assert len(ports) == 1
     assert ports != {47100}, 'the default is where a rig of ros2 launch is'
     file = tmp_path / 'rig.yaml'
     file.write_text('/**/rig_simulator: {ros__parameters: {port: 47110}}')
-    assert main([*words, '--params', str(file)]) == 0
-    assert suite.SIMULATOR not in started[1], 'the file says where the simulator is'
+    assert main([*words, '--rig', str(file)]) == 0
+    assert SIMULATOR not in started[1], 'the file says where the simulator is'

@@ -1,4 +1,4 @@
-"""The detector has few settings, and the documentation names each with unit, range and meaning."""
+"""There are few settings, and the documentation names each with unit, range and meaning."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import Field, fields
 from pathlib import Path
 
 from hunt_ros.detection import DetectorConfig
+from hunt_ros.rig import PARAMETERS, Rig
 
 DOCUMENT = Path(__file__).parents[2] / 'docs' / 'settings.md'
 #: More than a person who sets up a rig reads.
@@ -22,7 +23,10 @@ def _row(item: Field) -> str:
     else:
         bounds = f'{low:g} to {high:g}'
     default = item.default
-    shown = ', '.join(map(str, default)) if isinstance(default, tuple) else f'{default:g}'
+    if isinstance(default, tuple):
+        shown = ', '.join(map(str, default))
+    else:
+        shown = default if isinstance(default, str) else f'{default:g}'
     when = 'at the start' if told['fixed'] else 'at any time'
     cells = (f'`{item.name}`', shown, told['unit'], bounds, when, told['description'])
     return f'| {" | ".join(cells)} |'
@@ -40,6 +44,7 @@ def test_each_setting_says_what_it_is() -> None:
 
 
 def test_the_documentation_names_every_setting_as_it_is() -> None:
-    rows = [_row(item) for item in fields(DetectorConfig)]
+    own = [item for item in fields(DetectorConfig) if item.name not in PARAMETERS]
+    rows = [_row(item) for item in (*fields(Rig), *own)]
     lines = DOCUMENT.read_text(encoding='utf-8').splitlines()
     assert [line for line in lines if line.startswith('| `')] == rows

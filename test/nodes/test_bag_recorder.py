@@ -73,7 +73,7 @@ def test_everything_published_is_in_the_closed_bag_bit_for_bit(graph) -> None:
     graph.node.declare_parameter('answer', Parameter.Type.INTEGER)
     graph.node.set_parameters([Parameter('answer', value=42)])
     closed = graph.collect(String, 'recording/closed', LATCHED)
-    start(graph, rig='the rig', operator='the operator', notes='second wheelset')
+    start(graph, rig_name='the rig', operator='the operator', notes='second wheelset')
     graph.spin_until(lambda: lateral.get_subscription_count() and speed.get_subscription_count())
     values = np.random.default_rng(5).normal(size=500)
     for index, value in enumerate(values):

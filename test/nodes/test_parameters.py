@@ -117,7 +117,7 @@ LIVE = {
     'rig_simulator': {'kick_m'},
     'normal_form_identifier': {'on_close'},
     'bag_recorder': {  # with the next recording
-        'rig', 'operator', 'notes', 'prefix', 'split_s', 'split_mib', 'buffer_mib', 'chunk_s',
+        'rig_name', 'operator', 'notes', 'prefix', 'split_s', 'split_mib', 'buffer_mib', 'chunk_s',
         'least_free_mib',
     },
     'hunting_detector': _taken(DetectorConfig),

@@ -28,7 +28,7 @@ print(sorted({'scipy', 'numba', 'matplotlib'} & set(sys.modules)))
 def test_a_run_without_a_rig_says_what_it_expects(capsys, tmp_path) -> None:
     assert main(['run', '--directory', str(tmp_path)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert all(word in line for word in ('--simulated', '--listen', '--params'))
+    assert all(word in line for word in ('--simulated', '--listen', '--rig'))
 
 
 def test_a_run_that_listens_records_without_a_clock_and_ends_at_sigterm(graph) -> None:

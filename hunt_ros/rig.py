@@ -1,0 +1,401 @@
+"""
+The description of a rig: its channels, roller, hunting band, limits, and what is known of it.
+
+It stands once, in the section `/**` of a ROS parameter file (`config/rig.yaml`):
+
+    /**:
+      ros__parameters:
+        rig_name: rig 1
+        roller_diameter_m: 0.3
+
+Every node takes from that section the parameters that it needs, which its settings declare by
+`of_rig`; every verb of the command line reads it by `--rig FILE`.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from itertools import pairwise
+from typing import Any
+
+import yaml
+
+from hunt_ros.errors import ConfigError
+from hunt_ros.samples import CHANNELS, USUAL_CHANNELS
+from hunt_ros.sensors import DISPLACEMENTS
+from hunt_ros.settings import Settings, setting, yaml_value
+from hunt_ros.suite import NODES
+
+#: Highest order of a known line, and how many there may be: each costs a tenth of the filter.
+MOST_TURNS, MOST_LINES = 100.0, 8
+#: The hunting frequencies: lowest, nominal and highest, and the least that each may be, Hz.
+HUNTING_HZ = {
+    'hunting_frequency_min_hz': 0.03,
+    'hunting_frequency_hz': 0.05,
+    'hunting_frequency_max_hz': 0.1,
+}
+#: The section of a parameter file that is for all nodes.
+SHARED = '/**'
+#: What ROS itself, and a file of `hunt identify --out`, have in that section.
+_OTHERS = ('use_sim_time', 'qos_overrides', 'normal_form')
+
+_EITHER = ' or '.join(DISPLACEMENTS)
+
+
+@dataclass(frozen=True)
+class Rig(Settings):
+    """
+    One rig, SI throughout.
+
+    Raises
+    ------
+    ConfigError
+        For a value out of range, or two that contradict each other.
+    """
+
+    rig_name: str = setting('', 'name of the rig, for its recordings')
+    channels: tuple[str, ...] = setting(
+        USUAL_CHANNELS,
+        f'channels the rig has, of {", ".join(CHANNELS)};'
+        ' one that is listed and silent is a fault',
+        fixed=True,
+    )
+    optional_channels: tuple[str, ...] = setting(
+        (),
+        'of the channels, those whose silence is no fault: it is said, with what it costs',
+        fixed=True,
+    )
+    sources: tuple[str, ...] = setting(
+        (),
+        'channels that recordings have under another topic, field or unit, for example'
+        ' lateral=/daq/ch0.data[3]*0.001',
+        fixed=True,
+    )
+    constant_speed_mps: float = setting(
+        0.0,
+        'running speed where there is no speed channel (0: from the channel)',
+        unit='m/s',
+        low=0.0,
+        fixed=True,
+    )
+    lateral_range_m: float = setting(
+        0.0,
+        'lateral readings of this size and more are saturated (0: no limit)',
+        unit='m',
+        low=0.0,
+    )
+    yaw_range_rad: float = setting(
+        0.0, 'yaw readings of this size and more are saturated (0: no limit)', unit='rad', low=0.0
+    )
+    lateral_resolution_m: float = setting(
+        0.0, 'smallest step of the lateral reading (0: not known)', unit='m', low=0.0, fixed=True
+    )
+    yaw_resolution_rad: float = setting(
+        0.0, 'smallest step of the yaw reading (0: not known)', unit='rad', low=0.0, fixed=True
+    )
+    speed_resolution_mps: float = setting(
+        0.0,
+        'smallest step of the speed reading (0: not known)',
+        unit='m/s',
+        low=0.0,
+        high=100.0,
+        fixed=True,
+    )
+    speed_scale_std: float = setting(
+        0.0,
+        'relative standard deviation of the scale of the speed reading',
+        low=0.0,
+        high=1.0,
+        fixed=True,
+    )
+    roller_diameter_m: float = setting(
+        0.0,
+        'of the roller: where its lines are without a roller channel (0: as the built-in rig,'
+        ' 0.3 m), and the speed checked by its angle with one (0: learnt while both move)',
+        unit='m',
+        low=0.0,
+        high=10.0,
+        fixed=True,
+    )
+    wheel_diameter_m: float = setting(
+        0.0,
+        'of the wheel, whose own line is known with it (0: none; needs roller_diameter_m)',
+        unit='m',
+        low=0.0,
+        high=10.0,
+        fixed=True,
+    )
+    lines: tuple[float, ...] = setting(
+        (1.0, 2.0),
+        f'known lines, at most {MOST_LINES}, in turns of the roller from 0 to {MOST_TURNS:g}:'
+        ' what is forced at these orders is no hunting (0.0: none)',
+        fixed=True,
+    )
+    hunting_frequency_hz: float = setting(
+        0.0,
+        'nominal hunting frequency; 30 % off costs nothing'
+        ' (0: that of the normal form, else 2.84 Hz)',
+        unit='Hz',
+        low=0.0,
+        high=50.0,
+        fixed=True,
+    )
+    hunting_frequency_min_hz: float = setting(
+        0.0,
+        'lowest hunting frequency considered (0: 0.35 of the nominal one)',
+        unit='Hz',
+        low=0.0,
+        high=40.0,
+        fixed=True,
+    )
+    hunting_frequency_max_hz: float = setting(
+        0.0,
+        'highest hunting frequency considered (0: 2.1 of the nominal one)',
+        unit='Hz',
+        low=0.0,
+        high=150.0,
+        fixed=True,
+    )
+    length_scale_m: float = setting(
+        0.0,
+        'd0: the unit of amplitude of the coefficients (0: of the built-in rig)',
+        unit='m',
+        low=0.0,
+        high=1e3,
+        fixed=True,
+    )
+    time_scale_s: float = setting(
+        0.0,
+        '1 / omega_psi: the unit of time of the coefficients (0: of the built-in rig)',
+        unit='s',
+        low=0.0,
+        high=1e3,
+        fixed=True,
+    )
+    prior_v_c: tuple[float, ...] = setting(
+        (), 'known v_c and its standard deviation, m/s (none: not known)', fixed=True
+    )
+    prior_D1: tuple[float, ...] = setting(
+        (), 'known D1 and its standard deviation (none: not known)', fixed=True
+    )
+    flange_clearance_m: float = setting(
+        0.0,
+        'lateral displacement at which the flange meets the rail (0: not known)',
+        unit='m',
+        low=0.0,
+        high=1.0,
+        fixed=True,
+    )
+    speed_ceiling_mps: float = setting(
+        0.0, 'no set point is above this (0: no ceiling)', unit='m/s', low=0.0, high=100.0
+    )
+    safe_speed_mps: float = setting(
+        0.0, 'where the roller is taken to when it must not hunt', unit='m/s', low=0.0, high=100.0
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        unknown = sorted(set(self.channels) - set(CHANNELS))
+        if unknown:
+            raise ConfigError(f'channels: unknown {unknown[0]!r}, expected some of {CHANNELS}')
+        if not set(self.channels) & set(DISPLACEMENTS):
+            raise ConfigError(f'channels: need {_EITHER}, got {self.channels}')
+        self._check_optional()
+        self._check_lines()
+        self._check_frequencies()
+        self._check_priors()
+        if 0.0 < self.speed_ceiling_mps < self.safe_speed_mps:
+            raise ConfigError(
+                f'safe_speed_mps: {self.safe_speed_mps:g} must not be above'
+                f' speed_ceiling_mps ({self.speed_ceiling_mps:g})'
+            )
+
+    def _check_optional(self) -> None:
+        """Refuse channels as optional without which nothing can be said."""
+        for name in self.optional_channels:
+            if name not in self.channels:
+                raise ConfigError(
+                    f'optional_channels: {name!r} is none of the channels {self.channels}'
+                )
+        if 'speed' in self.optional_channels and self.constant_speed_mps == 0.0:
+            raise ConfigError(
+                "optional_channels: 'speed' needs constant_speed_mps: without a speed the region"
+                ' is unknown'
+            )
+        motion = set(DISPLACEMENTS) & set(self.channels)
+        if motion <= set(self.optional_channels):
+            raise ConfigError(
+                f'optional_channels: {self.optional_channels} leaves no displacement,'
+                f' expected {_EITHER} to be required'
+            )
+
+    def _check_lines(self) -> None:
+        """Refuse orders that are none, and a wheel whose order is not known."""
+        for order in self.lines:
+            number = isinstance(order, int | float) and not isinstance(order, bool)
+            if not (number and 0.0 <= order <= MOST_TURNS):
+                raise ConfigError(
+                    f'lines: {order!r} is no order, expected turns of the roller from 0 to'
+                    f' {MOST_TURNS:g}'
+                )
+        orders = tuple(sorted({float(order) for order in self.lines if order > 0.0}))
+        if len(orders) > MOST_LINES:
+            raise ConfigError(f'lines: {len(orders)} lines, expected at most {MOST_LINES}')
+        object.__setattr__(self, 'lines', tuple(map(float, self.lines)))
+        if self.wheel_diameter_m > 0.0 and self.roller_diameter_m == 0.0:
+            raise ConfigError('wheel_diameter_m: needs roller_diameter_m, got 0')
+
+    def _check_frequencies(self) -> None:
+        """Refuse hunting frequencies out of order; one that is 0 is not given."""
+        given = [(name, getattr(self, name)) for name in HUNTING_HZ if getattr(self, name) > 0.0]
+        for name, value in given:
+            if value < HUNTING_HZ[name]:
+                raise ConfigError(
+                    f'{name}: {value} is below {HUNTING_HZ[name]:g} Hz (0: not given)'
+                )
+        for (low, below), (high, above) in pairwise(given):
+            if not below < above:
+                raise ConfigError(f'{high}: {above} must be above {low} ({below})')
+
+    def _check_priors(self) -> None:
+        """Refuse what is no value with its standard deviation."""
+        for name in ('prior_v_c', 'prior_D1'):
+            given = getattr(self, name)
+            if len(given) not in (0, 2):
+                raise ConfigError(f'{name}: expected value and standard deviation, got {given}')
+            object.__setattr__(self, name, tuple(map(float, given)))
+
+    @classmethod
+    def of(cls, settings: Settings) -> Rig:
+        """
+        Return the rig that the settings of a node tell of; the rest has its defaults.
+
+        Raises
+        ------
+        ConfigError
+            Where they contradict each other.
+        """
+        told = {item.name for item in fields(settings)}
+        return cls(**{name: getattr(settings, name) for name in _FIELDS if name in told})
+
+    @classmethod
+    def from_texts(cls, texts: Iterable[tuple[str, str]], node: str = '') -> Rig:
+        """
+        Read the rig from ROS parameter files; a later one wins.
+
+        Parameters
+        ----------
+        texts : iterable of (str, str)
+            Where each file comes from, for messages, and what stands in it.
+        node : str
+            Whose own section is read as well.
+
+        Raises
+        ------
+        ConfigError
+            Naming the file, the section and the key, and what was expected.
+        """
+        rig = cls()
+        for source, text in texts:
+            found = parameters_of(node, text, source)
+            told = {
+                name: yaml_value(_FIELDS[name].default, found[name])
+                for name in found
+                if name in _FIELDS
+            }
+            try:
+                rig = replace(rig, **told)
+            except ConfigError as error:
+                raise ConfigError(f'{source}: {error}') from error
+        return rig
+
+    def refuse_other(self, recorded: str, where: str) -> None:
+        """
+        Refuse a recording of another rig.
+
+        Parameters
+        ----------
+        recorded : str
+            The rig's name in the recording; '' where it says none.
+        where : str
+            The recording, for the message.
+
+        Raises
+        ------
+        ConfigError
+            If both have a name, and not the same.
+        """
+        if recorded and self.rig_name and recorded != self.rig_name:
+            raise ConfigError(
+                f'{where}: recorded on rig {recorded!r}, expected {self.rig_name!r}'
+                ' (rig_name of the rig file)'
+            )
+
+
+_FIELDS = {item.name: item for item in fields(Rig)}
+#: Names of the parameters of a rig.
+PARAMETERS = frozenset(_FIELDS)
+
+
+def of_rig(name: str) -> Any:
+    """
+    Declare a field of a settings class that is a parameter of the rig.
+
+    Default, unit, range and meaning are those of `Rig`: `roller_diameter_m: float =
+    of_rig('roller_diameter_m')`.
+    """
+    item = _FIELDS[name]
+    return field(default=item.default, metadata=item.metadata)
+
+
+def parameters_of(node: str, text: str, source: str) -> dict[str, Any]:
+    """
+    Return what a ROS parameter file says to a node, under any namespace.
+
+    Parameters
+    ----------
+    node : str
+        Its name; '' for the section for all nodes alone.
+    text, source : str
+        The parameter file, and where it comes from, for messages.
+
+    Raises
+    ------
+    ConfigError
+        Naming the file, the section and the key, and what was expected.
+    """
+    try:
+        document = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ConfigError(f'{source}: not YAML ({str(error).splitlines()[0]})') from error
+    if not isinstance(document, Mapping) or not document:
+        raise ConfigError(f'{source}: no parameter file, expected NODE: ros__parameters: ...')
+    values: dict[str, Any] = {}
+    for name, section in document.items():
+        where, short = f'{source}: section {name}', str(name).rsplit('/', 1)[-1]
+        inside = section.get('ros__parameters') if isinstance(section, Mapping) else None
+        if not isinstance(inside, Mapping):
+            raise ConfigError(f'{where}: expected ros__parameters: and a line a parameter')
+        if name == SHARED:
+            _refuse_unknown(inside, where)
+        elif short not in NODES:
+            near = difflib.get_close_matches(short, NODES, 1) or NODES
+            raise ConfigError(f'{where}: no node of the suite, expected {" or ".join(near)}')
+        if name == SHARED or short == node:
+            values |= inside
+    return values
+
+
+def _refuse_unknown(section: Mapping[str, Any], where: str) -> None:
+    """Refuse a key of the section for all nodes that is none of the rig's."""
+    for name in map(str, section):
+        if name in _FIELDS or name.split('.')[0] in _OTHERS:
+            continue
+        stem = name.rpartition('_')[0]
+        near = [known for known in _FIELDS if stem and known.rpartition('_')[0] == stem]
+        near = near or difflib.get_close_matches(name, _FIELDS, 1) or list(_FIELDS)
+        unit = _FIELDS[near[0]].metadata['unit'] if len(near) == 1 else ''
+        expected = ' or '.join(near) + (f', in {unit}' if unit else '')
+        raise ConfigError(f'{where}: {name} is no parameter of a rig, expected {expected}')

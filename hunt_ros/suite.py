@@ -1,0 +1,19 @@
+"""
+The nodes of the suite: the one list of them.
+
+Executables, launch file, `hunt run` and the sections of a parameter file follow from it. A node
+is a module of this name in `hunt_ros.nodes` with a function `make_node`. To be read without
+the package installed: `setup.py` makes the executables from it.
+"""
+
+from __future__ import annotations
+
+#: Nodes that only listen: started first, so that no sample is missed.
+LISTENERS = ('bag_recorder', 'hunting_detector', 'normal_form_identifier')
+#: Nodes that talk to the rig.
+SOURCES = ('lateral_sensor', 'yaw_sensor', 'roller_speed')
+#: The rig that is not there.
+SIMULATOR = 'rig_simulator'
+
+#: Every node that is an executable of the package.
+NODES = (SIMULATOR, *LISTENERS, *SOURCES)
