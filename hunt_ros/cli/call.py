@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
-import subprocess
-import sys
 from typing import Any
 
 from hunt_ros.cli import options
@@ -44,12 +41,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Call it: 0 done, 1 refused; a HuntError (2) where nobody offers it."""
     from hunt_ros.cli.output import write_json
-    from hunt_ros.cli.processes import NodeSpec, require_ros
+    from hunt_ros.cli.processes import NodeSpec, ask
 
     service = SERVICES[arguments.service]
     if arguments.words and not service.words_topic:
         raise HuntError(f'{arguments.service}: takes no words, got {arguments.words!r}')
-    require_ros()
     parameters = {
         'service': service.name,
         'wait_s': float(arguments.wait),
@@ -58,8 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
         'words_first': service.words_first,
     }
     spec = NodeSpec('service_call', parameters)
-    command = [sys.executable, '-m', 'hunt_ros.nodes.entry', spec.module]
-    answer = _ask([*command, *spec.ros_arguments(arguments.namespace)])
+    answer = ask(spec, arguments.namespace)
     if 'success' not in answer:
         raise HuntError(_nobody(answer, arguments.namespace.strip('/'), service.node))
     if arguments.json != '-':
@@ -67,19 +62,6 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         write_json(answer, arguments.json)
     return 0 if answer['success'] else 1
-
-
-def _ask(command: list[str]) -> dict[str, Any]:
-    """Run the node that calls, and return what it prints."""
-    done = subprocess.run(command, capture_output=True, text=True)
-    for line in done.stdout.splitlines():
-        try:
-            answer: dict[str, Any] = json.loads(line)
-        except ValueError:
-            continue  # a line of some library
-        return answer
-    last = done.stderr.strip().splitlines()
-    raise HuntError(f'the call failed: {last[-1] if last else f"exit code {done.returncode}"}')
 
 
 def _nobody(answer: dict[str, Any], namespace: str, node: str) -> str:

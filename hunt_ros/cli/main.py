@@ -22,6 +22,7 @@ VERBS: dict[str, str] = {
     'demo': 'demo',
     'run': 'run',
     'call': 'call',
+    'check': 'check',
     'simulate': 'simulate',
     'replay': 'replay',
     'identify': 'identify',

@@ -183,6 +183,17 @@ def _namespace(text: str) -> str:
     return text.strip('/')
 
 
+def add_directory(parser: argparse._ActionsContainer) -> None:
+    """`--directory`: where recordings go."""
+    parser.add_argument(
+        '--directory',
+        type=Path,
+        default=Path('recordings'),
+        metavar='DIR',
+        help='recordings (default: %(default)s)',
+    )
+
+
 def add_pace(
     parser: argparse._ActionsContainer, high: float, default: float | None = None
 ) -> None:

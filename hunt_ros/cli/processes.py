@@ -224,6 +224,27 @@ class Processes:
                 signal.signal(number, handler)
 
 
+def ask(spec: NodeSpec, namespace: str) -> dict[str, Any]:
+    """
+    Run a node that prints one object and ends, and return that object.
+
+    Raises
+    ------
+    HuntError
+        If ROS is not installed, or the node fails, with its last line.
+    """
+    require_ros()
+    done = subprocess.run(spec.command(namespace), capture_output=True, text=True)
+    for line in done.stdout.splitlines():
+        try:
+            answer: dict[str, Any] = json.loads(line)
+        except ValueError:
+            continue  # a line of some library
+        return answer
+    last = done.stderr.strip().splitlines()
+    raise HuntError(f'{spec.module} failed: {last[-1] if last else f"code {done.returncode}"}')
+
+
 def require_ros() -> None:
     """
     Fail where ROS is not installed.

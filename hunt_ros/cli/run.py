@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import time
-from pathlib import Path
 
 from hunt_ros.cli import options
 
@@ -28,12 +27,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     options.add_rig(parser)
     options.add_normal_form(parser)
-    parser.add_argument(
-        '--directory',
-        type=Path,
-        default=Path('recordings'),
-        help='recordings (default: %(default)s)',
-    )
+    options.add_directory(parser)
     options.add_namespace(parser)
     parser.add_argument(
         '--duration',

@@ -1,0 +1,369 @@
+"""
+Is a rig fit for monitoring? What some seconds of its channels show, and what to do about it.
+
+For `hunt check`: before the first run on a rig, or from a recording of it. The roller should
+turn, and the wheelset be quiet.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.rig import Rig
+from hunt_ros.samples import NANOSECONDS, Record, Series
+from hunt_ros.sensors import MOTION, SENSORS
+
+OK, WARN, FAIL, UNKNOWN = 'ok', 'warn', 'fail', 'unknown'
+
+#: Fewer samples tell nothing.
+_FEWEST = 50
+#: Nominal and highest hunting frequency where the rig does not tell them, Hz.
+_NOMINAL_HZ, _HIGHEST_OF_NOMINAL = 2.84, 2.1
+#: Samples in a period of the fastest hunting; a speed changes in seconds.
+_IN_A_PERIOD, _SPEED_HZ = 10.0, 5.0
+#: A stamp that is off by dt makes an error of 2 pi f dt of the amplitude: this much is allowed.
+_JITTER_SHARE = 0.01
+#: Intervals longer than this are gaps, and this share of missing samples is allowed.
+_GAP_STEPS, _MISSING_SHARE = 1.5, 1e-3
+#: Stamps this far from the arrival are another clock's, s; further than the second are refused
+#: by the detector.
+_OFFSET_S, _FARTHEST_S = 0.05, 15.0
+#: The tracker follows a roller whose diameter is given with this error; the speed check allows
+#: the second.
+_DIAMETER_SHARE, _DIAMETER_FAILS = 0.01, 0.05
+#: Below this a roller does not turn, m/s.
+_TURNING_MPS = 0.2
+#: A noise of this share of the flange clearance hides the motion that matters.
+_NOISE_SHARE = 0.01
+#: Steps of an angle of more than this are a wrap, rad.
+_WRAP = math.pi
+
+
+@dataclass(frozen=True)
+class Finding:
+    """
+    One thing that was looked at.
+
+    Parameters
+    ----------
+    check : str
+        'rate', 'jitter', 'gaps', 'noise', 'resolution', 'range', 'unit', 'clock', 'encoder',
+        'diameter', 'speed', 'publishers', 'disk'.
+    channel : str
+        Of the rig; '' where it is none.
+    state : str
+        'ok', 'warn', 'fail', or 'unknown' where the samples cannot tell.
+    text : str
+        What was found, with its number.
+    advice : str
+        What to do; '' where nothing is to be done.
+    value : float or None
+        The number, in `unit`.
+    unit : str
+        SI.
+    """
+
+    check: str
+    channel: str
+    state: str
+    text: str
+    advice: str = ''
+    value: float | None = None
+    unit: str = ''
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it as JSON types."""
+        return dict(vars(self))
+
+
+def check_rig(
+    record: Record, arrivals: Mapping[str, NDArray[np.int64]], rig: Rig
+) -> list[Finding]:
+    """
+    Look at every channel of a rig.
+
+    Parameters
+    ----------
+    record : Record
+        Some seconds of it.
+    arrivals : mapping of str to ndarray of int64, shape (n,)
+        When the samples of a channel came, ns; a channel that is absent is not compared.
+    rig : Rig
+        What is expected.
+
+    Returns
+    -------
+    list of Finding
+    """
+    found: list[Finding] = []
+    for channel in rig.channels:
+        series = record.get(channel)
+        if series is None or len(series) < _FEWEST:
+            found.append(_absent(channel, 0 if series is None else len(series), rig))
+            continue
+        found += _times(channel, series, rig)
+        if channel in arrivals:
+            found.append(_clock(channel, series, arrivals[channel]))
+        found += _readings(channel, series, rig)
+    found += _roller(record, rig)
+    return found
+
+
+def _absent(channel: str, count: int, rig: Rig) -> Finding:
+    optional = channel in rig.optional_channels
+    advice = (
+        f'start what publishes the topic {channel}, or leave {channel} out of "channels" of the'
+        ' rig file'
+    )
+    text = f'{count} samples' if count else 'no samples'
+    return Finding('rate', channel, WARN if optional else FAIL, text, advice, 0.0, 'Hz')
+
+
+def _highest_hz(rig: Rig) -> float:
+    nominal = rig.hunting_frequency_hz or _NOMINAL_HZ
+    return rig.hunting_frequency_max_hz or _HIGHEST_OF_NOMINAL * nominal
+
+
+def _times(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
+    """Rate, jitter, and what is missing, by the stamps."""
+    steps = np.diff(series.stamps_ns) / NANOSECONDS
+    step = float(np.median(steps))
+    backward = int(np.count_nonzero(steps <= 0.0))
+    if backward or step <= 0.0:
+        yield Finding(
+            'gaps',
+            channel,
+            FAIL,
+            f'{backward} stamps are not after the one before',
+            'stamp each sample once, when it was taken, on a clock that is not set while it runs',
+            float(backward),
+        )
+        return
+    least = _IN_A_PERIOD * _highest_hz(rig) if channel in MOTION else _SPEED_HZ
+    slow = 1.0 / step < least
+    yield Finding(
+        'rate',
+        channel,
+        FAIL if slow else OK,
+        f'{1.0 / step:.4g} samples/s',
+        f'sample it at {least:.3g} Hz or more' if slow else '',
+        1.0 / step,
+        'Hz',
+    )
+    regular = steps < _GAP_STEPS * step
+    jitter = float(np.std(steps[regular])) / math.sqrt(2.0)
+    most = _JITTER_SHARE / (2.0 * math.pi * _highest_hz(rig))
+    loose = channel in MOTION and jitter > most
+    yield Finding(
+        'jitter',
+        channel,
+        FAIL if loose else OK,
+        f'stamps are off by {1e3 * jitter:.3g} ms (standard deviation)',
+        'stamp the samples by the clock of the converter, not when a program reads them'
+        f' (expected at most {1e3 * most:.2g} ms)'
+        if loose
+        else '',
+        jitter,
+        's',
+    )
+    missing = float(np.sum(np.rint(steps[~regular] / step) - 1.0))
+    share = missing / (len(series) + missing)
+    lossy = share > _MISSING_SHARE
+    yield Finding(
+        'gaps',
+        channel,
+        FAIL if lossy else OK,
+        f'{missing:.0f} samples are missing, the longest gap is {float(steps.max()):.3g} s',
+        'look for lost messages: the network, the depth of the queues, the load of the host'
+        if lossy
+        else '',
+        share,
+    )
+
+
+def _clock(channel: str, series: Series, arrivals: NDArray[np.int64]) -> Finding:
+    """Return how far the stamps are from the arrival."""
+    late = (arrivals - series.stamps_ns) / NANOSECONDS
+    # What is under way comes late, never early: the quickest message tells the clocks' offset.
+    offset = float(np.quantile(late, 0.05))
+    text = f'stamps are {abs(offset) * 1e3:.3g} ms {"before" if offset >= 0 else "after"} arrival'
+    state = OK if -1e-3 <= offset <= _OFFSET_S else WARN
+    if abs(offset) > _FARTHEST_S:
+        state = FAIL
+    advice = '' if state == OK else 'synchronise the clocks of the hosts (PTP: docs/lab-pc.md)'
+    return Finding('clock', channel, state, text, advice, offset, 's')
+
+
+def _readings(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
+    """Noise, resolution, range, by the values."""
+    values = series.values[np.isfinite(series.values)]
+    lost = len(series) - values.size
+    if lost:
+        yield Finding(
+            'gaps',
+            channel,
+            FAIL if lost > _MISSING_SHARE * len(series) else WARN,
+            f'{lost} readings are no numbers',
+            'look at the sensor: it reports that it cannot measure',
+            float(lost),
+        )
+    if values.size < _FEWEST:
+        return
+    unit = next((s.unit for s in SENSORS if s.name == channel), '')
+    unit = unit or {'roller': 'rad', 'speed': 'm/s'}[channel]
+    different = np.unique(values)
+    if different.size == 1:
+        moving = channel in MOTION
+        yield Finding(
+            'noise',
+            channel,
+            FAIL if moving else OK,
+            f'every reading is {float(values[0]):.4g} {unit}',
+            'the sensor is stuck or not connected: move it, and look again' if moving else '',
+            0.0,
+            unit,
+        )
+        return
+    noise = _noise(values)
+    if channel in MOTION:
+        clearance = rig.flange_clearance_m if channel == 'lateral' else 0.0
+        loud = clearance > 0.0 and noise > _NOISE_SHARE * clearance
+        yield Finding(
+            'noise',
+            channel,
+            FAIL if loud else OK,
+            f'white noise of {noise:.3g} {unit} (standard deviation)',
+            f'expected at most {_NOISE_SHARE * clearance:.2g} {unit}, {_NOISE_SHARE:.0%} of the'
+            ' flange clearance: look at cables, shielding, range of the sensor'
+            if loud
+            else '',
+            noise,
+            unit,
+        )
+    if channel != 'roller':
+        yield _resolution(channel, different, noise, unit, rig)
+    limit = float(getattr(rig, f'{channel}_range_{"rad" if channel == "yaw" else "m"}', 0.0))
+    if limit > 0.0 and float(np.abs(values).max()) >= limit:
+        yield Finding(
+            'range',
+            channel,
+            FAIL,
+            f'readings reach {float(np.abs(values).max()):.4g} {unit}',
+            f'they are saturated from {limit:.4g} {unit} on: centre the sensor, or take one with'
+            ' a larger range',
+            float(np.abs(values).max()),
+            unit,
+        )
+
+
+def _noise(values: NDArray[np.float64]) -> float:
+    """Standard deviation of the white noise, from second differences (Rice, 1984)."""
+    second = values[2:] - 2.0 * values[1:-1] + values[:-2]
+    return float(np.sqrt(np.mean(second**2) / 6.0))
+
+
+def _resolution(
+    channel: str, different: NDArray[np.float64], noise: float, unit: str, rig: Rig
+) -> Finding:
+    """Return the smallest step of the readings, and whether it hides the motion."""
+    steps = np.diff(different)
+    # Numbers that went through a scale differ by rounding.
+    steps = steps[steps > 1e-9 * float(np.abs(different).max())]
+    step = float(steps.min()) if steps.size else 0.0
+    stated = {
+        'lateral': rig.lateral_resolution_m,
+        'yaw': rig.yaw_resolution_rad,
+        'speed': rig.speed_resolution_mps,
+    }.get(channel, 0.0)
+    text = f'the smallest step of the readings is {step:.3g} {unit}'
+    if stated > 0.0 and step > 1.5 * stated:
+        advice = (
+            f'the rig file says {stated:.3g} {unit}: use the whole range of the converter, or'
+            ' correct the file'
+        )
+        return Finding('resolution', channel, FAIL, text, advice, step, unit)
+    # Noise of a step and more is averaged out; below it what is smaller is not seen at all.
+    if channel in MOTION and noise < 0.5 * step:
+        advice = 'coarser than the noise: motion below one step is not seen; use a smaller range'
+        return Finding('resolution', channel, WARN, text, advice, step, unit)
+    return Finding('resolution', channel, OK, text, '', step, unit)
+
+
+def _roller(record: Record, rig: Rig) -> Iterator[Finding]:
+    """Direction and wrap of the encoder, and the diameter of the roller against the speed."""
+    speed, roller = record.get('speed'), record.get('roller')
+    if speed is not None and len(speed) >= _FEWEST:
+        mean = float(np.nanmean(speed.values))
+        backward = mean < -_TURNING_MPS
+        yield Finding(
+            'speed',
+            'speed',
+            FAIL if backward else OK,
+            f'{mean:.3f} m/s on average',
+            'the running speed is negative: change the sign of the channel (factor -1)'
+            if backward
+            else '',
+            mean,
+            'm/s',
+        )
+    if 'roller' not in rig.channels or roller is None or len(roller) < _FEWEST:
+        return
+    steps = np.diff(roller.values)
+    leaps = np.abs(steps) > _WRAP
+    turned = float(np.nansum((steps + math.pi) % (2.0 * math.pi) - math.pi))
+    span = float(roller.stamps_ns[-1] - roller.stamps_ns[0]) / NANOSECONDS
+    rate = turned / span
+    if abs(rate) < 0.1:
+        yield Finding(
+            'encoder', 'roller', UNKNOWN, 'the roller does not turn',
+            'let it turn, and look again', rate, 'rad/s',
+        )  # fmt: skip
+        return
+    way = 'forwards' if rate > 0.0 else 'backwards'
+    wraps = f', and wraps every turn ({int(leaps.sum())} times)' if leaps.any() else ''
+    quick = float(np.nanquantile(np.abs(steps[~leaps]), 0.99)) if not leaps.all() else math.inf
+    coarse = quick > 0.5 * _WRAP
+    yield Finding(
+        'encoder',
+        'roller',
+        FAIL if coarse else OK,
+        f'the angle runs {way} at {abs(rate):.4g} rad/s{wraps}',
+        'it turns by more than a quarter from reading to reading: read it more often'
+        if coarse
+        else '',
+        rate,
+        'rad/s',
+    )
+    if speed is None or len(speed) < _FEWEST:
+        return
+    yield _diameter(float(np.nanmean(np.abs(speed.values))), abs(rate), rig)
+
+
+def _diameter(speed: float, rate: float, rig: Rig) -> Finding:
+    """Return the diameter that speed and turning tell, 2 v / omega."""
+    if speed < _TURNING_MPS:
+        return Finding(
+            'diameter', 'roller', UNKNOWN, f'{speed:.2f} m/s are too slow to tell the diameter',
+            'let the roller turn faster, and look again',
+        )  # fmt: skip
+    measured = 2.0 * speed / rate
+    text = f'speed and encoder tell a roller of {measured:.4f} m'
+    given = rig.roller_diameter_m
+    if given == 0.0:
+        advice = (
+            f'write roller_diameter_m: {measured:.4g} into the rig file, if that is what it is'
+        )
+        return Finding('diameter', 'roller', WARN, text, advice, measured, 'm')
+    off = abs(measured / given - 1.0)
+    state = OK if off <= _DIAMETER_SHARE else WARN if off <= _DIAMETER_FAILS else FAIL
+    advice = (
+        f'the rig file says {given:.4g} m, {off:.1%} apart: one of diameter, scale of the speed'
+        ' and counts of the encoder is wrong'
+    )
+    return Finding('diameter', 'roller', state, text, '' if state == OK else advice, measured, 'm')

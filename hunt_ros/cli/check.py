@@ -1,0 +1,195 @@
+"""`hunt check`: is the rig fit for monitoring? From its live topics, or from a recording."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hunt_ros.cli import options
+from hunt_ros.errors import ConfigError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from hunt_ros.analysis.rig_check import Finding
+    from hunt_ros.rig import Rig
+    from hunt_ros.samples import Record
+
+SUMMARY = 'check a rig before its first run: rate, noise, clocks, encoder, disk; and what to do'
+EXAMPLE = 'hunt check bags/kick_decays --rig config/rig.yaml'
+
+#: Of a sample in a recording, with its share of everything else, bytes.
+_SAMPLE_BYTES = 80.0
+#: A recording must have room for so long, h, and for this at least, bytes.
+_LEAST_H, _LEAST_BYTES = 8.0, 1e9
+_STYLES = {'ok': 'green', 'warn': 'yellow', 'fail': 'bold red', 'unknown': 'cyan'}
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument('bag', nargs='?', type=Path, help='recording (default: the live topics)')
+    options.add_rig(parser)
+    options.add_channels(parser)
+    options.add_namespace(parser)
+    parser.add_argument(
+        '--duration',
+        type=options.number(0.0, 3600.0, 's', above=True),
+        metavar='S',
+        help='listen for S seconds (default: 10)',
+    )
+    options.add_directory(parser)
+    options.add_json(parser, 'the findings')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Check: 0 where nothing fails, 1 where something does."""
+    from hunt_ros.analysis.rig_check import FAIL, check_rig
+    from hunt_ros.cli.output import known, write_json
+
+    rig = options.rig_of(arguments)
+    if arguments.bag is not None:
+        if arguments.duration is not None:
+            raise ConfigError('--duration: only for live topics, a recording is read as a whole')
+        rig, record, arrivals = _recorded(arguments, rig)
+        findings = check_rig(record, arrivals, rig)
+    else:
+        heard = _listen(arguments, rig)
+        record, arrivals = _live(heard)
+        findings = [*_publishers(heard, rig), *check_rig(record, arrivals, rig)]
+        findings.append(_disk(record, arguments.directory))
+    findings += _units(record)
+    failed = sum(finding.state == FAIL for finding in findings)
+    if arguments.json:
+        document = {
+            'source': str(arguments.bag) if arguments.bag else f'/{arguments.namespace}',
+            'rig_name': rig.rig_name,
+            'failed': failed,
+            'checks': [one.to_json() | {'value': known(one.value)} for one in findings],
+        }
+        write_json(document, arguments.json)
+    if arguments.json != '-':
+        _tell(findings)
+    return 1 if failed else 0
+
+
+def _recorded(
+    arguments: argparse.Namespace, rig: Rig
+) -> tuple[Rig, Record, dict[str, NDArray[np.int64]]]:
+    """Read a recording, and when its messages came; without a rig file it has what it holds."""
+    from dataclasses import replace
+
+    from hunt_ros.bag import read_columns, read_record
+    from hunt_ros.samples import CHANNELS
+
+    sources = options.channels_of(arguments, CHANNELS)
+    record = read_record(arguments.bag, sources)
+    rig.refuse_other(record.notes.get('rig', ''), str(arguments.bag))
+    if not arguments.rig:
+        rig = replace(rig, channels=tuple(record))
+    named = {name: sources.get(name, name) for name in record}
+    columns = read_columns(arguments.bag, named, stamps='log')
+    arrivals = {
+        name: series.stamps_ns
+        for name, series in columns.items()
+        if len(series) == len(record[name])
+    }
+    return rig, record, arrivals
+
+
+def _listen(arguments: argparse.Namespace, rig: Rig) -> dict[str, Any]:
+    """Listen to the live topics."""
+    from hunt_ros.cli.output import progress
+    from hunt_ros.cli.processes import NodeSpec, ask
+
+    seconds = 10.0 if arguments.duration is None else arguments.duration
+    parameters = {'channels': rig.channels, 'seconds': float(seconds)}
+    with progress(f'listening for {seconds:g} s'):
+        return ask(NodeSpec('rig_listener', parameters), arguments.namespace)
+
+
+def _live(heard: Mapping[str, Any]) -> tuple[Record, dict[str, NDArray[np.int64]]]:
+    """Return what was heard as a record, and when it came."""
+    import numpy as np
+
+    from hunt_ros.samples import Record, Series
+
+    filled = {name: one for name, one in heard.items() if one['values']}
+    channels = {
+        name: Series(np.array(one['stamps_ns']), np.array(one['values']))
+        for name, one in filled.items()
+    }
+    return Record(channels), {n: np.array(one['arrivals_ns']) for n, one in filled.items()}
+
+
+def _publishers(heard: Mapping[str, Any], rig: Rig) -> list[Finding]:
+    """Return who publishes the channels, where it is not one node."""
+    from hunt_ros.analysis.rig_check import FAIL, WARN, Finding
+
+    found = []
+    for channel, one in heard.items():
+        names, topic = one['publishers'], one['topic']
+        if len(names) > 1:
+            text = f'{topic} has {len(names)} publishers: {", ".join(names)}'
+            advice = 'end all but one, or start the second suite under another namespace'
+            found.append(Finding('publishers', channel, FAIL, text, advice, float(len(names))))
+        if not names:
+            state = WARN if channel in rig.optional_channels else FAIL
+            advice = 'start its node; --namespace says where the topics of the rig are'
+            text = f'nobody publishes {topic}'
+            found.append(Finding('publishers', channel, state, text, advice, 0.0))
+    return found
+
+
+def _units(record: Record) -> list[Finding]:
+    """Return the channels that cannot be in SI."""
+    from hunt_ros.analysis.rig_check import FAIL, Finding
+    from hunt_ros.bag.plausible import wrong_unit
+
+    texts = {name: wrong_unit(name, series) for name, series in record.items()}
+    advice = 'publish SI units (m, rad, m/s), or give the factor in "sources" of the rig file'
+    return [Finding('unit', name, FAIL, text, advice) for name, text in texts.items() if text]
+
+
+def _disk(record: Record, directory: Path) -> Finding:
+    """Return how long a recording fits on the disk."""
+    from hunt_ros.analysis.rig_check import FAIL, OK, Finding
+
+    place = directory.absolute()
+    while not place.exists():
+        place = place.parent
+    free = float(shutil.disk_usage(place).free)
+    rate = sum(series.rate_hz for series in record.values() if math.isfinite(series.rate_hz))
+    hours = free / max(rate * _SAMPLE_BYTES, 1.0) / 3600.0
+    short = free < _LEAST_BYTES or hours < _LEAST_H
+    return Finding(
+        'disk',
+        '',
+        FAIL if short else OK,
+        f'{free / 1e9:.1f} GB are free at {place}, for about {hours:.0f} h of recording',
+        'make room there, or record elsewhere with --directory' if short else '',
+        free,
+        'byte',
+    )
+
+
+def _tell(findings: list[Finding]) -> None:
+    """Print a line a finding, and what to do below it."""
+    import sys
+
+    from rich.console import Console
+    from rich.text import Text
+
+    console = Console(file=sys.stdout, highlight=False, soft_wrap=True)
+    for one in findings:
+        what = f'{one.channel} {one.check}' if one.channel else one.check
+        text = Text(f'{one.state:8}', style=_STYLES[one.state])
+        console.print(text.append(f'{what:20} {one.text}', style=''))
+        if one.advice:
+            console.print(f'{"":8}{"":20} -> {one.advice}')
+    counts = {state: sum(one.state == state for one in findings) for state in _STYLES}
+    console.print(', '.join(f'{count} {state}' for state, count in counts.items() if count))

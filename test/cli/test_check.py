@@ -1,0 +1,136 @@
+"""`hunt check`: a sound rig passes, and each fault of a rig is found, with what to do."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hunt_ros.bag import write_record
+from hunt_ros.cli.main import main
+from hunt_ros.samples import Record, Series
+
+RATE_HZ, DIAMETER_M, NOISE_M = 200.0, 0.4, 2e-5
+Channels = dict[str, Series]
+
+
+def _sound() -> Channels:
+    """Ten seconds of a quiet wheelset on a roller that turns."""
+    random = np.random.default_rng(1)
+    stamps = 10**9 + np.arange(2000) * 5_000_000
+    t = (stamps - stamps[0]) * 1e-9
+    slow = stamps[::2]
+    motion = 1e-4 * np.sin(2.0 * np.pi * 2.8 * t) + NOISE_M * random.standard_normal(t.size)
+    angle = 2.0 * 7.0 / DIAMETER_M * t[::2]
+    return {
+        'lateral': Series(stamps, np.round(motion / 1e-6) * 1e-6),
+        'yaw': Series(stamps, 1e-3 * random.standard_normal(t.size)),
+        'roller': Series(slow, angle),
+        'speed': Series(slow, 7.0 + 1e-3 * random.standard_normal(slow.size)),
+    }
+
+
+def _with(channel: str, change: Callable[[Series], Series]) -> Callable[[Channels], Channels]:
+    return lambda sound: sound | {channel: change(sound[channel])}
+
+
+def _jittered(series: Series) -> Series:
+    shift = np.random.default_rng(2).normal(0.0, 1e6, len(series)).astype(np.int64)
+    return Series(series.stamps_ns + shift, series.values)
+
+
+def _holed(series: Series) -> Series:
+    kept = np.arange(len(series)) % 100 > 4
+    return Series(series.stamps_ns[kept], series.values[kept])
+
+
+FAULTS: dict[str, tuple[Callable[[Channels], Channels], str, str, str, str]] = {
+    'no yaw': (lambda sound: {n: s for n, s in sound.items() if n != 'yaw'}, 'rate', 'yaw',
+               'fail', 'start what publishes'),
+    'slow': (_with('lateral', lambda s: Series(s.stamps_ns[::10], s.values[::10])), 'rate',
+             'lateral', 'fail', '59.6 Hz'),
+    'jitter': (_with('lateral', _jittered), 'jitter', 'lateral', 'fail', 'clock of the converter'),
+    'lost': (_with('yaw', _holed), 'gaps', 'yaw', 'fail', 'queues'),
+    'stuck': (_with('yaw', lambda s: Series(s.stamps_ns, 0.0 * s.values)), 'noise', 'yaw',
+              'fail', 'not connected'),
+    'noisy': (_with('lateral', lambda s: Series(s.stamps_ns, 10.0 * s.values)), 'noise',
+              'lateral', 'fail', 'shielding'),
+    'coarse': (_with('lateral', lambda s: Series(s.stamps_ns, np.round(s.values, 4))),
+               'resolution', 'lateral', 'fail', 'converter'),
+    'saturated': (_with('lateral', lambda s: Series(s.stamps_ns, s.values + 0.02)), 'range',
+                  'lateral', 'fail', 'larger range'),
+    'millimetres': (_with('speed', lambda s: Series(s.stamps_ns, 1e3 * s.values)), 'unit',
+                    'speed', 'fail', 'SI'),
+    'backwards': (_with('speed', lambda s: Series(s.stamps_ns, -s.values)), 'speed', 'speed',
+                  'fail', 'factor -1'),
+    'slow encoder': (_with('roller', lambda s: Series(s.stamps_ns[::8], s.values[::8])),
+                     'encoder', 'roller', 'fail', 'more often'),
+    'diameter': (_with('roller', lambda s: Series(s.stamps_ns, 1.1 * s.values)), 'diameter',
+                 'roller', 'fail', 'counts of the encoder'),
+    'standing': (_with('roller', lambda s: Series(s.stamps_ns, 0.0 * s.values)), 'encoder',
+                 'roller', 'unknown', 'let it turn'),
+}  # fmt: skip
+
+
+@pytest.fixture
+def check(tmp_path: Path) -> Callable[[Channels], tuple[int, dict[tuple[str, str], dict]]]:
+    rig = tmp_path / 'rig.yaml'
+    rig.write_text(
+        f'/**: {{ros__parameters: {{roller_diameter_m: {DIAMETER_M}, flange_clearance_m: 0.008,'
+        ' lateral_range_m: 0.01, lateral_resolution_m: 1.0e-6}}}'.replace('}}}', '}}')
+    )
+
+    def run(channels: Channels) -> tuple[int, dict[tuple[str, str], dict]]:
+        bag, out = tmp_path / 'bag', tmp_path / 'found.json'
+        write_record(bag, Record(channels))
+        code = main(['check', str(bag), '--rig', str(rig), '--json', str(out)])
+        found = json.loads(out.read_text())
+        assert found['failed'] == sum(one['state'] == 'fail' for one in found['checks'])
+        assert code == (1 if found['failed'] else 0)
+        return code, {(one['check'], one['channel']): one for one in found['checks']}
+
+    return run
+
+
+def test_a_sound_rig_passes_with_the_numbers_that_it_has(check) -> None:
+    code, found = check(_sound())
+    assert code == 0
+    assert {one['state'] for one in found.values()} == {'ok'}
+    assert found['rate', 'lateral']['value'] == pytest.approx(RATE_HZ)
+    # The motion itself adds to a noise told by second differences: 3 % here.
+    assert found['noise', 'lateral']['value'] == pytest.approx(NOISE_M, rel=0.1)
+    assert found['resolution', 'lateral']['value'] == pytest.approx(1e-6)
+    assert found['diameter', 'roller']['value'] == pytest.approx(DIAMETER_M, rel=1e-3)
+    assert found['encoder', 'roller']['value'] == pytest.approx(2.0 * 7.0 / DIAMETER_M)
+
+
+@pytest.mark.parametrize('fault', FAULTS)
+def test_a_fault_is_found_and_says_what_to_do(check, fault: str) -> None:
+    change, what, channel, state, words = FAULTS[fault]
+    _, found = check(change(_sound()))
+    one = found[what, channel]
+    assert one['state'] == state, one
+    assert words in one['advice'], one
+    assert all(one['advice'] for one in found.values() if one['state'] != 'ok')
+
+
+def test_an_encoder_may_wrap_and_run_backwards(check) -> None:
+    sound = _sound()
+    angle = -sound['roller'].values % (2.0 * math.pi)
+    code, found = check(sound | {'roller': Series(sound['roller'].stamps_ns, angle)})
+    assert code == 0
+    text = found['encoder', 'roller']['text']
+    assert 'backwards' in text
+    assert 'wraps' in text
+
+
+def test_a_person_reads_a_line_a_check(check, tmp_path, capsys) -> None:
+    check(_sound())
+    assert main(['check', str(tmp_path / 'bag')]) == 0
+    out = capsys.readouterr().out
+    assert 'lateral rate         200 samples/s' in out
+    assert 'roller_diameter_m: 0.4' in out, 'without a rig file the diameter is offered'
