@@ -49,6 +49,9 @@ setup(
         'matlab73': ['pymatreader>=1.0'],
         'tdms': ['npTDMS>=1.9'],
         'parquet': ['pyarrow>=15'],
+        'modbus': ['pymodbus>=3.10,<4', 'pyserial>=3.5'],
+        'serial': ['pyserial>=3.5'],
+        'nidaqmx': ['nidaqmx>=1.0'],
         'cluster': ['distributed>=2024.1'],
         'bench': ['pysindy>=2.0'],
         'test': [
@@ -78,6 +81,7 @@ setup(
         # Name of a driver: the module that has its classes (docs/drivers.md).
         'hunt_ros.drivers': [
             'simulated = hunt_ros.drivers.simulated',
+            'modbus = hunt_ros.drivers.modbus',
         ],
     },
 )

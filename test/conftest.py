@@ -1,11 +1,22 @@
-"""What all tests lean on: how quick this machine is now, and what property tests may take."""
+"""
+What all tests lean on: how quick this machine is, what property tests may take, hardware.
+
+The hardware is a Modbus server of pymodbus, serial lines are pseudo-terminals.
+"""
 
 from __future__ import annotations
 
+import asyncio
 import os
+import select
+import socket
 import subprocess
 import sys
+import threading
 import time
+import tty
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from importlib.util import find_spec
 
 import hypothesis
@@ -111,3 +122,145 @@ class Deadline:
 @pytest.fixture(scope='session')
 def machine() -> Machine:
     return Machine()
+
+
+class ModbusServer:
+    """
+    A device with 200 registers that every function reads and writes.
+
+    Attributes
+    ----------
+    words : dict of int to int
+        What registers hold from now on; `written` what was written, (address, words), in order.
+    """
+
+    def __init__(self, serial_port: str = '') -> None:
+        self.port = _free_port()
+        self._serial_port = serial_port
+        self.words: dict[int, int] = {}
+        self.written: list[tuple[int, list]] = []
+        self.requests = 0
+        self._loop: asyncio.AbstractEventLoop | None = None
+
+    def start(self) -> None:
+        """Listen; also again after `stop`."""
+        ready = threading.Event()
+        self._thread = threading.Thread(
+            target=lambda: asyncio.run(self._serve(ready)), daemon=True
+        )
+        self._thread.start()
+        assert ready.wait(30.0)
+
+    def stop(self) -> None:
+        """Cut every connection and listen no more."""
+        if self._loop is not None:
+            self._loop.call_soon_threadsafe(self._ended.set)
+            self._thread.join()
+            self._loop = None
+
+    def put(self, address: int, *words: int) -> None:
+        """Let registers hold these words."""
+        self.words.update({address + k: word & 0xFFFF for k, word in enumerate(words)})
+
+    async def _serve(self, ready: threading.Event) -> None:
+        from pymodbus.server import ModbusSerialServer, ModbusTcpServer
+        from pymodbus.simulator import DataType, SimData, SimDevice
+
+        self._loop, self._ended = asyncio.get_running_loop(), asyncio.Event()
+        registers = SimData(0, count=200, values=0, datatype=DataType.REGISTERS)
+        device = SimDevice(1, simdata=[registers], action=self._act)
+        server = (
+            ModbusSerialServer(device, port=self._serial_port, baudrate=115200)
+            if self._serial_port
+            else ModbusTcpServer(device, address=('127.0.0.1', self.port))
+        )
+        await server.serve_forever(background=True)
+        ready.set()
+        await self._ended.wait()
+        await server.shutdown()
+
+    async def _act(self, function, start, address, count, current, values) -> None:
+        self.requests += 1
+        for place, word in self.words.items():
+            current[place - start] = word
+        if values is not None:
+            self.written.append((address, list(values)))
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(('127.0.0.1', 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.fixture
+def modbus_server() -> Iterator[ModbusServer]:
+    pytest.importorskip('pymodbus', reason='the extra modbus is not installed')
+    server = ModbusServer()
+    server.start()
+    yield server
+    server.stop()
+
+
+@dataclass
+class PseudoTerminal:
+    """
+    The far end of a serial line: what is written into it, a driver reads from `port`.
+
+    `port` can be opened as any serial port; closing this end is pulling the plug.
+    """
+
+    far: int
+    near: int
+    port: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        tty.setraw(self.near)
+        self.port = os.ttyname(self.near)
+
+    def send(self, data: bytes) -> None:
+        os.write(self.far, data)
+
+    def close(self) -> None:
+        for end in (self.far, self.near):
+            if end >= 0:
+                os.close(end)
+        self.far = self.near = -1
+
+
+@pytest.fixture
+def terminal() -> Iterator[PseudoTerminal]:
+    terminal = PseudoTerminal(*os.openpty())
+    yield terminal
+    terminal.close()
+
+
+@pytest.fixture
+def serial_cable() -> Iterator[tuple[str, str]]:
+    """Two serial ports with a cable between them."""
+    ends = PseudoTerminal(*os.openpty()), PseudoTerminal(*os.openpty())
+    running = True
+
+    def carry() -> None:
+        other = {ends[0].far: ends[1].far, ends[1].far: ends[0].far}
+        while running:
+            for end in select.select(list(other), [], [], 0.05)[0]:
+                os.write(other[end], os.read(end, 4096))
+
+    thread = threading.Thread(target=carry, daemon=True)
+    thread.start()
+    yield ends[0].port, ends[1].port
+    running = False
+    thread.join()
+    for end in ends:
+        end.close()
+
+
+@pytest.fixture
+def modbus_rtu(serial_cable) -> Iterator[tuple[ModbusServer, str]]:
+    """A device on a serial bus, and the port at the other end of the bus."""
+    pytest.importorskip('pymodbus', reason='the extra modbus is not installed')
+    server = ModbusServer(serial_cable[0])
+    server.start()
+    yield server, serial_cable[1]
+    server.stop()

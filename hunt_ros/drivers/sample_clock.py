@@ -107,7 +107,8 @@ class SampleClock:
             least = self._last.arrived_ns + np.maximum(np.rint(passed), 1).astype(np.int64)
             steady = np.maximum(steady, least)
         self._last = _Arrival(int(counts[-1]), int(steady[-1]))
-        return np.asarray(steady + self._offset_ns(), dtype=np.int64)
+        offset_ns = host_less_steady_ns(self._steady_ns, self._host_ns)
+        return np.asarray(steady + offset_ns, dtype=np.int64)
 
     def _note(self, arrival: _Arrival) -> None:
         """Take an arrival into the window, and draw the line anew where it counts."""
@@ -151,13 +152,16 @@ class SampleClock:
             self._slope_ns = min(max(slope, low), high)
         self._base = min(self._arrivals, key=self._delay_ns)
 
-    def _offset_ns(self) -> int:
-        """Return host clock less steady clock: of three readings the least disturbed."""
-        readings = []
-        for _ in range(3):
-            before, host, after = self._steady_ns(), self._host_ns(), self._steady_ns()
-            readings.append((after - before, host - (before + after) // 2))
-        return min(readings)[1]
+
+def host_less_steady_ns(
+    steady_ns: Callable[[], int] = time.monotonic_ns, host_ns: Callable[[], int] = time.time_ns
+) -> int:
+    """Return host clock less steady clock, ns: of three readings the least disturbed."""
+    readings = []
+    for _ in range(3):
+        before, host, after = steady_ns(), host_ns(), steady_ns()
+        readings.append((after - before, host - (before + after) // 2))
+    return min(readings)[1]
 
 
 def _above(left: _Arrival, middle: _Arrival, right: _Arrival) -> bool:

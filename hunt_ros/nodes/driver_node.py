@@ -28,7 +28,8 @@ from hunt_ros.nodes.sole import hold_name
 from hunt_ros.nodes.worker import Worker
 
 _READ_S = 0.2
-_REOPEN_S = 0.5
+#: Hardware that is not there is tried again after so long, after twice as long, and so on, s.
+_REOPEN_S, _REOPEN_MOST_S = 0.25, 2.0
 #: A read that brings no more than this found no backlog.
 _FEW = 20
 #: Who has not read for so long (the process was stopped) finds a backlog, s.
@@ -59,6 +60,8 @@ class DriverNode(LifecycleNode, ABC):
         #: Open; None while there is no connection. Only the thread sets it.
         self._driver: SensorDriver | DriveDriver | None = None
         self._worker: Worker | None = None
+        #: Held by the thread that owns the device: one that ends late delays its successor.
+        self._device = threading.Lock()
         self._active = threading.Event()
         self._connecting = False  # for the first time
         self._trouble = ''  # of the connection
@@ -137,7 +140,13 @@ class DriverNode(LifecycleNode, ABC):
 
     def _work(self, stopping: threading.Event) -> None:
         """Own a driver: open it, read it, open another when it fails."""
+        with self._device:
+            self._keep_open(stopping)
+
+    def _keep_open(self, stopping: threading.Event) -> None:
+        wait_s = _REOPEN_S
         while not stopping.is_set():
+            opened_s = self._heard_s
             driver = self._make_driver()
             try:
                 driver.open()
@@ -150,11 +159,12 @@ class DriverNode(LifecycleNode, ABC):
                 if self._driver is driver:
                     self._driver = None
                 driver.close()
-            stopping.wait(_REOPEN_S)
+            wait_s = _REOPEN_S if self._heard_s > opened_s else min(2.0 * wait_s, _REOPEN_MOST_S)
+            stopping.wait(wait_s)
 
     def _complain(self, trouble: str) -> None:
         if not self._trouble:
-            self.get_logger().error(f'{trouble}; trying again every {_REOPEN_S:g} s')
+            self.get_logger().error(f'{trouble}; trying again')
         self._connecting, self._trouble = False, trouble
 
     def _read_on(self, driver: SensorDriver | DriveDriver, stopping: threading.Event) -> None:
