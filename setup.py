@@ -82,6 +82,10 @@ setup(
         'hunt_ros.drivers': [
             'simulated = hunt_ros.drivers.simulated',
             'modbus = hunt_ros.drivers.modbus',
+            'serial_line = hunt_ros.drivers.serial_line',
+            'replay = hunt_ros.drivers.replay',
+            'nidaqmx = hunt_ros.drivers.nidaqmx',
+            'topic = hunt_ros.nodes.topic_driver',
         ],
     },
 )

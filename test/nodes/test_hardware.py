@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from sensor_msgs.msg import JointState
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import Float64MultiArray
 
+from hunt_ros.errors import ConfigError, DriverError
 from hunt_ros.nodes.conversions import read_diagnostic
+from hunt_ros.nodes.topic_driver import Sensor, Topic
 
 pytestmark = pytest.mark.ros
 
@@ -37,3 +41,59 @@ def test_a_sensor_on_a_modbus_device_that_is_cut_is_heard_again(graph, modbus_se
     graph.spin_until(lambda: any(level != 'ERROR' for level, _ in _told(health)))
     log = graph.log('lateral_sensor').read_text()
     assert 'Connection to' not in log, 'the library does not write beside our one line'
+
+
+def test_a_sensor_takes_what_another_node_already_publishes(graph) -> None:
+    """Fields by the mapping of --channel, with the stamps of their header; no code needed."""
+    heard = graph.collect(JointState, 'lateral')
+    health = graph.collect(DiagnosticArray, '/diagnostics')
+    source = '/daq/imu.linear_acceleration.y*0.5+1'
+    graph.start('lateral_sensor', driver='topic', source=source, discovery_s=0.2)
+    graph.spin_until(lambda: any('nobody publishes /daq/imu' in text for _, text in _told(health)))
+    # As drivers of sensors publish: best effort.
+    publisher = graph.node.create_publisher(Imu, '/daq/imu', qos_profile_sensor_data)
+    message = Imu()
+    message.linear_acceleration.y = 3.0
+    message.header.stamp.sec = 1_700_000_000
+
+    def heard_it() -> bool:
+        message.header.stamp.nanosec += 1000
+        publisher.publish(message)
+        return len(heard) > 20
+
+    graph.spin_until(heard_it)
+    assert {each.position[0] for each in heard} == {2.5}
+    assert {each.header.stamp.sec for each in heard} == {1_700_000_000}
+    nanoseconds = [each.header.stamp.nanosec for each in heard]
+    assert nanoseconds == sorted(set(nanoseconds))
+
+
+def test_a_field_that_is_not_there_is_one_line(graph) -> None:
+    publisher = graph.node.create_publisher(Float64MultiArray, '/daq/ch0', 10)
+    sensor = Sensor(Topic(source='/daq/ch0.data[3]*0.001'), 'yaw', 500.0)
+    sensor.open()
+    publisher.publish(Float64MultiArray(data=[0.0, 1.0, 2.0, 7.0]))
+    got = []
+
+    def read() -> bool:
+        publisher.publish(Float64MultiArray(data=[0.0, 1.0, 2.0, 7.0]))
+        got.extend(sensor.read(0.05).values)
+        return bool(got)
+
+    graph.spin_until(read)
+    assert got[0] == 7.0e-3
+    publisher.publish(Float64MultiArray(data=[0.0]))
+
+    def refused() -> str:
+        try:
+            sensor.read(0.05)
+        except DriverError as error:
+            return str(error)
+        return ''
+
+    graph.spin_until(refused)
+    assert 'topic /daq/ch0.data[3]: Float64MultiArray' in refused()
+    sensor.close()
+    for source, words in (('data', 'names no topic'), ('3.5', 'names no topic'), ('', 'names no')):
+        with pytest.raises(ConfigError, match=words):
+            Sensor(Topic(source=source), 'yaw', 500.0)

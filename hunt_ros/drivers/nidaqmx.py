@@ -1,0 +1,131 @@
+"""
+An analog input of National Instruments hardware: timed by its own clock, buffered (nidaqmx).
+
+The device samples into a buffer; what has come is fetched in blocks. A sample's stamp follows its
+number, so the clock of the device, disciplined to that of the host. A buffer that overran is an
+error of the library: the node says so, and opens the device again.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hunt_ros.drivers.base import SensorBlock, SensorDriver
+from hunt_ros.drivers.sample_clock import SampleClock
+from hunt_ros.errors import ConfigError, DriverError
+from hunt_ros.settings import Settings, setting
+
+#: Samples are fetched so often, s.
+_FETCH_S = 0.01
+
+TERMINALS = {'default': 'DEFAULT', 'rse': 'RSE', 'nrse': 'NRSE', 'differential': 'DIFF'}
+
+
+@dataclass(frozen=True)
+class NidaqmxInput(Settings):
+    """One voltage input."""
+
+    physical_channel: str = setting('Dev1/ai0', 'Input, as NI MAX names it.', fixed=True)
+    least_v: float = setting(-10.0, 'Least voltage expected.', unit='V', fixed=True)
+    largest_v: float = setting(10.0, 'Largest voltage expected.', unit='V', fixed=True)
+    terminal: str = setting('default', 'Wiring.', choices=tuple(TERMINALS), fixed=True)
+    buffer_s: float = setting(
+        10.0, 'Buffer of the device.', unit='s', low=0.1, high=600.0, fixed=True
+    )
+
+    def __str__(self) -> str:
+        return f'nidaqmx {self.physical_channel}'
+
+
+class Sensor(SensorDriver):
+    """A voltage input, sampled at the rate that the node expects; readings in V."""
+
+    Settings = NidaqmxInput
+    settings: NidaqmxInput
+
+    def __init__(self, settings: NidaqmxInput, channel: str, rate_hz: float) -> None:
+        super().__init__(settings, channel, rate_hz)
+        if not settings.least_v < settings.largest_v:
+            raise ConfigError(
+                f'{settings}: least_v: {settings.least_v:g} V is not below largest_v,'
+                f' {settings.largest_v:g} V'
+            )
+        self.range = (settings.least_v, settings.largest_v)
+        self._task: Any = None
+
+    def open(self) -> None:
+        """
+        Configure the input and start to sample.
+
+        Raises
+        ------
+        ConfigError
+            If the library is not installed.
+        DriverError
+            With the reason of NI-DAQmx.
+        """
+        try:
+            import nidaqmx
+            from nidaqmx.constants import AcquisitionType, TerminalConfiguration
+        except ImportError as error:
+            raise ConfigError(
+                f"{self}: nidaqmx is not installed (pip install 'hunt_ros[nidaqmx]')"
+            ) from error
+        settings = self.settings
+        try:
+            self._task = nidaqmx.Task()
+            self._task.ai_channels.add_ai_voltage_chan(
+                settings.physical_channel,
+                terminal_config=getattr(TerminalConfiguration, TERMINALS[settings.terminal]),
+                min_val=settings.least_v,
+                max_val=settings.largest_v,
+            )
+            self._task.timing.cfg_samp_clk_timing(
+                self.rate_hz,
+                sample_mode=AcquisitionType.CONTINUOUS,
+                samps_per_chan=round(settings.buffer_s * self.rate_hz),
+            )
+            # The device takes the nearest rate that its clock can be divided to.
+            self.rate_hz = float(self._task.timing.samp_clk_rate)
+            self._task.start()
+        except Exception as error:  # the library has its own for every state of its driver
+            raise self._failure('cannot open it', error) from error
+        self._clock = SampleClock(1.0 / self.rate_hz)
+        self._count = 0
+
+    def read(self, timeout_s: float) -> SensorBlock:
+        """Fetch what has come; raises DriverError where the device or its buffer failed."""
+        task = self._task
+        if task is None:
+            raise DriverError(f'{self}: not open')
+        deadline_s = time.monotonic() + timeout_s
+        try:
+            while not (waiting := task.in_stream.avail_samp_per_chan):
+                if time.monotonic() >= deadline_s:
+                    return SensorBlock()
+                time.sleep(_FETCH_S)
+            arrived_ns = time.monotonic_ns()
+            values = np.atleast_1d(
+                np.asarray(task.read(number_of_samples_per_channel=waiting), dtype=np.float64)
+            )
+        except Exception as error:
+            raise self._failure('lost', error) from error
+        ticks = self._count + np.arange(values.size)
+        self._count += values.size
+        return SensorBlock(self._clock.stamps(ticks, arrived_ns), values)
+
+    def close(self) -> None:
+        """Stop and let go of the device."""
+        task, self._task = self._task, None
+        if task is not None:
+            task.close()
+
+    def _failure(self, what: str, error: Exception) -> DriverError:
+        return DriverError(f'{self}: {what} ({" ".join(str(error).split())})')
+
+    def __str__(self) -> str:
+        return str(self.settings)

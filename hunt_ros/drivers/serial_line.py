@@ -1,0 +1,201 @@
+"""
+Text lines over a serial port, as a microcontroller with an ADC sends them (pyserial).
+
+The first line after opening may have lost its beginning and is left out. A line that has not the
+form that the parameters say is counted as lost, and takes its turn in the time of the samples.
+Where nothing but such lines comes, the driver gives up and says what one looks like.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hunt_ros.drivers.base import SensorBlock, SensorDriver
+from hunt_ros.drivers.sample_clock import SampleClock
+from hunt_ros.errors import ConfigError, DriverError
+from hunt_ros.samples import NANOSECONDS
+from hunt_ros.settings import Settings, setting
+
+#: Longer than any line: the baud rate is wrong, or the device sends no text.
+_LONGEST_LINE = 1024
+#: So many lines one after the other that cannot be read: the format is another.
+_MOST_BAD = 100
+
+
+@dataclass(frozen=True)
+class SerialLine(Settings):
+    """A serial port and the form of its lines."""
+
+    serial_port: str = setting('/dev/ttyACM0', 'Serial port.', fixed=True)
+    baud_rate: int = setting(
+        115200, 'Bits a second.', unit='1/s', low=300, high=12_000_000, fixed=True
+    )
+    separator: str = setting('', 'Between the columns of a line; empty: blanks.', fixed=True)
+    columns: int = setting(
+        0, 'Columns of a line, so that a torn one is known; 0: any.', low=0, high=1000, fixed=True
+    )
+    column: int = setting(0, 'Column of the reading, from 0.', low=0, high=999, fixed=True)
+    scale: float = setting(
+        1.0, 'Reading = number in the line * scale (V, mm or SI for a count).', fixed=True
+    )
+    clock_column: int = setting(
+        -1, 'Column of a clock or counter of the device; -1: none.', low=-1, high=999, fixed=True
+    )
+    clock_tick_s: float = setting(
+        1e-6, 'Length of a tick of that clock.', unit='s', low=1e-9, high=1.0, fixed=True
+    )
+    clock_bits: int = setting(
+        32, 'Width of that clock, which wraps around.', low=8, high=62, fixed=True
+    )
+
+    def __str__(self) -> str:
+        return f'serial line {self.serial_port} at {self.baud_rate} baud'
+
+
+class Sensor(SensorDriver):
+    """One column of the lines of a serial port."""
+
+    Settings = SerialLine
+    settings: SerialLine
+
+    def __init__(self, settings: SerialLine, channel: str, rate_hz: float) -> None:
+        super().__init__(settings, channel, rate_hz)
+        if settings.scale == 0.0 or not math.isfinite(settings.scale):
+            raise ConfigError(
+                f'{settings}: scale: {settings.scale:g}, expected a finite number that is not 0'
+            )
+        last = max(settings.column, settings.clock_column)
+        if settings.columns and last >= settings.columns:
+            raise ConfigError(
+                f'{settings}: column {last} of {settings.columns}, counted from 0: expected less'
+            )
+        self._port: Any = None
+
+    def open(self) -> None:
+        """
+        Open the port.
+
+        Raises
+        ------
+        ConfigError
+            If pyserial is not installed.
+        DriverError
+            If the port is not there or taken.
+        """
+        try:
+            import serial
+        except ImportError as error:
+            raise ConfigError(
+                f"{self}: pyserial is not installed (pip install 'hunt_ros[serial]')"
+            ) from error
+        settings = self.settings
+        try:
+            self._port = serial.Serial(settings.serial_port, settings.baud_rate, exclusive=True)
+        except (OSError, ValueError) as error:
+            reason = getattr(error, 'strerror', None) or ' '.join(str(error).split())
+            raise DriverError(f'{self}: cannot open it ({reason})') from error
+        self._pending = b''
+        self._begun = False  # the end of a line has been seen
+        self._bad = 0  # lines one after the other
+        self._tick: int | None = None  # of the last sample
+        self._arrived_ns = 0
+        by_count = settings.clock_column < 0
+        self._tick_s = 1.0 / self.rate_hz if by_count else settings.clock_tick_s
+        self._clock = SampleClock(self._tick_s)
+
+    def read(self, timeout_s: float) -> SensorBlock:
+        """Wait for lines; raises DriverError where the port is gone or sends something else."""
+        port = self._port
+        if port is None:
+            raise DriverError(f'{self}: not open')
+        try:
+            port.timeout = timeout_s
+            data = port.read(max(1, port.in_waiting))
+        except (OSError, TypeError) as error:  # TypeError: closed by another thread meanwhile
+            raise DriverError(f'{self}: lost ({" ".join(str(error).split())})') from error
+        now_ns = time.monotonic_ns()
+        ticks: list[int] = []
+        values: list[float] = []
+        lost = 0
+        for line in self._cut(data):
+            sample = self._parse(line, now_ns)
+            if sample is None:
+                lost += 1
+                self._count_bad(line)
+                continue
+            self._bad = 0
+            tick, value = sample
+            if tick == self._tick:
+                continue  # the device has sampled nothing since
+            self._tick, self._arrived_ns = tick, now_ns
+            ticks.append(tick)
+            values.append(value)
+        return SensorBlock(self._clock.stamps(ticks, now_ns), np.array(values), lost)
+
+    def close(self) -> None:
+        """Close the port; a read under way in another thread ends."""
+        port, self._port = self._port, None
+        if port is not None:
+            port.cancel_read()
+            port.close()
+
+    def _cut(self, data: bytes) -> list[bytes]:
+        """Return the lines that are complete now; the first, which may be a rest, is none."""
+        *lines, self._pending = (self._pending + data).split(b'\n')
+        if len(self._pending) > _LONGEST_LINE:
+            raise DriverError(
+                f'{self}: no end of a line in {len(self._pending)} bytes'
+                f' ({self._pending[:20]!r}...): another baud rate, or no text'
+            )
+        if lines and not self._begun:
+            self._begun = True
+            del lines[0]
+        return [line for line in lines if line.strip()]
+
+    def _parse(self, line: bytes, now_ns: int) -> tuple[int, float] | None:
+        """Return tick and reading of a line; None where it has not the form."""
+        settings = self.settings
+        columns = line.decode('ascii', 'replace').split(settings.separator or None)
+        if settings.columns and len(columns) != settings.columns:
+            return None
+        try:
+            value = float(columns[settings.column]) * settings.scale
+            if settings.clock_column < 0:
+                tick: int | None = (self._tick or 0) + self._bad + 1  # a bad line had its turn
+            else:
+                tick = self._tick_of(int(columns[settings.clock_column]), now_ns)
+        except (ValueError, IndexError):
+            return None
+        if tick is None:
+            return None
+        return tick, value if math.isfinite(value) else math.nan
+
+    def _tick_of(self, clock: int, now_ns: int) -> int | None:
+        """Return the clock without wrap-around; None where it is torn: far from what is due."""
+        if self._tick is None:
+            return clock
+        ahead = (clock - self._tick) % (1 << self.settings.clock_bits)
+        passed_s = (now_ns - self._arrived_ns) / NANOSECONDS
+        return None if ahead * self._tick_s > 2.0 * (passed_s + 1.0) else self._tick + ahead
+
+    def _count_bad(self, line: bytes) -> None:
+        """Count a line that was no sample; raises DriverError where they do not end."""
+        self._bad += 1
+        if self._bad >= _MOST_BAD:
+            settings = self.settings
+            number = 'a number in column' if settings.clock_column < 0 else 'numbers in columns'
+            at = {settings.column, settings.clock_column} - {-1}
+            raise DriverError(
+                f'{self}: {self._bad} lines such as {line[:60]!r}: expected {number}'
+                f' {" and ".join(map(str, sorted(at)))}'
+                + (f' of {settings.columns}' if settings.columns else '')
+                + f' between {settings.separator or "blanks"!r}'
+            )
+
+    def __str__(self) -> str:
+        return str(self.settings)

@@ -1,0 +1,169 @@
+"""
+The driver `topic`: samples that another node already publishes, in any numeric field.
+
+A lab with nodes of its own for its hardware needs no code here: `source` names topic and field as
+`--channel` does for a recording, `/daq/ch0.data[3]*0.001`. The driver listens in a context of its
+own, so that it is as any other driver: one thread opens it, waits in `read`, and closes it.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+
+from hunt_ros.bag import ChannelSource
+from hunt_ros.bag.cdr_layout import USUAL_FIELDS, joint_of, parse_path
+from hunt_ros.drivers.base import SensorBlock, SensorDriver
+from hunt_ros.errors import BagError, ConfigError, DriverError
+from hunt_ros.nodes.conversions import to_ns
+from hunt_ros.settings import Settings, setting
+
+_LOOK_S = 0.05
+#: Samples that may wait for the thread that reads.
+_DEPTH = 5000
+
+
+@dataclass(frozen=True)
+class Topic(Settings):
+    """A field of a topic."""
+
+    source: str = setting('', 'Topic and field, as /daq/ch0.data[3]*0.001.', fixed=True)
+    discovery_s: float = setting(
+        3.0, 'How long its publisher is looked for.', unit='s', low=0.1, high=60.0, fixed=True
+    )
+
+
+class Sensor(SensorDriver):
+    """A numeric field of a topic, stamped by its header or, without one, when it was sent."""
+
+    Settings = Topic
+
+    def __init__(self, settings: Topic, channel: str, rate_hz: float) -> None:
+        super().__init__(settings, channel, rate_hz)
+        try:
+            self._source = ChannelSource.of(channel, settings.source or '-')
+            if self._source.field and joint_of(self._source.field) is None:
+                parse_path(self._source.field)
+        except (BagError, ValueError) as error:
+            raise ConfigError(f'source: {error}') from error
+        if not self._source.source.startswith('/'):
+            raise ConfigError(
+                f'source: {settings.source!r} names no topic, expected /topic.field with the'
+                ' full name of the topic'
+            )
+        self._context: Any = None
+
+    def open(self) -> None:
+        """Find the topic and listen; raises DriverError where there is none, or no such field."""
+        self._waiting: list[tuple[int, float]] = []
+        self._problem = ''
+        self._context = rclpy.Context()
+        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = rclpy.create_node(
+            f'_{self.channel}_source',
+            context=self._context,
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        kind_name = self._find_type()
+        package, _, name = kind_name.partition('/msg/')
+        try:
+            kind = getattr(import_module(f'{package}.msg'), name)
+        except (ImportError, AttributeError) as error:
+            raise DriverError(f'{self}: its type {kind_name} is not installed here') from error
+        self._value = _reader(self._source, kind_name)
+        # A best-effort subscription hears publishers of either kind.
+        profile = QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._node.create_subscription(kind, self._source.topic, self._take, profile)
+
+    def read(self, timeout_s: float) -> SensorBlock:
+        """Wait for messages; raises DriverError where they have not the field."""
+        if self._context is None:
+            raise DriverError(f'{self}: not open')
+        self._executor.spin_once(timeout_sec=timeout_s)
+        while True:  # what else is there
+            count = len(self._waiting)
+            self._executor.spin_once(timeout_sec=0.0)
+            if len(self._waiting) == count or count > _DEPTH:
+                break
+        if self._problem:
+            raise DriverError(f'{self}: {self._problem}')
+        waiting, self._waiting = self._waiting, []
+        stamps = np.array([stamp for stamp, _ in waiting], dtype=np.int64)
+        values = np.array([value for _, value in waiting])
+        return SensorBlock(stamps, values * self._source.scale + self._source.offset)
+
+    def close(self) -> None:
+        """Listen no more."""
+        context, self._context = self._context, None
+        if context is not None:
+            rclpy.shutdown(context=context)
+
+    def _find_type(self) -> str:
+        """Return the type of the topic, once somebody publishes it."""
+        deadline_s = time.monotonic() + self.settings.discovery_s
+        topic = self._source.topic
+        while time.monotonic() < deadline_s:
+            publishers = self._node.get_publishers_info_by_topic(topic)
+            if publishers:
+                return publishers[0].topic_type
+            time.sleep(_LOOK_S)
+        raise DriverError(f'{self}: nobody publishes {topic}')
+
+    def _take(self, message: Any, info: dict[str, int]) -> None:
+        try:
+            value = float(self._value(message))
+        except (AttributeError, IndexError, LookupError, TypeError, ValueError) as error:
+            self._problem = f'{type(message).__name__}: {error}'
+            return
+        header = getattr(message, 'header', None)
+        stamp_ns = to_ns(header.stamp) if header is not None else 0
+        self._waiting.append((stamp_ns or info['source_timestamp'], value))
+
+    def __str__(self) -> str:
+        return f'topic {self._source.source}'
+
+
+def _reader(source: ChannelSource, kind_name: str) -> Callable[[Any], float]:
+    """Return what takes the number out of a message."""
+    text = source.field or USUAL_FIELDS.get(kind_name, '')
+    joint = joint_of(text)
+    if joint is None and not source.field and kind_name == 'sensor_msgs/msg/JointState':
+        joint = ('position', source.channel)
+    if joint is not None:
+        field, name = joint
+
+        def of_joint(message: Any) -> float:
+            if name in message.name:
+                return getattr(message, field)[message.name.index(name)]
+            if not source.field and len(message.position) == 1:
+                return message.position[0]
+            raise LookupError(f'no joint {name!r}, it has {", ".join(message.name)}')
+
+        return of_joint
+    if not text:
+        raise DriverError(
+            f'topic {source.source}: {kind_name} has no usual field, expected /topic.field'
+        )
+    steps = parse_path(text)
+
+    def of_field(message: Any) -> float:
+        value = message
+        for step in steps:
+            value = getattr(value, step) if isinstance(step, str) else value[step]
+        return math.nan if value is None else value
+
+    return of_field
