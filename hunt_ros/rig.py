@@ -192,7 +192,12 @@ class Rig(Settings):
         0.0, 'no set point is above this (0: no ceiling)', unit='m/s', low=0.0, high=100.0
     )
     safe_speed_mps: float = setting(
-        0.0, 'where the roller is taken to when it must not hunt', unit='m/s', low=0.0, high=100.0
+        0.0,
+        'where the interlock takes the roller (0: safe_margin_mps below v_n of the form in force,'
+        ' and to a stop while no v_n is known)',
+        unit='m/s',
+        low=0.0,
+        high=100.0,
     )
 
     def __post_init__(self) -> None:

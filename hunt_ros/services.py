@@ -1,7 +1,8 @@
 """
 The services by which an operator acts on a running rig: what `hunt call` knows, and the README.
 
-All are `std_srvs/Trigger`, named below the namespace of the rig.
+All are `std_srvs/Trigger`, but for a switch, which is a `std_srvs/SetBool`; named below the
+namespace of the rig.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ class Service(NamedTuple):
         What these are, as a line of the help text.
     words_first : bool
         True where they are published before the call, which needs them.
+    switch : str
+        'on' or 'off' where the service is a switch; else ''.
     """
 
     name: str
@@ -36,6 +39,7 @@ class Service(NamedTuple):
     words_topic: str = ''
     words: str = ''
     words_first: bool = False
+    switch: str = ''
 
 
 #: Word of `hunt call` -> service.
@@ -66,7 +70,18 @@ SERVICES: dict[str, Service] = {
         'speed/emergency_stop', 'roller_speed', 'take the roller to the emergency speed'
     ),
     'rearm': Service(
-        'speed/rearm', 'roller_speed', 'allow profiles again after an emergency stop'
+        'speed/rearm',
+        'roller_speed',
+        'end an emergency stop, and a trip of the interlock whose cause is over',
+    ),
+    'arm-interlock': Service(
+        'speed/arm_interlock', 'roller_speed', 'let the interlock guard the rig', switch='on'
+    ),
+    'disarm-interlock': Service(
+        'speed/arm_interlock',
+        'roller_speed',
+        'let nothing slow the roller down but you: loud, and logged',
+        switch='off',
     ),
     'start-recording': Service('recording/start', 'bag_recorder', 'begin a recording'),
     'stop-recording': Service('recording/stop', 'bag_recorder', 'close the recording'),

@@ -52,6 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
         'words': arguments.words,
         'words_topic': service.words_topic,
         'words_first': service.words_first,
+        'switch': service.switch,
     }
     spec = NodeSpec('service_call', parameters)
     answer = ask(spec, arguments.namespace)

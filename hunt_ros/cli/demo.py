@@ -18,8 +18,10 @@ SUMMARY = 'sweep the simulated rig through hunting and back, live, and refit it 
 EXAMPLE = 'hunt demo --out recordings'
 
 _RATE_HZ = 200.0
-#: Corners of the sweep (s, m/s): up through v_n and v_c, and down again.
-_PROFILE = ((0.0, 6.0), (10.0, 6.0), (250.0, 8.8), (275.0, 8.8), (515.0, 6.0), (530.0, 6.0))
+#: The sweep: up through v_n and v_c, and down again.
+_LOW_MPS, _HIGH_MPS = 6.0, 8.8
+_TIMES_S = (0.0, 10.0, 250.0, 275.0, 515.0, 530.0)
+_SPEEDS_MPS = (_LOW_MPS, _LOW_MPS, _HIGH_MPS, _HIGH_MPS, _LOW_MPS, _LOW_MPS)
 #: Bumps on the way up, inside the basin: free decays tell the damping below v_c.
 _KICKS = ((60.0, 0.10e-3), (120.0, 0.10e-3), (160.0, 0.08e-3))
 #: The most that a slow and busy machine takes; a node that ends by itself is seen at once.
@@ -76,15 +78,19 @@ def _start(
 ) -> ConsoleLink:
     """Start the listeners, then the rig; return when all are up."""
     from hunt_ros.cli import suite
+    from hunt_ros.dynamics.profile import Corners, Profile
     from hunt_ros.suite import LISTENERS, SIMULATOR, SOURCES
 
+    profile = folder / 'sweep.yaml'
+    steps = (Corners(_TIMES_S, _SPEEDS_MPS),)
+    profile.write_text(Profile(steps, 'up and down').to_yaml(), encoding='utf-8')
     port = suite.free_port()
     rate: dict[str, object] = {'sample_rate_hz': _RATE_HZ, 'port': port}
     parameters: dict[str, dict[str, object]] = {
         SIMULATOR: {
             **rate,
             'time_scale': float(arguments.pace),
-            'initial_speed_mps': _PROFILE[0][1],
+            'initial_speed_mps': _LOW_MPS,
             'kick_times_s': [time for time, _ in _KICKS],
             'kick_sizes_m': [size for _, size in _KICKS],
             'seed': arguments.seed,
@@ -94,9 +100,11 @@ def _start(
         'yaw_sensor': rate,
         'roller_speed': {
             'port': port,
-            'profile_times_s': [time for time, _ in _PROFILE],
-            'profile_speeds_mps': [speed for _, speed in _PROFILE],
+            'profile': str(profile),
             'profile_autostart': True,
+            # A limit cycle is what the sweep is for.
+            'interlock': 'measure',
+            'status_timeout_s': _PATIENCE_S,
         },
         # In fast simulated time a pause of the machine looks that much longer, and fewer
         # estimates a simulated second keep the machine free.
@@ -119,8 +127,8 @@ def _start(
     suite.start_nodes(processes, [SIMULATOR], {}, parameters)
     suite.start_nodes(processes, SOURCES, common, parameters)
     view.say(
-        f'Sweeping {_PROFILE[0][1]:g} -> {_PROFILE[2][1]:g} -> {_PROFILE[-1][1]:g} m/s in'
-        f' {_PROFILE[-1][0]:.0f} s, {arguments.pace:g} times as fast as real time.'
+        f'Sweeping {_LOW_MPS:g} -> {_HIGH_MPS:g} -> {_LOW_MPS:g} m/s in'
+        f' {_TIMES_S[-1]:.0f} s, {arguments.pace:g} times as fast as real time.'
         ' The alarm holds the coefficients (33) of the paper.'
     )
     return link
@@ -135,7 +143,7 @@ def _sweep(link: ConsoleLink, view: View) -> None:
             if line['topic'] != 'hunting/status' or int(line['stamp_ns']) == 0:
                 continue
             origin_ns = int(line['stamp_ns']) if origin_ns is None else origin_ns
-            if int(line['stamp_ns']) - origin_ns > _PROFILE[-1][0] * 1e9:
+            if int(line['stamp_ns']) - origin_ns > _TIMES_S[-1] * 1e9:
                 return
 
 

@@ -8,6 +8,7 @@ changed. It has no clock, no logger and no file.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, fields, replace
 from types import MappingProxyType
@@ -216,7 +217,11 @@ class HuntingDetector:
 
     def _basis(self) -> Basis:
         """Return what the words compare the numbers with."""
-        return Basis(self.config, *self._rows.boundaries, form_words(self._form))
+        fold = None if self._form is None else self._form.form.saddle_node()
+        amplitude = math.nan if fold is None else fold[1]
+        return Basis(
+            self.config, *self._rows.boundaries, form_words(self._form), fold_amplitude=amplitude
+        )
 
     def reconfigure(self, config: DetectorConfig) -> Output:
         """

@@ -61,12 +61,15 @@ class Basis:
         Boundaries of the regions, m/s; NaN: none, unknown.
     normal_form : str
         By its critical speeds; '' where there is none.
+    fold_amplitude : float
+        Of the limit cycle at v_n, m; NaN where no form gives it.
     """
 
     config: DetectorConfig
     v_n: float = math.nan
     v_c: float = math.nan
     normal_form: str = ''
+    fold_amplitude: float = math.nan
 
 
 def reasons_of(row: np.void, basis: Basis | None = None, decided: str = '') -> tuple[str, ...]:

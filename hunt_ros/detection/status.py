@@ -57,6 +57,10 @@ class DetectorStatus:
         Optional channels that are absent, and what that costs: no reason for a level.
     totals : mapping of str to int, float or None
         What `AlarmHistory.totals` gives.
+    v_n, v_c : float
+        Critical speeds in force, m/s; NaN: unknown, or none.
+    fold_amplitude : float
+        Of the limit cycle at v_n, m; NaN: unknown.
     """
 
     stamp_ns: int = 0
@@ -77,6 +81,9 @@ class DetectorStatus:
     normal_form: str = ''
     absent: tuple[str, ...] = ()
     totals: Mapping[str, Any] = field(default_factory=dict)
+    v_n: float = math.nan
+    v_c: float = math.nan
+    fold_amplitude: float = math.nan
 
     def __getattr__(self, name: str) -> float:
         """Return one of the numbers by its name."""
@@ -128,6 +135,7 @@ def status_of(
         if count
     }
     state, alarm = present
+    basis = transitions.basis
     offsets = {
         name: 1e-9 * (clock.shift_ns if clock.offset_ns is None else clock.offset_ns)
         for name, clock in clocks.items()
@@ -146,8 +154,11 @@ def status_of(
             alarm=alarm,
             dropped=dropped,
             clock_offsets_s=offsets,
-            normal_form=transitions.basis.normal_form,
+            normal_form=basis.normal_form,
             totals=history.totals(),
+            v_n=basis.v_n,
+            v_c=basis.v_c,
+            fold_amplitude=basis.fold_amplitude,
         )
     refused += tuple(
         f'{channel}: {intake.refused_since} samples refused for their stamps'
@@ -171,9 +182,12 @@ def status_of(
         since_ns=transitions.level_since_ns,
         state_since_ns=int(row['state_since_ns']),
         state_decided_ns=transitions.decided_ns,
-        normal_form=transitions.basis.normal_form,
+        normal_form=basis.normal_form,
         absent=absent_words(row),
         totals=history.totals(),
+        v_n=basis.v_n,
+        v_c=basis.v_c,
+        fold_amplitude=basis.fold_amplitude,
     )
 
 

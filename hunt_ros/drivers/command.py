@@ -1,17 +1,85 @@
 """
-Which set point the drive gets: that of the profile, a held one, or the emergency stop's.
+Which set point the drive gets: that of the profile, a held one, or a forced one.
 
-No clock is read here. Time enters as what has passed since the last call, and counts
-only when the drive has taken the new set point: a profile does not run ahead while the
-drive, the connection or the process stands still.
+A forced set point is that of an emergency stop or of the interlock; it stays in force until
+`rearm`. No clock is read here. Time enters as what has passed since the last call, and counts
+only when the drive has taken the new set point: a profile does not run ahead while the drive,
+the connection or the process stands still.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
-from hunt_ros.drivers.profile import ProfileRunner
-from hunt_ros.samples import NANOSECONDS
+from hunt_ros.dynamics.profile import Motion, Profile
+from hunt_ros.dynamics.profile_run import ProfileRun
+from hunt_ros.rig import of_rig
+from hunt_ros.settings import Settings, setting
+
+#: The jerk limit is kept in steps of this, s.
+_SUBSTEP_S = 0.01
+_STOPPED = 'emergency stop is in force: call speed/rearm first'
+_TRIPPED = 'the interlock has tripped: call speed/rearm first'
+
+
+@dataclass(frozen=True)
+class DriveLimits(Settings):
+    """What no profile may exceed; the speed node declares its parameters from these fields."""
+
+    acceleration_mps2: float = setting(
+        1.0,
+        'The set point changes no faster than this, except in an emergency stop.',
+        unit='m/s2',
+        low=0.001,
+        high=100.0,
+        fixed=True,
+    )
+    jerk_mps3: float = setting(
+        5.0,
+        'Its acceleration changes no faster than this, except where the roller is stopped.',
+        unit='m/s3',
+        low=0.01,
+        high=1e4,
+        fixed=True,
+    )
+    speed_ceiling_mps: float = of_rig('speed_ceiling_mps')
+    safe_deceleration_mps2: float = setting(
+        1.0,
+        'The interlock slows the roller down at this rate.',
+        unit='m/s2',
+        low=0.001,
+        high=100.0,
+        fixed=True,
+    )
+
+    @property
+    def ceiling_mps(self) -> float:
+        """Highest set point, m/s; inf: none."""
+        return self.speed_ceiling_mps or math.inf
+
+
+@dataclass(frozen=True)
+class _Forced:
+    """
+    A set point that stands above everything.
+
+    Parameters
+    ----------
+    speed_mps : float
+        Where to.
+    rate_mps2 : float
+        How fast.
+    begin_mps : float
+        Where the roller was: one that lags behind a rising set point is not sped up further.
+    words : str
+        Why nothing else reaches the drive.
+    """
+
+    speed_mps: float
+    rate_mps2: float
+    begin_mps: float
+    words: str
 
 
 class RollerCommand:
@@ -20,69 +88,127 @@ class RollerCommand:
 
     Parameters
     ----------
-    profile : ProfileRunner
-        What `start` runs.
-    acceleration_mps2 : float
-        The set point changes no faster than this, m/s2. An emergency stop is not held
-        back by it.
+    limits : DriveLimits
+        Acceleration, jerk, ceiling; may be replaced at any time.
     longest_step_s : float
         More than this never passes between two calls; a longer gap, as of a process
         that was stopped, counts as this, s.
-
-    Attributes
-    ----------
-    stopped : bool
-        An emergency stop is in force: nothing else reaches the drive until `rearm`.
     """
 
-    def __init__(
-        self,
-        profile: ProfileRunner,
-        acceleration_mps2: float,
-        longest_step_s: float = math.inf,
-    ) -> None:
-        self._profile = profile
-        self._acceleration = acceleration_mps2
+    def __init__(self, limits: DriveLimits, longest_step_s: float = math.inf) -> None:
+        self.limits = limits
         self._longest_s = longest_step_s
-        self.stopped = False
-        self._begun = False
+        self._profile: Profile | None = None
+        self._run: ProfileRun | None = None
+        self._state = 'idle'
         self._held: float | None = None  # instead of the profile
+        self._forced: _Forced | None = None
         self._last = math.nan  # what the drive took last
-        self._now_ns = self._next_ns = 0  # of the profile's own time
+        self._rate = 0.0  # of the set point then, m/s2
+        self._pending_rate = 0.0
+        self._was_taken = True
 
     @property
-    def begun(self) -> bool:
-        """True once a profile was started."""
-        return self._begun
+    def stopped(self) -> bool:
+        """True while an emergency stop is in force: nothing else reaches the drive."""
+        return self._forced is not None and self._forced.words == _STOPPED
 
-    def start(self) -> str:
-        """Run the profile from its beginning; return '' or why not."""
-        if self.stopped:
-            return 'emergency stop is in force: call speed/rearm first'
-        self._begun, self._held = True, None
-        self._profile.start(self._now_ns)
+    @property
+    def forced(self) -> bool:
+        """True while an emergency stop or the interlock holds the drive."""
+        return self._forced is not None
+
+    @property
+    def state(self) -> str:
+        """Of the profile: idle, running, paused or finished."""
+        if self._state == 'running' and self._run is not None and self._run.finished:
+            return 'finished'
+        return self._state
+
+    @property
+    def profile(self) -> Profile | None:
+        """The profile that `start` runs."""
+        return self._profile
+
+    @property
+    def elapsed_s(self) -> float:
+        """How far the profile has run, s."""
+        return 0.0 if self._run is None else self._run.elapsed_s
+
+    @property
+    def remaining_s(self) -> float:
+        """What is left of the profile, s; of one that was not begun, all of it."""
+        if self._run is not None:
+            return self._run.remaining_s
+        return 0.0 if self._profile is None else self._profile.duration_s
+
+    @property
+    def note(self) -> str:
+        """What the step that is under way tells the operator."""
+        return '' if self._run is None else self._run.note
+
+    def load(self, profile: Profile) -> None:
+        """
+        Take another profile.
+
+        Raises
+        ------
+        ConfigError
+            Where it would be faster than the ceiling; the one before stays.
+        """
+        profile.check(self.limits.ceiling_mps)
+        self._profile, self._run, self._state = profile, None, 'idle'
+        if self._held is None and not math.isnan(self._last):
+            self._held = self._last
+
+    def start(self, motion: Motion | None = None, against: str = '') -> str:
+        """
+        Run the profile from its beginning; return '' or why not.
+
+        Parameters
+        ----------
+        motion : Motion, optional
+            What the detector sees: a profile may need to know of it.
+        against : str
+            What else speaks against it; '' where nothing does.
+        """
+        if self._forced is not None:
+            return self._forced.words
+        if self._profile is None:
+            return 'no profile is given'
+        if against:
+            return against
+        motion = motion or Motion()
+        if self._profile.reacts and math.isnan(motion.amplitude_m):
+            return 'the profile reacts to the amplitude, and the detector tells none'
+        if lacking := self._profile.missing(motion):
+            return lacking
+        self._run, self._state, self._held = None, 'running', None
         return ''
 
     def stop(self) -> str:
-        """Hold the speed the drive was told last."""
-        self._profile.stop(self._now_ns)
+        """Hold the speed of this moment; one that is changing comes to rest first."""
+        if self.state == 'running':
+            self._state = 'paused'
         if self._held is None and not math.isnan(self._last):
-            self._held = self._last
+            rest = self._rate * abs(self._rate) / (2.0 * self.limits.jerk_mps3)
+            self._held = self._within(self._last + rest)
         return ''
 
-    def resume(self) -> str:
-        """Go on with the profile from where it was stopped; return '' or why not."""
-        if self.stopped:
-            return 'emergency stop is in force: call speed/rearm first'
-        if not self._begun:
+    def resume(self, against: str = '') -> str:
+        """Go on where the profile was stopped; return '' or why not, `against` at the last."""
+        if self._forced is not None:
+            return self._forced.words
+        if self._state == 'idle':
             return 'no profile was started'
-        self._held = None
-        self._profile.resume(self._now_ns)
+        if against:
+            return against
+        self._state, self._held = 'running', None
         return ''
 
     def emergency_stop(self, speed_mps: float, measured_mps: float) -> float:
         """
-        Hold a set point until `rearm`, and return it.
+        Hold a set point until `rearm`, at once, and return it.
 
         Parameters
         ----------
@@ -91,25 +217,47 @@ class RollerCommand:
         measured_mps : float
             What the roller runs at, m/s; NaN where it is not known.
         """
-        self._profile.stop(self._now_ns)
-        self.stopped = True
-        self._held = speed_mps if math.isnan(measured_mps) else min(speed_mps, measured_mps)
-        self._held = max(0.0, self._held)
-        return self._held
+        return self._force(speed_mps, math.inf, measured_mps, _STOPPED)
+
+    def trip(self, speed_mps: float, measured_mps: float) -> float:
+        """
+        Go to a safe speed at the safe deceleration, and hold it until `rearm`; return it.
+
+        Parameters
+        ----------
+        speed_mps : float
+            m/s; where the roller is slower, it is not sped up to this.
+        measured_mps : float
+            What the roller runs at, m/s; NaN where it is not known.
+        """
+        rate = self.limits.safe_deceleration_mps2
+        return self._force(speed_mps, rate, measured_mps, _TRIPPED)
+
+    def _force(self, speed_mps: float, rate: float, measured_mps: float, words: str) -> float:
+        self.stop()
+        begin = min((x for x in (measured_mps, self._last) if not math.isnan(x)), default=math.inf)
+        speed = max(0.0, min(speed_mps, begin))
+        if self._forced is not None:  # the lower one, and a stop stays a stop
+            speed = min(speed, self._forced.speed_mps)
+            if self._forced.words == _STOPPED:
+                rate, words = math.inf, _STOPPED
+        self._forced = _Forced(speed, rate, begin, words)
+        return speed
 
     def rearm(self) -> str:
-        """End the emergency stop; the roller stays as it is until a profile is started."""
-        self.stopped = False
+        """End what is forced; its speed is held until a profile is started or resumed."""
+        if self._forced is not None:
+            self._held, self._forced = self._forced.speed_mps, None
         return ''
 
     def let_go(self) -> None:
-        """Stop the profile and leave the drive alone; an emergency stop stays in force."""
-        self._profile.stop(self._now_ns)
-        self._last = math.nan
-        if not self.stopped:
-            self._held = None
+        """Stop the profile and leave the drive alone; what is forced stays in force."""
+        self.stop()
+        self._last, self._rate, self._held = math.nan, 0.0, None
 
-    def next(self, passed_s: float, measured_mps: float) -> float | None:
+    def next(
+        self, passed_s: float, measured_mps: float, motion: Motion | None = None
+    ) -> float | None:
         """
         Return the set point that is due.
 
@@ -120,6 +268,8 @@ class RollerCommand:
         measured_mps : float
             What the roller runs at, m/s: where a ramp begins when the drive has taken no
             set point yet. NaN where it is not known.
+        motion : Motion, optional
+            What the detector sees: a profile may react to it.
 
         Returns
         -------
@@ -127,23 +277,58 @@ class RollerCommand:
             m/s; None where the drive is left alone, and where the roller's speed is not
             known: a first set point without it could be a jump.
         """
-        self._next_ns = self._now_ns
         passed_s = min(max(passed_s, 0.0), self._longest_s)
-        if self._held is not None:
-            wanted = self._held
-        elif self._begun and self._profile.running:
-            self._next_ns += round(passed_s * NANOSECONDS)
-            wanted = self._profile.set_point(self._next_ns)
-        else:
-            return None
-        if self.stopped:
-            return wanted
         before = measured_mps if math.isnan(self._last) else self._last
+        if self._forced is not None:
+            return self._slowed(self._forced, passed_s, before)
         if math.isnan(before):
             return None
-        most = self._acceleration * passed_s
-        return min(max(wanted, before - most), before + most)
+        if self._held is not None:
+            wanted = self._held
+        elif self._state == 'running' and self._profile is not None:
+            if self._run is None:
+                self._run, self._was_taken = ProfileRun(self._profile, before), True
+            # Time that passed while the drive took nothing is none of the profile's.
+            spent_s = passed_s if self._was_taken else 0.0
+            wanted = self._run.advance(spent_s, motion or Motion())
+        else:
+            return None
+        self._was_taken = False
+        return self._limited(self._within(wanted), passed_s, before)
+
+    def _slowed(self, forced: _Forced, passed_s: float, before: float) -> float | None:
+        """Return the set point on the way to a forced one; it never rises."""
+        self._pending_rate = 0.0
+        if math.isinf(forced.rate_mps2):
+            return forced.speed_mps
+        if math.isnan(before):
+            return None
+        return max(forced.speed_mps, min(before, forced.begin_mps) - forced.rate_mps2 * passed_s)
+
+    def _limited(self, wanted: float, passed_s: float, before: float) -> float:
+        """Approach a speed within the limits of acceleration and jerk."""
+        most, jerk = self.limits.acceleration_mps2, self.limits.jerk_mps3
+        speed, rate = before, self._rate
+        count = max(1, min(1000, math.ceil(passed_s / _SUBSTEP_S)))
+        step_s = passed_s / count
+        for _ in range(count if step_s > 0.0 else 0):
+            left = wanted - speed
+            # The rate from which `jerk` still comes to rest at `wanted`.
+            reach = jerk * (
+                math.sqrt(0.25 * step_s * step_s + 2.0 * abs(left) / jerk) - 0.5 * step_s
+            )
+            goal = math.copysign(min(most, reach), left)
+            rate += min(max(goal - rate, -jerk * step_s), jerk * step_s)
+            after = speed + rate * step_s
+            if (wanted - after) * left <= 0.0 and abs(rate) <= 2.0 * jerk * step_s:
+                after, rate = wanted, 0.0
+            speed = after
+        self._pending_rate = rate
+        return self._within(speed)
+
+    def _within(self, speed_mps: float) -> float:
+        return min(max(speed_mps, 0.0), self.limits.ceiling_mps)
 
     def taken(self, speed_mps: float) -> None:
         """Note that the drive took a set point: only now has its time passed."""
-        self._last, self._now_ns = speed_mps, self._next_ns
+        self._last, self._rate, self._was_taken = speed_mps, self._pending_rate, True

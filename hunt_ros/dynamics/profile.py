@@ -459,15 +459,22 @@ class Profile:
         """True where the detector decides how it goes."""
         return any(step.reacts for step in self.steps)
 
-    def durations_s(self) -> list[float]:
-        """Return how long each step lasts, s, at most where it reacts to the detector."""
-        before: float | None = None
+    def durations_s(self, begin_mps: float = math.nan) -> list[float]:
+        """
+        Return how long each step lasts, s, at most where it reacts to the detector.
+
+        Parameters
+        ----------
+        begin_mps : float
+            Where the roller runs before; NaN: at the first speed of the profile.
+        """
+        before = begin_mps
         found = []
         for step in self.steps:
             total = 0.0
             for leg in step.plan():
                 if math.isfinite(leg.speed_mps):
-                    way = 0.0 if before is None else abs(leg.speed_mps - before)
+                    way = 0.0 if math.isnan(before) else abs(leg.speed_mps - before)
                     total += way / leg.rate_mps2
                     before = leg.speed_mps
                 total += leg.hold_s

@@ -67,6 +67,7 @@ LATCHED_TOPICS: dict[str, str] = {
     'hunting/normal_form': _TEXT,
     'hunting/journal': _TEXT,
     'hunting/alarms': _TEXT,
+    'speed/status': _DIAGNOSTIC,
 }
 #: Of the whole graph, recorded beside the namespace of the rig.
 GLOBAL_TOPICS = ('/diagnostics', '/parameter_events', '/rosout')

@@ -37,6 +37,9 @@ def status_message(status: DetectorStatus, rig: str) -> DiagnosticArray:
         'state_since_s': _seconds(status.state_since_ns),
         'state_decided_s': _seconds(status.state_decided_ns),
         'normal_form': status.normal_form,
+        'v_n_mps': status.v_n,
+        'v_c_mps': status.v_c,
+        'fold_amplitude_m': status.fold_amplitude,
         'absent': '; '.join(status.absent),
     }
     values |= {name: '' if x is None else x for name, x in status.totals.items()}

@@ -1,5 +1,5 @@
 """
-The node behind `hunt call`: calls one Trigger service, prints the answer, and ends.
+The node behind `hunt call`: calls one Trigger service, or a switch, prints the answer, and ends.
 
 One line of JSON on standard output: `success` and `message` as the service said; without
 `success` where nobody offers it (`elsewhere`: where it is offered) or nobody answers (`silent`).
@@ -15,7 +15,7 @@ import rclpy
 from rclpy.duration import Duration
 from rclpy.node import Node
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 from hunt_ros.nodes.parameters import declare
 from hunt_ros.nodes.qos import stream
@@ -36,6 +36,9 @@ class CallConfig(Settings):
     words_first: bool = setting(
         False, 'Before the call, which needs them; else when it was done.', fixed=True
     )
+    switch: str = setting(
+        '', 'Of a SetBool service; empty: a Trigger.', choices=('', 'on', 'off'), fixed=True
+    )
 
 
 def call(node: Node, config: CallConfig) -> dict[str, object]:
@@ -49,7 +52,8 @@ def call(node: Node, config: CallConfig) -> dict[str, object]:
     """
     full = node.resolve_service_name(config.service)
     answer: dict[str, object] = {'service': full, 'relative': config.service}
-    client = node.create_client(Trigger, config.service)
+    kind = SetBool if config.switch else Trigger
+    client = node.create_client(kind, config.service)
     if not client.wait_for_service(timeout_sec=config.wait_s):
         names = {name for name, _ in node.get_service_names_and_types()} - {full}
         ending = f'/{config.service}'
@@ -57,7 +61,8 @@ def call(node: Node, config: CallConfig) -> dict[str, object]:
     unheard = {'success': False, 'message': f'nobody listens to {config.words_topic}'}
     if config.words and config.words_first and not _publish(node, config):
         return answer | unheard
-    future = client.call_async(Trigger.Request())
+    request = SetBool.Request(data=config.switch == 'on') if config.switch else Trigger.Request()
+    future = client.call_async(request)
     rclpy.spin_until_future_complete(node, future, timeout_sec=_ANSWER_S)
     if not future.done():
         return {**answer, 'silent': True}

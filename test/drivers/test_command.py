@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hunt_ros.drivers.command import RollerCommand
-from hunt_ros.drivers.profile import ProfileRunner
+from hunt_ros.drivers.command import DriveLimits, RollerCommand
+from hunt_ros.dynamics.profile import Corners, Hold, Motion, Profile, Ramp, Seesaw
+from hunt_ros.errors import ConfigError
 
 
-def _command(times=(0.0, 10.0), speeds=(0.0, 10.0), acceleration=1.0) -> RollerCommand:
-    return RollerCommand(ProfileRunner(times, speeds), acceleration, longest_step_s=0.5)
+def _command(*steps, acceleration=1.0, jerk=1e4, ceiling=20.0) -> RollerCommand:
+    limits = DriveLimits(acceleration_mps2=acceleration, jerk_mps3=jerk, speed_ceiling_mps=ceiling)
+    command = RollerCommand(limits, longest_step_s=0.5)
+    command.load(Profile(steps or (Ramp(10.0, 1.0),)))
+    return command
 
 
 def _next(command: RollerCommand, passed_s: float, measured: float = 0.0) -> float | None:
@@ -37,7 +42,7 @@ def test_the_drive_is_left_alone_until_a_profile_is_started_and_its_speed_is_kno
     refused=st.lists(st.booleans(), min_size=40, max_size=40),
 )
 def test_no_gap_moves_the_set_point_faster_than_the_limit(gaps, measured, refused) -> None:
-    command = _command(times=(0.0, 5.0, 5.0), speeds=(0.0, 20.0, 3.0), acceleration=2.0)
+    command = _command(Corners((0.0, 5.0), (0.0, 20.0)), Hold(3.0, 1.0, 100.0), acceleration=2.0)
     command.start()
     last = measured
     for gap, no in zip(gaps, refused, strict=False):
@@ -59,15 +64,16 @@ def test_time_stands_still_while_the_drive_takes_nothing() -> None:
 
 
 def test_an_emergency_stop_is_not_ramped_and_never_speeds_the_roller_up() -> None:
-    command = _command(speeds=(8.0, 8.0))
+    command = _command(Hold(8.0, 10.0))
     command.start()
     _next(command, 0.1, 8.0)
     assert command.emergency_stop(0.0, 8.0) == 0.0
     assert _next(command, 0.0) == 0.0
     assert 'rearm' in command.start()
     assert 'rearm' in command.resume()
+    command = _command()
     assert command.emergency_stop(2.0, 0.5) == 0.5
-    assert command.emergency_stop(2.0, math.nan) == 2.0
+    assert _command().emergency_stop(2.0, math.nan) == 2.0
 
 
 def test_after_a_rearm_or_a_deactivation_nothing_moves_by_itself() -> None:
@@ -86,9 +92,106 @@ def test_after_a_rearm_or_a_deactivation_nothing_moves_by_itself() -> None:
 
 
 def test_a_stopped_profile_holds_what_the_drive_was_told_not_where_the_ramp_leads() -> None:
-    command = _command(times=(0.0,), speeds=(6.0,))
+    command = _command(Corners((0.0,), (6.0,)))
     command.start()
     _next(command, 0.5)
     assert _next(command, 0.5) == pytest.approx(1.0)
     command.stop()
-    assert _next(command, 0.5) == pytest.approx(1.0)
+    assert _next(command, 0.5) == pytest.approx(1.0, abs=1e-3)
+
+
+def _ride(command: RollerCommand, seconds: float, step_s: float = 0.05, **seen) -> list[float]:
+    """Follow the set points with a drive that is always there; return them."""
+    motion, speeds = Motion(**seen), []
+    for _ in range(round(seconds / step_s)):
+        speed = command.next(step_s, speeds[-1] if speeds else 0.0, motion)
+        assert speed is not None
+        command.taken(speed)
+        speeds.append(speed)
+    return speeds
+
+
+def test_acceleration_and_jerk_are_limited_and_nothing_overshoots() -> None:
+    command = _command(Corners((0.0, 20.0), (4.0, 4.0)), acceleration=1.0, jerk=2.0)
+    command.start()
+    speeds = np.array([0.0, *_ride(command, 10.0, 0.01)])
+    rates = np.diff(speeds) / 0.01
+    assert np.abs(rates).max() <= 1.0 + 1e-9
+    assert np.abs(np.diff(rates, prepend=0.0)).max() / 0.01 <= 2.0 * 2.0 + 1e-6
+    assert speeds.max() <= 4.0
+    assert speeds[-1] == 4.0
+    # As quick as the limits allow: 4 m/s at 1 m/s2, and half a second for each change of it.
+    assert np.argmax(speeds > 3.999) * 0.01 == pytest.approx(4.5, abs=0.1)
+
+
+def test_no_profile_and_no_parameter_brings_a_set_point_above_the_ceiling() -> None:
+    command = _command(ceiling=10.0)
+    with pytest.raises(ConfigError, match='above the ceiling'):
+        command.load(Profile((Hold(10.5, 1.0),)))
+    command.load(Profile((Seesaw(100.0),)))  # its speeds follow from the form
+    seen = {'amplitude_m': 0.0, 'v_n': 8.0, 'v_c': 9.9, 'fold_amplitude_m': 1e-3}
+    assert command.start(Motion(**seen)) == ''
+    speeds = _ride(command, 150.0, 0.25, **seen)
+    assert max(speeds) == 10.0
+
+
+def test_a_profile_tells_its_progress_and_goes_on_where_it_was_paused() -> None:
+    command = _command(Hold(1.0, 4.0, 0.5), Ramp(2.0, 0.5))
+    assert (command.state, command.remaining_s) == ('idle', pytest.approx(6.0))
+    command.start()
+    _ride(command, 3.0)
+    assert (command.state, command.elapsed_s) == ('running', pytest.approx(3.0))
+    assert command.remaining_s == pytest.approx(2.0 + 4.0 + 2.0 - 3.0)
+    command.stop()
+    assert set(_ride(command, 3.0)) == {1.0}
+    assert (command.state, command.elapsed_s) == ('paused', pytest.approx(3.0))
+    command.resume()
+    speeds = _ride(command, 6.0)
+    assert (command.state, command.remaining_s) == ('finished', 0.0)
+    assert speeds[-1] == pytest.approx(2.0)
+
+
+def test_a_trip_slows_down_at_its_own_rate_and_never_up_and_a_stop_stands_above_it() -> None:
+    command = _command(Hold(8.0, 100.0, 1.0))
+    command.start()
+    _ride(command, 12.0)
+    assert command.trip(5.0, 8.0) == 5.0
+    speeds = _ride(command, 5.0)
+    assert -np.diff([8.0, *speeds]).min() == pytest.approx(0.05)
+    assert speeds[-1] == 5.0
+    assert not command.stopped
+    assert 'rearm' in command.start()
+    assert command.trip(6.0, 5.0) == 5.0, 'a second trip does not speed it up'
+    assert command.emergency_stop(0.0, 5.0) == 0.0
+    assert command.trip(4.0, 5.0) == 0.0
+    assert command.stopped
+    assert _ride(command, 0.1)[0] == 0.0
+    command.rearm()
+    assert set(_ride(command, 2.0)) == {0.0}, 'nothing moves by itself'
+
+
+def test_a_trip_on_the_way_up_does_not_go_on_up_where_the_roller_lags() -> None:
+    command = _command(Hold(8.0, 100.0, 1.0))
+    command.start()
+    _ride(command, 6.0)
+    command.trip(0.0, 5.5)
+    speed = command.next(0.05, 5.5)
+    assert speed == pytest.approx(5.45)
+
+
+def test_a_see_saw_reverses_by_the_amplitude_and_by_the_form_in_force() -> None:
+    command = _command(Seesaw(300.0, watch_s=5.0))
+    form = {'v_n': 6.4, 'v_c': 8.0, 'fold_amplitude_m': 4e-4}
+    assert 'tells none' in command.start(Motion())
+    assert 'v_n' in command.start(Motion(amplitude_m=1e-5))
+    assert command.start(Motion(amplitude_m=1e-5, **form)) == ''
+    quiet = {'amplitude_m': 1e-5, **form}
+    assert _ride(command, 120.0, 0.25, **quiet)[-1] == pytest.approx(8.4)
+    hunting = {'amplitude_m': 6e-4, **form}
+    assert _ride(command, 30.0, 0.25, **hunting)[-1] == pytest.approx(6.3)
+    falling = {'amplitude_m': 0.6 * 4e-4, **form}
+    watched = _ride(command, 8.0, 0.25, **falling)[-1]
+    assert 6.4 < watched < 8.0
+    # Time that a blind detector lets pass ends it too, at the lowest speed.
+    assert _ride(command, 300.0, 0.25, **quiet)[-1] == pytest.approx(6.3)
+    assert command.state == 'finished'

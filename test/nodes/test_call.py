@@ -27,7 +27,9 @@ def test_a_call_is_done_refused_or_finds_nobody(graph, capsys) -> None:
     assert main(['call', 'mark', 'bump at joint 3', *wait]) == 0
     assert main(['call', 'resume-profile', *wait]) == 1
     assert 'no profile was started' in capsys.readouterr().out
-    for word in ('emergency-stop', 'stop-recording'):
+    assert main(['call', 'disarm-interlock', *wait]) == 0
+    assert 'disarmed' in capsys.readouterr().out
+    for word in ('arm-interlock', 'emergency-stop', 'stop-recording'):
         assert main(['call', word, *wait]) == 0
     assert main(['call', 'stop-recording', *wait]) == 1
     assert 'no recording is running' in capsys.readouterr().out
@@ -49,7 +51,7 @@ def test_a_call_is_done_refused_or_finds_nobody(graph, capsys) -> None:
             for node, namespace in graph.node.get_node_names_and_namespaces()
             if any(name in node for name in nodes)
             for name, kinds in graph.node.get_service_names_and_types_by_node(node, namespace)
-            if kinds == ['std_srvs/srv/Trigger']
+            if kinds[0] in ('std_srvs/srv/Trigger', 'std_srvs/srv/SetBool')
         }
 
     graph.spin_until(lambda: offered() >= expected)  # nodes find each other one by one

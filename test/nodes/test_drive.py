@@ -1,9 +1,11 @@
-"""The speed node on a drive that refuses, goes away and comes back, and on a clock that is set."""
+"""The speed node: a drive that refuses or is gone, a clock that is set, and its interlock."""
 
 from __future__ import annotations
 
+import itertools
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -13,14 +15,18 @@ from geometry_msgs.msg import TwistStamped
 from lifecycle_msgs.msg import Transition
 from rclpy.parameter import Parameter
 from rclpy.time import Time
+from std_srvs.srv import SetBool
 
 from hunt_ros.drivers.base import DriveBlock
 from hunt_ros.errors import DriverError
-from hunt_ros.nodes.conversions import read_diagnostic
+from hunt_ros.nodes.conversions import diagnostic, read_diagnostic
+from hunt_ros.nodes.qos import STATUS, latched
 from hunt_ros.nodes.roller_speed import RollerSpeedNode
 
 pytestmark = pytest.mark.ros
 
+#: Mode of the interlock; without quotes ROS takes the word for `false`.
+UNGUARDED = "'off'"
 #: Largest step between two set points: what passes at most between them, and the default limit.
 _STEP = 0.25 * 1.0 + 1e-9
 
@@ -33,6 +39,7 @@ class Drive:
         self.set_points: list[float] = []
         self.refusal = ''
         self.absent = False
+        self.obeys = True
         self._angle = 0.0
 
     def open(self) -> None:
@@ -52,10 +59,44 @@ class Drive:
         if self.refusal:
             raise DriverError(self.refusal)
         self.set_points.append(speed_mps)
-        self.speed_mps = speed_mps
+        if self.obeys:
+            self.speed_mps = speed_mps
 
     def close(self) -> None:
         pass
+
+
+class Detector:
+    """Says the same thing 20 times a second, whatever the test does meanwhile."""
+
+    def __init__(self, graph) -> None:
+        self._publisher = graph.node.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
+        self.level, self.silent = 'OK', False
+        self.numbers = {'amplitude_m': 1e-5, 'v_n_mps': 5.0, 'v_c_mps': 7.0}
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        sequence = 0
+        while not self._ending.wait(0.05):
+            sequence += 5
+            values = {'sequence': sequence, **self.numbers}
+            if not self.silent:
+                stamp_ns = time.time_ns()
+                message = diagnostic(stamp_ns, 'hunting', self.level, 'its words', values, 'rig')
+                self._publisher.publish(message)
+
+    def close(self) -> None:
+        self._ending.set()
+        self._thread.join()
+
+
+@pytest.fixture
+def detector(graph) -> Iterator[Detector]:
+    detector = Detector(graph)
+    yield detector
+    detector.close()
 
 
 def _node(drive: Drive) -> Callable[[], RollerSpeedNode]:
@@ -89,7 +130,7 @@ def _step_clock(monkeypatch: pytest.MonkeyPatch, seconds: float) -> None:
 
 def test_an_emergency_stop_says_whether_the_drive_took_it_in_every_state(graph, resident) -> None:
     drive = Drive(6.0)
-    resident(_node(drive), autostart=False)
+    resident(_node(drive), autostart=False, interlock=UNGUARDED)
     unconfigured = graph.call('speed/emergency_stop')
     assert not unconfigured.success
     assert 'not configured' in unconfigured.message
@@ -121,8 +162,8 @@ def test_a_refused_set_point_stays_in_the_diagnostics(graph, resident) -> None:
     resident(
         _node(drive),
         autostart=False,
-        profile_times_s=[0.0],
-        profile_speeds_mps=[6.0],
+        interlock=UNGUARDED,
+        profile=graph.profile('hold: {speed_mps: 6, duration_s: 10}'),
         profile_autostart=True,
     )
     _configure(graph, activate=True)
@@ -130,7 +171,8 @@ def test_a_refused_set_point_stays_in_the_diagnostics(graph, resident) -> None:
     drive.refusal = 'drive: illegal data address'
     graph.spin_until(lambda: told('ERROR', drive.refusal))
     drive.refusal = ''
-    graph.spin_until(lambda: read_diagnostic(health[-1])['level'] == 'OK')
+    # What is left to say is that nothing guards the roller here.
+    graph.spin_until(lambda: 'interlock is disarmed' in read_diagnostic(health[-1])['message'])
     assert float(read_diagnostic(health[-1])['refused_set_points']) > 0
     assert health[-1].status[0].hardware_id
 
@@ -143,8 +185,8 @@ def test_a_step_of_the_machines_clock_does_not_move_the_roller(
     resident(
         _node(drive),
         autostart=False,
-        profile_times_s=[0.0, 1000.0],
-        profile_speeds_mps=[6.0, 106.0],
+        interlock=UNGUARDED,
+        profile=graph.profile('ramp: {speed_mps: 20.0, rate_mps2: 0.1}'),
     )
     _configure(graph, activate=True)
     graph.spin_until(lambda: graph.call('speed/start_profile').success)
@@ -172,8 +214,8 @@ def test_a_set_point_that_jumps_is_ramped_and_does_not_run_ahead_of_a_drive_that
     resident(
         _node(drive),
         autostart=False,
-        profile_times_s=[0.0, 0.0, 100.0],
-        profile_speeds_mps=[1.0, 2.0, 12.0],
+        interlock=UNGUARDED,
+        profile=graph.profile('corners: {times_s: [0, 100], speeds_mps: [2.0, 12.0]}'),
     )
     _configure(graph, activate=True)
     graph.spin_until(lambda: graph.call('speed/start_profile').success)
@@ -188,7 +230,7 @@ def test_a_set_point_that_jumps_is_ramped_and_does_not_run_ahead_of_a_drive_that
 
 def test_the_speed_of_an_emergency_stop_can_be_set_while_the_node_runs(graph, resident) -> None:
     drive = Drive(6.0)
-    node = resident(_node(drive), autostart=False)
+    node = resident(_node(drive), autostart=False, interlock=UNGUARDED)
     _configure(graph, activate=True)
     (result,) = node.set_parameters([Parameter('emergency_speed_mps', value=1.5)])
     assert result.successful
@@ -201,7 +243,7 @@ def test_a_second_speed_node_of_the_same_name_refuses_to_start_or_is_an_error(
 ) -> None:
     drive = Drive(6.0)
     health = graph.collect(DiagnosticArray, '/diagnostics')
-    resident(_node(drive), autostart=False)
+    resident(_node(drive), autostart=False, interlock=UNGUARDED)
     namesake = graph.beside('roller_speed')  # as of another machine, which holds its own names
 
     def told() -> bool:
@@ -214,3 +256,157 @@ def test_a_second_speed_node_of_the_same_name_refuses_to_start_or_is_an_error(
     assert graph.wait('roller_speed') == 2
     last = graph.log('roller_speed').read_text().strip().splitlines()[-1]
     assert '/rig/roller_speed runs already' in last
+
+
+#: The keys of `speed/status`, which others read.
+KEYS = {
+    'speed_mps', 'target_mps', 'profile', 'profile_state', 'profile_elapsed_s',
+    'profile_remaining_s', 'interlock', 'interlock_state', 'interlock_cause',
+    'interlock_since_ns', 'emergency_stop', 'safe_speed_mps', 'speed_ceiling_mps',
+}  # fmt: skip
+
+
+class Rig:
+    """A speed node on a drive in memory, and what it says."""
+
+    def __init__(self, graph, resident, drive: Drive, **parameters: object) -> None:
+        self.graph, self.drive = graph, drive
+        self._statuses = graph.collect(DiagnosticArray, 'speed/status', latched())
+        self._events = graph.collect(DiagnosticArray, 'hunting/events')
+        # A machine that is busy must not look like a detector that is silent.
+        patience = {'status_timeout_s': 20.0, **parameters}
+        self.node = resident(_node(drive), autostart=False, **patience)
+        _configure(graph, activate=True)
+        graph.spin_until(lambda: self._statuses)
+
+    @property
+    def status(self) -> dict[str, str]:
+        return read_diagnostic(self._statuses[-1])
+
+    @property
+    def events(self) -> list[str]:
+        return [read_diagnostic(message)['event'] for message in self._events]
+
+    def until(self, **values: str) -> None:
+        """Wait until the status has these values."""
+        self.graph.spin_until(lambda: values.items() <= self.status.items())
+
+    def arm(self, armed: bool) -> SetBool.Response:
+        client = self.graph.node.create_client(SetBool, 'speed/arm_interlock')
+        self.graph.spin_until(client.service_is_ready)
+        future = client.call_async(SetBool.Request(data=armed))
+        self.graph.spin_until(future.done)
+        return future.result()
+
+    def set(self, **values: object) -> tuple[bool, str]:
+        words = [Parameter(name, value=value) for name, value in values.items()]
+        result = self.node.set_parameters_atomically(words)
+        return result.successful, result.reason
+
+
+def test_the_interlock_slows_the_roller_down_until_a_person_arms_it_again(
+    graph, resident, detector
+) -> None:
+    detector.silent = True
+    profile = graph.profile('hold: {speed_mps: 6, duration_s: 1000}')
+    drive = Drive(6.0)
+    rig = Rig(graph, resident, drive, profile=profile)
+    assert set(rig.status) == KEYS | {'level', 'name', 'message'}
+    refused = graph.call('speed/start_profile')
+    assert not refused.success
+    assert 'has not been heard' in refused.message
+
+    detector.silent = False
+    graph.spin_until(lambda: graph.call('speed/start_profile').success)
+    rig.until(profile_state='running', interlock_state='armed', interlock_cause='all is well')
+    detector.level = 'ERROR'
+    graph.spin_until(lambda: drive.set_points[-1] == 4.5)  # v_n less the margin
+    rig.until(interlock_state='tripped', profile_state='paused', level='ERROR')
+    assert 'its words' in rig.status['interlock_cause']
+    assert np.abs(np.diff(drive.set_points)).max() <= _STEP
+    for service in ('start_profile', 'resume_profile', 'rearm'):
+        answer = graph.call(f'speed/{service}')
+        assert not answer.success, service
+        assert 'ERROR' in answer.message or 'rearm' in answer.message
+
+    detector.level = 'WARN'
+    graph.spin_until(lambda: graph.call('speed/rearm').success)
+    graph.spin(0.3)
+    assert drive.set_points[-1] == 4.5, 'nothing moves by itself'
+    assert graph.call('speed/resume_profile').success
+    graph.spin_until(lambda: drive.set_points[-1] == 6.0)
+    rig.set(status_timeout_s=0.5)
+    detector.silent = True
+    rig.until(interlock_state='tripped')
+    assert 'silent for' in rig.status['interlock_cause']
+
+    assert rig.arm(False).success
+    assert graph.call('speed/rearm').success
+    assert graph.call('speed/resume_profile').success
+    rig.until(interlock_state='disarmed', profile_state='running', level='WARN')
+    assert rig.arm(True).success
+    rig.until(interlock_state='tripped')
+    graph.spin_until(lambda: len(rig.events) >= 6)
+    words = [event.removeprefix('interlock_') for event in rig.events]
+    assert words == ['tripped', 'armed', 'tripped', 'disarmed', 'armed', 'tripped']
+
+
+def test_a_drive_that_is_lost_gets_the_safe_set_point_as_soon_as_it_is_back(
+    graph, resident, detector
+) -> None:
+    profile = graph.profile('hold: {speed_mps: 6, duration_s: 1000}')
+    drive = Drive(6.0)
+    rig = Rig(graph, resident, drive, profile=profile, interlock='measure')
+    detector.level = 'ERROR'  # what the experiment is after
+    graph.spin_until(lambda: graph.call('speed/start_profile').success)
+    rig.until(profile_state='running', interlock_state='armed')
+    drive.absent, drive.refusal = True, 'drive: gone'
+    rig.until(interlock_state='tripped')
+    assert 'gone' in rig.status['interlock_cause']
+    assert 'again and again' in rig.status['message']
+    drive.absent, drive.refusal = False, ''
+    graph.spin_until(lambda: drive.set_points[-1] == 4.5)
+    detector.numbers['amplitude_m'] = 2e-3
+    graph.spin_until(lambda: graph.call('speed/rearm').success)
+    rig.until(interlock_state='armed')
+    rig.set(amplitude_limit_m=1e-3)
+    rig.until(interlock_state='tripped')
+    assert '2.000 mm above the limit, 1.000 mm' in rig.status['interlock_cause']
+
+
+def test_an_emergency_stop_that_the_encoder_does_not_show_is_no_success(graph, resident) -> None:
+    drive = Drive(6.0)
+    rig = Rig(graph, resident, drive, interlock=UNGUARDED)
+    graph.spin_until(lambda: rig.status['speed_mps'] == '6.0')
+    drive.obeys = False
+    answer = graph.call('speed/emergency_stop')
+    assert not answer.success
+    assert 'the encoder shows 6.00 m/s' in answer.message
+    assert 'hard-wired' in answer.message
+    rig.until(emergency_stop='true', level='ERROR')
+    drive.obeys = True
+    assert graph.call('speed/emergency_stop').success
+
+
+def test_a_new_profile_is_taken_without_a_restart_or_refused_with_the_reason(
+    graph, resident
+) -> None:
+    drive = Drive(6.0)
+    rig = Rig(graph, resident, drive, interlock=UNGUARDED, speed_ceiling_mps=8.0)
+    refused = graph.call('speed/start_profile')
+    assert refused.message == 'no profile is given'
+    taken, reason = rig.set(profile='profile: [{ramp: {speed_mps: 9.0}}]')
+    assert not taken
+    assert 'step 1 (ramp): 9 m/s is above the ceiling, 8 m/s' in reason
+    assert not rig.set(profile='/nowhere/at_all.yaml')[0]
+    text = 'name: hill\nprofile: [{ramp: {speed_mps: 7.0, rate_mps2: 0.5}}]'
+    assert rig.set(profile=text) == (True, '')
+    assert graph.call('speed/start_profile').success
+    assert 'running' in rig.set(profile=text.replace('7.0', '5.0'))[1]
+    rig.until(profile='hill', profile_state='finished', profile_remaining_s='0.0')
+    rig.until(target_mps='7.0')
+    assert rig.set(profile=text.replace('7.0', '5.0')) == (True, '')
+    assert graph.call('speed/start_profile').success
+    rig.until(profile_state='finished', target_mps='5.0')
+    rises = [b - a for a, b in itertools.pairwise(drive.set_points)]
+    assert max(map(abs, rises)) <= _STEP

@@ -9,6 +9,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from hunt_ros.detection.configuration import DetectorConfig
+from hunt_ros.drivers.command import DriveLimits
+from hunt_ros.drivers.interlock import InterlockSettings
 from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.bag_recorder import BagRecorderNode
 from hunt_ros.nodes.hunting_detector import HuntingDetectorNode
@@ -113,7 +115,9 @@ def _taken(kind: type[Settings]) -> set[str]:
 #: Node -> parameters that a running node takes; each has an effect from then on.
 LIVE = {
     'lateral_sensor': set(),
-    'roller_speed': {'emergency_speed_mps'},
+    'roller_speed': {'emergency_speed_mps', 'profile'}
+    | _taken(DriveLimits)
+    | _taken(InterlockSettings),
     'rig_simulator': {'kick_m'},
     'normal_form_identifier': {'on_close'},
     'bag_recorder': {  # with the next recording

@@ -9,6 +9,9 @@ from sensor_msgs.msg import JointState
 
 from hunt_ros.nodes.conversions import to_ns
 
+#: Mode of the interlock; without quotes ROS takes the word for `false`.
+UNGUARDED = "'off'"
+
 pytestmark = pytest.mark.ros
 
 
@@ -20,8 +23,8 @@ def test_the_roller_follows_the_profile_and_the_angle_follows_the_roller(graph) 
     graph.start(
         'roller_speed',
         port=graph.port,
-        profile_times_s=[0.0, 1.0],
-        profile_speeds_mps=[6.0, 6.5],
+        interlock=UNGUARDED,
+        profile=graph.profile('corners: {times_s: [0, 1], speeds_mps: [6.0, 6.5]}'),
     )
     graph.spin_until(lambda: len(speeds) > 20)
     assert not targets, 'the drive must be left alone until a profile starts'
@@ -44,7 +47,12 @@ def test_an_emergency_stop_holds_until_it_is_rearmed_and_then_nothing_moves_by_i
 ) -> None:
     speeds = graph.collect(TwistStamped, 'speed')
     graph.start('rig_simulator', port=graph.port, initial_speed_mps=2.0)
-    graph.start('roller_speed', port=graph.port, profile_speeds_mps=[2.0])
+    graph.start(
+        'roller_speed',
+        port=graph.port,
+        interlock=UNGUARDED,
+        profile=graph.profile('hold: {speed_mps: 2.0, duration_s: 100, rate_mps2: 1.0}'),
+    )
     graph.spin_until(lambda: speeds)
     assert not graph.call('speed/resume_profile').success
     assert graph.call('speed/start_profile').success
@@ -61,6 +69,7 @@ def test_an_emergency_stop_holds_until_it_is_rearmed_and_then_nothing_moves_by_i
 
 
 def test_a_profile_that_is_none_ends_the_node_with_one_line(graph) -> None:
-    graph.start('roller_speed', profile_times_s=[0.0, 1.0], profile_speeds_mps=[6.0])
+    graph.start('roller_speed', profile=graph.profile('hold: {speed_mps: 6, duration_s: -1}'))
     assert graph.wait('roller_speed') == 2
-    assert '2 times and 1 speeds' in graph.log('roller_speed').read_text()
+    last = graph.log('roller_speed').read_text().strip().splitlines()[-1]
+    assert 'profile.yaml, step 1 (hold): duration_s: -1.0 is below 0 s' in last

@@ -1,0 +1,152 @@
+"""
+A profile under way: which set point holds after how much time of its own, and what is left.
+
+Time is what has passed, never a clock: a profile stands still as long as nobody says that time
+has passed for it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from hunt_ros.dynamics.profile import Leg, Motion, Profile, Scene, Step
+
+#: So many legs in a row that take no time are a loop that the detector does not end.
+_MOST_AT_ONCE = 1000
+
+
+class ProfileRun:
+    """
+    Runs a profile from its beginning.
+
+    Parameters
+    ----------
+    profile : Profile
+        What to run.
+    speed_mps : float
+        Where the roller runs now: the first way begins there.
+
+    Attributes
+    ----------
+    elapsed_s : float
+        Time of the profile that has passed.
+    finished : bool
+        True when the last step is over; its speed is held.
+    note : str
+        Of the step that is under way.
+    """
+
+    def __init__(self, profile: Profile, speed_mps: float) -> None:
+        self._durations = profile.durations_s(speed_mps)
+        self._steps = iter(profile.steps)
+        self._number = -1
+        self._step: Step | None = None
+        self._scene = Scene(Motion())
+        self._legs: Iterator[Leg] = iter(())
+        self._leg: Leg | None = None
+        self._from = self.speed_mps = speed_mps
+        self._in_leg = 0.0
+        self._cut = False  # the leg may not outlast its step
+        self._anchor, self._steady_from = math.nan, 0.0
+        self.elapsed_s = 0.0
+        self.finished = False
+        self.note = ''
+
+    @property
+    def remaining_s(self) -> float:
+        """Time that is left, s; at most, where the detector decides."""
+        if self.finished:
+            return 0.0
+        number = max(self._number, 0)
+        here = max(0.0, self._durations[number] - self._scene.elapsed_s)
+        return here + sum(self._durations[number + 1 :])
+
+    def advance(self, passed_s: float, motion: Motion) -> float:
+        """
+        Let time pass.
+
+        Parameters
+        ----------
+        passed_s : float
+            Not negative, s.
+        motion : Motion
+            What the detector sees now.
+
+        Returns
+        -------
+        float
+            The set point, m/s.
+        """
+        self._scene.motion = motion
+        left_s, idle = passed_s, 0
+        while not self.finished and idle < _MOST_AT_ONCE:
+            if self._leg is None:
+                self._begin()
+                idle += 1
+                continue
+            if self._ended_by(motion):
+                self._leg = None
+                continue
+            used_s = self._use(left_s)
+            left_s -= used_s
+            idle = 0 if used_s > 0.0 else idle
+            if self._leg is not None:
+                break
+        return self.speed_mps
+
+    def _begin(self) -> None:
+        """Take the next leg, of the next step where this one is over."""
+        leg = next(self._legs, None)
+        while leg is None:
+            self._step = next(self._steps, None)
+            if self._step is None:
+                self.finished = True
+                return
+            self._number += 1
+            self._scene = Scene(self._scene.motion)
+            self._legs = self._step.legs(self._scene)
+            self.note = getattr(self._step, 'note', '')
+            leg = next(self._legs, None)
+        self._leg, self._in_leg, self._from = leg, 0.0, self.speed_mps
+        self._cut = self._step is not None and self._scene.elapsed_s < self._step.longest_s
+        self._anchor = math.nan
+
+    def _ended_by(self, motion: Motion) -> bool:
+        """Return True if what the detector sees ends the leg."""
+        leg, amplitude = self._leg, motion.amplitude_m
+        if leg is None:
+            return False
+        if amplitude > leg.above_m or amplitude < leg.below_m:
+            return True
+        if math.isnan(leg.steady) or self._in_leg < self._way_s(leg):
+            return False
+        same = abs(amplitude - self._anchor) <= leg.steady * self._anchor
+        if not (same or (amplitude < leg.quiet_m and self._anchor < leg.quiet_m)):
+            self._anchor, self._steady_from = amplitude, self._in_leg
+        return self._in_leg - self._steady_from >= leg.steady_s
+
+    def _way_s(self, leg: Leg) -> float:
+        return abs(leg.speed_mps - self._from) / leg.rate_mps2
+
+    def _use(self, left_s: float) -> float:
+        """Spend time on the leg; return how much. A leg that is over is None from then on."""
+        leg, step = self._leg, self._step
+        if leg is None or step is None:
+            return 0.0
+        way_s = self._way_s(leg)
+        end_s = way_s + leg.hold_s
+        if self._cut:
+            end_s = min(end_s, self._in_leg + step.longest_s - self._scene.elapsed_s)
+        used_s = min(left_s, max(0.0, end_s - self._in_leg))
+        self._in_leg += used_s
+        self._scene.elapsed_s += used_s
+        self.elapsed_s += used_s
+        if self._in_leg >= way_s:
+            self.speed_mps = leg.speed_mps
+        else:
+            way = math.copysign(leg.rate_mps2 * self._in_leg, leg.speed_mps - self._from)
+            self.speed_mps = self._from + way
+        if self._in_leg >= end_s:
+            self._leg = None
+        return used_s

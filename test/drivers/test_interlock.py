@@ -1,0 +1,179 @@
+"""What trips the interlock, what does not, and who may arm it again."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from hunt_ros.drivers.interlock import Heard, Interlock, InterlockSettings
+from hunt_ros.dynamics.profile import Motion
+
+S = 1_000_000_000
+STEP = S // 20
+
+
+class Watched:
+    """An interlock with a detector beside it that says the same thing 20 times a second."""
+
+    def __init__(self, mode: str = 'protect', **settings: float) -> None:
+        self.interlock = Interlock(InterlockSettings(interlock=mode, **settings))
+        self.interlock.drive('')
+        self.now_ns = 0
+        self.stamp_ns = 1_000 * S
+        self.sequence = 0
+
+    def run(self, seconds: float, level: str = 'OK', rows: int = 5, **seen: float) -> str:
+        """Let time pass with statuses; return the events that came."""
+        events = []
+        motion = Motion(**{'amplitude_m': 1e-5, 'v_n': 6.4, 'v_c': 8.0, **seen})
+        for _ in range(round(seconds * S / STEP)):
+            self.now_ns += STEP
+            self.stamp_ns += STEP
+            self.sequence += rows
+            heard = Heard(level, self.sequence, self.stamp_ns, 'its words', math.nan, motion)
+            self.interlock.hear(self.now_ns, heard)
+            events.append(self.interlock.judge(self.now_ns))
+        return self.names(events)
+
+    def silence(self, seconds: float) -> str:
+        events = []
+        for _ in range(round(seconds * 50)):
+            self.now_ns += S // 50
+            events.append(self.interlock.judge(self.now_ns))
+        return self.names(events)
+
+    @staticmethod
+    def names(events) -> str:
+        return ' '.join(change.event for change in events if change)
+
+
+@pytest.mark.parametrize('mode', ['protect', 'measure', 'off'])
+@pytest.mark.parametrize(
+    ('what', 'trips'),
+    [
+        ({'level': 'WARN'}, ()),
+        ({'level': 'ERROR'}, ('protect',)),
+        ({'level': 'STALE'}, ('protect', 'measure')),
+        ({'amplitude_m': 0.9e-3}, ('protect', 'measure')),
+        ({'amplitude_m': math.nan}, ()),
+        ({'rows': 0}, ('protect', 'measure')),
+    ],
+)
+def test_the_mode_says_what_trips_it(mode, what, trips) -> None:
+    watched = Watched(mode, flange_clearance_m=0.8e-3)
+    assert watched.run(1.0) == ''
+    expected = 'interlock_tripped' if mode in trips else ''
+    assert watched.run(2.0, **what) == expected
+    assert watched.interlock.state == {'': 'armed', 'interlock_tripped': 'tripped'}[expected] or (
+        mode == 'off'
+    )
+
+
+def test_silence_trips_it_once_with_a_sentence_and_the_moment_of_the_last_word() -> None:
+    watched = Watched()
+    watched.run(1.0)
+    heard_ns = watched.now_ns
+    assert watched.silence(0.14) == ''
+    assert watched.silence(1.0) == 'interlock_tripped'
+    assert 'silent for 0.1' in watched.interlock.cause
+    change = Watched()
+    change.run(1.0)
+    change.now_ns += S
+    assert change.interlock.judge(change.now_ns).since_ns == heard_ns
+
+
+def test_a_drive_that_is_gone_trips_it() -> None:
+    watched = Watched('measure')
+    watched.run(1.0)
+    watched.interlock.drive('drive: connection lost')
+    assert watched.run(0.05) == 'interlock_tripped'
+    assert watched.interlock.cause == 'drive: connection lost'
+
+
+def test_what_was_never_there_cannot_fail_but_hunting_that_is_seen_trips_at_once() -> None:
+    watched = Watched()
+    assert watched.silence(10.0) == ''
+    assert 'not been heard' in watched.interlock.refusal(watched.now_ns)
+    assert watched.run(5.0, level='STALE') == ''
+    assert 'its words' in watched.interlock.refusal(watched.now_ns)
+    assert watched.run(0.1, level='ERROR') == 'interlock_tripped'
+
+
+def test_it_stays_tripped_until_a_person_arms_it_and_not_while_the_cause_is_there() -> None:
+    watched = Watched()
+    watched.run(1.0)
+    watched.run(0.1, level='ERROR')
+    interlock = watched.interlock
+    assert watched.run(100.0) == ''
+    assert interlock.state == 'tripped'
+    assert 'rearm' in interlock.refusal(watched.now_ns)
+    watched.run(0.1, level='ERROR')
+    change, refusal = interlock.rearm(watched.now_ns)
+    assert change is None
+    assert 'not over' in refusal
+    watched.run(0.1)
+    change, refusal = interlock.rearm(watched.now_ns)
+    assert (change.event, refusal) == ('interlock_armed', '')
+    assert watched.run(0.1, level='STALE') == 'interlock_tripped'
+
+
+def test_it_can_be_disarmed_and_is_awake_at_once_when_armed() -> None:
+    watched = Watched()
+    watched.run(1.0)
+    change, refusal = watched.interlock.arm(watched.now_ns, False)
+    assert (change.event, refusal) == ('interlock_disarmed', '')
+    assert watched.run(1.0, level='ERROR') == ''
+    assert watched.interlock.refusal(watched.now_ns) == ''
+    change, _ = watched.interlock.arm(watched.now_ns, True)
+    assert change.event == 'interlock_armed'
+    assert watched.silence(1.0) == 'interlock_tripped'
+    assert 'rearm' in watched.interlock.arm(watched.now_ns, True)[1]
+    # A tripped interlock whose cause stays can be taken out of the way, by a person.
+    assert watched.interlock.arm(watched.now_ns, False)[0].event == 'interlock_disarmed'
+
+
+def test_the_mode_off_is_disarmed_and_cannot_be_armed_by_the_service() -> None:
+    watched = Watched('off')
+    assert watched.interlock.state == 'disarmed'
+    assert 'parameter' in watched.interlock.arm(0, True)[1]
+    settings = replace(watched.interlock.settings, interlock='measure')
+    assert watched.interlock.reconfigure(0, settings).event == 'interlock_armed'
+    settings = replace(settings, interlock='off')
+    assert watched.interlock.reconfigure(0, settings).event == 'interlock_disarmed'
+
+
+def test_the_safe_speed_is_below_v_n_once_it_is_known_and_zero_before() -> None:
+    watched = Watched(safe_margin_mps=0.5)
+    assert watched.interlock.safe_speed_mps() == 0.0
+    watched.run(0.1)
+    assert watched.interlock.safe_speed_mps() == pytest.approx(5.9)
+    watched.run(0.1, v_n=math.nan)
+    assert watched.interlock.safe_speed_mps() == 0.0
+    assert Watched(safe_speed_mps=3.0).interlock.safe_speed_mps() == 3.0
+
+
+def test_statuses_that_fall_behind_trip_it_and_clocks_that_are_set_or_drift_do_not() -> None:
+    watched = Watched(status_timeout_s=1.0)
+    watched.run(5.0)
+    watched.stamp_ns += 3600 * S  # the machine of the detector is set ahead
+    assert watched.run(5.0) == ''
+    watched.stamp_ns -= 7200 * S
+    assert watched.run(5.0) == ''
+    for _ in range(600):  # half an hour of a clock that runs slow by 500 ppm
+        watched.stamp_ns -= round(3.0 * 500e-6 * S)
+        assert watched.run(3.0) == ''
+    events = ''
+    for _ in range(60):  # a queue that grows by a tenth of a second each second
+        watched.stamp_ns -= S // 10
+        events += watched.run(1.0)
+    assert events == 'interlock_tripped'
+    assert 'late' in watched.interlock.cause
+
+
+def test_a_profile_sees_nothing_of_a_detector_that_is_silent() -> None:
+    watched = Watched()
+    watched.run(1.0, amplitude_m=2e-4)
+    assert watched.interlock.motion(watched.now_ns).amplitude_m == 2e-4
+    assert math.isnan(watched.interlock.motion(watched.now_ns + S).amplitude_m)
