@@ -175,6 +175,15 @@ class Uncertain:
         if math.isnan(self.high):
             object.__setattr__(self, 'high', self.value + 1.959964 * self.std)
 
+    def __str__(self) -> str:
+        """Value and deviation, which keeps two digits; its unit is not known here."""
+        if not (math.isfinite(self.value) and math.isfinite(self.std) and self.std > 0.0):
+            return f'{self.value:.5g}'
+        places = 1 - math.floor(math.log10(self.std))
+        if 0 <= places <= 6:
+            return f'{self.value:.{places}f} ± {self.std:.{places}f}'
+        return f'{self.value:.5g} ± {self.std:.2g}'
+
     def to_json(self) -> dict[str, Any] | None:
         """Return {value, std, ci95}, or None where the value is not finite."""
         if not math.isfinite(self.value):

@@ -30,7 +30,12 @@ NODE = 'normal_form_identifier'
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
     add_settings(parser)
-    parser.add_argument('--out', metavar='FILE', help='write the ROS parameter file here')
+    parser.add_argument(
+        '--out',
+        type=_parameter_file,
+        metavar='FILE',
+        help='write the ROS parameter file here, and beside it the whole identification, as .npz',
+    )
     options.add_json(parser, 'the whole result')
 
 
@@ -113,11 +118,24 @@ def run(arguments: argparse.Namespace) -> int:
             )
         else:
             _write(arguments.out, result.normal_form.to_yaml())
+            result.save(whole_of(arguments.out))
     if arguments.json:
         write_json(result.to_json(), arguments.json)
     if arguments.json != '-':
         print(describe(result))
     return 0 if result.normal_form is not None else 1
+
+
+def whole_of(parameter_file: Path) -> Path:
+    """Return where the whole identification stands beside a parameter file."""
+    return parameter_file.with_suffix('.npz')
+
+
+def _parameter_file(text: str) -> Path:
+    path = Path(text)
+    if not path.name or whole_of(path) == path:
+        raise argparse.ArgumentTypeError(f'expected the name of a YAML file, got {text}')
+    return path
 
 
 def records_of(arguments: argparse.Namespace, advance: Advance) -> list[Record]:
@@ -213,9 +231,9 @@ def _reach(address: str) -> None:
         raise HuntError(f'--cluster: nobody answers at {address} ({reason})') from error
 
 
-def _write(path: str, text: str) -> None:
+def _write(path: Path, text: str) -> None:
     try:
-        Path(path).write_text(text, encoding='utf-8')
+        path.write_text(text, encoding='utf-8')
     except OSError as error:
         raise HuntError(f'{path}: cannot write the parameter file ({error.strerror})') from error
 
@@ -255,7 +273,7 @@ def describe(result: Identification) -> str:
     lines += _observed('v_c', observed.v_c, observed.v_c_between)
     lines += _observed('v_n', observed.v_n, observed.v_n_between)
     lines += _days(result.days)
-    lines += [f'warning: {warning}' for warning in worth_saying(result.warnings)]
+    lines += [f'warning: {line}' for line in (*result.notices, *worth_saying(result.unknown))]
     return '\n'.join(lines)
 
 

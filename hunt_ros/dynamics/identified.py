@@ -8,6 +8,7 @@ are the same.
 
 from __future__ import annotations
 
+import hashlib
 import math
 from array import array
 from collections.abc import Mapping, Sequence
@@ -68,6 +69,14 @@ class IdentifiedNormalForm:
         """(v_c, D1, D4, D7, D10, D15), shape (6,)."""
         form = self.form
         return np.array([form.critical_speed, *(getattr(form, name) for name in COEFFICIENTS)])
+
+    @property
+    def fingerprint(self) -> str:
+        """Of form and covariance, 64 hexadecimal digits: the same after a parameter file."""
+        scales = [float(getattr(self.form, name)) for name in SCALES]
+        numbers = np.concatenate([self.vector, scales, self.covariance[np.tril_indices(6)]])
+        # Little-endian, and one zero: the same on every machine.
+        return hashlib.sha256((numbers + 0.0).astype('<f8').tobytes()).hexdigest()
 
     def draws(self, count: int, seed: int = 0) -> list[NormalForm]:
         """

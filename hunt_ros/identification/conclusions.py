@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds, SteadyState
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
@@ -25,16 +26,21 @@ from hunt_ros.identification.lack_of_fit import (
 )
 from hunt_ros.identification.law_choice import FittedLaw
 from hunt_ros.identification.observed import bounded, resolved
+from hunt_ros.identification.posterior import Posterior
 from hunt_ros.identification.pure_error import LackOfFit
 from hunt_ros.identification.quantities import Quantities
 from hunt_ros.identification.reasons import reasons_of
 from hunt_ros.identification.result import GIVEN, PAPERS, FitSummary, Identification
 from hunt_ros.identification.segments import Segment
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.identification.silence import silences
+from hunt_ros.identification.silence import unknown_of
 from hunt_ros.identification.uncertainty import critical_speed_bound, draw_laws, robust_covariance
 from hunt_ros.samples import Record, Uncertain
 
+#: Logarithm of a noise intensity, in units of A_ref^2 / s, below which there is none to see.
+_UNSEEN = -30.0
+#: Largest deviation of the logarithm of a noise intensity that is drawn: a factor of three.
+_VAGUE_NOISE = 1.1
 #: RMS misfit of the limit cycle from which a law is no normal form of the rig.
 _FAR_OFF = 0.05
 
@@ -95,7 +101,10 @@ def conclude(
     best = laws[0]
     trust = _trust(best, evidence, warnings)
     drawn = draw_laws(laws, settings, len(evidence.envelopes), trust.stretch, progress)
-    numbers = Quantities(best.law, drawn, evidence.speeds, settings)
+    posterior = Posterior.of(
+        best.law, drawn, evidence.speeds, _intensity(best, len(drawn), settings.seed)
+    )
+    numbers = Quantities(posterior, settings)
     support = support_of(
         best, numbers.forms, evidence.states, evidence.segments, evidence.envelopes, settings
     )
@@ -144,11 +153,29 @@ def conclude(
         records=tuple(evidence.records),
         frequency_hz=_frequency(evidence),
         days=days,
-        warnings=(),
+        fold_amplitude=numbers.fold_amplitude() if fold else None,
+        posterior=posterior,
     )
     why = reasons_of(result, support, trust.no_fold, no_recipe, observed.reason)
-    said = [line for line in warnings if line not in why.values()]
-    return replace(result, warnings=(*said, *silences(result.to_json(), why)))
+    return replace(
+        result,
+        notices=tuple(line for line in warnings if line not in why.values()),
+        unknown=unknown_of(result.to_json(), why),
+    )
+
+
+def _intensity(best: FittedLaw, count: int, seed: int) -> NDArray[np.float64]:
+    """Draws of the noise intensity D at the critical speed, m^2/s; NaN where none is seen."""
+    by_speed, _, level = best.noise[:3]
+    v_c = best.law.critical_speed
+    level += 0.0 if v_c is None else by_speed * float(best.law.detuning(v_c))
+    size = 0.5 * best.law.scales.amplitude**2 * math.exp(level)
+    if level < _UNSEEN or not np.isfinite(best.fit.information).all():
+        return np.full(count, math.nan)
+    variance = np.linalg.pinv(best.fit.information, rcond=1e-13, hermitian=True)[-3, -3]
+    spread = min(math.sqrt(max(float(variance), 0.0)), _VAGUE_NOISE)
+    normal = np.random.default_rng([seed, count]).standard_normal(count)
+    return np.asarray(size * np.exp(spread * normal))
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,13 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.normal_form import COEFFICIENTS, NormalForm
-from hunt_ros.identification.growth_law import GrowthLaw
+from hunt_ros.dynamics.normal_form import COEFFICIENTS
 from hunt_ros.identification.guards import Support
 from hunt_ros.identification.normal_form_map import normal_form_of
+from hunt_ros.identification.posterior import QUANTITIES, Posterior, amplitude_at, normal_scores
 from hunt_ros.identification.result import BranchPoint
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.uncertainty import summary
@@ -33,34 +32,19 @@ class Quantities:
 
     Parameters
     ----------
-    law : GrowthLaw
-        The one chosen.
-    drawn : sequence of GrowthLaw
-        As the data leave it open.
-    speeds : (float, float)
-        Lowest and highest speed of the data, m/s.
+    posterior : Posterior
+        The law chosen, and its draws.
     settings : IdentificationSettings
         For the errors of the speed reading.
     """
 
-    def __init__(
-        self,
-        law: GrowthLaw,
-        drawn: Sequence[GrowthLaw],
-        speeds: tuple[float, float],
-        settings: IdentificationSettings,
-    ) -> None:
-        self._law, self._drawn, self._settings = law, drawn, settings
-        self._low, self._high = speeds
-        self.form = normal_form_of(law, self._low, self._high)
-        self.forms: list[NormalForm | None] = [
-            normal_form_of(one, self._low, self._high) for one in drawn
-        ]
-        self._folds = [one.saddle_node(self._lowest) for one in drawn]
-
-    @property
-    def _lowest(self) -> float:
-        return self._low - 0.3 * (self._high - self._low)
+    def __init__(self, posterior: Posterior, settings: IdentificationSettings) -> None:
+        self._posterior, self._settings = posterior, settings
+        self._law, self._drawn = posterior.law, posterior.drawn
+        self._low, self._high = posterior.speeds
+        self._folds, self.forms = posterior.folds, posterior.forms
+        self._fold = self._law.saddle_node(posterior.lowest)
+        self.form = normal_form_of(self._law, self._low, self._high)
 
     def _speed_std(self, speed: float) -> float:
         """Deviation of a speed by resolution and scale of the reading, m/s."""
@@ -80,12 +64,19 @@ class Quantities:
 
     def fold(self) -> Uncertain | None:
         """Nonlinear critical speed v_n, m/s."""
-        v_n = self._law.saddle_node(self._lowest)
+        v_n = self._fold
         return None if v_n is None else summary(v_n, _values(self._folds), self._speed_std(v_n))
+
+    def fold_amplitude(self) -> Uncertain | None:
+        """Amplitude at which the two limit cycles meet, at v_n, m."""
+        if self._fold is None:
+            return None
+        sample = self._posterior.table[:, QUANTITIES.index('fold_amplitude')]
+        return summary(amplitude_at(self._law, self._fold), sample)
 
     def width(self) -> Uncertain | None:
         """Hysteresis width v_c - v_n, m/s."""
-        v_c, v_n = self._law.critical_speed, self._law.saddle_node(self._lowest)
+        v_c, v_n = self._law.critical_speed, self._fold
         if v_c is None or v_n is None:
             return None
         ends = zip(self._drawn, self._folds, strict=True)
@@ -126,22 +117,15 @@ class Quantities:
     def branches(self) -> tuple[BranchPoint, ...]:
         """Both limit cycles over the speeds of the data."""
         speeds = np.linspace(self._low, self._high, _BRANCH_POINTS)
-        fold = self._law.saddle_node(self._lowest)
+        fold = self._fold
         if fold is not None and self._low < fold < self._high:
             speeds = np.unique(np.concatenate([speeds, fold + np.array([1e-4, 0.01, 0.03, 0.1])]))
-        drawn = [
-            _continued(one, below, speeds)
-            for one, below in zip(self._drawn, self._folds, strict=True)
-        ]
-        unstable, stable = self._law.steady_amplitudes(speeds)
-
-        def at(k: int, value: float, index: int) -> Uncertain | None:
-            sample = np.array([pair[index][k] for pair in drawn])
-            return summary(value, sample, least=0.3)
-
+        found = self._posterior.branches(speeds)
         return tuple(
-            BranchPoint(float(speed), at(k, float(stable[k]), 1), at(k, float(unstable[k]), 0))
-            for k, speed in enumerate(speeds)
+            BranchPoint(float(speed), stable, unstable)
+            for speed, stable, unstable in zip(
+                speeds, found['stable'], found['unstable'], strict=True
+            )
         )
 
     def disturbance(self, observed: ObservedCriticalSpeeds) -> Uncertain | None:
@@ -178,34 +162,11 @@ def _rank_covariance(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     scores of the ranks.
     """
     below, above = np.percentile(rows, [15.87, 84.13], axis=0)
-    ranks = np.argsort(np.argsort(rows, axis=0), axis=0)
-    scores = stats.norm.ppf((ranks + 0.5) / len(rows))
-    correlation = scores.T @ scores / np.sum(scores[:, 0] ** 2)
+    scores = normal_scores(rows)
+    correlation = scores.T @ scores / len(rows)
     std = 0.5 * (above - below)
     covariance: NDArray[np.float64] = correlation * np.outer(std, std)
     return covariance
-
-
-def _continued(
-    law: GrowthLaw, fold: float | None, speeds: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """
-    Branches of a draw, continued beyond their ends: at zero beyond v_c, at the fold's amplitude
-    below v_n. A draw without the branch at a speed is part of the interval there, not a gap in it.
-    """
-    unstable, stable = law.steady_amplitudes(speeds)
-    v_c = law.critical_speed
-    if v_c is not None:
-        unstable = np.where(np.isnan(unstable) & (speeds >= v_c), 0.0, unstable)
-        if law.criticality == 'supercritical':
-            stable = np.where(np.isnan(stable) & (speeds <= v_c), 0.0, stable)
-    if fold is not None:
-        low, high = law.steady_amplitudes(np.array([fold]))
-        end = 0.5 * float(low[0] + high[0])
-        below = speeds <= fold
-        unstable = np.where(below & np.isnan(unstable), end, unstable)
-        stable = np.where(below & np.isnan(stable), end, stable)
-    return unstable, stable
 
 
 def _values(values: Sequence[float | None]) -> NDArray[np.float64]:

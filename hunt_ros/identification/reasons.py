@@ -48,6 +48,8 @@ def reasons_of(
         'v_c': _bounded(linear or no_fold or _FEW_DRAWS, result.days),
         'v_n': fold,
         'hysteresis_width': fold,
+        'fold_amplitude_m': fold,
+        'correlations': whole or 'no normal form is given',
         'criticality': whole,
         'branches': whole,
         'four_point': no_recipe,

@@ -5,16 +5,26 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from html import escape
+from os import PathLike
 from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds, SteadyState
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, Criticality
+from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.days import Days
 from hunt_ros.identification.envelope import Envelope
 from hunt_ros.identification.four_point import FourPoint
+from hunt_ros.identification.posterior import QUANTITIES, BranchName, Posterior
 from hunt_ros.identification.segments import Segment
+from hunt_ros.identification.silence import lines_of, reason_in
 from hunt_ros.samples import Record, Uncertain
+
+Array = NDArray[np.float64]
 
 #: Where a scale comes from, as `scales_from` says it.
 GIVEN, PAPERS = 'given', 'rig of the paper'
@@ -118,7 +128,7 @@ class FitSummary:
         }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Identification:
     """
     A normal form identified from recordings, and everything it rests on.
@@ -126,7 +136,7 @@ class Identification:
     Parameters
     ----------
     normal_form : IdentifiedNormalForm or None
-        None where the data do not carry one; `warnings` says why.
+        None where the data do not carry one; `unknown` says why.
     v_c, v_n, hysteresis_width : Uncertain or None
         m/s.
     coefficients : mapping of str to Uncertain or None
@@ -145,7 +155,6 @@ class Identification:
         Amplitude of the disturbance that explains the observed jump up (Appendix A), m.
     four_point : FourPoint or None
     fit : FitSummary
-    warnings : sequence of str
     segments : sequence of Segment
     envelopes : sequence of Envelope
     records : sequence of Record
@@ -154,6 +163,14 @@ class Identification:
         Hunting frequency: mean over the motion, weighted by its power.
     days : Days or None
         The same rig on different days: branches, free motion, and their spread.
+    fold_amplitude : Uncertain or None
+        Amplitude at v_n, where the two limit cycles meet, m.
+    notices : sequence of str
+        The warnings without those that only say why something is not known.
+    unknown : mapping of str to str
+        Key of the JSON that is null -> why it is not known.
+    posterior : Posterior or None
+        Draws of the law behind all intervals, also where no number is given.
     """
 
     normal_form: IdentifiedNormalForm | None
@@ -172,12 +189,129 @@ class Identification:
     disturbance: Uncertain | None
     four_point: FourPoint | None
     fit: FitSummary
-    warnings: Sequence[str]
     segments: Sequence[Segment] = ()
     envelopes: Sequence[Envelope] = ()
     records: Sequence[Record] = field(default=(), repr=False)
     frequency_hz: Uncertain | None = None
     days: Days | None = None
+    fold_amplitude: Uncertain | None = None
+    notices: Sequence[str] = ()
+    unknown: Mapping[str, str] = field(default_factory=dict)
+    posterior: Posterior | None = field(default=None, repr=False)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user should know, and of every null why it is not known."""
+        return (*self.notices, *lines_of(self.unknown))
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """
+        Write everything but the samples into one file, from which `load` makes it again.
+
+        Raises
+        ------
+        IdentificationError
+            If it cannot be written.
+        """
+        from hunt_ros.identification.storage import save
+
+        save(self, path)
+
+    @classmethod
+    def load(
+        cls, path: str | PathLike[str], form: IdentifiedNormalForm | None = None
+    ) -> Identification:
+        """
+        Read what `save` has written.
+
+        Parameters
+        ----------
+        path : path
+            Of the file.
+        form : IdentifiedNormalForm, optional
+            Of a parameter file: one that the identification does not belong to is refused.
+
+        Raises
+        ------
+        IdentificationError
+            If it cannot be read, or belongs to another form.
+        """
+        from hunt_ros.identification.storage import load
+
+        return load(path, form)
+
+    def branch(self, which: BranchName, speeds: ArrayLike) -> tuple[Array, Array, Array]:
+        """
+        Amplitude of a limit cycle with its 95 % interval.
+
+        Parameters
+        ----------
+        which : {'stable', 'unstable'}
+            Limit cycle.
+        speeds : array_like, shape (n,)
+            m/s.
+
+        Returns
+        -------
+        value, low, high : ndarray, shape (n,)
+            m; NaN where the branch is not known, or there is none.
+
+        Raises
+        ------
+        IdentificationError
+            For another name of a branch.
+        """
+        if which not in ('stable', 'unstable'):
+            raise IdentificationError(f"branch: expected 'stable' or 'unstable', got {which!r}")
+        speeds = np.atleast_1d(np.asarray(speeds, dtype=np.float64))
+        found: list[Uncertain | None] = [None] * speeds.size
+        if self.posterior is not None and self.branches:
+            found = self.posterior.branch(which, speeds)
+        none = (math.nan, math.nan, math.nan)
+        rows = [none if one is None else (one.value, one.low, one.high) for one in found]
+        value, low, high = np.array(rows).reshape(-1, 3).T
+        return value, low, high
+
+    def plot(self) -> Any:
+        """
+        Draw the bifurcation diagram: measured amplitudes, and branches with their bands.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
+        from hunt_ros.report.normal_form_diagram import identified_diagram
+
+        return identified_diagram(self)
+
+    def __repr__(self) -> str:
+        """One line: what was found."""
+        low, high = self.speeds
+        return (
+            f'<Identification v_c {_shown(self.v_c)}, v_n {_shown(self.v_n)} m/s,'
+            f' {self.criticality or "criticality not known"},'
+            f' from {len(self.envelopes)} recordings at {low:.3g} to {high:.3g} m/s>'
+        )
+
+    def _repr_html_(self) -> str:
+        """Table of what was found, with the reason of what was not, for a notebook."""
+        numbers: dict[str, Uncertain | None] = {
+            'v_c (m/s)': self.v_c,
+            'v_n (m/s)': self.v_n,
+            **{name: self.coefficients.get(name) for name in COEFFICIENTS},
+        }
+        rows = ''.join(
+            f'<tr><th>{name}</th><td>{escape(self._cell(name, number))}</td></tr>'
+            for name, number in numbers.items()
+        )
+        return f'<table><caption>{self.criticality or "not known"}</caption>{rows}</table>'
+
+    def _cell(self, name: str, number: Uncertain | None) -> str:
+        """Return a number with its interval, or why it is not known."""
+        if number is not None:
+            return f'{number} (95 %: {number.low:.5g} to {number.high:.5g})'
+        key = f'coefficients.{name}' if name in COEFFICIENTS else name.partition(' ')[0]
+        return f'not known: {reason_in(self.unknown, key)}'
 
     def to_json(self) -> dict[str, Any]:
         """
@@ -200,6 +334,8 @@ class Identification:
             'effective': {'coefficients': list(EFFECTIVE), 'speeds_mps': list(self.speeds)},
             'coordinate': 'amplitude',
             'frequency_hz': _number(self.frequency_hz),
+            'fold_amplitude_m': _number(self.fold_amplitude),
+            'correlations': self._correlations(),
             'branches': [point.to_json() for point in self.branches],
             'steady_states': [state.to_json() for state in self.steady_states],
             'observed': self.observed.to_json(),
@@ -208,12 +344,28 @@ class Identification:
             'fit': self.fit.to_json(),
             'days': None if self.days is None else self.days.to_json(),
             'segments': [segment.to_json() for segment in self.segments],
+            'unknown': dict(self.unknown),
             'warnings': list(self.warnings),
+        }
+
+    def _correlations(self) -> dict[str, Any] | None:
+        """Return the entry `correlations`: those of the draws, of what is known."""
+        if self.posterior is None or self.normal_form is None:
+            return None
+        matrix = self.posterior.correlations()
+        known = [k for k in range(len(QUANTITIES)) if math.isfinite(matrix[k, k])]
+        return {
+            'of': [QUANTITIES[k] for k in known],
+            'matrix': [[_known(float(matrix[i, j])) for j in known] for i in known],
         }
 
 
 def _number(value: Uncertain | None) -> dict[str, Any] | None:
     return None if value is None else value.to_json()
+
+
+def _shown(value: Uncertain | None) -> str:
+    return 'not known' if value is None else str(value)
 
 
 def _known(value: float) -> float | None:

@@ -1,18 +1,14 @@
 """
-Every null of a result has its reason: a warning that names the keys and says why.
+Every null of a result has its reason, made once: a mapping of keys to reasons.
 
-A warning of this kind reads 'KEY, KEY not known: reason'. A key is the path in the JSON
-without the places in lists: 'v_n', 'coefficients.D4', 'branches.stable_amplitude_m'.
+A key is the path in the JSON without the places in lists: 'v_n', 'coefficients.D4',
+'branches.stable_amplitude_m'. The warnings say the same in lines, 'KEY, KEY not known: reason'.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
-
-#: Between the keys and the reason.
-NOT_KNOWN = ' not known: '
 
 #: Lists that say something by being empty.
 _LISTS = ('branches', 'steady_states')
@@ -55,9 +51,9 @@ def _walk(entry: Any, path: str) -> Iterator[str]:
             yield from _walk(below, path)
 
 
-def silences(document: Mapping[str, Any], why: Mapping[str, str]) -> list[str]:
+def unknown_of(document: Mapping[str, Any], why: Mapping[str, str]) -> dict[str, str]:
     """
-    Say of every null why it is not known: one line for each reason.
+    Say of every null why it is not known.
 
     Parameters
     ----------
@@ -68,13 +64,18 @@ def silences(document: Mapping[str, Any], why: Mapping[str, str]) -> list[str]:
 
     Returns
     -------
-    list of str
-        'KEY, KEY not known: reason'.
+    dict of str to str
+        Key -> reason.
     """
+    return {key: _reason(key, why) for key in nulls_of(document)}
+
+
+def lines_of(unknown: Mapping[str, str]) -> list[str]:
+    """Return a line for each reason, with the keys it stands for: 'KEY, KEY not known: reason'."""
     by_reason: dict[str, list[str]] = {}
-    for key in nulls_of(document):
-        by_reason.setdefault(_reason(key, why), []).append(key)
-    return [f'{", ".join(keys)}{NOT_KNOWN}{reason}' for reason, keys in by_reason.items()]
+    for key, reason in unknown.items():
+        by_reason.setdefault(reason, []).append(key)
+    return [f'{", ".join(keys)} not known: {reason}' for reason, keys in by_reason.items()]
 
 
 def _reason(key: str, why: Mapping[str, str]) -> str:
@@ -87,47 +88,25 @@ def _reason(key: str, why: Mapping[str, str]) -> str:
     return _UNEXPLAINED
 
 
-def reason_in(warnings: Sequence[str], key: str) -> str:
+def reason_in(unknown: Mapping[str, str], path: str) -> str:
     """
-    Return the reason that the warnings give for a null; '' where none names it.
+    Return the reason for a null; '' where there is none.
 
     Parameters
     ----------
-    warnings : sequence of str
-        Of a result.
-    key : str
-        Path in the document; places in lists are left out of account.
+    unknown : mapping of str to str
+        As `unknown_of` gives it.
+    path : str
+        Path in the document; places in lists are left out of account, and what stands below
+        a null has its reason.
     """
-    plain = re.sub(r'\.\d+(?=\.|$)', '', key)
-    for line in warnings:
-        keys, mark, reason = line.partition(NOT_KNOWN)
-        if mark and plain in keys.split(', '):
-            return reason
-    return ''
+    parts = [part for part in path.split('.') if not part.isdecimal()]
+    starts = ('.'.join(parts[:count]) for count in range(len(parts), 0, -1))
+    return next((unknown[start] for start in starts if start in unknown), '')
 
 
-def is_silence(warning: str) -> bool:
-    """Whether a warning is one that only says why keys are null."""
-    keys, mark, _ = warning.partition(NOT_KNOWN)
-    return bool(mark) and re.fullmatch(r'[\w.]+(, [\w.]+)*', keys) is not None
-
-
-def worth_saying(warnings: Sequence[str]) -> list[str]:
-    """
-    Leave out the silences that concern only entries of tables, for a reader in a hurry.
-
-    Parameters
-    ----------
-    warnings : sequence of str
-        Of a result.
-    """
+def worth_saying(unknown: Mapping[str, str]) -> list[str]:
+    """Return the lines of `lines_of`, without those that concern entries of tables only."""
     tables = ('branches.', 'steady_states.', 'segments.', 'days.')
-    return [
-        line
-        for line in warnings
-        if not is_silence(line) or not all(key.startswith(tables) for key in _keys(line))
-    ]
-
-
-def _keys(warning: str) -> list[str]:
-    return warning.partition(NOT_KNOWN)[0].split(', ')
+    telling = {reason for key, reason in unknown.items() if not key.startswith(tables)}
+    return lines_of({key: reason for key, reason in unknown.items() if reason in telling})

@@ -17,9 +17,12 @@ from pathlib import Path
 from hunt_ros.detection.acceptance import rolled_back
 from hunt_ros.dynamics.identified import NEWEST_FILE, IdentifiedNormalForm
 from hunt_ros.errors import HuntError
+from hunt_ros.identification import Identification
 
 #: Begins the lines of the provenance that name recordings.
 _RECORDING = 'recording '
+#: Ends the name of the identification that a parameter file comes from.
+_WHOLE = '.npz'
 
 
 def with_recordings(form: IdentifiedNormalForm, paths: Iterable[Path]) -> IdentifiedNormalForm:
@@ -32,6 +35,13 @@ def recordings_of(form: IdentifiedNormalForm) -> tuple[Path, ...]:
     """Return the recordings that a form rests on, the oldest first, as far as it says."""
     lines = form.provenance.items()
     return tuple(Path(value) for key, value in lines if key.startswith(_RECORDING))
+
+
+def _move(path: Path, to: Path) -> None:
+    """Rename a parameter file, and the identification beside it."""
+    path.rename(to)
+    with suppress(FileNotFoundError):
+        path.with_suffix(_WHOLE).rename(to.with_suffix(_WHOLE))
 
 
 class FormFiles:
@@ -82,9 +92,16 @@ class FormFiles:
         """Return the earlier forms, the oldest first."""
         return self._numbered('normal_form')
 
-    def keep(self, text: str) -> Path:
+    def keep(self, text: str, whole: Identification | None = None) -> Path:
         """
         Write the parameter file; the one before stays under a number.
+
+        Parameters
+        ----------
+        text : str
+            The parameter file.
+        whole : Identification, optional
+            What it comes from, kept beside it as `.npz`.
 
         Raises
         ------
@@ -94,7 +111,9 @@ class FormFiles:
         try:
             self._directory.mkdir(parents=True, exist_ok=True)
             if self.newest.exists():
-                self.newest.rename(self._next('normal_form'))
+                _move(self.newest, self._next('normal_form'))
+            if whole is not None:
+                whole.save(self.newest.with_suffix(_WHOLE))
             self._write(text)
         except OSError as error:
             raise HuntError(
@@ -124,9 +143,9 @@ class FormFiles:
             form = IdentifiedNormalForm.from_yaml(latest.read_text(encoding='utf-8'), str(latest))
             text = rolled_back(form).to_yaml()
             if self.newest.exists():
-                self.newest.rename(self._next('normal_form_reverted'))
+                _move(self.newest, self._next('normal_form_reverted'))
+            _move(latest, self.newest)
             self._write(text)
-            latest.unlink()
         except OSError as error:
             raise HuntError(f'{latest}: cannot go back to it ({error.strerror})') from error
         return text

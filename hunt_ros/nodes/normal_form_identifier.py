@@ -212,7 +212,7 @@ class NormalFormIdentifierNode(Node):
                 self._state = ('WARN', 'the recordings do not determine a normal form')
                 return
             text = with_recordings(result.normal_form, self._base).to_yaml()
-            path = self._files.keep(text)
+            path = self._files.keep(text, result)
             self._forms += 1
             self._publisher.publish(String(data=text))
             self._state = ('OK', f'{path} from {len(records)} recordings')

@@ -108,6 +108,7 @@ class Report:
             **drawings.run_drawings(self.identification, self.events, self.result),
             **drawings.loop_drawing(self.result, marks),
             **drawings.form_drawings(self.identification.normal_form, self.result),
+            **drawings.fold_drawing(self.identification.posterior, self.result),
             **drawings.response_drawings(self.responses),
             **drawings.poincare_drawing(self.pair),
             **drawings.days_drawing(self.identification.days),
@@ -160,6 +161,11 @@ class Report:
                 + tables.coefficients(result)
                 + (pick('fig09', 'fig10') or _unknown(result.reason('coefficients.D4')))
                 + pick('fig03'),
+            ),
+            Section(
+                'together',
+                'What is known together',
+                pick('fold') + tables.correlations(result),
             ),
             Section('disturbance', 'Disturbance', words.disturbance(result) + pick('fig11')),
             Section(

@@ -16,6 +16,7 @@ import numpy as np
 from hunt_ros.report.cubic import cubic_alone
 from hunt_ros.report.days import days_apart
 from hunt_ros.report.disturbance import disturbance_from_width
+from hunt_ros.report.fold_region import fold_region
 from hunt_ros.report.frequency import Frequencies, frequency_diagram
 from hunt_ros.report.hysteresis import has_maxima, hysteresis_loop
 from hunt_ros.report.normal_form_diagram import diagram, normal_form_alone
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
     from hunt_ros.dynamics.identified import IdentifiedNormalForm
     from hunt_ros.identification.days import Days
+    from hunt_ros.identification.posterior import Posterior
     from hunt_ros.identification.result import Identification
 
 _MAXIMA = 'Pale: the mean of the maxima, which the paper plots; roughness and noise are in it. '
@@ -168,6 +170,18 @@ def form_drawings(identified: IdentifiedNormalForm | None, result: Result) -> di
             wide=True,
         )
     return drawings
+
+
+def fold_drawing(posterior: Posterior | None, result: Result) -> dict[str, Drawing]:
+    """Draw what is known of the fold; nothing where none is known."""
+    if posterior is None or result.value('fold_amplitude_m') is None:
+        return {}
+    caption = (
+        'Where the two limit cycles meet: each point is one form that the data allow. The '
+        'ellipses hold 68 % and 95 % of them.'
+    )
+    figure = fold_region(posterior)
+    return {'fold': Drawing(figure, '', caption, 'Joint region of v_n and the amplitude there')}
 
 
 def response_drawings(responses: Mapping[str, Response]) -> dict[str, Drawing]:

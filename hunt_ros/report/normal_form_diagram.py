@@ -18,12 +18,14 @@ from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.report import style
 from hunt_ros.report.branch_lines import plot_form
-from hunt_ros.report.hysteresis import measured_points
+from hunt_ros.report.hysteresis import hysteresis_loop, measured_points
 from hunt_ros.report.result import Result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from hunt_ros.identification.result import Identification
 
 #: Draws from the covariance behind a band, where the document gives none.
 _DRAWS = 400
@@ -118,6 +120,14 @@ def diagram(identified: IdentifiedNormalForm, result: Result) -> Figure:
         _critical_speed(axes, result, 'v_c')
         style.legend_above(axes, columns=5)
         return figure
+
+
+def identified_diagram(identification: Identification) -> Figure:
+    """Draw an identification: `diagram`, or only what was measured where it has no form."""
+    result = Result(identification.to_json())
+    if identification.normal_form is None:
+        return hysteresis_loop(result)
+    return diagram(identification.normal_form, result)
 
 
 def bands_of_document(branches: Sequence[Mapping[str, Any]]) -> Bands:

@@ -3,7 +3,7 @@ How the report reads an identification: by the public JSON keys, and never past 
 
 Everything shown comes from the document that `hunt identify --json` writes, so the
 page and the JSON cannot disagree. What is null there is 'not known', and is shown with
-the reason that the warnings give for it.
+the reason that its entry `unknown` gives for it.
 """
 
 from __future__ import annotations
@@ -13,26 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from hunt_ros.identification.silence import is_silence, reason_in
-
-#: What a warning must speak of to be the reason of a null, by the start of its key. The
-#: first that matches counts, so the narrow ones stand first.
-_SUBJECTS: tuple[tuple[str, str], ...] = (
-    (
-        r'(?:.*\.)?(?:std|ci95|amplitude_std_m|maxima_std_m|std_m|ci95_m)$',
-        r'interval|bootstrap|uncertain|\bstd\b|runs?\b',
-    ),
-    (r'observed', r'observed|jump'),
-    (r'v_c', r'\bv_c\b|Hopf|linear critical'),
-    (r'v_n', r'\bv_n\b|fold|saddle|unstable branch'),
-    (r'hysteresis_width', r'hysteresis|width|\bv_n\b|fold|saddle'),
-    (r'coefficients\.(?P<name>D\d+)', r'\b{name}\b|coefficient|normal form'),
-    (r'coefficients|criticality', r'coefficient|normal form|critical|\bv_c\b|lack of fit'),
-    (r'disturbance', r'disturbance|Appendix A'),
-    (r'four_point', r'four.point'),
-    (r'branches', r'branch|steady state|normal form'),
-    (r'fit', r'\bfit|residual|trajector|segment'),
-)
+from hunt_ros.identification.silence import lines_of, reason_in
 
 _NO_REASON = 'the identification gave no reason'
 
@@ -92,7 +73,13 @@ class Result:
     @property
     def notices(self) -> tuple[str, ...]:
         """The warnings, without those that only give the reason of a null."""
-        return tuple(line for line in self.warnings if not is_silence(line))
+        reasons = lines_of(self._unknown)
+        return tuple(line for line in self.warnings if line not in reasons)
+
+    @property
+    def _unknown(self) -> Mapping[str, str]:
+        """Key -> why it is not known."""
+        return self.document.get('unknown') or {}
 
     def steady_states(self, direction: str | None = None) -> list[Mapping[str, Any]]:
         """Return the measured steady states, all or of one direction, by speed."""
@@ -113,37 +100,15 @@ class Result:
         """
         Say why the entry at a path is null.
 
-        The warnings that speak of it; for a branch, on which side of the model's
-        critical speeds its speed lies; and if nothing gives a reason, that.
+        For a branch, on which side of the model's critical speeds its speed lies; for a
+        stretch, what it is; else what the identification says of it.
         """
-        known = (
+        return (
             self._branch_reason(path)
             or self._segment_reason(path)
-            or reason_in(self.warnings, path)
+            or reason_in(self._unknown, path)
+            or _NO_REASON
         )
-        if known:
-            return known
-        for key, subject in _SUBJECTS:
-            found = re.match(key, path)
-            if not found:
-                continue
-            words = subject.format(**found.groupdict()) if found.groupdict() else subject
-            lines = [line for line in self.notices if re.search(words, line, re.IGNORECASE)]
-            if lines:
-                return lines[0].rstrip('.')
-        if path.startswith('observed'):
-            return 'no such jump of the amplitude is in the recordings'
-        if path.startswith('disturbance_m'):
-            return self._disturbance_reason()
-        if not self.get('criticality') and re.match(r'v_|hyst|four_point|branches|coeff', path):
-            whole = self.reason('criticality')
-            return whole if whole != _NO_REASON else 'no normal form was identified'
-        if path.startswith('four_point'):
-            return 'the recipe needs four hunting states, near eps = -0.2, -0.1, 0 and 0.1'
-        if re.match(r'v_n|hysteresis_width', path) and self.get('criticality'):
-            kind = str(self.get('criticality'))
-            return f'no fold below v_c: the identified form is {kind} without one'
-        return _NO_REASON
 
     def _segment_reason(self, path: str) -> str:
         """Reason of a null of a stretch: what the stretch is, or ''."""
@@ -152,16 +117,6 @@ class Result:
             return ''
         kind = self.get(f'segments.{found.group(1)}.kind')
         return f'no growth rate is read from a {kind}' if kind != 'transient' else ''
-
-    def _disturbance_reason(self) -> str:
-        """Reason why no disturbance follows from the width: it needs two widths, one narrower."""
-        model, seen = self.value('hysteresis_width'), self.value('observed.hysteresis_width')
-        if model is None or seen is None:
-            which = 'of the model' if model is None else 'seen in the jumps'
-            return f'the hysteresis width {which} is not known'
-        if seen >= model:
-            return 'the observed hysteresis is no narrower than the model has it'
-        return _NO_REASON
 
     def _branch_reason(self, path: str) -> str:
         """Reason of a missing branch point from the model's own critical speeds, or ''."""

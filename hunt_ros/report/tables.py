@@ -50,6 +50,7 @@ LONG_TABLE = 30
 SYMBOLS = {
     'v_c': '<var>v</var><sub>c</sub>',
     'v_n': '<var>v</var><sub>n</sub>',
+    'fold_amplitude': '<var>A</var><sub>n</sub>',
     'hysteresis_width': '<var>v</var><sub>c</sub> − <var>v</var><sub>n</sub>',
     'D1': '<var>D</var><sub>1</sub>',
     'D4': '<var>D</var><sub>4</sub>',
@@ -158,6 +159,23 @@ def critical_speeds(result: Result) -> str:
         rows,
         f'Critical speeds. Step of the speed at the jumps: {step}{unit}.',
     )
+
+
+def correlations(result: Result) -> str:
+    """Table of the correlations of what was identified; what it is known to, together."""
+    entry = result.get('correlations')
+    if entry is None:
+        return f'<p>Correlations: {not_known(result, "correlations")}.</p>'
+    names = [SYMBOLS[name] for name in entry['of']]
+    rows = [
+        [name, *('' if x is None else f'{x:+.2f}'.replace('-', '−') for x in row[: k + 1])]
+        for k, (name, row) in enumerate(zip(names, entry['matrix'], strict=True))
+    ]
+    caption = (
+        'Rank correlations of the forms that the data allow. Near ±1 only a combination of the '
+        'two is known well.'
+    )
+    return table(['', *names], [row + [''] * (len(names) + 1 - len(row)) for row in rows], caption)
 
 
 def _between(result: Result, key: str) -> str:

@@ -13,6 +13,7 @@ from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.simulation import Kick, SensorModel, SimulationSettings, simulate
 from hunt_ros.dynamics.speed_profile import SpeedProfile
+from hunt_ros.identification import Identification
 
 
 @pytest.fixture(scope='module')
@@ -34,6 +35,9 @@ def test_a_bag_gives_json_and_a_parameter_file(bag, tmp_path, capsys):
     assert document['v_c']['value'] == pytest.approx(form.form.critical_speed)
     assert document['v_n']['value'] == pytest.approx(6.43, abs=0.1)
     assert 'v_n' in capsys.readouterr().out
+    # Beside the parameter file stands all that was learnt.
+    whole = Identification.load(out.with_suffix('.npz'), form)
+    assert whole.to_json() == document
 
 
 def test_json_alone_stands_on_standard_output(bag, capsys):
@@ -44,7 +48,12 @@ def test_json_alone_stands_on_standard_output(bag, capsys):
 
 @pytest.mark.parametrize(
     'words',
-    [['--prior-v-c', 'fast'], ['--length-scale', '-1'], ['--mapping', '/nowhere.yaml']],
+    [
+        ['--prior-v-c', 'fast'],
+        ['--length-scale', '-1'],
+        ['--mapping', '/nowhere.yaml'],
+        ['--out', 'form.npz'],
+    ],
 )
 def test_a_wrong_option_is_one_line_and_exit_2(bag, words, capsys):
     assert main(['identify', str(bag), *words]) == 2

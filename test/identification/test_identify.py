@@ -122,7 +122,7 @@ def test_a_fit_that_has_not_converged_says_so_and_gives_no_number(records, monke
     assert all(document[key] is None for key in ('v_c', 'v_n', 'hysteresis_width', 'criticality'))
     assert all(value is None for value in document['coefficients'].values())
     assert result.normal_form is None
-    assert 'not converged' in reason_in(result.warnings, 'v_c')
+    assert 'not converged' in reason_in(result.unknown, 'v_c')
 
 
 def test_a_rig_that_hunts_for_a_fiftieth_of_the_time_gets_its_form(make):
@@ -424,7 +424,7 @@ def test_real_flutter_recordings_give_amplitudes_and_flag_the_quintic_form():
     result = identify(flutter_runs('17*.mat'), IdentificationSettings(length_scale=0.1))
     assert result.v_n is None
     if result.criticality is None:
-        assert 'supercritical' not in reason_in(result.warnings, 'v_n')
+        assert 'supercritical' not in reason_in(result.unknown, 'v_n')
     assert result.fit.lack_of_fit == bool(result.fit.lack_of_fit_because)
     low, high = result.observed.v_c_between
     assert low is None or high is None or low < high

@@ -7,6 +7,7 @@ from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.identification.growth_law import QUINTIC, GrowthLaw, GrowthScales
 from hunt_ros.identification.normal_form_map import from_normal_form
+from hunt_ros.identification.posterior import Posterior
 from hunt_ros.identification.quantities import Quantities
 from hunt_ros.identification.settings import IdentificationSettings
 
@@ -24,7 +25,7 @@ def quantities():
         p[0] += 0.02 * rng.standard_normal()
         p[5] *= 1.0 + 0.01 * rng.standard_normal()
         drawn.append(GrowthLaw(QUINTIC, p, SCALES))
-    return Quantities(LAW, drawn, (6.2, 8.8), IdentificationSettings())
+    return Quantities(Posterior.of(LAW, drawn, (6.2, 8.8)), IdentificationSettings())
 
 
 @pytest.fixture(scope='module')

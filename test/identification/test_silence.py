@@ -11,7 +11,7 @@ import pytest
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.errors import HuntError
 from hunt_ros.identification import identify
-from hunt_ros.identification.silence import NOT_KNOWN, is_silence, nulls_of, reason_in, silences
+from hunt_ros.identification.silence import lines_of, nulls_of, reason_in, unknown_of
 from hunt_ros.samples import Record, Series
 
 OTHER = NormalForm(8.0, 0.12, 900.0, -0.06, 1900.0, -7e6, frequency_hz=4.4)
@@ -156,8 +156,9 @@ def test_bad_input_is_refused_in_a_line_or_every_null_has_its_reason(outcome, na
     json.dumps(document, allow_nan=False)
     assert all(math.isfinite(number) for number in numbers(document))
     for key in nulls_of(document):
-        reason = reason_in(document['warnings'], key)
-        assert reason, f'{key} is null, and no warning names it'
+        reason = document['unknown'].get(key)
+        assert reason, f'{key} is null, and nothing says why'
+        assert any(key in line and line.endswith(reason) for line in document['warnings'])
         assert reason != 'the data do not show it', key
 
 
@@ -241,15 +242,14 @@ def test_damage_that_opening_showed_is_in_the_warnings(records):
     assert 'cut: damaged: the file ends in the middle of a chunk' in warnings
 
 
-def test_a_silence_names_every_key_once_and_the_longest_reason_counts():
+def test_every_null_is_named_once_and_the_longest_reason_counts():
     document = {'a': None, 'b': {'c': None, 'd': 1.0}, 'branches': [], 'list': [{'x': None}] * 3}
-    lines = silences(document, {'a': 'one', 'b': 'other', 'b.c': 'one', 'list': 'two'})
-    assert lines == [
+    unknown = unknown_of(document, {'a': 'one', 'b': 'other', 'b.c': 'one', 'list': 'two'})
+    assert lines_of(unknown) == [
         'branches not known: at some speeds the law has no such limit cycle',
         'a, b.c not known: one',
         'list.x not known: two',
     ]
-    assert reason_in(lines, 'list.2.x') == 'two'
-    assert reason_in(lines, 'b.d') == ''
-    assert all(is_silence(line) for line in lines)
-    assert not is_silence(f'the run is short{NOT_KNOWN}really')
+    assert reason_in(unknown, 'list.2.x') == 'two'
+    assert reason_in(unknown, 'a.ci95') == 'one'
+    assert reason_in(unknown, 'b.d') == ''

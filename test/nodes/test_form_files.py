@@ -66,3 +66,23 @@ def test_an_earlier_form_that_cannot_be_read_changes_nothing(tmp_path) -> None:
     with pytest.raises(HuntError):
         files.go_back()
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == before
+
+
+class Whole:
+    """Stands for an identification: its file holds its name."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def save(self, path) -> None:
+        path.write_text(self.name)
+
+
+def test_the_identification_beside_a_form_goes_where_the_form_goes(tmp_path) -> None:
+    files = FormFiles(tmp_path)
+    for speed in (7.0, 7.5, 8.0):
+        files.keep(text(speed), Whole(str(speed)))
+    files.go_back()
+    for path in tmp_path.glob('*.yaml'):
+        assert path.with_suffix('.npz').read_text() == str(v_c(path.read_text()))
+    assert len(list(tmp_path.iterdir())) == 6

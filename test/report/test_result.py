@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.report.result import Result
 
 Document = Callable[..., dict[str, Any]]
@@ -42,35 +39,24 @@ def test_every_null_is_found_once_and_has_a_reason(entries: dict[str, Any]) -> N
     assert all(unknown.reason for unknown in unknowns)
 
 
-def test_the_warning_that_speaks_of_a_quantity_is_its_reason(document: Document) -> None:
-    entries = document()
-    entries['v_n'] = entries['hysteresis_width'] = None
-    entries['coefficients']['D7'] = None
-    entries['four_point'] = None
-    entries['warnings'] = [
-        'roller: 3 % of the samples are missing',
-        'D7: not separable from D10 over this range of speeds',
-        'four-point recipe: no four hunting speeds',
-        'no fold within the range of the data: v_n is not known',
-    ]
-    result = Result(entries)
-    assert result.reason('coefficients.D7').startswith('D7: not separable')
-    assert result.reason('four_point').startswith('four-point recipe')
-    assert result.reason('v_n').startswith('no fold within')
-    assert result.reason('hysteresis_width').startswith('no fold within')
-    # D1 has no warning of its own and must not take that of D10 or D15.
-    assert 'D7' not in result.reason('coefficients.D1')
-
-
-def test_a_supercritical_rig_needs_no_warning_to_have_no_fold(
-    document: Document, identified: Callable[..., IdentifiedNormalForm]
+def test_the_reason_of_a_null_is_the_one_that_the_identification_gives(
+    document: Document,
 ) -> None:
-    form = replace(PAPER_NORMAL_FORM, D4=-2030.0)
-    entries = document(identified(form)) | {'warnings': []}
+    entries = document()
+    entries['v_n'] = entries['four_point'] = None
+    entries['coefficients']['D7'] = None
+    entries['unknown'] = {
+        'coefficients.D7': 'not separable from D10 over this range of speeds',
+        'four_point': 'no four hunting speeds',
+        'v_n': 'no fold within the range of the data',
+    }
+    entries['warnings'] = ['roller: 3 % of the samples are missing', 'v_n not known: no fold']
     result = Result(entries)
-    assert result.reason('v_n').startswith('no fold below v_c: the identified form is super')
-    below = next(k for k, x in enumerate(entries['branches']) if x['speed_mps'] < 8.0)
-    assert result.reason(f'branches.{below}.stable_amplitude_m') == 'the model has none below v_c'
+    assert result.reason('coefficients.D7').startswith('not separable')
+    assert result.reason('four_point').startswith('no four')
+    # What stands below a null is not known for the same reason.
+    assert result.reason('v_n.ci95') == 'no fold within the range of the data'
+    assert result.notices[0].startswith('roller')
 
 
 @pytest.mark.parametrize(
@@ -93,9 +79,7 @@ def test_a_branch_that_does_not_exist_says_where_it_does(
 
 
 def test_without_any_reason_the_report_says_so() -> None:
-    entries = {'v_c': None, 'criticality': 'subcritical', 'warnings': []}
-    assert 'no reason' in Result(entries).reason('v_c')
-    assert 'no normal form' in Result({'v_c': None, 'warnings': []}).reason('v_c')
+    assert 'no reason' in Result({'v_c': None, 'unknown': {}, 'warnings': []}).reason('v_c')
 
 
 def test_paths_past_a_null_are_not_known_either() -> None:

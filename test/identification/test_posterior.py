@@ -1,0 +1,104 @@
+"""What is kept of an identification: the draws, and the file that holds everything."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.errors import IdentificationError
+from hunt_ros.identification import Identification, identify
+from hunt_ros.identification.posterior import QUANTITIES
+
+SPEEDS = [6.0, 6.8, 7.2, 7.6, 8.4]
+
+
+@pytest.fixture(scope='module')
+def result(records):
+    return identify(records['sweep'])
+
+
+@pytest.fixture(scope='module')
+def kept(result, tmp_path_factory):
+    path = tmp_path_factory.mktemp('kept') / 'form.npz'
+    result.save(path)
+    return path
+
+
+def test_a_kept_identification_says_the_same_to_the_bit(result, kept):
+    again = Identification.load(kept)
+    assert again.to_json() == result.to_json()
+    assert repr(again) == repr(result)
+    for which in ('stable', 'unstable'):
+        np.testing.assert_array_equal(again.branch(which, SPEEDS), result.branch(which, SPEEDS))
+    assert again.normal_form.to_yaml() == result.normal_form.to_yaml()
+    assert again.records == ()
+
+
+def test_it_belongs_to_the_form_of_its_parameter_file_and_to_no_other(result, kept):
+    form = IdentifiedNormalForm.from_yaml(result.normal_form.to_yaml())
+    assert Identification.load(kept, form).v_c == result.v_c
+    other = replace(form, form=replace(form.form, D4=form.form.D4 * (1.0 + 1e-12)))
+    with pytest.raises(IdentificationError, match='another normal form'):
+        Identification.load(kept, other)
+
+
+def test_what_is_no_identification_is_refused_in_a_line(kept, tmp_path):
+    whole = kept.read_bytes()
+    np.savez(tmp_path / 'other.npz', a=np.zeros(3))
+    np.savez(tmp_path / 'newer.npz', head=np.array('{"version": 99}'))
+    (tmp_path / 'cut.npz').write_bytes(whole[: len(whole) // 2])
+    (tmp_path / 'text.npz').write_text('v_c: 8')
+    (tmp_path / 'empty.npz').write_bytes(b'')
+    (tmp_path / 'folder.npz').mkdir()
+    names = [*(path.name for path in tmp_path.iterdir()), 'missing.npz']
+    assert len(names) == 7
+    for name in names:
+        with pytest.raises(IdentificationError) as error:
+            Identification.load(tmp_path / name)
+        assert name in str(error.value)
+        assert '\n' not in str(error.value)
+    with pytest.raises(IdentificationError, match='cannot write'):
+        Identification.load(kept).save(tmp_path / 'nowhere' / 'form.npz')
+
+
+def test_a_branch_is_the_one_of_the_json_and_nan_where_there_is_none(result):
+    value, low, high = result.branch('unstable', SPEEDS)
+    assert np.isnan(value[[0, 4]]).all()
+    assert (low[1:4] < value[1:4]).all()
+    assert (value[1:4] < high[1:4]).all()
+    point = result.branches[20]
+    value, low, high = result.branch('stable', [point.speed])
+    np.testing.assert_allclose([value[0], low[0], high[0]], _numbers(point.stable), rtol=1e-12)
+    with pytest.raises(IdentificationError, match='lower'):
+        result.branch('lower', SPEEDS)
+
+
+def _numbers(uncertain):
+    return [uncertain.value, uncertain.low, uncertain.high]
+
+
+def test_what_hangs_together_is_drawn_together(result):
+    document = result.to_json()
+    of, matrix = document['correlations']['of'], np.array(document['correlations']['matrix'])
+    assert of == list(QUANTITIES)
+    np.testing.assert_allclose(np.diag(matrix), 1.0)
+    np.testing.assert_allclose(matrix, matrix.T)
+    # Cubic and quintic term share what the limit cycle shows.
+    assert matrix[of.index('D4'), of.index('D15')] < -0.5
+    fold = document['fold_amplitude_m']
+    low, high = result.branch('stable', [result.v_n.value + 1e-3])[0], fold['value']
+    assert abs(low[0] / high - 1.0) < 0.1
+
+
+def test_it_shows_itself_in_a_notebook_and_as_a_figure(result):
+    assert len(repr(result)) < 200
+    page = result._repr_html_()
+    assert str(result.v_c) in page
+    assert result.plot().axes
+    unknown = replace(result, v_n=None, unknown={'v_n': 'no <fold>'}, normal_form=None)
+    assert 'not known: no &lt;fold&gt;' in unknown._repr_html_()
+    assert 'v_n not known' in repr(unknown)
+    assert unknown.plot().axes
