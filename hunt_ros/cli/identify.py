@@ -36,12 +36,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar='FILE',
         help='write the ROS parameter file here, and beside it the whole identification, as .npz',
     )
+    parser.add_argument(
+        '--branches',
+        type=Path,
+        metavar='FILE.csv',
+        help='write both branches with their 95 %% bands here',
+    )
     options.add_json(parser, 'the whole result')
 
 
-def add_settings(parser: argparse.ArgumentParser) -> None:
-    """Add what to read and how to identify: what `hunt report` shares with `hunt identify`."""
-    parser.add_argument('bags', nargs='+', metavar='BAG', help='recordings: runs, days')
+def add_settings(parser: argparse.ArgumentParser, what: str = 'recordings: runs, days') -> None:
+    """Add what to read and how to identify: what `report` and `plan` share with `identify`."""
+    parser.add_argument('bags', nargs='+', metavar='BAG', help=what)
     options.add_channels(parser)
     parser.add_argument(
         '--day',
@@ -65,7 +71,27 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
         metavar='N,...',
         help='orders of the known lines, in turns of the roller (1,2); "": none',
     )
+    parser.add_argument(
+        '--ignore',
+        type=_interval,
+        action='append',
+        default=[],
+        metavar='[N:]FROM:TO',
+        help='leave out these s since the start of each recording, or of the Nth; repeatable',
+    )
+    parser.add_argument(
+        '--minimum-hold', type=positive, metavar='S', help='shortest hold of the speed (8)'
+    )
+    parser.add_argument(
+        '--frequency-range', type=_range, metavar='LOW:HIGH', help='of the hunting, Hz (0.5:20)'
+    )
     length = options.number(0.0, 10.0, 'm', above=True)
+    parser.add_argument(
+        '--sensor-range', type=length, metavar='M', help='the lateral sensor reads no more'
+    )
+    parser.add_argument(
+        '--clearance', type=length, metavar='M', help='amplitude at which a flange touches'
+    )
     parser.add_argument(
         '--roller-diameter',
         type=length,
@@ -119,11 +145,41 @@ def run(arguments: argparse.Namespace) -> int:
         else:
             _write(arguments.out, result.normal_form.to_yaml())
             result.save(whole_of(arguments.out))
+    if arguments.branches and not result.branches:
+        print(f'hunt identify: {arguments.branches} is not written: no branches', file=sys.stderr)
+    elif arguments.branches:
+        _write(arguments.branches, branches_csv(result), 'branches')
     if arguments.json:
         write_json(result.to_json(), arguments.json)
     if arguments.json != '-':
         print(describe(result))
     return 0 if result.normal_form is not None else 1
+
+
+def identification_of(arguments: argparse.Namespace) -> Identification:
+    """
+    Identify the recordings of `add_settings`, or read what was identified before.
+
+    A single parameter file stands for the identification beside it.
+
+    Raises
+    ------
+    HuntError
+        If they cannot be read, or what stands beside the file belongs to another form.
+    """
+    from hunt_ros.cli.output import progress
+    from hunt_ros.dynamics.identified import IdentifiedNormalForm
+    from hunt_ros.identification import Identification, identify
+
+    if len(arguments.bags) == 1 and Path(arguments.bags[0]).suffix == '.yaml':
+        path = Path(arguments.bags[0])
+        text = options.read_text(path, 'parameter file')
+        return Identification.load(whole_of(path), IdentifiedNormalForm.from_yaml(text, str(path)))
+    settings = settings_of(arguments)
+    with progress('reading') as advance:
+        records = records_of(arguments, advance)
+    with progress('identifying') as advance:
+        return identify(records, settings, advance)
 
 
 def whole_of(parameter_file: Path) -> Path:
@@ -190,6 +246,11 @@ def settings_of(arguments: argparse.Namespace) -> IdentificationSettings:
         'lines': arguments.lines,
         'roller_diameter_m': arguments.roller_diameter,
         'wheel_diameter_m': arguments.wheel_diameter,
+        'ignore': tuple(arguments.ignore) or None,
+        'minimum_hold_s': arguments.minimum_hold,
+        'frequency_range_hz': arguments.frequency_range,
+        'lateral_range_m': arguments.sensor_range,
+        'flange_clearance_m': arguments.clearance,
         'prior_v_c': arguments.prior_v_c,
         'prior_D1': arguments.prior_D1,
     }
@@ -209,6 +270,29 @@ def _prior(share: float) -> Callable[[str], tuple[float, float]]:
         return positive(value), positive(std) if colon else share * positive(value)
 
     return parse
+
+
+def _interval(text: str) -> tuple[float, float, int]:
+    """Read FROM:TO or N:FROM:TO."""
+    words = text.split(':')
+    if len(words) not in (2, 3):
+        raise argparse.ArgumentTypeError(f'expected FROM:TO or N:FROM:TO, got {text}')
+    number = options.whole(1)(words[0]) if len(words) == 3 else 0
+    second = options.number(0.0, options.LONGEST_S, 's')
+    start, end = second(words[-2]), second(words[-1])
+    if not start < end:
+        raise argparse.ArgumentTypeError(f'expected FROM before TO, got {text}')
+    return start, end, number
+
+
+def _range(text: str) -> tuple[float, float]:
+    """Read LOW:HIGH."""
+    low, _, high = text.partition(':')
+    frequency = options.number(0.0, 1e4, 'Hz', above=True)
+    found = frequency(low), frequency(high)
+    if not found[0] < found[1]:
+        raise argparse.ArgumentTypeError(f'expected LOW below HIGH, got {text}')
+    return found
 
 
 def _orders(text: str) -> tuple[float, ...]:
@@ -231,11 +315,26 @@ def _reach(address: str) -> None:
         raise HuntError(f'--cluster: nobody answers at {address} ({reason})') from error
 
 
-def _write(path: Path, text: str) -> None:
+def branches_csv(result: Identification) -> str:
+    """Return both branches as a table, SI units; empty where there is none."""
+    names = [
+        f'{name}{part}_m' for name in ('stable', 'unstable') for part in ('', '_low', '_high')
+    ]
+    lines = [','.join(['speed_mps', *names])]
+    for point in result.branches:
+        cells = [repr(point.speed)]
+        for one in (point.stable, point.unstable):
+            known = () if one is None else (one.value, one.low, one.high)
+            cells += [repr(float(x)) for x in known] or [''] * 3
+        lines.append(','.join(cells))
+    return '\n'.join(lines) + '\n'
+
+
+def _write(path: Path, text: str, what: str = 'parameter file') -> None:
     try:
         path.write_text(text, encoding='utf-8')
     except OSError as error:
-        raise HuntError(f'{path}: cannot write the parameter file ({error.strerror})') from error
+        raise HuntError(f'{path}: cannot write the {what} ({error.strerror})') from error
 
 
 def describe(result: Identification) -> str:

@@ -42,10 +42,16 @@ from hunt_ros.identification.mode import measured_shape
 from hunt_ros.identification.path import Path
 from hunt_ros.identification.plateaus import analyse_record
 from hunt_ros.identification.result import Identification
-from hunt_ros.identification.screening import above_noise, distinct, doubts, moving
+from hunt_ros.identification.screening import (
+    above_noise,
+    distinct,
+    doubts,
+    free_of_contact,
+    moving,
+)
 from hunt_ros.identification.segments import Segment, find_kicks
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.identification.stops import measuring
+from hunt_ros.identification.stops import ignoring, measuring
 from hunt_ros.identification.turning import is_assumed, lines_above, with_angle
 from hunt_ros.identification.uncertainty import ENOUGH_RUNS
 from hunt_ros.samples import Record
@@ -92,7 +98,8 @@ def identify(
     settings = settings or IdentificationSettings()
     tell = progress or (lambda fraction: None)
     warnings: list[str] = []
-    records = _measuring(distinct(records, warnings), warnings)
+    records = ignoring(records, settings, warnings)
+    records = _measuring(distinct(records, warnings), settings, warnings)
     turning = [with_angle(record, settings) for record in records]
     channels = _usable(turning, settings, warnings)
     lines = lines_of(channels, settings)
@@ -173,12 +180,14 @@ class _Run:
     kicks: Sequence[tuple[str, int]]
 
 
-def _measuring(records: Sequence[Record], warnings: list[str]) -> list[Record]:
+def _measuring(
+    records: Sequence[Record], settings: IdentificationSettings, warnings: list[str]
+) -> list[Record]:
     """Take out what no sensor measured; a record of which nothing is left goes with it."""
     kept = []
     for record in records:
         try:
-            kept.append(measuring(record, warnings))
+            kept.append(measuring(record, warnings, settings.lateral_range_m))
         except IdentificationError as error:
             if len(records) == 1:
                 raise
@@ -226,6 +235,7 @@ def _envelopes(
     runs = []
     for channel in channels:
         envelope = tracked_envelope(channel, frequency, settings)
+        envelope = free_of_contact(envelope, settings.flange_clearance_m, warnings)
         if np.isfinite(envelope.amplitude).sum() < 4:
             warnings.append(f'left out: {channel.source}: no stretch is free of drop-outs')
             continue

@@ -163,14 +163,18 @@ class Posterior:
         """Both branches, as `branch` gives them."""
         speeds = np.atleast_1d(np.asarray(speeds, dtype=np.float64))
         values = self.law.steady_amplitudes(speeds)
-        pairs = zip(self.drawn, self.folds, strict=True)
-        drawn = np.array([_continued(one, below, speeds) for one, below in pairs])
+        drawn = self.continued(speeds)
         return {
             name: [
                 summary(float(values[k][i]), drawn[:, k, i], least=0.3) for i in range(speeds.size)
             ]
             for k, name in enumerate(('unstable', 'stable'))
         }
+
+    def continued(self, speeds: Array) -> Array:
+        """Both branches of each draw, continued beyond their ends, m, shape (n, 2, speeds)."""
+        pairs = zip(self.drawn, self.folds, strict=True)
+        return np.array([_continued(one, below, speeds) for one, below in pairs])
 
 
 def amplitude_at(law: GrowthLaw, fold: float) -> float:

@@ -28,6 +28,8 @@ _LATERAL_RANGE = (2e-5, 5.0)
 _SPEED_RANGE = (0.05, 150.0)
 #: Power of the motion over that of the noise, at its 95th percentile.
 _ABOVE_NOISE = 5.0
+#: Share of the clearance from which on a flange touches now and then.
+_TOUCHES = 0.95
 #: Factor between the hunting frequencies of two runs at one speed that one rig does not show.
 _OTHER_RIG = 1.35
 
@@ -252,3 +254,34 @@ def _other_rig(channels: Sequence[Channels], settings: IdentificationSettings) -
                     ' one speed: are they of one rig?'
                 ]
     return []
+
+
+def free_of_contact(envelope: Envelope, clearance: float, warnings: list[str]) -> Envelope:
+    """
+    Take out the motion in which a flange touches: no smooth growth law holds there.
+
+    Parameters
+    ----------
+    envelope : Envelope
+        Of one recording.
+    clearance : float
+        Amplitude at which a flange touches, m; 0: not known.
+    warnings : list of str
+        Grows by how long it touched.
+
+    Returns
+    -------
+    Envelope
+        With NaN there.
+    """
+    if not clearance:
+        return envelope
+    touching = envelope.amplitude >= _TOUCHES * clearance
+    if not touching.any():
+        return envelope
+    warnings.append(
+        f'{envelope.source}: flange contact for {envelope.step * touching.sum():.3g} s: the'
+        f' amplitude comes to {float(np.nanmax(envelope.amplitude)):.3g} m, the clearance is'
+        f' {clearance:.3g} m; it is not fitted'
+    )
+    return replace(envelope, phasor=np.where(touching, complex(np.nan, np.nan), envelope.phasor))

@@ -46,6 +46,13 @@ class IdentificationSettings:
         A resolution r enters every speed as a standard error r / sqrt(12).
     speed_scale_std : float
         Relative standard deviation of the scale of the speed reading.
+    ignore : tuple of (float, float, int)
+        Intervals that are left out: s since the start of a recording, from and to, and its
+        number, 1 for the first; 0: of every recording.
+    lateral_range_m : float
+        The lateral sensor reads from minus this to this; 0: not known, looked for.
+    flange_clearance_m : float
+        Amplitude at which a flange touches: motion there is said and not fitted; 0: not known.
     minimum_hold_s : float
         Shortest stretch at one speed that counts as a plateau.
     bootstrap : int
@@ -75,6 +82,9 @@ class IdentificationSettings:
     prior_D1: tuple[float, float] | None = None
     speed_resolution: float = 0.0
     speed_scale_std: float = 0.0
+    ignore: tuple[tuple[float, float, int], ...] = ()
+    lateral_range_m: float = 0.0
+    flange_clearance_m: float = 0.0
     minimum_hold_s: float = 8.0
     bootstrap: int = 0
     seed: int = 0
@@ -98,6 +108,12 @@ class IdentificationSettings:
         for name in ('roller_diameter_m', 'wheel_diameter_m'):
             value = getattr(self, name)
             _require(name, value, 0.0 <= value <= 10.0, 'within 0..10 m')
+        for name in ('lateral_range_m', 'flange_clearance_m'):
+            value = getattr(self, name)
+            _require(name, value, 0.0 <= value < math.inf, 'zero or more')
+        for start, end, number in self.ignore:
+            fine = 0.0 <= start < end < math.inf and number >= 0
+            _require('ignore', (start, end, number), fine, '0 <= from < to, and a number')
         given = self.wheel_diameter_m == 0.0 or self.roller_diameter_m > 0.0
         _require('roller_diameter_m', 0.0, given, 'given with wheel_diameter_m')
         for name in ('prior_v_c', 'prior_D1'):

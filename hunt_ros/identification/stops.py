@@ -9,6 +9,7 @@ out, and said: what they would show is an amplitude that the sensor made.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.segments import runs
+from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import NANOSECONDS, Record, Series
 
 #: Readings at the end of the range over those in a band of the same width below it. A sine
@@ -30,13 +32,64 @@ _LASTING = 5.0
 _FINEST, _COARSEST = 14, 5
 #: Visits belong to one stretch where they are no further apart than so many usual ones.
 _APART = 10.0
+#: Readings within this share of a range that is known are at its end.
+_AT_END = 1e-3
 #: Longest time for which a sensor that measures repeats one reading, s.
 _STILL_S = 1.0
 #: Motion of fewer steps of the reading than this may end in a reading that stays.
 _RESOLVED = 4.0
 
 
-def measuring(record: Record, warnings: list[str]) -> Record:
+def ignoring(
+    records: Sequence[Record], settings: IdentificationSettings, warnings: list[str]
+) -> list[Record]:
+    """
+    Take out the intervals that the user leaves out.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Channels `lateral` and `yaw` get NaN there.
+    settings : IdentificationSettings
+        For `ignore`.
+    warnings : list of str
+        Grows by the intervals in which there is nothing to leave out.
+
+    Raises
+    ------
+    IdentificationError
+        If an interval is of a recording that there is not.
+    """
+    found = list(records)
+    for low, high, which in settings.ignore:
+        if which > len(found):
+            raise IdentificationError(
+                f'ignore: recording {which} of {len(found)} has no interval to leave out'
+            )
+        chosen = range(len(found)) if not which else [which - 1]
+        parts = [_ignoring(found[k], low, high) for k in chosen]
+        for k, (record, _) in zip(chosen, parts, strict=True):
+            found[k] = record
+        if not any(count for _, count in parts):
+            warnings.append(f'ignore: no sample is between {low:g} and {high:g} s')
+    return found
+
+
+def _ignoring(record: Record, low: float, high: float) -> tuple[Record, int]:
+    """Return the record without an interval, s since its start, and how many samples went."""
+    channels, count = dict(record), 0
+    for name in ('lateral', 'yaw'):
+        if name in record:
+            series = record[name]
+            time = series.seconds(record.start_ns)
+            inside = (time >= low) & (time < high)
+            count += int(inside.sum())
+            values = np.where(inside, np.nan, series.values)
+            channels[name] = Series(series.stamps_ns, values)
+    return (replace(record, channels=channels), count) if count else (record, 0)
+
+
+def measuring(record: Record, warnings: list[str], lateral_range_m: float = 0.0) -> Record:
     """
     Take out the stretches in which the displacement sensors do not measure.
 
@@ -46,6 +99,8 @@ def measuring(record: Record, warnings: list[str]) -> Record:
         Channels `lateral` and `yaw` are looked at.
     warnings : list of str
         Grows by what was taken out, and why.
+    lateral_range_m : float
+        End of the range of the lateral sensor, both ways, m; 0: not known.
 
     Returns
     -------
@@ -61,7 +116,8 @@ def measuring(record: Record, warnings: list[str]) -> Record:
     for name in ('lateral', 'yaw'):
         if name not in record:
             continue
-        cleaned, said = _without_stops(record[name])
+        limit = lateral_range_m if name == 'lateral' else 0.0
+        cleaned, said = _without_stops(record[name], limit)
         if not said:
             continue
         source = record.source or 'record'
@@ -72,7 +128,7 @@ def measuring(record: Record, warnings: list[str]) -> Record:
     return replace(record, channels=channels)
 
 
-def _without_stops(series: Series) -> tuple[Series, str]:
+def _without_stops(series: Series, limit: float) -> tuple[Series, str]:
     """Return the series with NaN where the sensor stops, and what was found; '' for nothing."""
     order = np.argsort(series.stamps_ns, kind='stable')
     time = (series.stamps_ns[order] - series.stamps_ns[order[:1]]) / NANOSECONDS
@@ -90,7 +146,8 @@ def _without_stops(series: Series) -> tuple[Series, str]:
     clipped = np.zeros(known.size, dtype=bool)
     levels = []
     for sign in (1.0, -1.0):
-        at_end = end_of_range(sign * known[moves])
+        readings = sign * known[moves]
+        at_end = readings >= (1.0 - _AT_END) * limit if limit else end_of_range(readings)
         if at_end.any():
             clipped[moves] |= _stretches(time[moves], at_end)
             levels.append(f'{float(np.median(known[moves][at_end])):.3g}')

@@ -1,0 +1,76 @@
+"""What the user says of a recording: intervals, the sensor's range, the flange."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hunt_ros.errors import ConfigError, IdentificationError
+from hunt_ros.identification import IdentificationSettings, identify
+from hunt_ros.samples import Record, Series
+
+
+def changed(record, change):
+    """The record with other lateral readings: a function of time (s) and value (m)."""
+    lateral = record['lateral']
+    time = lateral.seconds(record.start_ns)
+    channels = dict(record) | {'lateral': Series(lateral.stamps_ns, change(time, lateral.values))}
+    return Record(channels, record.source)
+
+
+@pytest.fixture(scope='module')
+def loop(records):
+    return records['sweep'][0]
+
+
+@pytest.fixture(scope='module')
+def clean(loop):
+    return identify(loop, IdentificationSettings(ignore=((100.0, 130.0, 1),)))
+
+
+def test_what_happens_in_an_ignored_interval_changes_nothing(loop, clean):
+    def hammered(time, value):
+        inside = (time >= 100.0) & (time < 130.0)
+        return np.where(inside, value + 2e-3 * np.sin(15.0 * time) * (time % 3.0 < 1.0), value)
+
+    spoilt = identify(changed(loop, hammered), IdentificationSettings(ignore=((100.0, 130.0, 0),)))
+    document, other = clean.to_json(), spoilt.to_json()
+    assert document['v_c'] == other['v_c']
+    assert document['v_n'] == other['v_n']
+    assert document['segments'] == other['segments']
+
+
+def test_an_interval_of_no_recording_is_refused_and_an_empty_one_is_said(loop):
+    with pytest.raises(IdentificationError, match='recording 2 of 1'):
+        identify(loop, IdentificationSettings(ignore=((1.0, 2.0, 2),)))
+    with pytest.raises(ConfigError, match='ignore'):
+        IdentificationSettings(ignore=((2.0, 1.0, 0),))
+    short = loop.between(loop.start_ns, loop.start_ns + 60_000_000_000)
+    found = identify(short, IdentificationSettings(ignore=((900.0, 950.0, 0),)))
+    assert any('no sample is between 900 and 950 s' in line for line in found.notices)
+
+
+def test_readings_at_the_end_of_a_range_that_is_known_are_left_out(loop):
+    # Cut so seldom that the readings themselves do not show it.
+    limit = float(np.nanquantile(np.abs(loop['lateral'].values), 0.9995))
+    cut = changed(loop, lambda time, value: np.clip(value, -limit, limit))
+    said = identify(cut, IdentificationSettings(lateral_range_m=limit)).notices
+    assert any('lateral is saturated at' in line for line in said)
+    assert not any('saturated' in line for line in identify(loop).notices)
+
+
+def test_motion_at_the_flange_is_said_and_not_fitted(loop, clean):
+    clearance = 0.9 * float(np.nanmax(clean.envelopes[0].amplitude))
+    found = identify(loop, IdentificationSettings(flange_clearance_m=clearance))
+    assert any('flange contact for' in line for line in found.notices)
+    assert np.nanmax(found.envelopes[0].amplitude) < clearance
+    whole = identify(loop, IdentificationSettings(flange_clearance_m=1.0))
+    assert not any('flange' in line for line in whole.notices)
+
+
+def test_the_shortest_hold_and_the_range_of_frequencies_are_settings(loop):
+    assert replace(IdentificationSettings(), minimum_hold_s=3.0).minimum_hold_s == 3.0
+    with pytest.raises(ConfigError):
+        IdentificationSettings(flange_clearance_m=-1.0)
