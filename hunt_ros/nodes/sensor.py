@@ -6,13 +6,16 @@ A sensor node: publishes what its driver reads, stamped where the sample was tak
 
 from __future__ import annotations
 
-import time
+import math
+import threading
 from dataclasses import dataclass
 
 import numpy as np
 from sensor_msgs.msg import JointState
 
 from hunt_ros.drivers.base import SensorBlock
+from hunt_ros.drivers.calibration import Calibration
+from hunt_ros.drivers.watch import SourceWatch
 from hunt_ros.nodes.conversions import joint_layout
 from hunt_ros.nodes.diagnostics import Diagnostics, Health, NewSince
 from hunt_ros.nodes.driver_node import DriverNode
@@ -38,6 +41,17 @@ class SensorConfig(Settings):
         high=2000.0,
         fixed=True,
     )
+    calibration: str = setting(
+        '', 'File of hunt calibrate: what a reading means; empty: readings are SI.', fixed=True
+    )
+    stuck_s: float = setting(
+        1.0,
+        'A reading that stays the same for so long is no measurement; 0: never.',
+        unit='s',
+        low=0.0,
+        high=3600.0,
+        fixed=True,
+    )
     frame_id: str = setting('roller_rig', 'frame_id of the messages.', fixed=True)
     autostart: bool = setting(True, 'Configure and activate without being told.', fixed=True)
 
@@ -60,6 +74,11 @@ class SensorNode(DriverNode):
             self._config.driver, 'Sensor', channel, self._config.sample_rate_hz
         )
         warn_unknown(self)
+        self._given_calibration = Calibration.read(self._config.calibration, channel)
+        self._calibration = self._given_calibration  # with the range of the device
+        self._device_range = (-math.inf, math.inf)
+        self._watch = SourceWatch(self._config.sample_rate_hz, self._config.stuck_s)
+        self._judging = threading.Lock()
         depth = int(self._config.sample_rate_hz)
         self._announced = self.create_publisher(JointState, channel, stream(depth))
         self._layout = joint_layout([channel], self._config.frame_id)
@@ -67,15 +86,22 @@ class SensorNode(DriverNode):
         self._lost = 0
         self._bad = 0
         self._new = NewSince()
-        self._reported_s = 0.0
         self._diagnostics = Diagnostics(self, self._health, hardware)
 
     def _take(self, block: SensorBlock, publish: bool) -> None:
         if not publish:
             return
+        if self._driver.range != self._device_range:  # known once it is open
+            self._device_range = self._driver.range
+            self._calibration = self._given_calibration.within(*self._device_range)
+        calibration = self._calibration
+        values = calibration.apply(block.values)
+        with self._judging:
+            saturated = calibration.saturated(block.values)
+            self._watch.take(block.stamps_ns, block.values, saturated)
         self._lost += block.lost
-        self._bad += int(np.count_nonzero(np.isnan(block.values)))
-        for stamp_ns, value in zip(block.stamps_ns.tolist(), block.values.tolist(), strict=True):
+        self._bad += int(np.count_nonzero(np.isnan(values)))
+        for stamp_ns, value in zip(block.stamps_ns.tolist(), values.tolist(), strict=True):
             self._announced.publish(self._layout.encode(stamp_ns, value))
         self._published += block.values.size
 
@@ -83,28 +109,30 @@ class SensorNode(DriverNode):
         self._lost += count
 
     def _health(self) -> Health:
-        now_s = time.monotonic()
-        elapsed_s, self._reported_s = now_s - self._reported_s, now_s
-        fresh = self._new('published', self._published)
-        begun = fresh < self._published  # the first second is not a whole one
-        rate = fresh / elapsed_s
+        with self._judging:
+            source = self._watch.report()
         lost = self._new('lost', self._lost)
+        bad = self._new('bad', self._bad)
         values = {
-            'rate_hz': round(rate, 1),
+            'rate_hz': round(source.rate_hz, 1),
+            'jitter_ms': round(1e3 * source.jitter_s, 4),
+            'longest_gap_ms': round(1e3 * source.longest_gap_s, 3),
             'published': self._published,
             'lost': self._lost,
             'bad': self._bad,
+            'saturated': source.saturated,
+            'stuck_s': round(source.stuck_s, 3),
         }
         if link := self._link():
             return *link, values
         if not self._active.is_set():
             return 'OK', 'inactive', values
-        if not fresh:
-            return 'STALE', f'no samples, {lost} samples lost' if lost else 'no samples', values
-        if lost:
-            return 'WARN', f'{lost} samples lost', values
-        expected = self._config.sample_rate_hz
-        simulated_time = self.get_parameter('use_sim_time').value
-        if begun and not simulated_time and abs(rate / expected - 1.0) > 0.05:
-            return 'WARN', f'{rate:.0f} samples/s, expected {expected:.0f}', values
-        return 'OK', f'{rate:.0f} samples/s', values
+        said = [f'{lost} samples lost'] if lost else []
+        if not source.count:
+            return 'STALE', ', '.join(['no samples', *said]), values
+        said += source.problems
+        if bad >= source.count:
+            return 'STALE', '; '.join(['no valid sample', *said]), values
+        if said:
+            return 'WARN', '; '.join(said), values
+        return 'OK', f'{source.rate_hz:.0f} samples/s', values

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import qos_profile_sensor_data
@@ -97,3 +99,39 @@ def test_a_field_that_is_not_there_is_one_line(graph) -> None:
     for source, words in (('data', 'names no topic'), ('3.5', 'names no topic'), ('', 'names no')):
         with pytest.raises(ConfigError, match=words):
             Sensor(Topic(source=source), 'yaw', 500.0)
+
+
+def test_readings_become_si_and_what_is_saturated_is_no_value(
+    graph, modbus_server, tmp_path
+) -> None:
+    file = tmp_path / 'lateral.yaml'
+    file.write_text('calibration: {channel: lateral, gain: 0.002, offset: 0.5, range: [-9, 9]}')
+    health = graph.collect(DiagnosticArray, '/diagnostics')
+    heard = graph.collect(JointState, 'lateral')
+    modbus_server.put(0, 3)
+    graph.start(
+        'lateral_sensor', driver='modbus', port=modbus_server.port, calibration=file, stuck_s=0.3
+    )
+    graph.spin_until(lambda: heard)
+    assert heard[0].position[0] == 0.506
+    graph.spin_until(lambda: any('stuck at 3 for' in text for _, text in _told(health)))
+    modbus_server.put(0, -9)
+    graph.spin_until(lambda: math.isnan(heard[-1].position[0]))
+    graph.spin_until(
+        lambda: any(
+            level == 'STALE' and 'no valid sample; ' in text and 'saturated' in text
+            for level, text in _told(health)
+        )
+    )
+    values = read_diagnostic(health[-1])
+    assert float(values['rate_hz']) > 0.0
+    assert float(values['jitter_ms']) >= 0.0
+
+
+def test_a_calibration_that_is_none_ends_the_node_before_anything_moves(graph, tmp_path) -> None:
+    file = tmp_path / 'yaw.yaml'
+    file.write_text('calibration: {table: [[0, 0], [2, 1], [1, 2]]}')
+    graph.start('yaw_sensor', calibration=file)
+    assert graph.wait('yaw_sensor') == 2
+    _, line = graph.log('yaw_sensor').read_text().strip().splitlines()
+    assert 'yaw.yaml: table: row 3: 1 after 2, expected monotonic readings' in line
