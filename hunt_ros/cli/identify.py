@@ -55,11 +55,11 @@ def add_settings(parser: argparse.ArgumentParser, what: str = 'recordings: runs,
         help="regular expression: its first group in a bag's path is its day (else the date)",
     )
     options.add_rig(parser)
-    for name, metavar, share, what in (
+    for name, metavar, share, said in (
         ('v-c', 'V[:STD]', 0.01, 'known v_c, m/s (STD: 1 %%)'),
         ('D1', 'D[:STD]', 0.1, 'known D1 (STD: 10 %%)'),
     ):
-        parser.add_argument(f'--prior-{name}', type=_prior(share), metavar=metavar, help=what)
+        parser.add_argument(f'--prior-{name}', type=_prior(share), metavar=metavar, help=said)
     positive = options.number(0.0, 1e6, above=True)
     parser.add_argument('--length-scale', type=positive, metavar='M', help='d0, m (0.0485)')
     parser.add_argument(

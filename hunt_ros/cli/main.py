@@ -26,6 +26,7 @@ VERBS: dict[str, str] = {
     'simulate': 'simulate',
     'replay': 'replay',
     'identify': 'identify',
+    'plan': 'plan',
     'report': 'report',
     'normal-form': 'normal_form',
     'info': 'info',

@@ -151,6 +151,8 @@ class IdentificationSettings:
             'lines': tuple(order for order in rig.lines if order > 0.0),
             'roller_diameter_m': rig.roller_diameter_m,
             'wheel_diameter_m': rig.wheel_diameter_m,
+            'lateral_range_m': rig.lateral_range_m,
+            'flange_clearance_m': rig.flange_clearance_m,
             'prior_v_c': rig.prior_v_c or None,
             'prior_D1': rig.prior_D1 or None,
             'speed_resolution': rig.speed_resolution_mps,

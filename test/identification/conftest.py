@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.simulation import (
@@ -19,6 +21,12 @@ from hunt_ros.dynamics.simulation import (
     simulate,
 )
 from hunt_ros.dynamics.speed_profile import SpeedProfile
+from hunt_ros.identification import Identification, IdentificationSettings
+from hunt_ros.identification.growth_law import QUINTIC, GrowthLaw, GrowthScales
+from hunt_ros.identification.normal_form_map import from_normal_form
+from hunt_ros.identification.posterior import Posterior
+from hunt_ros.identification.quantities import Quantities
+from hunt_ros.identification.result import FitSummary
 from hunt_ros.samples import Record, Series
 
 ORIGIN_NS = 1_700_000_000_000_000_000
@@ -116,6 +124,41 @@ def sweep(seed: int) -> Record:
     return simulate(paper_rig(), rig_settings(2e-5), profile, kicks=kicks, seed=seed)
 
 
+def identification_of_the_paper(seed: int = 1) -> Identification:
+    """What is known of the paper's form: v_n to 0.03 m/s and v_c to 0.1 m/s, without a fit."""
+    scales = GrowthScales(7.4, 7e-4, 0.0485, 1.0 / 25.91, 2.835)
+    law = GrowthLaw(QUINTIC, from_normal_form(PAPER_NORMAL_FORM, scales), scales)
+    rng = np.random.default_rng(seed)
+    p = law.p + np.abs(law.p) * np.array([0.03, 0.03, 0.1, 0.02, 0.05, 0.02]) * (
+        rng.standard_normal((400, 6))
+    )
+    drawn = [replace(law, p=row) for row in p]
+    posterior = Posterior.of(
+        law, drawn, (6.0, 8.8), 5e-12 * np.exp(0.2 * rng.standard_normal(400))
+    )
+    settings = IdentificationSettings()
+    numbers = Quantities(posterior, settings)
+    return Identification(
+        normal_form=numbers.identified(QUINTIC),
+        v_c=numbers.critical_speed(),
+        v_n=numbers.fold(),
+        hysteresis_width=numbers.width(),
+        coefficients={},
+        criticality='subcritical',
+        length_scale=scales.length_scale,
+        time_scale=scales.time_scale,
+        scales_from={'length': 'given', 'time': 'given'},
+        speeds=(6.0, 8.8),
+        branches=numbers.branches(),
+        steady_states=(),
+        observed=ObservedCriticalSpeeds(),
+        disturbance=None,
+        four_point=None,
+        fit=FitSummary('none', QUINTIC, '', 0, 0, 0, 0.0, False, (), 1.0, 1.0, True),
+        posterior=posterior,
+    )
+
+
 @pytest.fixture(scope='session')
 def records() -> dict[str, list[Record]]:
     """Records that several tests share, made once."""
@@ -126,3 +169,9 @@ def records() -> dict[str, list[Record]]:
 def make() -> Callable[..., Record]:
     """Make a record of the amplitude equation."""
     return amplitude_record
+
+
+@pytest.fixture(scope='session')
+def known() -> Identification:
+    """What is known of the paper's form."""
+    return identification_of_the_paper()

@@ -1,0 +1,69 @@
+"""`hunt plan` through the program itself, from what `hunt identify --out` has left."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from runpy import run_path
+
+import pytest
+
+from hunt_ros.cli.main import main
+from hunt_ros.dynamics.profile import Profile
+
+MAKERS = run_path(str(Path(__file__).parents[1] / 'identification' / 'conftest.py'))
+
+
+@pytest.fixture(scope='module')
+def form(tmp_path_factory):
+    """A parameter file, and the identification beside it."""
+    known = MAKERS['identification_of_the_paper']()
+    path = tmp_path_factory.mktemp('known') / 'form.yaml'
+    path.write_text(known.normal_form.to_yaml())
+    known.save(path.with_suffix('.npz'))
+    return path
+
+
+def test_a_parameter_file_gives_the_next_profile_and_its_reason(form, tmp_path, capsys):
+    out = tmp_path / 'next.yaml'
+    words = ['plan', str(form), '--budget', '1min', '--at', '7.2', '--profile', str(out)]
+    assert main([*words, '--json', '-']) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document['profile'] == out.read_text()
+    profile = Profile.from_yaml(out.read_text())
+    assert profile.highest_mps <= 8.8
+    assert document['duration_s'] <= 60.0
+    assert document['longest_s'] == pytest.approx(profile.duration_s)
+    assert document['escape_chance'] <= 0.05
+    assert [one['name'] for one in document['quantities']] == ['v_c', 'v_n', 'A_u(7.2 m/s)']
+    assert all(one['std_after'] < one['std'] for one in document['quantities'])
+    assert {'kind', 'action', 'duration_s', 'gain_per_minute', 'escape_chance'} == set(
+        document['actions'][0]
+    )
+
+
+def test_bad_input_is_one_line_and_exit_2(form, tmp_path, capsys):
+    other = tmp_path / 'other.yaml'
+    known = MAKERS['identification_of_the_paper']()
+    shifted = replace(known.normal_form, form=replace(known.normal_form.form, D1=0.13))
+    other.write_text(shifted.to_yaml())
+    alone = tmp_path / 'alone.yaml'
+    alone.write_text(form.read_text())
+    (tmp_path / 'other.npz').write_bytes(form.with_suffix('.npz').read_bytes())
+    for words, said in (
+        ([str(form), '--budget', '5'], '10 s to 24 h'),
+        ([str(form), '--budget', 'soon'], '10 s to 24 h'),
+        ([str(form), '--max-escape', '1.5'], '0 to 1'),
+        ([str(form), '--speed-ceiling', '4'], 'speed_ceiling_mps'),
+        ([str(form), '--at', '7,fast'], '--at'),
+        ([str(form), '--profile', str(tmp_path / 'no' / 'p.yaml')], 'cannot write the profile'),
+        ([str(other)], 'another normal form'),
+        ([str(alone)], 'alone.npz'),
+        ([str(tmp_path / 'missing.yaml')], 'missing.yaml'),
+        ([str(tmp_path / 'missing')], 'missing'),
+    ):
+        assert main(['plan', '--budget', '20s', *words]) == 2
+        error = capsys.readouterr().err
+        assert error.count('\n') == 1, words
+        assert said in error, words

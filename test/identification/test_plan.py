@@ -1,0 +1,128 @@
+"""The next profile: what it promises, what it risks, and that it keeps to its bounds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hunt_ros.dynamics.profile import Profile
+from hunt_ros.errors import ConfigError, IdentificationError
+from hunt_ros.identification.foresight import Foresight, Stretch
+from hunt_ros.identification.plan import PlanSettings, plan
+
+
+@pytest.fixture(scope='module')
+def found(known):
+    return plan(known, PlanSettings(budget_s=200.0))
+
+
+def test_all_deviations_are_to_fall_within_budget_and_risk(known, found):
+    assert [one.name for one in found.quantities[:2]] == ['v_c', 'v_n']
+    assert all(one.std_after < 0.8 * one.std for one in found.quantities)
+    assert found.quantities[0].std == pytest.approx(known.v_c.std, rel=0.3)
+    assert found.duration_s <= 200.0
+    assert 0.0 <= found.escape <= 0.05
+    assert found.longest_s == found.profile.duration_s
+    assert 'deviation of' in found.reason
+
+
+def test_the_profile_is_one_that_the_drive_reads(found):
+    again = Profile.from_yaml(found.profile.to_yaml())
+    assert again == found.profile
+    again.check(8.8)
+    assert again.reacts
+
+
+def test_the_actions_are_ranked_and_reversals_beat_waiting_on_a_branch(found):
+    gains = [one.gain_per_minute for one in found.actions]
+    assert gains == sorted(gains, reverse=True)
+    best = {}
+    for one in found.actions:
+        best.setdefault(one.action.kind, one.gain_per_minute)
+    assert set(best) == {'hold', 'sweep', 'reversal', 'kick'}
+    quiet = next(one for one in found.actions if one.action.words.startswith('hold 6.3'))
+    assert best['reversal'] > 5.0 * quiet.gain_per_minute
+
+
+def test_the_same_knowledge_gives_the_same_plan(known, found):
+    again = plan(known, PlanSettings(budget_s=200.0))
+    assert again.to_json() == found.to_json()
+
+
+def test_nothing_is_faster_than_the_ceiling(known):
+    found = plan(known, PlanSettings(budget_s=60.0, speed_ceiling_mps=7.7))
+    assert found.profile.highest_mps <= 7.7
+    with pytest.raises(ConfigError, match='speed_ceiling_mps'):
+        plan(known, PlanSettings(speed_ceiling_mps=5.0))
+
+
+def test_kicks_are_used_only_where_somebody_stands_by(known, found):
+    assert all(one.action.kind != 'kick' for one in found.steps)
+    ceiling = PlanSettings(budget_s=60.0, speed_ceiling_mps=7.7, kicks=True, max_escape=1.0)
+    kicked = plan(known, ceiling)
+    assert any(one.action.kind == 'kick' for one in kicked.steps)
+    assert 'kick the wheelset by' in kicked.profile.to_yaml()
+    # A kick that costs more is worth less.
+    dear = plan(known, replace(ceiling, rearm_s=30.0))
+    first, second = (
+        next(one for one in plans.actions if one.action.kind == 'kick') for plans in (kicked, dear)
+    )
+    assert second.gain_per_minute < 0.8 * first.gain_per_minute
+
+
+def test_without_v_n_it_begins_with_a_sweep_and_says_why(known):
+    blind = replace(known, v_n=None, unknown={'v_n': 'nothing hunted'})
+    found = plan(blind, PlanSettings(speed_ceiling_mps=9.0, budget_s=120.0))
+    assert found.escape is None
+    assert found.quantities == ()
+    assert 'v_n must be known' in found.reason
+    assert 'nothing hunted' in found.reason
+    assert found.profile.highest_mps == 9.0
+    assert found.duration_s <= 125.0
+
+
+def test_a_bound_that_nothing_keeps_is_refused_in_a_line(known):
+    with pytest.raises(IdentificationError, match='teaches anything'):
+        plan(known, PlanSettings(budget_s=10.0, start_amplitude_m=6e-4, start_speed_mps=8.0))
+    for wrong in ({'budget_s': 1.0}, {'max_escape': 1.5}, {'speeds_mps': (-1.0,)}):
+        with pytest.raises(ConfigError, match=next(iter(wrong))):
+            PlanSettings(**wrong)
+
+
+@pytest.fixture(scope='module')
+def foresight(known):
+    return Foresight(known.posterior, (7.0, 7.6), 6.0, 8.8, paths=400)
+
+
+def test_from_the_unstable_branch_about_half_of_the_paths_begin_to_hunt(known, foresight):
+    unstable = float(known.branch('unstable', [7.6])[0][0])
+    for factor, low, high in ((0.3, 0.0, 0.02), (1.0, 0.3, 0.7), (1.5, 0.95, 1.0)):
+        start = foresight.start(7.6, factor * unstable)
+        end, _ = foresight.follow(start, [Stretch(7.6, 1.0, 60.0)])
+        assert low <= end.escaped.mean() <= high
+
+
+def test_what_is_told_grows_with_the_square_of_the_amplitude(foresight):
+    """Held on a known law for a time T: A^2 T / 2 D, cell by cell, whatever the path."""
+    hold = [Stretch(6.4, 1.0, 20.0)]
+    quiet, _ = foresight.follow(foresight.start(6.4, 0.0), hold)
+    _, little = foresight.follow(foresight.start(6.4, 0.0), hold)
+    _, much = foresight.follow(foresight.start(6.4, 5e-4), hold)
+    assert np.trace(much) > 30.0 * np.trace(little)
+    assert (np.linalg.eigvalsh(much) > -1e-9 * np.trace(much)).all()
+    assert quiet.time == pytest.approx(np.full(400, 20.0))
+    more = foresight.spread(foresight.nothing + much)
+    assert (more <= foresight.spread(foresight.nothing) * (1.0 + 1e-9)).all()
+    assert math.isclose(
+        float(foresight.spread(foresight.nothing)[1]), float(foresight.deviations[1])
+    )
+
+
+def test_too_few_forms_with_a_fold_are_refused(known):
+    p = known.posterior.p.copy()
+    p[:-20, 3] *= -1.0
+    with pytest.raises(IdentificationError, match='expected 40'):
+        Foresight(replace(known.posterior, p=p), (7.0,), 6.0, 8.8)
