@@ -7,7 +7,7 @@ from runpy import run_path
 from setuptools import find_packages, setup
 
 NAME = 'hunt_ros'
-NODES = run_path(str(Path(__file__).parent / NAME / 'suite.py'))['NODES']
+SUITE = run_path(str(Path(__file__).parent / NAME / 'suite.py'))
 
 # Exactly the Jazzy line: without the pins pip takes Kilted.
 ROS = [
@@ -76,7 +76,7 @@ setup(
     entry_points={
         'console_scripts': [
             'hunt = hunt_ros.cli.main:main',
-            *(f'{node} = {NAME}.nodes.entry:{node}' for node in NODES),
+            *(f'{node} = {NAME}.nodes.entry:{node}' for node in (*SUITE['NODES'], SUITE['SUITE'])),
         ],
         # Name of a driver: the module that has its classes (docs/drivers.md).
         'hunt_ros.drivers': [

@@ -42,6 +42,17 @@ class Service(NamedTuple):
     switch: str = ''
 
 
+#: Key of `hunt run` on a terminal -> word of `hunt call`.
+KEYS: dict[str, str] = {
+    's': 'start-profile',
+    ' ': 'stop-profile',
+    'e': 'emergency-stop',
+    'a': 'acknowledge',
+    'm': 'mark',
+}
+#: Ends `hunt run`.
+QUIT_KEY = 'q'
+
 #: Word of `hunt call` -> service.
 SERVICES: dict[str, Service] = {
     'acknowledge': Service(

@@ -15,5 +15,8 @@ SOURCES = ('lateral_sensor', 'yaw_sensor', 'roller_speed')
 #: The rig that is not there.
 SIMULATOR = 'rig_simulator'
 
+#: The executable that runs several of them in one process.
+SUITE = 'suite'
+
 #: Every node that is an executable of the package.
 NODES = (SIMULATOR, *LISTENERS, *SOURCES)

@@ -2,8 +2,8 @@
 Launch the suite: sensors, speed, detector, recorder, identifier; the simulator if wanted.
 
     ros2 launch hunt_ros rig.launch.py
-    ros2 launch hunt_ros rig.launch.py simulated:=false rig:=my_rig.yaml
-    ros2 launch hunt_ros rig.launch.py normal_form:=recordings/normal_form.yaml respawn:=true
+    ros2 launch hunt_ros rig.launch.py simulated:=false rig:=my_rig.yaml respawn:=true
+    ros2 launch hunt_ros rig.launch.py sensors:=false one_process:=true
 """
 
 from pathlib import Path
@@ -11,21 +11,32 @@ from pathlib import Path
 from ament_index_python.packages import get_package_share_directory
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
 
-from hunt_ros.suite import LISTENERS, SIMULATOR, SOURCES
+from hunt_ros.rig import Rig
+from hunt_ros.suite import LISTENERS, SIMULATOR, SOURCES, SUITE
 
+_SWITCH = ['true', 'false']
+#: Name: default, values (any where there are none), description.
 ARGUMENTS = {
-    'namespace': ('rig', 'ROS namespace'),
-    'rig': ('', 'Parameter file of the rig; empty: config/rig.yaml of the package'),
-    'normal_form': ('', 'Parameter file of hunt identify --out; empty: none is known'),
-    'simulated': ('true', 'Start the rig simulator'),
-    'use_sim_time': ('', 'true: follow /clock; empty: as the parameter file says'),
-    'respawn': ('false', 'Start a node again when it ends by itself'),
-    'log_level': ('info', 'Least severity that is logged: debug, info, warn, error, fatal'),
+    'namespace': ('rig', None, 'ROS namespace'),
+    'rig': ('', None, 'Parameter file of the rig; empty: config/rig.yaml of the package'),
+    'normal_form': (
+        '',
+        None,
+        'Parameter file of hunt identify --out; empty: the newest in the folder of the recordings',
+    ),
+    'simulated': ('true', _SWITCH, 'Start the rig simulator'),
+    'sensors': ('true', _SWITCH, 'Start the nodes that talk to the rig; false: yours do'),
+    'one_process': ('false', _SWITCH, 'All nodes in one process; one that fails ends all'),
+    'use_sim_time': ('', ['', *_SWITCH], 'Follow /clock; empty: as the parameter file says'),
+    'respawn': ('false', _SWITCH, 'Start a process again when it ends by itself'),
+    'log_level': (
+        'info',
+        ['debug', 'info', 'warn', 'error', 'fatal'],
+        'Least severity that is logged',
+    ),
 }
 _RESPAWN_DELAY_S = 2.0
 
@@ -33,8 +44,10 @@ _RESPAWN_DELAY_S = 2.0
 def generate_launch_description() -> LaunchDescription:
     """Return the description of the whole suite under one namespace."""
     arguments = [
-        DeclareLaunchArgument(name, default_value=default, description=description)
-        for name, (default, description) in ARGUMENTS.items()
+        DeclareLaunchArgument(
+            name, default_value=default, choices=choices, description=description
+        )
+        for name, (default, choices, description) in ARGUMENTS.items()
     ]
     return LaunchDescription([*arguments, OpaqueFunction(function=_nodes)])
 
@@ -42,29 +55,35 @@ def generate_launch_description() -> LaunchDescription:
 def _nodes(context: LaunchContext) -> list[Node]:
     """Return the nodes, now that the values of the arguments are known."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    parameters: list[object] = [_file(given['rig'], 'rig') or str(_default_file())]
+    parameters: list[object] = [_rig_file(given['rig'])]
     if given['normal_form']:
         parameters.append(_file(given['normal_form'], 'normal_form'))
     if given['use_sim_time']:
-        simulated_time = ParameterValue(LaunchConfiguration('use_sim_time'), value_type=bool)
-        parameters.append({'use_sim_time': simulated_time})
+        parameters.append({'use_sim_time': given['use_sim_time'] == 'true'})
     common = {
         'package': 'hunt_ros',
         'namespace': given['namespace'],
         'parameters': parameters,
         'output': 'screen',
-        'respawn': LaunchConfiguration('respawn'),
+        'respawn': given['respawn'] == 'true',
         'respawn_delay': _RESPAWN_DELAY_S,
-        'arguments': ['--ros-args', '--log-level', given['log_level']],
     }
-    simulator = Node(
-        executable=SIMULATOR, condition=IfCondition(LaunchConfiguration('simulated')), **common
-    )
-    return [simulator, *(Node(executable=name, **common) for name in (*LISTENERS, *SOURCES))]
+    level = ['--ros-args', '--log-level', given['log_level']]
+    # Listeners first, and in one process ended last.
+    names = [*LISTENERS]
+    if given['sensors'] == 'true':
+        names += [SIMULATOR] * (given['simulated'] == 'true') + [*SOURCES]
+    if given['one_process'] == 'true':
+        return [Node(executable=SUITE, arguments=[*names, *level], **common)]
+    return [Node(executable=name, arguments=level, **common) for name in names]
 
 
-def _default_file() -> Path:
-    return Path(get_package_share_directory('hunt_ros')) / 'config' / 'rig.yaml'
+def _rig_file(path: str) -> str:
+    """Return the parameter file of the rig; one that describes none is an error."""
+    share = Path(get_package_share_directory('hunt_ros'))
+    path = _file(path, 'rig') or str(share / 'config' / 'rig.yaml')
+    Rig.from_texts([(path, Path(path).read_text(encoding='utf-8'))])
+    return path
 
 
 def _file(path: str, argument: str) -> str:

@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 
+from hunt_ros.errors import ConfigError
+
 ROOT = Path(__file__).parents[1]
 
 
@@ -36,11 +38,9 @@ def launched(monkeypatch: pytest.MonkeyPatch):
     names: dict[str, dict[str, object]] = {
         'launch': {'LaunchContext': dict, 'LaunchDescription': _Kept},
         'launch.actions': {'DeclareLaunchArgument': _Kept, 'OpaqueFunction': _Kept},
-        'launch.conditions': {'IfCondition': _Kept},
         'launch.substitutions': {'LaunchConfiguration': _Argument},
         'launch_ros': {},
         'launch_ros.actions': {'Node': _Kept},
-        'launch_ros.parameter_descriptions': {'ParameterValue': _Kept},
         'ament_index_python': {},
         'ament_index_python.packages': {'get_package_share_directory': lambda name: str(ROOT)},
     }
@@ -58,8 +58,12 @@ def launched(monkeypatch: pytest.MonkeyPatch):
     *declared, opaque = actions
     defaults = {each.positional[0]: each.named['default_value'] for each in declared}
 
+    choices = {each.positional[0]: each.named['choices'] for each in declared}
+
     def nodes(**arguments: str) -> list[_Kept]:
         assert set(arguments) <= set(defaults)
+        for name, value in {**defaults, **arguments}.items():
+            assert choices[name] is None or value in choices[name]
         return opaque.named['function']({**defaults, **arguments})
 
     return nodes
@@ -83,10 +87,35 @@ def test_a_mistyped_file_ends_the_launch_and_says_which(launched, tmp_path: Path
             launched(**{argument: str(tmp_path / 'my_rgi.yaml')})
 
 
+def test_a_key_that_no_rig_has_ends_the_launch_and_says_which(launched, tmp_path: Path) -> None:
+    path = tmp_path / 'my_rig.yaml'
+    path.write_text('/**: {ros__parameters: {roller_diameter_mm: 300.0}}')
+    with pytest.raises(ConfigError, match=r'my_rig\.yaml.*roller_diameter_mm.*roller_diameter_m,'):
+        launched(rig=str(path))
+
+
+def test_without_sensors_only_the_listeners_start(launched) -> None:
+    names = [node.named['executable'] for node in launched(sensors='false')]
+    assert names == ['bag_recorder', 'hunting_detector', 'normal_form_identifier']
+    names = [node.named['executable'] for node in launched(simulated='false')]
+    assert 'rig_simulator' not in names
+    assert 'roller_speed' in names
+
+
+def test_one_process_has_the_same_nodes_and_parameters(launched) -> None:
+    several = launched(respawn='true')
+    (node,) = launched(one_process='true', respawn='true')
+    assert node.named['executable'] == 'suite'
+    *names, _, _, _ = node.named['arguments']
+    assert names == [each.named['executable'] for each in several]
+    assert node.named['parameters'] == several[0].named['parameters']
+    assert node.named['respawn'] is several[0].named['respawn'] is True
+
+
 def test_what_is_not_given_does_not_override_the_users_file(launched, tmp_path: Path) -> None:
     rig, form = tmp_path / 'rig.yaml', tmp_path / 'normal_form.yaml'
     for path in (rig, form):
-        path.write_text('{}')
+        path.write_text('/**: {ros__parameters: {lines: [1.0]}}')
     files = [str(rig), str(form)]
     (node, *_) = launched(rig=str(rig), normal_form=str(form))
     assert node.named['parameters'] == files

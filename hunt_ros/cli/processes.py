@@ -39,29 +39,32 @@ _GRACE_S = {signal.SIGINT: 8.0, signal.SIGTERM: 2.0, signal.SIGKILL: 2.0}
 @dataclass(frozen=True)
 class NodeSpec:
     """
-    One node to start.
+    A process to start: one node, or several.
 
     Parameters
     ----------
     module : str
-        Module of `hunt_ros.nodes`.
+        Module of `hunt_ros.nodes`; the name of the process where it is several.
     parameters : mapping
         ROS parameters; values as YAML takes them.
     parameter_files : sequence of Path
         ROS parameter files, read before `parameters`.
     piped : bool
         True for the console: its standard streams are ours.
+    nodes : sequence of str
+        The modules, where it is several.
     """
 
     module: str
     parameters: Mapping[str, object] = field(default_factory=dict)
     parameter_files: Sequence[Path] = ()
     piped: bool = False
+    nodes: Sequence[str] = ()
 
     def command(self, namespace: str) -> list[str]:
         """Return the command line of the process."""
-        entry = [sys.executable, '-m', 'hunt_ros.nodes.entry', self.module]
-        return [*entry, *self.ros_arguments(namespace)]
+        entry = [sys.executable, '-m', 'hunt_ros.nodes.entry']
+        return [*entry, *(self.nodes or (self.module,)), *self.ros_arguments(namespace)]
 
     def ros_arguments(self, namespace: str) -> list[str]:
         """Return the part of it that rclpy reads."""

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Sequence
 
 from hunt_ros.cli import options
 
 SUMMARY = 'start every node of the suite on this machine and show what they see'
 EXAMPLE = 'hunt run --simulated --normal-form bags/paper.yaml --duration 60'
+
+
+#: Keys are looked for so often, s.
+_KEY_S = 0.05
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -25,6 +30,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='follow /clock, which a live replay publishes: for hunt replay --live',
     )
+    parser.add_argument(
+        '--one-process',
+        action='store_true',
+        help='all nodes in one process: half the memory; a node that fails ends all',
+    )
     options.add_rig(parser)
     options.add_normal_form(parser)
     options.add_directory(parser)
@@ -40,11 +50,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run until interrupted, or for the duration asked for."""
     from hunt_ros.cli import suite
+    from hunt_ros.cli.keys import Keys
     from hunt_ros.cli.processes import Processes
     from hunt_ros.cli.view import View
     from hunt_ros.dynamics.identified import NEWEST_FILE
     from hunt_ros.errors import ConfigError
-    from hunt_ros.services import SERVICES
+    from hunt_ros.services import KEYS, QUIT_KEY, SERVICES
     from hunt_ros.suite import LISTENERS, SIMULATOR, SOURCES
 
     if not (arguments.simulated or arguments.listen or arguments.rig):
@@ -59,13 +70,14 @@ def run(arguments: argparse.Namespace) -> int:
         options.read_text(form, 'normal form')
     options.rig_of(arguments)
     options.make_folder(arguments.directory, 'recordings')
-    names: tuple[str, ...] = (*LISTENERS, *(() if arguments.listen else SOURCES))
+    names: tuple[str, ...] = LISTENERS if arguments.listen else (*LISTENERS, *SOURCES)
     parameters: dict[str, dict[str, object]] = {
         'bag_recorder': {'directory': str(arguments.directory)},
         'normal_form_identifier': {'directory': str(arguments.directory)},
     }
     if arguments.simulated:
-        names = (SIMULATOR, *names)
+        # Listeners first, and the recorder ended last: the order matters in one process.
+        names = (*LISTENERS, SIMULATOR, *SOURCES)
         if not arguments.rig:  # else the file says where the simulator is
             port = suite.free_port()
             parameters |= {name: {'port': port} for name in (SIMULATOR, *SOURCES)}
@@ -73,16 +85,38 @@ def run(arguments: argparse.Namespace) -> int:
     with Processes(arguments.namespace, arguments.directory / 'logs', private=False) as processes:
         link = suite.start_console(processes, {})
         common: dict[str, object] = {'use_sim_time': True} if arguments.sim_time else {}
-        suite.start_nodes(processes, names, common, parameters, files)
+        suite.start_nodes(processes, names, common, parameters, files, arguments.one_process)
         print(f'{len(names)} nodes under /{arguments.namespace}; logs in {processes.logs}')
         print(f'normal form: {form or "none yet, the first recording gives one"}')
         words = [word for word, service in SERVICES.items() if service.node in names]
         print(f'from another terminal: hunt call {" | ".join(words)}')
-        with View() as view:
+        with View() as view, Keys() as keys:
+            if keys.active:
+                view.say(_help(names))
             try:
                 while arguments.duration is None or time.monotonic() - began < arguments.duration:
-                    for line in link.lines(1.0):
+                    for key in keys.pressed():
+                        if key == QUIT_KEY:
+                            raise KeyboardInterrupt
+                        word = KEYS.get(key.lower(), '')
+                        if word in words:
+                            link.call(SERVICES[word].name)
+                        else:
+                            view.say(_help(names))
+                    for line in link.lines(_KEY_S if keys.active else 1.0):
                         view.show(line)
             except KeyboardInterrupt:
                 view.say('ending every node')
     return 0
+
+
+def _help(names: Sequence[str]) -> str:
+    """Return what the keys do, of the nodes that were started."""
+    from hunt_ros.services import KEYS, QUIT_KEY, SERVICES
+
+    told = [
+        f'{"space" if key == " " else key}: {word}'
+        for key, word in KEYS.items()
+        if SERVICES[word].node in names
+    ]
+    return ', '.join(['keys', *told, f'{QUIT_KEY}: quit'])

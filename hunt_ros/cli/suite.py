@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import socket
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 from hunt_ros.cli.console_link import ConsoleLink, Line
 from hunt_ros.cli.processes import NodeSpec, Processes
 from hunt_ros.errors import HuntError
+from hunt_ros.suite import SUITE
 
 _READY_S = 60.0
 
@@ -34,6 +36,7 @@ def start_nodes(
     common: Mapping[str, object],
     parameters: Parameters,
     files: Sequence[Path] = (),
+    one_process: bool = False,
 ) -> None:
     """
     Start nodes by name.
@@ -50,7 +53,24 @@ def start_nodes(
         Parameters of each, by node name.
     files : sequence of Path
         ROS parameter files for all of them.
+    one_process : bool
+        True for all of them in one process, which takes less memory and less CPU; one that
+        fails ends all.
     """
+    if one_process:
+        # A command line cannot name a parameter of one node under a namespace: a file can.
+        own = processes.logs / f'{SUITE}.yaml'
+        own.write_text(
+            json.dumps(
+                {
+                    f'/**/{name}': {'ros__parameters': {**common, **parameters.get(name, {})}}
+                    for name in names
+                }
+            ),
+            encoding='utf-8',
+        )
+        processes.start(NodeSpec(SUITE, {}, [*files, own], nodes=names))
+        return
     for name in names:
         values = {**common, **parameters.get(name, {})}
         processes.start(NodeSpec(name, values, files))

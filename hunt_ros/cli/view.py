@@ -60,8 +60,9 @@ class View:
             self.say(f'recorded {line["data"]}')
         elif topic == 'hunting/normal_form':
             self.say('a refitted normal form is in force')
-        elif topic == 'answer' and not line['ok']:
-            self.say(f'{line["service"]}: {line["message"]}', STYLES['WARN'])
+        elif topic == 'answer':
+            text = line['message'] or ('done' if line['ok'] else 'refused')
+            self.say(f'{line["service"]}: {text}', '' if line['ok'] else STYLES['WARN'])
 
     def say(self, text: str, style: str = '') -> None:
         """Print a line above the status."""

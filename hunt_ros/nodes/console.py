@@ -11,17 +11,29 @@ from __future__ import annotations
 import json
 import sys
 import threading
+import time
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
+from queue import Empty, SimpleQueue
 
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.client import Client
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.task import Future
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from hunt_ros.nodes.conversions import read_diagnostic, to_ns
 from hunt_ros.nodes.parameters import declare
 from hunt_ros.nodes.qos import EVENTS, STATUS, latched
+from hunt_ros.services import KEYS, SERVICES
 from hunt_ros.settings import Settings, setting
+
+#: Orders are looked for so often, and the services that they name for so long, s.
+_ROUND_S, _SOUGHT_S = 0.02, 5.0
 
 
 @dataclass(frozen=True)
@@ -48,7 +60,7 @@ class ConsoleNode(Node):
             self.create_subscription(String, topic, self._text_printer(topic), latched())
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_health, STATUS)
         self._health: dict[str, str] = {}
-        threading.Thread(target=self._read_commands, daemon=True).start()
+        Caller(self.get_namespace())
 
     def _on_event(self, message: DiagnosticArray) -> None:
         self._print('hunting/events', message)
@@ -74,31 +86,82 @@ class ConsoleNode(Node):
     def _text_printer(self, topic: str):
         return lambda message: _write({'topic': topic, 'data': message.data})
 
-    def _read_commands(self) -> None:
+
+class Caller:
+    """
+    Calls the Trigger services that standard input names, and prints the answers.
+
+    In a thread, with the plain executor: clients do not get on with the EventsExecutor. The
+    services of the operator's keys are looked for at once, so that an emergency stop does not wait
+    for its discovery, and no call waits for the answer of another one.
+
+    Parameters
+    ----------
+    namespace : str
+        Of the rig.
+    """
+
+    def __init__(self, namespace: str) -> None:
+        self._node = rclpy.create_node(
+            'console_calls',
+            namespace=namespace,
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self._clients: dict[str, Client] = {}
+        self._orders: SimpleQueue[str] = SimpleQueue()
+        #: Service, and until when it is looked for.
+        self._sought: list[tuple[str, float]] = []
+        for word in KEYS.values():
+            self._client(SERVICES[word].name)
+        threading.Thread(target=self._read, daemon=True).start()
+        threading.Thread(target=self._work, daemon=True).start()
+
+    def _client(self, name: str) -> Client:
+        if name not in self._clients:
+            self._clients[name] = self._node.create_client(Trigger, name)
+        return self._clients[name]
+
+    def _read(self) -> None:
         for line in sys.stdin:
-            name = line.strip()
-            if name:
-                self._call(name)
+            if name := line.strip():
+                self._orders.put(name)
 
-    def _call(self, name: str) -> None:
-        """Call a Trigger service; what it answers is printed."""
-        client = self.create_client(Trigger, name)
+    def _work(self) -> None:
+        executor = SingleThreadedExecutor()
+        executor.add_node(self._node)
+        try:
+            while True:
+                executor.spin_once(timeout_sec=_ROUND_S)
+                self._round()
+        except ExternalShutdownException:
+            pass
 
-        def answered(future) -> None:
-            answer = future.result()
-            _write(
-                {
-                    'topic': 'answer',
-                    'service': name,
-                    'ok': answer.success,
-                    'message': answer.message,
-                }
-            )
+    def _round(self) -> None:
+        """Send what is ordered to the services that are there."""
+        with suppress(Empty):
+            while True:
+                self._sought.append((self._orders.get_nowait(), time.monotonic() + _SOUGHT_S))
+        left = []
+        for name, until in self._sought:
+            client = self._client(name)
+            if client.service_is_ready():
+                asked = client.call_async(Trigger.Request())
+                asked.add_done_callback(partial(_answered, name))
+            elif time.monotonic() < until:
+                left.append((name, until))
+            else:
+                _answer(name, False, 'no such service')
+        self._sought = left
 
-        if client.wait_for_service(timeout_sec=5.0):
-            client.call_async(Trigger.Request()).add_done_callback(answered)
-        else:
-            _write({'topic': 'answer', 'service': name, 'ok': False, 'message': 'no such service'})
+
+def _answered(name: str, future: Future) -> None:
+    _answer(name, future.result().success, future.result().message)
+
+
+def _answer(name: str, ok: bool, message: str) -> None:
+    _write({'topic': 'answer', 'service': name, 'ok': ok, 'message': message})
 
 
 def _write(document: dict[str, object]) -> None:

@@ -1,5 +1,5 @@
 """
-How a node process starts, spins and ends.
+How a process of one node, or of several, starts, spins and ends.
 
 A signal asks the loop to end, so a node closes its files and publishes its last
 words while the ROS context is still alive; `ending` sees to it that the process
@@ -41,10 +41,10 @@ def cheapest_executor(context: Context | None = None) -> Executor:
 
 
 def run(
-    make_node: Callable[[], Node], ending: Ending, arguments: Sequence[str] | None = None
+    makers: Sequence[Callable[[], Node]], ending: Ending, arguments: Sequence[str] | None = None
 ) -> int:
     """
-    Run one node until it is asked to end.
+    Run nodes until they are asked to end.
 
     A lifecycle node with the parameter `autostart` is configured and activated.
     A node may have a method `close()`, called before its publishers are gone, and the
@@ -53,8 +53,9 @@ def run(
 
     Parameters
     ----------
-    make_node : callable
-        Makes the node; a HuntError or a refused parameter ends the process.
+    makers : sequence of callable
+        Each makes a node; a HuntError or a refused parameter of one ends the process. The last
+        one is closed first.
     ending : Ending
         Hears the signals.
     arguments : sequence of str, optional
@@ -67,19 +68,22 @@ def run(
     """
     on_compilation(ending.say)
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-    node: Node | None = None
+    nodes: list[Node] = []
     executor = cheapest_executor()
     try:
-        node = make_node()
-        _start(node)
-        executor.add_node(node)
+        for make_node in makers:
+            nodes.append(make_node())
+            _start(nodes[-1])
+        for node in nodes:
+            executor.add_node(node)
         ending.doing = 'running'
         # spin() of the EventsExecutor in these wheels burns a core and runs nothing.
         while rclpy.ok() and not ending.asked.is_set():
             executor.spin_once(timeout_sec=_SPIN_S)
-            if getattr(node, 'failed', ''):
-                raise HuntError(node.failed)
-            if getattr(node, 'done', False):
+            for node in nodes:
+                if getattr(node, 'failed', ''):
+                    raise HuntError(node.failed)
+            if all(getattr(node, 'done', False) for node in nodes):
                 break
     except (HuntError, InvalidParameterValueException, ParameterException) as error:
         ending.say(' '.join(str(error).split()))
@@ -87,12 +91,13 @@ def run(
     except ExternalShutdownException:
         pass
     finally:
-        ending.close(getattr(node, 'closing_s', CLOSING_S))
+        ending.close(sum(getattr(node, 'closing_s', CLOSING_S) for node in nodes) or CLOSING_S)
         executor.shutdown()  # before anything it holds is destroyed
-        if node is not None:
+        for node in reversed(nodes):
             if hasattr(node, 'close'):
                 node.close()
             _deliver(node)
+        for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
     return 0

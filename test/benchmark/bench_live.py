@@ -34,9 +34,10 @@ from hunt_ros.cli.processes import Processes
 from hunt_ros.nodes.conversions import JointReader, read_diagnostic
 from hunt_ros.nodes.qos import STATUS, stream
 from hunt_ros.nodes.runtime import cheapest_executor
+from hunt_ros.suite import LISTENERS, SOURCES
 
 RATES_HZ = (500.0, 1000.0, 2000.0)
-ORDER = ('rig_simulator', 'lateral_sensor', 'yaw_sensor', 'roller_speed', *sorted(suite.LISTENERS))
+ORDER = ('rig_simulator', 'lateral_sensor', 'yaw_sensor', 'roller_speed', *sorted(LISTENERS))
 #: Who loses what: nodes, and the value in their diagnostics.
 _LOSSES = {
     'sensors': (('lateral_sensor', 'yaw_sensor'), 'lost'),
@@ -227,8 +228,8 @@ def measure(rate_hz: float, seconds: float) -> dict[str, object]:
                 for key in ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
             }
             probe = Probe()
-            suite.start_nodes(processes, suite.LISTENERS, {}, parameters)
-            suite.start_nodes(processes, ['rig_simulator', *suite.SOURCES], {}, parameters)
+            suite.start_nodes(processes, LISTENERS, {}, parameters)
+            suite.start_nodes(processes, ['rig_simulator', *SOURCES], {}, parameters)
             pids = processes.pids()
             deadline = time.monotonic() + 600.0
             # Start-up, and perhaps compilation: until there are estimates.

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
+import termios
 
 import pytest
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
 from hunt_ros.bag import read_columns
 from hunt_ros.cli.main import main
@@ -37,9 +40,14 @@ def test_a_run_that_listens_records_without_a_clock_and_ends_at_sigterm(graph) -
     form = folder / 'normal_form.yaml'
     form.write_text(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml())
     lateral = graph.node.create_publisher(JointState, 'lateral', 100)
-    words = [sys.executable, '-u', '-m', 'hunt_ros.cli.main', 'run', '--listen']
+    words = [sys.executable, '-u', '-m', 'hunt_ros.cli.main', 'run', '--listen', '--one-process']
+    keyboard, terminal = os.openpty()
     with (graph.folder / 'screen').open('w') as out:
-        run = subprocess.Popen([*words, '--directory', str(folder)], stdout=out, stderr=out)
+        run = subprocess.Popen(
+            [*words, '--directory', str(folder)], stdin=terminal, stdout=out, stderr=out
+        )
+    before = termios.tcgetattr(keyboard)
+    marks = graph.collect(String, 'recording/mark')
     try:
         graph.spin_until(lambda: lateral.get_subscription_count() == 2, 60.0)
         for number in range(50):
@@ -47,13 +55,23 @@ def test_a_run_that_listens_records_without_a_clock_and_ends_at_sigterm(graph) -
             message.header.stamp = graph.node.get_clock().now().to_msg()
             lateral.publish(message)
             graph.spin(0.01)
+        # The terminal is in its key mode once the screen says what the keys do.
+        graph.spin_until(lambda: 'q: quit' in (graph.folder / 'screen').read_text())
+        os.write(keyboard, b'mx')
+        graph.spin_until(lambda: marks)
+        graph.spin_until(lambda: (graph.folder / 'screen').read_text().count('q: quit') == 2)
         run.send_signal(signal.SIGTERM)
         assert graph.machine.wait_for(run, 15.0) == 0
     finally:
         run.kill()
+    assert termios.tcgetattr(keyboard) == before, 'the terminal is left as it was found'
+    os.close(keyboard)
+    os.close(terminal)
     screen = (graph.folder / 'screen').read_text()
     assert str(form) in screen, 'the newest form is loaded'
     assert 'hunt call acknowledge' in screen
+    assert 'a: acknowledge' in screen
+    assert 'e: emergency-stop' not in screen, 'the node of that service was not started'
     assert 'Traceback' not in ''.join(log.read_text() for log in folder.glob('logs/**/*.log'))
     (bag,) = folder.glob('hunt_*')
     values = read_columns(bag, {'y': '/rig/lateral.position[0]'})['y'].values
