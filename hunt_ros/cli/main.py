@@ -32,6 +32,7 @@ VERBS: dict[str, str] = {
     'info': 'info',
     'import': 'import_',
     'export': 'export',
+    'calibrate': 'calibrate',
     'compile': 'compile',
 }
 
