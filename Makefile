@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-EXTRAS := ros,fast,modbus,serial,nidaqmx,matlab73,tdms,parquet,cluster,test,colcon
+EXTRAS := ros,fast,modbus,serial,nidaqmx,matlab73,tdms,parquet,cluster,dashboard,test,colcon
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 24
@@ -59,6 +59,9 @@ bench-estimation: $(VENV)/installed  ## the tracker: speed against filterpy, acc
 bench-simulation: $(VENV)/installed  ## the simulated rig and the theory: speed, escapes, swept loops
 	$(BIN)/python test/benchmark/bench_simulation.py
 
+bench-page: $(VENV)/installed  ## the operator's page: CPU against a bare process, and of each viewer
+	$(BIN)/python test/benchmark/bench_page.py
+
 figures: $(VENV)/installed  ## draw the pictures of docs/
 	$(BIN)/python docs/figures.py
 
@@ -75,4 +78,4 @@ bench-plan: $(VENV)/installed  ## what to measure next: hunt plan in the loop ag
 bench-detection: $(VENV)/installed  ## the detector against the railway criteria; SCALE=0.05: a quick look (1: 24 h quiet, 10 min)
 	$(BIN)/python test/benchmark/bench_detection.py --scale $${SCALE:-1} --publish
 
-.PHONY: bench-plan bench-detection bench-identification bench-simulation figures bench-bags fuzz golden-bags help install demo test test-elsewhere check format clean bench-live bench-forecast bench-estimation
+.PHONY: bench-page bench-plan bench-detection bench-identification bench-simulation figures bench-bags fuzz golden-bags help install demo test test-elsewhere check format clean bench-live bench-forecast bench-estimation

@@ -53,11 +53,13 @@ setup(
         'serial': ['pyserial>=3.5'],
         'nidaqmx': ['nidaqmx>=1.0'],
         'cluster': ['distributed>=2024.1'],
+        'dashboard': ['bokeh>=3.4', 'tornado>=6.3'],
         'bench': ['pysindy>=2.0'],
         'test': [
             'pytest>=8',
             'pytest-xdist>=3.5',
             'hypothesis>=6.100',
+            'playwright>=1.45',  # drives a Chromium that is installed
             # Exactly these: another version of a checker finds other things.
             'ruff==0.17.5',
             'mypy==2.4.1',
@@ -66,6 +68,7 @@ setup(
         ],
         'colcon': ['colcon-common-extensions', 'colcon-ros', 'setuptools<80'],
     },
+    package_data={f'{NAME}.dashboard': ['static/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),

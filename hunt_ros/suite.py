@@ -17,6 +17,10 @@ SIMULATOR = 'rig_simulator'
 
 #: The executable that runs several of them in one process.
 SUITE = 'suite'
+#: The operator's page: started where it is asked for, after the extra `dashboard` is installed.
+PAGE = 'dashboard'
+#: TCP port of the page, where no other is given.
+PAGE_PORT = 8088
 
 #: Every node that is an executable of the package.
-NODES = (SIMULATOR, *LISTENERS, *SOURCES)
+NODES = (SIMULATOR, *LISTENERS, *SOURCES, PAGE)

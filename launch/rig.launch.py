@@ -15,7 +15,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from hunt_ros.rig import Rig
-from hunt_ros.suite import LISTENERS, SIMULATOR, SOURCES, SUITE
+from hunt_ros.suite import LISTENERS, PAGE, SIMULATOR, SOURCES, SUITE
 
 _SWITCH = ['true', 'false']
 #: Name: default, values (any where there are none), description.
@@ -29,6 +29,7 @@ ARGUMENTS = {
     ),
     'simulated': ('true', _SWITCH, 'Start the rig simulator'),
     'sensors': ('true', _SWITCH, 'Start the nodes that talk to the rig; false: yours do'),
+    'page': ('false', _SWITCH, 'Serve the page of the operator at http://127.0.0.1:8088/'),
     'one_process': ('false', _SWITCH, 'All nodes in one process; one that fails ends all'),
     'use_sim_time': ('', ['', *_SWITCH], 'Follow /clock; empty: as the parameter file says'),
     'respawn': ('false', _SWITCH, 'Start a process again when it ends by itself'),
@@ -73,9 +74,14 @@ def _nodes(context: LaunchContext) -> list[Node]:
     names = [*LISTENERS]
     if given['sensors'] == 'true':
         names += [SIMULATOR] * (given['simulated'] == 'true') + [*SOURCES]
+    page = [PAGE] * (given['page'] == 'true')
     if given['one_process'] == 'true':
-        return [Node(executable=SUITE, arguments=[*names, *level], **common)]
-    return [Node(executable=name, arguments=level, **common) for name in names]
+        suite = [Node(executable=SUITE, arguments=[*names, *level], **common)]
+        names = []
+    else:
+        suite = []
+    alone = (Node(executable=name, arguments=level, **common) for name in (*names, *page))
+    return [*suite, *alone]
 
 
 def _rig_file(path: str) -> str:

@@ -123,3 +123,11 @@ def test_what_is_not_given_does_not_override_the_users_file(launched, tmp_path: 
     *first, last = node.named['parameters']
     assert first == files
     assert list(last) == ['use_sim_time']
+
+
+def test_the_page_is_a_process_of_its_own_where_it_is_asked_for(launched) -> None:
+    (suite, page) = launched(page='true', one_process='true')
+    assert page.named['executable'] == 'dashboard'
+    assert 'dashboard' not in suite.named['arguments']
+    names = [node.named['executable'] for node in launched(page='true')]
+    assert names.count('dashboard') == 1

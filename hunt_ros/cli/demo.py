@@ -38,6 +38,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar='DIR',
         help='where the results go, in a folder of their own (default: %(default)s)',
     )
+    parser.add_argument(
+        '--page', action='store_true', help='serve the page of the operator (extra dashboard)'
+    )
+    parser.add_argument(
+        '--keep', action='store_true', help='the same, and leave it up after the sweep'
+    )
     options.add_pace(parser, 10.0, 5.0)
     options.add_seed(parser, 1)
 
@@ -62,6 +68,8 @@ def run(arguments: argparse.Namespace) -> int:
                 link = _start(processes, view, arguments, folder, form)
                 _sweep(link, view)
                 bag = _close(link, view)
+                if arguments.keep:
+                    _keep(link, view)
         except KeyboardInterrupt:
             view.say(f'stopped; what was recorded is in {folder}')
             return 130
@@ -79,7 +87,7 @@ def _start(
     """Start the listeners, then the rig; return when all are up."""
     from hunt_ros.cli import suite
     from hunt_ros.dynamics.profile import Corners, Profile
-    from hunt_ros.suite import LISTENERS, SIMULATOR, SOURCES
+    from hunt_ros.suite import LISTENERS, PAGE, SIMULATOR, SOURCES
 
     profile = folder / 'sweep.yaml'
     steps = (Corners(_TIMES_S, _SPEEDS_MPS),)
@@ -119,11 +127,16 @@ def _start(
         },
         'normal_form_identifier': {'directory': str(folder)},
     }
+    page = suite.free_port() if arguments.page or arguments.keep else None
     view.say('Starting seven ROS 2 nodes on this machine (Ctrl-C ends them all) ...')
     link = suite.start_console(processes, {})
     common: dict[str, object] = {'use_sim_time': True}
     suite.start_nodes(processes, LISTENERS, common, parameters, [form])
     suite.wait_until_up(link, LISTENERS, view.show)
+    if page is not None:
+        suite.start_nodes(processes, [PAGE], common, {PAGE: {'port': page}}, [form])
+        suite.wait_until_up(link, [PAGE], view.show)
+        view.say(f'The page of the operator: http://127.0.0.1:{page}/')
     suite.start_nodes(processes, [SIMULATOR], {}, parameters)
     suite.start_nodes(processes, SOURCES, common, parameters)
     view.say(
@@ -132,6 +145,17 @@ def _start(
         ' The alarm holds the coefficients (33) of the paper.'
     )
     return link
+
+
+def _keep(link: ConsoleLink, view: View) -> None:
+    """Leave everything running until Ctrl-C."""
+    view.say('The page stays up until Ctrl-C; then the results are shown.')
+    try:
+        while True:
+            for line in link.lines(1.0):
+                view.show(line)
+    except KeyboardInterrupt:
+        view.say('ending every node')
 
 
 def _sweep(link: ConsoleLink, view: View) -> None:

@@ -7,6 +7,7 @@ import time
 from collections.abc import Sequence
 
 from hunt_ros.cli import options
+from hunt_ros.suite import PAGE_PORT
 
 SUMMARY = 'start every node of the suite on this machine and show what they see'
 EXAMPLE = 'hunt run --simulated --normal-form bags/paper.yaml --duration 60'
@@ -35,6 +36,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='all nodes in one process: half the memory; a node that fails ends all',
     )
+    parser.add_argument(
+        '--page',
+        nargs='?',
+        type=int,
+        const=PAGE_PORT,
+        metavar='PORT',
+        help='serve the page of the operator (default port: %(const)s; extra dashboard)',
+    )
     options.add_rig(parser)
     options.add_normal_form(parser)
     options.add_directory(parser)
@@ -56,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
     from hunt_ros.dynamics.identified import NEWEST_FILE
     from hunt_ros.errors import ConfigError
     from hunt_ros.services import KEYS, QUIT_KEY, SERVICES
-    from hunt_ros.suite import LISTENERS, SIMULATOR, SOURCES
+    from hunt_ros.suite import LISTENERS, PAGE, SIMULATOR, SOURCES
 
     if not (arguments.simulated or arguments.listen or arguments.rig):
         raise ConfigError(
@@ -88,6 +97,10 @@ def run(arguments: argparse.Namespace) -> int:
         suite.start_nodes(processes, names, common, parameters, files, arguments.one_process)
         print(f'{len(names)} nodes under /{arguments.namespace}; logs in {processes.logs}')
         print(f'normal form: {form or "none yet, the first recording gives one"}')
+        if arguments.page is not None:  # a process of its own: nothing waits for it
+            port_of_page = {PAGE: {'port': arguments.page}}
+            suite.start_nodes(processes, [PAGE], common, port_of_page, files)
+            print(f'page: http://127.0.0.1:{arguments.page}/')
         words = [word for word, service in SERVICES.items() if service.node in names]
         print(f'from another terminal: hunt call {" | ".join(words)}')
         with View() as view, Keys() as keys:

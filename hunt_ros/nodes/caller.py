@@ -1,0 +1,132 @@
+"""
+Calls the services that an operator asks for, beside the node that he asks.
+
+They are called from a hidden node in a thread with the plain executor: service clients crash
+the EventsExecutor of these wheels now and then. A call never waits for another.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from concurrent.futures import Future
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
+
+from hunt_ros.nodes.diagnostics import Diagnostics
+from hunt_ros.nodes.qos import stream
+from hunt_ros.nodes.worker import Worker
+from hunt_ros.services import SERVICES
+
+#: Who does not answer within this may not have heard, s; closing a recording takes longest.
+_ANSWER_S = 10.0
+_LOOK_S = 0.05
+
+Answer = tuple[bool, str]
+
+
+class Caller:
+    """
+    Calls the services of `SERVICES` by their words.
+
+    Parameters
+    ----------
+    node : Node
+        Gives the namespace.
+    diagnostics : Diagnostics
+        Told when the thread fails.
+    """
+
+    def __init__(self, node: Node, diagnostics: Diagnostics) -> None:
+        self._node = rclpy.create_node(
+            f'_{node.get_name()}_caller',
+            namespace=node.get_namespace(),
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self._clients_of = {
+            word: self._node.create_client(SetBool if service.switch else Trigger, service.name)
+            for word, service in SERVICES.items()
+        }
+        topics = {service.words_topic for service in SERVICES.values()} - {''}
+        self._words = {
+            topic: self._node.create_publisher(String, topic, stream(10)) for topic in topics
+        }
+        self._lock = threading.Lock()
+        self._open: list[tuple[float, str, Future[Answer]]] = []
+        self._worker = Worker(diagnostics, 'caller', self._work)
+
+    def call(self, word: str, words: str = '') -> Future[Answer]:
+        """
+        Call a service; from any thread.
+
+        Parameters
+        ----------
+        word : str
+            Of `SERVICES`.
+        words : str
+            What goes with it: a name, a mark.
+
+        Returns
+        -------
+        Future of (bool, str)
+            Whether it was done, and what the service says, or why it was not asked.
+        """
+        answer: Future[Answer] = Future()
+        service = SERVICES.get(word)
+        if service is None:
+            answer.set_result((False, f'{word[:40]!r} is no service'))
+            return answer
+        client = self._clients_of[word]
+        if not client.service_is_ready():
+            answer.set_result(
+                (False, f'{service.node} is not running: nobody offers {service.name}')
+            )
+            return answer
+        said = ' '.join(words.split())[:200] if service.words_topic else ''
+        if said and service.words_first:
+            self._words[service.words_topic].publish(String(data=said))
+
+        def answered(reply: object) -> None:
+            done, message = reply.result().success, reply.result().message
+            if done and said and not service.words_first:
+                self._words[service.words_topic].publish(String(data=said))
+            self._end(answer, (done, message))
+
+        with self._lock:
+            self._open.append((time.monotonic() + _ANSWER_S, service.node, answer))
+        switch = service.switch
+        request = SetBool.Request(data=switch == 'on') if switch else Trigger.Request()
+        client.call_async(request).add_done_callback(answered)
+        return answer
+
+    def close(self) -> None:
+        """Take no more calls."""
+        self._worker.stop()
+        self._node.destroy_node()
+
+    def _end(self, answer: Future[Answer], result: Answer) -> None:
+        with self._lock:
+            self._open = [each for each in self._open if each[2] is not answer]
+            if not answer.done():
+                answer.set_result(result)
+
+    def _work(self, stopping: threading.Event) -> None:
+        executor = SingleThreadedExecutor()
+        executor.add_node(self._node)
+        try:
+            while not stopping.is_set():
+                executor.spin_once(timeout_sec=_LOOK_S)
+                now = time.monotonic()
+                late = [each for each in self._open if each[0] < now]
+                for _, node, answer in late:
+                    self._end(answer, (False, f'{node} has not answered for {_ANSWER_S:.0f} s'))
+        except ExternalShutdownException:
+            pass
+        finally:
+            executor.shutdown()

@@ -1,0 +1,143 @@
+"""
+The node of the operator's page: topics into the model, the model to the browsers, and back.
+
+It only listens, and calls the services that an operator asks for. Messages are taken many at a
+time, once an update; the web server has a thread of its own.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+from std_msgs.msg import String
+
+from hunt_ros.dashboard.access import access
+from hunt_ros.dashboard.model import PageModel, PageSettings
+from hunt_ros.dashboard.server import PageServer
+from hunt_ros.nodes.caller import Caller
+from hunt_ros.nodes.conversions import read_diagnostic, to_ns
+from hunt_ros.nodes.detector_inbox import DetectorInbox
+from hunt_ros.nodes.diagnostics import Diagnostics, Health, steady_clock
+from hunt_ros.nodes.parameters import declare, declare_normal_form, warn_unknown
+from hunt_ros.nodes.polled import Polling, waiting
+from hunt_ros.nodes.qos import EVENTS, STATUS, latched
+from hunt_ros.nodes.sole import hold_name
+from hunt_ros.sensors import DISPLACEMENTS
+from hunt_ros.settings import Settings, setting
+from hunt_ros.suite import PAGE_PORT
+
+
+@dataclass(frozen=True)
+class DashboardConfig(Settings):
+    """Parameters of the node; those of the picture are `PageSettings`."""
+
+    address: str = setting(
+        '127.0.0.1',
+        'Where the page is served; another than the loopback needs token_file.',
+        fixed=True,
+    )
+    port: int = setting(
+        PAGE_PORT, 'TCP port of the page; 0: a free one.', low=0, high=65535, fixed=True
+    )
+    token_file: str = setting(
+        '', 'File with the lines "view: TOKEN" and "command: TOKEN", mode 600.', fixed=True
+    )
+    update_rate_hz: float = setting(
+        20.0, 'Updates of the page.', unit='Hz', low=2.0, high=50.0, fixed=True
+    )
+
+
+class DashboardNode(Polling, Node):
+    """Serves the page."""
+
+    def __init__(self) -> None:
+        super().__init__('dashboard')
+        hold_name(self)
+        config = declare(self, DashboardConfig)
+        settings = declare(self, PageSettings)
+        form = declare_normal_form(self)
+        warn_unknown(self)
+        # First what may be refused: no thread runs yet.
+        self._server = PageServer(
+            config.address,
+            config.port,
+            access(config.address, config.token_file),
+            lambda word, words: self._caller.call(word, words),
+            self.get_namespace().strip('/') or 'rig',
+        )
+        self._model = PageModel(settings, form)
+        self._diagnostics = Diagnostics(self, self._health)
+        self._inbox = DetectorInbox(self, DISPLACEMENTS)
+        self._heard = [
+            (self.create_polled_subscription(kind, topic, qos), take)
+            for kind, topic, qos, take in (
+                (DiagnosticArray, 'hunting/status', STATUS, self._on_status),
+                (DiagnosticArray, 'hunting/events', EVENTS, self._on_event),
+                (DiagnosticArray, '/diagnostics', EVENTS, self._on_health),
+                (DiagnosticArray, 'speed/status', latched(), self._on_speed_status),
+                (String, 'hunting/alarms', latched(), self._on_alarms),
+                (String, 'hunting/normal_form', latched(), self._on_form),
+                (String, 'recording/closed', latched(), self._on_recording),
+            )
+        ]
+        self._caller = Caller(self, self._diagnostics)
+        host = f'[{config.address}]' if ':' in config.address else config.address
+        self._url = f'http://{host}:{self._server.port}/'
+        self.get_logger().info(f'the page is at {self._url}')
+        self.create_timer(1.0 / config.update_rate_hz, self._update, clock=steady_clock())
+
+    def close(self) -> None:
+        """End the server."""
+        self._server.close()
+        self._caller.close()
+
+    def _update(self) -> None:
+        """Take what has come, and send what it makes of the page."""
+        for channel, stamps_ns, values in self._inbox.take():
+            self._model.take_samples(channel, stamps_ns, values)
+        for subscription, take in self._heard:
+            for message, _ in waiting(subscription):
+                take(message)
+        self._server.publish(self._model.view(time.monotonic()))
+
+    def _on_status(self, message: DiagnosticArray) -> None:
+        self._model.take_status(
+            to_ns(message.header.stamp), read_diagnostic(message), time.monotonic()
+        )
+
+    def _on_event(self, message: DiagnosticArray) -> None:
+        self._model.take_event(to_ns(message.header.stamp), read_diagnostic(message))
+
+    def _on_health(self, message: DiagnosticArray) -> None:
+        self._model.take_health(read_diagnostic(message), time.monotonic())
+
+    def _on_speed_status(self, message: DiagnosticArray) -> None:
+        self._model.take_speed_status(read_diagnostic(message), time.monotonic())
+
+    def _on_alarms(self, message: String) -> None:
+        self._model.take_alarms(message.data)
+
+    def _on_form(self, message: String) -> None:
+        problem = self._model.take_form(message.data)
+        if problem:
+            self.get_logger().error(problem)
+
+    def _on_recording(self, message: String) -> None:
+        self._model.take_recording(message.data)
+
+    def _health(self) -> Health:
+        values = {
+            'url': self._url,
+            'viewers': self._server.count,
+            'stalled_viewers': self._server.dropped,
+            'received': self._inbox.received,
+        }
+        if mute := self._inbox.mute():
+            return 'WARN', mute, values
+        return 'OK', f'{self._server.count} viewers at {self._url}', values
+
+
+make_node = DashboardNode

@@ -1,0 +1,182 @@
+"""The web server, over HTTP and websockets: rights, origins, stalled viewers."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+import time
+import urllib.error
+import urllib.parse
+import urllib.request
+from http.cookiejar import CookieJar
+
+import pytest
+
+tornado = pytest.importorskip('tornado', reason='the extra dashboard is not installed')
+
+from tornado.httpclient import HTTPClientError, HTTPRequest  # noqa: E402
+from tornado.websocket import websocket_connect  # noqa: E402
+
+from hunt_ros.dashboard import server as web  # noqa: E402
+from hunt_ros.dashboard.access import Access, access  # noqa: E402
+from hunt_ros.dashboard.view import Section, View  # noqa: E402
+from hunt_ros.errors import ConfigError  # noqa: E402
+
+TOKENS = (('command', 'b' * 16), ('view', 'a' * 16))
+
+
+def ask(url: str, body: object = None, opener=None, **headers: str) -> tuple[int, str]:
+    """Return status and text of an answer; a body is sent as JSON."""
+    data = None if body is None else json.dumps(body).encode()
+    kind = {} if body is None else {'Content-Type': 'application/json'}
+    names = {name.replace('_', '-'): value for name, value in headers.items()}
+    request = urllib.request.Request(url, data, {**kind, **names})
+    try:
+        with (opener or urllib.request.build_opener()).open(request, timeout=20) as answer:
+            return answer.status, answer.read().decode()
+    except urllib.error.HTTPError as error:
+        return error.code, error.read().decode()
+
+
+def first_messages(url: str, count: int = 2, **headers: str) -> list[dict]:
+    """Return the first messages of the websocket."""
+
+    async def listen() -> list[dict]:
+        address = url.replace('http', 'ws', 1) + 'live'
+        link = await websocket_connect(HTTPRequest(address, headers=headers))
+        return [json.loads(await link.read_message()) for _ in range(count)]
+
+    return asyncio.run(asyncio.wait_for(listen(), 20))
+
+
+def test_everything_the_page_loads_comes_from_this_server(live) -> None:
+    code, page = ask(live.url)
+    assert code == 200
+    assert 'http://' not in page
+    assert 'https://' not in page
+    for name in ('page.js', 'page.css', 'colours.css', 'bokeh.js', 'figures.json'):
+        code, text = ask(live.url + name)
+        assert code == 200
+        assert len(text) > 100
+    assert ask(live.url + '../server.py')[0] == 404
+
+
+def test_a_viewer_is_told_version_right_and_the_whole_then_differences(live) -> None:
+    messages = first_messages(live.url, 4)
+    about, whole, *rest = messages
+    assert about['about']['right'] == 'command'
+    assert about['about']['version'] in ask(live.url)[1]
+    assert {'status', 'numbers', 'diagram', 'nodes'} <= set(whole['sections'])
+    assert all('diagram' not in each['sections'] for each in rest)
+
+
+def test_a_command_is_done_and_its_answer_returned(live) -> None:
+    asked = {'word': 'mark', 'words': 'bump at joint 3'}
+    assert ask(live.url + 'command', asked) == (200, '{"done": true, "message": ""}')
+    live.reply = (False, 'the node is not active')
+    code, text = ask(live.url + 'command', {'word': 'start-profile'})
+    assert (code, json.loads(text)) == (200, {'done': False, 'message': 'the node is not active'})
+    assert live.calls == [('mark', 'bump at joint 3'), ('start-profile', '')]
+
+
+def test_commands_and_websockets_of_other_sites_are_refused(live) -> None:
+    stop, command = {'word': 'emergency-stop'}, live.url + 'command'
+    assert ask(command, stop, Origin='http://evil.example')[0] == 403
+    assert ask(command, stop, Origin='null')[0] == 403
+    assert ask(command, stop, Host='evil.example')[0] == 403
+    assert ask(command, stop, Content_Type='text/plain')[0] == 415
+    assert ask(command, ['emergency-stop'])[0] == 400
+    assert ask(command, {'word': 7})[0] == 400
+    with pytest.raises(HTTPClientError, match='403'):
+        first_messages(live.url, Origin='http://evil.example')
+    assert live.calls == []
+    here = live.url.rstrip('/')
+    assert ask(command, stop, Origin=here)[0] == 200
+
+
+@pytest.fixture
+def guarded():
+    calls: list[str] = []
+
+    def command(word: str, words: str) -> web.Future:
+        calls.append(word)
+        answer: web.Future = web.Future()
+        answer.set_result((True, ''))
+        return answer
+
+    page = web.PageServer('127.0.0.1', 0, Access(TOKENS, frozenset({'localhost'})), command, 'rig')
+    page.calls = calls
+    page.publish(View({'status': Section(1, 'secret')}))
+    yield page
+    page.close()
+
+
+def log_in(url: str, token: str):
+    """Return an opener with the cookie that a token gives."""
+    opener = urllib.request.build_opener(urllib.request.HTTPCookieProcessor(CookieJar()))
+    form = urllib.parse.urlencode({'token': token}).encode()
+    with opener.open(url + 'login', form, timeout=20) as answer:
+        assert token not in answer.url, 'an address is logged'
+    return opener
+
+
+def test_without_a_token_there_is_only_the_form_for_one(guarded) -> None:
+    url = f'http://127.0.0.1:{guarded.port}/'
+    assert 'type="password"' in ask(url)[1]
+    assert ask(url + 'command', {'word': 'rearm'})[0] == 403
+    with pytest.raises(HTTPClientError, match='401'):
+        first_messages(url)
+    assert 'type="password"' in ask(url, opener=log_in(url, 'c' * 16))[1]
+    assert 'type="password"' in ask(f'{url}?token={"b" * 16}')[1], 'none in an address'
+    assert guarded.calls == []
+
+
+def test_one_token_lets_view_and_the_other_command(guarded) -> None:
+    url = f'http://127.0.0.1:{guarded.port}/'
+    viewer, operator = (log_in(url, letter * 16) for letter in 'ab')
+    assert 'content="view"' in ask(url, opener=viewer)[1]
+    assert ask(url + 'command', {'word': 'rearm'}, opener=viewer)[0] == 403
+    assert guarded.calls == []
+    assert ask(url + 'command', {'word': 'rearm'}, opener=operator)[0] == 200
+    assert guarded.calls == ['rearm']
+
+
+def test_a_forged_cookie_gives_no_right(guarded) -> None:
+    url = f'http://127.0.0.1:{guarded.port}/'
+    cookie = f'hunt_ros_{guarded.port}=command'
+    assert ask(url + 'command', {'word': 'rearm'}, Cookie=cookie)[0] == 403
+
+
+def test_a_port_in_use_is_one_clear_line(live) -> None:
+    with pytest.raises(ConfigError) as refusal:
+        web.PageServer('127.0.0.1', live.server.port, access('127.0.0.1', ''), live._call, 'rig')
+    assert f'port {live.server.port}' in str(refusal.value)
+    assert 'in use' in str(refusal.value)
+    assert '\n' not in str(refusal.value)
+
+
+def test_a_viewer_that_takes_nothing_is_dropped_and_the_others_do_not_notice(
+    guarded, machine, monkeypatch
+) -> None:
+    monkeypatch.setattr(web, '_STALLED_S', 0.3)
+    guarded.access = Access()
+    link = socket.socket()
+    link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    link.connect(('127.0.0.1', guarded.port))
+    link.sendall(
+        b'GET /live HTTP/1.1\r\nHost: 127.0.0.1\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n'
+        b'Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n'
+    )
+    deadline = machine.deadline(20.0)
+    number = 1
+    while not guarded.dropped:
+        assert not deadline.passed
+        number += 1
+        guarded.publish(View({'status': Section(number, f'{number}' * 200_000)}))
+        time.sleep(0.05)
+    assert guarded.count == 0
+    guarded.publish(View({'status': Section(0, 'after')}))
+    _, whole = first_messages(f'http://127.0.0.1:{guarded.port}/')
+    assert 'status' in whole['sections']
+    link.close()

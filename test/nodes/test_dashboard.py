@@ -1,0 +1,146 @@
+"""The node of the page, with real nodes: what it shows over a websocket, what it calls."""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+import time
+import urllib.request
+
+import pytest
+
+pytest.importorskip('bokeh', reason='the extra dashboard is not installed')
+
+import tornado.ioloop
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+from tornado.websocket import websocket_connect
+
+from hunt_ros.nodes.dashboard import DashboardNode
+from hunt_ros.nodes.qos import STATUS, latched, stream
+
+pytestmark = pytest.mark.ros
+
+
+class Viewer:
+    """A page: keeps what the server sends, and connects again."""
+
+    def __init__(self, port: int) -> None:
+        self.sections: dict = {}
+        self.rows: dict[str, list] = {}
+        self._url = f'ws://127.0.0.1:{port}/live'
+        self._running = True
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def close(self) -> None:
+        self._running = False
+
+    def _run(self) -> None:
+        tornado.ioloop.IOLoop(make_current=False).run_sync(self._listen)
+
+    async def _listen(self) -> None:
+        while self._running:
+            try:
+                link = await websocket_connect(self._url)
+            except OSError:
+                time.sleep(0.1)
+                continue
+            while self._running and (text := await link.read_message()) is not None:
+                message = json.loads(text)
+                self.sections |= message.get('sections', {})
+                for name, change in message.get('streams', {}).items():
+                    self.rows.setdefault(name, []).extend(change['rows'])
+
+    def level(self) -> str:
+        return self.sections.get('status', {}).get('level', '')
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(('127.0.0.1', 0))
+        return int(probe.getsockname()[1])
+
+
+def command(port: int, word: str, words: str = '') -> dict:
+    body = json.dumps({'word': word, 'words': words}).encode()
+    request = urllib.request.Request(
+        f'http://127.0.0.1:{port}/command', body, {'Content-Type': 'application/json'}
+    )
+    with urllib.request.urlopen(request, timeout=60) as answer:
+        return json.load(answer)
+
+
+def status_message(node, level: bytes = DiagnosticStatus.OK, **values: str) -> DiagnosticArray:
+    message = DiagnosticArray()
+    message.header.stamp = node.get_clock().now().to_msg()
+    pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
+    message.status = [DiagnosticStatus(level=level, name='hunting', values=pairs)]
+    return message
+
+
+def test_the_page_shows_what_the_topics_say_and_calls_what_is_asked_for(graph, resident) -> None:
+    port = free_port()
+    resident(DashboardNode, port=port)
+    viewer = Viewer(port)
+    heard: list[str] = []
+    names = graph.collect(String, 'hunting/acknowledged_by', stream(10))
+
+    def acknowledge(request, response):
+        heard.append('acknowledged')
+        response.success = True
+        return response
+
+    graph.node.create_service(Trigger, 'hunting/acknowledge_alarm', acknowledge)
+    lateral = graph.node.create_publisher(JointState, 'lateral', stream(100))
+    status = graph.node.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
+    drive = graph.node.create_publisher(DiagnosticArray, 'speed/status', latched())
+    drive.publish(status_message(graph.node, profile_state='running', emergency_stop='false'))
+
+    def play(level: bytes) -> None:
+        message = JointState(name=['lateral'], position=[1e-3])
+        message.header.stamp = graph.node.get_clock().now().to_msg()
+        lateral.publish(message)
+        values = {'state': 'quiet', 'region': 'stable', 'speed_mps': '5.0', 'amplitude_m': '1e-4'}
+        status.publish(status_message(graph.node, level, **values))
+
+    def shown(level: bytes, text: str) -> bool:
+        play(level)
+        return viewer.level() == text and len(viewer.rows.get('lateral', ())) > 3
+
+    graph.spin_until(lambda: shown(DiagnosticStatus.OK, 'OK'))
+    graph.spin_until(lambda: shown(DiagnosticStatus.ERROR, 'ERROR'))
+    assert viewer.sections['drive']['profile_state'] == 'running'
+    assert viewer.rows['lateral'][0][2] == 1.0
+    graph.spin_until(lambda: viewer.level() == 'STALE')
+    assert 'silent' in viewer.sections['status']['why']
+    graph.spin_until(lambda: shown(DiagnosticStatus.OK, 'OK'))
+
+    answers: list[dict] = []
+    asked = threading.Thread(
+        target=lambda: answers.append(command(port, 'acknowledge', 'Mia')), daemon=True
+    )
+    graph.spin_until(lambda: viewer.sections['nodes'], 30.0)
+    asked.start()
+    graph.spin_until(lambda: answers, 60.0)
+    assert answers == [{'done': True, 'message': ''}]
+    assert heard == ['acknowledged']
+    graph.spin_until(lambda: names)
+    assert names[0].data == 'Mia'
+    absent = command(port, 'emergency-stop')
+    assert not absent['done']
+    assert 'roller_speed is not running' in absent['message']
+    assert not command(port, 'no-such-word')['done']
+    viewer.close()
+
+
+def test_a_port_in_use_ends_the_node_with_one_line(graph) -> None:
+    with socket.create_server(('127.0.0.1', 0)) as taken:
+        port = taken.getsockname()[1]
+        graph.start('dashboard', port=port)
+        assert graph.wait('dashboard', 60.0) == 2
+    said = graph.log('dashboard').read_text()
+    assert f'port {port}' in said
+    assert 'Traceback' not in said
