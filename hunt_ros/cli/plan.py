@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from hunt_ros.identification.plan import Plan
 
 SUMMARY = 'say what to measure next: the profile that teaches the most a minute'
-EXAMPLE = 'hunt plan bags/hysteresis_loop --budget 2min --profile next.yaml'
+EXAMPLE = 'hunt plan bags/hysteresis_loop --budget 2min --out next.yaml'
 
 _UNITS = {'': 1.0, 's': 1.0, 'min': 60.0, 'h': 3600.0}
 #: Actions that are shown.
@@ -62,7 +62,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar='S',
         help='time that a kick costs (%(default)s)',
     )
-    parser.add_argument('--profile', type=Path, metavar='FILE', help='write the profile here')
+    parser.add_argument('--out', type=Path, metavar='FILE', help='write the profile here')
     add_settings(parser, 'recordings, or the parameter file of hunt identify --out')
     options.add_json(parser, 'the plan')
 
@@ -87,8 +87,8 @@ def run(arguments: argparse.Namespace) -> int:
     with progress('planning') as advance:
         found = plan(known, settings)
         advance(1.0)
-    if arguments.profile:
-        _write(arguments.profile, found.profile.to_yaml())
+    if arguments.out:
+        _write(arguments.out, found.profile.to_yaml())
     if arguments.json:
         write_json(found.to_json(), arguments.json)
     if arguments.json != '-':

@@ -27,7 +27,7 @@ def form(tmp_path_factory):
 
 def test_a_parameter_file_gives_the_next_profile_and_its_reason(form, tmp_path, capsys):
     out = tmp_path / 'next.yaml'
-    words = ['plan', str(form), '--budget', '1min', '--at', '7.2', '--profile', str(out)]
+    words = ['plan', str(form), '--budget', '1min', '--at', '7.2', '--out', str(out)]
     assert main([*words, '--json', '-']) == 0
     document = json.loads(capsys.readouterr().out)
     assert document['profile'] == out.read_text()
@@ -57,7 +57,7 @@ def test_bad_input_is_one_line_and_exit_2(form, tmp_path, capsys):
         ([str(form), '--max-escape', '1.5'], '0 to 1'),
         ([str(form), '--speed-ceiling', '4'], 'speed_ceiling_mps'),
         ([str(form), '--at', '7,fast'], '--at'),
-        ([str(form), '--profile', str(tmp_path / 'no' / 'p.yaml')], 'cannot write the profile'),
+        ([str(form), '--out', str(tmp_path / 'no' / 'p.yaml')], 'cannot write the profile'),
         ([str(other)], 'another normal form'),
         ([str(alone)], 'alone.npz'),
         ([str(tmp_path / 'missing.yaml')], 'missing.yaml'),
