@@ -59,6 +59,8 @@ class IdentifierConfig(Settings):
     wheel_diameter_m: float = of_rig('wheel_diameter_m')
     speed_resolution_mps: float = of_rig('speed_resolution_mps')
     speed_scale_std: float = of_rig('speed_scale_std')
+    lateral_range_m: float = of_rig('lateral_range_m')
+    flange_clearance_m: float = of_rig('flange_clearance_m')
     prior_v_c: tuple[float, ...] = of_rig('prior_v_c')
     prior_D1: tuple[float, ...] = of_rig('prior_D1')
 
