@@ -21,6 +21,8 @@ SUITE = 'suite'
 PAGE = 'dashboard'
 #: TCP port of the page, where no other is given.
 PAGE_PORT = 8088
+#: Sound, command and relay for an alarm: started by hand.
+ALARM_OUTPUTS = 'alarm_outputs'
 
 #: Every node that is an executable of the package.
-NODES = (SIMULATOR, *LISTENERS, *SOURCES, PAGE)
+NODES = (SIMULATOR, *LISTENERS, *SOURCES, PAGE, ALARM_OUTPUTS)

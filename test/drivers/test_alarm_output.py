@@ -1,0 +1,90 @@
+"""Sound, command and relay, each for real; each failing with one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from hunt_ros.drivers.alarm_output import Command, Condition, Relay, Sound
+from hunt_ros.drivers.modbus_link import ModbusBus
+from hunt_ros.errors import ConfigError, DriverError
+
+
+@pytest.fixture
+def program(tmp_path: Path):
+    """Make a program of a few lines; what it writes stands in the file `log`."""
+
+    def make(text: str) -> str:
+        path = tmp_path / 'program'
+        path.write_text(f'#!/bin/sh\n{text}\n')
+        path.chmod(0o755)
+        return str(path)
+
+    make.log = tmp_path / 'log'
+    return make
+
+
+def test_a_command_gets_condition_and_cause_and_no_shell_reads_them(program) -> None:
+    output = Command(f'{program(f"echo $# $1/$2/$3 >> {program.log}")} "two words"', 10.0)
+    output.show(Condition.ALARM, 'limit cycle; $(rm -r x)')
+    output.show(Condition.WELL, '')
+    assert program.log.read_text().splitlines() == [
+        '3 two words/alarm/limit cycle; $(rm -r x)',
+        '3 two words/well/',
+    ]
+
+
+def test_a_sound_is_played_while_somebody_must_come(program) -> None:
+    output = Sound(program(f'echo played >> {program.log}'), 0.5)
+    for condition in Condition:
+        output.show(condition, 'cause')
+    assert program.log.read_text() == 2 * 'played\n'
+    assert output.repeat_s == 0.5
+
+
+def test_the_bell_rings(capfd) -> None:
+    Sound('bell', 1.0).show(Condition.DOUBT, 'silence')
+    assert capfd.readouterr().err == '\a'
+
+
+@pytest.mark.parametrize('inverted', [False, True])
+def test_a_relay_is_on_for_an_alarm_or_inverted_while_all_is_well(modbus_server, inverted) -> None:
+    relay = Relay(ModbusBus(port=modbus_server.port, timeout_s=5.0), 7, inverted)
+    for condition in (Condition.WELL, Condition.ALARM, Condition.DOUBT):
+        relay.show(condition, 'cause')
+    relay.close()
+    states = [bool(values[0]) for address, values in modbus_server.written if address == 7]
+    assert states == [*([True, False, False] if inverted else [False, True, True]), False]
+
+
+def test_a_relay_that_is_cut_fails_and_works_again(modbus_server) -> None:
+    relay = Relay(ModbusBus(port=modbus_server.port, timeout_s=5.0), 2, False)
+    relay.show(Condition.ALARM, '')
+    modbus_server.stop()
+    with pytest.raises(DriverError, match='coil 2: no answer'):
+        relay.show(Condition.ALARM, '')
+    with pytest.raises(DriverError, match='cannot connect'):
+        relay.show(Condition.ALARM, '')
+    modbus_server.start()
+    relay.show(Condition.ALARM, '')
+    assert len(modbus_server.written) == 2
+    relay.close()
+
+
+def test_a_command_that_fails_or_hangs_is_one_line(program) -> None:
+    output = Command(program('echo no modem >&2; exit 3'), 10.0)
+    with pytest.raises(DriverError, match=r'exit code 3 \(no modem\)'):
+        output.show(Condition.ALARM, '')
+    hanging = Command(program('exec sleep 60'), 0.2)
+    with pytest.raises(DriverError, match=r'ended after 0\.2 s'):
+        hanging.show(Condition.ALARM, '')
+    Path(output._words[0]).unlink()
+    with pytest.raises(DriverError, match='No such file'):
+        output.show(Condition.ALARM, '')
+
+
+@pytest.mark.parametrize('text', ['/nowhere/notify', 'sh "unfinished', ' '])
+def test_a_program_that_is_not_there_is_refused_at_the_start(text) -> None:
+    with pytest.raises(ConfigError, match='command '):
+        Command(text, 1.0)
