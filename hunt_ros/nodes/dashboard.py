@@ -135,8 +135,8 @@ class DashboardNode(Polling, Node):
             'stalled_viewers': self._server.dropped,
             'received': self._inbox.received,
         }
-        if mute := self._inbox.mute():
-            return 'WARN', mute, values
+        if problem := self._inbox.problem():
+            return 'WARN', problem, values
         return 'OK', f'{self._server.count} viewers at {self._url}', values
 
 

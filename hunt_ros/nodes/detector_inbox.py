@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 
 from hunt_ros.nodes.conversions import JointReader, SpeedReader
 from hunt_ros.nodes.polled import Polling, waiting
-from hunt_ros.nodes.qos import OVERRIDABLE, mute_publishers, stream
+from hunt_ros.nodes.qos import OVERRIDABLE, publisher_problem, stream
 
 #: One second of the fastest sensor.
 _DEPTH = 2000
@@ -48,9 +48,9 @@ class DetectorInbox:
             )
             self._inputs.append((channel, reader, subscription))
 
-    def mute(self) -> str:
-        """Return what to do about publishers that these subscriptions cannot hear; or ''."""
-        found = (mute_publishers(self._node, subscription) for *_, subscription in self._inputs)
+    def problem(self) -> str:
+        """Return what is wrong with the publishers of the channels, and what to do; or ''."""
+        found = (publisher_problem(self._node, subscription) for *_, subscription in self._inputs)
         return '; '.join(filter(None, found))
 
     def clear(self) -> None:

@@ -279,8 +279,8 @@ class HuntingDetectorNode(Polling, LifecycleNode):
         text = f'{status.state.label}, region {status.region.label}'
         said = [(status.level.label, '; '.join([text, *status.reasons]))]
         said += [('OK', words) for words in status.absent]
-        if mute := self._inbox.mute():
-            said.append(('WARN', mute))
+        if problem := self._inbox.problem():
+            said.append(('WARN', problem))
         if unreadable:
             said.append(('WARN', f'{unreadable} messages without the expected joint'))
         if self._waiting is not None:

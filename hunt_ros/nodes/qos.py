@@ -48,9 +48,9 @@ STATUS = stream(20)
 OVERRIDABLE = QoSOverridingOptions(policy_kinds=(QoSPolicyKind.RELIABILITY, QoSPolicyKind.DEPTH))
 
 
-def mute_publishers(node: Node, subscription: Subscription) -> str:
+def publisher_problem(node: Node, subscription: Subscription) -> str:
     """
-    Return one line where a publisher cannot be heard by a reliable subscription.
+    Return one line where a measurement has several publishers, or one that cannot be heard.
 
     Parameters
     ----------
@@ -62,12 +62,19 @@ def mute_publishers(node: Node, subscription: Subscription) -> str:
     Returns
     -------
     str
-        Names the topic and the parameter that helps; '' where everybody is heard.
+        Names the topic, and what helps; '' where one publisher is heard, or none is there.
     """
+    topic = subscription.topic_name
+    publishers = node.get_publishers_info_by_topic(topic)
+    if len(publishers) > 1:
+        names = sorted(f'{p.node_namespace.rstrip("/")}/{p.node_name}' for p in publishers)
+        return (
+            f'{topic} has {len(names)} publishers ({", ".join(names)}), expected one: end the'
+            ' others, or give the second rig another namespace'
+        )
     if subscription.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
         return ''
-    topic = subscription.topic_name
-    for info in node.get_publishers_info_by_topic(topic):
+    for info in publishers:
         if info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
             return (
                 f'{topic} is published with best effort and not heard: set the parameter'

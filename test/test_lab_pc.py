@@ -1,0 +1,40 @@
+"""What a lab PC is set up with: the unit of systemd, and the tree of everybody's health."""
+
+from __future__ import annotations
+
+import configparser
+import shlex
+import signal
+from pathlib import Path
+
+import pytest
+import yaml
+
+from hunt_ros.cli.main import main
+from hunt_ros.suite import NODES
+
+CONFIG = Path(__file__).parents[1] / 'config'
+
+
+def test_the_unit_starts_a_command_that_there_is_and_ends_it_with_an_interrupt(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    unit = configparser.ConfigParser(strict=False)
+    unit.optionxform = str  # type: ignore[assignment, method-assign]
+    unit.read(CONFIG / 'hunt_ros.service')
+    program, *words = shlex.split(unit['Service']['ExecStart'])
+    assert Path(program).name == 'hunt'
+    # Its rig file is not on this machine: all else of the command is understood.
+    words[words.index('--directory') + 1] = str(tmp_path)
+    assert main(words) == 2
+    assert '/etc/hunt/rig.yaml' in capsys.readouterr().err
+    assert unit['Service']['KillSignal'] == signal.SIGINT.name
+    assert unit['Service']['KillMode'] == 'mixed', 'hunt ends its nodes itself, in order'
+
+
+def test_every_node_has_its_place_in_the_tree_of_health() -> None:
+    file = yaml.safe_load((CONFIG / 'diagnostics.yaml').read_text())
+    groups = file['analyzers']['ros__parameters']
+    parts = [word for one in groups.values() if isinstance(one, dict) for word in one['contains']]
+    for node in NODES:
+        assert sum(word in node for word in parts) == 1, node
