@@ -29,6 +29,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--figures', metavar='DIR', help='write each figure as SVG and PNG here')
     parser.add_argument('--title', metavar='TEXT', help='of the page')
+    parser.add_argument(
+        '--model',
+        type=Path,
+        metavar='FILE',
+        help='show a model beside it: CSV with v (m/s), A (m), stability, or a rig as YAML',
+    )
     options.add_json(parser, 'the identification')
 
 
@@ -41,6 +47,11 @@ def run(arguments: argparse.Namespace) -> int:
     from hunt_ros.report.style import save_figures
 
     page = _places(arguments)
+    model = None
+    if arguments.model is not None:
+        from hunt_ros.report.own_model import model_of
+
+        model = model_of(options.read_text(arguments.model, 'model'), str(arguments.model))
     settings = settings_of(arguments)
     diameter = settings.roller_diameter_m or None
     with progress('reading') as advance:
@@ -51,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
         events = _events(identification, advance)
     with progress('drawing') as advance:
         title = {} if arguments.title is None else {'title': arguments.title}
-        report = Report(identification, events, roller_diameter=diameter, **title)
+        report = Report(identification, events, roller_diameter=diameter, model=model, **title)
         drawings = report.drawings()
         advance(0.6)
         written: list[Path] = []

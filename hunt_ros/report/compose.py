@@ -9,12 +9,13 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from hunt_ros.errors import IdentificationError
-from hunt_ros.report import drawings, listings, style, tables, words
+from hunt_ros.report import drawings, listings, own_model, style, tables, words
 from hunt_ros.report.choice import either_side, four_states
 from hunt_ros.report.days import days_tables
 from hunt_ros.report.drawings import Drawing
 from hunt_ros.report.frequency import Frequencies, hunting_frequencies
 from hunt_ros.report.overview import RunEvent
+from hunt_ros.report.own_model import Model, Residual
 from hunt_ros.report.page import Section, figure, render
 from hunt_ros.report.response import Response, response_of
 from hunt_ros.report.result import Result
@@ -41,17 +42,29 @@ class Report:
         Of the page.
     roller_diameter : float, optional
         m; where the angle of the roller was not recorded, to count its revolutions.
+    model : Model, optional
+        The user's own, to be shown beside the measurement.
     """
 
     identification: Identification
     events: Sequence[RunEvent] = ()
     title: str = 'Hunting motion: bifurcations and normal form'
     roller_diameter: float | None = None
+    model: Model | None = None
 
     @cached_property
     def document(self) -> Mapping[str, Any]:
-        """The JSON of the identification."""
-        return self.identification.to_json()
+        """The JSON of the identification, and of the residuals of a model."""
+        document = self.identification.to_json()
+        if self.model is not None:
+            document['model'] = own_model.to_json(self.model, self.residuals)
+        return document
+
+    @cached_property
+    def residuals(self) -> list[Residual]:
+        """What was found, less what the model says."""
+        found = Result(self.identification.to_json())
+        return [] if self.model is None else own_model.residuals(self.model, found)
 
     @cached_property
     def result(self) -> Result:
@@ -108,6 +121,7 @@ class Report:
             **drawings.run_drawings(self.identification, self.events, self.result),
             **drawings.loop_drawing(self.result, marks),
             **drawings.form_drawings(self.identification.normal_form, self.result),
+            **drawings.model_drawing(self.model, self.residuals, self.result),
             **drawings.fold_drawing(self.identification.posterior, self.result),
             **drawings.response_drawings(self.responses),
             **drawings.poincare_drawing(self.pair),
@@ -161,6 +175,17 @@ class Report:
                 + tables.coefficients(result)
                 + (pick('fig09', 'fig10') or _unknown(result.reason('coefficients.D4')))
                 + pick('fig03'),
+            ),
+            *(
+                []
+                if self.model is None
+                else [
+                    Section(
+                        'model',
+                        'Your model',
+                        pick('model') + f'<p>{escape(own_model.sentence(self.residuals))}</p>',
+                    )
+                ]
             ),
             Section(
                 'together',

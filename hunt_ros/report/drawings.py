@@ -21,6 +21,7 @@ from hunt_ros.report.frequency import Frequencies, frequency_diagram
 from hunt_ros.report.hysteresis import has_maxima, hysteresis_loop
 from hunt_ros.report.normal_form_diagram import diagram, normal_form_alone
 from hunt_ros.report.overview import RunEvent, run_overview
+from hunt_ros.report.own_model import Model, Residual, model_diagram
 from hunt_ros.report.response import Response
 from hunt_ros.report.response_panels import poincare_pair, response_panels
 from hunt_ros.report.result import Result
@@ -182,6 +183,20 @@ def fold_drawing(posterior: Posterior | None, result: Result) -> dict[str, Drawi
     )
     figure = fold_region(posterior)
     return {'fold': Drawing(figure, '', caption, 'Joint region of v_n and the amplitude there')}
+
+
+def model_drawing(
+    model: Model | None, residuals: Sequence[Residual], result: Result
+) -> dict[str, Drawing]:
+    """Draw the user's own model; nothing without one."""
+    if model is None:
+        return {}
+    caption = (
+        f'{escape(model.label)}: its branches (lines) over the measured states and the identified'
+        ' bands, and what was found less what it says, in standard deviations; shaded: two.'
+    )
+    figure = model_diagram(model, residuals, result)
+    return {'model': Drawing(figure, '', caption, 'Own model beside the measurement', wide=True)}
 
 
 def response_drawings(responses: Mapping[str, Response]) -> dict[str, Drawing]:

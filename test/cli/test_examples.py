@@ -73,9 +73,14 @@ def test_the_example_of_a_verb_with_ros_names_what_is_there(verb) -> None:
 
 
 @pytest.mark.slow
-def test_the_examples_of_the_library_run_one_after_the_other(place, capsys) -> None:
-    text = (HERE / 'docs' / 'library.md').read_text(encoding='utf-8')
+@pytest.mark.parametrize(
+    ('page', 'said'), [('docs/library.md', 'limit_cycle'), ('README.md', '±')]
+)
+def test_the_examples_of_the_library_run_one_after_the_other(place, capsys, page, said) -> None:
+    text = (HERE / page).read_text(encoding='utf-8')
     names: dict[str, object] = {}
-    for block in re.findall(r'```python\n(.*?)```', text, re.DOTALL):
-        exec(compile(block, 'docs/library.md', 'exec'), names)
-    assert 'limit_cycle' in capsys.readouterr().out
+    blocks = re.findall(r'```python\n(.*?)```', text, re.DOTALL)
+    assert blocks
+    for block in blocks:
+        exec(compile(block, page, 'exec'), names)
+    assert said in capsys.readouterr().out

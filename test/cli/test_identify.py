@@ -28,13 +28,20 @@ def bag(tmp_path_factory):
 
 
 def test_a_bag_gives_json_and_a_parameter_file(bag, tmp_path, capsys):
-    out, target = tmp_path / 'form.yaml', tmp_path / 'result.json'
-    assert main(['identify', str(bag), '--out', str(out), '--json', str(target)]) == 0
+    out, target, branches = (tmp_path / name for name in ('form.yaml', 'result.json', 'b.csv'))
+    words = ['identify', str(bag), '--out', str(out), '--json', str(target)]
+    assert main([*words, '--branches', str(branches), '--ignore', '10:12']) == 0
     document = json.loads(target.read_text())
     form = IdentifiedNormalForm.from_yaml(out.read_text(), str(out))
     assert document['v_c']['value'] == pytest.approx(form.form.critical_speed)
     assert document['v_n']['value'] == pytest.approx(6.43, abs=0.1)
     assert 'v_n' in capsys.readouterr().out
+    header, *rows = (line.split(',') for line in branches.read_text().splitlines())
+    assert header[:3] == ['speed_mps', 'stable_m', 'stable_low_m']
+    assert len(rows) == len(document['branches'])
+    for row, point in zip(rows, document['branches'], strict=True):
+        assert float(row[0]) == point['speed_mps']
+        assert (float(row[1]) if row[1] else None) == point['stable_amplitude_m']
     # Beside the parameter file stands all that was learnt.
     whole = Identification.load(out.with_suffix('.npz'), form)
     assert whole.to_json() == document
@@ -53,6 +60,13 @@ def test_json_alone_stands_on_standard_output(bag, capsys):
         ['--length-scale', '-1'],
         ['--mapping', '/nowhere.yaml'],
         ['--out', 'form.npz'],
+        ['--ignore', '5:2'],
+        ['--ignore', '7'],
+        ['--ignore', '2:10:20'],
+        ['--frequency-range', '3'],
+        ['--minimum-hold', '0'],
+        ['--sensor-range', '-1'],
+        ['--clearance', 'wide'],
     ],
 )
 def test_a_wrong_option_is_one_line_and_exit_2(bag, words, capsys):
