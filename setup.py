@@ -54,6 +54,7 @@ setup(
         'nidaqmx': ['nidaqmx>=1.0'],
         'cluster': ['distributed>=2024.1'],
         'dashboard': ['bokeh>=3.4', 'tornado>=6.3'],
+        'completion': ['shtab>=1.6'],
         'bench': ['pysindy>=2.0'],
         'test': [
             'pytest>=8',

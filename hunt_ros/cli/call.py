@@ -24,7 +24,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     listed = '\n'.join(lines)
     parser.description = f'{parser.description}\n\nservices:\n{listed}'
     parser.add_argument(
-        'service', choices=SERVICES, metavar='SERVICE', help='one of those listed above'
+        'service', choices=tuple(SERVICES), metavar='SERVICE', help='one of those listed above'
     )
     parser.add_argument('words', nargs='?', default='', help='words that go with it')
     options.add_namespace(parser)

@@ -34,6 +34,7 @@ VERBS: dict[str, str] = {
     'export': 'export',
     'calibrate': 'calibrate',
     'compile': 'compile',
+    'completion': 'completion',
 }
 
 
@@ -52,7 +53,7 @@ class _OneLineParser(argparse.ArgumentParser):
         raise _UsageError(f'{self.prog}: {message} (see {self.prog} --help)')
 
 
-def _parser(verb: str | None) -> argparse.ArgumentParser:
+def parser_of(verb: str | None) -> argparse.ArgumentParser:
     """Build the parser; only the verb that is asked for is imported in full."""
     parser = _OneLineParser(
         prog='hunt',
@@ -96,7 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        parsed = _parser(words[0] if words else None).parse_args(words)
+        parsed = parser_of(words[0] if words else None).parse_args(words)
     except _UsageError as error:
         print(error, file=sys.stderr)
         return 2
