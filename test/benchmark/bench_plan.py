@@ -148,9 +148,8 @@ def planned(task: tuple[int, RigParameters]) -> list[np.ndarray]:
             known = identified(bench)
             profile = Profile.from_yaml(FIRST)
             if known is not None:
-                left = min(due - bench.time, STRETCH_S)
                 settings = PlanSettings(
-                    budget_s=max(left, 10.0),
+                    budget_s=STRETCH_S,
                     speed_ceiling_mps=8.8,
                     speeds_mps=AT,
                     start_speed_mps=bench.speed,
@@ -211,6 +210,7 @@ def main() -> None:
             for done, one in enumerate(pool.map(work, tasks), 1):
                 ways[name].append(one)
                 print(f'{name}: {done} of {count}', file=sys.stderr, flush=True)
+                print(np.array2string(np.array(one), precision=3), file=sys.stderr, flush=True)
     true = truth(rig)
     rows = [
         row(f'{name}, {time:.0f} s', [one[k] for one in ways[name]], true)
