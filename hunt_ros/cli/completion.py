@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 SUMMARY = 'print the script by which a shell completes verbs, options and files'
 EXAMPLE = 'hunt completion bash > ~/.local/share/bash-completion/completions/hunt'
@@ -36,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _complete_files(parser: argparse.ArgumentParser, way: dict[str, str]) -> None:
+def _complete_files(parser: argparse.ArgumentParser, way: Any) -> None:
     """Mark the values of a verb that are files."""
     for action in parser._actions:
         if action.metavar in _FILES or action.type is Path:

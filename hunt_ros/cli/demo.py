@@ -38,9 +38,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar='DIR',
         help='where the results go, in a folder of their own (default: %(default)s)',
     )
-    parser.add_argument(
-        '--page', action='store_true', help='serve the page of the operator (extra dashboard)'
-    )
+    options.add_page(parser, 'a free one')
     parser.add_argument(
         '--keep', action='store_true', help='the same, and leave it up after the sweep'
     )
@@ -127,7 +125,9 @@ def _start(
         },
         'normal_form_identifier': {'directory': str(folder)},
     }
-    page = suite.free_port() if arguments.page or arguments.keep else None
+    page = arguments.page
+    if page == 0 or (page is None and arguments.keep):
+        page = suite.free_port()
     view.say('Starting seven ROS 2 nodes on this machine (Ctrl-C ends them all) ...')
     link = suite.start_console(processes, {})
     common: dict[str, object] = {'use_sim_time': True}

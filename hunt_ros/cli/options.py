@@ -194,6 +194,18 @@ def add_directory(parser: argparse._ActionsContainer) -> None:
     )
 
 
+def add_page(parser: argparse._ActionsContainer, default: str) -> None:
+    """`--page`: the page of the operator; 0 stands for the port that is usual."""
+    parser.add_argument(
+        '--page',
+        nargs='?',
+        type=whole(1, 65535),
+        const=0,
+        metavar='PORT',
+        help=f'serve the page of the operator (default port: {default}; extra dashboard)',
+    )
+
+
 def add_pace(
     parser: argparse._ActionsContainer, high: float, default: float | None = None
 ) -> None:

@@ -36,14 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='all nodes in one process: half the memory; a node that fails ends all',
     )
-    parser.add_argument(
-        '--page',
-        nargs='?',
-        type=int,
-        const=PAGE_PORT,
-        metavar='PORT',
-        help='serve the page of the operator (default port: %(const)s; extra dashboard)',
-    )
+    options.add_page(parser, str(PAGE_PORT))
     options.add_rig(parser)
     options.add_normal_form(parser)
     options.add_directory(parser)
@@ -98,9 +91,9 @@ def run(arguments: argparse.Namespace) -> int:
         print(f'{len(names)} nodes under /{arguments.namespace}; logs in {processes.logs}')
         print(f'normal form: {form or "none yet, the first recording gives one"}')
         if arguments.page is not None:  # a process of its own: nothing waits for it
-            port_of_page = {PAGE: {'port': arguments.page}}
-            suite.start_nodes(processes, [PAGE], common, port_of_page, files)
-            print(f'page: http://127.0.0.1:{arguments.page}/')
+            page = arguments.page or PAGE_PORT
+            suite.start_nodes(processes, [PAGE], common, {PAGE: {'port': page}}, files)
+            print(f'page: http://127.0.0.1:{page}/')
         words = [word for word, service in SERVICES.items() if service.node in names]
         print(f'from another terminal: hunt call {" | ".join(words)}')
         with View() as view, Keys() as keys:
