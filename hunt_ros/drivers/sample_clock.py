@@ -42,7 +42,8 @@ class SampleClock:
         Nominal length of a tick, s: the sample period where the ticks are sample numbers, 1e-9
         where they are stamps in ns.
     tolerance : float
-        The true length is within this fraction of the nominal one.
+        The true length is within this fraction of the nominal one. Wide: who expects another rate
+        than the device has shall see it in the stamps.
     window_s : float
         What is older is forgotten, s: drift that changes within it is averaged.
     steady_ns, host_ns : callable
@@ -54,7 +55,7 @@ class SampleClock:
         self,
         tick_s: float,
         *,
-        tolerance: float = 0.05,
+        tolerance: float = 0.5,
         window_s: float = 30.0,
         steady_ns: Callable[[], int] = time.monotonic_ns,
         host_ns: Callable[[], int] = time.time_ns,

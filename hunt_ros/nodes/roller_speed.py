@@ -181,7 +181,8 @@ class RollerSpeedNode(DriverNode):
         )
         for stamp_ns, angle_rad, speed_mps in readings:
             rate = 2.0 * speed_mps / self._diameter_m
-            self._roller.publish(self._layout.encode(stamp_ns, angle_rad, rate))
+            if not math.isnan(angle_rad):  # a drive may have no encoder
+                self._roller.publish(self._layout.encode(stamp_ns, angle_rad, rate))
             self._speed.publish(twist(stamp_ns, speed_mps, self._config.frame_id))
         self._published += block.stamps_ns.size
 

@@ -39,7 +39,7 @@ class Topic(Settings):
 
     source: str = setting('', 'Topic and field, as /daq/ch0.data[3]*0.001.', fixed=True)
     discovery_s: float = setting(
-        3.0, 'How long its publisher is looked for.', unit='s', low=0.1, high=60.0, fixed=True
+        1.0, 'How long its publisher is looked for.', unit='s', low=0.1, high=60.0, fixed=True
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -44,6 +45,8 @@ def test_our_own_drivers_are_registered_like_any_other() -> None:
 
 def test_every_registered_module_has_one_of_the_two_classes() -> None:
     for name in driver_names():
+        if name == 'topic' and find_spec('rclpy') is None:
+            continue
         found = []
         for role in ('Sensor', 'Drive'):
             with contextlib.suppress(ConfigError):

@@ -55,6 +55,14 @@ def test_jitter_and_drift_leave_the_stamps_true(drift: float) -> None:
     assert np.mean(within) > 0.99
 
 
+def test_a_device_of_another_rate_than_expected_shows_its_own() -> None:
+    """A fifth slower than it should be: the stamps are true all the same, once it is known."""
+    for seed in range(4):
+        stamps, true, clock = _run(seed, 0.25, 12.0)
+        assert clock.tick_s == pytest.approx(1.25 * _PERIOD_NS * 1e-9, rel=1e-3)
+        assert np.abs(stamps - true)[true > 6e9].max() < 3e6
+
+
 def test_no_stamp_goes_backwards_not_even_while_the_clock_is_learnt() -> None:
     for seed in range(8):
         stamps, true, _ = _run(seed, 1e-4, 10.0, block=1, jitter_s=5e-3)

@@ -6,6 +6,7 @@ import math
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistStamped
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64MultiArray
@@ -68,6 +69,7 @@ def test_a_sensor_takes_what_another_node_already_publishes(graph) -> None:
     assert {each.header.stamp.sec for each in heard} == {1_700_000_000}
     nanoseconds = [each.header.stamp.nanosec for each in heard]
     assert nanoseconds == sorted(set(nanoseconds))
+    assert graph.end('lateral_sensor') == 0
 
 
 def test_a_field_that_is_not_there_is_one_line(graph) -> None:
@@ -135,3 +137,38 @@ def test_a_calibration_that_is_none_ends_the_node_before_anything_moves(graph, t
     assert graph.wait('yaw_sensor') == 2
     _, line = graph.log('yaw_sensor').read_text().strip().splitlines()
     assert 'yaw.yaml: table: row 3: 1 after 2, expected monotonic readings' in line
+
+
+def test_a_modbus_drive_that_is_cut_gets_its_emergency_stop_when_it_is_back(
+    graph, modbus_server
+) -> None:
+    """A drive without an encoder: its actual speed is the speed, and there is no roller."""
+    health = graph.collect(DiagnosticArray, '/diagnostics')
+    speeds = graph.collect(TwistStamped, 'speed')
+    rollers = graph.collect(JointState, 'roller')
+    modbus_server.put(50, 650)
+    graph.start(
+        'roller_speed', driver='modbus', port=modbus_server.port, speed_register=40,
+        actual_register=50,
+    )  # fmt: skip
+    graph.spin_until(lambda: speeds)
+    assert speeds[0].twist.linear.x == 6.5
+    modbus_server.stop()
+    graph.spin_until(lambda: any('cannot connect' in text for _, text in _told(health)))
+    written = len(modbus_server.written)
+    answer = graph.call('speed/emergency_stop')
+    assert not answer.success
+    assert 'modbus tcp' in answer.message
+    modbus_server.start()
+    graph.spin_until(lambda: len(modbus_server.written) > written)
+    assert modbus_server.written[-1] == (40, [0])
+    assert not rollers
+
+
+def test_a_modbus_drive_whose_speed_nobody_tells_ends_the_node_before_anything_moves(
+    graph,
+) -> None:
+    graph.start('roller_speed', driver='modbus')
+    assert graph.wait('roller_speed') == 2
+    _, line = graph.log('roller_speed').read_text().strip().splitlines()
+    assert 'neither actual_register nor encoder_register' in line
