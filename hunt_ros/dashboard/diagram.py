@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.detection.acceptance import form_words
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.report.branch_lines import branch_points
-from hunt_ros.report.normal_form_diagram import bands_of_draws
+from hunt_ros.report.branch_lines import bands_of_draws, branch_points
 
 #: Of the 800 points of a branch every n-th is drawn, and those near its ends.
 _EVERY = 4
@@ -51,7 +49,7 @@ def branches(identified: IdentifiedNormalForm) -> Mapping[str, Any]:
     tops = [float(np.nanmax(each)) for each in (stable, unstable) if np.isfinite(each).any()]
     std = identified.std('v_c')
     return {
-        'words': form_words(identified),
+        'words': identified.words,
         'v_c_mps': v_c,
         'v_c_std_mps': std if std > 0.0 else None,
         'v_n_mps': v_n,

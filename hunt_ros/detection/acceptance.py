@@ -120,9 +120,4 @@ def form_event(form: IdentifiedNormalForm | None) -> tuple[str, str]:
 
 def form_words(form: IdentifiedNormalForm | None) -> str:
     """Return a form by its critical speeds; '' where there is none."""
-    if form is None:
-        return ''
-    v_n, std = form.form.nonlinear_critical_speed, form.std('v_c')
-    doubt = f' +/- {std:.3f}' if std > 0.0 else ''
-    words = f'v_c {form.form.critical_speed:.3f}{doubt} m/s'
-    return words if v_n is None else f'{words}, v_n {v_n:.3f} m/s'
+    return '' if form is None else form.words

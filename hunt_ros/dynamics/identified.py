@@ -78,6 +78,14 @@ class IdentifiedNormalForm:
         # Little-endian, and one zero: the same on every machine.
         return hashlib.sha256((numbers + 0.0).astype('<f8').tobytes()).hexdigest()
 
+    @property
+    def words(self) -> str:
+        """The form by its critical speeds, as events and status name it."""
+        v_n, std = self.form.nonlinear_critical_speed, self.std('v_c')
+        doubt = f' +/- {std:.3f}' if std > 0.0 else ''
+        words = f'v_c {self.form.critical_speed:.3f}{doubt} m/s'
+        return words if v_n is None else f'{words}, v_n {v_n:.3f} m/s'
+
     def draws(self, count: int, seed: int = 0) -> list[NormalForm]:
         """
         Draw normal forms from the covariance; draws with v_c <= 0 are left out.

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.report import style
 
@@ -19,6 +20,12 @@ if TYPE_CHECKING:
 
 #: Points of a branch over the speeds of a figure.
 _POINTS = 801
+#: Draws from the covariance behind a band, where the document gives none.
+_DRAWS = 400
+#: A band is drawn where at least this share of the draws has the branch.
+_MOST = 0.8
+
+Bands = dict[str, tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]]
 
 
 def branch_points(
@@ -89,3 +96,37 @@ def plot_form(
         quiet = np.where(edge if dashes == '--' else shown, 0.0, np.nan)
         axes.plot(across(speed), quiet, color=colour, linestyle=dashes)
     axes.set_xlim(*across([low, high]))
+
+
+def bands_of_draws(
+    identified: IdentifiedNormalForm, low: float, high: float, seed: int = 0
+) -> Bands:
+    """
+    Take the bands of the branches from draws of the covariance: 2.5 % to 97.5 %.
+
+    Parameters
+    ----------
+    identified : IdentifiedNormalForm
+        Without a covariance there are no bands.
+    low, high : float
+        Speeds, m/s.
+    seed : int
+        Of the draws.
+
+    Returns
+    -------
+    dict
+        As `bands_of_document`; only where most draws have the branch.
+    """
+    if not identified.covariance.any():
+        return {}
+    speed = np.linspace(low, high, 241)
+    drawn = [form.steady_amplitudes(speed) for form in identified.draws(_DRAWS, seed)]
+    bands: Bands = {}
+    for name, index in (('unstable', 0), ('stable', 1)):
+        amplitudes = np.array([pair[index] for pair in drawn])
+        often = np.isfinite(amplitudes).mean(axis=0) >= _MOST
+        if often.sum() >= 2:
+            lower, upper = np.nanpercentile(amplitudes[:, often], [2.5, 97.5], axis=0)
+            bands[name] = (speed[often], lower, upper)
+    return bands

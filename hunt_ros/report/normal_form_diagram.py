@@ -12,12 +12,11 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.report import style
-from hunt_ros.report.branch_lines import plot_form
+from hunt_ros.report.branch_lines import Bands, bands_of_draws, plot_form
 from hunt_ros.report.hysteresis import hysteresis_loop, measured_points
 from hunt_ros.report.result import Result
 
@@ -26,13 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from hunt_ros.identification.result import Identification
-
-#: Draws from the covariance behind a band, where the document gives none.
-_DRAWS = 400
-#: A band is drawn where at least this share of the draws has the branch.
-_MOST = 0.8
-
-Bands = dict[str, tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]]
 
 
 def normal_form_alone(form: NormalForm) -> Figure:
@@ -150,40 +142,6 @@ def bands_of_document(branches: Sequence[Mapping[str, Any]]) -> Bands:
         if len(rows) >= 2:
             speed, lower, upper = np.array(rows).T
             bands[name] = (speed, np.maximum(lower, 0.0), upper)
-    return bands
-
-
-def bands_of_draws(
-    identified: IdentifiedNormalForm, low: float, high: float, seed: int = 0
-) -> Bands:
-    """
-    Take the bands of the branches from draws of the covariance: 2.5 % to 97.5 %.
-
-    Parameters
-    ----------
-    identified : IdentifiedNormalForm
-        Without a covariance there are no bands.
-    low, high : float
-        Speeds, m/s.
-    seed : int
-        Of the draws.
-
-    Returns
-    -------
-    dict
-        As `bands_of_document`; only where most draws have the branch.
-    """
-    if not identified.covariance.any():
-        return {}
-    speed = np.linspace(low, high, 241)
-    drawn = [form.steady_amplitudes(speed) for form in identified.draws(_DRAWS, seed)]
-    bands: Bands = {}
-    for name, index in (('unstable', 0), ('stable', 1)):
-        amplitudes = np.array([pair[index] for pair in drawn])
-        often = np.isfinite(amplitudes).mean(axis=0) >= _MOST
-        if often.sum() >= 2:
-            lower, upper = np.nanpercentile(amplitudes[:, often], [2.5, 97.5], axis=0)
-            bands[name] = (speed[often], lower, upper)
     return bands
 
 

@@ -3,6 +3,7 @@
 
 const LOST_MS = 800;       // an update comes every 50 ms
 const RECONNECT_MS = 500;
+const DEAD_MS = 8000;      // an open connection in which nothing comes is given up
 const ANSWER_MS = 15000;
 const SHAPES = {OK: '✓', WARN: '▲', ERROR: '■', STALE: '?'};
 const TRACES = {lateral: [1, 2], yaw: [3, 4]};   // columns of the stream amplitude
@@ -39,7 +40,7 @@ function connect() {
   mine.onclose = again;
   const watch = setInterval(() => {
     if (over) { clearInterval(watch); return; }
-    if (performance.now() - Math.max(heardMs, begunMs) > 3000) {  // open, and nothing comes
+    if (performance.now() - Math.max(heardMs, begunMs) > DEAD_MS) {
       mine.close();
       again();
     }
