@@ -4,6 +4,9 @@ The two damping laws that carry the damping seen to the speed where it vanishes.
 Each says, from a few global parameters, how damping, frequency and strength of the
 response to broadband excitation go with speed: one by the wheelset's own equations,
 one by smoothness alone.
+
+Both laws end at v_c, where a linear response has no bound. The cubic term of the normal
+form gives it one, and is the last parameter before the noise floor: see `held_growth`.
 """
 
 from __future__ import annotations
@@ -18,14 +21,71 @@ from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.forecast.level_spectrum import SpeedLevel
 from hunt_ros.forecast.response_spectrum import Spectra
 
+#: d growth / d ln v at v_c over the hunting frequency: its order of magnitude, for the start of
+#: a fit and for the unit of the cubic damping.
+STEEPNESS = 0.17
+#: Unit of the cubic damping, theta[-2], relative to (STEEPNESS omega)^2. The bend of the damping
+#: near v_c is 2 sqrt(this) wide: 3 % of v_c, as of a quiet motion that has a quarter of the
+#: unstable amplitude 5 % below v_c. Its prior has this deviation.
+CUBIC = 3e-4
+
+
+def held_growth(
+    growth: NDArray[np.float64], cubic: NDArray[np.float64]
+) -> NDArray[np.float64] | None:
+    """
+    Growth rate of the response that holds itself down, or up, by its own amplitude.
+
+    Of a' = growth a + D |a|^2 a + noise the linear system that behaves most alike has the
+    growth rate growth + 2 D <|a|^2> (statistical linearisation), and <|a|^2> goes inversely
+    with it: r = growth - c / (-r), with c = -2 D times the intensity of the noise.
+
+    Parameters
+    ----------
+    growth : ndarray
+        Of the linear law, 1/s; positive beyond v_c.
+    cubic : ndarray
+        c, 1/s^2: positive where larger motion is damped more (supercritical), negative where
+        it is damped less.
+
+    Returns
+    -------
+    ndarray or None
+        r, 1/s, negative; None where some response does not stay: it escapes.
+
+    References
+    ----------
+    Roberts and Spanos 1990, Random vibration and statistical linearization.
+    """
+    inside = growth * growth + 4.0 * cubic
+    if inside.min() < 0.0:
+        return None
+    rate: NDArray[np.float64] = 0.5 * (growth - np.sqrt(inside))
+    return rate if rate.max() < 0.0 else None
+
+
+def cubic_unit(omega: NDArray[np.float64], intensity: NDArray[np.float64]) -> NDArray[np.float64]:
+    """
+    Return the unit of c of `held_growth` at each speed, 1/s^2.
+
+    Parameters
+    ----------
+    omega : ndarray, shape (m,)
+        Angular frequency of the hunting mode, rad/s.
+    intensity : ndarray, shape (m,)
+        Of the noise that drives it, in any unit: c is proportional to it.
+    """
+    unit: NDArray[np.float64] = CUBIC * (STEEPNESS * omega) ** 2 * intensity / np.mean(intensity)
+    return unit
+
 
 class WheelsetLaw:
     """
-    The wheelset's own law: Eqs. (2), (3), linear, with white yaw forcing.
+    The wheelset's own law: Eqs. (2), (3) with white yaw forcing.
 
     theta = (ln d11, ln d22, ln k11, ln of the conicity coupling k21/d22, ln wn, power
-    of v in wn, ln of the noise floor). Stiffness and conicity are those of the rig
-    within `tolerance`; the creep coefficients are free.
+    of v in wn, cubic damping in its unit, ln of the noise floor). Stiffness and conicity are
+    those of the rig within `tolerance`; the creep coefficients are free.
 
     Parameters
     ----------
@@ -48,9 +108,9 @@ class WheelsetLaw:
         coupling = rig.k21 / rig.d22
         wide = 10.0
         self.prior_mean = np.array(
-            [*self._guess, math.log(rig.k11), math.log(coupling), -11.0, 0.0, -28.0]
+            [*self._guess, math.log(rig.k11), math.log(coupling), -11.0, 0.0, 0.0, -28.0]
         )
-        self.prior_std = np.array([1.5, 1.5, tolerance, tolerance, wide, 0.5, wide])
+        self.prior_std = np.array([1.5, 1.5, tolerance, tolerance, wide, 0.5, 1.0, wide])
 
     def band(self, levels: Sequence[SpeedLevel]) -> tuple[float, float]:
         """Return a band around both natural frequencies, between which hunting lies (B-1)."""
@@ -65,7 +125,7 @@ class WheelsetLaw:
                 theta = self.prior_mean.copy()
                 theta[0] += shift11
                 theta[1] += shift22
-                theta[4], theta[6] = 0.0, math.log(spectra.floor)
+                theta[4], theta[-1] = 0.0, math.log(spectra.floor)
                 modes = self.modes(spectra.speed, theta)
                 if modes is None:
                     continue
@@ -104,8 +164,6 @@ class WheelsetLaw:
         n(s) n(-s) wn^2 / (p(s) p(-s)) are n(lambda) n(-lambda) wn^2 / (p'(lambda) p(-lambda)).
         """
         rate, a, b = self._polynomial(theta, speed)
-        if rate.real.max() >= 0.0:
-            return None
         d11, d22, k11, coupling = np.exp(theta[:4])
         a, b = a[:, None], b[:, None]
         lateral, yaw = rate**2 + a * rate + k11, rate**2 + b * rate + 1.0
@@ -116,7 +174,17 @@ class WheelsetLaw:
             2.0 * (theta[4] + theta[5] * np.log(speed / self._rig.speed_scale / 5.0))
         )
         gain = (d11 * self._rig.length_scale) ** 2 if self._lateral else lateral * lateral_mirrored
-        return rate / self._rig.time_scale, gain * strength[:, None] / (slope * mirrored)
+        residue = gain * strength[:, None] / (slope * mirrored)
+        growth = rate.real.max(axis=1)
+        hunting = rate.real == growth[:, None]
+        omega = np.abs(rate.imag).max(axis=1, where=hunting, initial=0.0)
+        intensity = np.abs(residue * growth[:, None]).max(axis=1, where=hunting, initial=0.0)
+        held = held_growth(growth, theta[6] * cubic_unit(omega, intensity))
+        if held is None:
+            return None
+        rate = rate + np.where(hunting, (held - growth)[:, None], 0.0)
+        residue = residue * np.where(hunting, (growth / held)[:, None], 1.0)
+        return rate / self._rig.time_scale, residue
 
     def critical_speed(self, theta: NDArray[np.float64]) -> float:
         """v_c from (B-1): where the characteristic polynomial has the root i omega."""
@@ -142,15 +210,20 @@ class SmoothLaw:
     proportion to its width. kappa = 0 is the law a + b/v of a damping inversely
     proportional to speed, as creep gives it; its prior, 0 -/+ 0.2, is what the
     extrapolation takes for granted.
-    theta = (ln v_c, ln s, kappa, ln omega_c, f1, f2, ln q, q1, q2, skew, ln floor).
+    theta = (ln v_c, ln s, kappa, ln omega_c, f1, f2, ln q, q1, q2, skew, cubic damping in its
+    unit, ln floor).
     """
 
     name = 'smooth'
 
     def __init__(self) -> None:
         wide = 10.0
-        self.prior_mean = np.array([2.0, 1.0, 0.0, 3.0, 0.0, 0.0, -24.0, 0.0, 0.0, 0.0, -28.0])
-        self.prior_std = np.array([wide, wide, 0.2, wide, 0.3, 0.3, wide, 2.0, 1.0, 2.0, wide])
+        self.prior_mean = np.array(
+            [2.0, 1.0, 0.0, 3.0, 0.0, 0.0, -24.0, 0.0, 0.0, 0.0, 0.0, -28.0]
+        )
+        self.prior_std = np.array(
+            [wide, wide, 0.2, wide, 0.3, 0.3, wide, 2.0, 1.0, 2.0, 1.0, wide]
+        )
         self._reference = 1.0
 
     def band(self, levels: Sequence[SpeedLevel]) -> tuple[float, float]:
@@ -169,19 +242,20 @@ class SmoothLaw:
         return 0.6 * peak, 1.4 * peak
 
     def starts(self, spectra: Spectra) -> list[NDArray[np.float64]]:
-        """Return three guesses of v_c, the rest read off the spectra."""
+        """Return four guesses of v_c, the rest read off the spectra."""
         self._reference = float(np.mean(spectra.speed))
         fastest = spectra.level == int(np.argmax(spectra.speed))
         power = np.convolve(spectra.power[fastest], np.ones(5) / 5.0, 'same')
         peak = float(spectra.omega[fastest][np.argmax(power)])
         per_bin = float(np.mean(np.maximum(spectra.power - spectra.floor, 0.0)))
         result = []
-        for beyond in (1.05, 1.2, 1.6):
+        for beyond in (0.95, 1.05, 1.2, 1.6):
             theta = self.prior_mean.copy()
             theta[0] = math.log(beyond * float(np.max(spectra.speed)))
-            theta[1], theta[3] = math.log(0.17 * peak), math.log(peak)
+            theta[1], theta[3] = math.log(STEEPNESS * peak), math.log(peak)
             theta[6] = math.log(max(per_bin, 1e-3 * spectra.floor) * 2.0)
-            theta[10] = math.log(spectra.floor)
+            theta[-2] = 1.0  # a response that stays, also beyond v_c
+            theta[-1] = math.log(spectra.floor)
             result.append(theta)
         return result
 
@@ -196,11 +270,14 @@ class SmoothLaw:
         self, speed: NDArray[np.float64], theta: NDArray[np.float64]
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]] | None:
         """Return the one mode and its conjugate."""
-        rate, omega = self._mode(theta, speed)
-        if rate.max() >= 0.0 or omega.min() <= 0.0:
+        growth, omega = self._mode(theta, speed)
+        if omega.min() <= 0.0:
             return None
         run = np.log(speed / self._reference)
         strength = np.exp(theta[6] + theta[7] * run + theta[8] * run**2)
+        rate = held_growth(growth, theta[10] * cubic_unit(omega, strength))
+        if rate is None:
+            return None
         residue = strength / -rate * np.exp(1j * np.arctan(theta[9] * rate / omega))
         pair = np.stack([rate + 1j * omega, rate - 1j * omega], axis=1)
         return pair, np.stack([residue, residue.conj()], axis=1)

@@ -211,12 +211,13 @@ def critical_interval(law: ResponseLaw, fit: WhittleFit, fastest: float) -> Unce
     v_c with its 95 % interval.
 
     The interval is symmetric in ln(v_c / v' - 1) with v' = 0.9 times the highest speed
-    seen: the further the extrapolation, the more it is open towards high speeds.
+    seen, or v_c where that is lower: the further the extrapolation, the more it is open
+    towards high speeds.
     """
     value = law.critical_speed(fit.theta)
     if not math.isfinite(value):
         return Uncertain(value, math.inf, 0.0, math.inf)
-    reference = 0.9 * fastest
+    reference = 0.9 * min(fastest, value)
     slope = np.empty(fit.theta.size)
     for k in range(slope.size):
         moved = fit.theta.copy()

@@ -186,13 +186,8 @@ def test_impossible_settings_are_named():
         ForecastSettings(refresh_s=0.0)
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason='no level may be beyond v_c: a limit cycle that is small there is taken for damped'
-    ' motion, and v_c is 8.30 to 8.43 for 8.00, above the truth in five of five; the law must'
-    ' know that larger motion is damped more',
-)
-def test_a_sweep_through_v_c_of_a_supercritical_rig_is_not_forecast_too_high() -> None:
+@pytest.mark.parametrize('law', ['wheelset', 'smooth'])
+def test_a_sweep_through_v_c_of_a_supercritical_rig_is_not_forecast_too_high(law) -> None:
     rig = replace(paper_rig(), beta={'30': -250.0}, name='supercritical')
     # To where no test of hunting has spoken yet.
     profile = SpeedProfile((0.0, 10.0, 250.0), (6.0, 6.0, 8.4))
@@ -203,11 +198,17 @@ def test_a_sweep_through_v_c_of_a_supercritical_rig_is_not_forecast_too_high() -
         lateral_sensor=SensorModel(noise=5e-6),
     )
     found = []
-    for seed in range(5):
+    for seed in range(6):
         stream = RollerRig(rig, options, seed)
         block = stream.advance(25_000, profile(np.arange(25_000) / 100.0))
-        forecast = CriticalSpeedForecast(ForecastSettings(live=False))
+        guess = rough_guess() if law == 'wheelset' else None
+        forecast = CriticalSpeedForecast(ForecastSettings(live=False), guess)
         forecast.update(block.stamps_ns, block.lateral, block.speed, block.roller_angle)
         found.append(forecast.finish().critical_speed)
-    # An unbiased forecast is above the truth in five of five with a probability of 3 %.
-    assert any(one is None or one.value <= TRUTH for one in found)
+    given = [one for one in found if one is not None]
+    assert len(given) >= 4
+    # Of 95 % intervals fewer than four of six hold with a probability of 1 in 450.
+    assert sum(one.low <= TRUTH <= one.high for one in given) >= len(given) - 2
+    # Unbiased: all six on one side have a probability of 3 %, and so far away of much less.
+    away = [(one.value - TRUTH) / one.std for one in given]
+    assert abs(np.mean(away)) < 3.0 / np.sqrt(len(given))

@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from hunt_ros.dynamics.forced_response import quiet_covariance
 from hunt_ros.dynamics.linear_stability import critical_speed, hunting_mode
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.forecast.damping_laws import SmoothLaw, WheelsetLaw
+from hunt_ros.forecast.damping_laws import SmoothLaw, WheelsetLaw, held_growth
 from hunt_ros.forecast.level_spectrum import SpeedLevel
 from hunt_ros.forecast.response_spectrum import Spectra, expected_periodogram, own_bins
 from hunt_ros.forecast.whittle import best_fit, information
@@ -45,7 +45,7 @@ def test_the_power_of_the_wheelset_law_is_the_variance_of_the_response(channel):
     rig, speed, strength = paper_rig(), 6.0, 2e-5
     law = WheelsetLaw(rig, channel=channel)
     theta = law.prior_mean.copy()
-    theta[4], theta[6] = math.log(strength), -80.0
+    theta[4], theta[-1] = math.log(strength), -80.0
     theta[5] = 0.0
     omega = 2.0 * np.pi * np.arange(1, 12_000) / 600.0
     ones = np.ones(omega.size)
@@ -78,11 +78,11 @@ def test_the_fit_returns_the_parameters_that_made_the_spectrum(law):
     if isinstance(law, WheelsetLaw):
         theta[0] += 0.2
         theta[1] -= 0.1
-        theta[4], theta[6] = math.log(2e-5), math.log(5e-14)
+        theta[4], theta[-1] = math.log(2e-5), math.log(5e-14)
     else:
         law.starts(spectra)
         theta[:4] = math.log(8.0), math.log(3.0), 0.0, math.log(17.8)
-        theta[6], theta[10] = math.log(1e-10), math.log(5e-14)
+        theta[6], theta[-1] = math.log(1e-10), math.log(5e-14)
     spectra.power = expected_periodogram(law, spectra, theta)
     fit = best_fit(law, spectra)
     assert law.critical_speed(fit.theta) == pytest.approx(law.critical_speed(theta), rel=2e-3)
@@ -96,7 +96,7 @@ def test_the_information_is_that_of_an_exponential_distribution():
     theta = law.prior_mean.copy()
     theta[4] = -60.0
     matrix, _ = information(law, spectra, theta, expected_periodogram(law, spectra, theta))
-    assert matrix[6, 6] == pytest.approx(spectra.omega.size + law.prior_std[6] ** -2, rel=1e-3)
+    assert matrix[-1, -1] == pytest.approx(spectra.omega.size + law.prior_std[-1] ** -2, rel=1e-3)
 
 
 def test_the_law_agrees_with_linear_theory():
@@ -136,11 +136,22 @@ def test_bins_that_show_the_ends_of_the_window_are_left_out():
     law = WheelsetLaw(paper_rig())
     spectra = Spectra(levels, *law.band(levels))
     theta = law.prior_mean.copy()
-    theta[4], theta[6] = math.log(2e-5), math.log(1e-18)
+    theta[4], theta[-1] = math.log(2e-5), math.log(1e-18)
     kept = own_bins(law, spectra, theta)
     frequency = spectra.omega / (2.0 * np.pi)
     assert kept[np.abs(frequency - 2.83) < 0.03].all()
     assert not kept[frequency > 5.0].any()
     # Under noise the same bins show the noise, which is their own.
-    theta[6] = math.log(1e-11)
+    theta[-1] = math.log(1e-11)
     assert own_bins(law, spectra, theta)[frequency > 5.0].all()
+
+
+def test_motion_that_is_damped_more_where_it_is_larger_stays_also_beyond_v_c():
+    growth = np.array([-2.0, -0.1, 0.0, 0.3])
+    held = held_growth(growth, np.full(4, 0.01))
+    assert held == pytest.approx(growth - 0.01 / -held)
+    assert np.all(np.diff(held) > 0.0)
+    assert held[0] == pytest.approx(growth[0], rel=0.003)
+    # Damped less where it is larger: it stays only where the linear damping is large enough.
+    assert held_growth(growth[:1], np.full(1, -0.01))[0] > growth[0]
+    assert held_growth(growth[:2], np.full(2, -0.01)) is None
