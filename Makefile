@@ -38,8 +38,8 @@ check: $(VENV)/installed  ## ruff, mypy, import directions
 format: $(VENV)/installed  ## let ruff mend what it can
 	$(BIN)/ruff check --fix . ; $(BIN)/ruff format .
 
-bench-live: $(VENV)/installed  ## what the live suite costs: CPU, latency, losses
-	$(BIN)/python test/benchmark/bench_live.py
+bench-live: $(VENV)/installed  ## what the live suite costs: CPU, memory, latency, losses, starts; one process too
+	$(BIN)/python test/benchmark/bench_live.py --cold
 
 bench-bags: $(VENV)/installed  ## recordings: columns against rosbags and mcap, an hour read and replayed
 	$(BIN)/python test/benchmark/bench_bags.py

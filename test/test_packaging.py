@@ -18,6 +18,9 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
 from pkgutil import resolve_name
+from runpy import run_path
+from typing import Any
+from unittest import mock
 
 import pytest
 
@@ -27,14 +30,12 @@ NAME = 'hunt_ros'
 
 
 def console_scripts() -> dict[str, str]:
-    """Name and target of each console script, as setup.py declares them, without running it."""
-    for node in ast.walk(ast.parse((ROOT / 'setup.py').read_text())):
-        if isinstance(node, ast.Dict):
-            for key, value in zip(node.keys, node.values, strict=True):
-                if isinstance(key, ast.Constant) and key.value == 'console_scripts':
-                    parts = (entry.partition('=') for entry in ast.literal_eval(value))
-                    return {name.strip(): target.strip() for name, _, target in parts}
-    raise AssertionError('setup.py declares no console scripts')
+    """Name and target of each console script, as setup.py declares them."""
+    declared: dict[str, Any] = {}
+    with mock.patch('setuptools.setup', declared.update):
+        run_path(str(ROOT / 'setup.py'))
+    parts = (entry.partition('=') for entry in declared['entry_points']['console_scripts'])
+    return {name.strip(): target.strip() for name, _, target in parts}
 
 
 def package() -> ElementTree.Element:
