@@ -1,0 +1,140 @@
+"""The page in a real browser: it moves, it alarms, its buttons work, it says when it is stale."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+
+import pytest
+
+playwright = pytest.importorskip('playwright.sync_api', reason='playwright is not installed')
+
+_CHROMIUM = next(
+    filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'google-chrome'))), ''
+)
+pytestmark = pytest.mark.skipif(not _CHROMIUM, reason='no Chromium here: apt install chromium')
+
+#: The point of the diagram, in the data of BokehJS.
+_POINT = "() => { const s = source('diagram', 'point').data; return [s.v[0], s.a[0]]; }"
+
+
+@pytest.fixture(scope='module')
+def browser() -> Iterator[object]:
+    with playwright.sync_playwright() as driver:
+        opened = driver.chromium.launch(executable_path=_CHROMIUM, args=['--no-sandbox'])
+        yield opened
+        opened.close()
+
+
+@pytest.fixture
+def page(browser, live, machine) -> Iterator[object]:
+    context = browser.new_context(viewport={'width': 1280, 'height': 800})
+    opened = context.new_page()
+    opened.errors = []
+    opened.on('pageerror', lambda error: opened.errors.append(str(error)))
+    opened.on('requestfailed', lambda request: opened.errors.append(request.url))
+    opened.set_default_timeout(20_000 * machine.slowness)
+    opened.goto(live.url)
+    opened.wait_for_function("() => figures.waterfall && document.body.dataset.link === 'up'")
+    opened.errors.clear()
+    yield opened
+    context.close()
+
+
+def word(page, text: str) -> None:
+    """Wait until the level on the page is this word."""
+    page.wait_for_function(f"() => byId('word').textContent === {json.dumps(text)}")
+
+
+def test_the_point_moves_the_alarm_shows_and_nothing_fails(page, live) -> None:
+    word(page, 'WARN')
+    page.wait_for_function(
+        f'() => {{ const p = ({_POINT})(); return p[0] === 7 && p[1] === 0.1; }}'
+    )
+    live.status |= {
+        'speed_mps': '7.5', 'amplitude_m': '6e-04', 'level': 'ERROR', 'state': 'limit_cycle',
+        'message': 'limit cycle for 2 s: it grew; low margin', 'alarm': 'True',
+    }  # fmt: skip
+    word(page, 'ERROR')
+    page.wait_for_function(
+        f'() => {{ const p = ({_POINT})(); return p[0] === 7.5 && p[1] === 0.6; }}'
+    )
+    assert 'limit cycle' in page.inner_text('#state')
+    assert page.inner_text('#why') == 'limit cycle for 2 s: it grew'
+    assert 'alarm not acknowledged' in page.inner_text('#more')
+    assert page.evaluate("() => source('diagram', 'stable').data.v.length") > 50
+    assert page.evaluate("() => source('lateral', 'signal').data.t.length") > 50
+    assert page.errors == []
+
+
+def test_a_silent_detector_greys_the_page_and_a_new_word_brings_it_back(page, live) -> None:
+    live.speaks = False
+    word(page, 'STALE')
+    assert page.get_attribute('body', 'data-link') == 'silent'
+    assert 'DETECTOR IS SILENT' in page.inner_text('#link')
+    veil = "() => getComputedStyle(document.body, '::after').position"
+    assert page.evaluate(veil) == 'fixed'
+    live.speaks = True
+    word(page, 'WARN')
+    assert not page.is_visible('#link')
+
+
+def test_a_page_without_its_server_says_so_and_comes_back_by_itself(page, live) -> None:
+    again = live.restart()
+    word(page, 'STALE')
+    assert page.get_attribute('body', 'data-link') == 'lost'
+    assert 'NO CONNECTION' in page.inner_text('#link')
+    page.click('#emergency')
+    page.wait_for_function("() => byId('answer').className === 'refused'")
+    assert 'USE THE HARD-WIRED STOP' in page.inner_text('#answer')
+    again()
+    word(page, 'WARN')
+    assert page.get_attribute('body', 'data-link') == 'up'
+
+
+def test_the_emergency_stop_is_one_click_or_one_key_at_every_width(page, live) -> None:
+    for width, height in ((390, 844), (1280, 800), (1920, 1080)):
+        page.set_viewport_size({'width': width, 'height': height})
+        box = page.locator('#emergency').bounding_box()
+        assert box['x'] >= 0
+        assert box['x'] + box['width'] <= width
+        assert box['y'] + box['height'] <= height
+        assert page.evaluate('() => document.documentElement.scrollWidth <= innerWidth')
+    page.click('#emergency')
+    page.keyboard.press('Escape')
+    page.wait_for_function("() => !byId('answer').hidden")
+    page.wait_for_timeout(1)
+    while len(live.calls) < 2:
+        page.wait_for_timeout(20)
+    assert live.calls == [('emergency-stop', '')] * 2
+
+
+def test_the_name_is_asked_once_and_a_refusal_stays_until_it_is_closed(page, live) -> None:
+    page.click('text=acknowledge alarm')
+    page.fill('#operator', 'Mia')
+    page.keyboard.press('Enter')
+    page.wait_for_function("() => byId('answer').className === 'done'")
+    live.reply = (False, 'hunting goes on')
+    page.click('text=acknowledge alarm')
+    page.wait_for_function("() => byId('answer').className === 'refused'")
+    assert page.inner_text('#answer span') == 'acknowledge: hunting goes on'
+    assert live.calls == [('acknowledge', 'Mia')] * 2
+    page.fill('#words', 'bump at joint 3')
+    live.reply = (True, 'marked')
+    page.keyboard.press('Enter')
+    page.wait_for_function("() => byId('answer').className === 'done'")
+    assert live.calls[-1] == ('mark', 'bump at joint 3')
+
+
+def test_day_and_night_differ_in_figures_and_words(page) -> None:
+    colours = set()
+    for _ in range(2):
+        colours.add(
+            page.evaluate(
+                '() => getComputedStyle(document.body).color'
+                " + plot('diagram').left[0].axis_label_text_color"
+            )
+        )
+        page.click('#scheme')
+    assert len(colours) == 2
