@@ -38,6 +38,12 @@ check: $(VENV)/installed  ## ruff, mypy, import directions
 format: $(VENV)/installed  ## let ruff mend what it can
 	$(BIN)/ruff check --fix . ; $(BIN)/ruff format .
 
+faults: $(VENV)/installed  ## make everything fail once, and print what came of it into docs/faults.md
+	HUNT_FAULT_TABLE=docs/faults.md $(BIN)/python -m pytest test/nodes/test_faults.py
+
+bench-interlock: $(VENV)/installed  ## limit cycles that the interlock avoids, in closed loop; KICKS=20: fewer
+	$(BIN)/python test/benchmark/bench_interlock.py --kicks $${KICKS:-100} --publish
+
 bench-live: $(VENV)/installed  ## what the live suite costs: CPU, memory, latency, losses, starts; one process too
 	$(BIN)/python test/benchmark/bench_live.py --cold
 
@@ -78,4 +84,4 @@ bench-plan: $(VENV)/installed  ## what to measure next: hunt plan in the loop ag
 bench-detection: $(VENV)/installed  ## the detector against the railway criteria; SCALE=0.05: a quick look (1: 24 h quiet, 10 min)
 	$(BIN)/python test/benchmark/bench_detection.py --scale $${SCALE:-1} --publish
 
-.PHONY: bench-page bench-plan bench-detection bench-identification bench-simulation figures bench-bags fuzz golden-bags help install demo test test-elsewhere check format clean bench-live bench-forecast bench-estimation
+.PHONY: bench-interlock faults bench-page bench-plan bench-detection bench-identification bench-simulation figures bench-bags fuzz golden-bags help install demo test test-elsewhere check format clean bench-live bench-forecast bench-estimation

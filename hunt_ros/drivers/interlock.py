@@ -20,7 +20,7 @@ from hunt_ros.settings import Settings, setting
 _STALLED_S = 1.0
 #: Statuses that fall behind by so much are those of another moment, s.
 _LATE_S = 0.5
-#: A step of the stamps by more than this between two statuses is one of a clock, s.
+#: Stamps that fall back by more than this between two statuses are those of another clock, s.
 _CLOCK_STEP_S = 0.4
 #: A lag that grows more slowly than `_LATE_S` in this time is drift of the clocks, s.
 _DRIFT_S = 30.0
@@ -148,7 +148,7 @@ class Interlock:
         if self._heard_ns is not None and self.heard.stamp_ns and heard.stamp_ns:
             passed_s = (now_ns - self._heard_ns) / NANOSECONDS
             behind_s = passed_s - (heard.stamp_ns - self.heard.stamp_ns) / NANOSECONDS
-            if abs(behind_s) < _CLOCK_STEP_S:
+            if behind_s < _CLOCK_STEP_S:  # what jumps ahead is late no more
                 kept = self._late_s * math.exp(-passed_s / _DRIFT_S)
                 self._late_s = max(0.0, kept + behind_s)
         if self._heard_ns is None or heard.sequence != self.heard.sequence:
@@ -208,7 +208,7 @@ class Interlock:
         stalled_s = (now_ns - self._moved_ns) / NANOSECONDS
         if stalled_s > max(_STALLED_S, self.settings.status_timeout_s):
             return f'the detector has judged nothing new for {stalled_s:.1f} s'
-        if self._real_time and self._late_s > _LATE_S:
+        if self._real_time and self._late_s > max(_LATE_S, self.settings.status_timeout_s):
             return f'what the detector says comes {self._late_s:.1f} s late'
         return ''
 

@@ -52,6 +52,9 @@ _SILENT_S = 2.0
 #: An emergency stop has to show on the encoder within this, s, by this much, m/s, in so many
 #: readings one after the other.
 _CONFIRM_S, _SLOWED_MPS, _READINGS = 0.5, 0.03, 3
+#: A roller that was told to slow down and is faster than its set point by so much, for so long,
+#: does not obey; one of the simulated drive's lag and deceleration stays below, m/s and s.
+_TOO_FAST_MPS, _DISOBEYS_S = 0.5, 2.0
 _LEVELS = {'tripped': 'ERROR', 'disarmed': 'WARN', 'armed': 'OK'}
 
 
@@ -107,6 +110,7 @@ class RollerSpeedNode(DriverNode):
         self._diameter_m = self._config.roller_diameter_m or RigParameters.roller_diameter_m
         #: The last readings of the speed, with when they came, steady clock, s.
         self._readings: deque[tuple[float, float]] = deque(maxlen=_READINGS)
+        self._followed_s = time.monotonic()  # when the roller was not faster than its set point
         self._published = 0
         self._refusal = ''  # of the last set point
         self._refused = 0
@@ -229,6 +233,15 @@ class RollerSpeedNode(DriverNode):
         if self._refusal:
             return f'set point refused: {self._refusal}'
         return self._silent()
+
+    def _disobeys(self) -> str:
+        """Return '' or that the roller does not slow down although it was told to."""
+        now_s = time.monotonic()
+        if not self._speed_mps > self._target_mps + _TOO_FAST_MPS:
+            self._followed_s = now_s
+        if now_s - self._followed_s < _DISOBEYS_S:
+            return ''
+        return f'; the roller still runs at {self._speed_mps:.2f} m/s: use the hard-wired stop'
 
     def _steady_ns(self) -> int:
         return self._steady.now().nanoseconds
@@ -411,7 +424,10 @@ class RollerSpeedNode(DriverNode):
     def _present(self) -> tuple[str, str]:
         """Return level and one line: the most serious first."""
         trouble = self._drive_trouble() if self._worker is not None else ''
-        lost = f'; {trouble}: the safe set point is sent again and again' if trouble else ''
+        lost = self._disobeys()
+        if trouble:
+            why = '' if trouble == self._interlock.cause else f' ({trouble})'
+            lost = f'; the safe set point is sent again and again{why}'
         if self._command.stopped:
             return 'ERROR', f'emergency stop is in force until speed/rearm{lost}'
         if self._command.forced:

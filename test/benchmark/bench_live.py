@@ -249,7 +249,7 @@ def measure(rate_hz: float, seconds: float, one_process: bool = False) -> dict[s
             'rig_simulator': {**rate, 'initial_speed_mps': 7.2},
             'lateral_sensor': rate,
             'yaw_sensor': rate,
-            'roller_speed': {'port': port},
+            'roller_speed': {'port': port, 'interlock': 'off'},
             'bag_recorder': directory,
             'normal_form_identifier': directory,
         }

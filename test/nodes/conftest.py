@@ -23,6 +23,8 @@ from std_srvs.srv import Trigger  # noqa: E402
 
 from hunt_ros.cli.processes import claim_domain  # noqa: E402
 
+sys.path.insert(0, str(Path(__file__).parent))  # for what several tests share
+
 #: The tree under test, also for the nodes, which run in a folder of their own.
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -150,6 +152,10 @@ class Graph:
         for name in sources:
             self.change_state(name, Transition.TRANSITION_ACTIVATE)
 
+    def process(self, module: str) -> subprocess.Popen[str]:
+        """Return the process of a node that runs."""
+        return self._processes[module]
+
     def end(self, module: str, number: int = signal.SIGINT, timeout_s: float = 15.0) -> int:
         self._processes[module].send_signal(number)
         return self.wait(module, timeout_s)
@@ -248,3 +254,13 @@ def resident(graph) -> Iterator[Callable[..., object]]:
     yield start
     for each in reversed(started):
         each.close()
+
+
+@pytest.fixture
+def detector(graph) -> Iterator[object]:
+    """A detector that says what the test wants, 20 times a second."""
+    from speed_rig import Detector
+
+    detector = Detector(graph)
+    yield detector
+    detector.close()

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import threading
-import time
-from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -15,103 +12,14 @@ from geometry_msgs.msg import TwistStamped
 from lifecycle_msgs.msg import Transition
 from rclpy.parameter import Parameter
 from rclpy.time import Time
-from std_srvs.srv import SetBool
+from speed_rig import UNGUARDED, Drive, Rig, configure, node_on
 
-from hunt_ros.drivers.base import DriveBlock
-from hunt_ros.errors import DriverError
-from hunt_ros.nodes.conversions import diagnostic, read_diagnostic
-from hunt_ros.nodes.qos import STATUS, latched
-from hunt_ros.nodes.roller_speed import RollerSpeedNode
+from hunt_ros.nodes.conversions import read_diagnostic
 
 pytestmark = pytest.mark.ros
 
-#: Mode of the interlock; without quotes ROS takes the word for `false`.
-UNGUARDED = "'off'"
 #: Largest step between two set points: what passes at most between them, and the default limit.
 _STEP = 0.25 * 1.0 + 1e-9
-
-
-class Drive:
-    """A drive in memory: the roller runs at the set point at once."""
-
-    def __init__(self, speed_mps: float = 0.0) -> None:
-        self.speed_mps = speed_mps
-        self.set_points: list[float] = []
-        self.refusal = ''
-        self.absent = False
-        self.obeys = True
-        self._angle = 0.0
-
-    def open(self) -> None:
-        if self.absent:
-            raise DriverError('drive: nobody there')
-
-    def read(self, timeout_s: float) -> DriveBlock:
-        time.sleep(min(timeout_s, 0.01))
-        if self.absent:
-            raise DriverError('drive: gone')
-        self._angle += 1e-3
-        return DriveBlock(
-            np.array([time.time_ns()]), np.array([self._angle]), np.array([self.speed_mps])
-        )
-
-    def set_speed(self, speed_mps: float) -> None:
-        if self.refusal:
-            raise DriverError(self.refusal)
-        self.set_points.append(speed_mps)
-        if self.obeys:
-            self.speed_mps = speed_mps
-
-    def close(self) -> None:
-        pass
-
-
-class Detector:
-    """Says the same thing 20 times a second, whatever the test does meanwhile."""
-
-    def __init__(self, graph) -> None:
-        self._publisher = graph.node.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
-        self.level, self.silent = 'OK', False
-        self.numbers = {'amplitude_m': 1e-5, 'v_n_mps': 5.0, 'v_c_mps': 7.0}
-        self._ending = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def _run(self) -> None:
-        sequence = 0
-        while not self._ending.wait(0.05):
-            sequence += 5
-            values = {'sequence': sequence, **self.numbers}
-            if not self.silent:
-                stamp_ns = time.time_ns()
-                message = diagnostic(stamp_ns, 'hunting', self.level, 'its words', values, 'rig')
-                self._publisher.publish(message)
-
-    def close(self) -> None:
-        self._ending.set()
-        self._thread.join()
-
-
-@pytest.fixture
-def detector(graph) -> Iterator[Detector]:
-    detector = Detector(graph)
-    yield detector
-    detector.close()
-
-
-def _node(drive: Drive) -> Callable[[], RollerSpeedNode]:
-    def make() -> RollerSpeedNode:
-        node = RollerSpeedNode()
-        node._make_driver = lambda: drive
-        return node
-
-    return make
-
-
-def _configure(graph, *, activate: bool) -> None:
-    graph.change_state('roller_speed', Transition.TRANSITION_CONFIGURE)
-    if activate:
-        graph.change_state('roller_speed', Transition.TRANSITION_ACTIVATE)
 
 
 def _step_clock(monkeypatch: pytest.MonkeyPatch, seconds: float) -> None:
@@ -130,13 +38,13 @@ def _step_clock(monkeypatch: pytest.MonkeyPatch, seconds: float) -> None:
 
 def test_an_emergency_stop_says_whether_the_drive_took_it_in_every_state(graph, resident) -> None:
     drive = Drive(6.0)
-    resident(_node(drive), autostart=False, interlock=UNGUARDED)
+    resident(node_on(drive), autostart=False, interlock=UNGUARDED)
     unconfigured = graph.call('speed/emergency_stop')
     assert not unconfigured.success
     assert 'not configured' in unconfigured.message
     assert not drive.set_points
 
-    _configure(graph, activate=False)
+    configure(graph, activate=False)
     graph.spin_until(lambda: drive.set_points)
     assert set(drive.set_points) == {0.0}, 'the stop stays in force until the drive can take it'
     inactive = graph.call('speed/emergency_stop')
@@ -160,13 +68,13 @@ def test_a_refused_set_point_stays_in_the_diagnostics(graph, resident) -> None:
         return any(text['level'] == level and words in text['message'] for text in texts)
 
     resident(
-        _node(drive),
+        node_on(drive),
         autostart=False,
         interlock=UNGUARDED,
         profile=graph.profile('hold: {speed_mps: 6, duration_s: 10}'),
         profile_autostart=True,
     )
-    _configure(graph, activate=True)
+    configure(graph, activate=True)
     graph.spin_until(lambda: drive.set_points)
     drive.refusal = 'drive: illegal data address'
     graph.spin_until(lambda: told('ERROR', drive.refusal))
@@ -183,12 +91,12 @@ def test_a_step_of_the_machines_clock_does_not_move_the_roller(
     drive = Drive(6.0)
     targets = graph.collect(TwistStamped, 'speed/target')
     resident(
-        _node(drive),
+        node_on(drive),
         autostart=False,
         interlock=UNGUARDED,
         profile=graph.profile('ramp: {speed_mps: 20.0, rate_mps2: 0.1}'),
     )
-    _configure(graph, activate=True)
+    configure(graph, activate=True)
     graph.spin_until(lambda: graph.call('speed/start_profile').success)
     graph.spin_until(lambda: len(targets) > 3)
     _step_clock(monkeypatch, 200.0)
@@ -212,12 +120,12 @@ def test_a_set_point_that_jumps_is_ramped_and_does_not_run_ahead_of_a_drive_that
 ) -> None:
     drive = Drive(1.0)
     resident(
-        _node(drive),
+        node_on(drive),
         autostart=False,
         interlock=UNGUARDED,
         profile=graph.profile('corners: {times_s: [0, 100], speeds_mps: [2.0, 12.0]}'),
     )
-    _configure(graph, activate=True)
+    configure(graph, activate=True)
     graph.spin_until(lambda: graph.call('speed/start_profile').success)
     graph.spin_until(lambda: len(drive.set_points) > 3)
     drive.absent, drive.refusal = True, 'drive: gone'
@@ -230,8 +138,8 @@ def test_a_set_point_that_jumps_is_ramped_and_does_not_run_ahead_of_a_drive_that
 
 def test_the_speed_of_an_emergency_stop_can_be_set_while_the_node_runs(graph, resident) -> None:
     drive = Drive(6.0)
-    node = resident(_node(drive), autostart=False, interlock=UNGUARDED)
-    _configure(graph, activate=True)
+    node = resident(node_on(drive), autostart=False, interlock=UNGUARDED)
+    configure(graph, activate=True)
     (result,) = node.set_parameters([Parameter('emergency_speed_mps', value=1.5)])
     assert result.successful
     graph.spin_until(lambda: graph.call('speed/emergency_stop').success)
@@ -243,7 +151,7 @@ def test_a_second_speed_node_of_the_same_name_refuses_to_start_or_is_an_error(
 ) -> None:
     drive = Drive(6.0)
     health = graph.collect(DiagnosticArray, '/diagnostics')
-    resident(_node(drive), autostart=False, interlock=UNGUARDED)
+    resident(node_on(drive), autostart=False, interlock=UNGUARDED)
     namesake = graph.beside('roller_speed')  # as of another machine, which holds its own names
 
     def told() -> bool:
@@ -264,44 +172,6 @@ KEYS = {
     'profile_remaining_s', 'interlock', 'interlock_state', 'interlock_cause',
     'interlock_since_ns', 'emergency_stop', 'safe_speed_mps', 'speed_ceiling_mps',
 }  # fmt: skip
-
-
-class Rig:
-    """A speed node on a drive in memory, and what it says."""
-
-    def __init__(self, graph, resident, drive: Drive, **parameters: object) -> None:
-        self.graph, self.drive = graph, drive
-        self._statuses = graph.collect(DiagnosticArray, 'speed/status', latched())
-        self._events = graph.collect(DiagnosticArray, 'hunting/events')
-        # A machine that is busy must not look like a detector that is silent.
-        patience = {'status_timeout_s': 20.0, **parameters}
-        self.node = resident(_node(drive), autostart=False, **patience)
-        _configure(graph, activate=True)
-        graph.spin_until(lambda: self._statuses)
-
-    @property
-    def status(self) -> dict[str, str]:
-        return read_diagnostic(self._statuses[-1])
-
-    @property
-    def events(self) -> list[str]:
-        return [read_diagnostic(message)['event'] for message in self._events]
-
-    def until(self, **values: str) -> None:
-        """Wait until the status has these values."""
-        self.graph.spin_until(lambda: values.items() <= self.status.items())
-
-    def arm(self, armed: bool) -> SetBool.Response:
-        client = self.graph.node.create_client(SetBool, 'speed/arm_interlock')
-        self.graph.spin_until(client.service_is_ready)
-        future = client.call_async(SetBool.Request(data=armed))
-        self.graph.spin_until(future.done)
-        return future.result()
-
-    def set(self, **values: object) -> tuple[bool, str]:
-        words = [Parameter(name, value=value) for name, value in values.items()]
-        result = self.node.set_parameters_atomically(words)
-        return result.successful, result.reason
 
 
 def test_the_interlock_slows_the_roller_down_until_a_person_arms_it_again(

@@ -1,0 +1,163 @@
+"""A speed node in the process of the test, on a drive in memory; a detector that we play."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
+from rclpy.parameter import Parameter
+from std_srvs.srv import SetBool
+
+from hunt_ros.drivers.base import DriveBlock
+from hunt_ros.errors import DriverError
+from hunt_ros.nodes.conversions import diagnostic, read_diagnostic
+from hunt_ros.nodes.qos import STATUS, latched
+from hunt_ros.nodes.roller_speed import RollerSpeedNode
+
+#: Mode of the interlock; without quotes ROS takes the word for `false`.
+UNGUARDED = "'off'"
+
+
+class Drive:
+    """A drive in memory: the roller runs at the set point at once."""
+
+    def __init__(self, speed_mps: float = 0.0) -> None:
+        self.speed_mps = speed_mps
+        self.set_points: list[float] = []
+        self.taken_s: list[float] = []
+        self._angle = 0.0
+        self.reset()
+
+    def reset(self) -> None:
+        """Work again."""
+        self.refusal = ''
+        self.absent = self.mute = False
+        self.obeys = True
+
+    def open(self) -> None:
+        if self.absent:
+            raise DriverError('drive: nobody there')
+
+    def read(self, timeout_s: float) -> DriveBlock:
+        time.sleep(min(timeout_s, 0.01))
+        if self.absent:
+            raise DriverError('drive: gone')
+        if self.mute:
+            return DriveBlock()
+        self._angle += 1e-3
+        return DriveBlock(
+            np.array([time.time_ns()]), np.array([self._angle]), np.array([self.speed_mps])
+        )
+
+    def set_speed(self, speed_mps: float) -> None:
+        if self.refusal or self.absent:
+            raise DriverError(self.refusal or 'drive: gone')
+        self.taken_s.append(time.monotonic())
+        self.set_points.append(speed_mps)
+        if self.obeys:
+            self.speed_mps = speed_mps
+
+    def close(self) -> None:
+        pass
+
+
+class Detector:
+    """Says the same thing 20 times a second, whatever the test does meanwhile."""
+
+    def __init__(self, graph) -> None:
+        self._publisher = graph.node.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
+        self.sent = 0
+        self._sequence = 0
+        self._behind_ns = 0
+        self._late: deque[tuple[float, DiagnosticArray]] = deque()
+        self.reset()
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def reset(self) -> None:
+        """Be well."""
+        self.level, self.silent, self.frozen = 'OK', False, False
+        self.numbers: dict[str, object] = {'amplitude_m': 1e-5, 'v_n_mps': 5.0, 'v_c_mps': 7.0}
+        self.raw_level: bytes | None = None
+        self.clock_s = self.delay_s = self.falls_behind_s = 0.0
+        self.lose_every = 0
+        self._behind_ns = 0
+
+    def _run(self) -> None:
+        while not self._ending.wait(0.05):
+            self.sent += 1
+            self._sequence += 0 if self.frozen else 5
+            self._behind_ns += round(1e9 * self.falls_behind_s)
+            stamp_ns = time.time_ns() + round(1e9 * self.clock_s) - self._behind_ns
+            values = {'sequence': self._sequence, **self.numbers}
+            message = diagnostic(stamp_ns, 'hunting', self.level, 'its words', values, 'rig')
+            if self.raw_level is not None:
+                message.status[0].level = self.raw_level
+            lost = self.silent or (self.lose_every and self.sent % self.lose_every == 0)
+            if not lost:
+                self._late.append((time.monotonic() + self.delay_s, message))
+            while self._late and self._late[0][0] <= time.monotonic():
+                self._publisher.publish(self._late.popleft()[1])
+
+    def close(self) -> None:
+        self._ending.set()
+        self._thread.join()
+
+
+def node_on(drive: Drive) -> Callable[[], RollerSpeedNode]:
+    def make() -> RollerSpeedNode:
+        node = RollerSpeedNode()
+        node._make_driver = lambda: drive
+        return node
+
+    return make
+
+
+def configure(graph, *, activate: bool) -> None:
+    graph.change_state('roller_speed', Transition.TRANSITION_CONFIGURE)
+    if activate:
+        graph.change_state('roller_speed', Transition.TRANSITION_ACTIVATE)
+
+
+class Rig:
+    """A speed node on a drive in memory, and what it says."""
+
+    def __init__(self, graph, resident, drive: Drive, **parameters: object) -> None:
+        self.graph, self.drive = graph, drive
+        self._statuses = graph.collect(DiagnosticArray, 'speed/status', latched())
+        self._events = graph.collect(DiagnosticArray, 'hunting/events')
+        # A machine that is busy must not look like a detector that is silent.
+        patience = {'status_timeout_s': 20.0, **parameters}
+        self.node = resident(node_on(drive), autostart=False, **patience)
+        configure(graph, activate=True)
+        graph.spin_until(lambda: self._statuses)
+
+    @property
+    def status(self) -> dict[str, str]:
+        return read_diagnostic(self._statuses[-1])
+
+    @property
+    def events(self) -> list[str]:
+        return [read_diagnostic(message)['event'] for message in self._events]
+
+    def until(self, **values: str) -> None:
+        """Wait until the status has these values."""
+        self.graph.spin_until(lambda: values.items() <= self.status.items())
+
+    def arm(self, armed: bool) -> SetBool.Response:
+        client = self.graph.node.create_client(SetBool, 'speed/arm_interlock')
+        self.graph.spin_until(client.service_is_ready)
+        future = client.call_async(SetBool.Request(data=armed))
+        self.graph.spin_until(future.done)
+        return future.result()
+
+    def set(self, **values: object) -> tuple[bool, str]:
+        words = [Parameter(name, value=value) for name, value in values.items()]
+        result = self.node.set_parameters_atomically(words)
+        return result.successful, result.reason
