@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 SUMMARY = 'print the script by which a shell completes verbs, options and files'
-EXAMPLE = 'hunt completion bash > ~/.local/share/bash-completion/completions/hunt'
+EXAMPLE = 'hunt completion bash'
 
 SHELLS = ('bash', 'zsh', 'tcsh')
 #: Values that are files or folders, by what stands for them in the help.
@@ -16,6 +16,10 @@ _FILES = ('FILE', 'BAG', 'DIR', 'PNG', 'OUT', 'PATH|-', 'FILE.csv')
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
+    parser.description = (
+        f'{parser.description}\n\n'
+        'hunt completion bash > ~/.local/share/bash-completion/completions/hunt'
+    )
     parser.add_argument('shell', choices=SHELLS, help=', '.join(SHELLS))
 
 

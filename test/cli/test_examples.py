@@ -64,10 +64,10 @@ def test_the_example_of_a_verb_runs(place, command) -> None:
 @pytest.mark.parametrize('verb', ['demo', 'run', 'call'])
 def test_the_example_of_a_verb_with_ros_names_what_is_there(verb) -> None:
     """It is understood, and the files in it exist."""
-    from hunt_ros.cli.main import _parser
+    from hunt_ros.cli.main import parser_of
 
     words = shlex.split(import_module(f'hunt_ros.cli.{VERBS[verb]}').EXAMPLE)[1:]
-    parsed = _parser(verb).parse_args(words)
+    parsed = parser_of(verb).parse_args(words)
     named = [value for value in vars(parsed).values() if isinstance(value, Path)]
     assert all((HERE / path).exists() for path in named if path.suffix)
 
