@@ -4,10 +4,9 @@ The web server of the page: one message an update for all viewers, and the opera
 Which library, and why. Bokeh draws the figures: it brings its own front end (BokehJS, in the
 wheel, so nothing is loaded from the internet) and tornado, which serves them. Its documents on
 the server are not used: there is one a viewer, which is computed and encoded for each viewer
-anew. At 20 updates a second of the main view they took 35 % of a core for one viewer and 48 % for
-two, what stands here 4 % for either (in the same minute of a busy machine). The figures are laid
-out here once, in Python (`figures`), and the browser is sent only what has changed since the view
-that it has (`view.changes`), encoded once for all who have it.
+anew. The figures are laid out here once, in Python (`figures`), and the browser is sent only what
+has changed since the view that it has (`view.changes`), encoded once for all who have it;
+`make bench-page` says what that costs.
 
 The server runs in a thread of its own. It is given each view by the node: where the node hangs
 nothing is sent, and each page says by itself that it is out of date.
