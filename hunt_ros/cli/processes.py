@@ -53,6 +53,8 @@ class NodeSpec:
         True for the console: its standard streams are ours.
     nodes : sequence of str
         The modules, where it is several.
+    needed : bool
+        False for one whose end does not end the run: it is only told.
     """
 
     module: str
@@ -60,6 +62,7 @@ class NodeSpec:
     parameter_files: Sequence[Path] = ()
     piped: bool = False
     nodes: Sequence[str] = ()
+    needed: bool = True
 
     def command(self, namespace: str) -> list[str]:
         """Return the command line of the process."""
@@ -130,6 +133,7 @@ class Processes:
             if os.environ.get('ROS_DISTRO') == 'humble':
                 self.environment['ROS_LOCALHOST_ONLY'] = '1'  # newer ones warn about it
         self._running: dict[str, subprocess.Popen[str]] = {}
+        self._not_needed: set[str] = set()  # of them, those whose end has not been told
         self._read: dict[str, int] = {}
         self._handlers: dict[signal.Signals, Any] = {}
 
@@ -161,6 +165,8 @@ class Processes:
                 preexec_fn=_in_child,
             )
         self._running[spec.module] = process
+        if not spec.needed:
+            self._not_needed.add(spec.module)
         return process
 
     def pids(self) -> dict[str, int]:
@@ -168,12 +174,24 @@ class Processes:
         return {module: process.pid for module, process in self._running.items()}
 
     def failed(self) -> str | None:
-        """Return one line on a process that ended by itself, or None while all run."""
+        """Return one line on a needed process that ended by itself, or None while all run."""
         for module, process in self._running.items():
-            code = process.poll()
-            if code is not None:
-                return f'{module} ended with exit code {code}: {self.last_line(module)}'
+            if module not in self._not_needed and process.poll() is not None:
+                return self._ending(module)
         return None
+
+    def lost(self) -> list[str]:
+        """Return one line on each process that is not needed and has ended; forget them."""
+        ended = [name for name in self._not_needed if self._running[name].poll() is not None]
+        lines = [self._ending(module) for module in ended]
+        for module in ended:
+            self._not_needed.remove(module)
+            del self._running[module]
+        return lines
+
+    def _ending(self, module: str) -> str:
+        code = self._running[module].poll()
+        return f'{module} ended with exit code {code}: {self.last_line(module)}'
 
     def last_line(self, module: str) -> str:
         """Return the last line a node has written, for messages."""

@@ -90,9 +90,10 @@ def run(arguments: argparse.Namespace) -> int:
         suite.start_nodes(processes, names, common, parameters, files, arguments.one_process)
         print(f'{len(names)} nodes under /{arguments.namespace}; logs in {processes.logs}')
         print(f'normal form: {form or "none yet, the first recording gives one"}')
-        if arguments.page is not None:  # a process of its own: nothing waits for it
+        if arguments.page is not None:  # a process of its own: the rig runs on without it
             page = arguments.page or PAGE_PORT
-            suite.start_nodes(processes, [PAGE], common, {PAGE: {'port': page}}, files)
+            own = {PAGE: {'port': page}}
+            suite.start_nodes(processes, [PAGE], common, own, files, needed=False)
             print(f'page: http://127.0.0.1:{page}/')
         words = [word for word, service in SERVICES.items() if service.node in names]
         print(f'from another terminal: hunt call {" | ".join(words)}')
@@ -109,6 +110,8 @@ def run(arguments: argparse.Namespace) -> int:
                             link.call(SERVICES[word].name)
                         else:
                             view.say(_help(names))
+                    for ending in processes.lost():
+                        view.say(f'{ending}; the rig is watched without it')
                     for line in link.lines(_KEY_S if keys.active else 1.0):
                         view.show(line)
             except KeyboardInterrupt:

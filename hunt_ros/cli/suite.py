@@ -37,6 +37,7 @@ def start_nodes(
     parameters: Parameters,
     files: Sequence[Path] = (),
     one_process: bool = False,
+    needed: bool = True,
 ) -> None:
     """
     Start nodes by name.
@@ -56,6 +57,8 @@ def start_nodes(
     one_process : bool
         True for all of them in one process, which takes less memory and less CPU; one that
         fails ends all.
+    needed : bool
+        False where the run goes on when one of them ends.
     """
     if one_process:
         # A command line cannot name a parameter of one node under a namespace: a file can.
@@ -73,7 +76,7 @@ def start_nodes(
         return
     for name in names:
         values = {**common, **parameters.get(name, {})}
-        processes.start(NodeSpec(name, values, files))
+        processes.start(NodeSpec(name, values, files, needed=needed))
 
 
 def wait_until_up(

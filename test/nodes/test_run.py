@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import termios
@@ -42,6 +43,8 @@ def test_a_run_that_listens_records_without_a_clock_and_ends_at_sigterm(graph) -
     lateral = graph.node.create_publisher(JointState, 'lateral', 100)
     words = [sys.executable, '-u', '-m', 'hunt_ros.cli.main', 'run', '--listen', '--one-process']
     keyboard, terminal = os.openpty()
+    taken = socket.create_server(('127.0.0.1', 0))  # the page ends at once: its port is in use
+    words += ['--page', str(taken.getsockname()[1])]
     with (graph.folder / 'screen').open('w') as out:
         run = subprocess.Popen(
             [*words, '--directory', str(folder)], stdin=terminal, stdout=out, stderr=out
@@ -55,6 +58,7 @@ def test_a_run_that_listens_records_without_a_clock_and_ends_at_sigterm(graph) -
             message.header.stamp = graph.node.get_clock().now().to_msg()
             lateral.publish(message)
             graph.spin(0.01)
+        graph.spin_until(lambda: 'dashboard ended' in (graph.folder / 'screen').read_text(), 60.0)
         # The terminal is in its key mode once the screen says what the keys do.
         graph.spin_until(lambda: 'q: quit' in (graph.folder / 'screen').read_text())
         os.write(keyboard, b'mx')
