@@ -49,7 +49,7 @@ from hunt_ros.identification.screening import (
     free_of_contact,
     moving,
 )
-from hunt_ros.identification.segments import Segment, find_kicks
+from hunt_ros.identification.segments import Segment
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.stops import ignoring, measuring
 from hunt_ros.identification.turning import is_assumed, lines_above, with_angle
@@ -179,6 +179,16 @@ class _Run:
     states: Sequence[SteadyState]
     kicks: Sequence[tuple[str, int]]
 
+    @property
+    def kicked(self) -> NDArray[np.bool_]:
+        """Instants whose windows hold a kick."""
+        stamp = self.envelope.start_ns + 1e9 * self.envelope.time
+        kicked = np.zeros(stamp.size, dtype=bool)
+        for part in self.segments:
+            if part.kind == 'kick':
+                kicked |= (stamp >= part.start_ns - 1e6) & (stamp <= part.end_ns + 1e6)
+        return kicked
+
 
 def _measuring(
     records: Sequence[Record], settings: IdentificationSettings, warnings: list[str]
@@ -267,7 +277,7 @@ def _path(
         time = run.envelope.time
         restart.append(np.arange(time.size) == 0)
         # A kick begins a new segment, as a gap does.
-        phasor.append(np.where(find_kicks(run.envelope), np.nan, run.corrected.phasor))
+        phasor.append(np.where(run.kicked, np.nan, run.corrected.phasor))
         block = np.zeros(time.size, dtype=np.int64)
         if len(runs) < ENOUGH_RUNS:
             block = ((time - time[0]) / _BLOCK_S).astype(np.int64)

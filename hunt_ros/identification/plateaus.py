@@ -100,7 +100,7 @@ def analyse_record(
             )
         )
 
-    kicked = find_kicks(envelope)
+    kicked = find_kicks(channels, envelope, settings.orders)
     for start, end in runs(kicked):
         note('kick', start, end, False, 'motion that no growth law makes; a new segment begins')
     for start, end in runs(~np.isfinite(envelope.amplitude)):

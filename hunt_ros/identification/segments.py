@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from hunt_ros.analysis.steady_state import standard_error
-from hunt_ros.identification.envelope import Envelope
+from hunt_ros.identification.channels import Channels
+from hunt_ros.identification.envelope import WINDOW_CYCLES, Envelope
 
 Kind = Literal['plateau', 'ramp', 'kick', 'transient', 'gap']
 
@@ -24,6 +25,9 @@ Kind = Literal['plateau', 'ramp', 'kick', 'transient', 'gap']
 #: share of the amplitude.
 _JUMP_NOISE = 3.0
 _JUMP_SHARE = 0.04
+#: Powers of time that smooth growth of the phasor has in a window, at most: a limit cycle reached
+#: from a third of it within one window has four. And places where a step is looked for.
+_SMOOTH_ORDER, _STEP_PLACES = 4, 15
 
 
 @dataclass(frozen=True)
@@ -122,14 +126,23 @@ def _drifts(time: NDArray[np.float64], speed: NDArray[np.float64], tolerance: fl
     return abs(slope) * float(time[-1] - time[0]) > 1.5 * tolerance
 
 
-def find_kicks(envelope: Envelope) -> NDArray[np.bool_]:
+def find_kicks(
+    channels: Channels, envelope: Envelope, orders: NDArray[np.float64]
+) -> NDArray[np.bool_]:
     """
     Instants at which the amplitude changed as no growth law changes it.
 
+    A window that leaves much over holds a kick where a step of the phasor is likelier than
+    smooth growth, however fast.
+
     Parameters
     ----------
+    channels : Channels
+        One record.
     envelope : Envelope
-        Of one record.
+        Its hunting component.
+    orders : ndarray, shape (k,)
+        Known lines, in turns of the roller.
 
     Returns
     -------
@@ -147,9 +160,82 @@ def find_kicks(envelope: Envelope) -> NDArray[np.bool_]:
     # Not where noise has grown for good (a worn sensor), but where it stands out.
     around = median_filter(np.where(known, residual, usual), size=15, mode='nearest')
     jump &= np.nan_to_num(residual) > 2.0 * around
+    limit = math.log(amplitude.size)
     for first, last in runs(jump):
-        kicked[max(first - 1, 0) : last + 1] = True
+        ratios = (step_ratio(channels, envelope, orders, k) for k in range(first, last))
+        if max(ratios) > limit:
+            kicked[max(first - 1, 0) : last + 1] = True
     return kicked
+
+
+def step_ratio(
+    channels: Channels, envelope: Envelope, orders: NDArray[np.float64], k: int
+) -> float:
+    """
+    Log likelihood of a step of the phasor in a window, less that of smooth growth.
+
+    Parameters
+    ----------
+    channels : Channels
+        One record.
+    envelope : Envelope
+        Its hunting component.
+    orders : ndarray, shape (m,)
+        Known lines, in turns of the roller.
+    k : int
+        Number of the window.
+
+    Returns
+    -------
+    float
+        -inf where the window has too few samples.
+
+    References
+    ----------
+    Willsky, A. S., Jones, H. L. (1976), IEEE Trans. Autom. Control 21, 108-115: generalised
+    likelihood ratio of a jump; Schwarz, G. (1978), Ann. Statist. 6, 461-464: its cost in
+    parameters.
+    """
+    half = 0.5 * WINDOW_CYCLES / float(np.median(envelope.frequency))
+    low, high = np.searchsorted(channels.time, envelope.time[k] + half * np.array([-1.0, 1.0]))
+    time, y = channels.time[low:high], channels.lateral[low:high]
+    good = np.isfinite(y)
+    time, y = time[good], y[good]
+    lines = orders if channels.roller.size else np.zeros(0)
+    count = 1 + 2 * (_SMOOTH_ORDER + 1) + 2 * lines.size
+    if y.size < count + 4:
+        return -math.inf
+    x = (time - envelope.time[k]) / half
+    root = np.sqrt(0.42 + 0.5 * np.cos(np.pi * x) + 0.08 * np.cos(2.0 * np.pi * x))
+    phase = 2.0 * np.pi * envelope.frequency[k] * (time - envelope.time[k])
+    turning = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+    common = [np.ones((y.size, 1))]
+    if lines.size:
+        angle = channels.roller[low:high][good][:, None] * lines
+        common += [np.cos(angle), np.sin(angle)]
+    powers = [x[:, None] ** n * turning for n in range(_SMOOTH_ORDER + 1)]
+    stepped = min(
+        _left(root, y, [*common, *powers[:2], (x[:, None] > at) * turning])
+        for at in np.linspace(-0.7, 0.7, _STEP_PLACES)
+    )
+
+    def ratio(order: int) -> float:
+        # The step has its two parts and its place; growth its powers beyond the first.
+        spent = 0.5 * (3 - 2 * (order - 1)) * math.log(y.size)
+        smooth = _left(root, y, [*common, *powers[: order + 1]])
+        return 0.5 * y.size * math.log(smooth / stepped) - spent
+
+    return min(ratio(order) for order in range(1, _SMOOTH_ORDER + 1))
+
+
+def _left(
+    root: NDArray[np.float64], y: NDArray[np.float64], columns: list[NDArray[np.float64]]
+) -> float:
+    """Weighted sum of squares that columns leave over of samples."""
+    basis = np.concatenate(columns, axis=1) * root[:, None]
+    wanted = root * y
+    left = wanted - basis @ np.linalg.lstsq(basis, wanted, rcond=None)[0]
+    return max(float(left @ left), 1e-300)
 
 
 def steady_part(amplitude: NDArray[np.float64], least: int) -> slice | None:

@@ -454,11 +454,6 @@ def test_one_record_needs_no_list():
     assert len(set(reasons)) == 1
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason='a kick is told by what a window leaves over, and fast growth leaves as much: a test'
-    ' of a step against smooth growth comes with the rebuild of the fit',
-)
 def test_fast_growth_is_not_cut_out_as_a_kick(make):
     form = replace(PAPER_NORMAL_FORM, time_scale=PAPER_NORMAL_FORM.time_scale / 6.0)
     speeds = np.linspace(6.2, 9.0, 8)
