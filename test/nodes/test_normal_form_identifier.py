@@ -123,7 +123,11 @@ def test_a_roll_back_is_taken_over_though_it_alarms_later_and_replays_bit_for_bi
     assert live is not None
     output = replay_journal(HuntingDetector(live.config), read_record(bag), live.journal)
     replayed = [(event.event, str(event.amplitude_m)) for event in output.events]
-    heard = [(text['event'], text['amplitude_m']) for text in map(read_diagnostic, events)]
+    heard = [
+        (text['event'], text['amplitude_m'])
+        for text in map(read_diagnostic, events)
+        if not text['event'].startswith('interlock')  # of the speed node
+    ]
     # The recorder may have closed while the detector went on.
     assert heard[: len(replayed)] == replayed
     words = [word for word, _ in replayed]

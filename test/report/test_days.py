@@ -27,7 +27,7 @@ def days(count: int, speeds: int = 8, hits: bool = True) -> Days:
 
 
 def shown(one: Days) -> Result:
-    return Result({'days': one.to_json(), 'warnings': ['days.day_std_m not known: one day only']})
+    return Result({'days': one.to_json(), 'unknown': {'days.day_std_m': 'one day only'}})
 
 
 @pytest.mark.parametrize('count', [2, 3, 12])
