@@ -69,7 +69,8 @@ class Diagnostics:
         if self._namesakes(name) > 1:
             problems.append(f'another node is named {name} in this ROS domain')
         if problems:
-            level, text = 'ERROR', '; '.join(problems)
+            said = [] if level == 'OK' else [text]
+            level, text = 'ERROR', '; '.join(problems + said)
         self._log(level, text)
         now_ns = self._node.get_clock().now().nanoseconds
         self._publisher.publish(

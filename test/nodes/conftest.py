@@ -239,6 +239,10 @@ class Resident:
         if hasattr(self.node, 'close'):
             self.node.close()
         self.node.destroy_node()
+        # rclpy keeps it, and with it the node in the eyes of others, as long as the process:
+        # a later test in the same domain would find a namesake.
+        if (lifecycle := getattr(self.node, '_state_machine', None)) is not None:
+            lifecycle.destroy_when_not_in_use()
         rclpy.shutdown()
 
 
