@@ -1,0 +1,387 @@
+"""
+The layouts for other programs in `config/`: what they name is what the suite publishes.
+
+The programs are not at hand here. So each file is read as its program reads it, and every topic,
+field, joint and key in it is looked up: in the tables of the nodes, in the message definitions,
+and in a recording.
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from pathlib import Path
+from runpy import run_path
+from typing import Any, NamedTuple
+from unittest import mock
+
+import numpy as np
+import pytest
+import yaml
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_typestore
+
+from hunt_ros.bag import read_record
+
+ROOT = Path(__file__).parents[1]
+CONFIG = ROOT / 'config'
+BAGS = ('kick_escapes', 'hysteresis_loop', 'supercritical')
+STORE = get_typestore(Stores.ROS2_JAZZY)
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+FIELDS = ('position', 'velocity', 'effort')
+
+
+class Published(NamedTuple):
+    """What a topic carries: its type, its joints, and of these the fields that are filled."""
+
+    type: str
+    joints: tuple[str, ...] = ()
+    filled: tuple[str, ...] = ()
+
+
+@pytest.fixture(scope='module')
+def measured() -> dict[str, Published]:
+    """Topics of a recording, with their joints as they were published."""
+    topics = {}
+    with AnyReader([ROOT / 'bags' / 'kick_escapes'], default_typestore=STORE) as reader:
+        for connection in reader.connections:
+            joints, filled = (), ()
+            if connection.msgtype == JOINT_STATE:
+                _, _, raw = next(reader.messages([connection]))
+                message = reader.deserialize(raw, connection.msgtype)
+                joints = tuple(message.name)
+                filled = tuple(f for f in FIELDS if len(getattr(message, f)) == len(joints))
+            topics[connection.topic] = Published(connection.msgtype, joints, filled)
+    return topics
+
+
+@pytest.fixture(scope='module')
+def published(measured: dict[str, Published]) -> dict[str, Published]:
+    """Topics of the running suite below the namespace `rig`, from the tables of its nodes."""
+    pytest.importorskip('rclpy', reason='the tables of topics stand in the nodes')
+    from hunt_ros.nodes.bag_recorder import DESIGN_TOPICS, LATCHED_TOPICS
+    from hunt_ros.nodes.estimate_publishers import ESTIMATES
+
+    topics = dict(measured)
+    for name, kind in {**DESIGN_TOPICS, **LATCHED_TOPICS}.items():
+        topics.setdefault(name if name.startswith('/') else f'/rig/{name}', Published(kind))
+    for each in ESTIMATES:
+        filled = tuple(field for field in FIELDS if getattr(each, field))
+        topics[f'/rig/{each.name}'] = Published(JOINT_STATE, each.joints, filled)
+    return topics
+
+
+@pytest.fixture(scope='module')
+def status_keys() -> set[str]:
+    """Keys of the values in `hunting/status`."""
+    pytest.importorskip('rclpy', reason='the status is made by the nodes')
+    from hunt_ros.detection.status import DetectorStatus
+    from hunt_ros.nodes.detector_messages import status_message
+
+    return {pair.key for pair in status_message(DetectorStatus(), 'rig').status[0].values}
+
+
+def check_field(path: str, topic: Published, keys: set[str]) -> None:
+    """Check a path below a topic: names, `[i]`, `[:]`, and `{key=="..."}` of a status."""
+    node: Any = (Nodetype.NAME, topic.type)
+    steps = re.findall(r'\.?(\w+)|\[(\d+|:)\]|\{key=="([^"]+)"\}', path)
+    assert ''.join(re.findall(r'\.?\w+|\[(?:\d+|:)\]|\{key=="[^"]+"\}', path)) == path, path
+    for name, index, key in steps:
+        kind, detail = node
+        if name:
+            assert kind == Nodetype.NAME, path
+            fields = dict(STORE.fielddefs[detail][1])
+            assert name in fields, f'{path}: {detail} has no {name}'
+            node = fields[name]
+        elif index:
+            assert kind in (Nodetype.ARRAY, Nodetype.SEQUENCE), path
+            node = detail[0]
+        else:
+            assert key in keys, f'{path}: hunting/status has no {key}'
+    assert node[0] == Nodetype.BASE, f'{path} is no value'
+    if topic.type == JOINT_STATE:
+        (field, _, _), (_, index, _) = steps
+        assert field in topic.filled, path
+        assert int(index) < len(topic.joints), path
+
+
+def foxglove() -> dict[str, Any]:
+    return json.loads((CONFIG / 'foxglove.json').read_text())
+
+
+def strings(node: Any) -> Iterator[str]:
+    if isinstance(node, str):
+        yield node
+    elif isinstance(node, dict | list):
+        for child in node.values() if isinstance(node, dict) else node:
+            yield from strings(child)
+
+
+def test_what_the_foxglove_layout_names_is_published(
+    published: dict[str, Published], status_keys: set[str]
+) -> None:
+    described = {'/rig/robot_description'}  # by robot_state_publisher
+    paths = [text for text in strings(foxglove()['configById']) if text.startswith('/')]
+    assert len(paths) > 15
+    for path in paths:
+        topic, dot, field = path.partition('.')
+        if dot:
+            check_field(dot + field, published[topic], status_keys)
+        else:
+            assert topic in published or topic in described, path
+
+
+def test_the_foxglove_layout_shows_each_of_its_panels_once() -> None:
+    layout = foxglove()
+
+    def leaves(node: Any) -> list[str]:
+        if isinstance(node, str):
+            return [node]
+        assert node['direction'] in ('row', 'column')
+        assert 0 < node['splitPercentage'] < 100
+        return leaves(node['first']) + leaves(node['second'])
+
+    assert sorted(leaves(layout['layout'])) == sorted(layout['configById'])
+    kinds = {name.partition('!')[0] for name in layout['configById']}
+    assert kinds <= {
+        '3D', 'Plot', 'Indicator', 'Gauge', 'StateTransitions', 'DiagnosticSummary',
+        'DiagnosticStatusPanel',
+    }  # fmt: skip
+
+
+def test_the_foxglove_layout_is_that_of_the_default_rig() -> None:
+    shared = yaml.safe_load((CONFIG / 'rig.yaml').read_text())['/**']['ros__parameters']
+    panels = foxglove()['configById']
+    assert panels['Gauge!speed']['maxValue'] == shared['speed_ceiling_mps']
+    assert panels['DiagnosticStatusPanel!detector']['selectedHardwareId'] == shared['rig_name']
+    rules = panels['Indicator!level']['rules']
+    assert [(rule['rawValue'], rule['label']) for rule in rules] == [
+        ('0', 'OK'), ('1', 'WARN'), ('2', 'ERROR'), ('3', 'STALE'),
+    ]  # fmt: skip
+    assert panels['3D!model']['fixedFrame'] == root_link()
+
+
+def test_what_the_plotjuggler_layout_names_is_published(published: dict[str, Published]) -> None:
+    """A series of a JointState is TOPIC/JOINT/FIELD, of another type TOPIC/FIELD/FIELD."""
+    root = ElementTree.parse(CONFIG / 'plotjuggler.xml').getroot()
+    chosen = root.find('.//selected_topics').get('value', '').split(';')  # type: ignore[union-attr]
+    assert set(chosen) <= set(published)
+    curves = [curve.get('name', '') for curve in root.iter('curve')]
+    assert len(curves) > 15
+    for curve in curves:
+        topic = max((name for name in chosen if curve.startswith(name + '/')), key=len)
+        parts = curve[len(topic) + 1 :].split('/')
+        known = published[topic]
+        if known.type == JOINT_STATE:
+            joint, field = parts
+            parts = [field, f'[{known.joints.index(joint)}]']
+        check_field('.' + '.'.join(parts).replace('.[', '['), known, set())
+
+
+def test_the_plotjuggler_layout_asks_for_no_topic_in_vain() -> None:
+    root = ElementTree.parse(CONFIG / 'plotjuggler.xml').getroot()
+    streamer = root.find('previouslyLoaded_Streamer')
+    assert streamer is not None
+    assert streamer.get('name') in {plugin.get('ID') for plugin in root.iter('plugin')}
+    for splitter in root.iter('DockSplitter'):
+        sizes = [float(size) for size in splitter.get('sizes', '').split(';')]
+        assert len(sizes) == len(splitter) == int(splitter.get('count', ''))
+        assert sum(sizes) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_what_the_rqt_perspective_plots_is_published(published: dict[str, Published]) -> None:
+    """The values of a perspective are the `repr` of Python values."""
+    manager = json.loads((CONFIG / 'rig.perspective').read_text())['groups']['pluginmanager']
+
+    def value(item: dict[str, str]) -> Any:
+        assert item['type'] == 'repr'
+        return ast.literal_eval(item['repr'])
+
+    running = value(manager['keys']['running-plugins'])
+    names = {
+        f'plugin__{plugin.replace("/", "__")}__{serial}'
+        for plugin, serials in running.items()
+        for serial in serials
+    }
+    assert set(manager['groups']) <= names
+    plots = [group for name, group in manager['groups'].items() if 'rqt_plot' in name]
+    assert len(plots) == len(running['rqt_plot/Plot'])
+    for plot in plots:
+        for path in value(plot['groups']['plugin']['keys']['topics']):
+            topic = max((name for name in published if path.startswith(name + '/')), key=len)
+            field = path[len(topic) :].replace('/', '.')
+            check_field(field, published[topic], set())
+
+
+class Joint(NamedTuple):
+    """A joint of the model."""
+
+    type: str
+    parent: str
+    child: str
+    origin: np.ndarray
+    axis: np.ndarray
+    limits: tuple[float, float]
+    mimics: str
+    multiplier: float
+
+
+def model() -> ElementTree.Element:
+    return ElementTree.parse(CONFIG / 'rig.urdf').getroot()
+
+
+def joints() -> dict[str, Joint]:
+    found = {}
+    for each in model().iter('joint'):
+        origin, axis = each.find('origin'), each.find('axis')
+        limit, mimic = each.find('limit'), each.find('mimic')
+        assert axis is not None
+        found[each.get('name', '')] = Joint(
+            each.get('type', ''),
+            each.find('parent').get('link', ''),  # type: ignore[union-attr]
+            each.find('child').get('link', ''),  # type: ignore[union-attr]
+            vector('0 0 0' if origin is None else origin.get('xyz', '')),
+            vector(axis.get('xyz', '')),
+            (-np.inf, np.inf) if limit is None else bounds(limit),
+            '' if mimic is None else mimic.get('joint', ''),
+            1.0 if mimic is None else float(mimic.get('multiplier', '1')),
+        )
+    assert len(found) == len(list(model().iter('joint'))), 'a joint stands twice'
+    return found
+
+
+def vector(text: str) -> np.ndarray:
+    return np.array([float(word) for word in text.split()])
+
+
+def bounds(limit: ElementTree.Element) -> tuple[float, float]:
+    assert float(limit.get('effort', '')) > 0.0
+    assert float(limit.get('velocity', '')) > 0.0
+    return float(limit.get('lower', '')), float(limit.get('upper', ''))
+
+
+def root_link() -> str:
+    links = {link.get('name', '') for link in model().iter('link')}
+    (root,) = links - {joint.child for joint in joints().values()}
+    return root
+
+
+def test_the_model_is_a_tree() -> None:
+    links = [link.get('name', '') for link in model().findall('link')]
+    assert len(set(links)) == len(links)
+    parents = {joint.child: joint.parent for joint in joints().values()}
+    assert len(parents) == len(joints()), 'a link has two parents'
+    root = root_link()
+    for link in links:
+        seen = [link]
+        while seen[-1] != root:
+            assert len(seen) <= len(links), f'{link} hangs on itself'
+            seen.append(parents[seen[-1]])
+    colours = {item.get('name') for item in model().findall('material')}
+    assert {item.get('name') for item in model().findall('.//visual/material')} <= colours
+
+
+def test_the_joints_that_move_are_those_that_are_published(measured: dict[str, Published]) -> None:
+    free = {name for name, joint in joints().items() if not joint.mimics}
+    names = {name for topic in measured.values() for name in topic.joints}
+    assert free == names == {'lateral', 'yaw', 'roller'}
+    for joint in joints().values():
+        assert not joint.mimics or joint.mimics in free
+
+
+def test_no_estimate_moves_the_model(published: dict[str, Published]) -> None:
+    estimates = {
+        joint
+        for name, topic in published.items()
+        if name.startswith('/rig/hunting/')
+        for joint in topic.joints
+    }
+    assert estimates
+    assert not estimates & set(joints())
+
+
+def test_the_limits_hold_what_a_rig_does() -> None:
+    records = [read_record(ROOT / 'bags' / name) for name in BAGS]
+    for name, joint in joints().items():
+        source = joint.mimics or name
+        low, high = joint.limits
+        assert low == -high
+        if joint.type == 'continuous':
+            assert np.isinf(high)
+            continue
+        assert joint.type == {'lateral': 'prismatic', 'yaw': 'revolute'}[source]
+        largest = max(np.abs(record[source].values).max() for record in records)
+        assert 2.0 * joint.multiplier * largest < high
+        assert high == pytest.approx(joint.multiplier * joints()[source].limits[1])
+
+
+def test_the_axes_are_those_of_rep_103() -> None:
+    """Lateral to the left, yaw about the vertical; wheels and rollers roll without slip."""
+    model_joints = joints()
+    for joint in model_joints.values():
+        assert np.linalg.norm(joint.axis) == 1.0
+    for suffix in ('', '_shown'):
+        assert model_joints['lateral' + suffix].axis.tolist() == [0, 1, 0]
+        assert model_joints['yaw' + suffix].axis.tolist() == [0, 0, 1]
+    roller, axle = model_joints['roller'], model_joints['axle']
+    height = model_joints['lateral'].origin
+    assert axle.mimics == 'roller'
+    # Velocity of both surfaces at the contact, for a roller that turns with 1 rad/s.
+    of_roller = np.cross(roller.axis, -roller.origin)
+    of_wheel = np.cross(axle.multiplier * axle.axis, -height)
+    np.testing.assert_allclose(of_wheel, of_roller, rtol=1e-6)
+    assert of_roller[0] < 0.0, 'the track runs backwards below a wheelset that travels ahead'
+
+
+def test_the_measures_are_those_of_the_simulated_rig() -> None:
+    rig = yaml.safe_load((CONFIG / 'wheelset.yaml').read_text())
+    model_joints = joints()
+    assert -model_joints['roller'].origin[2] == pytest.approx(rig['roller_diameter_m'] / 2)
+    assert model_joints['lateral'].origin[2] == pytest.approx(rig['wheel_radius_m'])
+    for link, radius in (
+        ('rollers', rig['roller_diameter_m'] / 2),
+        ('wheels', rig['wheel_radius_m']),
+    ):
+        discs = {
+            vector(visual.find('origin').get('xyz', ''))[1]  # type: ignore[union-attr]
+            for visual in model().findall(f"link[@name='{link}']/visual")
+            if (shape := visual.find('geometry/cylinder')) is not None
+            and float(shape.get('radius', '')) == radius
+        }
+        assert discs == {rig['half_gauge_m'], -rig['half_gauge_m']}
+
+
+def test_the_model_can_be_given_as_a_parameter() -> None:
+    """`-p robot_description:="$(cat rig.urdf)"` is read as YAML."""
+    read = yaml.safe_load((CONFIG / 'rig.urdf').read_text())
+    assert isinstance(read, str)
+    assert {each.get('name') for each in ElementTree.fromstring(read).iter('joint')} == set(
+        joints()
+    )
+
+
+def test_rviz_shows_the_model_where_it_is_published() -> None:
+    manager = yaml.safe_load((CONFIG / 'rig.rviz').read_text())['Visualization Manager']
+    assert manager['Global Options']['Fixed Frame'] == root_link()
+    (robot,) = (each for each in manager['Displays'] if each['Class'].endswith('/RobotModel'))
+    assert robot['Description Topic']['Value'] == '/rig/robot_description'
+    assert robot['Description Topic']['Durability Policy'] == 'Transient Local'
+
+
+def test_the_layouts_are_installed_and_documented(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    declared: dict[str, Any] = {}
+    with mock.patch('setuptools.setup', declared.update):
+        run_path('setup.py')
+    installed = dict(declared['data_files'])['share/hunt_ros/config']
+    told = (ROOT / 'docs' / 'tools.md').read_text()
+    for name in ('foxglove.json', 'plotjuggler.xml', 'rig.perspective', 'rig.rviz', 'rig.urdf'):
+        assert f'config/{name}' in installed
+        assert name in told
+    # Another namespace is one replacement in each.
+    texts = [(CONFIG / name).read_text() for name in ('foxglove.json', 'plotjuggler.xml')]
+    assert not [text for text in texts if re.search(r'(?<![\w])/(?!rig/|diagnostics)\w+/', text)]
