@@ -39,7 +39,7 @@ format: $(VENV)/installed  ## let ruff mend what it can
 	$(BIN)/ruff check --fix . ; $(BIN)/ruff format .
 
 faults: $(VENV)/installed  ## make everything fail once, and print what came of it into docs/faults.md
-	HUNT_FAULT_TABLE=docs/faults.md $(BIN)/python -m pytest test/nodes/test_faults.py
+	HUNT_FAULT_TABLE=docs/faults.md $(BIN)/python -m pytest test/nodes/test_faults.py test/nodes/test_faults_live.py
 
 bench-interlock: $(VENV)/installed  ## limit cycles that the interlock avoids, in closed loop; KICKS=20: fewer
 	$(BIN)/python test/benchmark/bench_interlock.py --kicks $${KICKS:-100} --publish

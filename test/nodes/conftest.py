@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import socket
 import subprocess
@@ -17,7 +18,9 @@ rclpy = pytest.importorskip('rclpy', reason='the extra ros is not installed')
 
 from lifecycle_msgs.msg import State, Transition  # noqa: E402
 from lifecycle_msgs.srv import ChangeState, GetState  # noqa: E402
+from rcl_interfaces.srv import SetParameters  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.signals import SignalHandlerOptions  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
@@ -110,6 +113,18 @@ class Graph:
         future = client.call_async(Trigger.Request())
         self.spin_until(future.done, timeout_s)
         return future.result()
+
+    def set_parameters(self, node: str, **values: object) -> None:
+        """Set parameters of a node that runs; what it refuses fails the test."""
+        client = self.node.create_client(SetParameters, f'{node}/set_parameters')
+        self.spin_until(client.service_is_ready)
+        wanted = [
+            Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
+        ]
+        future = client.call_async(SetParameters.Request(parameters=wanted))
+        self.spin_until(future.done)
+        refused = [each.reason for each in future.result().results if not each.successful]
+        assert not refused, refused
 
     def change_state(self, node: str, transition: int, timeout_s: float = 30.0) -> None:
         change = self.node.create_client(ChangeState, f'{node}/change_state')
@@ -258,6 +273,18 @@ def resident(graph) -> Iterator[Callable[..., object]]:
     yield start
     for each in reversed(started):
         each.close()
+
+
+@pytest.fixture(scope='session')
+def table(request) -> Iterator[list]:
+    """Collect the rows of docs/faults.md; `HUNT_FAULT_TABLE` names the file that gets them."""
+    from fault_table import publish
+
+    rows: list = []
+    yield rows
+    path = os.environ.get('HUNT_FAULT_TABLE')
+    if path and not request.session.testsfailed:
+        publish(rows, Path(path))
 
 
 @pytest.fixture

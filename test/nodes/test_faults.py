@@ -1,5 +1,5 @@
 """
-What happens to the roller when something fails, one row a fault.
+What happens to the roller when something fails, one row a fault: detector and drive are played.
 
 Asserted is what happens and what the operator is told. How long it took is printed into
 docs/faults.md (`make faults`), and asserted nowhere.
@@ -7,13 +7,12 @@ docs/faults.md (`make faults`), and asserted nowhere.
 
 from __future__ import annotations
 
-import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import pytest
+from fault_table import Row
 from speed_rig import Detector, Drive, Rig
 
 pytestmark = pytest.mark.ros
@@ -144,34 +143,6 @@ FAULTS = [
 ]
 
 
-@dataclass
-class Row:
-    """What came of a fault."""
-
-    what: str
-    mode: str
-    state: str
-    safe_s: float | None
-    told: str
-
-    def __str__(self) -> str:
-        slow = '-' if self.safe_s is None else f'{self.safe_s:.2f}'
-        return f'| {self.what} | {self.mode} | {self.state} | {slow} | {self.told} |'
-
-
-@pytest.fixture(scope='module')
-def table() -> Iterator[list[Row]]:
-    """Collect the rows; `HUNT_FAULT_TABLE` names the file that gets them."""
-    rows: list[Row] = []
-    yield rows
-    path = os.environ.get('HUNT_FAULT_TABLE')
-    if path and len(rows) == len(FAULTS):
-        head, _, _ = Path(path).read_text(encoding='utf-8').partition('| fault |')
-        lines = ['| fault | mode | interlock | until the set point falls, s | told |']
-        lines += ['|---|---|---|---|---|', *map(str, rows)]
-        Path(path).write_text(head + '\n'.join(lines) + '\n', encoding='utf-8')
-
-
 def test_every_fault_ends_as_the_table_says(graph, resident, detector, table, machine) -> None:
     drive = Drive(RUNNING)
     timeout_s = 0.15 * machine.measure()
@@ -199,7 +170,6 @@ def test_every_fault_ends_as_the_table_says(graph, resident, detector, table, ma
                 break
         assert row is not None, f'{fault.what}: {rig.status}'
         table.append(row)
-        print(table[-1], file=__import__('sys').stderr, flush=True)
 
 
 def _recover(rig: Rig, detector: Detector, drive: Drive, mode: str) -> None:

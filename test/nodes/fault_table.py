@@ -1,0 +1,45 @@
+"""The table of docs/faults.md: what came of each fault, one row a fault."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+_HEAD = '| fault | mode | interlock | until the set point falls, s | told |'
+
+
+@dataclass
+class Row:
+    """
+    What came of a fault.
+
+    Parameters
+    ----------
+    what : str
+        The fault.
+    mode : str
+        Of the interlock.
+    state : str
+        Of the interlock after it, and the set point.
+    safe_s : float or None
+        Until the first lower set point; None where it does not fall.
+    told : str
+        What the operator is told.
+    """
+
+    what: str
+    mode: str
+    state: str
+    safe_s: float | None
+    told: str
+
+    def __str__(self) -> str:
+        slow = '-' if self.safe_s is None else f'{self.safe_s:.2f}'
+        return f'| {self.what} | {self.mode} | {self.state} | {slow} | {self.told} |'
+
+
+def publish(rows: list[Row], path: Path) -> None:
+    """Put the rows in the place of those that a file ends with."""
+    before, _, _ = path.read_text(encoding='utf-8').partition(_HEAD)
+    lines = [_HEAD, '|---|---|---|---|---|', *map(str, rows)]
+    path.write_text(before + '\n'.join(lines) + '\n', encoding='utf-8')
