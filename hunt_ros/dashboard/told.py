@@ -1,0 +1,219 @@
+"""
+What a rig has said of itself: status, events, drive and health, as the operator is shown them.
+
+The one reader of these messages, for the page and for the terminal. It knows no ROS: what goes
+in are texts, with the time at which they came on a clock that nobody sets. A word that is not
+renewed in time is not shown as if it were true: without a status for `SILENT_S` the level is
+STALE and says so, whatever it was before.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import deque
+from collections.abc import Mapping
+from typing import Any
+
+from hunt_ros.dashboard import numbers
+
+#: The detector speaks 20 times a second: so much silence is no delay of a busy machine, s.
+SILENT_S = 0.5
+#: A node tells its health once a second: it is silent after this, s.
+_NODE_SILENT_S = 3.5
+#: The drive tells ten times a second how things stand: it is silent after this, s.
+_DRIVE_SILENT_S = 1.0
+_EVENTS, _ALARMS = 60, 20
+#: What a node publishes, to show its rate; others say it in the values of their diagnostics.
+_RATE_KEYS = ('rate_hz', 'readings')
+
+
+class Told:
+    """What the topics have said, as small documents for JSON: `sections`."""
+
+    def __init__(self) -> None:
+        self._status: Mapping[str, str] = {}
+        self._stamp_s = 0.0
+        self._status_s = -math.inf
+        self._health: dict[str, tuple[float, Mapping[str, str]]] = {}
+        self._events: deque[Mapping[str, Any]] = deque(maxlen=_EVENTS)
+        self._speed: Mapping[str, str] = {}
+        self._speed_s = -math.inf
+        #: Sections that are said once, and not again.
+        self._said: dict[str, Any] = {}
+
+    def take_status(self, stamp_ns: int, status: Mapping[str, str], now_s: float) -> None:
+        """
+        Take a message of `hunting/status`.
+
+        Parameters
+        ----------
+        stamp_ns : int
+            Its header stamp; 0: the detector has no data yet.
+        status : mapping of str to str
+            Its level, message and values.
+        now_s : float
+            When it came, on the steady clock.
+        """
+        self._status, self._status_s = status, now_s
+        if stamp_ns:
+            self._stamp_s = stamp_ns * 1e-9
+
+    def take_event(self, stamp_ns: int, event: Mapping[str, str]) -> None:
+        """Take a message of `hunting/events`."""
+        self._events.append(
+            {
+                'at_s': round(stamp_ns * 1e-9, 3),
+                'since_s': known(number(event, 'since_s')),
+                'event': event.get('event', event.get('name', '')),
+                'level': event.get('level', 'STALE'),
+                'cause': event.get('message', ''),
+                'speed_mps': known(number(event, 'speed_mps')),
+            }
+        )
+        self._said['events'] = list(reversed(self._events))
+
+    def take_alarms(self, text: str) -> None:
+        """Take the history of the alarms: JSON of `hunting/alarms`."""
+        try:
+            history = json.loads(text)
+            alarms = [dict(alarm) for alarm in history['alarms']][-_ALARMS:]
+        except (ValueError, KeyError, TypeError):
+            return
+        self._said['alarms'] = list(reversed(alarms))
+
+    def take_health(self, health: Mapping[str, str], now_s: float) -> None:
+        """Take one status of `/diagnostics`."""
+        self._health[health.get('name', '')] = (now_s, health)
+
+    def take_speed_status(self, status: Mapping[str, str], now_s: float) -> None:
+        """Take a message of `speed/status`: profile, interlock and emergency stop."""
+        self._speed, self._speed_s = status, now_s
+
+    def take_recording(self, path: str) -> None:
+        """Take the path of a recording that was closed."""
+        self._said['recording'] = path
+
+    def sections(self, now_s: float) -> dict[str, Any]:
+        """
+        Return what is to be shown, by name.
+
+        Parameters
+        ----------
+        now_s : float
+            On the steady clock of the messages' arrivals.
+
+        Returns
+        -------
+        dict
+            `status`, `numbers`, `drive` (None where no drive tells of itself), `nodes`, and what
+            has been said of `events`, `alarms` (the newest first) and `recording`.
+        """
+        return {
+            'status': self._shown_status(now_s),
+            'numbers': numbers.of_status(self._status, self._forecast()),
+            'drive': self._shown_drive(now_s),
+            'nodes': self._shown_nodes(now_s),
+            **self._said,
+        }
+
+    def _shown_status(self, now_s: float) -> Mapping[str, Any]:
+        status = self._status
+        silent_s = now_s - self._status_s
+        level, why = status.get('level', 'STALE'), status.get('message', '')
+        silent = silent_s > SILENT_S
+        if silent:
+            level = 'STALE'
+            since = f'for {silent_s:.0f} s' if math.isfinite(silent_s) else 'since this view began'
+            last = f'; last word: {status["level"]}, {status["state"]}' if status else ''
+            why = f'The detector is silent {since}: nothing here is up to date{last}'
+        elif not why:
+            why = 'Quiet motion, all inputs good'
+        return {
+            'level': level,
+            'silent': silent,
+            'why': why,
+            'state': 'unknown' if silent else status.get('state', 'unknown'),
+            'region': 'unknown' if silent else status.get('region', 'unknown'),
+            'alarm': status.get('alarm') == 'True',
+            'absent': status.get('absent', ''),
+            'normal_form': status.get('normal_form', ''),
+            'since_s': known(number(status, 'since_s')),
+            'stamp_s': round(self._stamp_s, 3),
+            'speed_mps': known(number(status, 'speed_mps')),
+            'amplitude_mm': known(1e3 * number(status, 'amplitude_m')),
+            'amplitude_std_mm': known(1e3 * number(status, 'amplitude_std_m')),
+            'unstable_mm': known(1e3 * number(status, 'unstable_amplitude_m')),
+            'stable_mm': known(1e3 * number(status, 'stable_amplitude_m')),
+            'fold_mm': known(1e3 * number(status, 'fold_amplitude_m')),
+            'v_n_mps': known(number(status, 'v_n_mps')),
+            'v_c_mps': known(number(status, 'v_c_mps')),
+        }
+
+    def _forecast(self) -> Mapping[str, str]:
+        """Return what the detector says on `/diagnostics`: it has the forecast of v_c."""
+        for name, (_, health) in self._health.items():
+            if name.rsplit('/', 1)[-1] == 'hunting_detector':
+                return health
+        return {}
+
+    def _shown_drive(self, now_s: float) -> Mapping[str, Any] | None:
+        """Return profile, interlock and emergency stop; None where no drive tells of them."""
+        if not self._speed:
+            return None
+        told = dict(self._speed)
+        silent = now_s - self._speed_s > _DRIVE_SILENT_S
+        elapsed = number(told, 'profile_elapsed_s')
+        remaining = number(told, 'profile_remaining_s')
+        whole = elapsed + remaining
+        return {
+            'silent': silent,
+            'speed_mps': known(number(told, 'speed_mps')),
+            'target_mps': known(number(told, 'target_mps')),
+            'profile': told.get('profile', ''),
+            'profile_state': told.get('profile_state', ''),
+            'elapsed_s': _tenths(elapsed),
+            'remaining_s': _tenths(remaining),
+            'progress': round(elapsed / whole, 4) if whole > 0.0 else None,
+            'interlock': told.get('interlock', ''),
+            'interlock_state': told.get('interlock_state', ''),
+            'interlock_cause': told.get('interlock_cause', ''),
+            'emergency_stop': told.get('emergency_stop', '').lower() == 'true',
+            'safe_speed_mps': known(number(told, 'safe_speed_mps')),
+            'speed_ceiling_mps': known(number(told, 'speed_ceiling_mps')),
+        }
+
+    def _shown_nodes(self, now_s: float) -> list[Mapping[str, Any]]:
+        nodes: list[Mapping[str, Any]] = []
+        for name, (heard_s, health) in sorted(self._health.items()):
+            silent_s = now_s - heard_s
+            silent = silent_s > _NODE_SILENT_S
+            rates = [number(health, key) for key in _RATE_KEYS if key in health]
+            rate = 0.0 if silent else next(iter(rates), math.nan)
+            message = f'silent for {silent_s:.0f} s' if silent else health.get('message', '')
+            nodes.append(
+                {
+                    'name': name.rsplit('/', 1)[-1],
+                    'level': 'STALE' if silent else health.get('level', 'STALE'),
+                    'message': message,
+                    'rate_hz': known(rate),
+                }
+            )
+        return nodes
+
+
+def number(texts: Mapping[str, str], key: str) -> float:
+    """Return a value of a status as a number; NaN where it is none."""
+    try:
+        return float(texts.get(key, 'nan'))
+    except ValueError:
+        return math.nan
+
+
+def known(value: float) -> float | None:
+    """Return a number for JSON: None where it is not known."""
+    return value if math.isfinite(value) else None
+
+
+def _tenths(seconds: float) -> float | None:
+    return round(seconds, 1) if math.isfinite(seconds) else None

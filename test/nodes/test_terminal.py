@@ -1,0 +1,132 @@
+"""`hunt run` on a terminal: what it shows, and how it leaves the terminal."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+fcntl = pytest.importorskip('fcntl', reason='no pseudo-terminals here')
+termios = pytest.importorskip('termios', reason='no pseudo-terminals here')
+pytest.importorskip('rclpy', reason='the extra ros is not installed')
+pytestmark = pytest.mark.ros
+
+#: Where a drawing begins: the upper left corner.
+_HOME, _LEAVES = '\x1b[H', '\x1b[?1049l'
+_CODES = re.compile(r'\x1b\[[0-9;?]*[A-Za-z]')
+
+
+class Terminal:
+    """A pseudo-terminal with a program on it, as a person has one."""
+
+    def __init__(self, words: list[str]) -> None:
+        self.ours, self.theirs = os.openpty()
+        self.before = termios.tcgetattr(self.theirs)
+        self.resize(80, 24)
+        self._bytes = b''
+        inherited = {k: v for k, v in os.environ.items() if k not in ('COLUMNS', 'LINES')}
+        self.program = subprocess.Popen(
+            words,
+            stdin=self.theirs,
+            stdout=self.theirs,
+            stderr=self.theirs,
+            env={**inherited, 'TERM': 'xterm-256color', 'PYTHONUTF8': '1'},
+            start_new_session=True,
+            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+        )
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def _read(self) -> None:
+        while True:
+            try:
+                self._bytes += os.read(self.ours, 65536)
+            except OSError:
+                return
+
+    def resize(self, width: int, height: int) -> None:
+        fcntl.ioctl(self.theirs, termios.TIOCSWINSZ, struct.pack('4H', height, width, 0, 0))
+
+    def press(self, keys: str) -> None:
+        os.write(self.ours, keys.encode())
+
+    @property
+    def text(self) -> str:
+        return self._bytes.decode(errors='replace')
+
+    def drawing(self) -> list[str]:
+        """Return the rows of the last whole drawing; empty before the first."""
+        drawings = self.text.split(_HOME)
+        return _CODES.sub('', drawings[-2]).split('\r\n') if len(drawings) > 2 else []
+
+    def shows(self, *words: str) -> bool:
+        drawn = '\n'.join(self.drawing())
+        return all(word in drawn for word in words)
+
+
+@pytest.fixture
+def terminal(tmp_path: Path, domain) -> Iterator[Terminal]:
+    words = [sys.executable, '-m', 'hunt_ros.cli.main', 'run', '--simulated', '--one-process']
+    made = Terminal([*words, '--directory', str(tmp_path)])
+    yield made
+    if made.program.poll() is None:
+        os.killpg(made.program.pid, signal.SIGKILL)
+        made.program.wait()
+    os.close(made.ours)
+    os.close(made.theirs)
+
+
+def _suite(pid: int) -> int:
+    """Return the process of the nodes."""
+    found = []
+    for path in Path('/proc').glob('[0-9]*'):
+        try:
+            parent = int((path / 'stat').read_text().rpartition(')')[2].split()[1])
+            if parent == pid and b'roller_speed' in (path / 'cmdline').read_bytes():
+                found.append(int(path.name))
+        except OSError:
+            continue  # it ended meanwhile
+    (suite,) = found
+    return suite
+
+
+@pytest.mark.skipif(not Path('/proc/self/stat').exists(), reason='looks for processes in /proc')
+def test_level_changes_are_seen_silence_is_loud_and_ctrl_c_restores_it(terminal, machine) -> None:
+    def wait(*words: str, timeout_s: float = 30.0) -> None:
+        deadline = machine.deadline(timeout_s)
+        while not terminal.shows(*words):
+            assert not deadline.passed, f'{words} in vain {deadline}: {terminal.drawing()}'
+            assert terminal.program.poll() is None, terminal.text[-3000:]
+            time.sleep(0.05)
+
+    wait('? STALE', 'NO WORD FROM THE DETECTOR', 'q: quit', timeout_s=60.0)
+    wait('▲ WARN', 'no normal form', 'interlock', timeout_s=90.0)
+    terminal.press('e')
+    wait('EMERGENCY STOP IS IN FORCE')
+    terminal.resize(60, 12)
+    deadline = machine.deadline(20.0)
+    while len(terminal.drawing()) != 12 or max(map(len, terminal.drawing())) > 60:
+        assert not deadline.passed, terminal.drawing()
+        time.sleep(0.05)
+    wait('EMERGENCY STOP IS IN FORCE', '▲ WARN')
+    suite = _suite(terminal.program.pid)
+    os.kill(suite, signal.SIGSTOP)
+    wait('? STALE', 'NO WORD FROM THE DETECTOR', 'THE SPEED NODE IS SILENT')
+    os.kill(suite, signal.SIGCONT)
+    wait('▲ WARN')
+    terminal.press('\x03')
+    assert machine.wait_for(terminal.program, 30.0) == 0
+    assert termios.tcgetattr(terminal.theirs) == terminal.before
+    *_, after = terminal.text.split(_LEAVES)
+    assert '\x1b[?25h' in terminal.text.rpartition('\x1b[?25l')[2], 'the cursor is shown again'
+    assert 'speed/emergency_stop' in after, 'what has happened stays on the terminal'
+    assert 'ending every node' in after
+    assert 'Traceback' not in terminal.text
