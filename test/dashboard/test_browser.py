@@ -68,6 +68,34 @@ def test_the_point_moves_the_alarm_shows_and_nothing_fails(page, live) -> None:
     assert page.errors == []
 
 
+#: Imitates a browser that is slow to draw, and notes at each new word what the point looks like.
+_NOTE_POINTS = """(late_ms) => {
+  const native = window.requestAnimationFrame;
+  window.requestAnimationFrame = (draw) => setTimeout(() => native(draw), late_ms);
+  window.noted = [];
+  const note = () => {
+    const [dot] = [...tagged('diagram', 'fill:level')];
+    const fits = dot.fill_color.value === variable(byId('word').textContent.toLowerCase());
+    noted.push([byId('word').textContent, source('diagram', 'point').data.v.length, fits]);
+  };
+  new MutationObserver(note).observe(byId('word'), {childList: true, subtree: true});
+}"""
+
+
+def test_words_and_point_change_in_one_drawing_however_slow_the_browser_is(page, live) -> None:
+    word(page, 'WARN')
+    page.evaluate(_NOTE_POINTS, 150)
+    for level in ('STALE', 'ERROR', 'OK', 'STALE', 'ERROR'):
+        live.status |= {'level': level}
+        word(page, level)
+    live.restart()
+    word(page, 'STALE')
+    noted = page.evaluate('noted')
+    assert [each[0] for each in noted] == ['STALE', 'ERROR', 'OK', 'STALE', 'ERROR', 'STALE']
+    assert all(fits for *_, fits in noted), noted
+    assert [points for _, points, _ in noted] == [1, 1, 1, 1, 1, 0], 'none without a server'
+
+
 def test_a_silent_detector_greys_the_page_and_a_new_word_brings_it_back(page, live) -> None:
     live.speaks = False
     word(page, 'STALE')

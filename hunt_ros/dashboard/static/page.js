@@ -76,10 +76,12 @@ function soon() {
   requestAnimationFrame(draw);
 }
 
+const lost = () => performance.now() - heardMs > LOST_MS;
+
 function watchLink() {
   const silentMs = performance.now() - heardMs;
   let link = 'up';
-  if (silentMs > LOST_MS) {
+  if (lost()) {
     link = 'lost';
     const since = Number.isFinite(silentMs) ? ` for ${Math.round(silentMs / 1000)} s` : '';
     byId('link').textContent = `NO CONNECTION TO THE SERVER${since}: nothing here is up to date`;
@@ -111,6 +113,7 @@ function draw() {
 
 function showLevel(level, state, why, more) {
   document.body.dataset.level = level;
+  drawPoint();   // with the words, however seldom a slow browser draws the figures
   set('shape', SHAPES[level]);
   set('word', level);
   set('state', state.replaceAll('_', ' '));
@@ -134,7 +137,7 @@ function when(seconds) {
 
 const WORDS = {
   status(status) {
-    if (performance.now() - heardMs > LOST_MS) return;
+    if (lost()) return;
     const region = status.region === 'unknown' ? 'region unknown' : `${status.region} region`;
     const reasons = status.why.split('; ');
     const more = reasons.slice(1);
@@ -265,8 +268,8 @@ function range(axis, start, end) {
 
 function drawFigures(todo) {
   if (!figures.waterfall) return;
-  const {status, diagram, spectrum} = sections;
-  if (todo.has('diagram') || todo.has('status')) drawDiagram(todo, status, diagram);
+  const {diagram, spectrum} = sections;
+  if (todo.has('diagram')) drawDiagram(diagram);
   if (todo.has('trail')) source('diagram', 'trail').data = columns(streams.trail.rows, ['v', 'a']);
   for (const name of Object.keys(TRACES)) if (todo.has(name) || todo.has('amplitude')) drawTrace(name);
   if (todo.has('spectrum') && spectrum) drawSpectrum(spectrum);
@@ -280,40 +283,47 @@ function columns(rows, names) {
 const holes = (values) => values.map((value) => value ?? NaN);
 
 let shownTop = 0;
-function drawDiagram(todo, status, diagram) {
+// The rig in its diagram, in the colour of the level; no point where nothing is up to date.
+function drawPoint() {
+  if (!figures.waterfall) return;
+  const {status, diagram} = sections;
+  const known = status && !status.silent && !lost() && status.speed_mps !== null && status.amplitude_mm !== null;
+  const size = known ? status.amplitude_mm : 0;
+  const std = known ? 1.96 * (status.amplitude_std_mm ?? 0) : 0;
   const root = plot('diagram');
   let low = diagram ? diagram.low_mps : 0;
   let high = diagram ? diagram.high_mps : 10;
-  if (status && status.speed_mps !== null) {
+  if (known) {
     low = Math.min(low, status.speed_mps - 0.03 * high);
     high = Math.max(high, 1.03 * status.speed_mps);
   }
-  const size = status ? status.amplitude_mm ?? 0 : 0;
   // Grows with the point, and comes back slowly: no jumping axis.
   const wanted = 1.15 * Math.max(diagram ? diagram.top_mm : 0.1, size);
-  if (wanted > shownTop || wanted < 0.6 * shownTop || todo.has('diagram')) shownTop = wanted;
+  if (wanted > shownTop || wanted < 0.6 * shownTop) shownTop = wanted;
   range(root.x_range, low, high);
   range(root.y_range, -0.03 * shownTop, shownTop);
-  if (todo.has('diagram')) {
-    for (const name of ['stable', 'unstable']) {
-      const [v, a] = diagram ? diagram[name] : [[], []];
-      source('diagram', name).data = {v, a: holes(a)};
-      const band = (diagram && diagram.bands[name]) || [[], [], []];
-      source('diagram', `band_${name}`).data = {v: band[0], low: holes(band[1]), high: holes(band[2])};
-    }
-    const hopf = diagram ? Math.min(Math.max(diagram.v_c_mps, low), high) : low;
-    source('diagram', 'quiet_stable').data = {v: diagram ? [0, hopf] : [], a: diagram ? [0, 0] : []};
-    source('diagram', 'quiet_unstable').data = {v: diagram ? [hopf, 2 * high] : [], a: diagram ? [0, 0] : []};
-    const marks = diagram ? [['v_n', diagram.v_n_mps], ['v_c', diagram.v_c_mps]].filter((mark) => mark[1] !== null) : [];
-    source('diagram', 'speeds').data = {v: marks.map((mark) => mark[1]), top: marks.map(() => shownTop), name: marks.map((mark) => mark[0])};
-  }
-  const known = status && !status.silent && status.speed_mps !== null && status.amplitude_mm !== null;
-  const std = known ? 1.96 * (status.amplitude_std_mm ?? 0) : 0;
   source('diagram', 'point').data = known
     ? {v: [status.speed_mps], a: [size], low: [Math.max(0, size - std)], high: [size + std]}
     : {v: [], a: [], low: [], high: []};
   const fill = variable(document.body.dataset.level.toLowerCase());
   for (const model of tagged('diagram', 'fill:level')) if (model.fill_color.value !== fill) model.fill_color = {value: fill};
+}
+
+function drawDiagram(diagram) {
+  shownTop = 0;
+  drawPoint();
+  const {start: low, end: high} = plot('diagram').x_range;
+  for (const name of ['stable', 'unstable']) {
+    const [v, a] = diagram ? diagram[name] : [[], []];
+    source('diagram', name).data = {v, a: holes(a)};
+    const band = (diagram && diagram.bands[name]) || [[], [], []];
+    source('diagram', `band_${name}`).data = {v: band[0], low: holes(band[1]), high: holes(band[2])};
+  }
+  const hopf = diagram ? Math.min(Math.max(diagram.v_c_mps, low), high) : low;
+  source('diagram', 'quiet_stable').data = {v: diagram ? [0, hopf] : [], a: diagram ? [0, 0] : []};
+  source('diagram', 'quiet_unstable').data = {v: diagram ? [hopf, 2 * high] : [], a: diagram ? [0, 0] : []};
+  const marks = diagram ? [['v_n', diagram.v_n_mps], ['v_c', diagram.v_c_mps]].filter((mark) => mark[1] !== null) : [];
+  source('diagram', 'speeds').data = {v: marks.map((mark) => mark[1]), top: marks.map(() => shownTop), name: marks.map((mark) => mark[0])};
 }
 
 function drawTrace(name) {
