@@ -129,7 +129,7 @@ def _start(
     if page == 0 or (page is None and arguments.keep):
         page = suite.free_port()
     view.say('Starting seven ROS 2 nodes on this machine (Ctrl-C ends them all) ...')
-    link = suite.start_console(processes, {})
+    link = suite.start_console(processes)
     common: dict[str, object] = {'use_sim_time': True}
     suite.start_nodes(processes, LISTENERS, common, parameters, [form])
     suite.wait_until_up(link, LISTENERS, view.show)

@@ -38,7 +38,7 @@ def replay_live(arguments: argparse.Namespace) -> int:
         View() as view,
         Processes(arguments.namespace or 'rig', Path(folder), private=False) as processes,
     ):
-        link = start_console(processes, {'follow': _PLAYER})
+        link = start_console(processes)
         processes.start(NodeSpec(_PLAYER, _player(arguments)))
         ends: float | None = None
         while ends is None or time.monotonic() < ends:

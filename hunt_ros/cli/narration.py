@@ -1,4 +1,4 @@
-"""What an operator reads while the rig runs: events as sentences, the status as one line."""
+"""What an operator reads while the rig runs: events as sentences, levels as colours."""
 
 from __future__ import annotations
 
@@ -66,26 +66,9 @@ def event_line(event: Mapping[str, str], origin_ns: int) -> str:
     return f'{text} ({reason})' if reason else text
 
 
-def status_line(status: Mapping[str, str]) -> str:
-    """Return the present status as one line: level, state, speed, amplitude, what is known."""
-    parts = [
-        f'{status.get("level", "STALE"):5}',
-        f'{status.get("state", "?"):11}',
-        f'v {_speed(_number(status, "speed_mps"), 5)}',
-        f'A {length(_number(status, "amplitude_m")):>9}',
-    ]
-    growth = _number(status, 'growth_rate_per_s')
-    if math.isfinite(growth):
-        parts.append(f'growth {growth:+.2f} /s')
-    threshold = _number(status, 'unstable_amplitude_m')
-    if math.isfinite(threshold):
-        parts.append(f'threshold {length(threshold)}')
-    return '  '.join(parts)
-
-
-def _speed(value: float, width: int = 6) -> str:
+def _speed(value: float) -> str:
     """Return a speed in columns of one width; a dash where it is not known."""
-    return f'{value:{width}.2f} m/s' if math.isfinite(value) else f'{"-":>{width}}    '
+    return f'{value:6.2f} m/s' if math.isfinite(value) else f'{"-":>6}    '
 
 
 def _number(values: Mapping[str, str], key: str) -> float:

@@ -85,7 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
             parameters |= {name: {'port': port} for name in (SIMULATOR, *SOURCES)}
     began = time.monotonic()
     with Processes(arguments.namespace, arguments.directory / 'logs', private=False) as processes:
-        link = suite.start_console(processes, {})
+        link = suite.start_console(processes)
         common: dict[str, object] = {'use_sim_time': True} if arguments.sim_time else {}
         suite.start_nodes(processes, names, common, parameters, files, arguments.one_process)
         print(f'{len(names)} nodes under /{arguments.namespace}; logs in {processes.logs}')
@@ -99,7 +99,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f'from another terminal: hunt call {" | ".join(words)}')
         with View() as view, Keys() as keys:
             if keys.active:
-                view.say(_help(names))
+                view.offer(_help(names))
             try:
                 while arguments.duration is None or time.monotonic() - began < arguments.duration:
                     for key in keys.pressed():
@@ -109,7 +109,7 @@ def run(arguments: argparse.Namespace) -> int:
                         if word in words:
                             link.call(SERVICES[word].name)
                         else:
-                            view.say(_help(names))
+                            view.offer(_help(names))
                     for ending in processes.lost():
                         view.say(f'{ending}; the rig is watched without it')
                     for line in link.lines(_KEY_S if keys.active else 1.0):
@@ -119,8 +119,8 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _help(names: Sequence[str]) -> str:
-    """Return what the keys do, of the nodes that were started."""
+def _help(names: Sequence[str]) -> list[str]:
+    """Return what each key does, of the nodes that were started."""
     from hunt_ros.services import KEYS, QUIT_KEY, SERVICES
 
     told = [
@@ -128,4 +128,4 @@ def _help(names: Sequence[str]) -> str:
         for key, word in KEYS.items()
         if SERVICES[word].node in names
     ]
-    return ', '.join(['keys', *told, f'{QUIT_KEY}: quit'])
+    return [*told, f'{QUIT_KEY}: quit']

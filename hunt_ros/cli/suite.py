@@ -24,10 +24,9 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def start_console(processes: Processes, parameters: Mapping[str, object]) -> ConsoleLink:
+def start_console(processes: Processes) -> ConsoleLink:
     """Start the console node, and return our end of it."""
-    spec = NodeSpec('console', parameters, piped=True)
-    return ConsoleLink(processes.start(spec), processes)
+    return ConsoleLink(processes.start(NodeSpec('console', piped=True)), processes)
 
 
 def start_nodes(

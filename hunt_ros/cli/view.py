@@ -1,8 +1,13 @@
-"""The live view on the terminal: events scroll, the status stays as the last line."""
+"""The live view on the terminal: the whole of it; elsewhere what happens, line by line."""
 
 from __future__ import annotations
 
 import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Sequence
+from contextlib import suppress
 from types import TracebackType
 from typing import Any
 
@@ -10,26 +15,47 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from hunt_ros.cli.narration import STYLES, event_line, status_line
+from hunt_ros.cli.narration import STYLES, event_line
+from hunt_ros.cli.screen import Screen
+from hunt_ros.dashboard.told import Told
+
+#: Drawings a second.
+_RATE_HZ = 5.0
+#: Lines that are kept.
+_KEPT = 1000
 
 
 class View:
     """
     Shows what the console node reports; a context manager.
 
-    On a terminal the status is one line that changes in place; elsewhere only
-    events and changes of a node's health are printed.
+    On a terminal the rig is drawn on all of it, over and over: silence is seen although nothing
+    comes. At the end the terminal shows what it showed before, and below it the newest lines of
+    what has happened. Elsewhere these lines are printed when they come, and nothing else.
     """
 
     def __init__(self) -> None:
         self._console = Console(file=sys.stdout, highlight=False, soft_wrap=True)
         self._live: Live | None = None
+        self._told = Told()
+        self._log: deque[tuple[str, str]] = deque(maxlen=_KEPT)
+        self._lines = 0
+        self._keys: tuple[str, ...] = ('Ctrl-C: quit',)
+        self._lock = threading.Lock()
         self._origin_ns: int | None = None
         self._health: dict[str, str] = {}
 
     def __enter__(self) -> View:
-        if self._console.is_terminal:
-            self._live = Live('', console=self._console, transient=True, auto_refresh=False)
+        # Not `console.is_terminal`: that can be forced by the environment, for the colours.
+        if sys.stdout.isatty() and not self._console.is_dumb_terminal:
+            self._live = Live(
+                console=self._console,
+                screen=True,
+                get_renderable=self._screen,
+                refresh_per_second=_RATE_HZ,
+                redirect_stdout=False,
+                redirect_stderr=False,
+            )
             self._live.start()
         return self
 
@@ -39,21 +65,27 @@ class View:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._live is not None:
-            self._live.stop()
+        live, self._live = self._live, None
+        if live is None:
+            return
+        with suppress(OSError):  # the terminal is gone
+            live.stop()
+            if self._lines > len(self._log):
+                self._print(f'... {self._lines - len(self._log)} lines before these', '')
+            for line in self._log:
+                self._print(*line)
 
     def show(self, line: dict[str, Any]) -> None:
         """Show one line of the console node."""
         topic = line['topic']
+        with self._lock:
+            self._take(topic, line)
         if topic == 'hunting/events':
             self.say(event_line(line, self._origin(line)), STYLES.get(line.get('level', ''), ''))
         elif topic == 'hunting/status':
             self._origin(line)
-            if self._live is not None:
-                style = STYLES.get(line.get('level', ''), '')
-                self._live.update(Text(status_line(line), style=style), refresh=True)
         elif topic == '/diagnostics':
-            self._show_health(line)
+            self._say_health(line)
         elif topic == 'progress':
             self.say(line['data'])
         elif topic == 'recording/closed':
@@ -65,7 +97,35 @@ class View:
             self.say(f'{line["service"]}: {text}', '' if line['ok'] else STYLES['WARN'])
 
     def say(self, text: str, style: str = '') -> None:
-        """Print a line above the status."""
+        """Say something in one line, or several."""
+        if self._live is None:
+            self._print(text, style)
+            return
+        with self._lock:
+            self._log.append((text, style))
+            self._lines += 1
+
+    def offer(self, keys: Sequence[str]) -> None:
+        """Say what each key does: at the foot of the terminal, as long as the view lasts."""
+        if self._live is None:
+            self.say(', '.join(['keys', *keys]))
+        self._keys = tuple(keys)
+
+    def _take(self, topic: str, line: dict[str, Any]) -> None:
+        """Note what the rig says of itself."""
+        now_s = time.monotonic()
+        if topic == 'hunting/status':
+            self._told.take_status(int(line['stamp_ns']), line, now_s)
+        elif topic == 'speed/status':
+            self._told.take_speed_status(line, now_s)
+        elif topic == '/diagnostics':
+            self._told.take_health(line, now_s)
+
+    def _screen(self) -> Screen:
+        with self._lock:
+            return Screen(self._told.sections(time.monotonic()), tuple(self._log), self._keys)
+
+    def _print(self, text: str, style: str) -> None:
         self._console.print(Text(text, style=style))
 
     def _origin(self, line: dict[str, Any]) -> int:
@@ -74,7 +134,7 @@ class View:
             self._origin_ns = stamp_ns
         return self._origin_ns or stamp_ns
 
-    def _show_health(self, line: dict[str, Any]) -> None:
+    def _say_health(self, line: dict[str, Any]) -> None:
         """Say when a node is unwell, and when it is well again."""
         name, level = str(line['name']).rsplit('/', 1)[-1], line['level']
         before = self._health.get(name, 'OK')

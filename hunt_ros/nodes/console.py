@@ -13,7 +13,6 @@ import sys
 import threading
 import time
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from queue import Empty, SimpleQueue
 
@@ -27,64 +26,50 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from hunt_ros.nodes.conversions import read_diagnostic, to_ns
-from hunt_ros.nodes.parameters import declare
 from hunt_ros.nodes.qos import EVENTS, STATUS, latched
 from hunt_ros.services import KEYS, SERVICES
-from hunt_ros.settings import Settings, setting
 
 #: Orders are looked for so often, and the services that they name for so long, s.
 _ROUND_S, _SOUGHT_S = 0.02, 5.0
-
-
-@dataclass(frozen=True)
-class ConsoleConfig(Settings):
-    """Parameters of the console."""
-
-    status_every: int = setting(
-        4, 'Print every n-th status (20 Hz).', low=1, high=1000, fixed=True
-    )
-    follow: str = setting('', 'Node whose health is printed every time.', fixed=True)
+#: A status is printed so often at most, unless what is in force changes, s.
+_STATUS_S = 0.1
+#: What is in force.
+_IN_FORCE = ('level', 'state', 'alarm', 'emergency_stop', 'interlock_state', 'profile_state')
 
 
 class ConsoleNode(Node):
-    """Prints events, statuses, normal forms and closed recordings; calls services."""
+    """Prints statuses, events, health, normal forms and closed recordings; calls services."""
 
     def __init__(self) -> None:
         super().__init__('console')
-        config = declare(self, ConsoleConfig)
-        self._every, self._follow = config.status_every, config.follow
-        self._count = 0
-        self.create_subscription(DiagnosticArray, 'hunting/events', self._on_event, EVENTS)
-        self.create_subscription(DiagnosticArray, 'hunting/status', self._on_status, STATUS)
+        self._printed: dict[str, tuple[float, list[str | None]]] = {}
+        for topic, quality, take in (
+            ('hunting/events', EVENTS, self._print),
+            ('hunting/status', STATUS, self._print_at_times),
+            ('speed/status', latched(), self._print_at_times),
+            ('/diagnostics', EVENTS, self._print),
+        ):
+            self.create_subscription(DiagnosticArray, topic, partial(take, topic), quality)
         for topic in ('hunting/normal_form', 'recording/closed'):
-            self.create_subscription(String, topic, self._text_printer(topic), latched())
-        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_health, STATUS)
-        self._health: dict[str, str] = {}
+            self.create_subscription(String, topic, partial(_print_text, topic), latched())
         Caller(self.get_namespace())
 
-    def _on_event(self, message: DiagnosticArray) -> None:
-        self._print('hunting/events', message)
-
-    def _on_status(self, message: DiagnosticArray) -> None:
-        self._count += 1
-        if self._count % self._every == 0:
-            self._print('hunting/status', message)
-
-    def _on_health(self, message: DiagnosticArray) -> None:
-        """Print a node's health when its level changes."""
-        health = read_diagnostic(message)
-        name, level = health.get('name', ''), health.get('level', '')
-        followed = self._follow and name.endswith(f'/{self._follow}')
-        if followed or self._health.get(name) != level:
-            self._health[name] = level
-            self._print('/diagnostics', message)
+    def _print_at_times(self, topic: str, message: DiagnosticArray) -> None:
+        """Print a status unless one that says the same was printed just now."""
+        told = read_diagnostic(message)
+        now, in_force = time.monotonic(), [told.get(name) for name in _IN_FORCE]
+        at, before = self._printed.get(topic, (0.0, []))
+        if in_force != before or now - at >= _STATUS_S:
+            self._printed[topic] = now, in_force
+            self._print(topic, message)
 
     def _print(self, topic: str, message: DiagnosticArray) -> None:
         stamp_ns = to_ns(message.header.stamp)
         _write({'topic': topic, 'stamp_ns': stamp_ns, **read_diagnostic(message)})
 
-    def _text_printer(self, topic: str):
-        return lambda message: _write({'topic': topic, 'data': message.data})
+
+def _print_text(topic: str, message: String) -> None:
+    _write({'topic': topic, 'data': message.data})
 
 
 class Caller:
