@@ -21,8 +21,13 @@ SUITE = 'suite'
 PAGE = 'dashboard'
 #: TCP port of the page, where no other is given.
 PAGE_PORT = 8088
-#: Sound, command and relay for an alarm: started by hand.
+#: Sound, command and relay for an alarm: started where their parameters name any.
 ALARM_OUTPUTS = 'alarm_outputs'
+#: Nodes without which a run goes on: what is missing then.
+OPTIONAL = {
+    PAGE: 'the rig is watched without the page',
+    ALARM_OUTPUTS: 'an alarm calls nobody any more',
+}
 
 #: Every node that is an executable of the package.
-NODES = (SIMULATOR, *LISTENERS, *SOURCES, PAGE, ALARM_OUTPUTS)
+NODES = (SIMULATOR, *LISTENERS, *SOURCES, *OPTIONAL)

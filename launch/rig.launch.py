@@ -14,8 +14,9 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from hunt_ros.drivers.alarm_output import AlarmSettings
 from hunt_ros.rig import Rig
-from hunt_ros.suite import LISTENERS, PAGE, SIMULATOR, SOURCES, SUITE
+from hunt_ros.suite import ALARM_OUTPUTS, LISTENERS, PAGE, SIMULATOR, SOURCES, SUITE
 
 _SWITCH = ['true', 'false']
 #: Name: default, values (any where there are none), description.
@@ -56,7 +57,8 @@ def generate_launch_description() -> LaunchDescription:
 def _nodes(context: LaunchContext) -> list[Node]:
     """Return the nodes, now that the values of the arguments are known."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    parameters: list[object] = [_rig_file(given['rig'])]
+    rig = _rig_file(given['rig'])
+    parameters: list[object] = [rig]
     if given['normal_form']:
         parameters.append(_file(given['normal_form'], 'normal_form'))
     if given['use_sim_time']:
@@ -74,13 +76,14 @@ def _nodes(context: LaunchContext) -> list[Node]:
     names = [*LISTENERS]
     if given['sensors'] == 'true':
         names += [SIMULATOR] * (given['simulated'] == 'true') + [*SOURCES]
-    page = [PAGE] * (given['page'] == 'true')
+    alarms = AlarmSettings.from_texts([_read(rig)]).named
+    optional = [PAGE] * (given['page'] == 'true') + [ALARM_OUTPUTS] * bool(alarms)
     if given['one_process'] == 'true':
         suite = [Node(executable=SUITE, arguments=[*names, *level], **common)]
         names = []
     else:
         suite = []
-    alone = (Node(executable=name, arguments=level, **common) for name in (*names, *page))
+    alone = (Node(executable=name, arguments=level, **common) for name in (*names, *optional))
     return [*suite, *alone]
 
 
@@ -88,8 +91,13 @@ def _rig_file(path: str) -> str:
     """Return the parameter file of the rig; one that describes none is an error."""
     share = Path(get_package_share_directory('hunt_ros'))
     path = _file(path, 'rig') or str(share / 'config' / 'rig.yaml')
-    Rig.from_texts([(path, Path(path).read_text(encoding='utf-8'))])
+    Rig.from_texts([_read(path)])
     return path
+
+
+def _read(path: str) -> tuple[str, str]:
+    """Return a file, and what stands in it."""
+    return path, Path(path).read_text(encoding='utf-8')
 
 
 def _file(path: str, argument: str) -> str:

@@ -131,3 +131,17 @@ def test_the_page_is_a_process_of_its_own_where_it_is_asked_for(launched) -> Non
     assert 'dashboard' not in suite.named['arguments']
     names = [node.named['executable'] for node in launched(page='true')]
     assert names.count('dashboard') == 1
+
+
+def test_alarm_outputs_start_where_the_rig_file_names_one(launched, tmp_path: Path) -> None:
+    rig = tmp_path / 'rig.yaml'
+    rig.write_text('/rig/alarm_outputs: {ros__parameters: {sound: bell}}')
+    suite, alarm = launched(rig=str(rig), one_process='true')
+    assert alarm.named['executable'] == 'alarm_outputs'
+    assert alarm.named['parameters'] == [str(rig)]
+    assert 'alarm_outputs' not in suite.named['arguments']
+    rig.write_text('/rig/alarm_outputs: {ros__parameters: {silence_s: 3.0}}')
+    assert len(launched(rig=str(rig), one_process='true')) == 1
+    rig.write_text('/rig/alarm_outputs: {ros__parameters: {command: /nowhere/notify}}')
+    with pytest.raises(ConfigError, match=r'rig\.yaml: alarm_outputs: .*/nowhere/notify'):
+        launched(rig=str(rig))

@@ -54,7 +54,7 @@ class Finding:
     ----------
     check : str
         'rate', 'jitter', 'gaps', 'noise', 'resolution', 'range', 'unit', 'clock', 'encoder',
-        'diameter', 'speed', 'publishers', 'disk'.
+        'diameter', 'speed', 'publishers', 'disk', 'alarm'.
     channel : str
         Of the rig; '' where it is none.
     state : str

@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
         heard = _listen(arguments, rig)
         record, arrivals = _live(heard)
         findings = [*_publishers(heard, rig), *check_rig(record, arrivals, rig)]
-        findings.append(_disk(record, arguments.directory))
+        findings += [_disk(record, arguments.directory), _alarm(arguments)]
     findings += _units(record)
     failed = sum(finding.state == FAIL for finding in findings)
     if arguments.json:
@@ -175,6 +175,17 @@ def _disk(record: Record, directory: Path) -> Finding:
         free,
         'byte',
     )
+
+
+def _alarm(arguments: argparse.Namespace) -> Finding:
+    """Return who is called for an alarm; a program that is not there is no rig file."""
+    from hunt_ros.analysis.rig_check import OK, WARN, Finding
+
+    named = options.alarm_outputs_of(arguments)
+    if named:
+        return Finding('alarm', '', OK, f'an alarm calls by {" and ".join(named)}', '')
+    advice = 'name a sound, a command or a relay_coil in the section alarm_outputs of the rig file'
+    return Finding('alarm', '', WARN, 'an alarm calls nobody', advice)
 
 
 def _tell(findings: list[Finding]) -> None:

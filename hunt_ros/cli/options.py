@@ -163,8 +163,30 @@ def rig_of(arguments: argparse.Namespace, node: str = '') -> Rig:
     """
     from hunt_ros.rig import Rig
 
-    texts = [(str(path), read_text(path, 'parameter file')) for path in arguments.rig]
-    return Rig.from_texts(texts, node)
+    return Rig.from_texts(_rig_texts(arguments), node)
+
+
+def alarm_outputs_of(arguments: argparse.Namespace) -> tuple[str, ...]:
+    """
+    Return which alarm outputs the files of `--rig` name: sound, command, relay.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        With the option of `add_rig`.
+
+    Raises
+    ------
+    ConfigError
+        Naming the file and the key; also for a program that is not there.
+    """
+    from hunt_ros.drivers.alarm_output import AlarmSettings
+
+    return AlarmSettings.from_texts(_rig_texts(arguments)).named
+
+
+def _rig_texts(arguments: argparse.Namespace) -> list[tuple[str, str]]:
+    return [(str(path), read_text(path, 'parameter file')) for path in arguments.rig]
 
 
 def add_namespace(parser: argparse._ActionsContainer, default: str | None = 'rig') -> None:

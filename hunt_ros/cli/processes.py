@@ -180,10 +180,10 @@ class Processes:
                 return self._ending(module)
         return None
 
-    def lost(self) -> list[str]:
+    def lost(self) -> dict[str, str]:
         """Return one line on each process that is not needed and has ended; forget them."""
         ended = [name for name in self._not_needed if self._running[name].poll() is not None]
-        lines = [self._ending(module) for module in ended]
+        lines = {module: self._ending(module) for module in ended}
         for module in ended:
             self._not_needed.remove(module)
             del self._running[module]

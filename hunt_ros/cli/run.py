@@ -53,12 +53,13 @@ def run(arguments: argparse.Namespace) -> int:
     """Run until interrupted, or for the duration asked for."""
     from hunt_ros.cli import suite
     from hunt_ros.cli.keys import Keys
+    from hunt_ros.cli.narration import STYLES
     from hunt_ros.cli.processes import Processes
     from hunt_ros.cli.view import View
     from hunt_ros.dynamics.identified import NEWEST_FILE
     from hunt_ros.errors import ConfigError
     from hunt_ros.services import KEYS, QUIT_KEY, SERVICES
-    from hunt_ros.suite import LISTENERS, PAGE, SIMULATOR, SOURCES
+    from hunt_ros.suite import ALARM_OUTPUTS, LISTENERS, OPTIONAL, PAGE, SIMULATOR, SOURCES
 
     if not (arguments.simulated or arguments.listen or arguments.rig):
         raise ConfigError(
@@ -71,6 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
     if form:
         options.read_text(form, 'normal form')
     options.rig_of(arguments)
+    alarms = options.alarm_outputs_of(arguments)
     options.make_folder(arguments.directory, 'recordings')
     names: tuple[str, ...] = LISTENERS if arguments.listen else (*LISTENERS, *SOURCES)
     parameters: dict[str, dict[str, object]] = {
@@ -92,9 +94,13 @@ def run(arguments: argparse.Namespace) -> int:
         print(f'normal form: {form or "none yet, the first recording gives one"}')
         if arguments.page is not None:  # a process of its own: the rig runs on without it
             page = arguments.page or PAGE_PORT
-            own = {PAGE: {'port': page}}
-            suite.start_nodes(processes, [PAGE], common, own, files, needed=False)
+            suite.start_nodes(
+                processes, [PAGE], common, {PAGE: {'port': page}}, files, needed=False
+            )
             print(f'page: http://127.0.0.1:{page}/')
+        if alarms:
+            suite.start_nodes(processes, [ALARM_OUTPUTS], common, {}, files, needed=False)
+            print(f'an alarm calls by {" and ".join(alarms)}')
         words = [word for word, service in SERVICES.items() if service.node in names]
         print(f'from another terminal: hunt call {" | ".join(words)}')
         with View() as view, Keys() as keys:
@@ -110,8 +116,8 @@ def run(arguments: argparse.Namespace) -> int:
                             link.call(SERVICES[word].name)
                         else:
                             view.offer(_help(names))
-                    for ending in processes.lost():
-                        view.say(f'{ending}; the rig is watched without it')
+                    for name, ending in processes.lost().items():
+                        view.say(f'{ending}; {OPTIONAL[name]}', STYLES['ERROR'])
                     for line in link.lines(_KEY_S if keys.active else 1.0):
                         view.show(line)
             except KeyboardInterrupt:

@@ -11,11 +11,15 @@ import shutil
 import subprocess
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, fields, replace
 from enum import Enum
 
 from hunt_ros.drivers.modbus_link import ModbusBus, ModbusLink
 from hunt_ros.errors import ConfigError, DriverError
+from hunt_ros.rig import parameters_of
+from hunt_ros.settings import Settings, setting, yaml_value
+from hunt_ros.suite import ALARM_OUTPUTS
 
 
 class Condition(Enum):
@@ -171,6 +175,92 @@ class Relay(AlarmOutput):
             link.close()
             self._link = None
             raise
+
+
+@dataclass(frozen=True)
+class AlarmSettings(Settings):
+    """Who is called, and for what; the node declares its parameters from these fields."""
+
+    sound: str = setting(
+        '', "'bell' of the terminal, or a command: 'aplay alarm.wav'; empty: none.", fixed=True
+    )
+    sound_every_s: float = setting(
+        2.0, 'How often it sounds.', unit='s', low=0.2, high=3600.0, fixed=True
+    )
+    command: str = setting(
+        '',
+        'Run at each change; last arguments: well, alarm or doubt, and the cause; empty: none.',
+        fixed=True,
+    )
+    command_timeout_s: float = setting(
+        10.0, 'The command is ended after so long.', unit='s', low=0.1, high=3600.0, fixed=True
+    )
+    relay_coil: int = setting(
+        -1, 'Modbus coil of a relay; -1: none.', low=-1, high=65535, fixed=True
+    )
+    relay_inverted: bool = setting(
+        False, 'The relay is on while all is well: a cut wire calls too.', fixed=True
+    )
+    silence_s: float = setting(
+        1.0, 'No status for so long is doubt.', unit='s', low=0.2, high=3600.0, fixed=True
+    )
+    call_on_doubt: bool = setting(
+        True, 'Call for silence and level STALE too, not only for an alarm.', fixed=True
+    )
+
+    @classmethod
+    def from_texts(cls, texts: Iterable[tuple[str, str]]) -> AlarmSettings:
+        """
+        Read what ROS parameter files say to the node; a later one wins.
+
+        Parameters
+        ----------
+        texts : iterable of (str, str)
+            Where each file comes from, for messages, and what stands in it.
+
+        Raises
+        ------
+        ConfigError
+            Naming the file, the key and what was expected.
+        """
+        alarm = cls()
+        known = {item.name: item.default for item in fields(cls)}
+        for source, text in texts:
+            told = parameters_of(ALARM_OUTPUTS, text, source)
+            values = {name: yaml_value(known[name], told[name]) for name in known if name in told}
+            try:
+                alarm = replace(alarm, **values)
+                alarm.outputs(ModbusBus())  # a program that is not there is found now
+            except ConfigError as error:
+                raise ConfigError(f'{source}: {ALARM_OUTPUTS}: {error}') from error
+        return alarm
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """The outputs that are wanted."""
+        wanted = {'sound': self.sound, 'command': self.command, 'relay': self.relay_coil >= 0}
+        return tuple(name for name, given in wanted.items() if given)
+
+    def outputs(self, bus: ModbusBus) -> dict[str, AlarmOutput]:
+        """
+        Return the outputs that are wanted, by name; none of them acts yet.
+
+        Parameters
+        ----------
+        bus : ModbusBus
+            Where the relay is.
+
+        Raises
+        ------
+        ConfigError
+            Where there is no such program.
+        """
+        made: dict[str, Callable[[], AlarmOutput]] = {
+            'sound': lambda: Sound(self.sound, self.sound_every_s),
+            'command': lambda: Command(self.command, self.command_timeout_s),
+            'relay': lambda: Relay(bus, self.relay_coil, self.relay_inverted),
+        }
+        return {name: made[name]() for name in self.named}
 
 
 def _words(text: str) -> list[str]:

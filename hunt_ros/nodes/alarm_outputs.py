@@ -10,13 +10,12 @@ from __future__ import annotations
 
 import threading
 import time
-from dataclasses import dataclass
 from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
-from hunt_ros.drivers.alarm_output import AlarmOutput, Command, Condition, Relay, Sound
+from hunt_ros.drivers.alarm_output import AlarmOutput, AlarmSettings, Condition
 from hunt_ros.drivers.modbus_link import ModbusBus
 from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.conversions import read_diagnostic
@@ -25,41 +24,8 @@ from hunt_ros.nodes.parameters import declare, warn_unknown
 from hunt_ros.nodes.qos import STATUS
 from hunt_ros.nodes.sole import hold_name
 from hunt_ros.nodes.worker import Worker
-from hunt_ros.settings import Settings, setting
 
 _LOOK_S = 0.05
-
-
-@dataclass(frozen=True)
-class AlarmConfig(Settings):
-    """Parameters of the alarm outputs."""
-
-    sound: str = setting(
-        '', "'bell' of the terminal, or a command: 'aplay alarm.wav'; empty: none.", fixed=True
-    )
-    sound_every_s: float = setting(
-        2.0, 'How often it sounds.', unit='s', low=0.2, high=3600.0, fixed=True
-    )
-    command: str = setting(
-        '',
-        'Run at each change; last arguments: well, alarm or doubt, and the cause; empty: none.',
-        fixed=True,
-    )
-    command_timeout_s: float = setting(
-        10.0, 'The command is ended after so long.', unit='s', low=0.1, high=3600.0, fixed=True
-    )
-    relay_coil: int = setting(
-        -1, 'Modbus coil of a relay; -1: none.', low=-1, high=65535, fixed=True
-    )
-    relay_inverted: bool = setting(
-        False, 'The relay is on while all is well: a cut wire calls too.', fixed=True
-    )
-    silence_s: float = setting(
-        1.0, 'No status for so long is doubt.', unit='s', low=0.2, high=3600.0, fixed=True
-    )
-    call_on_doubt: bool = setting(
-        True, 'Call for silence and level STALE too, not only for an alarm.', fixed=True
-    )
 
 
 class AlarmOutputsNode(Node):
@@ -70,8 +36,8 @@ class AlarmOutputsNode(Node):
     def __init__(self) -> None:
         super().__init__('alarm_outputs')
         hold_name(self)
-        self._config = declare(self, AlarmConfig)
-        self._outputs = _outputs(self._config, declare(self, ModbusBus))
+        self._config = declare(self, AlarmSettings)
+        self._outputs = self._config.outputs(declare(self, ModbusBus))
         warn_unknown(self)
         if not self._outputs:
             raise ConfigError('alarm_outputs: none of sound, command and relay_coil is given')
@@ -156,18 +122,6 @@ class AlarmOutputsNode(Node):
         if self._condition is Condition.WAITING:
             return 'WARN', self._cause, values
         return 'OK', self._condition.value, values
-
-
-def _outputs(config: AlarmConfig, bus: ModbusBus) -> dict[str, AlarmOutput]:
-    """Return the outputs that are wanted, by name."""
-    wanted: dict[str, AlarmOutput] = {}
-    if config.sound:
-        wanted['sound'] = Sound(config.sound, config.sound_every_s)
-    if config.command:
-        wanted['command'] = Command(config.command, config.command_timeout_s)
-    if config.relay_coil >= 0:
-        wanted['relay'] = Relay(bus, config.relay_coil, config.relay_inverted)
-    return wanted
 
 
 make_node = AlarmOutputsNode

@@ -40,11 +40,15 @@ def test_a_run_that_listens_records_without_a_clock_and_ends_at_sigterm(graph) -
     folder.mkdir()
     form = folder / 'normal_form.yaml'
     form.write_text(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml())
+    program, called, rig = graph.folder / 'notify', graph.folder / 'called', folder / 'rig.yaml'
+    program.write_text(f'#!/bin/sh\necho "$PPID $1: $2" >> {called}\n')
+    program.chmod(0o755)
+    rig.write_text(f'/**/alarm_outputs: {{ros__parameters: {{command: {program}}}}}')
     lateral = graph.node.create_publisher(JointState, 'lateral', 100)
     words = [sys.executable, '-u', '-m', 'hunt_ros.cli.main', 'run', '--listen', '--one-process']
     keyboard, terminal = os.openpty()
     taken = socket.create_server(('127.0.0.1', 0))  # the page ends at once: its port is in use
-    words += ['--page', str(taken.getsockname()[1])]
+    words += ['--page', str(taken.getsockname()[1]), '--rig', str(rig)]
     with (graph.folder / 'screen').open('w') as out:
         run = subprocess.Popen(
             [*words, '--directory', str(folder)], stdin=terminal, stdout=out, stderr=out
@@ -59,6 +63,10 @@ def test_a_run_that_listens_records_without_a_clock_and_ends_at_sigterm(graph) -
             lateral.publish(message)
             graph.spin(0.01)
         graph.spin_until(lambda: 'dashboard ended' in (graph.folder / 'screen').read_text(), 60.0)
+        graph.spin_until(lambda: called.exists() and called.read_text().endswith('\n'), 60.0)
+        assert ' doubt: STALE: ' in called.read_text(), 'no sensor speaks for long'
+        os.kill(int(called.read_text().split()[0]), signal.SIGKILL)
+        graph.spin_until(lambda: 'calls nobody' in (graph.folder / 'screen').read_text())
         # The terminal is in its key mode once the screen says what the keys do.
         graph.spin_until(lambda: 'q: quit' in (graph.folder / 'screen').read_text())
         os.write(keyboard, b'mx')
@@ -74,6 +82,7 @@ def test_a_run_that_listens_records_without_a_clock_and_ends_at_sigterm(graph) -
     screen = (graph.folder / 'screen').read_text()
     assert str(form) in screen, 'the newest form is loaded'
     assert 'hunt call acknowledge' in screen
+    assert 'an alarm calls by command' in screen
     assert 'a: acknowledge' in screen
     assert 'e: emergency-stop' not in screen, 'the node of that service was not started'
     assert 'Traceback' not in ''.join(log.read_text() for log in folder.glob('logs/**/*.log'))
