@@ -68,6 +68,13 @@ bench-simulation: $(VENV)/installed  ## the simulated rig and the theory: speed,
 bench-page: $(VENV)/installed  ## the operator's page: CPU against a bare process, and of each viewer
 	$(BIN)/python test/benchmark/bench_page.py
 
+$(VENV)/docs: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	@touch $@
+
+docs: $(VENV)/docs  ## the documentation as a site, in build/site; a warning or a dead link fails
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --config-file docs/site/mkdocs.yml
+
 figures: $(VENV)/installed  ## draw the pictures of docs/
 	$(BIN)/python docs/figures.py
 
@@ -84,4 +91,4 @@ bench-plan: $(VENV)/installed  ## what to measure next: hunt plan in the loop ag
 bench-detection: $(VENV)/installed  ## the detector against the railway criteria; SCALE=0.05: a quick look (1: 24 h quiet, 10 min)
 	$(BIN)/python test/benchmark/bench_detection.py --scale $${SCALE:-1} --publish
 
-.PHONY: bench-interlock faults bench-page bench-plan bench-detection bench-identification bench-simulation figures bench-bags fuzz golden-bags help install demo test test-elsewhere check format clean bench-live bench-forecast bench-estimation
+.PHONY: docs bench-interlock faults bench-page bench-plan bench-detection bench-identification bench-simulation figures bench-bags fuzz golden-bags help install demo test test-elsewhere check format clean bench-live bench-forecast bench-estimation

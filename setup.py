@@ -56,6 +56,7 @@ setup(
         'dashboard': ['bokeh>=3.4', 'tornado>=6.3'],
         'completion': ['shtab>=1.6'],
         'bench': ['pysindy>=2.0'],
+        'docs': ['mkdocs-material>=9.5,<10', 'mkdocstrings[python]>=0.27'],
         'test': [
             'pytest>=8',
             'pytest-xdist>=3.5',
