@@ -84,3 +84,27 @@ def test_the_examples_of_the_library_run_one_after_the_other(place, capsys, page
     for block in blocks:
         exec(compile(block, page, 'exec'), names)
     assert said in capsys.readouterr().out
+
+
+def shape(line: str) -> str:
+    """Return a line without its numbers: their last digits are those of the machine."""
+    return re.sub(r'[\d.]+', '#', ' '.join(line.split()))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('page', ['first-run', 'alarm'])
+def test_the_commands_of_a_page_print_what_it_shows(place, capsys, page) -> None:
+    text = (HERE / 'docs' / f'{page}.md').read_text(encoding='utf-8')
+    parts = re.findall(r'```sh\n(.*?)```\n(?:```text\n(.*?)```)?', text, re.DOTALL)
+    shown = 0
+    for commands, expected in parts:
+        said = []
+        for line in commands.splitlines():
+            if line.startswith('hunt ') and needs_no_ros(line):
+                assert main(shlex.split(line, comments=True)[1:]) == 0, line
+                said += capsys.readouterr().out.splitlines()
+        told = [shape(line) for line in said]
+        for line in expected.splitlines():
+            assert any(one.startswith(shape(line)) for one in told), line
+            shown += 1
+    assert page == 'alarm' or shown > 10
