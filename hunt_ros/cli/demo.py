@@ -134,7 +134,8 @@ def _start(
     suite.start_nodes(processes, LISTENERS, common, parameters, [form])
     suite.wait_until_up(link, LISTENERS, view.show)
     if page is not None:
-        suite.start_nodes(processes, [PAGE], common, {PAGE: {'port': page}}, [form])
+        own = {PAGE: {'port': page, 'directory': str(folder)}}
+        suite.start_nodes(processes, [PAGE], common, own, [form])
         suite.wait_until_up(link, [PAGE], view.show)
         view.say(f'The page of the operator: http://127.0.0.1:{page}/')
     suite.start_nodes(processes, [SIMULATOR], {}, parameters)

@@ -94,9 +94,8 @@ def run(arguments: argparse.Namespace) -> int:
         print(f'normal form: {form or "none yet, the first recording gives one"}')
         if arguments.page is not None:  # a process of its own: the rig runs on without it
             page = arguments.page or PAGE_PORT
-            suite.start_nodes(
-                processes, [PAGE], common, {PAGE: {'port': page}}, files, needed=False
-            )
+            own = {PAGE: {'port': page, 'directory': str(arguments.directory)}}
+            suite.start_nodes(processes, [PAGE], common, own, files, needed=False)
             print(f'page: http://127.0.0.1:{page}/')
         if alarms:
             suite.start_nodes(processes, [ALARM_OUTPUTS], common, {}, files, needed=False)

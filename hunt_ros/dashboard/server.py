@@ -36,6 +36,7 @@ from bokeh.util.paths import bokehjs_path
 
 from hunt_ros.dashboard.access import COMMAND, VIEW, Access, same_origin
 from hunt_ros.dashboard.figures import figure_items
+from hunt_ros.dashboard.recordings import Recordings
 from hunt_ros.dashboard.view import View, changes
 from hunt_ros.errors import ConfigError
 from hunt_ros.report.style import palette_css
@@ -76,6 +77,8 @@ class PageServer:
         Does what an operator asks for; called in the thread of the server.
     title : str
         Of the page: the name of the rig.
+    recordings : Recordings
+        What the second page shows.
 
     Raises
     ------
@@ -84,7 +87,13 @@ class PageServer:
     """
 
     def __init__(
-        self, address: str, port: int, access: Access, command: Command, title: str
+        self,
+        address: str,
+        port: int,
+        access: Access,
+        command: Command,
+        title: str,
+        recordings: Recordings,
     ) -> None:
         try:
             self._sockets = tornado.netutil.bind_sockets(port, address)
@@ -98,6 +107,7 @@ class PageServer:
         self.access = access
         self.command = command
         self.title = title
+        self.recordings = recordings
         self.pages = {path.name: path.read_bytes() for path in _STATIC.iterdir() if path.is_file()}
         self.pages['figures.json'] = figure_items()
         self.pages['colours.css'] = (
@@ -133,6 +143,7 @@ class PageServer:
 
     def close(self) -> None:
         """End the connections and the thread."""
+        self.recordings.close()
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join(2.0)
@@ -158,8 +169,11 @@ class PageServer:
     async def _begin(self) -> None:
         application = tornado.web.Application(
             [
-                (r'/', _Page),
-                (r'/(page\.js|page\.css|colours\.css|figures\.json)', _Static),
+                (r'/', _Page, {'name': 'index.html'}),
+                (r'/recordings', _Page, {'name': 'recordings.html'}),
+                (r'/recordings\.json', _Listing),
+                (r'/report/([^/]+)', _Report),
+                (r'/(page\.js|recordings\.js|page\.css|colours\.css|figures\.json)', _Static),
                 (r'/bokeh\.js', _Bokeh),
                 (r'/login', _Login),
                 (r'/live', _Viewer),
@@ -242,16 +256,53 @@ class _Handler(tornado.web.RequestHandler):
 
 
 class _Page(_Handler):
-    """The page, or the form for a token where one is needed."""
+    """One of the two pages, or the form for a token where one is needed."""
+
+    def initialize(self, name: str) -> None:
+        self._name = name
 
     def get(self) -> None:
-        name = 'index.html' if self.right else 'login.html'
+        name = self._name if self.right else 'login.html'
         text = self.page.pages[name].decode()
         text = text.replace('{{version}}', self.page.version).replace(
             '{{title}}', tornado.escape.xhtml_escape(self.page.title)
         )
         self.set_header('Content-Type', 'text/html; charset=utf-8')
         self.finish(text.replace('{{right}}', self.right))
+
+
+class _Listing(_Handler):
+    """The recordings, as they are now."""
+
+    async def get(self) -> None:
+        if not self.right:
+            self.refuse(401, 'a token is needed')
+            return
+        # Not in the thread of the live page: a folder on a slow disk may take its time.
+        loop = asyncio.get_running_loop()
+        listing = await loop.run_in_executor(None, self.page.recordings.listing)
+        self.set_header('Content-Type', 'application/json')
+        self.finish(json.dumps(listing, allow_nan=False))
+
+
+class _Report(_Handler):
+    """The report of a recording."""
+
+    async def get(self, name: str) -> None:
+        if not self.right:
+            self.refuse(401, 'a token is needed')
+            return
+        loop = asyncio.get_running_loop()
+        path = await loop.run_in_executor(None, self.page.recordings.report, name)
+        try:
+            if path is None:
+                raise FileNotFoundError
+            content = await loop.run_in_executor(None, path.read_bytes)
+        except OSError:
+            self.refuse(404, f'there is no report of {name[:80]}')
+            return
+        self.set_header('Content-Type', 'text/html; charset=utf-8')
+        self.finish(content)
 
 
 class _Static(_Handler):

@@ -34,6 +34,8 @@ SCALES = ('length_scale', 'time_scale', 'frequency_hz')
 
 #: Name of the parameter file with the newest form of a folder of recordings.
 NEWEST_FILE = 'normal_form.yaml'
+#: Begins the lines of the provenance that name recordings.
+RECORDING = 'recording '
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,6 +186,12 @@ class IdentifiedNormalForm:
         parts = (str(line).partition(': ') for line in lines if line)
         shape = ModeShape.from_parameters(group, source)
         return cls(form, covariance, {key: value for key, _, value in parts}, shape)
+
+    @property
+    def recordings(self) -> tuple[str, ...]:
+        """The recordings that it rests on, the oldest first, as far as its provenance says."""
+        lines = self.provenance.items()
+        return tuple(value for key, value in lines if key.startswith(RECORDING))
 
     def std(self, name: str) -> float:
         """Return the standard deviation of one of `PARAMETERS`."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
@@ -16,6 +17,7 @@ from std_msgs.msg import String
 
 from hunt_ros.dashboard.access import access
 from hunt_ros.dashboard.model import PageModel, PageSettings
+from hunt_ros.dashboard.recordings import Recordings
 from hunt_ros.dashboard.server import PageServer
 from hunt_ros.nodes.caller import Caller
 from hunt_ros.nodes.conversions import read_diagnostic, to_ns
@@ -45,6 +47,9 @@ class DashboardConfig(Settings):
     token_file: str = setting(
         '', 'File with the lines "view: TOKEN" and "command: TOKEN", mode 600.', fixed=True
     )
+    directory: str = setting(
+        './recordings', 'Folder of the recordings on the second page.', fixed=True
+    )
     update_rate_hz: float = setting(
         20.0, 'Updates of the page.', unit='Hz', low=2.0, high=50.0, fixed=True
     )
@@ -67,6 +72,7 @@ class DashboardNode(Polling, Node):
             access(config.address, config.token_file),
             lambda word, words: self._caller.call(word, words),
             self.get_namespace().strip('/') or 'rig',
+            Recordings(Path(config.directory).expanduser().absolute()),
         )
         self._model = PageModel(settings, form)
         self._diagnostics = Diagnostics(self, self._health)

@@ -15,26 +15,23 @@ from dataclasses import replace
 from pathlib import Path
 
 from hunt_ros.detection.acceptance import rolled_back
-from hunt_ros.dynamics.identified import NEWEST_FILE, IdentifiedNormalForm
+from hunt_ros.dynamics.identified import NEWEST_FILE, RECORDING, IdentifiedNormalForm
 from hunt_ros.errors import HuntError
 from hunt_ros.identification import Identification
 
-#: Begins the lines of the provenance that name recordings.
-_RECORDING = 'recording '
 #: Ends the name of the identification that a parameter file comes from.
 _WHOLE = '.npz'
 
 
 def with_recordings(form: IdentifiedNormalForm, paths: Iterable[Path]) -> IdentifiedNormalForm:
     """Return the form with the recordings that it rests on in its provenance."""
-    lines = {f'{_RECORDING}{number}': str(path) for number, path in enumerate(paths, 1)}
+    lines = {f'{RECORDING}{number}': str(path) for number, path in enumerate(paths, 1)}
     return replace(form, provenance={**form.provenance, **lines})
 
 
 def recordings_of(form: IdentifiedNormalForm) -> tuple[Path, ...]:
     """Return the recordings that a form rests on, the oldest first, as far as it says."""
-    lines = form.provenance.items()
-    return tuple(Path(value) for key, value in lines if key.startswith(_RECORDING))
+    return tuple(map(Path, form.recordings))
 
 
 def _move(path: Path, to: Path) -> None:

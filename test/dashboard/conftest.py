@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ pytest.importorskip('bokeh', reason='the extra dashboard is not installed')
 
 from hunt_ros.dashboard.access import Access, access
 from hunt_ros.dashboard.model import PageModel, PageSettings
+from hunt_ros.dashboard.recordings import Recordings
 from hunt_ros.dashboard.server import PageServer
 from hunt_ros.detection.acceptance import form_words
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
@@ -26,7 +28,8 @@ FORM = IdentifiedNormalForm(PAPER_NORMAL_FORM, np.diag([1e-3, 0, 0, 0, 0, 0]))
 class Live:
     """A page of a rig that is played by the test, 20 updates a second."""
 
-    def __init__(self, rules: Access) -> None:
+    def __init__(self, rules: Access, folder: Path) -> None:
+        self.folder = folder
         self.calls: list[tuple[str, str]] = []
         self.reply = (True, '')
         self.status = {
@@ -44,7 +47,8 @@ class Live:
     def begin(self, port: int) -> None:
         """Start a server, as a node does that was started again."""
         self.model = PageModel(PageSettings(), FORM)
-        self.server = PageServer('127.0.0.1', port, self.rules, self._call, 'rig')
+        own = Recordings(self.folder)
+        self.server = PageServer('127.0.0.1', port, self.rules, self._call, 'rig', own)
         self.url = f'http://127.0.0.1:{self.server.port}/'
 
     def restart(self) -> Callable[[], None]:
@@ -78,7 +82,7 @@ class Live:
 
 
 @pytest.fixture
-def live() -> Iterator[Live]:
-    page = Live(access('127.0.0.1', ''))
+def live(tmp_path: Path) -> Iterator[Live]:
+    page = Live(access('127.0.0.1', ''), tmp_path)
     yield page
     page.close()

@@ -20,6 +20,7 @@ from tornado.websocket import websocket_connect  # noqa: E402
 
 from hunt_ros.dashboard import server as web  # noqa: E402
 from hunt_ros.dashboard.access import Access, access  # noqa: E402
+from hunt_ros.dashboard.recordings import Recordings  # noqa: E402
 from hunt_ros.dashboard.view import Section, View  # noqa: E402
 from hunt_ros.errors import ConfigError  # noqa: E402
 
@@ -96,7 +97,7 @@ def test_commands_and_websockets_of_other_sites_are_refused(live) -> None:
 
 
 @pytest.fixture
-def guarded():
+def guarded(tmp_path):
     calls: list[str] = []
 
     def command(word: str, words: str) -> web.Future:
@@ -105,7 +106,8 @@ def guarded():
         answer.set_result((True, ''))
         return answer
 
-    page = web.PageServer('127.0.0.1', 0, Access(TOKENS, frozenset({'localhost'})), command, 'rig')
+    rules, own = Access(TOKENS, frozenset({'localhost'})), Recordings(tmp_path)
+    page = web.PageServer('127.0.0.1', 0, rules, command, 'rig', own)
     page.calls = calls
     page.publish(View({'status': Section(1, 'secret')}))
     yield page
@@ -124,6 +126,9 @@ def log_in(url: str, token: str):
 def test_without_a_token_there_is_only_the_form_for_one(guarded) -> None:
     url = f'http://127.0.0.1:{guarded.port}/'
     assert 'type="password"' in ask(url)[1]
+    assert 'type="password"' in ask(url + 'recordings')[1]
+    assert ask(url + 'recordings.json')[0] == 401
+    assert ask(url + 'report/run')[0] == 401
     assert ask(url + 'command', {'word': 'rearm'})[0] == 403
     with pytest.raises(HTTPClientError, match='401'):
         first_messages(url)
@@ -136,6 +141,7 @@ def test_one_token_lets_view_and_the_other_command(guarded) -> None:
     url = f'http://127.0.0.1:{guarded.port}/'
     viewer, operator = (log_in(url, letter * 16) for letter in 'ab')
     assert 'content="view"' in ask(url, opener=viewer)[1]
+    assert ask(url + 'recordings.json', opener=viewer)[0] == 200
     assert ask(url + 'command', {'word': 'rearm'}, opener=viewer)[0] == 403
     assert guarded.calls == []
     assert ask(url + 'command', {'word': 'rearm'}, opener=operator)[0] == 200
@@ -150,7 +156,10 @@ def test_a_forged_cookie_gives_no_right(guarded) -> None:
 
 def test_a_port_in_use_is_one_clear_line(live) -> None:
     with pytest.raises(ConfigError) as refusal:
-        web.PageServer('127.0.0.1', live.server.port, access('127.0.0.1', ''), live._call, 'rig')
+        web.PageServer(
+            '127.0.0.1', live.server.port, access('127.0.0.1', ''), live._call, 'rig',
+            Recordings(live.folder),
+        )  # fmt: skip
     assert f'port {live.server.port}' in str(refusal.value)
     assert 'in use' in str(refusal.value)
     assert '\n' not in str(refusal.value)
