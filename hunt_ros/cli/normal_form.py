@@ -46,6 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Read the rig, compute, print."""
     from hunt_ros.cli.output import write_json
     from hunt_ros.dynamics.center_manifold import normal_form_of
+    from hunt_ros.dynamics.limit_cycle import cycles_of
     from hunt_ros.dynamics.linear_stability import creep_coefficients
     from hunt_ros.dynamics.parameters import RigParameters
 
@@ -56,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
         creep = creep_coefficients(rig, *arguments.measured)
         rig = creep[0].rig
     form = normal_form_of(rig)
-    branch = _full_model(rig)
+    branch = cycles_of(rig)
     result = document(form, branch) | _creep_json(creep)
     if arguments.json != '-':
         for line in _creep_lines(creep):
@@ -137,18 +138,6 @@ def _creep_lines(creep: Sequence[CreepSolution]) -> list[str]:
         for one in creep
     ]
     return [*lines, 'the first is taken', ''] if len(creep) > 1 else [*lines, ''] if creep else []
-
-
-def _full_model(rig: RigParameters) -> Branch | None:
-    """Limit cycles, or None where the full model has none to follow (a linear rig)."""
-    from hunt_ros.dynamics.limit_cycle import limit_cycles
-
-    if not any(rig.alpha.values()) and not any(rig.beta.values()):
-        return None
-    try:
-        return limit_cycles(rig)
-    except ConfigError:
-        return None
 
 
 def _plot(form: ComplexNormalForm, branch: Branch | None, path: Path) -> None:

@@ -102,7 +102,12 @@ class Branch:
     @property
     def nonlinear_critical_speed(self) -> float | None:
         """v_n, m/s: the lowest fold below v_c; None without one."""
-        below = [speed for speed, _ in self.folds() if speed < self.critical_speed]
+        fold = self.saddle_node()
+        return None if fold is None else fold[0]
+
+    def saddle_node(self) -> tuple[float, float] | None:
+        """Return v_n, m/s, and the amplitude there, m: the lowest fold below v_c; None: none."""
+        below = [fold for fold in self.folds() if fold[0] < self.critical_speed]
         return min(below, default=None)
 
     def at_speed(self, speed: float) -> Branch:
@@ -196,6 +201,16 @@ def limit_cycles(
     if len(solutions) < 2:
         raise ConfigError(f'{rig.name}: no limit cycles found from the Hopf point at {hopf:g} m/s')
     return _branch_of(system, np.array(solutions))
+
+
+def cycles_of(rig: RigParameters) -> Branch | None:
+    """Return the limit cycles of a rig, or None where it has none to follow (a linear rig)."""
+    if not any(rig.alpha.values()) and not any(rig.beta.values()):
+        return None
+    try:
+        return limit_cycles(rig)
+    except ConfigError:
+        return None
 
 
 def _branch_of(system: Collocation, x: Array) -> Branch:

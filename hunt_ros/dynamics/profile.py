@@ -20,7 +20,7 @@ import yaml
 
 from hunt_ros.dynamics.speed_profile import SpeedProfile
 from hunt_ros.errors import ConfigError
-from hunt_ros.settings import Settings, setting
+from hunt_ros.settings import Settings, setting, yaml_value
 
 #: Of a value that must be given.
 _REQUIRED = math.nan
@@ -120,6 +120,10 @@ class Step(Settings):
     def plan(self) -> list[Leg]:
         """Return the legs, longest case, without a detector: what the step may ask for."""
         return list(self.legs(Scene(Motion())))
+
+    def begin_mps(self, motion: Motion) -> float:
+        """Return where the roller runs when a profile begins with this step, m/s."""
+        return next(self.legs(Scene(motion))).speed_mps
 
     def missing(self, motion: Motion) -> str:
         """Return '' or what the step has to know of the detector, and does not."""
@@ -331,6 +335,10 @@ class Seesaw(Step):
     rate_mps2: float = _rate(0.1)
     note: str = setting('', 'told to the operator when the step begins')
 
+    def begin_mps(self, motion: Motion) -> float:
+        """Return the lowest speed: the see-saw begins with a quiet wheelset."""
+        return self._by(motion, 0)[0]
+
     def missing(self, motion: Motion) -> str:
         """Name the keys that have to be given where no form gives them."""
         names = [
@@ -521,7 +529,7 @@ class Profile:
         """
         if self.reacts:
             raise ConfigError(f'{self.source}: it reacts to the detector, and none is there')
-        times, speeds = [0.0], [self.steps[0].plan()[0].speed_mps]
+        times, speeds = [0.0], [self.steps[0].begin_mps(Motion())]
         for leg in (leg for step in self.steps for leg in step.plan()):
             for way_s in (abs(leg.speed_mps - speeds[-1]) / leg.rate_mps2, leg.hold_s):
                 if way_s > 0.0:
@@ -614,11 +622,12 @@ def _step(item: object, where: str) -> Step:
     kind, where = STEPS[word], f'{where} ({word})'
     if not isinstance(values, Mapping):
         raise ConfigError(f'{where}: {values!r} is no mapping of {_keys(kind)}')
+    defaults = {item.name: item.default for item in fields(kind)}
     for key in values:
-        if key not in {item.name for item in fields(kind)}:
+        if key not in defaults:
             raise ConfigError(f'{where}: unknown key {key!r}, expected {_keys(kind)}')
     try:
-        step = kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+        step = kind(**{key: yaml_value(defaults[key], value) for key, value in values.items()})
     except (ConfigError, TypeError, ValueError) as error:
         raise ConfigError(f'{where}: {" ".join(str(error).split())}') from error
     for each in fields(kind):

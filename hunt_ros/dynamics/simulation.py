@@ -7,8 +7,8 @@ it is made of in `simulation_settings`.
 
 from __future__ import annotations
 
-import itertools
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -16,7 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.dynamics.limit_cycle import cycles_of
+from hunt_ros.dynamics.linear_stability import critical_frequency
 from hunt_ros.dynamics.parameters import RigParameters
+from hunt_ros.dynamics.profile import Motion, Profile
+from hunt_ros.dynamics.profile_run import ProfileRun
 from hunt_ros.dynamics.roller_rig import RollerRig, SimulatedBlock
 from hunt_ros.dynamics.simulation_settings import (
     DriveModel,
@@ -42,6 +46,8 @@ __all__ = [
 
 #: Samples computed at once in `simulate`.
 BLOCK = 65_536
+#: A profile that reacts is asked for its set point so often, as in the speed node, s.
+_SET_POINT_S = 0.05
 
 
 @dataclass(frozen=True)
@@ -67,7 +73,7 @@ class Kick:
 def simulate(
     rig: RigParameters,
     settings: SimulationSettings,
-    profile: SpeedProfile,
+    profile: SpeedProfile | Profile,
     duration_s: float | None = None,
     kicks: Sequence[Kick] = (),
     seed: int = 0,
@@ -81,8 +87,9 @@ def simulate(
         The rig.
     settings : SimulationSettings
         Its initial speed is replaced by that of the profile.
-    profile : SpeedProfile
-        Set point of the drive.
+    profile : SpeedProfile or Profile
+        Set point of the drive. Steps that react to the amplitude see that of the true
+        motion, and critical speeds from the equations of the rig.
     duration_s : float, optional
         s; default: to the end of the profile.
     kicks : sequence of Kick
@@ -99,24 +106,126 @@ def simulate(
     Raises
     ------
     ConfigError
-        For a duration that is not positive.
+        For a duration that is not positive, or a profile that needs critical speeds that
+        this rig does not have.
     """
-    duration_s = profile.duration_s if duration_s is None else duration_s
-    if not (math.isfinite(duration_s) and duration_s > 0.0):
-        raise ConfigError(f'duration must be positive, got {duration_s} s')
-    settings = replace(settings, initial_speed=float(profile(0.0)))
-    stream, rate = RollerRig(rig, settings, seed), settings.sample_rate_hz
-    total = math.floor(duration_s * rate) + 1
-    due = sorted(kicks, key=lambda kick: kick.time_s)
-    starts = [min(total, max(0, math.ceil(kick.time_s * rate - 1e-9))) for kick in due]
-    edges = sorted({*range(0, total, BLOCK), *starts, total})
-    blocks = []
-    for begin, end in itertools.pairwise(edges):
-        for kick, at in zip(due, starts, strict=True):
-            if at == begin:
-                stream.kick(kick.lateral_m, kick.yaw_rad, kick.lateral_velocity, kick.yaw_rate)
-        blocks.append(stream.advance(end - begin, profile(np.arange(begin, end) / rate)))
+    rate = settings.sample_rate_hz
+    points = _set_points(profile, rig, rate)
+    wanted_s = points.duration_s if duration_s is None else duration_s
+    if not wanted_s > 0.0 or (duration_s is not None and math.isinf(duration_s)):
+        raise ConfigError(f'duration must be positive, got {wanted_s} s')
+    stream = RollerRig(rig, replace(settings, initial_speed=points.begin_mps), seed)
+    total = sys.maxsize if math.isinf(wanted_s) else math.floor(wanted_s * rate) + 1
+    due = sorted(
+        ((max(0, math.ceil(kick.time_s * rate - 1e-9)), kick) for kick in kicks),
+        key=lambda one: one[0],
+    )
+    blocks: list[SimulatedBlock] = []
+    at = 0
+    while at < total and not (duration_s is None and points.finished):
+        while due and due[0][0] == at:
+            _, kick = due.pop(0)
+            stream.kick(kick.lateral_m, kick.yaw_rad, kick.lateral_velocity, kick.yaw_rate)
+        end = min(at + points.block, total, *(start for start, _ in due[:1]))
+        blocks.append(stream.advance(end - at, points.targets(at, end)))
+        points.see(blocks[-1])
+        at = end
     return _record(blocks, settings, f'simulation of {rig.name}, seed {seed}')
+
+
+class _Fixed:
+    """
+    Set points that are known before.
+
+    Attributes
+    ----------
+    begin_mps : float
+        The first one.
+    duration_s : float
+        Of the profile, s.
+    block : int
+        The most samples at once.
+    finished : bool
+        False: the duration tells.
+    """
+
+    finished = False
+    block = BLOCK
+
+    def __init__(self, profile: SpeedProfile, rate_hz: float) -> None:
+        self._profile, self._rate_hz = profile, rate_hz
+        self.begin_mps, self.duration_s = float(profile(0.0)), profile.duration_s
+
+    def targets(self, begin: int, end: int) -> NDArray[np.float64]:
+        """Return the set points of the next samples, m/s, shape (end - begin,)."""
+        return self._profile(np.arange(begin, end) / self._rate_hz)
+
+    def see(self, block: SimulatedBlock) -> None:
+        """Nothing depends on the motion."""
+
+
+class _Reacting:
+    """
+    Set points that the motion decides, with the same attributes; how long is not known before.
+
+    The amplitude is that of the last period of the hunting.
+
+    Raises
+    ------
+    ConfigError
+        Where a step needs critical speeds that this rig does not have.
+    """
+
+    duration_s = math.inf
+
+    def __init__(self, profile: Profile, rig: RigParameters, rate_hz: float) -> None:
+        self._motion = _theory(rig)
+        if lacking := profile.missing(self._motion):
+            raise ConfigError(lacking)
+        self._rate_hz = rate_hz
+        self.block = max(1, round(_SET_POINT_S * rate_hz))
+        self.begin_mps = profile.steps[0].begin_mps(self._motion)
+        self._run = ProfileRun(profile, self.begin_mps)
+        period_s = 2.0 * math.pi * rig.time_scale / critical_frequency(rig)
+        turn = np.arange(max(2, round(period_s * rate_hz)))
+        self._wave = np.exp(2j * np.pi * turn / turn.size) * 2.0 / turn.size
+        self._last = np.full(turn.size, math.nan)
+
+    @property
+    def finished(self) -> bool:
+        """True when the last step is over."""
+        return self._run.finished
+
+    def targets(self, begin: int, end: int) -> NDArray[np.float64]:
+        """Return the set points of the next samples, m/s, shape (end - begin,)."""
+        before = self._run.speed_mps
+        after = self._run.advance((end - begin) / self._rate_hz, self._motion)
+        return np.linspace(before, after, end - begin, endpoint=False)
+
+    def see(self, block: SimulatedBlock) -> None:
+        """Take the amplitude of the lateral motion, NaN in the first period."""
+        self._last = np.append(self._last, block.true_lateral)[-self._wave.size :]
+        self._motion = replace(self._motion, amplitude_m=float(abs(self._wave @ self._last)))
+
+
+def _theory(rig: RigParameters) -> Motion:
+    """Return the critical speeds and the fold of the equations of a rig; NaN where none is."""
+    branch = cycles_of(rig)
+    if branch is None:
+        return Motion()
+    v_n, amplitude = branch.saddle_node() or (math.nan, math.nan)
+    return Motion(v_n=v_n, v_c=branch.critical_speed, fold_amplitude_m=amplitude)
+
+
+def _set_points(
+    profile: SpeedProfile | Profile, rig: RigParameters, rate_hz: float
+) -> _Fixed | _Reacting:
+    """Return what the drive is told."""
+    if isinstance(profile, SpeedProfile):
+        return _Fixed(profile, rate_hz)
+    if profile.reacts:
+        return _Reacting(profile, rig, rate_hz)
+    return _Fixed(profile.corners(), rate_hz)
 
 
 def _record(blocks: Sequence[SimulatedBlock], settings: SimulationSettings, source: str) -> Record:

@@ -38,6 +38,7 @@ FILES = {
     'import --mapping': 'import TABLE OUT --mapping FILE',
     'simulate --wheelset': 'simulate OUT --wheelset FILE',
     'normal-form': 'normal-form FILE',
+    'simulate --profile': 'simulate OUT --profile FILE',
     'run --rig': 'run --simulated --rig FILE --directory OUT',
     'run --normal-form': 'run --simulated --normal-form FILE --directory OUT',
 }
@@ -47,20 +48,14 @@ NUMBERS = {
     'demo --seed': 'demo --out OUT --seed X',
     'run --duration': 'run --simulated --directory OUT --duration X',
     'call --wait': 'call mark --wait X',
-    'simulate --sweep low': 'simulate OUT --sweep X 8 0.1',
-    'simulate --sweep rate': 'simulate OUT --sweep 6 8 X',
-    'simulate --staircase step': 'simulate OUT --staircase 6 8 X 10',
-    'simulate --staircase hold': 'simulate OUT --staircase 6 8 1 X',
-    'simulate --profile': 'simulate OUT --profile 0:7,5:X',
-    'simulate --profile time': 'simulate OUT --profile 0:7,X:7',
     'simulate --duration': 'simulate OUT --duration X',
-    'simulate --kick time': 'simulate OUT --profile 0:7,5:7 --kick X:0.0001',
-    'simulate --rate': 'simulate OUT --profile 0:7,5:7 --rate X',
-    'simulate --roughness': 'simulate OUT --profile 0:7,5:7 --roughness X',
-    'simulate --broadband': 'simulate OUT --profile 0:7,5:7 --broadband X',
-    'simulate --noise': 'simulate OUT --profile 0:7,5:7 --noise X',
-    'simulate --yaw-noise': 'simulate OUT --profile 0:7,5:7 --yaw-noise X',
-    'simulate --seed': 'simulate OUT --profile 0:7,5:7 --seed X',
+    'simulate --kick time': 'simulate OUT --profile PROFILE --kick X:0.0001',
+    'simulate --rate': 'simulate OUT --profile PROFILE --rate X',
+    'simulate --roughness': 'simulate OUT --profile PROFILE --roughness X',
+    'simulate --broadband': 'simulate OUT --profile PROFILE --broadband X',
+    'simulate --noise': 'simulate OUT --profile PROFILE --noise X',
+    'simulate --yaw-noise': 'simulate OUT --profile PROFILE --yaw-noise X',
+    'simulate --seed': 'simulate OUT --profile PROFILE --seed X',
     'replay --pace': 'replay BAG --live --pace X',
     'replay --from': 'replay BAG --live --from X',
     'replay --to': 'replay BAG --live --to X',
@@ -93,11 +88,16 @@ def bag(tmp_path_factory) -> Path:
 def refused(bag, tmp_path, capsys):
     table = tmp_path / 'table.csv'
     table.write_text('lateral,speed\n' + '0.001,7\n' * 20)
+    profile, seesaw = tmp_path / 'profile.yaml', tmp_path / 'seesaw.yaml'
+    profile.write_text('profile: [{hold: {speed_mps: 7, duration_s: 5}}]')
+    seesaw.write_text('profile: [{seesaw: {}}]')
+    here = {'BAG': bag, 'OUT': tmp_path / 'out', 'TABLE': table, 'PROFILE': profile}
+    here['SEESAW'] = seesaw
 
     def check(command: str, **places: object) -> str:
         """Run a command that must be refused; return the one line it prints."""
         words = command.split()
-        for name, value in {'BAG': bag, 'OUT': tmp_path / 'out', 'TABLE': table, **places}.items():
+        for name, value in {**here, **places}.items():
             words = [word.replace(name, str(value)) for word in words]
         before = sorted(tmp_path.rglob('*'))
         code = main(words)
@@ -152,15 +152,13 @@ def test_a_number_that_makes_no_sense_is_named_with_its_option(refused, command,
         ('replay BAG --loop', '--loop: only with --live'),
         ('replay BAG --namespace lab', '--namespace: only with --live'),
         ('export BAG OUT.csv --from 2 --to 1', '--to'),
-        ('simulate OUT --profile 0:7,5:7 --kick 2:1000', 'throws the wheelset off'),
-        ('simulate OUT --profile 0:-7,5:-7', 'speed'),
-        ('simulate OUT --sweep 8 6 0.1', '--sweep'),
-        ('simulate OUT --staircase 8 6 1 10', '--staircase'),
+        ('simulate OUT --profile PROFILE --kick 2:1000', 'throws the wheelset off'),
+        ('simulate OUT --profile SEESAW', 'seesaw.yaml, step 1 (seesaw): duration_s is missing'),
         ('run --simulated --directory TABLE', 'table.csv'),
         ('run --simulated --directory TABLE/sub', 'table.csv'),
         ('demo --out TABLE', 'table.csv'),
         ('demo --out /proc/nobody', '/proc/nobody'),
-        ('simulate TABLE/sub --profile 0:7,1:7', 'table.csv'),
+        ('simulate TABLE/sub --profile PROFILE', 'table.csv'),
         ('import TABLE TABLE/sub --rate 100', 'table.csv'),
         ('info BAG --repair TABLE/sub', 'table.csv'),
         ('export BAG TABLE/sub.csv', 'table.csv'),

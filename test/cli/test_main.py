@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hunt_ros.bag import write_record
+from hunt_ros.bag import read_record, write_record
 from hunt_ros.cli.main import VERBS, main
 from hunt_ros.cli.output import known, write_json
 from hunt_ros.detection.output import EVENT_NUMBERS
@@ -112,7 +112,8 @@ def test_replay_of_a_simulated_bump_tells_what_happened(capsys, tmp_path) -> Non
     from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 
     form.write_text(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml())
-    profile = ['--profile', '0:7.2,40:7.2', '--rate', '200', '--kick', '20:0.0006']
+    held = 'profile: [{hold: {speed_mps: 7.2, duration_s: 40}}]'
+    profile = ['--profile', held, '--rate', '200', '--kick', '20:0.0006']
     assert main(['simulate', str(bag), *profile, '--seed', '4']) == 0
     capsys.readouterr()
     assert main(['replay', str(bag), '--normal-form', str(form), '--json', '-']) == 0
@@ -209,14 +210,31 @@ def test_replay_says_that_the_recording_was_cut_short(capsys, tmp_path) -> None:
     ],
 )
 def test_simulate_refuses_what_it_cannot_simulate(capsys, tmp_path, words, option) -> None:
-    line = _refused(['simulate', str(tmp_path / 'x'), '--profile', '0:7,2:7', *words], capsys)
+    held = 'profile: [{hold: {speed_mps: 7, duration_s: 2}}]'
+    line = _refused(['simulate', str(tmp_path / 'x'), '--profile', held, *words], capsys)
     assert option in line
     assert not (tmp_path / 'x').exists()
 
 
-def test_simulate_sweeps_upwards(capsys, tmp_path) -> None:
-    words = ['simulate', str(tmp_path / 'x'), '--sweep', '8', '6', '0.5']
-    assert '--sweep' in _refused(words, capsys)
+def test_simulate_runs_a_profile_whose_step_ends_by_the_amplitude(capsys, tmp_path) -> None:
+    profile = tmp_path / 'until.yaml'
+    profile.write_text(
+        """
+        profile:
+        - hold: {speed_mps: 7.2, duration_s: 300, until_above_m: 5e-4}
+        - hold: {speed_mps: 6.2, duration_s: 5}
+        """
+    )
+    words = ['--profile', str(profile), '--rate', '100', '--json', '-']
+    kicks = ['--kick', '5:0.0006', '--kick', '200:0.0006']
+    assert main(['simulate', str(tmp_path / 'bag'), *words, *kicks]) == 0
+    out, err = capsys.readouterr()
+    result = json.loads(out)
+    # The kick at 5 s goes beyond the unstable limit cycle, and on to 0.65 mm.
+    assert 6.0 < result['duration_s'] < 100.0
+    assert 'no kick at 200 s' in err
+    speed = read_record(tmp_path / 'bag')['speed'].values
+    assert (speed[0], speed[-1]) == pytest.approx((7.2, 6.2), abs=0.1)
 
 
 @pytest.mark.parametrize('number', ['3', '3.0', '3e0', '30.0e-1'])

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from hunt_ros.dynamics.limit_cycle import limit_cycles
+from hunt_ros.dynamics.linear_stability import critical_speed
+from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile import Corners, Hold, Motion, Profile, Ramp, Seesaw
+from hunt_ros.dynamics.simulation import SimulationSettings, simulate
 from hunt_ros.errors import ConfigError
 
 EVERY_STEP = """
@@ -109,3 +114,31 @@ def test_corners_are_the_polyline_that_they_were() -> None:
     polyline = Profile((Corners(times, speeds),)).corners()
     at = np.linspace(0.0, 30.0, 61)
     assert polyline(at) == pytest.approx(np.interp(at, times, speeds))
+
+
+def test_a_simulated_seesaw_turns_back_above_v_c_and_again_below_v_n() -> None:
+    rig = paper_rig()
+    settings = SimulationSettings(sample_rate_hz=100.0, broadband=8e-6)
+    profile = Profile((Seesaw(duration_s=120.0, rate_mps2=0.2),))
+    record = simulate(rig, settings, profile, seed=3)
+    lateral, speed = record['lateral'], record['speed']
+    v_n, v_c = limit_cycles(rig).nonlinear_critical_speed, critical_speed(rig)
+    assert speed.values[0] < v_n
+    top = int(np.argmax(speed.values))
+    assert speed.values[top] > v_c
+    # What grew at the top is hunting on the way down, until below v_n.
+    below = top + int(np.argmax(speed.values[top:] < v_n))
+    hunting = (lateral.stamps_ns > speed.stamps_ns[top]) & (
+        lateral.stamps_ns < speed.stamps_ns[below]
+    )
+    assert lateral.values[hunting].max() > 0.4e-3
+    # It went up again from there, and ends at its lowest speed when its time is over.
+    assert speed.values[below:].max() > v_n + 0.3
+    assert speed.values[-1] < v_n
+    assert record.duration_s > 120.0
+
+
+def test_a_rig_without_a_fold_says_what_a_seesaw_needs() -> None:
+    rig = replace(paper_rig(), alpha={}, beta={})
+    with pytest.raises(ConfigError, match=r'step 1 \(seesaw\): .*give low_mps'):
+        simulate(rig, SimulationSettings(), Profile((Seesaw(duration_s=10.0),)))
