@@ -24,6 +24,8 @@ _SIGNS = {'OK': '✓', 'WARN': '▲', 'ERROR': '■', 'STALE': '?'}
 _LOUD, _QUIET = 'bold red', 'dim'
 #: Where a bar may end: this times a power of ten, so that it does not change all the time.
 _ENDS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
+#: A bar is at least so long: a rig that stands still, or its noise, does not fill it.
+_SHORTEST_MPS, _SHORTEST_MM = 1.0, 0.1
 #: For terminals without these signs.
 _ASCII = str.maketrans(
     {'✓': '+', '▲': '^', '■': '#', '█': '#', '─': '-', '┃': '|', '║': 'I', '◇': 'o', '±': '~'}
@@ -169,7 +171,7 @@ class Screen:
         elif not status['normal_form']:
             words += ', no normal form: v_n and v_c are not known'
         known = [x for x in (speed, target, *(x for *_, x in marks)) if x is not None]
-        end = _end(1.12 * max(known, default=1.0))
+        end = _end(max(_SHORTEST_MPS, 1.12 * max(known, default=0.0)))
         yield from _wrapped_rows(2.5, words, width, 'bold')
         yield _row(6.0, *_bar(width, end, speed, [*marks, ('', '◇', target)]))
         if known:
@@ -191,7 +193,7 @@ class Screen:
         # The fold gives the bar the same length before the branches begin.
         fold = None if self._silent else status['fold_mm']
         known = [x for x in (size, unstable, stable, fold) if x is not None]
-        end = _end(1.05 * max(known, default=1.0))
+        end = _end(max(_SHORTEST_MM, 1.05 * max(known, default=0.0)))
         beyond = size is not None and unstable is not None and size >= unstable
         yield from _wrapped_rows(3.0, words, width, _LOUD if beyond else 'bold')
         yield _row(5.0, *_bar(width, end, size, marks))
@@ -330,8 +332,6 @@ def _cell(value: float, end: float, cells: int) -> int:
 
 def _end(least: float) -> float:
     """Return the end of a bar that holds `least`."""
-    if not 0.0 < least < math.inf:
-        return 1.0
     decade = 10.0 ** math.floor(math.log10(least))
     return next(step * decade for step in _ENDS if step * decade >= least * (1.0 - 1e-12))
 

@@ -106,6 +106,14 @@ def test_the_bars_show_where_the_rig_is_between_its_marks() -> None:
     assert bar(text, 'A').index('┃') < bar(text, 'A').rindex('█')
 
 
+def test_a_rig_that_stands_still_fills_no_bar() -> None:
+    none = dict.fromkeys(('v_n_mps', 'v_c_mps', 'unstable_amplitude_m', 'stable_amplitude_m'), '')
+    text = drawn(screen(normal_form='', speed_mps='1e-10', amplitude_m='2e-6', **none))
+    assert '█' not in bar(text, 'v')
+    assert bar(text, 'A').count('█') < 4
+    assert 'e-' not in text
+
+
 @pytest.mark.parametrize(('level', 'sign'), [('OK', '✓'), ('WARN', '▲'), ('ERROR', '■')])
 def test_without_colour_the_level_is_a_word_and_a_sign(level, sign, monkeypatch) -> None:
     monkeypatch.setenv('NO_COLOR', '1')
