@@ -146,6 +146,9 @@ def test_the_foxglove_layout_shows_each_of_its_panels_once() -> None:
         return leaves(node['first']) + leaves(node['second'])
 
     assert sorted(leaves(layout['layout'])) == sorted(layout['configById'])
+    for panel in layout['configById'].values():
+        # The two programs have the title of a panel under different keys.
+        assert panel['foxglovePanelTitle'] == panel['lichtblickPanelTitle']
     kinds = {name.partition('!')[0] for name in layout['configById']}
     assert kinds <= {
         '3D', 'Plot', 'Indicator', 'Gauge', 'StateTransitions', 'DiagnosticSummary',
