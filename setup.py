@@ -7,7 +7,8 @@ from runpy import run_path
 from setuptools import find_packages, setup
 
 NAME = 'hunt_ros'
-SUITE = run_path(str(Path(__file__).parent / NAME / 'suite.py'))
+HERE = Path(__file__).parent / NAME
+SUITE = run_path(str(HERE / 'suite.py'))
 
 # Exactly the Jazzy line: without the pins pip takes Kilted.
 ROS = [
@@ -23,7 +24,7 @@ ROS = [
 
 setup(
     name=NAME,
-    version='0.1.0',
+    version=run_path(str(HERE / '__init__.py'))['__version__'],
     description='Live monitoring of hunting motion on a railway roller rig',
     maintainer='hunt_ros maintainers',
     maintainer_email='maintainers@example.org',

@@ -6,4 +6,4 @@ The numerical rooms (`dynamics`, `estimation`, `detection`, `identification`,
 `cli`.
 """
 
-__version__ = '0.1.0'
+__version__ = '0.2.0'
