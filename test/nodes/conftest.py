@@ -49,6 +49,7 @@ class Graph:
         self.machine = machine
         self.port = _free_port()
         self._processes: dict[str, subprocess.Popen[str]] = {}
+        self._clients: dict[tuple[type, str], object] = {}
         self._context = rclpy.Context()
         rclpy.init(context=self._context)
         self.node = rclpy.create_node('probe', namespace='rig', context=self._context)
@@ -107,8 +108,15 @@ class Graph:
             assert not deadline.passed, f'in vain {deadline}; {self.tails()}'
             self._executor.spin_once(timeout_sec=0.05)
 
+    def client(self, kind: type, service: str):
+        """Return the client of a service; each that the node has makes its spinning slower."""
+        key = kind, service
+        if key not in self._clients:
+            self._clients[key] = self.node.create_client(kind, service)
+        return self._clients[key]
+
     def call(self, service: str, timeout_s: float = 30.0) -> Trigger.Response:
-        client = self.node.create_client(Trigger, service)
+        client = self.client(Trigger, service)
         self.spin_until(client.service_is_ready, timeout_s)
         future = client.call_async(Trigger.Request())
         self.spin_until(future.done, timeout_s)
@@ -116,7 +124,7 @@ class Graph:
 
     def set_parameters(self, node: str, **values: object) -> None:
         """Set parameters of a node that runs; what it refuses fails the test."""
-        client = self.node.create_client(SetParameters, f'{node}/set_parameters')
+        client = self.client(SetParameters, f'{node}/set_parameters')
         self.spin_until(client.service_is_ready)
         wanted = [
             Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
@@ -127,8 +135,8 @@ class Graph:
         assert not refused, refused
 
     def change_state(self, node: str, transition: int, timeout_s: float = 30.0) -> None:
-        change = self.node.create_client(ChangeState, f'{node}/change_state')
-        look = self.node.create_client(GetState, f'{node}/get_state')
+        change = self.client(ChangeState, f'{node}/change_state')
+        look = self.client(GetState, f'{node}/get_state')
         self.spin_until(lambda: change.service_is_ready() and look.service_is_ready(), timeout_s)
         request = ChangeState.Request()
         request.transition.id = transition

@@ -151,7 +151,7 @@ class Rig:
         self.graph.spin_until(lambda: values.items() <= self.status.items())
 
     def arm(self, armed: bool) -> SetBool.Response:
-        client = self.graph.node.create_client(SetBool, 'speed/arm_interlock')
+        client = self.graph.client(SetBool, 'speed/arm_interlock')
         self.graph.spin_until(client.service_is_ready)
         future = client.call_async(SetBool.Request(data=armed))
         self.graph.spin_until(future.done)

@@ -134,7 +134,7 @@ class Suite:
         status = self.status
         caused = fault.words in status['interlock_cause']
         if status['interlock_state'] == fault.state == 'tripped' and caused:
-            self.graph.spin_until(lambda: abs(float(self.status['target_mps']) - SAFE) < 0.05)
+            self.graph.spin_until(lambda: abs(self._targets[-1].twist.linear.x - SAFE) < 0.05)
         told = fault.told(self) if caused else ''
         fault.end(self)
         if status['interlock_state'] != fault.state or not caused:
