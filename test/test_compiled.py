@@ -7,11 +7,14 @@ import os
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hunt_ros.compiled import HAVE_COMPILER, compiled
+
+BAG = Path(__file__).parents[1] / 'bags' / 'kick_decays'
 
 #: Put before a script: from here on, numba is not there to be found.
 HIDE_NUMBA = textwrap.dedent(
@@ -229,3 +232,16 @@ def test_machine_code_of_an_earlier_version_is_made_anew(tmp_path) -> None:
     (tmp_path / 'before.py').unlink()
     assert version('later') == ['3.0', '0']
     assert version('later') == ['3.0', '1']
+
+
+@pytest.mark.skipif(not HAVE_COMPILER, reason='without numba nothing is kept on disk')
+@pytest.mark.parametrize('verb', ['replay', 'identify'])
+def test_a_verb_that_ran_before_compiles_nothing(verb) -> None:
+    """A part that Python calls would be compiled at every start, and be said each time."""
+    words = [sys.executable, '-m', 'hunt_ros.cli.main', verb, str(BAG)]
+    for _ in range(2):
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
+        assert done.returncode in (0, 1), done.stderr  # 1: no form
+    if 'cannot be kept' in done.stderr:
+        pytest.skip('nothing can be written here')
+    assert 'compiling' not in done.stderr

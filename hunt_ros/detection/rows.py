@@ -184,7 +184,7 @@ class RowMaker:
     @property
     def state(self) -> State:
         """The state in force."""
-        return State(states.shown(self.memory['state'][0]))
+        return State(states.word_of(self.memory['state'][0]))
 
     def acknowledge(self) -> None:
         """Take the alarm back: at once, or once the hunting is over and all limits are kept."""

@@ -144,11 +144,14 @@ def next_state(
         seen['reference'] += rules.stride / _FOLLOW_S * (a - seen['reference'])
 
 
-@compiled_part
-def shown(memory: Any) -> int:
+def word_of(memory: Any) -> int:
     """Return the one word for both machines, a `State`."""
     hunting = memory['hunting']['word']
     return int(hunting if hunting != NO else memory['motion']['word'])
+
+
+#: The same for kernels: called from Python it would be compiled anew in each process.
+shown = compiled_part(word_of)
 
 
 @compiled_part
