@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.errors import IdentificationError
-from hunt_ros.identification.law_choice import FittedLaw, refit
+from hunt_ros.identification.fit import FittedLaw, refit
 from hunt_ros.identification.settings import IdentificationSettings
 
 #: Replications in one task: long enough to outweigh handing it over.

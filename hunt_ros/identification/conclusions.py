@@ -15,16 +15,15 @@ from hunt_ros.dynamics.normal_form import COEFFICIENTS
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.days import by_day
 from hunt_ros.identification.envelope import Envelope
+from hunt_ros.identification.fit import FittedLaw
 from hunt_ros.identification.four_point import FourPoint, at_detunings, four_point
-from hunt_ros.identification.growth_law import QUINTIC, GrowthScales
+from hunt_ros.identification.growth_law import GrowthScales
 from hunt_ros.identification.guards import support_of
 from hunt_ros.identification.lack_of_fit import (
     contradictions,
-    following,
     misfit_of,
     missed_transients,
 )
-from hunt_ros.identification.law_choice import FittedLaw
 from hunt_ros.identification.observed import bounded, resolved
 from hunt_ros.identification.posterior import Posterior
 from hunt_ros.identification.pure_error import LackOfFit
@@ -97,7 +96,7 @@ def conclude(
     Identification
         Every null of its JSON is named by a warning.
     """
-    laws = following(evidence.laws, evidence.hunting)
+    laws = evidence.laws
     best = laws[0]
     trust = _trust(best, evidence, warnings)
     drawn = draw_laws(laws, settings, len(evidence.envelopes), trust.stretch, progress)
@@ -239,12 +238,12 @@ def _trust(best: FittedLaw, evidence: Evidence, warnings: list[str]) -> _Trust:
         warnings.append(f'lack of fit: {astray}; no fold is claimed')
     # The paper's form may miss what a richer one follows: that too is to be known.
     quintic = next(
-        misfit_of(one, evidence.hunting) for one in evidence.laws if one.law.name == QUINTIC
+        misfit_of(one, evidence.hunting) for one in evidence.laws if one.departure == 0.0
     )
     if quintic.flagged and not misfit.flagged:
         warnings.append(
-            f'lack of fit of the quintic form ({100.0 * quintic.share:.1f} %); the law chosen'
-            f' is {name}, and D7, D10, D15 are effective coefficients'
+            f'lack of fit of the quintic form ({100.0 * quintic.share:.1f} %); further terms are'
+            ' let in, and D7, D10, D15 are effective coefficients'
         )
     against = contradictions(evidence.hunting)
     warnings += against
@@ -285,10 +284,8 @@ def _summary(laws: Sequence[FittedLaw], evidence: Evidence, trust: _Trust) -> Fi
     inside = best.fit.innovations
     size = inside[:, 0] * np.exp(0.5 * inside[:, 2])
     used = size[inside[:, 2] != 0.0]
-    others = ', '.join(f'{one.law.name} {one.weight:.2g}' for one in evidence.laws)
-    why = f'share of the evidence: {others}'
-    if best.law.name != evidence.laws[0].law.name:
-        why += f'; {best.law.name} misses the limit cycle least'
+    paper = sum(one.weight for one in laws if one.departure == 0.0)
+    why = f"share of the evidence: the paper's form {paper:.2g}, further terms {1.0 - paper:.2g}"
     return FitSummary(
         method='trajectory likelihood',
         law=best.law.name,

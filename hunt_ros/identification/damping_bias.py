@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled
+from hunt_ros.identification.growth_law import LINEAR, LINEAR_POWERS, TERMS
 from hunt_ros.identification.path import Path
-from hunt_ros.identification.path_likelihood import NOISE_TERMS
 
 #: Share of A_ref up to which motion is quiet: the cubic term changes its growth by little.
 _QUIET = 0.2
@@ -71,48 +71,48 @@ def damping_correction(
 
     Parameters
     ----------
-    theta : ndarray, shape (terms + 5,)
+    theta : ndarray, shape (16,)
         Law and noise at the maximum.
     path : Path
         The measured envelope.
-    derivative : ndarray, shape (terms + 5, n, 2)
+    derivative : ndarray, shape (16, n, 2)
         Of the whitened innovations by theta.
-    information : ndarray, shape (terms + 5, terms + 5)
+    information : ndarray, shape (16, 16)
         Fisher information, with the priors.
 
     Returns
     -------
-    ndarray, shape (terms,)
+    ndarray, shape (11,)
 
     References
     ----------
     Cox, D. R., Snell, E. J. (1968), J. R. Statist. Soc. B 30, 248-275, Eq. (20); for the
     autoregression: Marriott, F. H. C., Pope, J. A. (1954), Biometrika 41, 390-402.
     """
-    terms = theta.size - NOISE_TERMS
-    pull = np.zeros(terms)
+    pull = np.zeros(TERMS)
     if not (np.isfinite(information).all() and np.isfinite(derivative).all()):
         return pull
     # With the noise held: it is known from all of the record. Brought to a unit diagonal:
     # coefficients that nothing depends on must not blur the rest.
-    block = information[:terms, :terms]
-    size = np.sqrt(np.maximum(np.diag(block), 1e-12))
+    block = information[:TERMS, :TERMS]
+    size = np.sqrt(np.diag(block))
+    size = np.where(size > 0.0, size, 1.0)
     inverse = np.linalg.pinv(block / np.outer(size, size), rcond=1e-13, hermitian=True)
     inverse /= np.outer(size, size)
     power = np.abs(path.phasor) ** 2
     quiet = np.nan_to_num(power, nan=np.inf) < _QUIET**2
-    growth = theta[0] + (theta[1] + theta[2] * path.u) * path.u
+    columns = np.stack([path.u**power_of_u for power_of_u in LINEAR_POWERS])
+    growth = theta[list(LINEAR)] @ columns
     forcing = np.exp(np.clip(theta[-3] + theta[-5] * path.u, -40.0, 10.0))
     step = np.diff(path.time, prepend=path.time[0])
     memory = np.empty(path.time.size)
     begins = path.restart.copy()
     begins[1:] |= ~quiet[:-1]
     _memory(growth, forcing, step, begins, power, memory)
-    rows = derivative[:terms]
-    leverage = np.einsum('jnc,jk,knc->n', rows, inverse, rows)
+    rows = derivative[:TERMS]
+    leverage = np.einsum('jnc,jk,knc->n', rows, inverse, rows, optimize=True)
     weight = np.where(quiet, leverage * memory, 0.0)
-    columns = np.stack([np.ones_like(path.u), path.u, path.u**2])
-    pull[:3] = columns @ weight
+    pull[list(LINEAR)] = columns @ weight
     correction: NDArray[np.float64] = inverse @ pull
     # First order is only that: never more than one deviation.
     return correction / max(1.0, math.sqrt(max(float(pull @ correction), 0.0)))

@@ -1,38 +1,81 @@
 """
-The growth laws a recording is fitted with.
+The growth law that a recording is fitted with: Eq. (24), and terms that it leaves out.
 
-    quintic        d ln A / dt = p0 + p1 u + p2 u^2 + (p3 + p4 u) w + p5 w^2
-    eps r^5        the same + p6 u w^2
-    conicity       p0 + p1 u + p2 u^2 + (p3 + p4 u) K + p6 K^2,   K = w + p5 w^2
+    d ln A / dt =   p0 + p1 u + p2 u^2 + (p3 + p4 u) w + p5 w^2
+                  + p6 u w^2 + p7 w^3 + p8 u^3 + p9 u^2 w
 
-with u = v / v_ref - 1 and w = (A / A_ref)^2. The quintic law is Eq. (24) without a
-critical speed in it: of order one, and defined even where the data hold no critical
-speed. The third lets the amplitude act through the equivalent conicity
-K(A) = 3/4 beta30 A^2 + 5/8 beta50 A^4 alone, as it does where only y is nonlinear.
+with u = v / v_ref - 1 and w = (A / A_ref)^2. The first six terms are the paper's form without
+a critical speed in it: of order one, and defined even where the data hold no critical speed.
+The others are what a rig may add to it. A prior shrinks them towards zero; its scale is learnt
+from the recording, and with the scale at zero the law is the paper's exactly.
 
-A line of amplitude B that the roller forces on y beside hunting takes part in the cubic and
-quintic terms: A^2 -> A^2 + 2 B^2, A^4 -> A^4 + 6 A^2 B^2 + 3 B^4. The laws are those of a
-rig without it, and `line` says how much of it there is.
+A line of amplitude B that the roller forces on y beside hunting takes part in the nonlinear
+terms: A^2 -> A^2 + 2 B^2, A^4 -> A^4 + 6 A^2 B^2 + 3 B^4,
+A^6 -> A^6 + 12 A^4 B^2 + 18 A^2 B^4 + 4 B^6. Of its power the wheelset feels the share p10: a
+line that is partly run-out of the sensor acts less. The law is that of a rig without the line.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hunt_ros.compiled import compiled_part
 from hunt_ros.dynamics.normal_form import Criticality
 
 Array = NDArray[np.float64]
 
-#: Names of the laws, as results give them, and their numbers of coefficients.
-QUINTIC, EXTENDED, CONICITY = 'quintic', 'quintic + eps r^5', 'equivalent conicity'
-TERMS = {QUINTIC: 6, EXTENDED: 7, CONICITY: 7}
+#: Numbers of coefficients: of the paper's form, of the law, and with the share of the line.
+PAPER_TERMS, TERMS = 6, 11
+#: Place of the share of the roller's line that the wheelset feels.
+FELT = 10
+#: Places of the terms without amplitude, and their powers of u.
+LINEAR, LINEAR_POWERS = (0, 1, 2, 8), (0, 1, 2, 3)
+#: Names of the law, as results give them: as the paper has it, and with further terms.
+QUINTIC, EXTENDED = 'quintic', 'quintic with shrunken terms'
 
 #: Largest w = (A / A_ref)^2 at which a limit cycle is looked for.
 _LARGEST = 9.0
+
+
+def _powers_of_w(p: Array, u: Any, line: Any) -> tuple[Any, Any, Any, Any]:
+    """
+    Coefficients of 1, w, w^2 and w^3 in the growth rate at one speed: the law itself.
+
+    Parameters
+    ----------
+    p : ndarray, shape (11,)
+        Coefficients.
+    u, line : float or ndarray, shape (n,)
+        Detuning, and power (B / A_ref)^2 of the roller's line.
+    """
+    b = p[10] * line
+    first = p[3] + (p[4] + p[9] * u) * u
+    second = p[5] + p[6] * u
+    third = p[7]
+    rest = p[0] + (p[1] + (p[2] + p[8] * u) * u) * u
+    return (
+        rest + (2.0 * first + (3.0 * second + 4.0 * third * b) * b) * b,
+        first + (6.0 * second + 18.0 * third * b) * b,
+        second + 12.0 * third * b,
+        third + 0.0 * b,
+    )
+
+
+#: The same for the compiled likelihood.
+powers_of_w = compiled_part(_powers_of_w)
+
+
+def lawful(paper: ArrayLike, felt: float = 1.0) -> Array:
+    """Return coefficients, shape (11,), from those of the paper's form, shape (6,)."""
+    p = np.zeros(TERMS)
+    p[:PAPER_TERMS] = paper
+    p[FELT] = felt
+    return p
 
 
 @dataclass(frozen=True)
@@ -63,33 +106,101 @@ class GrowthScales:
         """(A_ref / 2 d0)^2: turns w into r^2."""
         return (self.amplitude / (2.0 * self.length_scale)) ** 2
 
+    @property
+    def fastest_rate(self) -> float:
+        """Largest sensible growth rate, 1/s: the angular frequency of the mode itself."""
+        return 2.0 * math.pi * self.frequency_hz
+
+
+@dataclass(frozen=True, eq=False)
+class LawPrior:
+    """
+    What is known of the law's coefficients before the data are seen: independent normal numbers.
+
+    Parameters
+    ----------
+    mean, std : ndarray, shape (11,)
+        1/s; a coefficient with std 0 is held at its mean.
+    """
+
+    mean: Array
+    std: Array
+
+
+def law_prior(scales: GrowthScales, departure: float, size: Array | None, line: bool) -> LawPrior:
+    """
+    Prior of the law for a rig that departs from the paper's form by so much.
+
+    Parameters
+    ----------
+    scales : GrowthScales
+        Units. No mode that still oscillates grows faster than its own angular frequency.
+    departure : float
+        Scale of the further terms relative to those they belong to; 0 for the paper's form.
+    size : ndarray, shape (6,), optional
+        Coefficients of the paper's form; not needed for `departure` 0.
+    line : bool
+        Whether there is a line of the roller.
+
+    Returns
+    -------
+    LawPrior
+    """
+    mean, std = np.zeros(TERMS), np.zeros(TERMS)
+    std[:PAPER_TERMS] = scales.fastest_rate
+    mean[FELT], std[FELT] = 1.0, 0.5 if line else 0.0
+    if departure > 0.0 and size is not None:
+        # In a series in u and w each term is about as large as the one before, less w^3 / 6.
+        amplitude = float(np.max(np.abs(size[[3, 5]])))
+        std[[6, 7, 8, 9]] = departure * np.array(
+            [amplitude, 0.3 * amplitude, abs(float(size[1])), amplitude]
+        )
+    return LawPrior(mean, std)
+
 
 @dataclass(frozen=True, eq=False)
 class GrowthLaw:
     """
-    A growth law with its coefficients.
+    The growth law with its coefficients.
 
     Parameters
     ----------
-    name : str
-        Key of `TERMS`.
-    p : ndarray, shape (6,) or (7,)
-        1/s.
+    p : ndarray, shape (11,)
+        1/s, and the share of the roller's line that is felt.
     scales : GrowthScales
     """
 
-    name: str
     p: Array
     scales: GrowthScales
+
+    @property
+    def name(self) -> str:
+        """Name of the law, as results give it."""
+        return EXTENDED if np.any(self.p[PAPER_TERMS:FELT] != 0.0) else QUINTIC
 
     def detuning(self, speed: ArrayLike) -> Array:
         """Return u = v / v_ref - 1 for speeds in m/s, any shape."""
         return np.asarray(speed, dtype=np.float64) / self.scales.speed - 1.0
 
-    def linear(self, u: Array) -> Array:
+    def linear(self, u: Array | float) -> Array:
         """Linear growth rate, 1/s."""
-        value: Array = self.p[0] + (self.p[1] + self.p[2] * u) * u
+        value: Array = self.p[0] + (self.p[1] + (self.p[2] + self.p[8] * u) * u) * u
         return value
+
+    def linear_slope(self, u: float) -> float:
+        """Change of the linear growth rate with u, 1/s."""
+        return float(self.p[1] + (2.0 * self.p[2] + 3.0 * self.p[8] * u) * u)
+
+    def linear_terms(self, u: float) -> Array:
+        """Return what multiplies each coefficient in the linear growth rate, shape (11,)."""
+        terms = np.zeros(TERMS)
+        terms[list(LINEAR)] = u ** np.array(LINEAR_POWERS)
+        return terms
+
+    def _in_w(self, u: Array, line: ArrayLike) -> tuple[Array, Array, Array, Array]:
+        """Coefficients of the powers of w, for a line of power B^2 in m^2."""
+        b = np.asarray(line, dtype=np.float64) / self.scales.amplitude**2
+        return _powers_of_w(self.p, u, b)
 
     def growth_rate(self, speed: ArrayLike, amplitude: ArrayLike, line: ArrayLike = 0.0) -> Array:
         """
@@ -105,51 +216,41 @@ class GrowthLaw:
         ndarray
             1/s.
         """
-        u = self.detuning(speed)
         w = (np.asarray(amplitude, dtype=np.float64) / self.scales.amplitude) ** 2
-        b = np.asarray(line, dtype=np.float64) / self.scales.amplitude**2
-        first, second = self.p[3] + self.p[4] * u, self._second(u)
-        cubic, quintic = w + 2.0 * b, w**2 + (6.0 * w + 3.0 * b) * b
-        if self.name == CONICITY:
-            cubic += self.p[5] * quintic
-            quintic = cubic**2
-        rate: Array = self.linear(u) + first * cubic + second * quintic
+        rest, first, second, third = self._in_w(self.detuning(speed), line)
+        rate: Array = rest + (first + (second + third * w) * w) * w
         return rate
 
-    def _second(self, u: Array) -> Array:
-        """Coefficient of the square of what acts (w or K)."""
-        if self.name == QUINTIC:
-            return np.full_like(u, self.p[5])
-        if self.name == EXTENDED:
-            return np.asarray(self.p[5] + self.p[6] * u)
-        return np.full_like(u, self.p[6])
+    def _roots(self) -> list[tuple[float, float]]:
+        """Speeds where the linear growth rate is zero and its slope there, the nearest first."""
+        p = self.p[list(LINEAR)][::-1]
+        if not np.isfinite(p).all():
+            return []
+        significant = np.abs(p) > 1e-12 * np.max(np.abs(p))
+        roots = np.roots(np.where(significant, p, 0.0))
+        real = roots.real[np.abs(roots.imag) <= 1e-9 * np.maximum(np.abs(roots.real), 1e-3)]
+        found = []
+        for u in sorted(real.tolist(), key=abs):
+            slope = self.linear_slope(u)
+            if slope != 0.0:
+                u -= float(self.linear(u)) / slope
+            if u > -1.0:
+                found.append((self.scales.speed * (1.0 + u), slope))
+        return found
 
     @property
     def critical_speed(self) -> float | None:
-        """Speed where the linear growth rate rises through zero, m/s; None without one."""
-        p0, p1, p2 = self.p[:3]
-        discriminant = p1 * p1 - 4.0 * p2 * p0
-        if discriminant < 0.0:
-            return None
-        # Rising root: 2 p2 u + p1 = + sqrt(discriminant), without cancellation.
-        root = math.sqrt(discriminant)
-        if p1 + root > 1e-12 * (abs(p1) + root):
-            u = -2.0 * p0 / (p1 + root)
-        elif abs(p2) > 0.0:
-            u = (-p1 + root) / (2.0 * p2)
-        else:
-            return None
-        return float(self.scales.speed * (1.0 + u)) if u > -1.0 else None
+        """
+        Speed where the linear growth rate rises through zero, m/s; None without one.
+
+        Of several the one nearest to the speeds of the data.
+        """
+        return next((speed for speed, slope in self._roots() if slope > 0.0), None)
 
     @property
     def other_root(self) -> float | None:
         """Speed where the linear growth rate falls through zero again, m/s."""
-        p0, p1, p2 = self.p[:3]
-        discriminant = p1 * p1 - 4.0 * p2 * p0
-        if discriminant <= 0.0 or p2 == 0.0:
-            return None
-        u = (-p1 - math.sqrt(discriminant)) / (2.0 * p2)
-        return float(self.scales.speed * (1.0 + u))
+        return next((speed for speed, slope in self._roots() if slope < 0.0), None)
 
     @property
     def criticality(self) -> Criticality | None:
@@ -157,7 +258,7 @@ class GrowthLaw:
         v_c = self.critical_speed
         if v_c is None:
             return None
-        cubic = self.p[3] + self.p[4] * float(self.detuning(v_c))
+        cubic = float(self._in_w(self.detuning(v_c), 0.0)[1])
         return 'subcritical' if cubic > 0.0 else 'supercritical'
 
     def steady_amplitudes(self, speed: ArrayLike, line: ArrayLike = 0.0) -> tuple[Array, Array]:
@@ -180,25 +281,12 @@ class GrowthLaw:
             is where a law runs away, outside what it was fitted to: no state of a rig.
         """
         u = np.atleast_1d(self.detuning(speed))
-        b = np.asarray(line, dtype=np.float64) / self.scales.amplitude**2
-        first, second = self.p[3] + self.p[4] * u, self._second(u)
-        p5 = self.p[5] if self.name == CONICITY else 0.0
-        if self.name == CONICITY:
-            acting = _quadratic(second, first, self.linear(u))
-            bent = np.full_like(acting, p5)
-            w = _quadratic(bent, 1.0 + 6.0 * p5 * b, (2.0 + 3.0 * p5 * b) * b - acting)
-            w = w.reshape(-1, u.size)
-        else:
-            rest = self.linear(u) + (2.0 * first + 3.0 * second * b) * b
-            w = _quadratic(second, first + 6.0 * second * b, rest)
+        rest, first, second, third = (np.broadcast_to(c, u.shape) for c in self._in_w(u, line))
+        w = _cubic_roots(third, second, first, rest)
         with np.errstate(invalid='ignore', over='ignore'):
-            slope = first + 2.0 * second * (w + 3.0 * b)
-            if self.name == CONICITY:
-                k = w + 2.0 * b + p5 * (w**2 + (6.0 * w + 3.0 * b) * b)
-                slope = (first + 2.0 * second * k) * (1.0 + 2.0 * p5 * (w + 3.0 * b))
+            slope = first + (2.0 * second + 3.0 * third * w) * w
             exists = (w > 0.0) & (w < _LARGEST)
-            leaves = self.growth_rate(speed, 0.0, line) > 0.0
-            barrier = exists & (slope > 0.0) & ~leaves
+            barrier = exists & (slope > 0.0) & ~(rest > 0.0)
             unstable = np.min(np.where(barrier, w, np.inf), axis=0)
             above = exists & (slope < 0.0) & ((w > unstable) | ~np.isfinite(unstable))
         stable = np.min(np.where(above, w, np.inf), axis=0)
@@ -240,11 +328,35 @@ class GrowthLaw:
         return high
 
 
-def _quadratic(a: Array, b: Array, c: Array) -> Array:
-    """Both roots of a x^2 + b x + c, shape (2, ...); NaN where there is none."""
+def _cubic_roots(a: Array, b: Array, c: Array, d: Array) -> Array:
+    """
+    Real roots of a x^3 + b x^2 + c x + d, shape (3, n); NaN where there is none.
+
+    References
+    ----------
+    Press, W. H., et al., Numerical Recipes (2007), Sect. 5.6.
+    """
     with np.errstate(all='ignore'):
-        q = -0.5 * (b + np.copysign(np.sqrt(b * b - 4.0 * a * c), b))
-        return np.stack([q / a, c / q])
+        q = -0.5 * (c + np.copysign(np.sqrt(c * c - 4.0 * b * d), c))
+        square = np.stack([q / b, d / q, np.full_like(q, np.nan)])
+        b3, c3, d3 = b / a, c / a, d / a
+        big_q = (b3 * b3 - 3.0 * c3) / 9.0
+        big_r = (2.0 * b3**3 - 9.0 * b3 * c3 + 27.0 * d3) / 54.0
+        angle = np.arccos(big_r / big_q**1.5) / 3.0
+        turns = 2.0 * np.pi / 3.0 * np.array([0.0, 1.0, -1.0])[:, None]
+        three = -2.0 * np.sqrt(big_q) * np.cos(angle + turns) - b3 / 3.0
+        root = np.cbrt(np.abs(big_r) + np.sqrt(big_r**2 - big_q**3))
+        root = -np.copysign(root, big_r)
+        one = np.where(root == 0.0, 0.0, root + big_q / root) - b3 / 3.0
+        alone = np.stack([one, np.full_like(one, np.nan), np.full_like(one, np.nan)])
+        full = np.where(np.isfinite(angle), three, alone)
+        # A leading term that changes nothing within reach: the others decide, and it is added.
+        slight = np.abs(a) * _LARGEST**2 < 1e-6 * (np.abs(b) * _LARGEST + np.abs(c))
+        x = np.where(slight, square, full)
+        for _ in range(2):
+            step = (((a * x + b) * x + c) * x + d) / ((3.0 * a * x + 2.0 * b) * x + c)
+            x = np.where(np.abs(step) < 0.1 * np.abs(x), x - step, x)
+    return x
 
 
 def _root(w: Array) -> Array:
@@ -253,5 +365,5 @@ def _root(w: Array) -> Array:
 
 
 def monomials(u: Array, w: Array) -> Array:
-    """Return the columns that multiply p in the quintic law, shape (n, 6)."""
+    """Return the columns that multiply p in the paper's form, shape (n, 6)."""
     return np.stack([np.ones_like(u), u, u**2, w, u * w, w**2], axis=-1)

@@ -18,7 +18,7 @@ from hunt_ros.analysis.steady_state import SteadyState, hunting_threshold
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.identification.days import free_motion, highest_decay
 from hunt_ros.identification.envelope import Envelope
-from hunt_ros.identification.law_choice import FittedLaw
+from hunt_ros.identification.fit import FittedLaw
 from hunt_ros.identification.segments import Segment
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.uncertainty import robust_covariance
@@ -168,8 +168,7 @@ def _growth_there(best: FittedLaw, speed: float, runs: int) -> str:
     """Linear growth rate at one speed, where the motion shows its sign; or that it does not."""
     u = float(best.law.detuning(speed))
     rate = float(best.law.linear(best.law.detuning(speed)))
-    slopes = np.zeros(best.law.p.size)
-    slopes[:3] = 1.0, u, u * u
+    slopes = best.law.linear_terms(u)
     variance = float(slopes @ robust_covariance(best.fit, runs).matrix @ slopes)
     if not variance < (_VAGUE * rate) ** 2:
         return 'this motion does not show its linear growth rate'

@@ -22,7 +22,6 @@ from hunt_ros.estimation.record_lines import RecordLines, turns_per_metre
 from hunt_ros.identification.beat import without_beat
 from hunt_ros.identification.channels import Channels
 from hunt_ros.identification.conclusions import Evidence, conclude
-from hunt_ros.identification.discrepancy import held_less
 from hunt_ros.identification.envelope import (
     WINDOW_CYCLES,
     WINDOW_OVERLAP,
@@ -30,14 +29,13 @@ from hunt_ros.identification.envelope import (
     WINDOW_VARIANCE,
     Envelope,
 )
+from hunt_ros.identification.fit import fit_laws
 from hunt_ros.identification.growth_law import GrowthScales
 from hunt_ros.identification.hunting_frequency import (
     find_frequency,
     lines_of,
     tracked_envelope,
 )
-from hunt_ros.identification.lack_of_fit import following, misfit_of
-from hunt_ros.identification.law_choice import fit_again, fit_laws
 from hunt_ros.identification.mode import measured_shape
 from hunt_ros.identification.path import Path
 from hunt_ros.identification.plateaus import analyse_record
@@ -123,19 +121,6 @@ def identify(
         observed = replace(observed, threshold=hunting_threshold(amplitude))
     path, scales = _path(runs, frequency, settings)
     laws = fit_laws(path, scales, settings, observed.v_c, _floor(path))
-    if laws[0].path.line is None:
-        states = [replace(state, line_power=0.0) for state in states]
-    tell(0.8 * _FITTED)
-    hunting = [s for s in states if observed.threshold and s.amplitude > observed.threshold]
-    best = following(laws, hunting)[0]
-    misfit = misfit_of(best, hunting)
-    if misfit.significant:
-        held = held_less(best, misfit, hunting, [run.envelope for run in runs])
-        laws = fit_again(laws, held, settings)
-        warnings.append(
-            f'the {best.law.name} law misses the limit cycle by {100.0 * misfit.share:.2g} %,'
-            f' beyond chance: the limit cycle counts less, and the intervals hold the misfit'
-        )
     tell(_FITTED)
     evidence = Evidence(
         laws=laws,

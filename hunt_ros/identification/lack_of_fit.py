@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.identification.envelope import Envelope
-from hunt_ros.identification.growth_law import GrowthLaw
-from hunt_ros.identification.law_choice import FittedLaw
+from hunt_ros.identification.fit import FittedLaw
+from hunt_ros.identification.growth_law import TERMS, GrowthLaw
 from hunt_ros.identification.pure_error import LackOfFit, against_curve, against_repeats
 from hunt_ros.identification.segments import Segment
 from hunt_ros.identification.stationary import forcing, stationary_amplitude
+from hunt_ros.identification.trajectory_fit import inverse_of
 
 #: Logarithm of the amplitude that a state counts as off where the law has no limit cycle.
 _ABSENT = 0.3
@@ -50,7 +51,7 @@ def lack_of_fit(
     noise : ndarray, shape (5,), optional
         Forcing found beside the law: the states are then compared with the mean amplitude
         of the forced motion, which near a critical speed is not that of the branch.
-    covariance : ndarray, shape (terms, terms), optional
+    covariance : ndarray, shape (11, 11), optional
         Of the law's coefficients, where it was fitted to these states: by the likelihood.
 
     Returns
@@ -98,7 +99,8 @@ def _bent(
         return np.zeros((len(states), 1))
     speed = np.array([state.speed for state in states])
     line = np.array([state.line_power for state in states])
-    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    open_to = np.diag(covariance) > 0.0
+    size = np.where(open_to, np.sqrt(np.abs(np.diag(covariance))), 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
     changes = []
     for value, vector in zip(values, vectors.T, strict=True):
@@ -133,12 +135,10 @@ def _expected(
 
 def misfit_of(fitted: FittedLaw, states: Sequence[SteadyState]) -> LackOfFit:
     """Test the stable branch of a fitted law against the steady amplitudes it was fitted to."""
-    terms = fitted.law.p.size
     information = fitted.fit.information
     covariance = None
     if np.isfinite(information).all():
-        inverse = np.linalg.pinv(information, rcond=1e-13, hermitian=True)
-        covariance = np.asarray(inverse[:terms, :terms], dtype=np.float64)
+        covariance = inverse_of(information)[:TERMS, :TERMS]
     return lack_of_fit(fitted.law, states, fitted.noise, covariance)
 
 
@@ -187,32 +187,6 @@ def missed_transients(
             count += 1
             missed += abs(said - seen) > 0.35 * max(abs(said), abs(seen)) + 0.4
     return missed, count
-
-
-def following(laws: Sequence[FittedLaw], states: Sequence[SteadyState]) -> list[FittedLaw]:
-    """
-    Leave out laws that miss the limit cycle, where there is one that does not.
-
-    Parameters
-    ----------
-    laws : sequence of FittedLaw
-        With their shares of the evidence.
-    states : sequence of SteadyState
-        Hunting states only.
-
-    Returns
-    -------
-    list of FittedLaw
-        With shares that sum to one, in their order; where all miss it, the one that misses
-        it least.
-    """
-    tests = [misfit_of(one, states) for one in laws]
-    good = [one for one, test in zip(laws, tests, strict=True) if not test.flagged]
-    good = good or [laws[int(np.argmin([test.share for test in tests]))]]
-    total = sum(one.weight for one in good)
-    if total <= 0.0:
-        return [replace(good[0], weight=1.0), *good[1:]]
-    return [replace(one, weight=one.weight / total) for one in good]
 
 
 def contradictions(states: Sequence[SteadyState]) -> list[str]:

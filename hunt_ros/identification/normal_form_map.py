@@ -6,19 +6,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.dynamics.normal_form import NormalForm
-from hunt_ros.identification.growth_law import EXTENDED, QUINTIC, GrowthLaw, GrowthScales
+from hunt_ros.identification.growth_law import (
+    PAPER_TERMS,
+    QUINTIC,
+    GrowthLaw,
+    GrowthScales,
+    lawful,
+)
 
 Array = NDArray[np.float64]
 
 
 def normal_form_of(law: GrowthLaw, low: float, high: float) -> NormalForm | None:
     """
-    Normal form of a law: exact for the quintic, else the nearest on its branches.
+    Normal form of a law: exact for the paper's form, else the nearest on its branches.
 
     Parameters
     ----------
     law : GrowthLaw
-        Any of the laws.
+        With or without further terms.
     low, high : float
         Range of speeds over which it shall hold, m/s.
 
@@ -28,17 +34,20 @@ def normal_form_of(law: GrowthLaw, low: float, high: float) -> NormalForm | None
         In the amplitude coordinate; None without a critical speed. D7, D10 and D15
         are effective coefficients over this range.
     """
-    p = law.p if law.name == QUINTIC else _nearest_quintic(law, low, high)
-    return to_normal_form(p, law.scales)
+    p = law.p[:PAPER_TERMS] if law.name == QUINTIC else _nearest_quintic(law, low, high)
+    return None if p is None else to_normal_form(p, law.scales)
 
 
-def _nearest_quintic(law: GrowthLaw, low: float, high: float) -> Array:
-    """Quintic with the same v_c and D1, nearest in ln A on both branches."""
+def _nearest_quintic(law: GrowthLaw, low: float, high: float) -> Array | None:
+    """Paper's form with the same v_c and D1, nearest in ln A on both branches."""
     p = law.p
+    v_c = law.critical_speed
+    if v_c is None:
+        return None
     speeds = np.linspace(low, high, 61)
     u = law.detuning(speeds)
-    v_c = law.critical_speed
-    u_c = 0.0 if v_c is None else float(law.detuning(v_c))
+    u_c = float(law.detuning(v_c))
+    rise = law.linear_slope(u_c)
     rows, right = [], []
     for branch in law.steady_amplitudes(speeds):
         here = np.isfinite(branch)
@@ -50,20 +59,20 @@ def _nearest_quintic(law: GrowthLaw, low: float, high: float) -> Array:
         # Next to the fold the slope vanishes: a floor keeps its weight finite.
         steep = np.maximum(np.abs(above - below) / 2e-4, 0.2 * np.max(np.abs(p[3:5])))
         rows.append(np.stack([w, x * w, w**2, (x - u_c) ** 2], axis=1) / steep[:, None])
-        right.append(-law.linear(x) / steep)
+        right.append(-rise * (x - u_c) / steep)
     matrix, target = np.concatenate(rows), np.concatenate(right)
     if len(matrix) < 8:
-        taylor = p[5] if law.name == EXTENDED else p[3] * p[5] + p[6]
-        return np.array([*p[:5], taylor])
-    # D7 is free to serve the branches: it is an effective coefficient, and not Taylor's.
-    cubic, mixed, quintic, bend = np.linalg.lstsq(matrix, target, rcond=None)[0]
-    linear = p[:3] + bend * np.array([u_c**2, -2.0 * u_c, 1.0])
+        cubic, mixed, quintic, bend = p[3], p[4], p[5], p[2] + 3.0 * p[8] * u_c
+    else:
+        # D7 is free to serve the branches: it is an effective coefficient, and not Taylor's.
+        cubic, mixed, quintic, bend = np.linalg.lstsq(matrix, target, rcond=None)[0]
+    linear = np.array([-rise * u_c, rise, 0.0]) + bend * np.array([u_c**2, -2.0 * u_c, 1.0])
     return np.array([*linear, cubic, mixed, quintic])
 
 
 def to_normal_form(p: Array, scales: GrowthScales) -> NormalForm | None:
     """
-    Normal form of a quintic law.
+    Normal form of a law without further terms.
 
     Parameters
     ----------
@@ -77,7 +86,7 @@ def to_normal_form(p: Array, scales: GrowthScales) -> NormalForm | None:
     NormalForm or None
         None where the linear growth rate nowhere rises through zero: there is no v_c.
     """
-    v_c = GrowthLaw(QUINTIC, p, scales).critical_speed
+    v_c = GrowthLaw(lawful(p), scales).critical_speed
     if v_c is None:
         return None
     u_c = v_c / scales.speed - 1.0
@@ -97,7 +106,7 @@ def to_normal_form(p: Array, scales: GrowthScales) -> NormalForm | None:
 
 
 def from_normal_form(form: NormalForm, scales: GrowthScales) -> Array:
-    """Quintic law of a normal form, shape (6,); the inverse of `to_normal_form`."""
+    """Coefficients of the paper's form, shape (6,); the inverse of `to_normal_form`."""
     tau = scales.time_scale
     # The form's own scales may differ: bring its coefficients onto ours first.
     time = tau / form.time_scale

@@ -32,12 +32,8 @@ class Path:
         Mean distance of two instants of such a window, s.
     overlap : float
         Correlation of the noise of neighbouring windows, below 1/2.
-    conicity : bool
-        Whether the law is that of the equivalent conicity.
     line : ndarray, shape (n,), optional
         Power (B / A_ref)^2 of the lines that the roller forces on y beside hunting.
-    weight : ndarray, shape (n,), optional
-        What an instant counts, where a law is not to be held to all of them.
     """
 
     time: NDArray[np.float64]
@@ -48,9 +44,7 @@ class Path:
     blur: float = 0.0
     reach: float = 0.0
     overlap: float = 0.0
-    conicity: bool = False
     line: NDArray[np.float64] | None = None
-    weight: NDArray[np.float64] | None = None
 
     @property
     def clusters(self) -> int:

@@ -38,10 +38,8 @@ class Posterior:
     ----------
     law : GrowthLaw
         The one chosen.
-    names : tuple of str, shape (n,)
-        Law of each draw.
-    p : ndarray, shape (n, terms)
-        Its coefficients, 1/s; zeros behind those that its law has.
+    p : ndarray, shape (n, 11)
+        Coefficients of each draw.
     intensity : ndarray, shape (n,)
         Noise intensity D of each, m^2/s: dA = (A g + D / A) dt + sqrt(2 D) dW; NaN where the
         motion shows none.
@@ -50,7 +48,6 @@ class Posterior:
     """
 
     law: GrowthLaw
-    names: tuple[str, ...]
     p: Array
     intensity: Array
     speeds: tuple[float, float]
@@ -77,20 +74,15 @@ class Posterior:
         intensity : ndarray, shape (n,), optional
             Noise intensity of each draw, m^2/s.
         """
-        p = np.zeros((len(drawn), max(TERMS.values())))
-        for row, one in zip(p, drawn, strict=True):
-            row[: one.p.size] = one.p
+        p = np.array([one.p for one in drawn]).reshape(-1, TERMS)
         if intensity is None:
             intensity = np.full(len(drawn), np.nan)
-        return cls(law, tuple(one.name for one in drawn), p, intensity, speeds)
+        return cls(law, p, intensity, speeds)
 
     @cached_property
     def drawn(self) -> list[GrowthLaw]:
         """The laws drawn."""
-        return [
-            GrowthLaw(name, row[: TERMS[name]], self.law.scales)
-            for name, row in zip(self.names, self.p, strict=True)
-        ]
+        return [GrowthLaw(row, self.law.scales) for row in self.p]
 
     @property
     def lowest(self) -> float:
@@ -111,7 +103,7 @@ class Posterior:
     @cached_property
     def table(self) -> Array:
         """The draws of `QUANTITIES`, SI units, shape (n, 8); NaN for what a draw has not."""
-        rows = np.full((len(self.names), len(QUANTITIES)), np.nan)
+        rows = np.full((len(self.p), len(QUANTITIES)), np.nan)
         for row, law, fold, form in zip(rows, self.drawn, self.folds, self.forms, strict=True):
             if law.critical_speed is not None:
                 row[0] = law.critical_speed

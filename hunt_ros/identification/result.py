@@ -70,7 +70,7 @@ class FitSummary:
     ----------
     method : str
     law : str
-        Growth law that was chosen: 'quintic', 'quintic + eps r^5', 'equivalent conicity'.
+        Growth law that was chosen: 'quintic', or 'quintic with shrunken terms'.
     why : str
         Why this law.
     segments : int

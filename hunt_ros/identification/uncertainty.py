@@ -17,11 +17,10 @@ from scipy import stats
 
 from hunt_ros.dynamics.covariance_root import covariance_root
 from hunt_ros.identification.bootstrap import bootstrap
-from hunt_ros.identification.growth_law import GrowthLaw
-from hunt_ros.identification.law_choice import FittedLaw
-from hunt_ros.identification.path_likelihood import NOISE_TERMS
+from hunt_ros.identification.fit import FittedLaw
+from hunt_ros.identification.growth_law import PAPER_TERMS, TERMS, GrowthLaw
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.identification.trajectory_fit import TrajectoryFit
+from hunt_ros.identification.trajectory_fit import TrajectoryFit, inverse_of
 from hunt_ros.samples import Uncertain
 
 #: With fewer independent runs than this the intervals are widened, and say so.
@@ -39,11 +38,11 @@ class Covariance:
 
     Parameters
     ----------
-    matrix : ndarray, shape (terms, terms)
+    matrix : ndarray, shape (11, 11)
     degrees : float
         Degrees of freedom of its variances: quantiles are Student's.
     condition_number : float
-        Of the information on the law, scaled to unit diagonal.
+        Of the information on the paper's form, scaled to unit diagonal.
     """
 
     matrix: NDArray[np.float64]
@@ -76,30 +75,40 @@ def robust_covariance(fit: TrajectoryFit, runs: int) -> Covariance:
     ----------
     Cameron, A. C., Miller, D. L. (2015), J. Human Resources 50, 317-372, Sects. II, VI.
     """
-    terms = fit.theta.size - NOISE_TERMS
     if not np.isfinite(fit.information).all():
         # A law that ran away says nothing: so wide that every guard sees it.
-        return Covariance(1e6 * np.eye(terms), 2.0, math.inf)
-    inverse = np.linalg.pinv(fit.information, rcond=1e-13, hermitian=True)
+        return Covariance(1e6 * np.eye(TERMS), 2.0, math.inf)
+    inverse = inverse_of(fit.information)
     active = np.flatnonzero(np.abs(fit.scores).sum(axis=1) > 0.0)
     count = active.size
-    covariance = np.asarray(inverse[:terms, :terms], dtype=np.float64)
+    covariance = np.asarray(inverse[:TERMS, :TERMS], dtype=np.float64)
     if count > 1:
         scores = fit.scores[active]
         scores = scores - scores.mean(axis=0)
         meat = scores.T @ scores * count / (count - 1)
-        sandwich = (inverse @ meat @ inverse)[:terms, :terms]
-        robust, plain = np.sqrt(np.diag(sandwich)), np.sqrt(np.diag(covariance))
-        if np.all(robust > 0.0):
-            stretch = np.maximum(plain / robust, 1.0)
-            covariance = np.asarray(sandwich * np.outer(stretch, stretch))
+        covariance = _no_less(np.asarray((inverse @ meat @ inverse)[:TERMS, :TERMS]), covariance)
     degrees = float(max(count - 1, 2))
     if runs < ENOUGH_RUNS:
         covariance = covariance * widening(runs) ** 2
         degrees = min(degrees, 12.0)
-    diagonal = np.sqrt(np.maximum(np.diag(fit.information)[:terms], 1e-300))
-    scaled = fit.information[:terms, :terms] / np.outer(diagonal, diagonal)
+    paper = fit.information[:PAPER_TERMS, :PAPER_TERMS]
+    diagonal = np.sqrt(np.maximum(np.diag(paper), 1e-300))
+    scaled = paper / np.outer(diagonal, diagonal)
     return Covariance(covariance, degrees, float(np.linalg.cond(scaled)))
+
+
+def _no_less(robust: NDArray[np.float64], plain: NDArray[np.float64]) -> NDArray[np.float64]:
+    """
+    Widen a covariance until it is in no direction narrower than another.
+
+    Few clusters leave the robust one too narrow along some directions, by chance.
+    """
+    root = covariance_root(plain)
+    inverse_root = np.linalg.pinv(root, rcond=1e-9)
+    values, vectors = np.linalg.eigh(inverse_root @ robust @ inverse_root.T)
+    wide = root @ vectors
+    covariance: NDArray[np.float64] = (wide * np.maximum(values, 1.0)) @ wide.T
+    return covariance
 
 
 def critical_speed_bound(fitted: FittedLaw) -> float:
@@ -120,15 +129,12 @@ def critical_speed_bound(fitted: FittedLaw) -> float:
     ----------
     Cramer, H. (1946), Mathematical Methods of Statistics, Sect. 32.3.
     """
-    terms = fitted.law.p.size
     u_c = fitted.law.critical_speed
     if u_c is None or not np.isfinite(fitted.fit.information).all():
         return math.nan
     u = float(fitted.law.detuning(u_c))
-    slope = float(fitted.law.p[1] + 2.0 * fitted.law.p[2] * u)
-    inverse = np.linalg.pinv(fitted.fit.information, rcond=1e-13, hermitian=True)[:terms, :terms]
-    way = np.zeros(terms)
-    way[:3] = fitted.law.scales.speed / slope * np.array([1.0, u, u * u])
+    inverse = inverse_of(fitted.fit.information)[:TERMS, :TERMS]
+    way = fitted.law.scales.speed / fitted.law.linear_slope(u) * fitted.law.linear_terms(u)
     return math.sqrt(max(float(way @ inverse @ way), 0.0))
 
 
@@ -145,7 +151,7 @@ def draw_laws(
     progress: Callable[[float], None] | None = None,
 ) -> list[GrowthLaw]:
     """
-    Draw laws as the data leave them open: each law by its share of the evidence.
+    Draw laws as the data leave them open: of each scale of departure by its share.
 
     Parameters
     ----------

@@ -22,7 +22,13 @@ from hunt_ros.dynamics.simulation import (
 )
 from hunt_ros.dynamics.speed_profile import SpeedProfile
 from hunt_ros.identification import Identification, IdentificationSettings
-from hunt_ros.identification.growth_law import QUINTIC, GrowthLaw, GrowthScales
+from hunt_ros.identification.growth_law import (
+    QUINTIC,
+    TERMS,
+    GrowthLaw,
+    GrowthScales,
+    lawful,
+)
 from hunt_ros.identification.normal_form_map import from_normal_form
 from hunt_ros.identification.posterior import Posterior
 from hunt_ros.identification.quantities import Quantities
@@ -127,11 +133,10 @@ def sweep(seed: int) -> Record:
 def identification_of_the_paper(seed: int = 1) -> Identification:
     """What is known of the paper's form: v_n to 0.03 m/s and v_c to 0.1 m/s, without a fit."""
     scales = GrowthScales(7.4, 7e-4, 0.0485, 1.0 / 25.91, 2.835)
-    law = GrowthLaw(QUINTIC, from_normal_form(PAPER_NORMAL_FORM, scales), scales)
+    law = GrowthLaw(lawful(from_normal_form(PAPER_NORMAL_FORM, scales)), scales)
     rng = np.random.default_rng(seed)
-    p = law.p + np.abs(law.p) * np.array([0.03, 0.03, 0.1, 0.02, 0.05, 0.02]) * (
-        rng.standard_normal((400, 6))
-    )
+    vague = lawful([0.03, 0.03, 0.1, 0.02, 0.05, 0.02], felt=0.0)
+    p = law.p + np.abs(law.p) * vague * rng.standard_normal((400, TERMS))
     drawn = [replace(law, p=row) for row in p]
     posterior = Posterior.of(
         law, drawn, (6.0, 8.8), 5e-12 * np.exp(0.2 * rng.standard_normal(400))

@@ -3,12 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from hunt_ros.identification.growth_law import LawPrior, lawful
 from hunt_ros.identification.path import Path
 from hunt_ros.identification.trajectory_fit import fit_path
 
 STEP, HOLD_S, DAMPING, FORCING = 0.5, 25.0, 0.35, 3e-3
 #: A growth rate that may change with u, and nothing else of the law.
-WIDTHS = np.array([20.0, 20.0, 1e-6, 1e-6, 1e-6, 1e-6])
+PRIOR = LawPrior(lawful(np.zeros(6)), np.array([20.0, 20.0, *np.zeros(9)]))
 
 
 def forced(rng: np.random.Generator, seconds: float) -> np.ndarray:
@@ -32,8 +33,8 @@ def found(seed: int, seconds: float) -> tuple[float, float]:
     time = np.concatenate([np.arange(part.size) * STEP for part in z])
     zero = np.zeros(u.size, dtype=np.int64)
     path = Path(time, u, np.concatenate(z), time == 0.0, zero)
-    start = np.array([-0.3, 0, 0, 0, 0, 0, 0, 0, 2 * np.log(FORCING), -18.0, -18.0])
-    fit = fit_path(path, start, WIDTHS)
+    start = np.array([*lawful([-0.3, *np.zeros(5)]), 0, 0, 2 * np.log(FORCING), -18.0, -18.0])
+    fit = fit_path(path, start, PRIOR)
     return -float(fit.theta[0]), -float(fit.law[0])
 
 

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,11 +7,11 @@ from hypothesis import strategies as st
 
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.identification.growth_law import (
-    CONICITY,
-    EXTENDED,
+    FELT,
     QUINTIC,
     GrowthLaw,
     GrowthScales,
+    lawful,
 )
 from hunt_ros.identification.normal_form_map import (
     from_normal_form,
@@ -22,6 +20,7 @@ from hunt_ros.identification.normal_form_map import (
 )
 
 SCALES = GrowthScales(7.4, 7e-4, 0.0485, 1.0 / 25.91, 2.84)
+PAPER = lawful(from_normal_form(PAPER_NORMAL_FORM, SCALES))
 
 
 @given(
@@ -43,12 +42,12 @@ def test_normal_form_and_law_are_inverses(v_c, d1, d4, d7, d10, d15):
         for name in ('critical_speed', *COEFFICIENTS):
             assert getattr(back, name) == pytest.approx(getattr(form, name), rel=1e-6, abs=1e-6)
     speeds, amplitudes = np.array([6.0, 7.0, 9.0]), np.array([1e-4, 4e-4, 8e-4])
-    rate = GrowthLaw(QUINTIC, law, SCALES).growth_rate(speeds, amplitudes)
+    rate = GrowthLaw(lawful(law), SCALES).growth_rate(speeds, amplitudes)
     assert rate == pytest.approx(form.growth_rate(speeds, amplitudes), rel=1e-9, abs=1e-9)
 
 
 def test_branches_and_fold_are_those_of_the_normal_form():
-    law = GrowthLaw(QUINTIC, from_normal_form(PAPER_NORMAL_FORM, SCALES), SCALES)
+    law = GrowthLaw(PAPER, SCALES)
     speeds = np.linspace(6.0, 8.8, 15)
     unstable, stable = law.steady_amplitudes(speeds)
     expected = PAPER_NORMAL_FORM.steady_amplitudes(speeds)
@@ -57,16 +56,21 @@ def test_branches_and_fold_are_those_of_the_normal_form():
     assert law.saddle_node(5.0) == pytest.approx(6.4059, abs=1e-4)
     assert law.critical_speed == pytest.approx(8.0)
     assert law.criticality == 'subcritical'
+    assert law.name == QUINTIC
+
+
+def further(*terms: float) -> GrowthLaw:
+    """Law of the paper with u w^2, w^3, u^3 and u^2 w beside it."""
+    p = PAPER.copy()
+    p[6 : 6 + len(terms)] = terms
+    return GrowthLaw(p, SCALES)
 
 
 @pytest.mark.parametrize(
-    ('name', 'extra'), [(EXTENDED, [-2.0]), (CONICITY, [0.6])], ids=['extended', 'conicity']
+    'terms', [(-2.0,), (0.0, -0.4), (0.0, 0.3), (0.5, -0.5, 2.0, 3.0), (0.0, 1e-9), (0.0, -1e-5)]
 )
-def test_growth_vanishes_on_the_branches_and_changes_sign_as_named(name, extra):
-    p = np.concatenate([from_normal_form(PAPER_NORMAL_FORM, SCALES), extra])
-    if name == CONICITY:
-        p[5] = -1.1
-    law = GrowthLaw(name, p, SCALES)
+def test_growth_vanishes_on_the_branches_and_changes_sign_as_named(terms):
+    law = further(*terms)
     speeds = np.linspace(6.9, 7.7, 5)
     unstable, stable = law.steady_amplitudes(speeds)
     for branch, sign in ((unstable, 1.0), (stable, -1.0)):
@@ -75,10 +79,28 @@ def test_growth_vanishes_on_the_branches_and_changes_sign_as_named(name, extra):
         assert (sign * law.growth_rate(speeds, 1.001 * branch) > 0.0).all()
 
 
+@given(*(st.floats(-1.0, 1.0) for _ in range(4)))
+@settings(max_examples=60, deadline=None)
+def test_the_branches_are_all_changes_of_sign_within_reach(a, b, c, d):
+    law = further(a, b, c, d)
+    speed = 7.3
+    amplitude = SCALES.amplitude * np.sqrt(np.linspace(1e-4, 8.9, 20_000))
+    rate = law.growth_rate(speed, amplitude)
+    up = np.flatnonzero((rate[:-1] < 0.0) & (rate[1:] > 0.0))
+    down = np.flatnonzero((rate[:-1] > 0.0) & (rate[1:] < 0.0))
+    unstable, stable = (branch[0] for branch in law.steady_amplitudes(speed))
+    if rate[0] < 0.0 and up.size and (down > up[0]).any():
+        top = down[down > up[0]][0]
+        assert amplitude[up[0]] * 0.999 <= unstable <= amplitude[up[0] + 1] * 1.001
+        assert amplitude[top] * 0.999 <= stable <= amplitude[top + 1] * 1.001
+    elif rate[0] < 0.0 and not down.size:
+        assert np.isnan(stable)
+
+
 @pytest.mark.parametrize('fifth', [-0.5, 0.0, 0.2])
 def test_a_soft_law_keeps_its_limit_cycle_whatever_bounds_it_far_above(fifth):
     # With a destabilising quintic term the unstable root lies above the limit cycle.
-    law = GrowthLaw(QUINTIC, np.array([-0.07, 3.5, 0.0, -0.36, -3.0, fifth]), SCALES)
+    law = GrowthLaw(lawful([-0.07, 3.5, 0.0, -0.36, -3.0, fifth]), SCALES)
     speeds = law.critical_speed * np.linspace(1.01, 1.1, 6)
     unstable, stable = law.steady_amplitudes(speeds)
     assert np.isnan(unstable).all()
@@ -88,9 +110,9 @@ def test_a_soft_law_keeps_its_limit_cycle_whatever_bounds_it_far_above(fifth):
     assert np.isnan(law.steady_amplitudes(0.98 * law.critical_speed)[1]).all()
 
 
-def test_the_nearest_quintic_keeps_both_branches_of_another_law():
-    p = np.concatenate([from_normal_form(PAPER_NORMAL_FORM, SCALES), [-1.0]])
-    law = GrowthLaw(EXTENDED, p, SCALES)
+@pytest.mark.parametrize('terms', [(-0.5,), (0.0, -0.2), (0.3, -0.2, 1.0, 1.0)])
+def test_the_nearest_form_keeps_both_branches_of_another_law(terms):
+    law = further(*terms)
     form = normal_form_of(law, 6.6, 8.8)
     assert form is not None
     assert form.critical_speed == pytest.approx(law.critical_speed)
@@ -101,21 +123,24 @@ def test_the_nearest_quintic_keeps_both_branches_of_another_law():
         np.testing.assert_allclose(theirs, ours, rtol=0.03)
 
 
+def test_the_form_comes_out_of_a_law_whose_further_terms_vanish():
+    nearly = normal_form_of(further(1e-7, 1e-7, 1e-7, 1e-7), 6.0, 8.8)
+    for name in ('critical_speed', *COEFFICIENTS):
+        expected = pytest.approx(getattr(PAPER_NORMAL_FORM, name), rel=1e-4, abs=1e-3)
+        assert getattr(nearly, name) == expected
+
+
 def test_no_critical_speed_where_the_growth_never_rises_through_zero():
-    law = GrowthLaw(QUINTIC, np.array([-1.0, -1.0, 0.0, 1.0, 0.0, -1.0]), SCALES)
+    law = GrowthLaw(lawful([-1.0, -1.0, 0.0, 1.0, 0.0, -1.0]), SCALES)
     assert law.critical_speed is None or law.critical_speed < 0.0 or law.p[1] > 0.0
     assert to_normal_form(np.array([-1.0, 0.0, -1.0, 1.0, 0.0, -1.0]), SCALES) is None
 
 
-@pytest.mark.parametrize('name', [QUINTIC, EXTENDED, CONICITY])
-def test_steady_amplitudes_beside_a_line_neither_grow_nor_fade(name):
-    quintic = from_normal_form(PAPER_NORMAL_FORM, SCALES)
-    bent = {
-        QUINTIC: quintic,
-        EXTENDED: [*quintic, 0.2],
-        CONICITY: [*quintic[:5], -0.1, quintic[5]],
-    }
-    law = GrowthLaw(name, np.array(bent[name]), SCALES)
+@pytest.mark.parametrize('terms', [(), (0.2,), (0.2, -0.1, 0.5, 0.5)])
+@pytest.mark.parametrize('felt', [1.0, 0.5])
+def test_steady_amplitudes_beside_a_line_neither_grow_nor_fade(terms, felt):
+    law = further(*terms)
+    law.p[FELT] = felt
     speed, line = np.array([6.8, 7.2, 7.6]), np.array([0.0, 1e-9, 3e-9])
     unstable, stable = law.steady_amplitudes(speed, line)
     for branch in (unstable, stable):
@@ -126,15 +151,20 @@ def test_steady_amplitudes_beside_a_line_neither_grow_nor_fade(name):
     assert (unstable[1:] < alone[1:]).all()
 
 
-def test_a_law_that_runs_away_beyond_its_branches_has_the_form_of_its_branches():
-    # Of a staircase: below the fold a conicity that turns round has further, idle zeros.
-    p = np.array([-0.2506, 2.9797, -1.3492, 3.1789, 4.0077, -1.0561, 0.6918])
-    law = GrowthLaw(CONICITY, p, replace(SCALES, amplitude=6.9756e-4, speed=7.399))
-    speeds = np.linspace(6.0, 8.8, 57)
-    unstable, stable = law.steady_amplitudes(speeds)
-    assert np.isnan(unstable[np.isnan(stable)]).all()
-    form = normal_form_of(law, 6.0, 8.8)
-    assert form.criticality == 'subcritical'
-    assert form.nonlinear_critical_speed == pytest.approx(law.saddle_node(6.0), abs=0.03)
-    inner = (speeds > 6.6) & (speeds < 7.8)
-    np.testing.assert_allclose(form.unstable_amplitude(speeds[inner]), unstable[inner], rtol=0.05)
+def test_a_line_acts_through_the_mean_of_its_powers():
+    # One harmonic of (A cos a + B cos b)^n over A, averaged over the angles, n = 3, 5, 7.
+    law = further(0.0, -0.4)
+    amplitude, line, speed = 5e-4, 2e-4, 7.3
+    a, b = np.meshgrid(*2 * [np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)])
+    y = (amplitude * np.cos(a) + line * np.cos(b)) / SCALES.amplitude
+    size = amplitude / SCALES.amplitude
+
+    def power(n: int) -> float:
+        alone = np.mean(np.cos(a) ** (n + 1))
+        return float(np.mean(y**n * np.cos(a)) / size / alone)
+
+    u = float(law.detuning(speed))
+    p = law.p
+    expected = float(law.linear(u)) + (p[3] + p[4] * u) * power(3) + p[5] * power(5)
+    expected += p[7] * power(7)
+    assert float(law.growth_rate(speed, amplitude, line**2)) == pytest.approx(expected, rel=1e-9)

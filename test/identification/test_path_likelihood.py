@@ -7,13 +7,13 @@ import pytest
 
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.identification import path_likelihood
-from hunt_ros.identification.growth_law import CONICITY, TERMS, GrowthLaw, GrowthScales
+from hunt_ros.identification.growth_law import FELT, GrowthLaw, GrowthScales, lawful
 from hunt_ros.identification.normal_form_map import from_normal_form
 from hunt_ros.identification.path import Path
-from hunt_ros.identification.path_likelihood import innovations
+from hunt_ros.identification.path_likelihood import innovations, sensitivities
 
 SCALES = GrowthScales(7.4, 7e-4, 0.0485, 1.0 / 25.91, 2.84)
-LAW = from_normal_form(PAPER_NORMAL_FORM, SCALES)
+LAW = lawful(from_normal_form(PAPER_NORMAL_FORM, SCALES))
 QUIET = np.array([0.0, 0.0, -30.0, -12.0, -20.0])
 
 
@@ -82,7 +82,7 @@ def test_innovations_are_white_and_of_unit_variance_under_the_true_law():
     restart[0] = True
     path = Path(np.arange(n) * step, np.zeros(n), seen, restart, np.zeros(n, dtype=np.int64))
     logs = [2 * np.log(forcing), 2 * np.log(noise), -40.0]
-    theta = np.array([-damping, 0, 0, 0, 0, 0, 0, 0, *logs])
+    theta = np.array([*lawful([-damping, 0, 0, 0, 0, 0]), 0, 0, *logs])
     out = innovations(theta, path)[10:, :2]
     assert out.std(axis=0) == pytest.approx([1.0, 1.0], abs=0.02)
     assert abs(np.mean(out[1:, 0] * out[:-1, 0])) < 0.02
@@ -104,7 +104,7 @@ def test_noise_shared_by_overlapping_windows_is_told_from_motion():
         np.zeros(n, dtype=np.int64),
         overlap=shared / (1.0 + shared**2),
     )
-    theta = np.array([0, 0, 0, 0, 0, 0, 0, 0, -32.0, 2 * np.log(noise), -32.0])
+    theta = np.array([*lawful(np.zeros(6)), 0, 0, -32.0, 2 * np.log(noise), -32.0])
     out = innovations(theta, path)[10:, :2]
     assert out.std(axis=0) == pytest.approx([1.0, 1.0], abs=0.02)
     assert abs(np.mean(out[1:, 0] * out[:-1, 0])) < 0.02
@@ -112,10 +112,13 @@ def test_noise_shared_by_overlapping_windows_is_told_from_motion():
     assert np.mean(apart[1:, 0] * apart[:-1, 0]) > 0.07
 
 
-@pytest.mark.parametrize('name', list(TERMS))
-def test_a_line_beside_hunting_acts_in_the_likelihood_as_in_the_law(name):
-    p = np.concatenate([LAW, [0.3]])[: TERMS[name]]
-    law = GrowthLaw(name, p, SCALES)
+@pytest.mark.parametrize('more', [(), (0.3, -0.2, 0.4, 0.5)], ids=['paper', 'further terms'])
+@pytest.mark.parametrize('felt', [1.0, 0.6])
+def test_a_line_beside_hunting_acts_in_the_likelihood_as_in_the_law(more, felt):
+    p = LAW.copy()
+    p[6 : 6 + len(more)] = more
+    p[FELT] = felt
+    law = GrowthLaw(p, SCALES)
     line, step, speed = 4e-9, 0.02, 7.2
     start, n = 3e-4, 40
     amplitude = np.empty(n)
@@ -132,7 +135,6 @@ def test_a_line_beside_hunting_acts_in_the_likelihood_as_in_the_law(name):
         amplitude / SCALES.amplitude + 0j,
         restart,
         np.zeros(n, dtype=np.int64),
-        conicity=name == CONICITY,
         line=np.full(n, line / SCALES.amplitude**2),
     )
     out = innovations(np.concatenate([p, QUIET]), path)
@@ -142,16 +144,14 @@ def test_a_line_beside_hunting_acts_in_the_likelihood_as_in_the_law(name):
 
 
 def test_the_kernel_gives_the_same_numbers_as_plain_python():
-    plain = getattr(path_likelihood._innovations, 'py_func', None)
+    plain = getattr(path_likelihood._walk, 'py_func', None)
     if plain is None:
         pytest.skip('no compiler here: the kernel is plain Python already')
     path = path_of(7.2, 3e-4, count=12)
     out = np.empty((12, 4))
-    law = np.zeros(8)
-    law[:6] = LAW
+    by = np.empty((0, 12, 4))
     plain(
-        law,
-        QUIET,
+        np.concatenate([LAW, QUIET]),
         path.time,
         path.u,
         path.phasor.real.copy(),
@@ -159,8 +159,45 @@ def test_the_kernel_gives_the_same_numbers_as_plain_python():
         np.full(12, 0.01),
         path.starts,
         np.array([0.03, 0.2, path_likelihood._shared(0.1)]),
+        np.zeros(0, dtype=np.int64),
         out,
+        by,
     )
     path = replace(path, blur=0.03, reach=0.2, overlap=0.1, line=np.full(12, 0.01))
     compiled = innovations(np.concatenate([LAW, QUIET]), path)
     np.testing.assert_allclose(compiled, out, rtol=1e-9, atol=1e-9)
+
+
+def test_the_derivatives_are_those_of_the_innovations():
+    rng = np.random.default_rng(0)
+    n = 120
+    restart = np.zeros(n, dtype=bool)
+    restart[[0, 70]] = True
+    size = 0.3 + 0.5 * rng.random(n)
+    phasor = size * np.exp(1j * np.cumsum(0.1 * rng.standard_normal(n)))
+    phasor[40:50] = np.nan
+    path = Path(
+        np.arange(n) * 0.5,
+        0.1 * np.sin(np.arange(n) / 15.0),
+        phasor,
+        restart,
+        np.zeros(n, dtype=np.int64),
+        blur=0.03,
+        reach=0.2,
+        overlap=0.09,
+        line=0.01 * (1.0 + np.cos(np.arange(n) / 9.0)),
+    )
+    law = LAW.copy()
+    law[6:] = 0.3, -0.2, 0.5, 0.4, 0.8
+    theta = np.concatenate([law, [0.3, -0.2, -4.0, -7.0, -5.0]])
+    out, by = sensitivities(theta, path, np.ones(theta.size, dtype=bool))
+    np.testing.assert_allclose(out, innovations(theta, path), rtol=1e-12)
+    for j in range(theta.size):
+        step = np.zeros(theta.size)
+        step[j] = 1e-5 * max(abs(theta[j]), 0.1)
+        slope = (innovations(theta + step, path) - innovations(theta - step, path)) / 2.0
+        np.testing.assert_allclose(by[j], slope / step[j], rtol=1e-5, atol=1e-5)
+    some, few = sensitivities(theta, path, np.arange(theta.size) == 5)
+    np.testing.assert_array_equal(some, out)
+    np.testing.assert_array_equal(few[5], by[5])
+    assert not few[np.arange(theta.size) != 5].any()

@@ -5,14 +5,14 @@ import pytest
 
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-from hunt_ros.identification.growth_law import QUINTIC, GrowthLaw, GrowthScales
+from hunt_ros.identification.growth_law import GrowthLaw, GrowthScales, lawful
 from hunt_ros.identification.normal_form_map import from_normal_form
 from hunt_ros.identification.posterior import Posterior
 from hunt_ros.identification.quantities import Quantities
 from hunt_ros.identification.settings import IdentificationSettings
 
 SCALES = GrowthScales(7.4, 7e-4, 0.0485, 1.0 / 25.91, 2.84)
-LAW = GrowthLaw(QUINTIC, from_normal_form(PAPER_NORMAL_FORM, SCALES), SCALES)
+LAW = GrowthLaw(lawful(from_normal_form(PAPER_NORMAL_FORM, SCALES)), SCALES)
 
 
 @pytest.fixture(scope='module')
@@ -24,7 +24,7 @@ def quantities():
         p = LAW.p.copy()
         p[0] += 0.02 * rng.standard_normal()
         p[5] *= 1.0 + 0.01 * rng.standard_normal()
-        drawn.append(GrowthLaw(QUINTIC, p, SCALES))
+        drawn.append(GrowthLaw(p, SCALES))
     return Quantities(Posterior.of(LAW, drawn, (6.2, 8.8)), IdentificationSettings())
 
 

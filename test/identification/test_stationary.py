@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
-from hunt_ros.identification.growth_law import GrowthLaw, GrowthScales
+from hunt_ros.identification.growth_law import GrowthLaw, GrowthScales, lawful
 from hunt_ros.identification.normal_form_map import from_normal_form
 from hunt_ros.identification.stationary import stationary_amplitude
 
@@ -17,7 +17,7 @@ SCALES = GrowthScales(8.0, 6e-4, 0.0485, 1.0 / 25.91, 2.84)
 
 
 def law_of(form):
-    return GrowthLaw('quintic', from_normal_form(form, SCALES), SCALES)
+    return GrowthLaw(lawful(from_normal_form(form, SCALES)), SCALES)
 
 
 def noise_of(strength, by_speed=0.0, by_power=0.0):
