@@ -21,6 +21,8 @@ _DISAGREE = 'filter and Hilbert envelope disagree on the amplitude'
 _UNSTABLE = 'above the linear critical speed'
 _HYSTERESIS = 'hysteresis region: a disturbance can start hunting'
 _DECAYING = 'hunting is dying out'
+#: A shorter time to the limit cycle is not told: it is there, as far as one can tell, s.
+_SOON_S = 0.1
 #: Of the doubts that are told with their numbers, the words without.
 _HELD: tuple[tuple[int, str], ...] = (
     (doubts.MARGIN, 'low margin'),
@@ -99,7 +101,7 @@ def reasons_of(row: np.void, basis: Basis | None = None, decided: str = '') -> t
     if state in _HUNTING:
         words = _HUNTING[state] + why
         time = float(row['time_to_limit_cycle'])
-        if state is State.ESCAPING and math.isfinite(time):
+        if state is State.ESCAPING and time >= _SOON_S:
             words += f', limit cycle in about {time:.1f} s'
         found.append(words)
     for number, (bit, words) in reversed(list(enumerate(_LIMIT_BITS))):  # alarms first

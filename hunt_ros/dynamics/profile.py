@@ -31,6 +31,8 @@ _SINE_CORNERS = 64
 #: Of the see-saw, in parts of the hysteresis region and of the amplitude at the fold.
 _WATCHED = (0.36, 0.74, 0.49, 0.62)
 _FALLEN, _GROWN, _QUIET = 0.7, 0.3, 0.1
+#: The see-saw goes so much lower where hunting does not die out.
+_LOWER_MPS = 0.1
 #: Key of the see-saw -> what of the form it follows from.
 _FROM_FORM = {
     'low_mps': 'v_n',
@@ -321,7 +323,8 @@ class Seesaw(Step):
     Information about the growth law accrues where the amplitude moves, not where it waits on a
     branch. From the quiet state go up past v_c; when the motion has grown, go down to just
     below v_n; the moment it has fallen below the fold, go up into the hysteresis region and
-    watch where it goes. What is 0 follows from the normal form in force.
+    watch where it goes. Where hunting does not die out within `watch_s`, go lower. What is 0
+    follows from the normal form in force.
     """
 
     duration_s: float = _time('how long; then down to the lowest speed')
@@ -352,17 +355,28 @@ class Seesaw(Step):
 
     def legs(self, scene: Scene) -> Iterator[Leg]:
         """Iterate over the legs, by the form that is in force when each begins."""
+        lower = 0.0
+
+        def lowest() -> float:
+            return max(self._by(scene.motion, 0)[0] - lower, 0.0)
+
+        def over() -> bool:
+            return scene.elapsed_s >= self.duration_s
+
         for number in itertools.count():
-            low, high, watched, grown, fallen = self._by(scene.motion, number)
-            for leg in (
-                Leg(high, self.rate_mps2, _LONGEST_S, above_m=grown),
-                Leg(low, self.rate_mps2, _LONGEST_S, below_m=fallen),
-                Leg(watched, self.rate_mps2, self.watch_s),
-            ):
-                if scene.elapsed_s >= self.duration_s:
-                    yield Leg(low, self.rate_mps2)
-                    return
-                yield leg
+            _, high, watched, grown, fallen = self._by(scene.motion, number)
+            yield Leg(high, self.rate_mps2, _LONGEST_S, above_m=grown)
+            # A form with too high a v_n would leave the rig on the limit cycle.
+            died_out = False
+            while not (died_out or over()):
+                yield Leg(lowest(), self.rate_mps2, self.watch_s, below_m=fallen)
+                died_out = scene.motion.amplitude_m < fallen
+                lower += 0.0 if died_out else _LOWER_MPS
+            if not over():
+                yield Leg(watched, self.rate_mps2, self.watch_s)
+            if over():
+                break
+        yield Leg(lowest(), self.rate_mps2)
 
     def _by(self, motion: Motion, number: int) -> tuple[float, float, float, float, float]:
         """Return lowest, highest and watched speed, m/s, and the two triggers, m."""

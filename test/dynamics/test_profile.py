@@ -138,6 +138,19 @@ def test_a_simulated_seesaw_turns_back_above_v_c_and_again_below_v_n() -> None:
     assert record.duration_s > 120.0
 
 
+def test_a_seesaw_whose_v_n_is_too_high_goes_lower_until_hunting_dies_out() -> None:
+    rig = paper_rig()
+    settings = SimulationSettings(sample_rate_hz=100.0, broadband=8e-6)
+    v_n = limit_cycles(rig).nonlinear_critical_speed
+    wrong = v_n + 0.3
+    seesaw = Seesaw(duration_s=200.0, rate_mps2=0.2, low_mps=wrong, watch_s=6.0)
+    speed = simulate(rig, settings, Profile((seesaw,)), seed=3)['speed'].values
+    top = int(np.argmax(speed))
+    lowest = top + int(np.argmin(speed[top:]))
+    assert wrong - 1.0 < speed[lowest] < wrong - 0.15
+    assert speed[lowest:].max() > v_n + 0.3, 'it goes on'
+
+
 def test_a_rig_without_a_fold_says_what_a_seesaw_needs() -> None:
     rig = replace(paper_rig(), alpha={}, beta={})
     with pytest.raises(ConfigError, match=r'step 1 \(seesaw\): .*give low_mps'):
