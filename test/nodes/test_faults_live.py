@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from fault_table import Row
+from fault_table import Row, observed
 from geometry_msgs.msg import TwistStamped
 from sensor_msgs.msg import JointState
 
@@ -30,7 +30,6 @@ pytestmark = pytest.mark.ros
 
 #: Inside the hysteresis region, and v_n less the margin.
 RUNNING, SAFE = 7.2, 5.906
-_ATTEMPTS = 5
 #: Statuses of the speed node (10 Hz) in which nothing may happen where nothing shall.
 _QUIET = 15
 
@@ -266,13 +265,10 @@ FAULTS = [
 def test_every_fault_of_a_process_ends_as_the_table_says(graph, table, machine) -> None:
     suite = Suite(graph, machine)
     for fault in FAULTS:
-        # A busy machine may be silent by itself, and then that is the cause: again, with more
-        # patience.
-        for attempt in range(_ATTEMPTS):
-            suite.be_patient(attempt)
+
+        def attempt(number: int, fault: Fault = fault) -> Row | None:
+            suite.be_patient(number)
             suite.recover()
-            row = suite.suffer(fault)
-            if row is not None:
-                break
-        assert row is not None, f'{fault.what}: {suite.status}'
-        table.append(row)
+            return suite.suffer(fault)
+
+        table.append(observed(fault.what, attempt, lambda: suite.status, machine))
