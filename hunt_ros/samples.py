@@ -177,12 +177,16 @@ class Uncertain:
 
     def __str__(self) -> str:
         """Value and deviation, which keeps two digits; its unit is not known here."""
+        return self.text(' ± ')
+
+    def text(self, between: str) -> str:
+        """Return value and deviation with other words between them."""
         if not (math.isfinite(self.value) and math.isfinite(self.std) and self.std > 0.0):
             return f'{self.value:.5g}'
         places = 1 - math.floor(math.log10(self.std))
         if 0 <= places <= 6:
-            return f'{self.value:.{places}f} ± {self.std:.{places}f}'
-        return f'{self.value:.5g} ± {self.std:.2g}'
+            return f'{self.value:.{places}f}{between}{self.std:.{places}f}'
+        return f'{self.value:.5g}{between}{self.std:.2g}'
 
     def to_json(self) -> dict[str, Any] | None:
         """Return {value, std, ci95}, or None where the value is not finite."""

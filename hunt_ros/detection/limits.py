@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from hunt_ros.compiled import compiled, compiled_part
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.regions import HELD, hold
+from hunt_ros.samples import Uncertain
 
 
 class Limit(NamedTuple):
@@ -245,10 +246,12 @@ def limit_cause(row: np.void, number: int, config: DetectorConfig) -> str:
     if outside > size or math.isnan(size):
         size, std, hz = outside, math.nan, float(row['outside_hz'])
     turn = limit.scale * (1.0 if limit.unit != 'm/s^2' else (2.0 * math.pi * hz) ** 2)
-    spread = f' +/- {turn * std:.1g}' if math.isfinite(std) else ''
+    told = f'{turn * size:.3g}'
+    if std > 0.0:
+        told = Uncertain(turn * size, turn * std).text(' +/- ')
     over = int(row['limits']) & (1 << number)
     words = 'is above' if over else f'is below {100.0 * BELOW:g} % of'
     return (
-        f'the {limit.what} {turn * size:.3g}{spread} {limit.unit} {words} the {limit.severity}'
+        f'the {limit.what} {told} {limit.unit} {words} the {limit.severity}'
         f' limit of {value:g} {limit.unit} ({limit.setting})'
     )

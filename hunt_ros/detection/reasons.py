@@ -14,7 +14,7 @@ from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.limits import LIMITS, limit_cause
 from hunt_ros.detection.regions import Region, State
 from hunt_ros.detection.rules import MARGIN_BACK
-from hunt_ros.samples import CHANNELS
+from hunt_ros.samples import CHANNELS, Uncertain
 
 _HUNTING = {State.ESCAPING: 'escaping from the quiet state', State.LIMIT_CYCLE: 'limit cycle'}
 _DISAGREE = 'filter and Hilbert envelope disagree on the amplitude'
@@ -139,7 +139,8 @@ def _measured(value: float, std: float, unit: str) -> str:
     """Return a number with its deviation, to the digits that this gives sense to."""
     if math.isnan(value):
         return 'unknown'
-    return f'{value:.3g} +/- {std:.1g} {unit}' if math.isfinite(std) else f'{value:.3g} {unit}'
+    number = Uncertain(value, std).text(' +/- ') if math.isfinite(std) else f'{value:.3g}'
+    return f'{number} {unit}'
 
 
 def _growth(row: np.void) -> str:

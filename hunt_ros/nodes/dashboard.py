@@ -143,7 +143,8 @@ class DashboardNode(Polling, Node):
         }
         if problem := self._inbox.problem():
             return 'WARN', problem, values
-        return 'OK', f'{self._server.count} viewers at {self._url}', values
+        count = self._server.count
+        return 'OK', f'{count} {"viewer" if count == 1 else "viewers"} at {self._url}', values
 
 
 make_node = DashboardNode

@@ -14,7 +14,7 @@ from hunt_ros.detection.rules import CYCLE_HOLD_S
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.errors import ConfigError
-from hunt_ros.samples import Record, Series
+from hunt_ros.samples import Record, Series, Uncertain
 
 PAPER = IdentifiedNormalForm(PAPER_NORMAL_FORM)
 #: Frequency of the paper's form, Hz.
@@ -249,7 +249,8 @@ def test_an_event_says_when_it_began_and_why() -> None:
     low, high = numbers['escape_probability_low'], numbers['escape_probability_high']
     assert 0.0 <= low <= numbers['escape_probability'] <= high <= 1.0
     assert f'{1e3 * numbers["unstable_amplitude_m"]:.3g} mm' in escape.cause
-    assert f'{numbers["growth_rate_per_s"]:.3g} +/- ' in escape.cause
+    growth = Uncertain(numbers['growth_rate_per_s'], numbers['growth_rate_std_per_s'])
+    assert f'growth rate {growth.text(" +/- ")} 1/s' in escape.cause
 
 
 def test_an_event_that_a_likelihood_ratio_decided_has_it_with_its_limit() -> None:
