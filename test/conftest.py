@@ -12,6 +12,7 @@ import select
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 import tty
@@ -25,6 +26,9 @@ import pytest
 # Before numpy is imported: the matrices here are small, and threads that wait for each other
 # cost more than they compute where the cores have other work too.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+# For rclpy in the process of a test: without a home it finds no place for its log.
+if 'HOME' not in os.environ:
+    os.environ.setdefault('ROS_LOG_DIR', tempfile.gettempdir())
 
 # No time limit an example: the first one compiles a kernel, and other programs may run. The
 # same examples on every machine, and nothing kept in the source tree.

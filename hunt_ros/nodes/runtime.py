@@ -10,6 +10,8 @@ it has created until it ends.
 
 from __future__ import annotations
 
+import os
+import tempfile
 import time
 from collections.abc import Callable, Sequence
 
@@ -67,6 +69,8 @@ def run(
         0 after a clean end, 2 for bad parameters or hardware that is not there.
     """
     on_compilation(ending.say)
+    if 'HOME' not in os.environ:  # ROS would find no place for its log, and not start
+        os.environ.setdefault('ROS_LOG_DIR', tempfile.gettempdir())
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     nodes: list[Node] = []
     executor = cheapest_executor()
