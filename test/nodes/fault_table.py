@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-#: How often a fault is tried, and from where on a machine is too slow to blame the suite.
-_ATTEMPTS, _BUSY = 5, 2.0
+#: How often a fault is tried.
+_ATTEMPTS = 5
 _HEAD = '| fault | mode | interlock | until the set point falls, s | told |'
 
 
@@ -48,14 +47,12 @@ def observed(
     what: str,
     attempt: Callable[[int], Row | None],
     status: Callable[[], object],
-    machine,
 ) -> Row:
     """
     Return what came of a fault, by the first attempt that shows it.
 
     A busy machine may be silent by itself, and then that is the cause: it is tried again, with
-    more patience by the number of the attempt. What a busy machine hides to the end is skipped
-    with the rest of the table; a machine that is not busy hides nothing.
+    more patience by the number of the attempt.
     """
     why = ''
     for number in range(_ATTEMPTS):
@@ -65,13 +62,7 @@ def observed(
             row, why = None, str(error)
         if row is not None:
             return row
-    words = f'{what}: {why or status()}'
-    slowness = machine.measure()
-    if slowness > _BUSY and 'HUNT_FAULT_TABLE' not in os.environ:  # a printed table is whole
-        pytest.skip(
-            f'a machine {slowness:.1f} times slower than a quick one trips by itself; {words}'
-        )
-    pytest.fail(words)
+    pytest.fail(f'{what}: {why or status()}')
 
 
 def publish(rows: list[Row], path: Path) -> None:

@@ -165,7 +165,7 @@ def test_every_fault_ends_as_the_table_says(graph, resident, detector, table, ma
             _recover(rig, detector, drive, fault.mode)
             return _suffer(rig, detector, drive, fault)
 
-        table.append(observed(fault.what, attempt, lambda: rig.status, machine))
+        table.append(observed(fault.what, attempt, lambda: rig.status))
 
 
 def _recover(rig: Rig, detector: Detector, drive: Drive, mode: str) -> None:
