@@ -20,8 +20,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from hunt_ros.bag import write_record
-from hunt_ros.bag.mcap_walk import walk_file
-from hunt_ros.bag.recovery import repair
+from hunt_ros.bag.mcap.walk import walk_file
+from hunt_ros.bag.repair import repair
 from hunt_ros.cli.main import main as hunt
 from hunt_ros.dynamics.center_manifold import normal_form_of
 from hunt_ros.dynamics.identified import IdentifiedNormalForm

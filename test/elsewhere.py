@@ -41,7 +41,7 @@ GOLDEN = ('test/bag/test_golden_bags.py', 'test/analysis/test_poincare.py')
 #: Texts, stamps and files.
 TEXTS = (
     'test/bag/test_golden_bags.py',
-    'test/bag/test_tables.py',
+    'test/bag/interchange/test_tables.py',
     'test/bag/test_columns.py',
     'test/cli',
     'test/report/test_numbers.py',

@@ -14,9 +14,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple
 
-from hunt_ros.bag.bag_metadata import FileEntry, TopicEntry, folder_metadata, quality_of_service
-from hunt_ros.bag.mcap_writer import CHUNK_BYTES, McapWriter, Rows
-from hunt_ros.bag.message_types import definition_text
+from hunt_ros.bag.cdr.message_types import definition_text
+from hunt_ros.bag.mcap.writer import CHUNK_BYTES, McapWriter, Rows
+from hunt_ros.bag.metadata import FileEntry, TopicEntry, folder_metadata, quality_of_service
 from hunt_ros.bag.reader import ACTIVE, NOTES
 from hunt_ros.errors import BagError
 

@@ -13,9 +13,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.bag.cdr.gather import Wanted, gather
 from hunt_ros.bag.channels import Channels, ChannelSource, channel_map
 from hunt_ros.bag.column_buffer import ColumnBuffer
-from hunt_ros.bag.gather import Wanted, gather
 from hunt_ros.bag.reader import Bag
 from hunt_ros.bag.topic_fields import find_topic, listed, wanted_field
 from hunt_ros.errors import BagError

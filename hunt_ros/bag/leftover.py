@@ -10,9 +10,9 @@ from __future__ import annotations
 import fcntl
 from pathlib import Path
 
+from hunt_ros.bag.mcap.salvage import Salvage, finish_mcap, salvage_mcap
 from hunt_ros.bag.reader import ACTIVE
-from hunt_ros.bag.recovery import description
-from hunt_ros.bag.salvage import Salvage, finish_mcap, salvage_mcap
+from hunt_ros.bag.repair import description
 from hunt_ros.bag.storage_files import folder_files
 from hunt_ros.errors import BagError
 

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from hunt_ros.bag.cdr.message_types import standard_types
 from hunt_ros.bag.channels import ChannelSource
-from hunt_ros.bag.message_types import standard_types
 from hunt_ros.bag.reader import Bag
 from hunt_ros.bag.topic_fields import find_topic
 from hunt_ros.errors import BagError

@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag.cdr_layout import JOINT_STATE, locate, parse_path
-from hunt_ros.bag.mcap_writer import CHUNK_BYTES, Rows
-from hunt_ros.bag.message_types import definitions_of, standard_types, topic_of_type
+from hunt_ros.bag.cdr.layout import JOINT_STATE, locate, parse_path
+from hunt_ros.bag.cdr.message_types import definitions_of, standard_types, topic_of_type
+from hunt_ros.bag.mcap.writer import CHUNK_BYTES, Rows
 from hunt_ros.samples import NANOSECONDS, Record, Series
 from hunt_ros.sensors import MOTION
 

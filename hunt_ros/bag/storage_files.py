@@ -9,7 +9,7 @@ from pathlib import Path
 import zstandard
 
 from hunt_ros.bag.blocks import Storage
-from hunt_ros.bag.mcap_file import McapFile
+from hunt_ros.bag.mcap.file import McapFile
 from hunt_ros.bag.sqlite_file import SqliteFile
 from hunt_ros.errors import BagError
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from hunt_ros.bag.blocks import Topic
-from hunt_ros.bag.cdr_layout import (
+from hunt_ros.bag.cdr.gather import Wanted
+from hunt_ros.bag.cdr.layout import (
     JOINT_STATE,
     USUAL_FIELDS,
     check_path,
@@ -11,9 +12,8 @@ from hunt_ros.bag.cdr_layout import (
     parse_path,
     stamp_path,
 )
+from hunt_ros.bag.cdr.message_types import definitions_of
 from hunt_ros.bag.channels import ChannelSource
-from hunt_ros.bag.gather import Wanted
-from hunt_ros.bag.message_types import definitions_of
 from hunt_ros.bag.reader import Bag
 from hunt_ros.errors import BagError
 

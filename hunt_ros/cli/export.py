@@ -25,7 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read the columns, write the table."""
-    from hunt_ros.bag.exporters import export_file, log_span
+    from hunt_ros.bag.interchange.exporters import export_file, log_span
     from hunt_ros.cli.output import write_json
 
     options.check_stretch(arguments)

@@ -41,8 +41,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Read the file, write the bag, say what is in it."""
     from hunt_ros.bag import check_units
-    from hunt_ros.bag.importers import load_record
-    from hunt_ros.bag.writer import write_record
+    from hunt_ros.bag.interchange.importers import load_record
+    from hunt_ros.bag.record_writer import write_record
     from hunt_ros.cli.output import known, write_json
     from hunt_ros.errors import BagError
     from hunt_ros.samples import CHANNELS

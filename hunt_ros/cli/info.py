@@ -10,7 +10,7 @@ from hunt_ros.cli import options
 
 if TYPE_CHECKING:
     from hunt_ros.bag.inspection import Inspection
-    from hunt_ros.bag.recovery import Repair
+    from hunt_ros.bag.repair import Repair
 
 SUMMARY = 'say what is in a recording and what is wrong with it; --repair saves what is sound'
 EXAMPLE = 'hunt info bags/damaged.mcap --repair saved'
@@ -28,7 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Inspect, and repair if asked: 0 for a sound recording, 1 for one with problems."""
     from hunt_ros.bag.inspection import inspect
-    from hunt_ros.bag.recovery import repair
+    from hunt_ros.bag.repair import repair
     from hunt_ros.cli.output import progress, write_json
     from hunt_ros.errors import BagError
 

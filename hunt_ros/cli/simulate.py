@@ -67,7 +67,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate, write the bag, say where it is."""
-    from hunt_ros.bag.writer import write_record
+    from hunt_ros.bag.record_writer import write_record
     from hunt_ros.cli.output import write_json
     from hunt_ros.dynamics.profile import Profile
     from hunt_ros.dynamics.simulation import Kick, simulate

@@ -22,7 +22,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from hunt_ros.bag import ChannelSource
-from hunt_ros.bag.cdr_layout import USUAL_FIELDS, joint_of, parse_path
+from hunt_ros.bag.cdr.layout import USUAL_FIELDS, joint_of, parse_path
 from hunt_ros.drivers.base import SensorBlock, SensorDriver
 from hunt_ros.errors import BagError, ConfigError, DriverError
 from hunt_ros.nodes.conversions import to_ns

@@ -27,10 +27,10 @@ from rosbags.typesys import Stores, get_typestore
 
 from hunt_ros.bag import Bag, BagWriter, read_record
 from hunt_ros.bag.inspection import inspect
-from hunt_ros.bag.mcap_walk import records, walk_file
+from hunt_ros.bag.mcap.walk import records, walk_file
 from hunt_ros.bag.messages import read_raw, read_statuses, read_texts
 from hunt_ros.bag.record_rows import CHANNEL_FIELDS, serialise
-from hunt_ros.bag.recovery import repair
+from hunt_ros.bag.repair import repair
 from hunt_ros.errors import BagError
 from hunt_ros.samples import Record, Series
 

@@ -17,8 +17,8 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from hunt_ros.bag import Bag, BagWriter, ChannelSource, read_columns, read_record, write_record
-from hunt_ros.bag.exporters import export_file
-from hunt_ros.bag.importers import load_record
+from hunt_ros.bag.interchange.exporters import export_file
+from hunt_ros.bag.interchange.importers import load_record
 from hunt_ros.bag.record_rows import serialise
 from hunt_ros.bag.topic_fields import find_topic
 from hunt_ros.errors import BagError
@@ -104,7 +104,7 @@ def test_any_field_of_messages_of_varying_layout_equals_deserialisation(
 
 def write_peer_mcap(path: Path, record: Record, **options) -> Path:
     """The same record by the writer of the package mcap."""
-    from hunt_ros.bag.message_types import definition_text
+    from hunt_ros.bag.cdr.message_types import definition_text
     from hunt_ros.bag.record_rows import CHANNEL_FIELDS, serialise
 
     with open(path, 'wb') as file:

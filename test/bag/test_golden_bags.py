@@ -12,7 +12,7 @@ import pytest
 
 from hunt_ros.bag import read_record, write_record
 from hunt_ros.bag.inspection import inspect
-from hunt_ros.bag.recovery import repair
+from hunt_ros.bag.repair import repair
 from hunt_ros.cli.main import main as hunt
 from hunt_ros.errors import BagError
 

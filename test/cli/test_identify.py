@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hunt_ros.bag.writer import write_record
+from hunt_ros.bag.record_writer import write_record
 from hunt_ros.cli.main import main
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.parameters import paper_rig

@@ -11,7 +11,7 @@ import pytest
 
 from hunt_ros.bag import BagWriter
 from hunt_ros.bag.record_rows import record_rows
-from hunt_ros.bag.writer import write_texts
+from hunt_ros.bag.record_writer import write_texts
 from hunt_ros.cli.main import main
 from hunt_ros.detection import DetectorConfig, JournalEntry
 from hunt_ros.samples import Record, Series

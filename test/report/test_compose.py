@@ -202,7 +202,7 @@ def test_a_quiet_run_makes_a_report_that_says_what_cannot_be_known() -> None:
 def test_the_command_writes_page_figures_and_json(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from hunt_ros.bag.writer import write_record
+    from hunt_ros.bag.record_writer import write_record
 
     record = staircase('run')
     bag = write_record(tmp_path / 'run', record)
@@ -230,7 +230,7 @@ def test_the_command_writes_page_figures_and_json(
 def test_a_place_that_cannot_be_written_is_one_line_and_exit_2(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str
 ) -> None:
-    from hunt_ros.bag.writer import write_record
+    from hunt_ros.bag.record_writer import write_record
 
     stamps = np.arange(1500) * 10_000_000
     wave = 1e-4 * np.sin(2.0 * np.pi * 2.8 * stamps * 1e-9)

@@ -14,7 +14,7 @@ from typing import Any
 
 from rosbags.interfaces import Nodetype
 
-from hunt_ros.bag.message_types import Definitions
+from hunt_ros.bag.cdr.message_types import Definitions
 
 FieldPath = tuple[str | int, ...]
 

@@ -18,11 +18,11 @@ from pathlib import Path
 
 import numpy as np
 
-from hunt_ros.bag import mcap_format as fmt
 from hunt_ros.bag.compression import expand, expand_partial, expand_zstd
-from hunt_ros.bag.mcap_places import indexed_chunk
-from hunt_ros.bag.mcap_walk import Walk, read_summary, records, walk_file
-from hunt_ros.bag.mcap_writer import McapWriter
+from hunt_ros.bag.mcap import format as fmt
+from hunt_ros.bag.mcap.places import indexed_chunk
+from hunt_ros.bag.mcap.walk import Walk, read_summary, records, walk_file
+from hunt_ros.bag.mcap.writer import McapWriter
 from hunt_ros.errors import BagError
 
 #: What may stand from the last sound chunk of a killed writer on, bytes.

@@ -18,8 +18,8 @@ import struct
 
 from rosbags.interfaces import Nodetype
 
-from hunt_ros.bag.cdr_walker import KINDS, CdrWalker, FieldPath, FieldPlace, Node
-from hunt_ros.bag.message_types import Definitions
+from hunt_ros.bag.cdr.message_types import Definitions
+from hunt_ros.bag.cdr.walker import KINDS, CdrWalker, FieldPath, FieldPlace, Node
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 

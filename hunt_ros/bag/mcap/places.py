@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag import mcap_format as fmt
 from hunt_ros.bag.blocks import Places
-from hunt_ros.bag.mcap_walk import ENTRY_BYTES, IndexPlace, records
+from hunt_ros.bag.mcap import format as fmt
+from hunt_ros.bag.mcap.walk import ENTRY_BYTES, IndexPlace, records
 
 
 def indexed_chunk(

@@ -14,9 +14,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from hunt_ros.bag import mcap_format as fmt
 from hunt_ros.bag.blocks import Places, Topic
 from hunt_ros.bag.compression import expand
+from hunt_ros.bag.mcap import format as fmt
 
 #: Where the (log time, offset) pairs of a topic stand in the file, and how many they are.
 IndexPlace: TypeAlias = tuple[int, int]
@@ -227,7 +227,7 @@ def walk_file(data: bytes | memoryview) -> Walk:
     Walk a file from the front, as far as it is whole.
 
     Chunks are opened only where their topics are not known from elsewhere. The last
-    chunk of a file that was cut is not among them: see `hunt_ros.bag.recovery`.
+    chunk of a file that was cut is not among them: see `hunt_ros.bag.repair`.
     """
     walk = Walk(end=len(fmt.MAGIC))
     loose: dict[int, list[tuple[int, int, int]]] = {}

@@ -9,12 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from hunt_ros.bag.bag_metadata import FileEntry, TopicEntry, folder_metadata
 from hunt_ros.bag.blocks import expand_messages
-from hunt_ros.bag.mcap_writer import McapWriter
-from hunt_ros.bag.message_types import definition_text
+from hunt_ros.bag.cdr.message_types import definition_text
+from hunt_ros.bag.mcap.salvage import Salvage, salvage_mcap
+from hunt_ros.bag.mcap.writer import McapWriter
+from hunt_ros.bag.metadata import FileEntry, TopicEntry, folder_metadata
 from hunt_ros.bag.reader import ACTIVE, read_metadata
-from hunt_ros.bag.salvage import Salvage, salvage_mcap
 from hunt_ros.bag.sqlite_file import SALVAGE_HINT, SqliteFile
 from hunt_ros.bag.storage_files import expand_file, folder_files
 from hunt_ros.errors import BagError

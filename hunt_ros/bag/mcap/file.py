@@ -19,11 +19,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag import mcap_format as fmt
 from hunt_ros.bag.blocks import Block, Places, within
 from hunt_ros.bag.compression import expand
-from hunt_ros.bag.mcap_places import indexed_chunk, walked_places
-from hunt_ros.bag.mcap_walk import Walk, read_summary, walk_file
+from hunt_ros.bag.mcap import format as fmt
+from hunt_ros.bag.mcap.places import indexed_chunk, walked_places
+from hunt_ros.bag.mcap.walk import Walk, read_summary, walk_file
 from hunt_ros.errors import BagError
 
 #: Chunks are gathered together up to this many expanded bytes, so that small ones cost little.

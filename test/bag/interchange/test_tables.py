@@ -10,13 +10,13 @@ import pytest
 from scipy.io import savemat
 
 from hunt_ros.bag import read_record, write_record
-from hunt_ros.bag.exporters import aligned, export_file
-from hunt_ros.bag.importers import import_file, load_record
-from hunt_ros.bag.tables import load_table, select
+from hunt_ros.bag.interchange.exporters import aligned, export_file
+from hunt_ros.bag.interchange.importers import import_file, load_record
+from hunt_ros.bag.interchange.tables import load_table, select
 from hunt_ros.errors import BagError
 from hunt_ros.samples import Record, Series
 
-FLUTTER = Path(__file__).parents[2] / '../shared/data/flutter_rig'
+FLUTTER = Path(__file__).parents[3] / '../shared/data/flutter_rig'
 MAPPING = ['yaw=data[0]', 'lateral=data[1]*0.47', 'speed=16.3']
 
 

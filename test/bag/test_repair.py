@@ -14,7 +14,7 @@ from hunt_ros.bag.inspection import inspect
 from hunt_ros.bag.leftover import BeingRecorded, finalise, finalise_left
 from hunt_ros.bag.messages import read_raw
 from hunt_ros.bag.record_rows import CHANNEL_FIELDS, serialise
-from hunt_ros.bag.recovery import repair
+from hunt_ros.bag.repair import repair
 from hunt_ros.errors import BagError
 from hunt_ros.samples import Record
 

@@ -20,9 +20,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag import mcap_format as fmt
 from hunt_ros.bag.compression import compress
-from hunt_ros.bag.mcap_walk import Walk
+from hunt_ros.bag.mcap import format as fmt
+from hunt_ros.bag.mcap.walk import Walk
 
 #: Chunks are closed at this many bytes, before compression.
 CHUNK_BYTES = 1 << 20

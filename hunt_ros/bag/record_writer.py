@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from hunt_ros.bag.bag_writer import BagWriter
-from hunt_ros.bag.mcap_writer import CHUNK_BYTES
+from hunt_ros.bag.mcap.writer import CHUNK_BYTES
 from hunt_ros.bag.record_rows import record_rows
 from hunt_ros.errors import BagError
 from hunt_ros.samples import Record
