@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,3 +149,15 @@ def expand_messages(block: Block, path: str) -> Block:
             rows.append((stamp, raw))
         messages[topic] = rows
     return pack_messages(messages)
+
+
+def strided(data: NDArray[np.uint8], kind: str, offset: int) -> NDArray[Any]:
+    """
+    View the bytes as overlapping numbers: element i is the number at byte i + offset.
+
+    Indexing it with an array of positions gathers one field of many messages at once.
+    """
+    step = np.dtype(kind).itemsize
+    count = max(0, data.size - offset - step + 1)
+    view: NDArray[Any] = np.ndarray((count,), dtype=kind, buffer=data, offset=offset, strides=(1,))
+    return view

@@ -6,12 +6,10 @@ Functions on bytes; what does not fit raises `ValueError`.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag.blocks import Places
+from hunt_ros.bag.blocks import Places, strided
 from hunt_ros.bag.mcap import format as fmt
 from hunt_ros.bag.mcap.walk import ENTRY_BYTES, IndexPlace, records
 
@@ -111,15 +109,3 @@ def walked_places(data: NDArray[np.uint8], wanted: set[int]) -> dict[int, Places
         key: Places(*(np.array(part, dtype=np.int64) for part in zip(*several, strict=True)))
         for key, several in rows.items()
     }
-
-
-def strided(data: NDArray[np.uint8], kind: str, offset: int) -> NDArray[Any]:
-    """
-    View the bytes as overlapping numbers: element i is the number at byte i + offset.
-
-    Indexing it with an array of positions gathers one field of many messages at once.
-    """
-    step = np.dtype(kind).itemsize
-    count = max(0, data.size - offset - step + 1)
-    view: NDArray[Any] = np.ndarray((count,), dtype=kind, buffer=data, offset=offset, strides=(1,))
-    return view
