@@ -11,7 +11,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hunt_ros.cli import options
+from hunt_ros.cli.support import options
 from hunt_ros.errors import ConfigError, HuntError
 from hunt_ros.sensors import MOTION, SENSORS
 
@@ -75,7 +75,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Calibrate: 0 done, 1 where a straight line does not describe the points."""
-    from hunt_ros.cli.output import write_json
+    from hunt_ros.cli.support.output import write_json
     from hunt_ros.drivers.calibration import Calibration, fit_line
 
     for option in ('set', 'rate', 'seconds'):
@@ -140,7 +140,7 @@ def _pairs(arguments: argparse.Namespace, unit: str) -> Iterator[tuple[float, fl
 
 def _measured(arguments: argparse.Namespace, unit: str) -> Iterator[tuple[float, float]]:
     """Ask for known displacements, and read the sensor at each."""
-    from hunt_ros.cli.settings_file import read_settings
+    from hunt_ros.cli.support.settings_file import read_settings
     from hunt_ros.drivers.registry import driver_class
 
     kind = driver_class(arguments.driver, 'Sensor')
@@ -228,7 +228,7 @@ def _document(
     warnings: list[str],
 ) -> dict[str, Any]:
     """Return what was found, as JSON."""
-    from hunt_ros.cli.output import known as finite
+    from hunt_ros.cli.support.output import known as finite
 
     line = not calibration.table
     return {

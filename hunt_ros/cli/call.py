@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from hunt_ros.cli import options
+from hunt_ros.cli.support import options
 from hunt_ros.errors import HuntError
 from hunt_ros.services import SERVICES
 
@@ -40,8 +40,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Call it: 0 done, 1 refused; a HuntError (2) where nobody offers it."""
-    from hunt_ros.cli.output import write_json
-    from hunt_ros.cli.processes import NodeSpec, ask
+    from hunt_ros.cli.support.output import write_json
+    from hunt_ros.cli.support.processes import NodeSpec, ask
 
     service = SERVICES[arguments.service]
     if arguments.words and not service.words_topic:

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hunt_ros.cli import options
+from hunt_ros.cli.support import options
 from hunt_ros.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Check: 0 where nothing fails, 1 where something does."""
     from hunt_ros.analysis.rig_check import FAIL, check_rig
-    from hunt_ros.cli.output import known, write_json
+    from hunt_ros.cli.support.output import known, write_json
 
     rig = options.rig_of(arguments)
     if arguments.bag is not None:
@@ -103,8 +103,8 @@ def _recorded(
 
 def _listen(arguments: argparse.Namespace, rig: Rig) -> dict[str, Any]:
     """Listen to the live topics."""
-    from hunt_ros.cli.output import progress
-    from hunt_ros.cli.processes import NodeSpec, ask
+    from hunt_ros.cli.support.output import progress
+    from hunt_ros.cli.support.processes import NodeSpec, ask
 
     seconds = 10.0 if arguments.duration is None else arguments.duration
     parameters = {'channels': rig.channels, 'seconds': float(seconds)}

@@ -7,12 +7,12 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hunt_ros.cli import options
+from hunt_ros.cli.support import options
 
 if TYPE_CHECKING:
-    from hunt_ros.cli.console_link import ConsoleLink
-    from hunt_ros.cli.processes import Processes
-    from hunt_ros.cli.view import View
+    from hunt_ros.cli.support.console_link import ConsoleLink
+    from hunt_ros.cli.support.processes import Processes
+    from hunt_ros.cli.support.view import View
 
 SUMMARY = 'sweep the simulated rig through hunting and back, live, and refit it (3 minutes)'
 EXAMPLE = 'hunt demo --out recordings'
@@ -48,9 +48,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the demo from the start to the picture."""
-    from hunt_ros.cli.demo_report import show_results
-    from hunt_ros.cli.processes import Processes
-    from hunt_ros.cli.view import View
+    from hunt_ros.cli.support.demo_report import show_results
+    from hunt_ros.cli.support.processes import Processes
+    from hunt_ros.cli.support.view import View
     from hunt_ros.dynamics.identified import IdentifiedNormalForm
     from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 
@@ -83,7 +83,7 @@ def _start(
     processes: Processes, view: View, arguments: argparse.Namespace, folder: Path, form: Path
 ) -> ConsoleLink:
     """Start the listeners, then the rig; return when all are up."""
-    from hunt_ros.cli import suite
+    from hunt_ros.cli.support import suite
     from hunt_ros.dynamics.profile import Corners, Profile
     from hunt_ros.suite import LISTENERS, PAGE, SIMULATOR, SOURCES
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from hunt_ros.cli import options
+from hunt_ros.cli.support import options
 
 SUMMARY = 'write channels of a recording as CSV, Parquet or NumPy arrays'
 EXAMPLE = "hunt export bags/kick_escapes run.csv --channel y='/rig/lateral.position[0]' --to 20"
@@ -26,7 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Read the columns, write the table."""
     from hunt_ros.bag.interchange.exporters import export_file, log_span
-    from hunt_ros.cli.output import write_json
+    from hunt_ros.cli.support.output import write_json
 
     options.check_stretch(arguments)
     limits: list[int | None] = [None, None]

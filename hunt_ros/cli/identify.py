@@ -10,11 +10,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hunt_ros.cli import options
+from hunt_ros.cli.support import options
 from hunt_ros.errors import HuntError
 
 if TYPE_CHECKING:
-    from hunt_ros.cli.output import Advance
+    from hunt_ros.cli.support.output import Advance
     from hunt_ros.identification import Identification, IdentificationSettings
     from hunt_ros.identification.days import Days
     from hunt_ros.samples import Record, Uncertain
@@ -129,7 +129,7 @@ def add_settings(parser: argparse.ArgumentParser, what: str = 'recordings: runs,
 
 def run(arguments: argparse.Namespace) -> int:
     """Identify, and say what was found; 1 where the data carry no normal form."""
-    from hunt_ros.cli.output import progress, write_json
+    from hunt_ros.cli.support.output import progress, write_json
     from hunt_ros.identification import identify
 
     settings = settings_of(arguments)
@@ -167,7 +167,7 @@ def identification_of(arguments: argparse.Namespace) -> Identification:
     HuntError
         If they cannot be read, or what stands beside the file belongs to another form.
     """
-    from hunt_ros.cli.output import progress
+    from hunt_ros.cli.support.output import progress
     from hunt_ros.dynamics.identified import IdentifiedNormalForm
     from hunt_ros.identification import Identification, identify
 

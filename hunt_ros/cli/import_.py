@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from hunt_ros.cli import options
+from hunt_ros.cli.support import options
 from hunt_ros.sensors import MOTION
 
 SUMMARY = 'turn a CSV, MATLAB, NumPy, TDMS or Parquet file, or a foreign bag, into a bag'
@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     from hunt_ros.bag import check_units
     from hunt_ros.bag.interchange.importers import load_record
     from hunt_ros.bag.record_writer import write_record
-    from hunt_ros.cli.output import known, write_json
+    from hunt_ros.cli.support.output import known, write_json
     from hunt_ros.errors import BagError
     from hunt_ros.samples import CHANNELS
 

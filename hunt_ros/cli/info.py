@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hunt_ros.cli import options
+from hunt_ros.cli.support import options
 
 if TYPE_CHECKING:
     from hunt_ros.bag.inspection import Inspection
@@ -29,7 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Inspect, and repair if asked: 0 for a sound recording, 1 for one with problems."""
     from hunt_ros.bag.inspection import inspect
     from hunt_ros.bag.repair import repair
-    from hunt_ros.cli.output import progress, write_json
+    from hunt_ros.cli.support.output import progress, write_json
     from hunt_ros.errors import BagError
 
     found: Inspection | None = None

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hunt_ros.cli import options
+from hunt_ros.cli.support import options
 from hunt_ros.errors import ConfigError, HuntError
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read the rig, compute, print."""
-    from hunt_ros.cli.output import write_json
+    from hunt_ros.cli.support.output import write_json
     from hunt_ros.dynamics.center_manifold import normal_form_of
     from hunt_ros.dynamics.limit_cycle import cycles_of
     from hunt_ros.dynamics.linear_stability import creep_coefficients

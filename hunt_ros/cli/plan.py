@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hunt_ros.cli import options
+from hunt_ros.cli.support import options
 from hunt_ros.errors import HuntError
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Identify, plan, write the profile, say why."""
     from hunt_ros.cli.identify import identification_of
-    from hunt_ros.cli.output import progress, write_json
+    from hunt_ros.cli.support.output import progress, write_json
     from hunt_ros.identification.plan import PlanSettings, plan
 
     settings = PlanSettings(

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hunt_ros.cli import options
+from hunt_ros.cli.support import options
 from hunt_ros.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -50,12 +50,12 @@ def run(arguments: argparse.Namespace) -> int:
     """Replay; offline unless --live."""
     _check(arguments)
     if arguments.live:
-        from hunt_ros.cli.live_replay import replay_live
+        from hunt_ros.cli.support.live_replay import replay_live
 
         return replay_live(arguments)
-    from hunt_ros.cli.output import progress, write_json
-    from hunt_ros.cli.recorded_run import recorded_run
-    from hunt_ros.cli.replay_report import document, tell
+    from hunt_ros.cli.support.output import progress, write_json
+    from hunt_ros.cli.support.recorded_run import recorded_run
+    from hunt_ros.cli.support.replay_report import document, tell
     from hunt_ros.detection import HuntingDetector
     from hunt_ros.detection.offline import collect, config_for, watch
     from hunt_ros.detection.record_frequency import frequency_for
@@ -161,7 +161,7 @@ def read_form(path: Path) -> IdentifiedNormalForm:
 
 def _settings(arguments: argparse.Namespace) -> tuple[DetectorConfig, CompanionConfig]:
     """Read the settings of the detector node: those of the detector, and what runs beside it."""
-    from hunt_ros.cli.settings_file import read_settings
+    from hunt_ros.cli.support.settings_file import read_settings
     from hunt_ros.detection import CompanionConfig, DetectorConfig
 
     where = 'hunting_detector', arguments.rig, arguments.set

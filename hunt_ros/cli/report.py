@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hunt_ros.cli import options
+from hunt_ros.cli.support import options
 from hunt_ros.errors import HuntError
 
 if TYPE_CHECKING:
-    from hunt_ros.cli.output import Advance
+    from hunt_ros.cli.support.output import Advance
     from hunt_ros.identification import Identification
     from hunt_ros.report.overview import RunEvent
 
@@ -41,7 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Identify, analyse, draw, write; 1 where the data carry no normal form."""
     from hunt_ros.cli.identify import records_of, settings_of
-    from hunt_ros.cli.output import progress, write_json
+    from hunt_ros.cli.support.output import progress, write_json
     from hunt_ros.identification import identify
     from hunt_ros.report.compose import Report
     from hunt_ros.report.style import save_figures

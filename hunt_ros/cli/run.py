@@ -6,7 +6,7 @@ import argparse
 import time
 from collections.abc import Sequence
 
-from hunt_ros.cli import options
+from hunt_ros.cli.support import options
 from hunt_ros.suite import PAGE_PORT
 
 SUMMARY = 'start every node of the suite on this machine and show what they see'
@@ -51,11 +51,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run until interrupted, or for the duration asked for."""
-    from hunt_ros.cli import suite
-    from hunt_ros.cli.keys import Keys
-    from hunt_ros.cli.narration import STYLES
-    from hunt_ros.cli.processes import Processes
-    from hunt_ros.cli.view import View
+    from hunt_ros.cli.support import suite
+    from hunt_ros.cli.support.keys import Keys
+    from hunt_ros.cli.support.narration import STYLES
+    from hunt_ros.cli.support.processes import Processes
+    from hunt_ros.cli.support.view import View
     from hunt_ros.dynamics.identified import NEWEST_FILE
     from hunt_ros.errors import ConfigError
     from hunt_ros.services import KEYS, QUIT_KEY, SERVICES

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hunt_ros.cli import options
+from hunt_ros.cli.support import options
 from hunt_ros.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate, write the bag, say where it is."""
     from hunt_ros.bag.record_writer import write_record
-    from hunt_ros.cli.output import write_json
+    from hunt_ros.cli.support.output import write_json
     from hunt_ros.dynamics.profile import Profile
     from hunt_ros.dynamics.simulation import Kick, simulate
 

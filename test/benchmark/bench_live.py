@@ -30,8 +30,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import JointState
 from tables import markdown, publish
 
-from hunt_ros.cli import suite
-from hunt_ros.cli.processes import Processes
+from hunt_ros.cli.support import suite
+from hunt_ros.cli.support.processes import Processes
 from hunt_ros.nodes.conversions import JointReader, read_diagnostic
 from hunt_ros.nodes.qos import STATUS, stream
 from hunt_ros.nodes.runtime import cheapest_executor

@@ -24,7 +24,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from hunt_ros.cli.processes import claim_domain
+from hunt_ros.cli.support.processes import claim_domain
 from hunt_ros.nodes.conversions import diagnostic, joint_layout
 from hunt_ros.nodes.qos import STATUS, stream
 from hunt_ros.nodes.runtime import cheapest_executor

@@ -208,7 +208,7 @@ def test_a_recording_in_millimetres_is_neither_sound_nor_judged(refused, tmp_pat
 
 
 def test_an_event_without_a_speed_has_a_dash() -> None:
-    from hunt_ros.cli.narration import event_line
+    from hunt_ros.cli.support.narration import event_line
 
     event = {'stamp_ns': '0', 'event': 'quiet', 'speed_mps': 'nan', 'amplitude_m': 'nan'}
     assert 'nan' not in event_line(event, 0)

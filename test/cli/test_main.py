@@ -10,7 +10,7 @@ import pytest
 
 from hunt_ros.bag import read_record, write_record
 from hunt_ros.cli.main import VERBS, main
-from hunt_ros.cli.output import known, write_json
+from hunt_ros.cli.support.output import known, write_json
 from hunt_ros.detection.output import EVENT_NUMBERS
 from hunt_ros.samples import Record, Series
 
@@ -239,7 +239,7 @@ def test_simulate_runs_a_profile_whose_step_ends_by_the_amplitude(capsys, tmp_pa
 
 @pytest.mark.parametrize('number', ['3', '3.0', '3e0', '30.0e-1'])
 def test_a_number_may_be_written_in_any_way(number: str) -> None:
-    from hunt_ros.cli.settings_file import read_settings
+    from hunt_ros.cli.support.settings_file import read_settings
     from hunt_ros.detection import DetectorConfig
 
     config = read_settings(DetectorConfig, 'x', [], [f'hunting_frequency_hz={number}'])

@@ -24,7 +24,7 @@ from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.signals import SignalHandlerOptions  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
-from hunt_ros.cli.processes import claim_domain  # noqa: E402
+from hunt_ros.cli.support.processes import claim_domain  # noqa: E402
 
 sys.path.insert(0, str(Path(__file__).parent))  # for what several tests share
 

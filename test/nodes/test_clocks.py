@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from hunt_ros.bag import read_record
-from hunt_ros.cli.recorded_run import recorded_run
+from hunt_ros.cli.support.recorded_run import recorded_run
 from hunt_ros.detection import HuntingDetector
 from hunt_ros.detection.replay import missing_samples, replay_journal
 from hunt_ros.dynamics.identified import IdentifiedNormalForm

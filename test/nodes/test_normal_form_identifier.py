@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import String
 
 from hunt_ros.bag import read_record, write_record
-from hunt_ros.cli.recorded_run import recorded_run
+from hunt_ros.cli.support.recorded_run import recorded_run
 from hunt_ros.detection import HuntingDetector
 from hunt_ros.detection.acceptance import is_rolled_back
 from hunt_ros.detection.replay import replay_journal

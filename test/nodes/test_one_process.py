@@ -10,8 +10,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import JointState
 
 from hunt_ros.bag import Bag, read_columns
-from hunt_ros.cli.processes import Processes
-from hunt_ros.cli.suite import start_nodes
+from hunt_ros.cli.support.processes import Processes
+from hunt_ros.cli.support.suite import start_nodes
 
 pytestmark = pytest.mark.ros
 

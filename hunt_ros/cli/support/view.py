@@ -15,8 +15,8 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from hunt_ros.cli.narration import STYLES, event_line
-from hunt_ros.cli.screen import Screen
+from hunt_ros.cli.support.narration import STYLES, event_line
+from hunt_ros.cli.support.screen import Screen
 from hunt_ros.dashboard.told import Told
 
 #: Drawings a second.

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from hunt_ros.cli.narration import event_line, length
-from hunt_ros.cli.output import known
+from hunt_ros.cli.support.narration import event_line, length
+from hunt_ros.cli.support.output import known
 from hunt_ros.detection import DetectorConfig
 from hunt_ros.detection.offline import Findings
 from hunt_ros.detection.output import EVENT_NUMBERS

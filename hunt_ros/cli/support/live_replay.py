@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import yaml
 
 if TYPE_CHECKING:
-    from hunt_ros.cli.processes import NodeSpec
+    from hunt_ros.cli.support.processes import NodeSpec
 
 #: Estimates that are still under way when the last sample has been played.
 _AFTER_S = 2.0
@@ -27,9 +27,9 @@ def replay_live(arguments: argparse.Namespace) -> int:
     HuntError
         If the recording cannot be read, or a rig publishes the same topics.
     """
-    from hunt_ros.cli.processes import NodeSpec, Processes
-    from hunt_ros.cli.suite import start_console
-    from hunt_ros.cli.view import View
+    from hunt_ros.cli.support.processes import NodeSpec, Processes
+    from hunt_ros.cli.support.suite import start_console
+    from hunt_ros.cli.support.view import View
 
     detector = _detector(arguments)  # reads the recording: fail before anything starts
     alone = True
@@ -67,8 +67,8 @@ def _player(arguments: argparse.Namespace) -> dict[str, object]:
 
 def _detector(arguments: argparse.Namespace) -> NodeSpec:
     """Return the detector that fits the recording, for where none is running."""
-    from hunt_ros.cli.processes import NodeSpec
     from hunt_ros.cli.replay import read
+    from hunt_ros.cli.support.processes import NodeSpec
     from hunt_ros.detection import DetectorConfig
     from hunt_ros.detection.offline import config_for
 

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import yaml
 
-from hunt_ros.cli.options import read_text
+from hunt_ros.cli.support.options import read_text
 from hunt_ros.errors import ConfigError
 from hunt_ros.rig import parameters_of
 from hunt_ros.settings import Settings, yaml_value

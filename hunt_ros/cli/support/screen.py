@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.text import Text
 
-from hunt_ros.cli.narration import STYLES
+from hunt_ros.cli.support.narration import STYLES
 
 #: A wider bar says no more.
 _WIDEST = 120

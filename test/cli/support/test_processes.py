@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from hunt_ros.cli import suite
 from hunt_ros.cli.main import main
-from hunt_ros.cli.processes import Processes
+from hunt_ros.cli.support import suite
+from hunt_ros.cli.support.processes import Processes
 from hunt_ros.suite import SIMULATOR, SOURCES
 
 

@@ -7,8 +7,8 @@ import socket
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from hunt_ros.cli.console_link import ConsoleLink, Line
-from hunt_ros.cli.processes import NodeSpec, Processes
+from hunt_ros.cli.support.console_link import ConsoleLink, Line
+from hunt_ros.cli.support.processes import NodeSpec, Processes
 from hunt_ros.errors import HuntError
 from hunt_ros.suite import SUITE
 

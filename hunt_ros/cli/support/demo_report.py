@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM
 
 if TYPE_CHECKING:
-    from hunt_ros.cli.view import View
+    from hunt_ros.cli.support.view import View
     from hunt_ros.dynamics.identified import IdentifiedNormalForm
     from hunt_ros.dynamics.limit_cycle import Branch
 

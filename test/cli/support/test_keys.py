@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from hunt_ros.cli import processes, suite
 from hunt_ros.cli.main import main
+from hunt_ros.cli.support import processes, suite
 from hunt_ros.services import KEYS, SERVICES
 
 
@@ -62,6 +62,6 @@ def test_a_key_of_a_node_that_was_not_started_does_nothing(pressed) -> None:
 
 
 def test_the_keys_stand_in_the_readme() -> None:
-    readme = (Path(__file__).parents[2] / 'README.md').read_text(encoding='utf-8')
+    readme = (Path(__file__).parents[3] / 'README.md').read_text(encoding='utf-8')
     for key, word in KEYS.items():
         assert f'`{"space" if key == " " else key}` {word}' in readme

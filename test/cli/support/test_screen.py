@@ -7,7 +7,7 @@ from rich.cells import cell_len
 from rich.console import Console
 from rich.screen import Screen as WholeTerminal
 
-from hunt_ros.cli.screen import Screen
+from hunt_ros.cli.support.screen import Screen
 from hunt_ros.dashboard.told import Told
 
 STATUS = {

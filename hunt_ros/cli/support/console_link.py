@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from queue import Empty, Queue
 from typing import Any
 
-from hunt_ros.cli.processes import Processes
+from hunt_ros.cli.support.processes import Processes
 from hunt_ros.errors import HuntError
 
 Line = dict[str, Any]
