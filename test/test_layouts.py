@@ -79,7 +79,7 @@ def published(measured: dict[str, Published]) -> dict[str, Published]:
 def status_keys() -> set[str]:
     """Keys of the values in `hunting/status`."""
     pytest.importorskip('rclpy', reason='the status is made by the nodes')
-    from hunt_ros.detection.status import DetectorStatus
+    from hunt_ros.detection.words.status import DetectorStatus
     from hunt_ros.nodes.detector_messages import status_message
 
     return {pair.key for pair in status_message(DetectorStatus(), 'rig').status[0].values}

@@ -1,13 +1,19 @@
-"""From estimates to region, state and alarm."""
+"""
+From samples to region, state and alarm.
+
+A sample goes through `merging` (which samples count, and when), `channels` (are they sound),
+`estimates` (the tracker and its second opinion), `rows` and `decision` (what they mean), and
+`words` (what is told of it). `detector` is the whole of it, `offline` and `replay` run it.
+"""
 
 from hunt_ros.detection.companions import CompanionConfig, Companions
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.detector import HuntingDetector
-from hunt_ros.detection.journal import JournalEntry
+from hunt_ros.detection.merging.journal import JournalEntry
 from hunt_ros.detection.offline import detect
 from hunt_ros.detection.output import Event, Output
 from hunt_ros.detection.regions import Level, Region, State
-from hunt_ros.detection.status import DetectorStatus
+from hunt_ros.detection.words.status import DetectorStatus
 
 __all__ = [
     'CompanionConfig',

@@ -17,17 +17,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hunt_ros.detection.acceptance import form_event, form_words
-from hunt_ros.detection.alarms import UNKNOWN, AlarmHistory
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.journal import JournalEntry
-from hunt_ros.detection.merge import ChannelMerger, LateRun
+from hunt_ros.detection.merging.journal import JournalEntry
+from hunt_ros.detection.merging.merge import ChannelMerger, LateRun
+from hunt_ros.detection.merging.schedule import Schedule
 from hunt_ros.detection.output import EMPTY, Event, Output
-from hunt_ros.detection.reasons import Basis
 from hunt_ros.detection.regions import Level
 from hunt_ros.detection.rows import RowMaker
-from hunt_ros.detection.schedule import Schedule
-from hunt_ros.detection.status import DetectorStatus, status_of
-from hunt_ros.detection.transitions import Transitions
+from hunt_ros.detection.words.alarms import UNKNOWN, AlarmHistory
+from hunt_ros.detection.words.reasons import Basis
+from hunt_ros.detection.words.status import DetectorStatus, status_of
+from hunt_ros.detection.words.transitions import Transitions
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError, HuntError
 from hunt_ros.samples import CHANNELS, NANOSECONDS

@@ -11,14 +11,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.detection import doubts, health
+from hunt_ros.detection.channels import health
+from hunt_ros.detection.channels.grid import SlowChannel
+from hunt_ros.detection.channels.health import ChannelHealth
+from hunt_ros.detection.channels.speed_check import SpeedCheck
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.grid import SlowChannel
-from hunt_ros.detection.health import ChannelHealth
-from hunt_ros.detection.merge import MergedBlock
+from hunt_ros.detection.decision import doubts
+from hunt_ros.detection.merging.merge import MergedBlock
 from hunt_ros.detection.output import ESTIMATE_DTYPE, TRACKER_FIELDS, Motion
 from hunt_ros.detection.second_opinion import SecondOpinion
-from hunt_ros.detection.speed_check import SpeedCheck
 from hunt_ros.detection.tracking import (
     SCALE_STD,
     Turning,

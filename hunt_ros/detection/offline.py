@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled
 from hunt_ros.criteria import Verdict
-from hunt_ros.detection import doubts
-from hunt_ros.detection.alarms import AlarmHistory
 from hunt_ros.detection.companions import Companions, criterion_event
 from hunt_ros.detection.configuration import DetectorConfig
+from hunt_ros.detection.decision import doubts
 from hunt_ros.detection.detector import HuntingDetector
 from hunt_ros.detection.output import Event, Motion, Output, numbers_behind
-from hunt_ros.detection.reasons import reason_counts
 from hunt_ros.detection.regions import Level, Region
 from hunt_ros.detection.tracking import roller_diameter
+from hunt_ros.detection.words.alarms import AlarmHistory
+from hunt_ros.detection.words.reasons import reason_counts
 from hunt_ros.forecast import Forecast
 from hunt_ros.samples import NANOSECONDS, Record, Series
 

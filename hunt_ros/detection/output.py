@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.detection.journal import JournalEntry
+from hunt_ros.detection.merging.journal import JournalEntry
 from hunt_ros.detection.regions import Level, State
 from hunt_ros.estimation.kalman import TRACK_DTYPE
 from hunt_ros.samples import CHANNELS

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.detector import HuntingDetector
-from hunt_ros.detection.journal import JournalEntry
-from hunt_ros.detection.merge import LateRun
+from hunt_ros.detection.merging.journal import JournalEntry
+from hunt_ros.detection.merging.merge import LateRun
 from hunt_ros.detection.output import Output
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.samples import Record, Series

@@ -14,17 +14,18 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.detection import decisions, doubts, health, states
+from hunt_ros.detection.channels import health
+from hunt_ros.detection.channels.grid import RowGrid
 from hunt_ros.detection.configuration import DetectorConfig
+from hunt_ros.detection.decision import decisions, doubts, states
+from hunt_ros.detection.decision.limits import ALARMS, AmplitudeLimits
+from hunt_ros.detection.decision.outlook import OutlookTable, form_numbers
+from hunt_ros.detection.decision.rules import rules_of
 from hunt_ros.detection.estimates import Estimator
 from hunt_ros.detection.frequencies import nominal_hz, with_frequencies
-from hunt_ros.detection.grid import RowGrid
-from hunt_ros.detection.limits import ALARMS, AmplitudeLimits
-from hunt_ros.detection.merge import MergedBlock
-from hunt_ros.detection.outlook import OutlookTable, form_numbers
+from hunt_ros.detection.merging.merge import MergedBlock
 from hunt_ros.detection.output import Motion
 from hunt_ros.detection.regions import Level, State
-from hunt_ros.detection.rules import rules_of
 from hunt_ros.detection.tracking import JudgedChannel
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import NormalForm

@@ -5,7 +5,7 @@ from __future__ import annotations
 from diagnostic_msgs.msg import DiagnosticArray
 
 from hunt_ros.detection.output import PUBLIC, Event
-from hunt_ros.detection.status import DetectorStatus
+from hunt_ros.detection.words.status import DetectorStatus
 from hunt_ros.nodes.conversions import diagnostic
 from hunt_ros.samples import NANOSECONDS
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, JournalEntry, Level, State
+from hunt_ros.detection.decision.rules import CYCLE_HOLD_S
 from hunt_ros.detection.output import EVENT_NUMBERS, Output
 from hunt_ros.detection.replay import replay_journal
-from hunt_ros.detection.rules import CYCLE_HOLD_S
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.errors import ConfigError

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, detect
 from hunt_ros.detection.output import Output
-from hunt_ros.detection.reasons import reasons_of
+from hunt_ros.detection.words.reasons import reasons_of
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig

@@ -11,8 +11,8 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, Region, State, detect
+from hunt_ros.detection.decision.rules import CYCLE_HOLD_S
 from hunt_ros.detection.output import Output
-from hunt_ros.detection.rules import CYCLE_HOLD_S
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.speed_profile import SpeedProfile

@@ -14,7 +14,7 @@ from scipy.io import loadmat
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State
 from hunt_ros.detection.offline import Summary, collect, watch
 from hunt_ros.detection.output import Output
-from hunt_ros.detection.status import DetectorStatus
+from hunt_ros.detection.words.status import DetectorStatus
 from hunt_ros.samples import Record, Series
 
 FOLDER = Path(__file__).parents[3] / 'shared' / 'data' / 'flutter_rig'

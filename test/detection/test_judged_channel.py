@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect, doubts
+from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect
+from hunt_ros.detection.decision import doubts
 from hunt_ros.detection.replay import replay_journal
 from hunt_ros.dynamics.limit_cycle import limit_cycles
 from hunt_ros.dynamics.mode_table import shape_of

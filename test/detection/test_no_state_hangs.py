@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hunt_ros.detection import DetectorConfig, decisions
-from hunt_ros.detection.outlook import form_numbers
+from hunt_ros.detection import DetectorConfig
+from hunt_ros.detection.decision import decisions
+from hunt_ros.detection.decision.outlook import form_numbers
+from hunt_ros.detection.decision.rules import rules_of
 from hunt_ros.detection.output import ESTIMATE_DTYPE
 from hunt_ros.detection.regions import State
-from hunt_ros.detection.rules import rules_of
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hunt_ros.detection import DetectorConfig, HuntingDetector, State, detect, doubts
+from hunt_ros.detection import DetectorConfig, HuntingDetector, State, detect
+from hunt_ros.detection.decision import doubts
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import Record, Series
 

@@ -1,0 +1,279 @@
+"""
+Likelihood ratios of the amplitude: does it grow, hold or fall, and is it more than noise?
+
+The amplitude is looked at on marks 3/8 of a period apart, over horizons of 2, 4 and 8 marks.
+An increment over a horizon T is
+
+    y = a(t) - sqrt(a(t - T)^2 + 2 S),
+
+where S is the variance of the noise that drives it: noise alone moves a small amplitude up,
+its mean square by 2 S (distribution of Rice, Bell Syst. Tech. J. 24, 1945). Under a growth rate
+mu it lies about (exp(mu T) - 1) a(t - T), with a Student distribution, because S is an estimate.
+
+- *growth*: mu > 0 against mu = 0; *fall*: mu < 0 against half the least damping, -s/2;
+  *hold*: mu = 0 against -s, or against half the growth rate of the normal form where there is
+  one, counted while the motion is more than noise. The ratio of two likelihoods decides as soon
+  as any test can (Wald, Ann. Math. Statist. 16, 1945). When the change comes is not known, so
+  each is a statistic of Shiryaev and Roberts, R <- (R + 1) exp(l) (Shiryaev, Theory Probab.
+  Appl. 8, 1963; Roberts, Technometrics 8, 1966), averaged over growth rates, horizons and their
+  interleaved chains: under its null hypothesis its mean is the number of marks, so that it
+  reaches the exponential of `rules.evidence` = ln(marks in the time of one false alarm) no more
+  often than was asked for. No increment counts for more than a third of that: a kick alone
+  decides nothing. What jumps has not held.
+- *excess*: minus the logarithm of the chance that noise of variance S and damping s has this
+  amplitude, a^2 / (S / (s T)) where S is known, and less where it was estimated from few
+  increments, or where the tracker itself is not sure of the amplitude.
+
+S is read off by how much the amplitude at the middle of two horizons misses the geometric mean
+of those at their ends: steady growth does not enter it, and a median forgets a kick. What the
+tracker itself says of its error counts: from one mark to the next the error of an estimate that
+is being found out, s(t - T)^2 - s(t)^2, adds to S (the variance of the step of a Kalman filter).
+Called by the kernel of the decisions, row by row.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from hunt_ros.compiled import compiled_part
+from hunt_ros.detection.decision.rules import Rules
+
+#: Horizons, marks, and the growth rates that are tried, 1/s at 2.84 Hz: from doubling in seven
+#: seconds to doubling within a period.
+HORIZONS = (2, 4, 8)
+RATES = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
+#: Increments in the variance at hand: this many lengths of their horizon.
+_RECENT = 15
+#: Marks from which the variance of the quiet motion is learnt, and the weight it has beside
+#: what is at hand, in increments.
+_MEMORY, _PRIOR = 240.0, 8.0
+#: The variance is known from so many horizons before anything is said of what is usual.
+_FIRST = 8
+#: An amplitude wanders by this part of itself for other reasons than noise: the speed, the flange.
+_WANDER = 0.005
+#: Median of chi^2 of one degree of freedom.
+_MEDIAN = 0.455
+#: The mean square of the amplitude moves up by this many S.
+_RICE = 2.0
+#: This part of what decides is something: it decides beside other evidence only, and no single
+#: increment counts for more.
+SOME = 1.0 / 3.0
+#: Evidence is not counted beyond this multiple of what decides, so that the next change need
+#: not first use it up.
+_MOST = 4.0 / 3.0
+#: The form is exact to this part: its growth rate may be as near to zero as that.
+_EXACT = 0.5
+#: An amplitude is well known when its standard deviation is below this part of it.
+SURE = 0.1
+
+_LONGEST = HORIZONS[-1]
+_KEPT = 2 * _LONGEST + 1
+
+#: What is remembered. Since the last gap: rows since the last mark, marks, amplitudes and their
+#: standard deviations (m) at the last ones. Of the noise, by horizon: squared misses of the
+#: middle and the part of the tracker's error in them (m^2), their number, variance of the quiet
+#: motion and variance S now (m^2; 0 before it is known), degrees of freedom. The statistics by
+#: horizon and chain, and their logarithms.
+LIKELIHOOD: np.dtype[np.void] = np.dtype(
+    [
+        ('rows', np.int64),
+        ('marks', np.int64),
+        ('a', np.float64, (_KEPT,)),
+        ('s', np.float64, (_KEPT,)),
+        ('square', np.float64, (len(HORIZONS), _RECENT * _LONGEST)),
+        ('error', np.float64, (len(HORIZONS), _RECENT * _LONGEST)),
+        ('seen', np.int64, (len(HORIZONS),)),
+        ('quiet', np.float64, (len(HORIZONS),)),
+        ('noise', np.float64, (len(HORIZONS),)),
+        ('freedom', np.float64, (len(HORIZONS),)),
+        ('grows', np.float64, (len(HORIZONS), _LONGEST, len(RATES))),
+        ('falls', np.float64, (len(HORIZONS), _LONGEST, len(RATES))),
+        ('holds', np.float64, (len(HORIZONS), _LONGEST)),
+        ('growth', np.float64),
+        ('fall', np.float64),
+        ('hold', np.float64),
+    ],
+    align=True,
+)
+
+
+@compiled_part
+def well_known(a: float, s: float) -> bool:
+    """Return True where the standard deviation (m) is small beside the amplitude (m)."""
+    return bool(s < SURE * a)
+
+
+@compiled_part
+def interrupt(memory: Any) -> None:
+    """Begin the chain of marks anew: the amplitude is not known. The evidence stands."""
+    memory['rows'] = 0
+    memory['marks'] = 0
+
+
+@compiled_part
+def settled(memory: Any) -> bool:
+    """Return True once the noise is known over the longest horizon, about."""
+    return bool(memory['seen'][len(HORIZONS) - 1] >= _LONGEST)
+
+
+@compiled_part
+def excess(rules: Rules, memory: Any) -> float:
+    """Return minus the logarithm of the chance that noise alone has the amplitude at the mark."""
+    a = memory['a'][0]
+    for j in range(len(HORIZONS) - 1, -1, -1):
+        seen, noise = memory['seen'][j], memory['noise'][j]
+        if seen > 0 and noise > 0.0:
+            horizon = HORIZONS[j] * rules.step * rules.period_s
+            # What noise alone drives, and what the tracker does not know of it: two components.
+            driven, unknown = noise / (rules.least_damping * horizon), 2.0 * memory['s'][0] ** 2
+            x = a * a / (driven + unknown)
+            # Neighbouring increments overlap: four make up for one that is independent.
+            freedom = 0.25 * min(seen, 2.0 * _MEMORY)
+            return float(0.5 * freedom * math.log1p(2.0 * x / freedom))
+    return 0.0
+
+
+@compiled_part
+def watch(rules: Rules, memory: Any, a: float, s: float, drift: float) -> None:
+    """
+    Take in a row.
+
+    Parameters
+    ----------
+    rules, memory
+        Thresholds, and a record of LIKELIHOOD.
+    a, s : float
+        Amplitude and its standard deviation, m.
+    drift : float
+        Growth rate of the normal form at this speed and amplitude, 1/s; NaN: not known.
+    """
+    memory['rows'] += 1
+    if memory['marks'] > 0 and memory['rows'] < rules.step:
+        return
+    memory['rows'] = 0
+    for k in range(_KEPT - 1, 0, -1):
+        memory['a'][k] = memory['a'][k - 1]
+        memory['s'][k] = memory['s'][k - 1]
+    memory['a'][0] = a
+    memory['s'][0] = s
+    memory['marks'] += 1
+    noise_alone = excess(rules, memory) < SOME * rules.evidence
+    for j in range(len(HORIZONS)):
+        if memory['marks'] > 2 * HORIZONS[j]:
+            _learn_noise(memory, j, noise_alone)
+    # The filter smooths: over a longer horizon more of the noise shows.
+    for j in range(len(HORIZONS)):
+        for i in range(j + 1, len(HORIZONS)):
+            if memory['seen'][i] > 0:
+                longer = memory['noise'][i] * HORIZONS[j] / HORIZONS[i]
+                memory['noise'][j] = max(memory['noise'][j], longer)
+    count = excess(rules, memory) >= SOME * rules.evidence
+    for j in range(len(HORIZONS)):
+        if memory['marks'] > 2 * HORIZONS[j] and memory['noise'][j] > 0.0:
+            still = _compare(rules, memory, j, drift, count)
+            if j == 0 and still < -rules.evidence:
+                count = False  # what jumps does not hold
+    if not count:
+        memory['holds'][:] = 0.0
+    _sum_up(rules, memory)
+
+
+@compiled_part
+def _learn_noise(memory: Any, j: int, noise_alone: bool) -> None:
+    """Estimate S over a horizon anew; what is noise alone is learnt as the quiet motion."""
+    h = HORIZONS[j]
+    a, s = memory['a'], memory['s']
+    length = _RECENT * h
+    place = memory['seen'][j] % length
+    memory['seen'][j] += 1
+    memory['square'][j, place] = 2.0 * (math.sqrt(a[0] * a[2 * h]) - a[h]) ** 2
+    found_out = _found_out(s[h], s[0]) + _found_out(s[2 * h], s[h])
+    memory['error'][j, place] = 0.5 * found_out
+    recent = min(memory['seen'][j], length)
+    square, error = memory['square'][j, :recent], memory['error'][j, :recent]
+    first = memory['seen'][j] <= _FIRST * h
+    if first:
+        quiet = np.median(square) / _MEDIAN
+        for _ in range(4):  # the error of the tracker is part of it: solved for the rest
+            if quiet > 0.0:
+                quiet *= np.median(square / (quiet + error)) / _MEDIAN
+        memory['quiet'][j] = quiet
+    base = memory['quiet'][j] + (_WANDER * a[0]) ** 2
+    if not base > 0.0:
+        memory['noise'][j] = 0.0
+        return
+    ratio = np.median(square / (base + error)) / _MEDIAN
+    if noise_alone and not first:
+        memory['quiet'][j] *= 1.0 + (min(ratio, 4.0) - 1.0) / _MEMORY
+    weight = recent / h
+    memory['noise'][j] = base * (_PRIOR + weight * ratio) / (_PRIOR + weight)
+    memory['freedom'][j] = _PRIOR + weight
+
+
+@compiled_part
+def _found_out(before: float, after: float) -> float:
+    """Return the variance of a step of the estimate that comes from its own error, m^2."""
+    return max(before * before - after * after, 0.0)
+
+
+@compiled_part
+def _student(x: float, variance: float, freedom: float) -> float:
+    """Return the logarithm of the density of Student's distribution, but for a constant."""
+    return -0.5 * (freedom + 1.0) * math.log1p(x * x / (variance * freedom))
+
+
+@compiled_part
+def _compare(rules: Rules, memory: Any, j: int, drift: float, count: bool) -> float:
+    """Advance the statistics of one horizon; return how likely its increment is of no growth."""
+    h = HORIZONS[j]
+    a0, freedom = memory['a'][h], memory['freedom'][j]
+    span = h * rules.step * rules.period_s
+    variance = memory['noise'][j] + _found_out(memory['s'][h], memory['s'][0])
+    y = memory['a'][0] - math.sqrt(a0 * a0 + _RICE * variance)
+    chain = memory['marks'] % h
+    still = _student(y, variance, freedom)
+    slow = _student(_off(y, a0, -0.5 * rules.least_damping * span), variance, freedom)
+    for i in range(len(RATES)):
+        rate = RATES[i] * rules.faster
+        up = _student(_off(y, a0, rate * span), variance, freedom) - still
+        memory['grows'][j, chain, i] = _next(rules, memory['grows'][j, chain, i], up)
+        down = _student(_off(y, a0, -rate * span), variance, freedom) - slow
+        memory['falls'][j, chain, i] = _next(rules, memory['falls'][j, chain, i], down)
+    if count:
+        null = -rules.least_damping if math.isnan(drift) else _EXACT * drift
+        gain = still - _student(_off(y, a0, null * span), variance, freedom)
+        memory['holds'][j, chain] = _next(rules, memory['holds'][j, chain], gain)
+    return still
+
+
+@compiled_part
+def _off(y: float, a0: float, growth: float) -> float:
+    """Return how far an increment lies from that of a growth by exp(growth), m."""
+    return y - a0 * (math.exp(min(growth, 50.0)) - 1.0)
+
+
+@compiled_part
+def _next(rules: Rules, statistic: float, gain: float) -> float:
+    """Advance a Shiryaev-Roberts statistic by one log likelihood ratio."""
+    most = math.exp(_MOST * rules.evidence)
+    return min((statistic + 1.0) * math.exp(min(gain, SOME * rules.evidence)), most)
+
+
+@compiled_part
+def _sum_up(rules: Rules, memory: Any) -> None:
+    """Fill in the logarithms of the mean statistics."""
+    grows = falls = holds = 0.0
+    chains = 0
+    for j in range(len(HORIZONS)):
+        for chain in range(HORIZONS[j]):
+            chains += 1
+            holds += memory['holds'][j, chain]
+            for i in range(len(RATES)):
+                grows += memory['grows'][j, chain, i]
+                falls += memory['falls'][j, chain, i]
+    memory['growth'] = math.log(max(grows / (chains * len(RATES)), 1e-300))
+    memory['fall'] = math.log(max(falls / (chains * len(RATES)), 1e-300))
+    memory['hold'] = math.log(max(holds / chains, 1e-300))

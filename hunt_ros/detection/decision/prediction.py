@@ -1,0 +1,196 @@
+"""
+What the normal form says about a row: branches, margin, chance of escape, time to the cycle.
+
+Each part fills in its numbers in a row of the estimates (`VERDICT` names them). Called
+by the kernel of the decisions, row by row; the tables behind it are those of `outlook`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.compiled import compiled_part
+from hunt_ros.detection.decision.outlook import FormNumbers
+
+_NORMAL_95 = 1.959964
+#: Standard deviations beyond which a normal distribution is 0 or 1.
+_SETTLED = 4.0
+#: The time to the limit cycle is that to this part of the stable amplitude,
+_ARRIVED = 0.9
+#: from at least this part of the unstable amplitude, about which time stands still.
+_LEFT = 1.02
+_PIECES = 64
+
+
+@compiled_part
+def clear(out: Any) -> None:
+    """Set all numbers of a row that come from the form to unknown."""
+    out['unstable_amplitude'] = math.nan
+    out['unstable_amplitude_std'] = math.nan
+    out['stable_amplitude'] = math.nan
+    out['margin'] = math.nan
+    out['margin_low'] = math.nan
+    out['margin_high'] = math.nan
+    out['escape_probability'] = math.nan
+    out['escape_probability_low'] = math.nan
+    out['escape_probability_high'] = math.nan
+    out['outlook'] = math.nan
+    out['time_to_limit_cycle'] = math.nan
+
+
+@compiled_part
+def growth_at(form: FormNumbers, v: float, a: float) -> float:
+    """Growth rate of the form, Eq. (24) divided by r, 1/s, at one speed and amplitude."""
+    eps = v / form.critical_speed - 1.0
+    r2 = (a / (2.0 * form.length_scale)) ** 2
+    return (
+        form.D1 * eps + form.D7 * eps**2 + (form.D4 + form.D10 * eps) * r2 + form.D15 * r2**2
+    ) / form.time_scale
+
+
+@compiled_part
+def branches(form: FormNumbers, v: float, roughness: float, out: Any) -> float:
+    """
+    Fill in the branches at a speed, Eq. (28), under a roughness line of amplitude B, m.
+
+    Returns
+    -------
+    float
+        Growth rate at zero amplitude, 1/s.
+    """
+    eps = v / form.critical_speed - 1.0
+    a = form.D15
+    b = form.D4 + form.D10 * eps
+    c = form.D1 * eps + form.D7 * eps**2
+    first, second = math.nan, math.nan
+    if a == 0.0:
+        if b != 0.0:
+            first = -c / b
+    else:
+        discriminant = b * b - 4.0 * a * c
+        if discriminant >= 0.0:
+            root = math.sqrt(discriminant)
+            q = -0.5 * (b + root) if b >= 0.0 else -0.5 * (b - root)
+            first = q / a
+            if q != 0.0:
+                second = c / q
+    for r2 in (first, second):
+        if r2 > 0.0:
+            value = 2.0 * form.length_scale * math.sqrt(r2)
+            if b + 2.0 * a * r2 > 0.0:
+                out['unstable_amplitude'] = value
+            else:
+                out['stable_amplitude'] = value
+    plain = out['unstable_amplitude']
+    if not math.isnan(plain):
+        k, part = _place(form, v)
+        low, high = form.unstable_std[k], form.unstable_std[k + 1]
+        spread = low + part * (high - low)
+        if roughness > 0.0:
+            # Roughness of amplitude B acts on the mean of the cubic term: A^2 -> A^2 + 2 B^2.
+            lowered = math.sqrt(max(plain**2 - 2.0 * roughness**2, 0.01 * plain**2))
+            spread *= lowered / plain
+            out['unstable_amplitude'] = lowered
+        out['unstable_amplitude_std'] = spread
+    return c / form.time_scale
+
+
+@compiled_part
+def _place(form: FormNumbers, v: float) -> tuple[int, float]:
+    """Cell of the tables in which a speed lies, and how far along it."""
+    place = (v - form.speed_low) / form.speed_step
+    k = min(max(int(place), 0), form.unstable_std.size - 2)
+    return k, min(max(place - k, 0.0), 1.0)
+
+
+@compiled_part
+def judge(
+    form: FormNumbers,
+    outlook: Any,
+    v: float,
+    a: float,
+    s: float,
+    damping: float,
+    outlook_s: float,
+    out: Any,
+) -> None:
+    """
+    Fill in margin, probability of escape and outlook, after `branches`.
+
+    Parameters
+    ----------
+    form
+        The form.
+    outlook
+        A record of OUTLOOK.
+    v, a, s : float
+        Speed, m/s; amplitude and its standard deviation, m.
+    damping : float
+        Growth rate at zero amplitude, 1/s.
+    outlook_s : float
+        Horizon of the outlook, s.
+    out
+        The row.
+    """
+    edge, spread = out['unstable_amplitude'], out['unstable_amplitude_std']
+    folded = math.isnan(edge) and damping < 0.0
+    if folded:  # below the fold of the form, but not of all its draws
+        k, _ = _place(form, v)
+        edge, spread = form.unstable_mean[k], form.unstable_std[k]
+    if not math.isnan(edge):
+        out['margin'] = edge / a if a > 0.0 else math.inf
+        most, least = a + _NORMAL_95 * s, a - _NORMAL_95 * s
+        out['margin_low'] = max(edge - _NORMAL_95 * spread, 0.0) / most if most > 0.0 else math.inf
+        high = (edge + _NORMAL_95 * spread) / least if least > 0.0 else math.inf
+        out['margin_high'] = math.inf if folded else high
+    probability = _beyond(outlook['decides'], a, s)
+    out['escape_probability'] = probability
+    # A mean may lie beyond such an end where the chance is settled but for a thin tail.
+    low = _beyond(outlook['latest'], a - _NORMAL_95 * s, 0.0)
+    high = _beyond(outlook['earliest'], a + _NORMAL_95 * s, 0.0)
+    out['escape_probability_low'] = min(low, probability)
+    out['escape_probability_high'] = max(high, probability)
+    out['outlook'] = 1.0 - (1.0 - probability) * math.exp(-outlook_s * outlook['rate'])
+
+
+@compiled_part
+def _beyond(decides: NDArray[np.float64], a: float, s: float) -> float:
+    """Chance that an amplitude known to within `s` is beyond the one that decides."""
+    if math.isnan(decides[0]):
+        return math.nan
+    total = 0.0
+    for edge in decides:
+        if a - edge > _SETTLED * s:
+            total += 1.0
+        elif edge - a >= _SETTLED * s:
+            break  # they are in order
+        else:
+            total += 0.5 * math.erfc((edge - a) / (s * math.sqrt(2.0)))
+    return total / decides.size
+
+
+@compiled_part
+def time_to_cycle(form: FormNumbers, v: float, a: float, out: Any) -> float:
+    """Time to 90 % of the stable branch along the form, s; Simpson's rule in ln A."""
+    stable = out['stable_amplitude']
+    if math.isnan(stable):
+        return math.nan
+    end = math.log(_ARRIVED * stable)
+    begin = math.log(max(a, 1e-12))
+    if not math.isnan(out['unstable_amplitude']):
+        begin = max(begin, math.log(_LEFT * out['unstable_amplitude']))
+    if begin >= end:
+        return 0.0
+    step = (end - begin) / _PIECES
+    total = 0.0
+    for k in range(_PIECES + 1):
+        rate = growth_at(form, v, math.exp(begin + k * step))
+        if rate <= 0.0:
+            return math.inf
+        weight = 1.0 if k == 0 or k == _PIECES else 4.0 if k % 2 else 2.0
+        total += weight / rate
+    return total * step / 3.0

@@ -1,0 +1,95 @@
+"""Rows on the grid, and the slow channels at any stamp."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hunt_ros.detection.channels.grid import RowGrid, SlowChannel
+
+MS = 1_000_000
+
+
+def test_rows_stop_in_a_long_silence_and_go_on_after_it() -> None:
+    grid = RowGrid(10 * MS, 100 * MS)
+    samples = np.array([5, 15, 25, 1005, 1015], dtype=np.int64) * MS
+    rows = grid.rows(None, 1010 * MS, samples[samples <= 1010 * MS]) // MS
+    assert rows.tolist() == [*range(10, 130, 10), 1010]
+
+
+@settings(deadline=None)
+@given(
+    gaps=st.lists(st.sampled_from([3, 7, 40, 90, 350]), min_size=2, max_size=60), data=st.data()
+)
+def test_rows_do_not_depend_on_where_the_stream_is_cut(gaps, data) -> None:
+    samples = np.cumsum(gaps).astype(np.int64) * MS
+    end = int(samples[-1]) // (10 * MS) * 10 * MS
+    cuts = data.draw(st.lists(st.integers(1, max(1, end // (10 * MS))), max_size=8))
+    bounds = sorted({cut * 10 * MS for cut in cuts} | {end})
+    first_row = int(samples[0])
+    bounds = [bound for bound in bounds if first_row <= bound <= end]
+    whole = RowGrid(10 * MS, 100 * MS).rows(None, end, samples[samples <= end])
+    grid, after, parts = RowGrid(10 * MS, 100 * MS), None, []
+    for bound in bounds:
+        low = -1 if after is None else after
+        parts.append(grid.rows(after, bound, samples[(samples > low) & (samples <= bound)]))
+        after = bound
+    assert np.concatenate(parts or [whole[:0]]).tolist() == whole.tolist()
+
+
+def test_between_samples_lies_a_straight_line_and_beyond_them_the_last_rate() -> None:
+    stamps = np.array([0, 10, 20], dtype=np.int64) * MS
+    angle = SlowChannel(50 * MS, rising=True)
+    wanted = np.array([5, 15, 30, 69, 71], dtype=np.int64) * MS
+    found = angle.at(wanted, stamps, np.array([0.0, 1.0, 3.0]), None)
+    assert found[:4] == pytest.approx([0.5, 2.0, 5.0, 12.8])
+    assert np.isnan(found[4])
+    speed = SlowChannel(50 * MS, rising=False)
+    assert speed.at(wanted[2:3], stamps, np.array([0.0, 1.0, 3.0]), None) == pytest.approx([3.0])
+
+
+def test_an_angle_that_repeats_goes_on_at_its_rate_until_the_timeout() -> None:
+    stamps = np.arange(0, 12, dtype=np.int64) * 10 * MS
+    values = np.array([0.0, 1.0, 2.0, 3.0, *[3.0] * 8])
+    angle = SlowChannel(50 * MS, rising=True)
+    found = angle.at(np.array([45, 75, 85], dtype=np.int64) * MS, stamps, values, None)
+    assert found[:2] == pytest.approx([4.5, 7.5])
+    assert np.isnan(found[2])
+
+
+def test_a_coarse_encoder_gives_a_straight_line() -> None:
+    stamps = np.arange(1, 101, dtype=np.int64) * 10 * MS
+    coarse = np.floor(stamps / (25 * MS)) * 0.1  # a step every two or three samples
+    angle = SlowChannel(200 * MS, rising=True)
+    found = angle.at(stamps[10:], stamps, coarse, None)
+    assert np.abs(found - (stamps[10:] / (25 * MS) * 0.1 - 0.02)).max() < 0.1
+
+
+@settings(deadline=None)
+@given(
+    values=st.lists(
+        st.one_of(st.floats(-10, 10), st.sampled_from([float('nan'), 1.0])),
+        min_size=3,
+        max_size=40,
+    ),
+    data=st.data(),
+)
+def test_the_slow_channel_does_not_depend_on_blocks(values, data) -> None:
+    stamps = np.arange(1, len(values) + 1, dtype=np.int64) * 10 * MS
+    series = np.array(values)
+    wanted = np.arange(0, int(stamps[-1]) + 1, 3 * MS, dtype=np.int64)
+    whole = SlowChannel(25 * MS, rising=True).at(wanted, stamps, series, None)
+    cuts = data.draw(st.lists(st.integers(0, int(stamps[-1]) // MS), max_size=6))
+    bounds = [-1, *sorted({cut * MS for cut in cuts}), int(stamps[-1])]
+    channel, parts = SlowChannel(25 * MS, rising=True), []
+    for low, high in itertools.pairwise(bounds):
+        use = (stamps > low) & (stamps <= high)
+        later = np.flatnonzero(stamps > high)
+        following = (int(stamps[later[0]]), float(series[later[0]])) if later.size else None
+        ask = wanted[(wanted > low) & (wanted <= high)]
+        parts.append(channel.at(ask, stamps[use], series[use], following))
+    assert np.concatenate(parts).tobytes() == whole.tobytes()

@@ -1,0 +1,130 @@
+"""Doubts do not chatter, and what is not known is not said to be well again."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hunt_ros.detection import DetectorConfig, HuntingDetector
+from hunt_ros.detection.decision import doubts
+from hunt_ros.detection.decision.rules import rules_of
+from hunt_ros.detection.offline import collect, detect, watch
+from hunt_ros.detection.regions import Region, State
+from hunt_ros.dynamics.speed_profile import SpeedProfile
+from hunt_ros.samples import USUAL_CHANNELS, Record, Series
+
+RULES = rules_of(DetectorConfig(), 6.4, 8.0)
+HUNTING = (State.ESCAPING, State.LIMIT_CYCLE, State.DECAYING)
+
+#: Stretches of rows: (rows, region, state, amplitude known, margin).
+STRETCHES = st.lists(
+    st.tuples(
+        st.integers(1, 400),
+        st.sampled_from(list(Region)),
+        st.sampled_from(list(State)),
+        st.booleans(),
+        st.sampled_from([0.3, 1.9, 2.5, 3.1, 20.0, math.inf]),
+    ),
+    max_size=25,
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(STRETCHES)
+def test_margin_is_restored_only_where_it_is_seen_and_after_its_hold(stretches) -> None:
+    memory = np.zeros(1, dtype=doubts.DOUBTS)[0]
+    low, since, room = False, 10**9, 0
+    for rows, region, state, known, margin in stretches:
+        seen = known and region is Region.HYSTERESIS
+        for _ in range(rows):
+            now = bool(
+                doubts.hold_doubts(
+                    RULES, memory, region, state, known, False, margin if seen else math.nan, 0
+                )
+                & doubts.MARGIN
+            )
+            room = room + 1 if not seen or margin > RULES.margin_in else 0
+            since += 1
+            if low and not now:
+                assert known, 'not while the amplitude is unknown'
+                assert room > RULES.margin_hold
+                if seen:
+                    assert min(room, since) >= RULES.margin_restore
+                else:
+                    assert region is Region.STABLE
+                    assert state not in HUNTING
+            if now is not low:
+                low, since = now, 0
+
+
+def test_a_margin_that_noise_crosses_again_and_again_is_told_once() -> None:
+    rng = np.random.default_rng(5)
+    memory = np.zeros(1, dtype=doubts.DOUBTS)[0]
+    z, low, changes = 0j, False, 0
+    for _ in range(60_000):  # narrow-band noise, correlation time 3 s, median margin 4
+        z = z * (1.0 - 0.01 / 3.0) + math.sqrt(0.01 / 3.0) * complex(*rng.normal(size=2))
+        margin = 4.7 / abs(z)
+        bits = doubts.hold_doubts(
+            RULES, memory, Region.HYSTERESIS, State.QUIET, True, False, margin, 0
+        )
+        changes += bool(bits & doubts.MARGIN) is not low
+        low = bool(bits & doubts.MARGIN)
+    assert changes <= 9, 'in ten minutes'
+
+
+def test_the_margin_stays_low_as_long_as_the_wheelset_hunts(recorded, true_form) -> None:
+    profile = SpeedProfile((0.0, 12.0, 27.0, 45.0), (7.2, 7.2, 5.7, 5.7))
+    record = recorded(profile, 45.0, kicks=[(5.0, 0.6e-3)])
+    output = detect(HuntingDetector(DetectorConfig(), true_form), record)
+    words = [event.event for event in output.events]
+    assert 'limit_cycle' in words
+    assert words.count('margin_low') == words.count('margin_restored') == 1
+    assert words.index('margin_restored') > words.index('quiet')
+
+
+@pytest.mark.parametrize(
+    ('channels', 'dies'),
+    [
+        (USUAL_CHANNELS, 'lateral'),
+        (USUAL_CHANNELS, 'yaw'),
+        (('lateral', 'roller', 'speed'), ''),
+        (('lateral', 'roller', 'speed'), 'lateral'),
+    ],
+)
+def test_the_largest_amplitude_is_one_that_was_known(channels, dies, recorded, true_form) -> None:
+    record = dict(recorded(7.2, 40.0, kicks=[(5.0, 0.35e-3)], seed=3))
+    true = analytic_amplitude(record['lateral'])
+    if dies:  # in the limit cycle
+        stamps, values = record[dies].stamps_ns, record[dies].values
+        record[dies] = Series(stamps, np.where(stamps > 30_000_000_000, 0.0, values))
+    record = Record({name: record[name] for name in channels})
+    detector = HuntingDetector(DetectorConfig(channels=channels), true_form)
+    found = collect(watch(record, detector)).summary
+    assert found.max_amplitude_m == pytest.approx(true, rel=0.1)
+
+
+@pytest.mark.parametrize('seed', [3, 4, 5])
+def test_with_lateral_dead_and_no_mode_shape_the_learnt_ratio_gives_its_amplitude(
+    seed, recorded, true_form
+) -> None:
+    record = dict(recorded(7.2, 40.0, kicks=[(5.0, 0.35e-3)], seed=seed))
+    true = analytic_amplitude(record['lateral'])
+    stamps, values = record['lateral'].stamps_ns, record['lateral'].values
+    record['lateral'] = Series(stamps, np.where(stamps > 30_000_000_000, 0.0, values))
+    rows = detect(HuntingDetector(normal_form=true_form), Record(record)).estimates
+    rows = rows[rows['stamp_ns'] > 31_000_000_000]
+    assert ((rows['doubts'] & doubts.FROM_YAW) != 0).all()
+    # Roughness makes it beat: each row is known by its own deviation only.
+    assert rows['lateral_amplitude'].mean() == pytest.approx(true, rel=0.05)
+    off = np.abs(rows['lateral_amplitude'] - true) / rows['lateral_amplitude_std']
+    assert np.mean(off < 2.0) > 0.9
+
+
+def analytic_amplitude(lateral: Series) -> float:
+    """Return the amplitude of the limit cycle, 20..30 s, from its power, m."""
+    part = (lateral.stamps_ns > 20_000_000_000) & (lateral.stamps_ns < 30_000_000_000)
+    return math.sqrt(2.0) * float(np.std(lateral.values[part]))

@@ -1,0 +1,96 @@
+"""Without a form: what grows, holds or falls is told from noise, at the rate asked for."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from hunt_ros.detection import DetectorConfig, State
+from hunt_ros.detection.decision import decisions
+from hunt_ros.detection.decision.outlook import form_numbers
+from hunt_ros.detection.decision.rules import rules_of
+from hunt_ros.detection.output import ESTIMATE_DTYPE
+
+ROWS = 100  # in a second
+QUIET = 20e-6  # r.m.s. of the quiet motion, m
+HUNTING = (State.ESCAPING, State.LIMIT_CYCLE)
+
+
+def noise(seconds: float, damping: float, lag_s: float = 0.0, seed: int = 1) -> np.ndarray:
+    """Return the phasor of narrow-band noise, m, seen through a filter of so much lag."""
+    rng = np.random.default_rng(seed)
+    keep = math.exp(-damping / ROWS)
+    shocks = rng.normal(size=(round(seconds * ROWS), 2)) @ np.array([1.0, 1j])
+    z = lfilter([math.sqrt(0.5 * (1.0 - keep**2))], [1.0, -keep], QUIET * shocks)
+    if lag_s:
+        last = math.exp(-1.0 / ROWS / lag_s)
+        z = lfilter([1.0 - last], [1.0, -last], z)
+    return np.asarray(z)
+
+
+def judged(phasor: np.ndarray, **settings: float) -> np.ndarray:
+    """Return the states of the decisions on an amplitude known to 1 um."""
+    amplitude = np.abs(phasor)
+    rows = np.zeros(amplitude.size, dtype=ESTIMATE_DTYPE)
+    rows['speed'] = math.nan
+    config = DetectorConfig(**settings)  # type: ignore[arg-type]
+    rules, memory = rules_of(config, math.nan, math.nan), decisions.fresh_memory()
+    spread, nowhere = np.full(amplitude.size, 1e-6), np.full(amplitude.size, math.nan)
+    none = np.zeros(amplitude.size, dtype=np.bool_)
+    decisions.decide(rules, form_numbers(None), memory, amplitude, spread, nowhere, none, rows)
+    return np.asarray(rows['state'])
+
+
+def seconds_to_alarm(states: np.ndarray) -> float:
+    """Return when it first hunts, s; infinite: never."""
+    hunts = np.isin(states, HUNTING)
+    return float(np.argmax(hunts)) / ROWS if hunts.any() else math.inf
+
+
+@pytest.mark.parametrize('lag_s', [0.0, 0.25])
+@pytest.mark.parametrize('damping', [0.1, 0.4, 2.0])
+def test_narrow_band_noise_is_no_hunting(damping: float, lag_s: float) -> None:
+    assert math.isinf(seconds_to_alarm(judged(noise(3600.0, damping, lag_s))))
+
+
+@pytest.mark.parametrize('rate', [0.3, 1.0])
+def test_what_grows_out_of_the_noise_is_escaping_before_it_is_large(rate: float) -> None:
+    late = 0
+    for seed in range(10):
+        t = np.arange(40 * ROWS) / ROWS
+        path = noise(40.0, 0.4, seed=seed) + QUIET * np.exp(rate * np.maximum(t - 20.0, 0.0))
+        at = seconds_to_alarm(judged(path[: round((20.0 + math.log(300.0) / rate) * ROWS)]))
+        assert at > 20.0
+        late += not at < 20.0 + math.log(60.0) / rate
+    assert late <= 1
+
+
+def kicked(damping: float, seed: int) -> np.ndarray:
+    """Return 30 s of noise, then 20 s of a motion of 40 times its size that is damped."""
+    t = np.arange(50 * ROWS) / ROWS
+    jump = np.where(t < 30.0, 0.0, 40.0 * QUIET * np.exp(-damping * (t - 30.0)))
+    return np.asarray(noise(50.0, 0.4, seed=seed) + jump)
+
+
+def test_after_a_kick_what_holds_is_hunting_and_what_falls_is_not() -> None:
+    holds = [seconds_to_alarm(judged(kicked(0.0, seed))) - 30.0 for seed in range(20)]
+    assert min(holds) > 0.0
+    assert np.median(holds) < 2.5
+    falls = [seconds_to_alarm(judged(kicked(0.15, seed))) for seed in range(20)]
+    assert np.isinf(falls).sum() >= 19
+
+
+def test_an_hour_may_have_more_false_alarms_than_a_year_and_has_them_sooner() -> None:
+    t = np.arange(60 * ROWS) / ROWS
+    path = noise(60.0, 0.4) + QUIET * np.exp(0.15 * np.maximum(t - 20.0, 0.0))
+    hour, year = (judged(path, false_alarms_per_week=rate) for rate in (168.0, 1.0 / 52.0))
+    assert seconds_to_alarm(hour) < seconds_to_alarm(year)
+
+
+def test_what_is_damped_by_less_than_the_least_damping_passes_for_a_limit_cycle() -> None:
+    path = kicked(0.1, 3)
+    assert math.isinf(seconds_to_alarm(judged(path)))
+    assert seconds_to_alarm(judged(path, least_damping_per_s=0.5)) < 40.0

@@ -1,0 +1,171 @@
+"""The outlook of the detector against the exact committor, escape times and simulated paths."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hunt_ros.detection.decision.outlook import OutlookTable, form_numbers
+from hunt_ros.dynamics.disturbance import committor, diffusion_from_quiet, mean_escape_time
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+
+FORM = PAPER_NORMAL_FORM
+EXACT = IdentifiedNormalForm(FORM)
+UNSURE = IdentifiedNormalForm(FORM, np.diag([0.05, 0.005, 3.0, 0.005, 60.0, 1e4]) ** 2)
+
+
+def chance(outlook: np.ndarray, amplitude: float) -> float:
+    """Chance of escape from an amplitude, m, that is known."""
+    return float(np.mean(outlook['decides'] < amplitude))
+
+
+@pytest.mark.parametrize('speed', [6.6, 7.2, 7.6])
+@pytest.mark.parametrize('ratio', [0.02, 0.05, 0.1, 0.2])
+def test_of_a_form_that_is_exact_it_is_the_committor(speed: float, ratio: float) -> None:
+    unstable = float(FORM.unstable_amplitude(speed))
+    diffusion = diffusion_from_quiet(FORM, speed, ratio * unstable)
+    outlook = OutlookTable(EXACT).at(speed, diffusion, 0.0, ratio * unstable, 0.0)
+    amplitude = np.linspace(0.3, 1.8, 60) * unstable
+    exact = committor(FORM, speed, amplitude, diffusion)
+    found = [chance(outlook, a) for a in amplitude]
+    # A cell of the table is wider than the edge is where there is little noise.
+    share = np.mean(np.abs(np.subtract(found, exact)) < 0.06)
+    assert share > 0.95, np.abs(np.subtract(found, exact)).max()
+    rate = 1.0 / mean_escape_time(FORM, speed, diffusion)
+    if rate > 1e-9:
+        # Less than a cell of the noise changes the time by so much.
+        apart = abs(math.log(float(outlook['rate'][0]) / rate))
+        other = 1.0 / mean_escape_time(FORM, speed, diffusion * math.exp(0.06))
+        assert apart < abs(math.log(other / rate)) + 0.1
+
+
+@pytest.mark.parametrize('speed', [7.6, FORM.critical_speed, 8.2])
+def test_near_the_critical_speed_it_is_the_chance_of_simulated_paths(speed: float) -> None:
+    diffusion, quiet = 3e-10, 60e-6
+    outlook = OutlookTable(EXACT).at(speed, diffusion, 0.0, quiet, 0.0)
+    unstable, stable = (float(x) for x in FORM.steady_amplitudes(speed))
+    high = 0.5 * (stable + (0.0 if math.isnan(unstable) else unstable))
+    rng = np.random.default_rng(3)
+    step = 2e-3
+    for start in (90e-6, 130e-6):
+        z = np.full(1000, start, dtype=np.complex128)
+        risen, left = 0, z.size
+        while left > 10:
+            shock = rng.standard_normal((z.size, 2)) @ np.array([1.0, 1j])
+            rate = np.asarray(FORM.growth_rate(speed, np.abs(z)))
+            z = z * (1.0 + rate * step) + math.sqrt(2.0 * diffusion * step) * shock
+            size = np.abs(z)
+            risen += int((size >= high).sum())
+            z = z[(size < high) & (size > quiet)]
+            left = z.size
+        assert chance(outlook, start) == pytest.approx(risen / (1000 - left), abs=0.08)
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.floats(5.0, 9.0), st.floats(1e-13, 1e-9), st.floats(1e-6, 1e-4), st.floats(0.0, 5e-5))
+def test_it_is_a_distribution_over_amplitudes(speed, diffusion, quiet, line) -> None:
+    outlook = OutlookTable(UNSURE).at(speed, diffusion, 0.3, quiet, line)[0]
+    decides = outlook['decides']
+    assert not np.isnan(decides).any()
+    assert np.all(np.diff(decides[np.isfinite(decides)]) >= 0.0)
+    assert np.all(decides > 0.9 * quiet)
+    assert outlook['rate'] >= 0.0
+    assert 0.0 <= outlook['quiet'] <= 1.0
+
+
+def test_of_an_uncertain_form_it_has_no_step_at_the_fold_nor_at_the_critical_speed() -> None:
+    table = OutlookTable(UNSURE)
+    # v_c is known to within 0.05 m/s: from one speed to the next it changes by 0.8 of that.
+    speeds = np.arange(6.0, 8.6, 0.04)
+    for amplitude in (60e-6, 200e-6, 600e-6):
+        chances = [chance(table.at(v, 1e-11, 0.3, 30e-6, 0.0), amplitude) for v in speeds]
+        assert np.abs(np.diff(chances)).max() < 0.35, amplitude
+
+
+def test_roughness_brings_the_edge_nearer() -> None:
+    table = OutlookTable(EXACT)
+    plain, rough = (np.median(table.at(7.4, 1e-13, 0.0, 1e-5, b)['decides']) for b in (0.0, 5e-5))
+    assert rough**2 == pytest.approx(plain**2 - 2.0 * 5e-5**2, rel=0.1)
+
+
+def test_where_there_is_no_limit_cycle_nothing_leads_to_it() -> None:
+    outlook = OutlookTable(EXACT).at(5.0, 1e-11, 0.3, 1e-5, 0.0)
+    assert chance(outlook, 1.0) == 0.0
+    assert outlook['rate'][0] == 0.0
+    assert outlook['quiet'][0] == 1.0
+
+
+def test_beyond_the_critical_speed_it_needs_to_know_what_is_quiet() -> None:
+    table, speed = OutlookTable(EXACT), 8.4
+    stable = float(FORM.stable_amplitude(speed))
+    known, unknown = (table.at(speed, 1e-12, 0.3, quiet, 0.0) for quiet in (1e-5, math.nan))
+    assert chance(known, 3e-5) > 0.9
+    assert chance(unknown, 0.4 * stable) == 0.0
+    assert chance(unknown, 0.6 * stable) == 1.0
+    assert known['quiet'][0] == 0.0
+
+
+def test_where_growth_has_no_end_the_edge_decides_below_v_c_and_the_noise_above() -> None:
+    table = OutlookTable(IdentifiedNormalForm(replace(FORM, D15=0.0, D10=0.0)))
+    edge = float(replace(FORM, D15=0.0, D10=0.0).unstable_amplitude(7.2))
+    below, above = (table.at(speed, 1e-15, 0.0, 1e-5, 0.0) for speed in (7.2, 8.4))
+    assert chance(below, 0.9 * edge) == 0.0
+    assert chance(below, 1.1 * edge) == 1.0
+    assert chance(above, 0.9e-5) == 0.0
+    assert chance(above, 3e-5) == 1.0
+
+
+def test_the_interval_is_that_of_the_form_and_the_noise() -> None:
+    speed, unstable = 7.2, float(FORM.unstable_amplitude(7.2))
+    drawn = [form.unstable_amplitude(speed) for form in UNSURE.draws(2000)]
+    low, high = np.nanquantile(drawn, (0.025, 0.975))
+    outlook = OutlookTable(UNSURE).at(speed, 1e-14, 0.0, 1e-5, 0.0)[0]
+    assert np.median(outlook['earliest']) == pytest.approx(low, rel=0.1)
+    assert np.median(outlook['latest']) == pytest.approx(high, rel=0.1)
+    exact = OutlookTable(EXACT).at(speed, 1e-14, 0.0, 1e-5, 0.0)[0]
+    for name in ('decides', 'earliest', 'latest'):
+        assert np.median(exact[name]) == pytest.approx(unstable, rel=0.02)
+
+
+def test_a_limit_cycle_within_what_is_quiet_is_none() -> None:
+    supercritical = replace(FORM, D4=-0.3, D15=0.0, D10=0.0)
+    table = OutlookTable(IdentifiedNormalForm(supercritical))
+    speed = 1.01 * FORM.critical_speed
+    stable = float(supercritical.stable_amplitude(speed))
+    assert chance(table.at(speed, 1e-16, 0.0, 0.3 * stable, 0.0), 0.8 * stable) == 1.0
+    assert chance(table.at(speed, 1e-16, 0.0, 1.2 * stable, 0.0), 2.0 * stable) == 0.0
+
+
+def test_without_a_form_or_a_speed_nothing_is_said() -> None:
+    for outlook in (
+        OutlookTable(None).at(7.2, 1e-11, 0.3, 1e-5, 0.0),
+        OutlookTable(EXACT).at(math.nan, 1e-11, 0.3, 1e-5, 0.0),
+    ):
+        assert np.isnan(outlook['decides']).all()
+
+
+def test_the_table_answers_by_its_cells_whatever_was_asked_before() -> None:
+    first, second = OutlookTable(UNSURE), OutlookTable(UNSURE)
+    first.at(7.19, 1.1e-11, 0.3, 1e-5, 0.0)
+    for speed, diffusion in ((7.2, 1e-11), (6.9, 3e-12), (7.2, 1e-11)):
+        assert first.at(speed, diffusion, 0.3, 1e-5, 0.0) == second.at(
+            speed, diffusion, 0.3, 1e-5, 0.0
+        )
+
+
+def test_uncertainty_of_the_form_spreads_the_branch_and_the_critical_speed() -> None:
+    covariance = np.zeros((6, 6))
+    covariance[0, 0] = 0.1**2
+    identified = IdentifiedNormalForm(FORM, covariance)
+    numbers = form_numbers(identified)
+    speeds = numbers.speed_low + numbers.speed_step * np.arange(numbers.unstable_std.size)
+    at = np.argmin(np.abs(speeds - 7.2))
+    shifted = [float(replace(FORM, critical_speed=v).unstable_amplitude(7.2)) for v in (7.9, 8.1)]
+    assert numbers.unstable_std[at] == pytest.approx((shifted[1] - shifted[0]) / 2.0, rel=0.2)
+    assert 0.3 < OutlookTable(identified).at(8.0, 0.0, 0.0, 1e-5, 0.0)['quiet'][0] < 0.7

@@ -1,0 +1,139 @@
+"""What the form says about a row: properties, and the exact theory beside the closed formulas."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hunt_ros.detection.decision import prediction
+from hunt_ros.detection.decision.outlook import (
+    NO_OUTLOOK,
+    OUTLOOK,
+    QUANTILES,
+    FormNumbers,
+    form_numbers,
+)
+from hunt_ros.detection.output import ESTIMATE_DTYPE
+from hunt_ros.dynamics.disturbance import threshold_on_line
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+
+FORM = PAPER_NORMAL_FORM
+COVARIANCE = np.diag([0.05, 0.005, 3.0, 0.005, 60.0, 1e4]) ** 2
+EXACT = form_numbers(IdentifiedNormalForm(FORM))
+UNSURE = form_numbers(IdentifiedNormalForm(FORM, COVARIANCE))
+
+
+def _row(
+    numbers: FormNumbers,
+    speed: float,
+    amplitude: float,
+    std: float,
+    outlook: np.ndarray = NO_OUTLOOK,
+    roughness: float = 0.0,
+) -> np.void:
+    rows = np.zeros(1, dtype=ESTIMATE_DTYPE)
+    prediction.clear(rows[0])
+    damping = prediction.branches(numbers, speed, roughness, rows[0])
+    prediction.judge(numbers, outlook[0], speed, amplitude, std, damping, 60.0, rows[0])
+    return rows[0]
+
+
+speeds = st.floats(5.0, 9.0)
+
+
+def _outlook(centre: float, width: float, rate: float) -> np.ndarray:
+    """Outlook with an evenly distributed deciding amplitude, m; escapes per second."""
+    outlook = np.zeros(1, dtype=OUTLOOK)
+    outlook['decides'] = centre + width * np.linspace(-0.5, 0.5, QUANTILES)
+    outlook['latest'] = outlook['decides'] + width
+    outlook['earliest'] = outlook['decides'] - width
+    outlook['rate'] = rate
+    return outlook
+
+
+@settings(deadline=None)
+@given(speeds, st.floats(0.0, 1e-4), st.floats(1e-4, 5e-4), st.floats(0.0, 1.0))
+def test_the_chance_of_escape_lies_between_0_and_1_and_grows_with_amplitude(
+    speed, std, centre, rate
+) -> None:
+    outlook = _outlook(centre, 1e-4, rate)
+    rows = [
+        _row(UNSURE, speed, amplitude, std, outlook) for amplitude in np.linspace(0.0, 1e-3, 25)
+    ]
+    for name in ('escape_probability', 'outlook'):
+        values = np.array([float(row[name]) for row in rows])
+        assert np.all((values >= 0.0) & (values <= 1.0))
+        assert np.all(np.diff(values) >= -1e-12)
+    assert all(float(row['outlook']) >= float(row['escape_probability']) - 1e-12 for row in rows)
+    for row in rows:
+        low, high = row['escape_probability_low'], row['escape_probability_high']
+        assert 0.0 <= low <= row['escape_probability'] <= high <= 1.0
+
+
+def test_the_chance_is_that_of_the_amplitude_averaged_over_its_deviation() -> None:
+    outlook = _outlook(3e-4, 1e-4, 0.0)
+    rng = np.random.default_rng(1)
+    for amplitude in (2.2e-4, 3e-4, 3.3e-4):
+        about = amplitude + 4e-5 * rng.standard_normal(4000)
+        expected = np.mean(about[:, None] > outlook['decides'])
+        found = float(_row(EXACT, 7.2, amplitude, 4e-5, outlook)['escape_probability'])
+        assert found == pytest.approx(expected, abs=0.02)
+    assert math.isnan(_row(EXACT, 7.2, 1e-4, 1e-5)['escape_probability'])
+
+
+@settings(deadline=None)
+@given(
+    st.sampled_from([EXACT, UNSURE]),
+    st.floats(6.5, 7.9),
+    st.floats(1e-6, 1e-3),
+    st.floats(0.0, 1e-4),
+)
+def test_the_interval_of_the_margin_holds_the_margin(numbers, speed, amplitude, std) -> None:
+    row = _row(numbers, speed, amplitude, std)
+    assert row['margin_low'] <= row['margin'] <= row['margin_high']
+    assert row['margin'] == pytest.approx(float(FORM.unstable_amplitude(speed)) / amplitude)
+
+
+@settings(deadline=None)
+@given(speeds)
+def test_the_branches_are_those_of_the_form(speed) -> None:
+    row = _row(EXACT, speed, 1e-4, 0.0)
+    expected = [float(x) for x in FORM.steady_amplitudes(speed)]
+    found = [float(row['unstable_amplitude']), float(row['stable_amplitude'])]
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize('line', [10e-6, 30e-6, 60e-6])
+def test_roughness_lowers_the_edge_as_the_line_does(line: float) -> None:
+    row = _row(EXACT, 7.4, 1e-4, 0.0, roughness=line)
+    assert float(row['unstable_amplitude']) == pytest.approx(
+        threshold_on_line(FORM, 7.4, line), rel=0.02
+    )
+
+
+@settings(deadline=None)
+@given(st.floats(6.6, 8.6), st.floats(0.05, 0.85))
+def test_the_time_to_the_cycle_is_that_of_the_dynamics(speed, share) -> None:
+    unstable, stable = (float(x) for x in FORM.steady_amplitudes(speed))
+    low = 1.03 * unstable if math.isfinite(unstable) else 1e-5
+    amplitude = low + share * (0.9 * stable - low)
+    rows = np.zeros(1, dtype=ESTIMATE_DTYPE)
+    prediction.clear(rows[0])
+    prediction.branches(EXACT, speed, 0.0, rows[0])
+    found = prediction.time_to_cycle(EXACT, speed, amplitude, rows[0])
+    assert found == pytest.approx(FORM.time_between(speed, amplitude, 0.9 * stable), rel=0.01)
+
+
+def test_without_a_limit_cycle_there_is_no_time_to_it_and_on_it_none_is_left() -> None:
+    rows = np.zeros(1, dtype=ESTIMATE_DTYPE)
+    prediction.clear(rows[0])
+    prediction.branches(EXACT, 5.0, 0.0, rows[0])
+    assert math.isnan(prediction.time_to_cycle(EXACT, 5.0, 1e-4, rows[0]))
+    prediction.branches(EXACT, 7.2, 0.0, rows[0])
+    stable = float(rows[0]['stable_amplitude'])
+    assert prediction.time_to_cycle(EXACT, 7.2, 0.95 * stable, rows[0]) == 0.0

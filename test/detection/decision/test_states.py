@@ -1,0 +1,182 @@
+"""The state machine: what leads from each state to which, and that nothing chatters."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hunt_ros.detection.configuration import DetectorConfig
+from hunt_ros.detection.decision import decisions, evidence, states
+from hunt_ros.detection.decision.rules import rules_of
+from hunt_ros.detection.output import ESTIMATE_DTYPE
+from hunt_ros.detection.regions import State
+
+CONFIG = DetectorConfig()
+RULES = rules_of(CONFIG, 6.4, 8.0)
+EDGE, CYCLE, FLOOR = 240e-6, 630e-6, 10e-6
+
+
+class Machine:
+    """The state machine alone, fed with the numbers of rows."""
+
+    def __init__(self, state: State = State.QUIET) -> None:
+        self.memory = decisions.fresh_memory()
+        self.memory['state']['motion' if state <= State.DISTURBED else 'hunting']['word'] = state
+        self.memory['evidence']['reference'] = CYCLE
+        self.memory['floor']['square'] = FLOOR**2
+        self.memory['floor']['learnt'] = 1e4
+        self.memory['ratios']['seen'] = 1000
+        self.memory['ratios']['noise'] = FLOOR**2
+
+    def feed(
+        self,
+        amplitude: float,
+        probability: float,
+        rows: int = 1,
+        falls: float = 0.0,
+        edge: float = EDGE,
+        stable: float = CYCLE,
+    ) -> State:
+        row = np.zeros(1, dtype=ESTIMATE_DTYPE)
+        row['noise_floor'], row['escape_probability'] = FLOOR, probability
+        row['unstable_amplitude'], row['stable_amplitude'] = edge, stable
+        memory = self.memory[0]
+        memory['ratios']['fall'] = falls
+        memory['ratios']['a'][0] = amplitude
+        for _ in range(rows):
+            found = evidence.gather(
+                RULES,
+                memory['evidence'],
+                memory['ratios'],
+                memory['state']['hunting']['word'],
+                amplitude,
+                1e-6,
+                math.nan,
+                row[0],
+            )
+            states.next_state(
+                RULES,
+                memory['state'],
+                memory['evidence'],
+                memory['floor'],
+                found,
+                amplitude,
+                1e-6,
+                0,
+            )
+            states.latch(memory['state'])
+        return State(states.shown(memory['state']))
+
+
+HOLD = RULES.escape_hold + 2
+
+
+def test_a_disturbance_and_its_end() -> None:
+    machine = Machine()
+    assert machine.feed(4.0 * FLOOR, 0.0, RULES.disturbed_hold + 2) is State.DISTURBED
+    assert machine.feed(2.5 * FLOOR, 0.0, 500) is State.DISTURBED  # between the thresholds
+    assert machine.feed(1.5 * FLOOR, 0.0, RULES.quiet_hold + 2) is State.QUIET
+
+
+@pytest.mark.parametrize('start', [State.QUIET, State.DISTURBED])
+def test_a_sure_escape_is_called_after_its_hold(start: State) -> None:
+    machine = Machine(start)
+    assert machine.feed(EDGE * 1.3, 0.96, RULES.escape_hold) is not State.ESCAPING
+    assert machine.feed(EDGE * 1.3, 0.96, 2) is State.ESCAPING
+    assert bool(machine.memory['state']['alarm'][0])
+
+
+def test_the_larger_the_disturbance_the_sooner_the_first_word() -> None:
+    def rows_of_quiet(amplitude: float, probability: float) -> int:
+        machine, rows = Machine(), 0
+        while machine.feed(amplitude, probability) is State.QUIET:
+            rows += 1
+        return rows
+
+    small = rows_of_quiet(0.8 * EDGE, 0.1)
+    assert small == RULES.disturbed_hold
+    assert rows_of_quiet(2.0 * EDGE, 1.0) == small  # escaping, but not yet for its hold
+    assert rows_of_quiet(1.1 * CYCLE, 1.0) == small
+    growing = Machine()
+    growing.feed(0.8 * EDGE, 0.1, RULES.disturbed_hold)  # asks for another word on its way
+    assert growing.feed(1.3 * EDGE, 0.99) is State.DISTURBED
+
+
+@pytest.mark.parametrize('early', [0, 1, 5])
+def test_to_be_disturbed_meanwhile_delays_no_alarm(early: int) -> None:
+    machine = Machine()
+    machine.feed(0.8 * EDGE, 0.1, early)
+    assert machine.feed(1.3 * EDGE, 0.96, RULES.escape_hold) is State.DISTURBED
+    assert machine.feed(1.3 * EDGE, 0.96, 1) is State.ESCAPING
+
+
+def test_a_moment_of_certainty_is_no_escape() -> None:
+    machine = Machine()
+    machine.feed(EDGE * 1.3, 0.99, 2)  # the overshoot of the filter after a kick
+    assert machine.feed(EDGE, 0.7, 200) is State.DISTURBED
+
+
+def test_an_escape_is_over_only_when_it_is_unlikely() -> None:
+    machine = Machine()
+    machine.feed(EDGE * 1.3, 0.99, HOLD)
+    assert machine.feed(EDGE, 0.6, 300) is State.ESCAPING
+    assert machine.feed(EDGE * 0.9, 0.4, RULES.quiet_hold + 2) is State.DECAYING
+    assert machine.feed(FLOOR, 0.0, RULES.quiet_hold + 2) is State.QUIET
+
+
+def test_inside_the_noise_nothing_escapes() -> None:
+    machine = Machine()
+    assert machine.feed(2.9 * FLOOR, 1.0, 500, edge=FLOOR) is State.QUIET
+
+
+def test_the_limit_cycle_is_reached_kept_and_left() -> None:
+    machine = Machine()
+    machine.feed(EDGE * 1.5, 1.0, HOLD)
+    assert machine.feed(0.9 * CYCLE, 1.0, RULES.cycle_hold + 2) is State.LIMIT_CYCLE
+    assert machine.feed(0.75 * CYCLE, 1.0, 500) is State.LIMIT_CYCLE  # slower: a smaller cycle
+    assert machine.feed(0.5 * CYCLE, 1.0, falls=RULES.evidence) is State.DECAYING
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.lists(st.floats(0.51, 0.949), min_size=5, max_size=200), st.sampled_from(list(State)))
+def test_chances_between_the_thresholds_never_raise_and_never_end_an_alarm(
+    chances: list[float], start: State
+) -> None:
+    machine = Machine(start)
+    seen = [machine.feed(EDGE * 1.1, chance) for chance in chances]
+    if start is State.ESCAPING:
+        assert set(seen) == {State.ESCAPING}
+    else:
+        assert State.ESCAPING not in seen
+    assert np.count_nonzero(np.diff([start, *seen])) <= 1
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.lists(st.tuples(st.floats(1e-9, 1e-3), st.floats(0.0, 1.0)), max_size=150))
+def test_no_state_lasts_for_less_than_the_hold_of_the_next(rows) -> None:
+    # Before hunting, quiet and disturbed count as one: the wait goes on from one to the other.
+    machine = Machine()
+    holds = {
+        State.QUIET: RULES.quiet_hold,
+        State.DISTURBED: RULES.disturbed_hold,
+        State.ESCAPING: RULES.escape_hold,
+        State.LIMIT_CYCLE: RULES.cycle_hold,
+        State.DECAYING: 0,
+    }
+    last, lasted = State.QUIET, 10**6
+    for amplitude, chance in rows:
+        now = machine.feed(amplitude, chance, edge=EDGE)
+        if now is not last:
+            assert lasted >= holds[now]
+            calm_before = now is State.DISTURBED and last is State.QUIET
+            last, lasted = now, lasted if calm_before else 0
+        lasted += 1
+
+
+def test_unknown_chances_raise_no_alarm() -> None:
+    machine = Machine()
+    assert machine.feed(EDGE, math.nan, 100, edge=math.nan, stable=math.nan) is State.DISTURBED

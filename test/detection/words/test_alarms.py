@@ -1,0 +1,121 @@
+"""The history of the alarms: when, why, how large, and who acknowledged."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from hunt_ros.detection import DetectorConfig, HuntingDetector, JournalEntry
+from hunt_ros.detection.replay import replay_journal
+from hunt_ros.detection.words.alarms import KEPT, AlarmHistory
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+from hunt_ros.samples import Record, Series
+
+PAPER = IdentifiedNormalForm(PAPER_NORMAL_FORM)
+SECOND = 1_000_000_000
+RATE_HZ = 200.0
+CYCLE_M = 630e-6
+
+
+def episode(start_s: float) -> tuple[Series, Series]:
+    """Return 25 s: quiet, growth to the limit cycle at 7.2 m/s, its decay below v_n; speed."""
+    t = np.arange(round(25.0 * RATE_HZ)) / RATE_HZ
+    grown = np.minimum(20e-6 * np.exp(np.maximum(t - 3.0, 0.0)), CYCLE_M)
+    amplitude = np.where(t < 10.0, grown, np.maximum(CYCLE_M * np.exp(-0.8 * (t - 10.0)), 2e-6))
+    noise = 2e-6 * np.random.default_rng(1).standard_normal(t.size)
+    turn = 2.0 * np.pi * PAPER_NORMAL_FORM.frequency_hz * t
+    stamps = np.round((start_s + t + 1.0 / RATE_HZ) * 1e9).astype(np.int64)
+    speed = np.where(t < 10.0, 7.2, 6.0)
+    return Series(stamps, amplitude * np.cos(turn) + noise), Series(stamps, speed)
+
+
+def detector() -> HuntingDetector:
+    return HuntingDetector(DetectorConfig(channels=('lateral', 'speed')), PAPER)
+
+
+def feed(hunting: HuntingDetector, start_s: float, blocks: int = 1) -> list:
+    outputs = []
+    lateral, speed = episode(start_s)
+    for part in np.array_split(np.arange(len(lateral)), blocks):
+        for name, series in (('lateral', lateral), ('speed', speed)):
+            outputs.append(hunting.update(name, series.stamps_ns[part], series.values[part]))
+    return outputs
+
+
+def test_an_alarm_is_kept_with_its_cause_its_size_and_who_acknowledged() -> None:
+    rig = detector()
+    events = [event for output in feed(rig, 0.0) for event in output.events]
+    (alarm,) = rig.history.alarms
+    escape, over = (next(e for e in events if e.event == word) for word in ('escaping', 'quiet'))
+    assert (alarm.began_ns, alarm.decided_ns) == (escape.since_ns, escape.stamp_ns)
+    assert (alarm.cause, alarm.test) == (escape.cause, escape.test)
+    assert alarm.reached == 'limit_cycle'
+    assert alarm.over_ns == over.stamp_ns
+    assert alarm.highest_amplitude_m == pytest.approx(CYCLE_M, rel=0.05)
+    assert not alarm.acknowledged_by
+    hours = (alarm.over_ns - alarm.decided_ns) / (3600.0 * SECOND)
+    assert rig.history.hunting_hours == pytest.approx(hours, rel=0.01)
+
+    (said,) = rig.acknowledge(26 * SECOND, 'Mia').events
+    assert 'by Mia' in said.cause
+    feed(rig, 30.0)
+    (said,) = rig.acknowledge(56 * SECOND).events
+    assert 'by unknown' in said.cause
+    first, second = rig.history.alarms
+    assert (first.acknowledged_by, first.acknowledged_ns) == ('Mia', 26 * SECOND)
+    assert (second.acknowledged_by, second.acknowledged_ns) == ('unknown', 56 * SECOND)
+    told = json.loads(rig.history.to_text())
+    assert told['alarm_count'] == 2
+    assert told['since_s'] < 1.0
+    assert [each['acknowledged_by'] for each in told['alarms']] == ['Mia', 'unknown']
+    assert told['alarms'][1]['began_s'] == second.began_ns / SECOND
+    assert told['highest_amplitude_m'] == max(
+        first.highest_amplitude_m, second.highest_amplitude_m
+    )
+    assert told['highest_yaw_amplitude_rad'] is None
+    assert rig.status.totals == {name: told[name] for name in rig.status.totals}
+
+
+def test_blocks_a_pause_and_a_replay_do_not_change_the_history() -> None:
+    whole, parted = detector(), detector()
+    feed(whole, 0.0)
+    outputs = feed(parted, 0.0, blocks=173)
+    assert parted.history.to_text() == whole.history.to_text()
+    outputs.append(parted.acknowledge(26 * SECOND, 'Mia'))
+    before = parted.history.alarms
+    parted.restart()
+    outputs += feed(parted, 100.0)
+    assert parted.history.alarms[:1] == before
+    assert parted.history.count == 2
+
+    parts = [episode(start_s) for start_s in (0.0, 100.0)]
+    record = Record(
+        {
+            name: Series(
+                np.concatenate([part[k].stamps_ns for part in parts]),
+                np.concatenate([part[k].values for part in parts]),
+            )
+            for k, name in enumerate(('lateral', 'speed'))
+        }
+    )
+    lines = [entry.to_text() for output in outputs for entry in output.journal]
+    again = detector()
+    replay_journal(again, record, [JournalEntry.from_text(line) for line in lines])
+    assert again.history.to_text() == parted.history.to_text()
+    again.reset()
+    assert not again.history.alarms
+
+
+def test_the_oldest_alarms_go_and_the_totals_stay() -> None:
+    rig = detector()
+    rows = np.concatenate([output.estimates for output in feed(rig, 0.0)])
+    events = [event for output in feed(detector(), 0.0) for event in output.events]
+    history = AlarmHistory(rig.config.period_ns)
+    for _ in range(KEPT + 3):
+        history.update(rows, events)
+    assert len(history.alarms) == KEPT
+    assert history.count == KEPT + 3
+    assert history.hunting_hours == pytest.approx((KEPT + 3) * rig.history.hunting_hours)
