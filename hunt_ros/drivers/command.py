@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 
 from hunt_ros.dynamics.profile import Motion, Profile
-from hunt_ros.dynamics.profile_run import ProfileRun
+from hunt_ros.dynamics.profile.run import ProfileRun
 from hunt_ros.rig import of_rig
 from hunt_ros.settings import Settings, setting
 

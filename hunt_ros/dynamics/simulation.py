@@ -20,7 +20,8 @@ from hunt_ros.dynamics.limit_cycle import cycles_of
 from hunt_ros.dynamics.linear_stability import critical_frequency
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.dynamics.profile import Motion, Profile
-from hunt_ros.dynamics.profile_run import ProfileRun
+from hunt_ros.dynamics.profile.run import ProfileRun
+from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.roller_rig import RollerRig, SimulatedBlock
 from hunt_ros.dynamics.simulation_settings import (
     DriveModel,
@@ -28,7 +29,6 @@ from hunt_ros.dynamics.simulation_settings import (
     SensorModel,
     SimulationSettings,
 )
-from hunt_ros.dynamics.speed_profile import SpeedProfile
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import Record, Series
 

@@ -23,9 +23,9 @@ from hunt_ros.dynamics.limit_cycle import limit_cycles
 from hunt_ros.dynamics.mode_table import fitted_shape, shape_of
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import Kick, simulate
 from hunt_ros.dynamics.simulation_settings import Roughness, SensorModel, SimulationSettings
-from hunt_ros.dynamics.speed_profile import SpeedProfile
 from hunt_ros.estimation.bounds import (
     SignalModel,
     amplitude_window,

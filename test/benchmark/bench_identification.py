@@ -26,8 +26,8 @@ from tables import markdown, publish
 
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import SimulationSettings, simulate
-from hunt_ros.dynamics.speed_profile import SpeedProfile
 from hunt_ros.identification import Identification, IdentificationSettings, identify
 from hunt_ros.samples import Record, Uncertain
 

@@ -13,8 +13,8 @@ from detection_scenarios import recording
 from hunt_ros.detection import DetectorConfig, HuntingDetector
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import RollerRig
-from hunt_ros.dynamics.speed_profile import SpeedProfile
 from hunt_ros.identification import identify
 from hunt_ros.samples import Record, Series
 

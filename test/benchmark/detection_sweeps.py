@@ -13,8 +13,8 @@ from tables import markdown
 
 from hunt_ros.detection import State, detect
 from hunt_ros.detection.regions import Region
+from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import RollerRig
-from hunt_ros.dynamics.speed_profile import SpeedProfile
 
 HUNTING = (State.ESCAPING, State.LIMIT_CYCLE)
 #: Lowest and highest speed and the steps of the staircase, as shares of v_c.

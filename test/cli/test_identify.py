@@ -11,8 +11,8 @@ from hunt_ros.bag.record_writer import write_record
 from hunt_ros.cli.main import main
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import Kick, SensorModel, SimulationSettings, simulate
-from hunt_ros.dynamics.speed_profile import SpeedProfile
 from hunt_ros.identification import Identification
 
 

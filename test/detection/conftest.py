@@ -13,9 +13,9 @@ from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.limit_cycle import limit_cycles
 from hunt_ros.dynamics.model_misfit import fitted_form
 from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import Kick, simulate
 from hunt_ros.dynamics.simulation_settings import Roughness, SensorModel, SimulationSettings
-from hunt_ros.dynamics.speed_profile import SpeedProfile
 from hunt_ros.samples import Record
 
 Recorder = Callable[..., Record]

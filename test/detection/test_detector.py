@@ -15,7 +15,7 @@ from hunt_ros.detection.decision.rules import CYCLE_HOLD_S
 from hunt_ros.detection.output import Output
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-from hunt_ros.dynamics.speed_profile import SpeedProfile
+from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.errors import ConfigError, HuntError
 from hunt_ros.samples import Record
 

@@ -11,6 +11,7 @@ from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.detector import HuntingDetector
 from hunt_ros.detection.offline import config_for, detect
 from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import Kick, simulate
 from hunt_ros.dynamics.simulation_settings import (
     DriveModel,
@@ -18,7 +19,6 @@ from hunt_ros.dynamics.simulation_settings import (
     SensorModel,
     SimulationSettings,
 )
-from hunt_ros.dynamics.speed_profile import SpeedProfile
 from hunt_ros.samples import Record, Series
 
 

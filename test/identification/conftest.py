@@ -12,6 +12,7 @@ import pytest
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import (
     DriveModel,
     Kick,
@@ -20,7 +21,6 @@ from hunt_ros.dynamics.simulation import (
     SimulationSettings,
     simulate,
 )
-from hunt_ros.dynamics.speed_profile import SpeedProfile
 from hunt_ros.identification import Identification, IdentificationSettings
 from hunt_ros.identification.growth_law import (
     QUINTIC,

@@ -13,8 +13,8 @@ from hunt_ros.cli.identify import describe
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import SensorModel, SimulationSettings, simulate
-from hunt_ros.dynamics.speed_profile import SpeedProfile
 from hunt_ros.errors import HuntError, IdentificationError
 from hunt_ros.identification import IdentificationSettings, identify, trajectory_fit, update
 from hunt_ros.identification.silence import reason_in

@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import simulate
 from hunt_ros.dynamics.simulation_settings import (
     DriveModel,
@@ -14,7 +15,6 @@ from hunt_ros.dynamics.simulation_settings import (
     SensorModel,
     SimulationSettings,
 )
-from hunt_ros.dynamics.speed_profile import SpeedProfile
 from hunt_ros.errors import ConfigError
 from hunt_ros.identification import IdentificationSettings, identify
 from hunt_ros.identification.channels import channels_of

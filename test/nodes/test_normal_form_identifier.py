@@ -17,8 +17,8 @@ from hunt_ros.detection.replay import replay_journal
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import Kick, SensorModel, SimulationSettings, simulate
-from hunt_ros.dynamics.speed_profile import SpeedProfile
 from hunt_ros.nodes.conversions import read_diagnostic
 from hunt_ros.nodes.form_files import FormFiles
 from hunt_ros.nodes.qos import latched

@@ -15,7 +15,7 @@ from hunt_ros.detection.channels.speed_check import SpeedCheck
 from hunt_ros.detection.offline import detect
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-from hunt_ros.dynamics.speed_profile import SpeedProfile
+from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.samples import Series
 
 RATE = 100.0

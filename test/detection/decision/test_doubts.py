@@ -14,7 +14,7 @@ from hunt_ros.detection.decision import doubts
 from hunt_ros.detection.decision.rules import rules_of
 from hunt_ros.detection.offline import collect, detect, watch
 from hunt_ros.detection.regions import Region, State
-from hunt_ros.dynamics.speed_profile import SpeedProfile
+from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.samples import USUAL_CHANNELS, Record, Series
 
 RULES = rules_of(DetectorConfig(), 6.4, 8.0)
