@@ -197,3 +197,8 @@ class Uncertain:
             'std': self.std if math.isfinite(self.std) else None,
             'ci95': [self.low, self.high] if math.isfinite(self.low + self.high) else None,
         }
+
+
+def as_text(value: object) -> str:
+    """Return a value as it is published: floats with the digits that make them exact."""
+    return repr(float(value)) if isinstance(value, float) else str(value)

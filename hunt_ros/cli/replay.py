@@ -54,12 +54,12 @@ def run(arguments: argparse.Namespace) -> int:
 
         return replay_live(arguments)
     from hunt_ros.cli.support.output import progress, write_json
-    from hunt_ros.cli.support.recorded_run import recorded_run
     from hunt_ros.cli.support.replay_report import document, tell
     from hunt_ros.detection import HuntingDetector
     from hunt_ros.detection.offline import collect, config_for, watch
     from hunt_ros.detection.record_frequency import frequency_for
     from hunt_ros.detection.replay import missing_samples, replay_journal, unheard_samples
+    from hunt_ros.recorded_run import recorded_run
 
     record = read(arguments)
     asked, beside = _settings(arguments)

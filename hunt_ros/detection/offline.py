@@ -23,11 +23,12 @@ from hunt_ros.detection.decision import doubts
 from hunt_ros.detection.detector import HuntingDetector
 from hunt_ros.detection.output import Event, Motion, Output, numbers_behind
 from hunt_ros.detection.regions import Level, Region
+from hunt_ros.detection.replay import Playback
 from hunt_ros.detection.tracking import roller_diameter
 from hunt_ros.detection.words.alarms import AlarmHistory
 from hunt_ros.detection.words.reasons import reason_counts
 from hunt_ros.forecast import Forecast
-from hunt_ros.samples import NANOSECONDS, Record, Series
+from hunt_ros.samples import NANOSECONDS, Record
 
 #: Time that is fed at once: one channel waits for the others no longer than this.
 _STRETCH_NS = 2 * NANOSECONDS
@@ -227,18 +228,11 @@ def watch(
     Output
         Stretch after stretch.
     """
-    start, length = record.start_ns, max(1, record.end_ns - record.start_ns)
-    channels = [name for name in detector.config.channels if name in record]
-    numbers = {name: _stretches(record[name], start) for name in channels}
-    last = max((int(index[-1]) for index in numbers.values() if index.size), default=-1)
-    for number in range(last + 1):
-        for name in channels:
-            first, end = np.searchsorted(numbers[name], [number, number + 1])
-            if end > first:
-                stamps, values = record[name].stamps_ns, record[name].values
-                yield detector.update(name, stamps[first:end], values[first:end])
-        progress(min(1.0, (number + 1) * _STRETCH_NS / length))
-    yield detector.finish()
+    playback, until_ns = Playback(detector, record), 0
+    while not playback.finished:
+        until_ns += _STRETCH_NS
+        yield playback.advance(until_ns)
+        progress(min(1.0, until_ns / max(1, playback.length_ns)))
 
 
 def collect(
@@ -281,15 +275,3 @@ def _event_of(verdict: Verdict, rows: NDArray[np.void]) -> Event:
     row = rows[min(int(np.searchsorted(rows['stamp_ns'], verdict.stamp_ns)), rows.size - 1)]
     level = Level(int(row['level']))
     return criterion_event(verdict, int(row['stamp_ns']), level, numbers_behind(row))
-
-
-def _stretches(series: Series, start_ns: int) -> NDArray[np.int64]:
-    """Number the stretch of each sample by when it came: where a clock leaps, no time passes."""
-    if not len(series):
-        return np.zeros(0, dtype=np.int64)
-    steps = np.diff(series.stamps_ns)
-    steps[(steps < 0) | (steps > _STRETCH_NS)] = 0
-    first = max(0, int(series.stamps_ns[0]) - start_ns)
-    passed = np.concatenate(([first], first + np.cumsum(steps)))
-    numbers: NDArray[np.int64] = passed // _STRETCH_NS
-    return numbers

@@ -1,4 +1,4 @@
-"""Repeating a live run of the detector from its samples and its journal."""
+"""A record through the detector: as it comes, or a live run repeated from its journal."""
 
 from __future__ import annotations
 
@@ -13,10 +13,139 @@ from hunt_ros.detection.merging.journal import JournalEntry
 from hunt_ros.detection.merging.merge import LateRun
 from hunt_ros.detection.output import Output
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.samples import Record, Series
+from hunt_ros.samples import NANOSECONDS, Record, Series
 
 #: Not acted on at their position: they say which samples the run was made of.
 _ABOUT_SAMPLES = ('heard', 'late_from', 'late_to', 'late')
+#: A longer step of a channel is a clock that was set, and no silence.
+_LEAP_NS = 600 * NANOSECONDS
+
+
+class Playback:
+    """
+    A record through a detector, as far as is asked for.
+
+    Its time is 0 at the first sample of the record. A step of a channel that goes back, or leaps
+    by more than `_LEAP_NS`, is a clock that was set: no time passes there.
+
+    Parameters
+    ----------
+    detector : HuntingDetector
+        Without a journal it goes on as it is. With one it is started as the journal says, with its
+        settings and its normal form; its own settings count where an earlier recording does
+        not have them.
+    record : Record
+        Each channel in the order of its arrival.
+    journal : sequence of JournalEntry, optional
+        That of the live run, in order, to repeat it bit for bit: a detector that was started
+        several times had several runs, which are repeated one after the other.
+
+    Attributes
+    ----------
+    length_ns : int
+        Time of the last sample, ns.
+    finished : bool
+        Whether all has been fed. Without a journal the detector has finished then.
+    """
+
+    def __init__(
+        self, detector: HuntingDetector, record: Record, journal: Sequence[JournalEntry] = ()
+    ) -> None:
+        self.finished = False
+        self._detector = detector
+        start_ns = record.start_ns
+        self.times_ns = {name: _times(series, start_ns) for name, series in record.items()}
+        self.length_ns = max((int(x[-1]) for x in self.times_ns.values() if x.size), default=0)
+        self._until_ns = -1
+        self._steps = self._play(list(_runs(record, journal)), bool(journal))
+
+    def advance(self, until_ns: int) -> Output:
+        """
+        Feed all that came up to a time; the rows and events are the same for any steps.
+
+        Parameters
+        ----------
+        until_ns : int
+            On the time of the playback, ns, not before the last one.
+
+        Returns
+        -------
+        Output
+            What was added.
+
+        Raises
+        ------
+        HuntError
+            If a normal form or the settings in the journal cannot be read.
+        """
+        self._until_ns = until_ns
+        outputs: list[Output] = []
+        for output in self._steps:
+            if output is None:  # the rest comes later
+                return Output.joined(outputs)
+            outputs.append(output)
+        self.finished = True
+        return Output.joined(outputs)
+
+    def _play(self, runs: Sequence[_Run], repeats: bool) -> Iterator[Output | None]:
+        """Yield what is added; None where it is to wait until more is asked for."""
+        detector = self._detector
+        for run in runs:
+            entries = run.entries
+            if entries and entries[0].kind == 'start':
+                first = entries[0]
+                config = DetectorConfig.from_recorded(first.config) if first.config else None
+                form = IdentifiedNormalForm.from_yaml(first.text) if first.text else None
+                detector.set_normal_form(form)
+                detector.reset(config, first.memory)
+            elif repeats:
+                detector.reset()
+            for channel, late in _late_runs(entries):
+                detector.expect_late(channel, late)
+            for number, entry in enumerate(entries):
+                if entry.kind in _ABOUT_SAMPLES or entry.kind == 'start':
+                    continue
+                yield detector.hold_at(entry)
+                yield from self._feed(run, number)
+                yield detector.repeat(entry)
+            yield detector.let_go()
+            yield from self._feed(run, len(entries))
+        if not repeats:
+            yield detector.finish()
+
+    def _feed(self, run: _Run, number: int) -> Iterator[Output | None]:
+        """Feed what may have come before entry `number`; of silent channels less."""
+        named = run.entries[number].received if number < len(run.entries) else {}
+        while True:
+            waits = False
+            for name in self._detector.channels:
+                if (part := run.parts.get(name)) is None or (
+                    name in self._detector.silent and name not in named
+                ):
+                    continue
+                stop = max(part.done, part.until(number))
+                reached = int(np.searchsorted(self.times_ns[name], self._until_ns, 'right'))
+                span = slice(part.done, max(part.done, min(stop, reached)))
+                part.done = span.stop
+                waits |= part.done < stop
+                if span.start < span.stop:
+                    series = part.series
+                    stamps, values = series.stamps_ns[span], series.values[span]
+                    yield self._detector.update(name, stamps, values)
+            if not waits:
+                return
+            yield None
+
+
+def _times(series: Series, start_ns: int) -> NDArray[np.int64]:
+    """Return when each sample came, ns since the start of the record."""
+    if not len(series):
+        return np.zeros(0, dtype=np.int64)
+    steps = np.diff(series.stamps_ns)
+    steps[(steps < 0) | (steps > _LEAP_NS)] = 0
+    first = max(0, int(series.stamps_ns[0]) - start_ns)
+    times: NDArray[np.int64] = np.concatenate(([first], first + np.cumsum(steps)))
+    return times
 
 
 def replay_journal(
@@ -27,14 +156,8 @@ def replay_journal(
 
     Parameters
     ----------
-    detector : HuntingDetector
-        Is started as the journal says, with its settings and its normal form. Its own
-        settings count where an earlier recording does not have them.
-    record : Record
-        The samples of the live run, each channel in the order of its arrival.
-    journal : sequence of JournalEntry
-        The journal of the live run, in order. A detector that was started several times
-        had several runs, which are repeated one after the other.
+    detector, record, journal
+        As for `Playback`.
 
     Returns
     -------
@@ -46,10 +169,10 @@ def replay_journal(
     HuntError
         If a normal form or the settings in the journal cannot be read.
     """
-    outputs: list[Output] = []
-    for run in _runs(record, journal):
-        outputs += _repeat(detector, run)
-    return Output.joined(outputs)
+    playback = Playback(detector, record, journal)
+    output = playback.advance(playback.length_ns)
+    assert playback.finished
+    return output
 
 
 def missing_samples(record: Record, journal: Sequence[JournalEntry]) -> dict[str, int]:
@@ -186,47 +309,6 @@ def _runs(record: Record, journal: Sequence[JournalEntry]) -> Iterator[_Run]:
         }
         begin = {name: part.end for name, part in parts.items()}
         yield _Run(entries, parts)
-
-
-def _repeat(detector: HuntingDetector, run: _Run) -> list[Output]:
-    """Repeat one run."""
-    entries = run.entries
-    if entries and entries[0].kind == 'start':
-        first = entries[0]
-        config = DetectorConfig.from_recorded(first.config) if first.config else None
-        form = IdentifiedNormalForm.from_yaml(first.text) if first.text else None
-        detector.set_normal_form(form)
-        detector.reset(config, first.memory)
-    else:
-        detector.reset()
-    for channel, late in _late_runs(entries):
-        detector.expect_late(channel, late)
-    outputs = []
-    for number, entry in enumerate(entries):
-        if entry.kind in _ABOUT_SAMPLES or entry.kind == 'start':
-            continue
-        outputs.append(detector.hold_at(entry))
-        outputs += _feed(detector, run, number)
-        outputs.append(detector.repeat(entry))
-    outputs.append(detector.let_go())
-    outputs += _feed(detector, run, len(entries))
-    return outputs
-
-
-def _feed(detector: HuntingDetector, run: _Run, number: int) -> list[Output]:
-    """Feed what the live detector may have had before entry `number`; of silent channels less."""
-    outputs = []
-    named = run.entries[number].received if number < len(run.entries) else {}
-    for name in detector.channels:
-        if (part := run.parts.get(name)) is None or (
-            name in detector.silent and name not in named
-        ):
-            continue
-        span = slice(part.done, max(part.done, part.until(number)))
-        part.done = span.stop
-        series = part.series
-        outputs.append(detector.update(name, series.stamps_ns[span], series.values[span]))
-    return outputs
 
 
 def _late_runs(entries: Sequence[JournalEntry]) -> Iterator[tuple[str, LateRun]]:

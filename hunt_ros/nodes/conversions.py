@@ -11,7 +11,7 @@ from geometry_msgs.msg import TwistStamped
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
-from hunt_ros.samples import NANOSECONDS
+from hunt_ros.samples import NANOSECONDS, as_text
 
 #: Level of the design -> level of diagnostic_msgs.
 LEVELS: dict[str, bytes] = {
@@ -233,12 +233,12 @@ def diagnostic(
     level : str
         One of `LEVELS`.
     values : mapping
-        Shown as text; floats with the digits that make them exact.
+        Shown as text, see `as_text`.
     hardware : str
         hardware_id: what the status is about.
     """
     status = DiagnosticStatus(level=LEVELS[level], name=name, message=text, hardware_id=hardware)
-    status.values = [KeyValue(key=key, value=_shown(value)) for key, value in values.items()]
+    status.values = [KeyValue(key=key, value=as_text(value)) for key, value in values.items()]
     array = DiagnosticArray(status=[status])
     array.header.stamp = to_time(stamp_ns)
     return array
@@ -253,7 +253,3 @@ def read_diagnostic(message: DiagnosticArray) -> dict[str, str]:
     texts['message'] = status.message
     texts |= {pair.key: pair.value for pair in status.values}
     return texts
-
-
-def _shown(value: object) -> str:
-    return repr(float(value)) if isinstance(value, float) else str(value)

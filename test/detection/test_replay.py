@@ -14,7 +14,12 @@ from hypothesis import strategies as st
 from hunt_ros.detection import DetectorConfig, HuntingDetector, JournalEntry, Level
 from hunt_ros.detection.acceptance import rolled_back
 from hunt_ros.detection.output import Output
-from hunt_ros.detection.replay import missing_samples, replay_journal, unheard_samples
+from hunt_ros.detection.replay import (
+    Playback,
+    missing_samples,
+    replay_journal,
+    unheard_samples,
+)
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.errors import HuntError
@@ -87,9 +92,22 @@ def _live(
 
 
 def _repeated(live: Output, arrived: Record) -> Output:
+    return replay_journal(HuntingDetector(DetectorConfig(), PAPER), arrived, _journal(live))
+
+
+def _journal(live: Output) -> list[JournalEntry]:
     lines = [entry.to_text() for entry in live.journal]  # as it goes through a bag
-    journal = [JournalEntry.from_text(line) for line in lines]
-    return replay_journal(HuntingDetector(DetectorConfig(), PAPER), arrived, journal)
+    return [JournalEntry.from_text(line) for line in lines]
+
+
+def _repeated_in_steps(live: Output, arrived: Record, rng: np.random.Generator) -> Output:
+    playback = Playback(HuntingDetector(DetectorConfig(), PAPER), arrived, _journal(live))
+    outputs, until_ns = [], 0
+    while not playback.finished:
+        until_ns += int(rng.integers(1, 10**9))
+        outputs.append(playback.advance(until_ns))
+    assert until_ns - 10**9 < playback.length_ns <= until_ns
+    return Output.joined(outputs)
 
 
 def _joined(first: Record, second: Record) -> Record:
@@ -151,6 +169,7 @@ def test_any_live_run_is_repeated_bit_for_bit(seed: int, recorded) -> None:
         record, spans(int(rng.integers(0, 4))), spans(int(rng.integers(0, 3))), operator, seed
     )
     _assert_same(live, _repeated(live, arrived))
+    _assert_same(live, _repeated_in_steps(live, arrived, rng))
 
 
 def test_silence_of_everything_ends_in_stale_not_in_ok(recorded) -> None:

@@ -10,7 +10,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import String
 
 from hunt_ros.bag import read_record, write_record
-from hunt_ros.cli.support.recorded_run import recorded_run
 from hunt_ros.detection import HuntingDetector
 from hunt_ros.detection.acceptance import is_rolled_back
 from hunt_ros.detection.replay import replay_journal
@@ -22,6 +21,7 @@ from hunt_ros.dynamics.simulation import Kick, SensorModel, SimulationSettings, 
 from hunt_ros.nodes.conversions import read_diagnostic
 from hunt_ros.nodes.form_files import FormFiles
 from hunt_ros.nodes.qos import latched
+from hunt_ros.recorded_run import recorded_run
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 

@@ -14,13 +14,13 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from hunt_ros.bag import ChannelSource, read_columns, read_record, write_record
-from hunt_ros.cli.support.recorded_run import recorded_run
 from hunt_ros.detection import HuntingDetector
 from hunt_ros.detection.replay import replay_journal
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.nodes.conversions import read_diagnostic, to_ns
 from hunt_ros.nodes.qos import latched
+from hunt_ros.recorded_run import recorded_run
 from hunt_ros.samples import Record, Series
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
