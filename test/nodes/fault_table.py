@@ -13,6 +13,29 @@ _ATTEMPTS = 5
 _HEAD = '| fault | mode | interlock | until the set point falls, s | told |'
 
 
+@dataclass(frozen=True)
+class Fault:
+    """
+    What is done to the suite, and what is expected of it.
+
+    Parameters
+    ----------
+    what : str
+        For the table.
+    begin : callable
+        Makes it happen.
+    state : str
+        Of the interlock after it: tripped, armed, disarmed.
+    words : str
+        Stands in the cause that the operator is told.
+    """
+
+    what: str
+    begin: Callable[..., object]
+    state: str = 'tripped'
+    words: str = ''
+
+
 @dataclass
 class Row:
     """

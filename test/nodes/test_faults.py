@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import fault_table
 import pytest
 from fault_table import Row, observed
 from speed_rig import Detector, Drive, Rig
@@ -23,20 +24,12 @@ SAFE = 4.5
 
 
 @dataclass(frozen=True)
-class Fault:
+class Fault(fault_table.Fault):
     """
-    One row.
+    One row; what begins it gets detector, drive and rig.
 
     Parameters
     ----------
-    what : str
-        For the table.
-    begin : callable
-        Makes it happen: gets detector, drive, rig.
-    state : str
-        Of the interlock after it: tripped, armed, disarmed.
-    words : str
-        Stands in the cause that the operator is told.
     speed : float
         Set point at the end, m/s.
     mode : str
@@ -45,10 +38,6 @@ class Fault:
         Stands in what the operator is told, after a while.
     """
 
-    what: str
-    begin: Callable[[Detector, Drive, Rig], object]
-    state: str = 'tripped'
-    words: str = ''
     speed: float = SAFE
     mode: str = 'protect'
     also: str = ''

@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import fault_table
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from fault_table import Row, observed
@@ -213,34 +214,26 @@ def _of_recorder(suite: Suite) -> str:
 
 
 @dataclass(frozen=True)
-class Fault:
+class Fault(fault_table.Fault):
     """
-    One row.
+    One row; what begins it gets the suite.
 
     Parameters
     ----------
-    what : str
-        For the table.
-    begin, end : callable
-        Makes it happen, and mends it.
-    state : str
-        Of the interlock after it.
-    words : str
-        Stands in the cause that the operator is told.
+    end : callable
+        Mends it.
     told : callable
         Returns what the operator is told.
     """
 
-    what: str
-    begin: Callable[[Suite], object]
     end: Callable[[Suite], object] = lambda suite: None
-    state: str = 'tripped'
-    words: str = ''
     told: Callable[[Suite], str] = _of_speed
 
 
 def _killed(what: str, module: str, **row: object) -> Fault:
-    return Fault(what, lambda suite: suite.kill(module), lambda suite: suite.start(module), **row)
+    return Fault(
+        what, lambda suite: suite.kill(module), end=lambda suite: suite.start(module), **row
+    )
 
 
 def _frozen(what: str, module: str, **row: object) -> Fault:
@@ -250,17 +243,17 @@ def _frozen(what: str, module: str, **row: object) -> Fault:
     def go_on(suite: Suite) -> None:
         suite.send(module, signal.SIGCONT)
 
-    return Fault(what, freeze, go_on, **row)
+    return Fault(what, freeze, end=go_on, **row)
 
 
 _RECORDER = {'state': 'armed', 'told': _of_recorder}
 FAULTS = [
     _frozen('the recorder is stopped (SIGSTOP) and goes on', 'bag_recorder', **_RECORDER),
-    Fault('the disk is full', Suite.fill_the_disk, Suite.another_disk, **_RECORDER),
+    Fault('the disk is full', Suite.fill_the_disk, end=Suite.another_disk, **_RECORDER),
     _killed('the recorder is killed', 'bag_recorder', **_RECORDER),
     _killed('a sensor node is killed', 'lateral_sensor', words='lateral'),
     _frozen('a sensor node is stopped (SIGSTOP) and goes on', 'yaw_sensor', words='yaw'),
-    Fault('a sensor sends only NaN', Suite.storm, Suite.calm, words='lateral'),
+    Fault('a sensor sends only NaN', Suite.storm, end=Suite.calm, words='lateral'),
     _frozen(
         'the detector is stopped (SIGSTOP) and goes on', 'hunting_detector', words='silent for'
     ),
