@@ -8,40 +8,33 @@ Beside a suite, or a live replay (use_sim_time:=true). It needs the packages joi
 robot_state_publisher and rviz2, which the suite does not.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
-from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.substitutions import LaunchConfiguration
+from launch import LaunchDescription
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-_SWITCH = ['true', 'false']
+from hunt_ros.nodes.support.launching import SWITCH, description
+
 #: Name: default, values (any where there are none), description.
 ARGUMENTS = {
     'namespace': ('rig', None, 'ROS namespace of the rig'),
     'urdf': ('', None, 'Model of the rig; empty: config/rig.urdf of the package'),
-    'rviz': ('true', _SWITCH, 'Open RViz; false: only publish the model, for Foxglove'),
-    'use_sim_time': ('false', _SWITCH, 'Follow /clock, which a live replay publishes'),
+    'rviz': ('true', SWITCH, 'Open RViz; false: only publish the model, for Foxglove'),
+    'use_sim_time': ('false', SWITCH, 'Follow /clock, which a live replay publishes'),
 }
 _RATE_HZ = 50
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the description of the two publishers of the model, and RViz."""
-    arguments = [
-        DeclareLaunchArgument(
-            name, default_value=default, choices=choices, description=description
-        )
-        for name, (default, choices, description) in ARGUMENTS.items()
-    ]
-    return LaunchDescription([*arguments, OpaqueFunction(function=_nodes)])
+    return description(ARGUMENTS, _nodes)
 
 
-def _nodes(context: LaunchContext) -> list[Node]:
-    """Return the nodes, now that the values of the arguments are known."""
-    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+def _nodes(given: Mapping[str, str]) -> list[Node]:
+    """Return the nodes for these values of the arguments."""
     config = Path(get_package_share_directory('hunt_ros')) / 'config'
     urdf = Path(given['urdf'] or config / 'rig.urdf').expanduser()
     if not urdf.is_file():

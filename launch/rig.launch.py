@@ -6,19 +6,18 @@ Launch the suite: sensors, speed, detector, recorder, identifier; the simulator 
     ros2 launch hunt_ros rig.launch.py sensors:=false one_process:=true
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
-from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.substitutions import LaunchConfiguration
+from launch import LaunchDescription
 from launch_ros.actions import Node
 
 from hunt_ros.drivers.alarm_output import AlarmSettings
+from hunt_ros.nodes.support.launching import SWITCH, description
 from hunt_ros.rig import Rig
 from hunt_ros.suite import ALARM_OUTPUTS, LISTENERS, PAGE, SIMULATOR, SOURCES, SUITE
 
-_SWITCH = ['true', 'false']
 #: Name: default, values (any where there are none), description.
 ARGUMENTS = {
     'namespace': ('rig', None, 'ROS namespace'),
@@ -28,12 +27,12 @@ ARGUMENTS = {
         None,
         'Parameter file of hunt identify --out; empty: the newest in the folder of the recordings',
     ),
-    'simulated': ('true', _SWITCH, 'Start the rig simulator'),
-    'sensors': ('true', _SWITCH, 'Start the nodes that talk to the rig; false: yours do'),
-    'page': ('false', _SWITCH, 'Serve the page of the operator at http://127.0.0.1:8088/'),
-    'one_process': ('false', _SWITCH, 'All nodes in one process; one that fails ends all'),
-    'use_sim_time': ('', ['', *_SWITCH], 'Follow /clock; empty: as the parameter file says'),
-    'respawn': ('false', _SWITCH, 'Start a process again when it ends by itself'),
+    'simulated': ('true', SWITCH, 'Start the rig simulator'),
+    'sensors': ('true', SWITCH, 'Start the nodes that talk to the rig; false: yours do'),
+    'page': ('false', SWITCH, 'Serve the page of the operator at http://127.0.0.1:8088/'),
+    'one_process': ('false', SWITCH, 'All nodes in one process; one that fails ends all'),
+    'use_sim_time': ('', ['', *SWITCH], 'Follow /clock; empty: as the parameter file says'),
+    'respawn': ('false', SWITCH, 'Start a process again when it ends by itself'),
     'log_level': (
         'info',
         ['debug', 'info', 'warn', 'error', 'fatal'],
@@ -45,18 +44,11 @@ _RESPAWN_DELAY_S = 2.0
 
 def generate_launch_description() -> LaunchDescription:
     """Return the description of the whole suite under one namespace."""
-    arguments = [
-        DeclareLaunchArgument(
-            name, default_value=default, choices=choices, description=description
-        )
-        for name, (default, choices, description) in ARGUMENTS.items()
-    ]
-    return LaunchDescription([*arguments, OpaqueFunction(function=_nodes)])
+    return description(ARGUMENTS, _nodes)
 
 
-def _nodes(context: LaunchContext) -> list[Node]:
-    """Return the nodes, now that the values of the arguments are known."""
-    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+def _nodes(given: Mapping[str, str]) -> list[Node]:
+    """Return the nodes for these values of the arguments."""
     rig = _rig_file(given['rig'])
     parameters: list[object] = [rig]
     if given['normal_form']:
