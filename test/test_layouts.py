@@ -64,7 +64,7 @@ def published(measured: dict[str, Published]) -> dict[str, Published]:
     """Topics of the running suite below the namespace `rig`, from the tables of its nodes."""
     pytest.importorskip('rclpy', reason='the tables of topics stand in the nodes')
     from hunt_ros.nodes.bag_recorder import DESIGN_TOPICS, LATCHED_TOPICS
-    from hunt_ros.nodes.estimate_publishers import ESTIMATES
+    from hunt_ros.nodes.support.estimate_publishers import ESTIMATES
 
     topics = dict(measured)
     for name, kind in {**DESIGN_TOPICS, **LATCHED_TOPICS}.items():
@@ -80,7 +80,7 @@ def status_keys() -> set[str]:
     """Keys of the values in `hunting/status`."""
     pytest.importorskip('rclpy', reason='the status is made by the nodes')
     from hunt_ros.detection.words.status import DetectorStatus
-    from hunt_ros.nodes.detector_messages import status_message
+    from hunt_ros.nodes.support.detector_messages import status_message
 
     return {pair.key for pair in status_message(DetectorStatus(), 'rig').status[0].values}
 

@@ -1,1 +1,5 @@
-"""The ROS 2 nodes. rclpy and the message packages are imported here and nowhere else."""
+"""
+The ROS 2 nodes: a module is a node, and what they share is in `support`.
+
+rclpy and the message packages are imported here and nowhere else.
+"""

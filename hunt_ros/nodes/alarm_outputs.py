@@ -18,12 +18,12 @@ from rclpy.node import Node
 from hunt_ros.drivers.alarm_output import AlarmOutput, AlarmSettings, Condition
 from hunt_ros.drivers.modbus_link import ModbusBus
 from hunt_ros.errors import ConfigError
-from hunt_ros.nodes.conversions import read_diagnostic
-from hunt_ros.nodes.diagnostics import Diagnostics, Health, one_line, steady_clock
-from hunt_ros.nodes.parameters import declare, warn_unknown
-from hunt_ros.nodes.qos import STATUS
-from hunt_ros.nodes.sole import hold_name
-from hunt_ros.nodes.worker import Worker
+from hunt_ros.nodes.support.conversions import read_diagnostic
+from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, one_line, steady_clock
+from hunt_ros.nodes.support.parameters import declare, warn_unknown
+from hunt_ros.nodes.support.qos import STATUS
+from hunt_ros.nodes.support.sole import hold_name
+from hunt_ros.nodes.support.worker import Worker
 
 _LOOK_S = 0.05
 

@@ -33,15 +33,15 @@ from std_msgs.msg import String
 from hunt_ros.bag.leftover import finalise_left
 from hunt_ros.bag.recording import Recording, RecordingLimits, RecordingState
 from hunt_ros.errors import BagError
-from hunt_ros.nodes.diagnostics import Diagnostics, Health, steady_clock
-from hunt_ros.nodes.estimate_publishers import ESTIMATES
-from hunt_ros.nodes.parameter_collector import ParameterCollector
-from hunt_ros.nodes.parameters import declare, warn_unknown
-from hunt_ros.nodes.polled import Polling, waiting
-from hunt_ros.nodes.qos import latched, stream
-from hunt_ros.nodes.service_thread import ServiceThread
-from hunt_ros.nodes.sole import hold_name
-from hunt_ros.nodes.worker import Worker
+from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, steady_clock
+from hunt_ros.nodes.support.estimate_publishers import ESTIMATES
+from hunt_ros.nodes.support.parameter_collector import ParameterCollector
+from hunt_ros.nodes.support.parameters import declare, warn_unknown
+from hunt_ros.nodes.support.polled import Polling, waiting
+from hunt_ros.nodes.support.qos import latched, stream
+from hunt_ros.nodes.support.service_thread import ServiceThread
+from hunt_ros.nodes.support.sole import hold_name
+from hunt_ros.nodes.support.worker import Worker
 from hunt_ros.rig import of_rig
 from hunt_ros.sensors import MOTION
 from hunt_ros.settings import setting

@@ -25,8 +25,8 @@ from rclpy.task import Future
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from hunt_ros.nodes.conversions import read_diagnostic, to_ns
-from hunt_ros.nodes.qos import EVENTS, STATUS, latched
+from hunt_ros.nodes.support.conversions import read_diagnostic, to_ns
+from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched
 from hunt_ros.services import KEYS, SERVICES
 
 #: Orders are looked for so often, and the services that they name for so long, s.

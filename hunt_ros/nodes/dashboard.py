@@ -19,14 +19,14 @@ from hunt_ros.dashboard.access import access
 from hunt_ros.dashboard.model import PageModel, PageSettings
 from hunt_ros.dashboard.recordings import Recordings
 from hunt_ros.dashboard.server import PageServer
-from hunt_ros.nodes.caller import Caller
-from hunt_ros.nodes.conversions import read_diagnostic, to_ns
-from hunt_ros.nodes.detector_inbox import DetectorInbox
-from hunt_ros.nodes.diagnostics import Diagnostics, Health, steady_clock
-from hunt_ros.nodes.parameters import declare, declare_normal_form, warn_unknown
-from hunt_ros.nodes.polled import Polling, waiting
-from hunt_ros.nodes.qos import EVENTS, STATUS, latched
-from hunt_ros.nodes.sole import hold_name
+from hunt_ros.nodes.support.caller import Caller
+from hunt_ros.nodes.support.conversions import read_diagnostic, to_ns
+from hunt_ros.nodes.support.detector_inbox import DetectorInbox
+from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, steady_clock
+from hunt_ros.nodes.support.parameters import declare, declare_normal_form, warn_unknown
+from hunt_ros.nodes.support.polled import Polling, waiting
+from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched
+from hunt_ros.nodes.support.sole import hold_name
 from hunt_ros.sensors import DISPLACEMENTS
 from hunt_ros.settings import Settings, setting
 from hunt_ros.suite import PAGE_PORT

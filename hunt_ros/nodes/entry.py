@@ -14,7 +14,7 @@ from importlib import import_module
 from itertools import takewhile
 from typing import NoReturn
 
-from hunt_ros.nodes.ending import Ending
+from hunt_ros.nodes.support.ending import Ending
 from hunt_ros.suite import NODES, SUITE
 
 
@@ -32,7 +32,7 @@ def start(*nodes: str) -> NoReturn:
     ending.say('starting')
     code = 1
     try:
-        run = import_module('hunt_ros.nodes.runtime').run
+        run = import_module('hunt_ros.nodes.support.runtime').run
         makers = [import_module(f'hunt_ros.nodes.{node}').make_node for node in nodes]
         code = run(makers, ending)
     except Exception:

@@ -25,16 +25,16 @@ from hunt_ros.detection.detector import HuntingDetector
 from hunt_ros.detection.output import EVENT_NUMBERS, PUBLIC, Event, Output
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
-from hunt_ros.nodes.companion_worker import CompanionWorker
-from hunt_ros.nodes.conversions import diagnostic
-from hunt_ros.nodes.detector_inbox import DetectorInbox
-from hunt_ros.nodes.detector_messages import event_message, status_message
-from hunt_ros.nodes.diagnostics import Diagnostics, Health, NewSince, steady_clock
-from hunt_ros.nodes.estimate_publishers import EstimatePublishers
-from hunt_ros.nodes.parameters import declare, declare_normal_form, warn_unknown
-from hunt_ros.nodes.polled import Polling, waiting
-from hunt_ros.nodes.qos import EVENTS, STATUS, latched, stream
-from hunt_ros.nodes.sole import hold_name
+from hunt_ros.nodes.support.companion_worker import CompanionWorker
+from hunt_ros.nodes.support.conversions import diagnostic
+from hunt_ros.nodes.support.detector_inbox import DetectorInbox
+from hunt_ros.nodes.support.detector_messages import event_message, status_message
+from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, NewSince, steady_clock
+from hunt_ros.nodes.support.estimate_publishers import EstimatePublishers
+from hunt_ros.nodes.support.parameters import declare, declare_normal_form, warn_unknown
+from hunt_ros.nodes.support.polled import Polling, waiting
+from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched, stream
+from hunt_ros.nodes.support.sole import hold_name
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 

@@ -24,12 +24,12 @@ from std_srvs.srv import Trigger
 from hunt_ros.bag import ChannelSource, read_record
 from hunt_ros.bag.replay_schedule import ReplaySchedule
 from hunt_ros.errors import BagError, ConfigError
-from hunt_ros.nodes.conversions import joint_layout, to_time, twist_layout
-from hunt_ros.nodes.diagnostics import Diagnostics, Health
-from hunt_ros.nodes.parameters import declare, warn_unknown
-from hunt_ros.nodes.qos import stream
-from hunt_ros.nodes.sole import hold_name
-from hunt_ros.nodes.worker import Worker
+from hunt_ros.nodes.support.conversions import joint_layout, to_time, twist_layout
+from hunt_ros.nodes.support.diagnostics import Diagnostics, Health
+from hunt_ros.nodes.support.parameters import declare, warn_unknown
+from hunt_ros.nodes.support.qos import stream
+from hunt_ros.nodes.support.sole import hold_name
+from hunt_ros.nodes.support.worker import Worker
 from hunt_ros.samples import CHANNELS, NANOSECONDS
 from hunt_ros.sensors import DISPLACEMENTS, MOTION
 from hunt_ros.settings import Settings, setting

@@ -27,12 +27,12 @@ from hunt_ros.bag.columns import read_record
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import HuntError
 from hunt_ros.identification import IdentificationSettings, update
-from hunt_ros.nodes.diagnostics import Diagnostics, Health, one_line
-from hunt_ros.nodes.form_files import FormFiles, recordings_of, with_recordings
-from hunt_ros.nodes.parameters import declare, declare_normal_form, warn_unknown
-from hunt_ros.nodes.qos import latched
-from hunt_ros.nodes.sole import hold_name
-from hunt_ros.nodes.worker import Worker
+from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, one_line
+from hunt_ros.nodes.support.form_files import FormFiles, recordings_of, with_recordings
+from hunt_ros.nodes.support.parameters import declare, declare_normal_form, warn_unknown
+from hunt_ros.nodes.support.qos import latched
+from hunt_ros.nodes.support.sole import hold_name
+from hunt_ros.nodes.support.worker import Worker
 from hunt_ros.rig import Rig, of_rig
 from hunt_ros.samples import Record
 from hunt_ros.settings import Settings, setting

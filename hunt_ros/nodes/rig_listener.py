@@ -17,11 +17,11 @@ from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
-from hunt_ros.nodes.conversions import JointReader, SpeedReader
-from hunt_ros.nodes.diagnostics import steady_clock
-from hunt_ros.nodes.parameters import declare
-from hunt_ros.nodes.polled import Polling, waiting
-from hunt_ros.nodes.qos import stream
+from hunt_ros.nodes.support.conversions import JointReader, SpeedReader
+from hunt_ros.nodes.support.diagnostics import steady_clock
+from hunt_ros.nodes.support.parameters import declare
+from hunt_ros.nodes.support.polled import Polling, waiting
+from hunt_ros.nodes.support.qos import stream
 from hunt_ros.rig import of_rig
 from hunt_ros.settings import Settings, setting
 

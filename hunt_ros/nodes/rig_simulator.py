@@ -22,13 +22,13 @@ from hunt_ros.drivers.simulator_protocol import Channel
 from hunt_ros.drivers.simulator_server import SimulatorServer
 from hunt_ros.dynamics.simulation import RollerRig, Roughness, SensorModel, SimulationSettings
 from hunt_ros.errors import ConfigError
-from hunt_ros.nodes.conversions import to_time
-from hunt_ros.nodes.diagnostics import Diagnostics, Health
-from hunt_ros.nodes.pace import Pace
-from hunt_ros.nodes.parameters import declare, read_wheelset, warn_unknown
-from hunt_ros.nodes.qos import stream
-from hunt_ros.nodes.sole import hold_name
-from hunt_ros.nodes.worker import Worker
+from hunt_ros.nodes.support.conversions import to_time
+from hunt_ros.nodes.support.diagnostics import Diagnostics, Health
+from hunt_ros.nodes.support.pace import Pace
+from hunt_ros.nodes.support.parameters import declare, read_wheelset, warn_unknown
+from hunt_ros.nodes.support.qos import stream
+from hunt_ros.nodes.support.sole import hold_name
+from hunt_ros.nodes.support.worker import Worker
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 

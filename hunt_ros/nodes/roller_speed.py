@@ -26,17 +26,23 @@ from hunt_ros.drivers.interlock import Change, Heard, Interlock, InterlockSettin
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.dynamics.profile import Motion, Profile
 from hunt_ros.errors import ConfigError, DriverError
-from hunt_ros.nodes.conversions import (
+from hunt_ros.nodes.support.conversions import (
     diagnostic,
     joint_layout,
     read_diagnostic,
     to_ns,
     twist,
 )
-from hunt_ros.nodes.diagnostics import Diagnostics, Health, NewSince, one_line, steady_clock
-from hunt_ros.nodes.driver_node import DriverNode
-from hunt_ros.nodes.parameters import declare, warn_unknown
-from hunt_ros.nodes.qos import EVENTS, STATUS, latched, stream
+from hunt_ros.nodes.support.diagnostics import (
+    Diagnostics,
+    Health,
+    NewSince,
+    one_line,
+    steady_clock,
+)
+from hunt_ros.nodes.support.driver_node import DriverNode
+from hunt_ros.nodes.support.parameters import declare, warn_unknown
+from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched, stream
 from hunt_ros.rig import of_rig
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting

@@ -17,8 +17,8 @@ from rclpy.node import Node
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-from hunt_ros.nodes.parameters import declare
-from hunt_ros.nodes.qos import stream
+from hunt_ros.nodes.support.parameters import declare
+from hunt_ros.nodes.support.qos import stream
 from hunt_ros.settings import Settings, setting
 
 #: Closing a recording may take as long as this, s.

@@ -25,7 +25,7 @@ from hunt_ros.bag import ChannelSource
 from hunt_ros.bag.cdr.layout import USUAL_FIELDS, joint_of, parse_path
 from hunt_ros.drivers.base import SensorBlock, SensorDriver
 from hunt_ros.errors import BagError, ConfigError, DriverError
-from hunt_ros.nodes.conversions import to_ns
+from hunt_ros.nodes.support.conversions import to_ns
 from hunt_ros.settings import Settings, setting
 
 _LOOK_S = 0.05

@@ -4,6 +4,6 @@ from __future__ import annotations
 
 from functools import partial
 
-from hunt_ros.nodes.sensor import SensorNode
+from hunt_ros.nodes.support.sensor import SensorNode
 
 make_node = partial(SensorNode, 'yaw')

@@ -32,9 +32,9 @@ from tables import markdown, publish
 
 from hunt_ros.cli.support import suite
 from hunt_ros.cli.support.processes import Processes
-from hunt_ros.nodes.conversions import JointReader, read_diagnostic
-from hunt_ros.nodes.qos import STATUS, stream
-from hunt_ros.nodes.runtime import cheapest_executor
+from hunt_ros.nodes.support.conversions import JointReader, read_diagnostic
+from hunt_ros.nodes.support.qos import STATUS, stream
+from hunt_ros.nodes.support.runtime import cheapest_executor
 from hunt_ros.suite import LISTENERS, SIMULATOR, SOURCES
 
 RATES_HZ = (500.0, 1000.0, 2000.0)

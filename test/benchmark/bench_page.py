@@ -25,9 +25,9 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from hunt_ros.cli.support.processes import claim_domain
-from hunt_ros.nodes.conversions import diagnostic, joint_layout
-from hunt_ros.nodes.qos import STATUS, stream
-from hunt_ros.nodes.runtime import cheapest_executor
+from hunt_ros.nodes.support.conversions import diagnostic, joint_layout
+from hunt_ros.nodes.support.qos import STATUS, stream
+from hunt_ros.nodes.support.runtime import cheapest_executor
 
 _TICKS = os.sysconf('SC_CLK_TCK')
 _VALUES = {

@@ -15,9 +15,9 @@ from std_srvs.srv import SetBool
 
 from hunt_ros.drivers.base import DriveBlock
 from hunt_ros.errors import DriverError
-from hunt_ros.nodes.conversions import diagnostic, read_diagnostic
-from hunt_ros.nodes.qos import STATUS, latched
 from hunt_ros.nodes.roller_speed import RollerSpeedNode
+from hunt_ros.nodes.support.conversions import diagnostic, read_diagnostic
+from hunt_ros.nodes.support.qos import STATUS, latched
 
 #: Mode of the interlock; without quotes ROS takes the word for `false`.
 UNGUARDED = "'off'"

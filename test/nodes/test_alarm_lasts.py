@@ -14,9 +14,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from hunt_ros.cli.main import main
-from hunt_ros.nodes.conversions import read_diagnostic, to_time
 from hunt_ros.nodes.hunting_detector import HuntingDetectorNode
-from hunt_ros.nodes.qos import latched
+from hunt_ros.nodes.support.conversions import read_diagnostic, to_time
+from hunt_ros.nodes.support.qos import latched
 
 pytestmark = pytest.mark.ros
 

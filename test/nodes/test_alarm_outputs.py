@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 
-from hunt_ros.nodes.conversions import diagnostic, read_diagnostic
-from hunt_ros.nodes.qos import STATUS
+from hunt_ros.nodes.support.conversions import diagnostic, read_diagnostic
+from hunt_ros.nodes.support.qos import STATUS
 
 pytestmark = pytest.mark.ros
 

@@ -26,7 +26,7 @@ from std_srvs.srv import Trigger
 from hunt_ros.bag import Bag, read_columns, read_record
 from hunt_ros.bag.messages import read_texts
 from hunt_ros.bag.recording import RecordingState
-from hunt_ros.nodes.conversions import to_time
+from hunt_ros.nodes.support.conversions import to_time
 
 pytestmark = pytest.mark.ros
 

@@ -16,8 +16,8 @@ from hunt_ros.detection import HuntingDetector
 from hunt_ros.detection.replay import missing_samples, replay_journal
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-from hunt_ros.nodes.conversions import joint_layout, read_diagnostic, to_ns, twist
-from hunt_ros.nodes.qos import latched, stream
+from hunt_ros.nodes.support.conversions import joint_layout, read_diagnostic, to_ns, twist
+from hunt_ros.nodes.support.qos import latched, stream
 from hunt_ros.recorded_run import recorded_run
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]

@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger
 from tornado.websocket import websocket_connect
 
 from hunt_ros.nodes.dashboard import DashboardNode
-from hunt_ros.nodes.qos import STATUS, latched, stream
+from hunt_ros.nodes.support.qos import STATUS, latched, stream
 
 pytestmark = pytest.mark.ros
 

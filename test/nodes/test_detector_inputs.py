@@ -7,8 +7,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 
-from hunt_ros.nodes.conversions import read_diagnostic, to_time
 from hunt_ros.nodes.hunting_detector import HuntingDetectorNode
+from hunt_ros.nodes.support.conversions import read_diagnostic, to_time
 
 pytestmark = pytest.mark.ros
 

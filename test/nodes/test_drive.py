@@ -14,7 +14,7 @@ from rclpy.parameter import Parameter
 from rclpy.time import Time
 from speed_rig import UNGUARDED, Drive, Rig, configure, node_on
 
-from hunt_ros.nodes.conversions import read_diagnostic
+from hunt_ros.nodes.support.conversions import read_diagnostic
 
 pytestmark = pytest.mark.ros
 

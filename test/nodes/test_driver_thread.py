@@ -12,7 +12,7 @@ from lifecycle_msgs.msg import Transition
 from sensor_msgs.msg import JointState
 
 from hunt_ros.drivers import SensorBlock
-from hunt_ros.nodes.sensor import SensorNode
+from hunt_ros.nodes.support.sensor import SensorNode
 
 pytestmark = pytest.mark.ros
 

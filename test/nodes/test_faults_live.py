@@ -24,8 +24,8 @@ from sensor_msgs.msg import JointState
 
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-from hunt_ros.nodes.conversions import read_diagnostic, to_ns
-from hunt_ros.nodes.qos import STATUS, latched
+from hunt_ros.nodes.support.conversions import read_diagnostic, to_ns
+from hunt_ros.nodes.support.qos import STATUS, latched
 
 pytestmark = pytest.mark.ros
 

@@ -12,7 +12,7 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64MultiArray
 
 from hunt_ros.errors import ConfigError, DriverError
-from hunt_ros.nodes.conversions import read_diagnostic
+from hunt_ros.nodes.support.conversions import read_diagnostic
 from hunt_ros.nodes.topic_driver import Sensor, Topic
 
 pytestmark = pytest.mark.ros

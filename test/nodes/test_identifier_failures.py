@@ -13,9 +13,9 @@ from std_msgs.msg import String
 
 from hunt_ros.bag import write_record
 from hunt_ros.nodes import normal_form_identifier
-from hunt_ros.nodes.conversions import read_diagnostic
 from hunt_ros.nodes.normal_form_identifier import NormalFormIdentifierNode
-from hunt_ros.nodes.qos import latched
+from hunt_ros.nodes.support.conversions import read_diagnostic
+from hunt_ros.nodes.support.qos import latched
 from hunt_ros.samples import Record, Series
 
 pytestmark = pytest.mark.ros

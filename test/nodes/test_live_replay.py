@@ -11,7 +11,7 @@ import pytest
 from sensor_msgs.msg import JointState
 
 from hunt_ros.bag import write_record
-from hunt_ros.nodes.conversions import to_ns
+from hunt_ros.nodes.support.conversions import to_ns
 from hunt_ros.samples import Record, Series
 
 pytestmark = pytest.mark.ros

@@ -18,9 +18,9 @@ from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import Kick, SensorModel, SimulationSettings, simulate
-from hunt_ros.nodes.conversions import read_diagnostic
-from hunt_ros.nodes.form_files import FormFiles
-from hunt_ros.nodes.qos import latched
+from hunt_ros.nodes.support.conversions import read_diagnostic
+from hunt_ros.nodes.support.form_files import FormFiles
+from hunt_ros.nodes.support.qos import latched
 from hunt_ros.recorded_run import recorded_run
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]

@@ -7,7 +7,7 @@ import pytest
 from geometry_msgs.msg import TwistStamped
 from sensor_msgs.msg import JointState
 
-from hunt_ros.nodes.conversions import to_ns
+from hunt_ros.nodes.support.conversions import to_ns
 
 #: Mode of the interlock; without quotes ROS takes the word for `false`.
 UNGUARDED = "'off'"

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.ros
 _LIGHT = """
 import sys
 import hunt_ros.nodes.bag_recorder, hunt_ros.nodes.console
-import hunt_ros.nodes.roller_speed, hunt_ros.nodes.sensor
+import hunt_ros.nodes.roller_speed, hunt_ros.nodes.support.sensor
 print(sorted({'scipy', 'numba', 'matplotlib'} & set(sys.modules)))
 """
 

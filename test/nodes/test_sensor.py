@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 
 from hunt_ros.drivers.simulator_protocol import Channel
 from hunt_ros.drivers.simulator_server import SimulatorServer
-from hunt_ros.nodes.conversions import read_diagnostic, to_ns
+from hunt_ros.nodes.support.conversions import read_diagnostic, to_ns
 
 pytestmark = pytest.mark.ros
 

@@ -18,8 +18,8 @@ from hunt_ros.detection import HuntingDetector
 from hunt_ros.detection.replay import replay_journal
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-from hunt_ros.nodes.conversions import read_diagnostic, to_ns
-from hunt_ros.nodes.qos import latched
+from hunt_ros.nodes.support.conversions import read_diagnostic, to_ns
+from hunt_ros.nodes.support.qos import latched
 from hunt_ros.recorded_run import recorded_run
 from hunt_ros.samples import Record, Series
 

@@ -13,7 +13,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import JointState
 
-from hunt_ros.nodes.conversions import read_diagnostic, to_ns
+from hunt_ros.nodes.support.conversions import read_diagnostic, to_ns
 
 pytestmark = pytest.mark.ros
 

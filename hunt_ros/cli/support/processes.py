@@ -31,7 +31,7 @@ from hunt_ros.errors import HuntError
 _PR_SET_PDEATHSIG = 1
 #: What ends a run; all of them let it close its recording.
 _ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-#: What the nodes themselves listen for, see `hunt_ros.nodes.ending`.
+#: What the nodes themselves listen for, see `hunt_ros.nodes.support.ending`.
 _HELD_BACK = (signal.SIGINT, signal.SIGTERM)
 _GRACE_S = {signal.SIGINT: 8.0, signal.SIGTERM: 2.0, signal.SIGKILL: 2.0}
 

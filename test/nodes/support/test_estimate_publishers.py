@@ -14,11 +14,11 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
 from hunt_ros.detection.output import ESTIMATE_DTYPE
-from hunt_ros.nodes.conversions import to_ns
-from hunt_ros.nodes.estimate_publishers import ESTIMATES, EstimatePublishers, readme_table
+from hunt_ros.nodes.support.conversions import to_ns
+from hunt_ros.nodes.support.estimate_publishers import ESTIMATES, EstimatePublishers, readme_table
 from hunt_ros.samples import CHANNELS
 
-README = Path(__file__).parents[2] / 'README.md'
+README = Path(__file__).parents[3] / 'README.md'
 
 
 class _Node:

@@ -16,11 +16,11 @@ from sensor_msgs.msg import JointState
 from hunt_ros.drivers.base import SensorBlock
 from hunt_ros.drivers.calibration import Calibration
 from hunt_ros.drivers.watch import SourceWatch
-from hunt_ros.nodes.conversions import joint_layout
-from hunt_ros.nodes.diagnostics import Diagnostics, Health, NewSince
-from hunt_ros.nodes.driver_node import DriverNode
-from hunt_ros.nodes.parameters import declare, warn_unknown
-from hunt_ros.nodes.qos import stream
+from hunt_ros.nodes.support.conversions import joint_layout
+from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, NewSince
+from hunt_ros.nodes.support.driver_node import DriverNode
+from hunt_ros.nodes.support.parameters import declare, warn_unknown
+from hunt_ros.nodes.support.qos import stream
 from hunt_ros.settings import Settings, setting
 
 

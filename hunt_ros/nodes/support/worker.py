@@ -10,7 +10,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-from hunt_ros.nodes.diagnostics import Diagnostics
+from hunt_ros.nodes.support.diagnostics import Diagnostics
 
 
 class Worker:

@@ -11,8 +11,8 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from hunt_ros.errors import HuntError
-from hunt_ros.nodes.conversions import diagnostic
-from hunt_ros.nodes.qos import STATUS
+from hunt_ros.nodes.support.conversions import diagnostic
+from hunt_ros.nodes.support.qos import STATUS
 
 #: (level, one line, values)
 Health = tuple[str, str, Mapping[str, object]]

@@ -8,7 +8,7 @@ from hunt_ros.detection.acceptance import is_rolled_back
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.errors import HuntError
-from hunt_ros.nodes.form_files import FormFiles
+from hunt_ros.nodes.support.form_files import FormFiles
 
 
 def text(v_c: float) -> str:

@@ -11,9 +11,9 @@ from hunt_ros.detection.companions import CompanionConfig, Companions
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.output import Motion, Output
 from hunt_ros.forecast import Forecast
-from hunt_ros.nodes.diagnostics import Diagnostics
-from hunt_ros.nodes.parameters import read_wheelset
-from hunt_ros.nodes.worker import Worker
+from hunt_ros.nodes.support.diagnostics import Diagnostics
+from hunt_ros.nodes.support.parameters import read_wheelset
+from hunt_ros.nodes.support.worker import Worker
 
 #: What has come is worked on this often, s: seldom enough to cost little.
 _ROUND_S = 0.1

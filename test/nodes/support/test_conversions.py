@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
-from hunt_ros.nodes.conversions import (
+from hunt_ros.nodes.support.conversions import (
     JointReader,
     SpeedReader,
     diagnostic,

@@ -22,10 +22,10 @@ from rclpy.publisher import Publisher
 from hunt_ros.drivers.base import DriveBlock, DriveDriver, SensorBlock, SensorDriver
 from hunt_ros.drivers.registry import driver_class
 from hunt_ros.errors import ConfigError
-from hunt_ros.nodes.diagnostics import Diagnostics, one_line
-from hunt_ros.nodes.parameters import declare
-from hunt_ros.nodes.sole import hold_name
-from hunt_ros.nodes.worker import Worker
+from hunt_ros.nodes.support.diagnostics import Diagnostics, one_line
+from hunt_ros.nodes.support.parameters import declare
+from hunt_ros.nodes.support.sole import hold_name
+from hunt_ros.nodes.support.worker import Worker
 
 _READ_S = 0.2
 #: Hardware that is not there is tried again after so long, after twice as long, and so on, s.

@@ -26,7 +26,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from hunt_ros.compiled import on_compilation
 from hunt_ros.errors import HuntError
-from hunt_ros.nodes.ending import CLOSING_S, Ending
+from hunt_ros.nodes.support.ending import CLOSING_S, Ending
 
 _SPIN_S = 0.05
 #: For the last messages to arrive, s.

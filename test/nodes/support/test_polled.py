@@ -9,9 +9,9 @@ rclpy = pytest.importorskip('rclpy', reason='the extra ros is not installed')
 from rclpy.node import Node  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
-from hunt_ros.nodes.polled import Polling, waiting  # noqa: E402
-from hunt_ros.nodes.qos import stream  # noqa: E402
-from hunt_ros.nodes.runtime import cheapest_executor  # noqa: E402
+from hunt_ros.nodes.support.polled import Polling, waiting  # noqa: E402
+from hunt_ros.nodes.support.qos import stream  # noqa: E402
+from hunt_ros.nodes.support.runtime import cheapest_executor  # noqa: E402
 
 pytestmark = pytest.mark.ros
 

@@ -15,10 +15,10 @@ from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.bag_recorder import BagRecorderNode
 from hunt_ros.nodes.hunting_detector import HuntingDetectorNode
 from hunt_ros.nodes.normal_form_identifier import NormalFormIdentifierNode
-from hunt_ros.nodes.parameters import declare
 from hunt_ros.nodes.rig_simulator import RigSimulatorNode
 from hunt_ros.nodes.roller_speed import RollerSpeedNode
-from hunt_ros.nodes.sensor import SensorNode
+from hunt_ros.nodes.support.parameters import declare
+from hunt_ros.nodes.support.sensor import SensorNode
 from hunt_ros.settings import Settings, setting
 
 pytestmark = pytest.mark.ros

@@ -14,8 +14,8 @@ from collections.abc import Callable
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
-from hunt_ros.nodes.conversions import to_ns
-from hunt_ros.nodes.qos import STATUS
+from hunt_ros.nodes.support.conversions import to_ns
+from hunt_ros.nodes.support.qos import STATUS
 from hunt_ros.samples import NANOSECONDS
 
 #: Below the time after which the detector calls a sensor silent where time runs fast: a pause of

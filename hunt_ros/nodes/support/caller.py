@@ -17,9 +17,9 @@ from rclpy.node import Node
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-from hunt_ros.nodes.diagnostics import Diagnostics
-from hunt_ros.nodes.qos import stream
-from hunt_ros.nodes.worker import Worker
+from hunt_ros.nodes.support.diagnostics import Diagnostics
+from hunt_ros.nodes.support.qos import stream
+from hunt_ros.nodes.support.worker import Worker
 from hunt_ros.services import SERVICES
 
 #: Who does not answer within this may not have heard, s; closing a recording takes longest.

@@ -16,8 +16,8 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 
-from hunt_ros.nodes.conversions import FixedLayout, joint_layout
-from hunt_ros.nodes.qos import stream
+from hunt_ros.nodes.support.conversions import FixedLayout, joint_layout
+from hunt_ros.nodes.support.qos import stream
 
 #: A column of the detector's rows, what is made of one, or a name in `EstimatePublishers.beside`.
 _Column = str | Callable[[np.ndarray], np.ndarray]

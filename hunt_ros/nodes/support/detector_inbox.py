@@ -9,9 +9,9 @@ from geometry_msgs.msg import TwistStamped
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 
-from hunt_ros.nodes.conversions import JointReader, SpeedReader
-from hunt_ros.nodes.polled import Polling, waiting
-from hunt_ros.nodes.qos import OVERRIDABLE, publisher_problem, stream
+from hunt_ros.nodes.support.conversions import JointReader, SpeedReader
+from hunt_ros.nodes.support.polled import Polling, waiting
+from hunt_ros.nodes.support.qos import OVERRIDABLE, publisher_problem, stream
 
 #: One second of the fastest sensor.
 _DEPTH = 2000

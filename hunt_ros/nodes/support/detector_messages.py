@@ -7,7 +7,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from hunt_ros.detection.output import Event
 from hunt_ros.detection.words import published
 from hunt_ros.detection.words.status import DetectorStatus
-from hunt_ros.nodes.conversions import diagnostic
+from hunt_ros.nodes.support.conversions import diagnostic
 
 
 def event_message(event: Event, rig: str) -> DiagnosticArray:

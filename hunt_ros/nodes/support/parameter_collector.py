@@ -16,9 +16,9 @@ from rcl_interfaces.srv import GetParameters, GetParameterTypes, ListParameters
 from rclpy.client import Client
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
-from hunt_ros.nodes.diagnostics import Diagnostics
-from hunt_ros.nodes.parameter_text import parameter_text
-from hunt_ros.nodes.worker import Worker
+from hunt_ros.nodes.support.diagnostics import Diagnostics
+from hunt_ros.nodes.support.parameter_text import parameter_text
+from hunt_ros.nodes.support.worker import Worker
 
 _LOOK_S = 0.5
 #: A node that is still starting has not declared all: it is asked again after this time, s, and

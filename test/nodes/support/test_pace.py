@@ -9,8 +9,8 @@ pytest.importorskip('rclpy', reason='the extra ros is not installed')
 from diagnostic_msgs.msg import DiagnosticArray
 from rosgraph_msgs.msg import Clock
 
-from hunt_ros.nodes.conversions import diagnostic, to_ns
-from hunt_ros.nodes.qos import STATUS, stream
+from hunt_ros.nodes.support.conversions import diagnostic, to_ns
+from hunt_ros.nodes.support.qos import STATUS, stream
 
 pytestmark = pytest.mark.ros
 
