@@ -9,8 +9,8 @@ from hunt_ros.dynamics.limit_cycle import limit_cycles
 from hunt_ros.dynamics.model_misfit import fitted_form
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.report import style
-from hunt_ros.report.bifurcation import bifurcation_diagram, branch_curve, form_curve
+from hunt_ros.report.figures import style
+from hunt_ros.report.figures.bifurcation import bifurcation_diagram, branch_curve, form_curve
 
 LOW, HIGH = 6.0, 9.0
 

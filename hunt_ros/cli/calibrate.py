@@ -291,8 +291,8 @@ def _draw(
     calibration: Calibration,
     residuals: list[Uncertain],
 ) -> None:
-    from hunt_ros.report.calibration import calibration_figure
-    from hunt_ros.report.style import journal_style, svg
+    from hunt_ros.report.figures.calibration import calibration_figure
+    from hunt_ros.report.figures.style import journal_style, svg
 
     figure = calibration_figure(points, calibration, residuals)
     try:

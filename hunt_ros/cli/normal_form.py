@@ -142,8 +142,8 @@ def _creep_lines(creep: Sequence[CreepSolution]) -> list[str]:
 
 def _plot(form: ComplexNormalForm, branch: Branch | None, path: Path) -> None:
     from hunt_ros.dynamics.model_misfit import fitted_form
-    from hunt_ros.report import style
-    from hunt_ros.report.bifurcation import bifurcation_diagram, branch_curve, form_curve
+    from hunt_ros.report.figures import style
+    from hunt_ros.report.figures.bifurcation import bifurcation_diagram, branch_curve, form_curve
 
     low, high = (share * form.critical_speed for share in _SHOWN)
     curves, highest = [], None

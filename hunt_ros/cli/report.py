@@ -13,7 +13,7 @@ from hunt_ros.errors import HuntError
 if TYPE_CHECKING:
     from hunt_ros.cli.support.output import Advance
     from hunt_ros.identification import Identification
-    from hunt_ros.report.overview import RunEvent
+    from hunt_ros.report.figures.overview import RunEvent
 
 SUMMARY = 'write the report of recordings: one HTML page, and the figures as SVG and PNG'
 EXAMPLE = 'hunt report bags/hysteresis_loop --out report.html --figures figures'
@@ -44,12 +44,12 @@ def run(arguments: argparse.Namespace) -> int:
     from hunt_ros.cli.support.output import progress, write_json
     from hunt_ros.identification import identify
     from hunt_ros.report.compose import Report
-    from hunt_ros.report.style import save_figures
+    from hunt_ros.report.figures.style import save_figures
 
     page = _places(arguments)
     model = None
     if arguments.model is not None:
-        from hunt_ros.report.own_model import model_of
+        from hunt_ros.report.figures.own_model import model_of
 
         model = model_of(options.read_text(arguments.model, 'model'), str(arguments.model))
     settings = settings_of(arguments)

@@ -39,7 +39,7 @@ from hunt_ros.dashboard.figures import figure_items
 from hunt_ros.dashboard.recordings import Recordings
 from hunt_ros.dashboard.view import View, changes
 from hunt_ros.errors import ConfigError
-from hunt_ros.report.style import palette_css
+from hunt_ros.report.figures.style import palette_css
 
 #: A viewer that has not taken an update for so long is dropped, s.
 _STALLED_S = 3.0

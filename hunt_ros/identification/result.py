@@ -280,7 +280,7 @@ class Identification:
         -------
         matplotlib.figure.Figure
         """
-        from hunt_ros.report.normal_form_diagram import identified_diagram
+        from hunt_ros.report.figures.normal_form_diagram import identified_diagram
 
         return identified_diagram(self)
 

@@ -9,13 +9,14 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from hunt_ros.errors import IdentificationError
-from hunt_ros.report import drawings, listings, own_model, style, tables, words
+from hunt_ros.report import drawings, listings, tables, words
 from hunt_ros.report.choice import either_side, four_states
-from hunt_ros.report.days import days_tables
 from hunt_ros.report.drawings import Drawing
-from hunt_ros.report.frequency import Frequencies, hunting_frequencies
-from hunt_ros.report.overview import RunEvent
-from hunt_ros.report.own_model import Model, Residual
+from hunt_ros.report.figures import own_model, style
+from hunt_ros.report.figures.days import days_tables
+from hunt_ros.report.figures.frequency import Frequencies, hunting_frequencies
+from hunt_ros.report.figures.overview import RunEvent
+from hunt_ros.report.figures.own_model import Model, Residual
 from hunt_ros.report.page import Section, figure, render
 from hunt_ros.report.response import Response, response_of
 from hunt_ros.report.result import Result

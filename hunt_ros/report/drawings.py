@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hunt_ros.report.cubic import cubic_alone
-from hunt_ros.report.days import days_apart
-from hunt_ros.report.disturbance import disturbance_from_width
-from hunt_ros.report.fold_region import fold_region
-from hunt_ros.report.frequency import Frequencies, frequency_diagram
-from hunt_ros.report.hysteresis import has_maxima, hysteresis_loop
-from hunt_ros.report.normal_form_diagram import diagram, normal_form_alone
-from hunt_ros.report.overview import RunEvent, run_overview
-from hunt_ros.report.own_model import Model, Residual, model_diagram
+from hunt_ros.report.figures.cubic import cubic_alone
+from hunt_ros.report.figures.days import days_apart
+from hunt_ros.report.figures.disturbance import disturbance_from_width
+from hunt_ros.report.figures.fold_region import fold_region
+from hunt_ros.report.figures.frequency import Frequencies, frequency_diagram
+from hunt_ros.report.figures.hysteresis import has_maxima, hysteresis_loop
+from hunt_ros.report.figures.normal_form_diagram import diagram, normal_form_alone
+from hunt_ros.report.figures.overview import RunEvent, run_overview
+from hunt_ros.report.figures.own_model import Model, Residual, model_diagram
+from hunt_ros.report.figures.response_panels import poincare_pair, response_panels
 from hunt_ros.report.response import Response
-from hunt_ros.report.response_panels import poincare_pair, response_panels
 from hunt_ros.report.result import Result
 from hunt_ros.samples import NANOSECONDS, Record
 

@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable
 
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.report.overview import RunEvent
+from hunt_ros.report.figures.overview import RunEvent
 from hunt_ros.samples import NANOSECONDS, Record
 
 

@@ -12,8 +12,8 @@ from typing import Any
 
 from hunt_ros.analysis.frequency_amplitude import FrequencyLaw
 from hunt_ros.analysis.spectrum import Line
+from hunt_ros.report.figures.overview import RunEvent
 from hunt_ros.report.numbers import measured, plain, rounded
-from hunt_ros.report.overview import RunEvent
 from hunt_ros.report.response import Response
 from hunt_ros.report.result import Result
 from hunt_ros.report.tables import LONG_TABLE, data, folded, not_known, number, table

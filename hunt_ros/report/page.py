@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import Any
 
-from hunt_ros.report.style import palette_css
+from hunt_ros.report.figures.style import palette_css
 
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from hunt_ros.report import listings, tables
+from hunt_ros.report.figures.overview import RunEvent
 from hunt_ros.report.numbers import rounded
-from hunt_ros.report.overview import RunEvent
 from hunt_ros.report.result import Result
 
 Document = Callable[..., dict[str, Any]]

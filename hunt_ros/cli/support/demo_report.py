@@ -37,7 +37,7 @@ def show_results(bag: Path, refitted: Path, folder: Path, view: View) -> None:
     from hunt_ros.dynamics.limit_cycle import limit_cycles
     from hunt_ros.dynamics.parameters import paper_rig
     from hunt_ros.identification import identify
-    from hunt_ros.report.demo_diagram import draw_demo_diagram
+    from hunt_ros.report.figures.demo_diagram import draw_demo_diagram
 
     identified = IdentifiedNormalForm.from_yaml(
         refitted.read_text(encoding='utf-8'), str(refitted)

@@ -16,18 +16,18 @@ from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.errors import IdentificationError
-from hunt_ros.report.branch_lines import bands_of_draws, branch_points, plot_form
 from hunt_ros.report.choice import either_side, four_states
-from hunt_ros.report.cubic import cubic_alone, cubic_amplitude
-from hunt_ros.report.disturbance import disturbance_from_width
-from hunt_ros.report.frequency import hunting_frequencies
-from hunt_ros.report.hysteresis import hysteresis_loop
-from hunt_ros.report.normal_form_diagram import bands_of_document, diagram
-from hunt_ros.report.overview import RunEvent, run_overview, thinned
+from hunt_ros.report.figures.branch_lines import bands_of_draws, branch_points, plot_form
+from hunt_ros.report.figures.cubic import cubic_alone, cubic_amplitude
+from hunt_ros.report.figures.disturbance import disturbance_from_width
+from hunt_ros.report.figures.frequency import hunting_frequencies
+from hunt_ros.report.figures.hysteresis import hysteresis_loop
+from hunt_ros.report.figures.normal_form_diagram import bands_of_document, diagram
+from hunt_ros.report.figures.overview import RunEvent, run_overview, thinned
+from hunt_ros.report.figures.response_panels import response_panels
+from hunt_ros.report.figures.style import journal_style, new_figure
 from hunt_ros.report.response import response_of
-from hunt_ros.report.response_panels import response_panels
 from hunt_ros.report.result import Result
-from hunt_ros.report.style import journal_style, new_figure
 from hunt_ros.samples import Record, Series
 
 Document = Callable[..., dict[str, Any]]

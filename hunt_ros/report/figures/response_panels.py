@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.report import style
+from hunt_ros.report.figures import style
 from hunt_ros.report.numbers import rounded
 from hunt_ros.report.response import Response
 

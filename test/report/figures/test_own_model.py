@@ -10,7 +10,7 @@ import pytest
 from hunt_ros.cli.main import main
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.errors import HuntError
-from hunt_ros.report.own_model import model_diagram, model_of, residuals, sentence, to_json
+from hunt_ros.report.figures.own_model import model_diagram, model_of, residuals, sentence, to_json
 from hunt_ros.report.result import Result
 
 
@@ -59,7 +59,7 @@ def test_it_is_drawn_and_in_the_json(result):
 
 @pytest.mark.slow
 def test_the_limit_cycles_of_a_rig_are_a_model_too(result):
-    path = Path(__file__).parents[2] / 'config' / 'wheelset.yaml'
+    path = Path(__file__).parents[3] / 'config' / 'wheelset.yaml'
     model = model_of(path.read_text(), str(path))
     speed, _ = model.branch(True)
     assert 6.3 < speed[0] < 6.6

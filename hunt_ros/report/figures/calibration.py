@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hunt_ros.drivers.calibration import Calibration
-from hunt_ros.report.style import INK, MUTED, STABLE, frame, journal_style, new_figure
+from hunt_ros.report.figures.style import INK, MUTED, STABLE, frame, journal_style, new_figure
 from hunt_ros.samples import Uncertain
 from hunt_ros.sensors import SENSORS
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.report import style
+from hunt_ros.report.figures import style
 from hunt_ros.samples import NANOSECONDS, Record
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hunt_ros.dynamics.normal_form import NormalForm
-from hunt_ros.report import style
-from hunt_ros.report.hysteresis import measured_points
+from hunt_ros.report.figures import style
+from hunt_ros.report.figures.hysteresis import measured_points
 from hunt_ros.report.result import Result
 
 if TYPE_CHECKING:

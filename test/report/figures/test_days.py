@@ -7,7 +7,7 @@ import pytest
 
 from hunt_ros.analysis.day_spread import DayAmplitude, Hit, branch_by_day
 from hunt_ros.identification.days import Days, DaySummary
-from hunt_ros.report.days import days_apart, days_tables
+from hunt_ros.report.figures.days import days_apart, days_tables
 from hunt_ros.report.result import Result
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import NormalForm
-from hunt_ros.report import style
+from hunt_ros.report.figures import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

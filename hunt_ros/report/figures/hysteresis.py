@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from hunt_ros.report import style
+from hunt_ros.report.figures import style
 from hunt_ros.report.result import Result
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from hunt_ros.analysis.frequency_amplitude import (
 from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.analysis.uniform import uniform
 from hunt_ros.errors import IdentificationError
-from hunt_ros.report import style
+from hunt_ros.report.figures import style
 from hunt_ros.samples import NANOSECONDS, Record
 
 if TYPE_CHECKING:

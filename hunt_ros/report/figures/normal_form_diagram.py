@@ -15,9 +15,9 @@ import numpy as np
 
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import NormalForm
-from hunt_ros.report import style
-from hunt_ros.report.branch_lines import Bands, bands_of_draws, plot_form
-from hunt_ros.report.hysteresis import hysteresis_loop, measured_points
+from hunt_ros.report.figures import style
+from hunt_ros.report.figures.branch_lines import Bands, bands_of_draws, plot_form
+from hunt_ros.report.figures.hysteresis import hysteresis_loop, measured_points
 from hunt_ros.report.result import Result
 
 if TYPE_CHECKING:

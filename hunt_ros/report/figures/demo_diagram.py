@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-from hunt_ros.report import style
-from hunt_ros.report.branch_lines import bands_of_draws, branch_points, plot_form
+from hunt_ros.report.figures import style
+from hunt_ros.report.figures.branch_lines import bands_of_draws, branch_points, plot_form
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hunt_ros.dynamics.normal_form import NormalForm
-from hunt_ros.report import style
-from hunt_ros.report.branch_lines import plot_form
+from hunt_ros.report.figures import style
+from hunt_ros.report.figures.branch_lines import plot_form
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hunt_ros.report import style
+from hunt_ros.report.figures import style
 from hunt_ros.report.numbers import rounded
 from hunt_ros.report.result import Result
 from hunt_ros.report.tables import data, folded, not_known, table

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from hunt_ros.dynamics.limit_cycle import limit_cycles
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import HuntError
-from hunt_ros.report import style
-from hunt_ros.report.hysteresis import measured_points
-from hunt_ros.report.normal_form_diagram import bands_of_document
+from hunt_ros.report.figures import style
+from hunt_ros.report.figures.hysteresis import measured_points
+from hunt_ros.report.figures.normal_form_diagram import bands_of_document
 from hunt_ros.report.numbers import plain
 from hunt_ros.report.result import Result
 

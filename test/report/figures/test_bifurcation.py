@@ -8,7 +8,7 @@ import pytest
 from hunt_ros.dynamics.limit_cycle import Branch, limit_cycles
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.report.bifurcation import (
+from hunt_ros.report.figures.bifurcation import (
     Curve,
     Points,
     bifurcation_diagram,

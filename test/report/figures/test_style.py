@@ -11,7 +11,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from hunt_ros.errors import HuntError
-from hunt_ros.report import style
+from hunt_ros.report.figures import style
 
 
 def drawing() -> Figure:

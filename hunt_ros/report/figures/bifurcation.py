@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from hunt_ros.dynamics.limit_cycle import Branch
 from hunt_ros.dynamics.normal_form import NormalForm
-from hunt_ros.report import style
-from hunt_ros.report.branch_lines import branch_points
+from hunt_ros.report.figures import style
+from hunt_ros.report.figures.branch_lines import branch_points
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

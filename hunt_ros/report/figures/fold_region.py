@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hunt_ros.identification.posterior import QUANTITIES, Posterior
-from hunt_ros.report import style
+from hunt_ros.report.figures import style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
