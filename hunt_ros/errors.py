@@ -20,6 +20,10 @@ class BagError(HuntError):
     """A recording is missing, damaged, empty, or has not the channels asked for."""
 
 
+class MessageError(BagError):
+    """A message of a recording is not as its type says."""
+
+
 class ConfigError(HuntError, ValueError):
     """A parameter, a parameter file or a rig description has an impossible value."""
 

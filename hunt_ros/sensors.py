@@ -12,7 +12,7 @@ To add a sensor, add a line. The detector uses it where its setting `channels` n
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 #: The coordinates of the motion; a sensor's `coordinate` is one of them.
@@ -129,3 +129,11 @@ MOTION: tuple[str, ...] = tuple(sensor.name for sensor in SENSORS)
 #: criteria and the forecast work on a displacement, and an acceleration shows what is fast many
 #: times larger.
 DISPLACEMENTS: tuple[str, ...] = tuple(s.name for s in SENSORS if s.derivative == 0)
+
+#: What the motion of a rig cannot be judged without: one of each.
+NEEDED: tuple[tuple[str, ...], ...] = (('speed',), DISPLACEMENTS)
+
+
+def lacking(channels: Collection[str]) -> list[tuple[str, ...]]:
+    """Return what is needed and is not among these channels: of each tuple one would do."""
+    return [either for either in NEEDED if not set(either) & set(channels)]

@@ -18,7 +18,7 @@ from hunt_ros.bag.channels import Channels, ChannelSource, channel_map
 from hunt_ros.bag.column_buffer import ColumnBuffer
 from hunt_ros.bag.reader import Bag
 from hunt_ros.bag.topic_fields import find_topic, listed, wanted_field
-from hunt_ros.errors import BagError
+from hunt_ros.errors import BagError, MessageError
 from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series
 
 #: Which stamp a column has: that in the message's header (log time where it has none
@@ -106,7 +106,7 @@ def _read_fields(
                 try:
                     found = gather(block, places, plans[plan_key])
                 except ValueError as error:
-                    raise BagError(f'{bag.path}: topic {topic.name}: {error}') from error
+                    raise MessageError(f'{bag.path}: topic {topic.name}: {error}') from error
                 chosen = places.log_ns if stamps == 'log' else found.stamps_ns
                 columns[name].extend(places.log_ns, chosen, found.values)
     return columns

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from hunt_ros.bag.columns import read_record
 from hunt_ros.bag.plausible import wrong_unit
 from hunt_ros.bag.reader import Bag
-from hunt_ros.errors import BagError
+from hunt_ros.errors import BagError, MessageError
 from hunt_ros.samples import CHANNELS, NANOSECONDS
-from hunt_ros.sensors import DISPLACEMENTS
+from hunt_ros.sensors import lacking
 
 #: A pause longer than so many sample intervals, and than `GAP_S`, is a gap.
 GAP_STEPS = 20.0
@@ -35,7 +35,7 @@ class Problem(NamedTuple):
     """
     One thing that is wrong.
 
-    `kind` is one of: not_closed, damaged_file, damaged_chunk, bad_index,
+    `kind` is one of: not_closed, damaged_file, damaged_chunk, damaged_message, bad_index,
     gap, stopped, clock_jump, missing_channel, wrong_unit. `time_s` counts from the
     recording's first stamp, or is None where the problem has no place in time.
     """
@@ -129,20 +129,20 @@ def inspect(
             if stamps.size and start is not None:
                 problems += _in_time(name, stamps, start, end)
         names = {name.rpartition('/')[2] for name, stamps in times.items() if stamps.size}
-        problems += _wrong_units(bag)
+        problems += _measurements(bag)
     if names & set(CHANNELS):
-        if 'speed' not in names:
-            problems.append(Problem('missing_channel', 'no topic speed with messages'))
-        if not names & set(DISPLACEMENTS):
-            either = ' or '.join(DISPLACEMENTS)
-            problems.append(Problem('missing_channel', f'no topic {either} with messages'))
+        for either in lacking(names):
+            text = f'no topic {" or ".join(either)} with messages'
+            problems.append(Problem('missing_channel', text))
     return report
 
 
-def _wrong_units(bag: Bag) -> list[Problem]:
-    """Look at the measurements, where they can be read."""
+def _measurements(bag: Bag) -> list[Problem]:
+    """Read the measurements as every other command would."""
     try:
         record = read_record(bag)
+    except MessageError as error:
+        return [Problem('damaged_message', str(error))]
     except BagError:
         return []  # not those of a rig, or damaged, which is said already
     texts = (wrong_unit(channel, series) for channel, series in record.items())

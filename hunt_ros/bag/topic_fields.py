@@ -77,7 +77,7 @@ def wanted_field(topic: Topic, source: ChannelSource, bag: Bag) -> Wanted:
 
 
 def listed(bag: Bag) -> str:
-    """Return the topics of a recording for a message, the first dozen."""
+    """Return the topics of a recording for a message, the first dozen, or why there are none."""
     names = sorted(bag.topics)
-    shown = ', '.join(names[:12]) or 'no topics'
+    shown = ', '.join(names[:12]) or ': '.join(['no topics', *bag.problems[-1:]])
     return f'{shown} and {len(names) - 12} more' if len(names) > 12 else shown

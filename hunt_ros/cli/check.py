@@ -80,17 +80,18 @@ def run(arguments: argparse.Namespace) -> int:
 def _recorded(
     arguments: argparse.Namespace, rig: Rig
 ) -> tuple[Rig, Record, dict[str, NDArray[np.int64]]]:
-    """Read a recording, and when its messages came; without a rig file it has what it holds."""
+    """Read a recording, and when its messages came; without a rig file, what it holds or lacks."""
     from dataclasses import replace
 
     from hunt_ros.bag import read_columns, read_record
     from hunt_ros.samples import CHANNELS
+    from hunt_ros.sensors import lacking
 
     sources = options.channels_of(arguments, CHANNELS)
     record = read_record(arguments.bag, sources)
     rig.refuse_other(record.notes.get('rig', ''), str(arguments.bag))
     if not arguments.rig:
-        rig = replace(rig, channels=tuple(record))
+        rig = replace(rig, channels=(*record, *(either[0] for either in lacking(record))))
     named = {name: sources.get(name, name) for name in record}
     columns = read_columns(arguments.bag, named, stamps='log')
     arrivals = {

@@ -205,7 +205,7 @@ def records_of(arguments: argparse.Namespace, advance: Advance) -> list[Record]:
     pattern = _pattern(arguments.day)
     records = []
     for count, path in enumerate(arguments.bags):
-        record = check_units(read_record(path, channels))
+        record = check_units(read_record(path, channels, require=('lateral', 'speed')))
         rig.refuse_other(record.notes.get('rig', ''), str(path))
         if pattern is not None:
             found = pattern.search(str(path))

@@ -5,10 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
+from mcap.writer import CompressionType, IndexType
 
-from hunt_ros.bag import write_record
+from hunt_ros.bag import read_record, write_record
 from hunt_ros.bag.inspection import inspect
+from hunt_ros.bag.mcap.format import FOOTER_SIZE, MESSAGE_PREFIX
+from hunt_ros.bag.mcap.walk import walk_file
+from hunt_ros.errors import BagError
 from hunt_ros.samples import Record, Series
+
+
+@pytest.fixture(scope='module')
+def small(new_record, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_record(tmp_path_factory.mktemp('small') / 'run', new_record(seconds=2.0))
 
 
 def kinds(path: Path) -> list[tuple[str, float | None]]:
@@ -67,3 +77,83 @@ def test_events_at_any_time_are_no_gaps(tmp_path: Path) -> None:
         {'lateral': Series(stamps, np.zeros(200)), 'speed': Series(stamps, np.zeros(200))}
     )
     assert kinds(write_record(tmp_path / 'run', record)) == []
+
+
+def rewritten(bag: Path, out: Path, **options) -> None:
+    """Copy a recording by the library of the format, as other recorders write it."""
+    from mcap.reader import make_reader
+    from mcap.writer import Writer
+
+    with (bag / 'run_0.mcap').open('rb') as source, out.open('wb') as target:
+        writer = Writer(target, **options)
+        writer.start('ros2', 'another recorder')
+        channels: dict[str, int] = {}
+        for schema, channel, message in make_reader(source).iter_messages():
+            if channel.topic not in channels:
+                known = writer.register_schema(schema.name, schema.encoding, schema.data)
+                place = writer.register_channel(channel.topic, channel.message_encoding, known)
+                channels[channel.topic] = place
+            key = channels[channel.topic]
+            writer.add_message(key, message.log_time, message.data, message.publish_time)
+        writer.finish()
+
+
+@pytest.mark.parametrize(
+    'options',
+    [
+        {'index_types': IndexType.NONE},
+        {'use_chunking': False},
+        {'repeat_channels': False, 'repeat_schemas': False},
+        {'use_statistics': False, 'compression': CompressionType.LZ4},
+        {'use_statistics': False, 'index_types': IndexType.NONE, 'use_summary_offsets': False},
+        {'compression': CompressionType.NONE, 'enable_crcs': False},
+    ],
+    ids=str,
+)
+def test_a_file_without_an_index_is_sound(small: Path, tmp_path: Path, same, options) -> None:
+    """MCAP leaves index, statistics and repetitions to the recorder: nothing is damaged."""
+    rewritten(small, tmp_path / 'other.mcap', **options)
+    assert kinds(tmp_path / 'other.mcap') == []
+    same(read_record(tmp_path / 'other.mcap'), read_record(small))
+
+
+def test_messages_that_a_file_without_an_index_has_lost_are_missed(small, tmp_path) -> None:
+    """Its statistics say how many there were."""
+    file = tmp_path / 'other.mcap'
+    rewritten(small, file, use_chunking=False)
+    whole = bytearray(file.read_bytes())
+    layout = walk_file(whole)
+    place = int(next(iter(layout.loose.values())).starts[7]) - MESSAGE_PREFIX
+    length = int.from_bytes(whole[place + 1 : place + 9], 'little')
+    del whole[place : place + 9 + length]
+    moved = len(whole) - FOOTER_SIZE + 9
+    begin = int.from_bytes(whole[moved : moved + 8], 'little') - 9 - length
+    whole[moved : moved + 8] = begin.to_bytes(8, 'little')
+    whole[moved + 8 : moved + 16] = bytes(8)
+    whole[-12:-8] = bytes(4)
+    file.write_bytes(whole)
+    (problem,) = inspect(file).problems
+    assert problem.kind == 'damaged_file'
+    assert 'messages are in it' in problem.text
+
+
+def test_what_no_other_command_can_read_is_not_sound(small: Path, tmp_path: Path) -> None:
+    """A recording without checksums, sound as a file, whose message contradicts its type."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    from hunt_ros.bag.record_rows import CHANNEL_FIELDS, serialise
+
+    store, record = get_typestore(Stores.ROS2_JAZZY), read_record(small)
+    with Writer(tmp_path / 'other', version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        for name in ('lateral', 'speed'):
+            kind, series = CHANNEL_FIELDS[name][0], record[name]
+            connection = writer.add_connection(f'/rig/{name}', kind, typestore=store)
+            for row, message in enumerate(serialise(name, series)):
+                cut = name == 'lateral' and row == 9
+                writer.write(
+                    connection, int(series.stamps_ns[row]), bytes(message)[: 20 if cut else None]
+                )
+    with pytest.raises(BagError, match='/rig/lateral'):
+        read_record(tmp_path / 'other')
+    assert [kind for kind, _ in kinds(tmp_path / 'other')] == ['damaged_message']

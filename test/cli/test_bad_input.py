@@ -193,6 +193,24 @@ def test_a_unit_that_is_wrong_or_unknown_is_named(refused, tmp_path, columns, pa
     assert part in refused('import FILE OUT --rate 100', FILE=table)
 
 
+@pytest.mark.parametrize('times', ['0.1 0.1 0.1 0.1 0.2 0.2 0.2 0.2', '3 3 3 3 3 3 3 3'])
+def test_times_that_are_too_coarse_are_named(refused, tmp_path, times) -> None:
+    """As a logger of 5 kHz writes them in milliseconds: most samples would be repeats."""
+    table = tmp_path / 'daq.csv'
+    table.write_text('t,lateral,speed\n' + ''.join(f'{time},0.001,7\n' for time in times.split()))
+    assert 'lateral has 8 values at' in refused('import FILE OUT', FILE=table)
+
+
+def test_channels_that_are_not_there_are_told_with_those_that_are(refused, tmp_path) -> None:
+    stamps = 10**9 + np.arange(300) * 10_000_000
+    record = Record({'yaw': Series(stamps, np.full(300, 1e-3))})
+    bag = write_record(tmp_path / 'yaw', record)
+    for verb in ('replay', 'identify', 'plan', 'report'):
+        line = refused(f'{verb} FILE', FILE=bag)
+        assert 'is not in it, expected a topic named' in line
+        assert 'it has /rig/yaw' in line
+
+
 def test_a_recording_in_millimetres_is_neither_sound_nor_judged(refused, tmp_path, capsys) -> None:
     stamps = 10**9 + np.arange(1000) * 10_000_000
     wave = 84.0 * np.sin(0.18 * np.arange(1000))

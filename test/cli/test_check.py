@@ -134,3 +134,14 @@ def test_a_person_reads_a_line_a_check(check, tmp_path, capsys) -> None:
     out = capsys.readouterr().out
     assert 'lateral rate         200 samples/s' in out
     assert 'roller_diameter_m: 0.4' in out, 'without a rig file the diameter is offered'
+
+
+@pytest.mark.parametrize('lost', ['speed', 'lateral'])
+def test_what_no_rig_can_do_without_fails_also_without_a_rig_file(tmp_path, capsys, lost) -> None:
+    channels = {name: series for name, series in _sound().items() if name != lost}
+    if lost == 'lateral':
+        del channels['yaw']
+    bag = write_record(tmp_path / 'bag', Record(channels))
+    assert main(['check', str(bag)]) == 1
+    (line,) = (x for x in capsys.readouterr().out.splitlines() if x.startswith('fail'))
+    assert line.split()[1] == lost

@@ -97,8 +97,8 @@ def load_record(
     Raises
     ------
     BagError
-        If something named is not there, there are no times, they go backwards, a
-        series is all NaN, or its length is not that of the times.
+        If something named is not there, there are no times, they go backwards or are too
+        coarse, a series is all NaN, or its length is not that of the times.
     """
     mapping = channel_map(channels)
     if Path(path).is_dir() or storage_kind(Path(path)) in STORAGES:
@@ -141,8 +141,14 @@ def _series(
         stamps = NANOSECONDS + np.rint(step * NANOSECONDS).astype(np.int64)
     if stamps.size != values.size:
         raise BagError(f'{path}: {source.source} has {values.size} values for {stamps.size} times')
-    there = np.ma.getdata(values)[~absent]
-    return Series(stamps[~absent], there * source.scale + source.offset)
+    there, stamps = np.ma.getdata(values)[~absent], stamps[~absent]
+    times = np.unique(stamps).size
+    if 2 * times <= there.size and times < there.size:
+        raise BagError(
+            f'{path}: {source.source} has {there.size} values at {times} different times, expected'
+            ' times with more digits, or the sample rate (--rate)'
+        )
+    return Series(stamps, there * source.scale + source.offset)
 
 
 def _stamps(table: Table, time: str | None, path: str | Path) -> NDArray[np.int64]:

@@ -2,8 +2,8 @@
 One MCAP file, opened: its topics, its chunks, and its messages as blocks.
 
 A complete file is read through its summary; a file that was cut short (a recorder
-that was killed) or has no summary is walked from the front, record by record,
-and everything complete in it is there.
+that was killed), or one whose recorder wrote no index, is walked from the front, record by
+record, and everything complete in it is there.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from hunt_ros.bag.blocks import Block, Places, within
 from hunt_ros.bag.compression import expand
 from hunt_ros.bag.mcap import format as fmt
 from hunt_ros.bag.mcap.places import indexed_chunk, walked_places
-from hunt_ros.bag.mcap.walk import Walk, read_summary, walk_file
+from hunt_ros.bag.mcap.walk import NotIndexedError, Walk, read_summary, walk_file
 from hunt_ros.errors import BagError
 
 #: Chunks are gathered together up to this many expanded bytes, so that small ones cost little.
@@ -88,13 +88,19 @@ class McapFile:
         self.metadata = self._layout.metadata
 
     def _open(self) -> Walk:
+        written: dict[int, int] | None = None
         try:
             return read_summary(memoryview(self._map))
+        except NotIndexedError as error:
+            written = error.counts
         except ValueError as error:
             self.problems.append(f'no usable summary: {error}')
         layout = walk_file(memoryview(self._map))
         if layout.problem:
             self.problems.append(layout.problem)
+        elif written is not None and written != dict(layout.counts):
+            there, claimed = sum(layout.counts.values()), sum(written.values())
+            self.problems.append(f'{there} messages are in it, {claimed} by its summary')
         return layout
 
     @property
@@ -178,8 +184,9 @@ class McapFile:
             raise self._damage(chunk, str(error)) from error
 
     def _remark(self, chunk: fmt.Chunk, absent: bool) -> None:
-        # In a file that was cut, the index of the last chunk is not trusted, whole or not.
-        if not (absent and self.problems):
+        # In a file that was cut, the index of the last chunk is not trusted, whole or not;
+        # a file without any was written so.
+        if not (absent and (self.problems or not self._layout.indexes)):
             state = 'no message index' if absent else 'a message index that does not fit'
             self.remarks.append(f'chunk at byte {chunk.offset} has {state}: it was walked through')
 

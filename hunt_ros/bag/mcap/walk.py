@@ -25,6 +25,21 @@ IndexPlace: TypeAlias = tuple[int, int]
 ENTRY_BYTES = 16
 
 
+class NotIndexedError(ValueError):
+    """
+    A sound file whose summary leaves out where the messages are, as MCAP allows.
+
+    Attributes
+    ----------
+    counts : dict of int to int, or None
+        Messages by topic id that were written; None where the summary does not say.
+    """
+
+    def __init__(self, reason: str, counts: dict[int, int] | None = None) -> None:
+        super().__init__(reason)
+        self.counts = counts
+
+
 @dataclass
 class Walk:
     """
@@ -117,8 +132,10 @@ def read_summary(data: bytes | memoryview) -> Walk:
 
     Raises
     ------
+    NotIndexedError
+        If there is none, or it does not tell where the messages are.
     ValueError
-        If there is none, it is damaged, or it does not tell where the messages are.
+        If it is damaged.
     """
     size = len(data)
     footer = size - fmt.FOOTER_SIZE
@@ -129,8 +146,10 @@ def read_summary(data: bytes | memoryview) -> Walk:
     start, _, crc = fields.u64(), fields.u64(), fields.u32()
     if opcode != fmt.FOOTER or length != 20:
         raise ValueError('the footer is damaged')
+    if start == 0:
+        raise NotIndexedError('it has no summary section')
     if not len(fmt.MAGIC) <= start < footer:
-        raise ValueError('it has no summary section')
+        raise ValueError(f'the summary is said to be at byte {start}, behind the end')
     # The CRC covers the summary and the footer up to the CRC itself.
     if crc and zlib.crc32(data[start : size - 12]) != crc:
         raise ValueError('the CRC of the summary does not fit')
@@ -159,14 +178,17 @@ def _check_summary(walk: Walk, statistics: fmt.Statistics | None) -> None:
         for channel, (_, count) in places.items():
             indexed[channel] += count
     if statistics is None:
-        raise ValueError('the summary has no statistics')
+        raise NotIndexedError('the summary has no statistics')
     counted = {key: count for key, count in statistics.per_channel.items() if count}
+    reason = ''
     if statistics.chunks != len(walk.chunks):
-        raise ValueError(f'the summary names {len(walk.chunks)} of {statistics.chunks} chunks')
-    if counted != dict(indexed):
-        raise ValueError('the message indexes do not hold as many messages as were written')
-    if not set(indexed) <= set(walk.channels):
-        raise ValueError('the summary does not describe every topic')
+        reason = f'the summary names {len(walk.chunks)} of {statistics.chunks} chunks'
+    elif counted != dict(indexed):
+        reason = 'the message indexes do not hold as many messages as were written'
+    elif not set(indexed) <= set(walk.channels):
+        reason = 'the summary does not describe every topic'
+    if reason:
+        raise NotIndexedError(reason, counted)
     walk.counts = indexed
     walk.chunks.sort(key=lambda chunk: chunk.offset)
 
