@@ -1,4 +1,9 @@
-"""The normal form from recordings, with intervals."""
+"""
+The normal form from recordings, with intervals.
+
+`identify` is the order of the work: `record` (what the recordings consist of), `fit` and what it
+needs (the growth law), `uncertainty` and `posterior`, `verdict` (what may be said), `result`.
+"""
 
 from hunt_ros.identification.identify import identify, update
 from hunt_ros.identification.result import Identification

@@ -25,9 +25,9 @@ from hunt_ros.analysis.day_spread import (
 )
 from hunt_ros.analysis.steady_state import SteadyState, observed_critical_speeds
 from hunt_ros.dynamics.normal_form import Criticality
-from hunt_ros.identification.envelope import Envelope
-from hunt_ros.identification.observed import resolved
-from hunt_ros.identification.segments import Segment
+from hunt_ros.identification.record.envelope import Envelope
+from hunt_ros.identification.record.observed import resolved
+from hunt_ros.identification.record.segments import Segment
 from hunt_ros.samples import NANOSECONDS, Record
 
 #: Stamps before this are seconds of a run, not dates (2000-01-01), ns.

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.errors import IdentificationError
-from hunt_ros.identification.segments import Segment
+from hunt_ros.identification.record.segments import Segment
 
 #: Detunings at which the paper takes its four amplitudes.
 PAPER_DETUNINGS: tuple[float, ...] = (-0.2, -0.1, 0.0, 0.1)

@@ -19,39 +19,39 @@ from hunt_ros.analysis.steady_state import (
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import IdentificationError
 from hunt_ros.estimation.record_lines import RecordLines, turns_per_metre
-from hunt_ros.identification.beat import without_beat
-from hunt_ros.identification.channels import Channels
-from hunt_ros.identification.conclusions import Evidence, conclude
-from hunt_ros.identification.envelope import (
+from hunt_ros.identification.fit import fit_laws
+from hunt_ros.identification.growth_law import GrowthScales
+from hunt_ros.identification.path import Path
+from hunt_ros.identification.record.beat import without_beat
+from hunt_ros.identification.record.channels import Channels
+from hunt_ros.identification.record.envelope import (
     WINDOW_CYCLES,
     WINDOW_OVERLAP,
     WINDOW_REACH,
     WINDOW_VARIANCE,
     Envelope,
 )
-from hunt_ros.identification.fit import fit_laws
-from hunt_ros.identification.growth_law import GrowthScales
-from hunt_ros.identification.hunting_frequency import (
+from hunt_ros.identification.record.hunting_frequency import (
     find_frequency,
     lines_of,
     tracked_envelope,
 )
-from hunt_ros.identification.mode import measured_shape
-from hunt_ros.identification.path import Path
-from hunt_ros.identification.plateaus import analyse_record
-from hunt_ros.identification.result import Identification
-from hunt_ros.identification.screening import (
+from hunt_ros.identification.record.mode import measured_shape
+from hunt_ros.identification.record.plateaus import analyse_record
+from hunt_ros.identification.record.screening import (
     above_noise,
     distinct,
     doubts,
     free_of_contact,
     moving,
 )
-from hunt_ros.identification.segments import Segment
+from hunt_ros.identification.record.segments import Segment
+from hunt_ros.identification.record.stops import ignoring, measuring
+from hunt_ros.identification.record.turning import is_assumed, lines_above, with_angle
+from hunt_ros.identification.result import Identification
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.identification.stops import ignoring, measuring
-from hunt_ros.identification.turning import is_assumed, lines_above, with_angle
 from hunt_ros.identification.uncertainty import ENOUGH_RUNS
+from hunt_ros.identification.verdict.conclusions import Evidence, conclude
 from hunt_ros.samples import Record
 
 #: Length of the blocks of a run that stand in for runs, s.

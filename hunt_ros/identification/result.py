@@ -17,10 +17,10 @@ from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, Criticality
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.days import Days
-from hunt_ros.identification.envelope import Envelope
 from hunt_ros.identification.four_point import FourPoint
 from hunt_ros.identification.posterior import QUANTITIES, BranchName, Posterior
-from hunt_ros.identification.segments import Segment
+from hunt_ros.identification.record.envelope import Envelope
+from hunt_ros.identification.record.segments import Segment
 from hunt_ros.identification.silence import lines_of, reason_in
 from hunt_ros.samples import Record, Uncertain
 

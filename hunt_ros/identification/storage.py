@@ -24,12 +24,12 @@ from hunt_ros.dynamics.mode_shape import ModeShape
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.errors import HuntError, IdentificationError
 from hunt_ros.identification.days import Days, DaySummary
-from hunt_ros.identification.envelope import Envelope
 from hunt_ros.identification.four_point import FourPoint
 from hunt_ros.identification.growth_law import GrowthLaw, GrowthScales
 from hunt_ros.identification.posterior import Posterior
+from hunt_ros.identification.record.envelope import Envelope
+from hunt_ros.identification.record.segments import Segment
 from hunt_ros.identification.result import BranchPoint, FitSummary, Identification
-from hunt_ros.identification.segments import Segment
 from hunt_ros.samples import Uncertain
 
 #: Version of the file: another one is refused.

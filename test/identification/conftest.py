@@ -31,8 +31,8 @@ from hunt_ros.identification.growth_law import (
 )
 from hunt_ros.identification.normal_form_map import from_normal_form
 from hunt_ros.identification.posterior import Posterior
-from hunt_ros.identification.quantities import Quantities
 from hunt_ros.identification.result import FitSummary
+from hunt_ros.identification.verdict.quantities import Quantities
 from hunt_ros.samples import Record, Series
 
 ORIGIN_NS = 1_700_000_000_000_000_000

@@ -11,8 +11,8 @@ from hunt_ros.identification import IdentificationSettings, identify
 from hunt_ros.identification.fit import DEPARTURES, _evidence, fit_laws
 from hunt_ros.identification.growth_law import QUINTIC
 from hunt_ros.identification.identify import _envelopes, _path, _usable
-from hunt_ros.identification.lack_of_fit import lack_of_fit, missed_transients
 from hunt_ros.identification.uncertainty import draw_laws, robust_covariance, summary
+from hunt_ros.identification.verdict.lack_of_fit import lack_of_fit, missed_transients
 
 SETTINGS = IdentificationSettings()
 

@@ -7,7 +7,7 @@ from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.four_point import at_detunings, four_point
-from hunt_ros.identification.segments import Segment
+from hunt_ros.identification.record.segments import Segment
 
 
 def radii(eps):

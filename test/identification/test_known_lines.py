@@ -17,8 +17,8 @@ from hunt_ros.dynamics.simulation_settings import (
 )
 from hunt_ros.errors import ConfigError
 from hunt_ros.identification import IdentificationSettings, identify
-from hunt_ros.identification.channels import channels_of
-from hunt_ros.identification.turning import follow_lines, with_angle
+from hunt_ros.identification.record.channels import channels_of
+from hunt_ros.identification.record.turning import follow_lines, with_angle
 from hunt_ros.samples import Record, Series
 
 SEEDS = range(3)

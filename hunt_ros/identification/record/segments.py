@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from hunt_ros.analysis.steady_state import standard_error
-from hunt_ros.identification.channels import Channels
-from hunt_ros.identification.envelope import WINDOW_CYCLES, Envelope
+from hunt_ros.identification.record.channels import Channels
+from hunt_ros.identification.record.envelope import WINDOW_CYCLES, Envelope
 
 Kind = Literal['plateau', 'ramp', 'kick', 'transient', 'gap']
 

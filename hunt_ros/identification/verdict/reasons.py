@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from hunt_ros.dynamics.normal_form import COEFFICIENTS
 from hunt_ros.identification.days import Days
-from hunt_ros.identification.guards import Support
 from hunt_ros.identification.result import Identification
+from hunt_ros.identification.verdict.guards import Support
 
 _FEW_DRAWS = 'too few of the laws that the data allow have one'
 

@@ -14,26 +14,26 @@ from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import COEFFICIENTS
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.days import by_day
-from hunt_ros.identification.envelope import Envelope
 from hunt_ros.identification.fit import FittedLaw
 from hunt_ros.identification.four_point import FourPoint, at_detunings, four_point
 from hunt_ros.identification.growth_law import GrowthScales
-from hunt_ros.identification.guards import support_of
-from hunt_ros.identification.lack_of_fit import (
+from hunt_ros.identification.posterior import Posterior
+from hunt_ros.identification.record.envelope import Envelope
+from hunt_ros.identification.record.observed import bounded, resolved
+from hunt_ros.identification.record.segments import Segment
+from hunt_ros.identification.result import GIVEN, PAPERS, FitSummary, Identification
+from hunt_ros.identification.settings import IdentificationSettings
+from hunt_ros.identification.silence import unknown_of
+from hunt_ros.identification.uncertainty import critical_speed_bound, draw_laws, robust_covariance
+from hunt_ros.identification.verdict.guards import support_of
+from hunt_ros.identification.verdict.lack_of_fit import (
     contradictions,
     misfit_of,
     missed_transients,
 )
-from hunt_ros.identification.observed import bounded, resolved
-from hunt_ros.identification.posterior import Posterior
-from hunt_ros.identification.pure_error import LackOfFit
-from hunt_ros.identification.quantities import Quantities
-from hunt_ros.identification.reasons import reasons_of
-from hunt_ros.identification.result import GIVEN, PAPERS, FitSummary, Identification
-from hunt_ros.identification.segments import Segment
-from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.identification.silence import unknown_of
-from hunt_ros.identification.uncertainty import critical_speed_bound, draw_laws, robust_covariance
+from hunt_ros.identification.verdict.pure_error import LackOfFit
+from hunt_ros.identification.verdict.quantities import Quantities
+from hunt_ros.identification.verdict.reasons import reasons_of
 from hunt_ros.samples import Record, Uncertain
 
 #: Logarithm of a noise intensity, in units of A_ref^2 / s, below which there is none to see.

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification import identify
-from hunt_ros.identification.stops import end_of_range, measuring
+from hunt_ros.identification.record.stops import end_of_range, measuring
 from hunt_ros.samples import Record, Series
 
 RATE = 200.0

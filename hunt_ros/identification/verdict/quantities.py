@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import COEFFICIENTS
-from hunt_ros.identification.guards import Support
 from hunt_ros.identification.normal_form_map import normal_form_of
 from hunt_ros.identification.posterior import QUANTITIES, Posterior, amplitude_at, normal_scores
 from hunt_ros.identification.result import BranchPoint
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.uncertainty import summary
+from hunt_ros.identification.verdict.guards import Support
 from hunt_ros.samples import Uncertain
 
 #: Step that spreads points evenly over an interval, however many there are.

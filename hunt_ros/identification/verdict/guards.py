@@ -17,9 +17,9 @@ import numpy as np
 from hunt_ros.analysis.steady_state import SteadyState, hunting_threshold
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.identification.days import free_motion, highest_decay
-from hunt_ros.identification.envelope import Envelope
 from hunt_ros.identification.fit import FittedLaw
-from hunt_ros.identification.segments import Segment
+from hunt_ros.identification.record.envelope import Envelope
+from hunt_ros.identification.record.segments import Segment
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.uncertainty import robust_covariance
 

@@ -2,11 +2,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from hunt_ros.identification.beat import without_beat
-from hunt_ros.identification.channels import channels_of
-from hunt_ros.identification.hunting_frequency import find_frequency, tracked_envelope
-from hunt_ros.identification.plateaus import analyse_record
-from hunt_ros.identification.segments import speed_holds, steady_part
+from hunt_ros.identification.record.beat import without_beat
+from hunt_ros.identification.record.channels import channels_of
+from hunt_ros.identification.record.hunting_frequency import find_frequency, tracked_envelope
+from hunt_ros.identification.record.plateaus import analyse_record
+from hunt_ros.identification.record.segments import speed_holds, steady_part
 from hunt_ros.identification.settings import IdentificationSettings
 
 SETTINGS = IdentificationSettings()

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.analysis.steady_state import hunting_threshold
-from hunt_ros.identification.envelope import Envelope
-from hunt_ros.identification.segments import runs
+from hunt_ros.identification.record.envelope import Envelope
+from hunt_ros.identification.record.segments import runs
 
 
 def mean_growth(envelope: Envelope, start: int, end: int) -> tuple[float, float]:

@@ -14,9 +14,9 @@ from dataclasses import replace
 import numpy as np
 
 from hunt_ros.errors import IdentificationError
-from hunt_ros.identification.channels import Channels, channels_of
-from hunt_ros.identification.envelope import Envelope
-from hunt_ros.identification.hunting_frequency import find_frequency
+from hunt_ros.identification.record.channels import Channels, channels_of
+from hunt_ros.identification.record.envelope import Envelope
+from hunt_ros.identification.record.hunting_frequency import find_frequency
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import Record
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from hunt_ros.errors import IdentificationError
 from hunt_ros.estimation.record_lines import RecordLines
-from hunt_ros.identification.channels import Channels
-from hunt_ros.identification.envelope import Envelope, envelope_of
+from hunt_ros.identification.record.channels import Channels
+from hunt_ros.identification.record.envelope import Envelope, envelope_of
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import NANOSECONDS, Record, Series
 

@@ -24,9 +24,9 @@ from hunt_ros.analysis.steady_state import (
     mean_of_maxima,
     standard_error,
 )
-from hunt_ros.identification.channels import Channels
-from hunt_ros.identification.envelope import Envelope
-from hunt_ros.identification.segments import (
+from hunt_ros.identification.record.channels import Channels
+from hunt_ros.identification.record.envelope import Envelope
+from hunt_ros.identification.record.segments import (
     Kind,
     Segment,
     find_kicks,
@@ -34,8 +34,8 @@ from hunt_ros.identification.segments import (
     speed_holds,
     steady_part,
 )
+from hunt_ros.identification.record.transients import find_transients, mean_growth
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.identification.transients import find_transients, mean_growth
 
 #: Relative error of an amplitude from which the beat with the roughness is not removed.
 _LOCKED = 0.02

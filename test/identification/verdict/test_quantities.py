@@ -8,8 +8,8 @@ from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.identification.growth_law import GrowthLaw, GrowthScales, lawful
 from hunt_ros.identification.normal_form_map import from_normal_form
 from hunt_ros.identification.posterior import Posterior
-from hunt_ros.identification.quantities import Quantities
 from hunt_ros.identification.settings import IdentificationSettings
+from hunt_ros.identification.verdict.quantities import Quantities
 
 SCALES = GrowthScales(7.4, 7e-4, 0.0485, 1.0 / 25.91, 2.84)
 LAW = GrowthLaw(lawful(from_normal_form(PAPER_NORMAL_FORM, SCALES)), SCALES)

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.identification.envelope import Envelope
+from hunt_ros.identification.record.envelope import Envelope
 
 #: Half the span of the local fit, in steps of the envelope.
 _REACH = 12

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled
-from hunt_ros.identification.channels import Channels
+from hunt_ros.identification.record.channels import Channels
 from hunt_ros.identification.settings import IdentificationSettings
 
 #: Length of the window and distance of the outputs, in cycles of the hunting mode.

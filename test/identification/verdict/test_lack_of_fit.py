@@ -12,8 +12,8 @@ from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.identification import identify
 from hunt_ros.identification.growth_law import GrowthLaw, GrowthScales, lawful
-from hunt_ros.identification.lack_of_fit import lack_of_fit
 from hunt_ros.identification.normal_form_map import from_normal_form
+from hunt_ros.identification.verdict.lack_of_fit import lack_of_fit
 from hunt_ros.samples import Record, Series
 
 SCALES = GrowthScales(7.4, 7e-4, 0.0485, 1.0 / 25.91, 2.84)

@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.estimation.turning import continuous
-from hunt_ros.identification.channels import Channels
+from hunt_ros.identification.record.channels import Channels
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import NANOSECONDS, Record, Series
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from hunt_ros.errors import IdentificationError
-from hunt_ros.identification.channels import channels_of
-from hunt_ros.identification.envelope import envelope_of
-from hunt_ros.identification.hunting_frequency import find_frequency, tracked_envelope
+from hunt_ros.identification.record.channels import channels_of
+from hunt_ros.identification.record.envelope import envelope_of
+from hunt_ros.identification.record.hunting_frequency import find_frequency, tracked_envelope
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import Record, Series
 
