@@ -24,6 +24,7 @@ from hunt_ros.errors import HuntError
 #: Longer than an hour of samples takes on a slow machine, s.
 _LONGEST_S = 600.0
 _NOT_IN_FORCE = 'normal_form_reverted'
+GONE = 'is not in the folder any more: moved, renamed or deleted'
 
 #: Name, size and time of change of each file: what is read once is read again when it changes.
 _State = tuple[tuple[str, int, int], ...]
@@ -104,6 +105,22 @@ class Recordings:
                     return _report(path)
         return None
 
+    def to_play(self, name: str) -> dict[str, str] | None:
+        """
+        Return what a replay of a recording is told of it; None where it is not there.
+
+        Returns
+        -------
+        dict or None
+            `recording` and `form`: paths; '' where no normal form rests on it.
+        """
+        with suppress(OSError):
+            for path in self._paths():
+                if path.name == name:
+                    form = self._newest_form(name, list(self._known_forms()))
+                    return {'recording': str(path), 'form': str(form or '')}
+        return None
+
     def close(self) -> None:
         """End the reading."""
         with self._lock:
@@ -127,9 +144,8 @@ class Recordings:
         if path.name.endswith(ACTIVE):
             told = 'is being recorded now, or was not closed: hunt info says which'
             return row | {'state': 'open', 'problem': told}
-        own = [form for form in forms if _word(path.name) in form.names]
-        if own:
-            newest = max(own, key=lambda form: form.changed_ns).path
+        newest = self._newest_form(path.name, forms)
+        if newest is not None:
             where = str(newest.relative_to(self.directory))
             for name, speed in self._known(newest, todo).items():
                 row[name] = speed and {**speed, 'form': where}
@@ -137,6 +153,11 @@ class Recordings:
         if not read:
             return row | {'state': 'reading'}
         return row | read | {'state': 'damaged' if read['problem'] else 'read'}
+
+    def _newest_form(self, name: str, forms: list[_Form]) -> Path | None:
+        """Return the newest of the forms that rest on a recording."""
+        own = [form for form in forms if _word(name) in form.names]
+        return max(own, key=lambda form: form.changed_ns).path if own else None
 
     def _known(self, path: Path, todo: list[Path]) -> dict[str, Any]:
         """Return what was read; {}, and one more to do, where that is not known or has changed."""
@@ -207,8 +228,7 @@ _NOTHING: dict[str, Any] = {
 def _gone(name: str, read: tuple[_State, dict[str, Any]] | None) -> dict[str, Any]:
     """Return the row of a recording that was there, and is not any more."""
     known = {**_NOTHING, **(read[1] if read else {}), 'name': name, 'state': 'gone'}
-    told = 'is not in the folder any more: moved, renamed or deleted'
-    return {**known, 'v_c': None, 'v_n': None, 'report': '', 'problem': told}
+    return {**known, 'v_c': None, 'v_n': None, 'report': '', 'problem': GONE}
 
 
 def _holds_files(path: Path) -> bool:

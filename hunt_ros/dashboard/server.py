@@ -18,10 +18,12 @@ import asyncio
 import contextlib
 import hashlib
 import json
+import math
 import os
+import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from importlib.resources import files
 from pathlib import Path
@@ -36,7 +38,7 @@ from bokeh.util.paths import bokehjs_path
 
 from hunt_ros.dashboard.access import COMMAND, VIEW, Access, same_origin
 from hunt_ros.dashboard.figures import figure_items
-from hunt_ros.dashboard.recordings import Recordings
+from hunt_ros.dashboard.recordings import GONE, Recordings
 from hunt_ros.dashboard.view import View, changes
 from hunt_ros.errors import ConfigError
 from hunt_ros.report.figures.style import palette_css
@@ -44,6 +46,12 @@ from hunt_ros.report.figures.style import palette_css
 #: A viewer that has not taken an update for so long is dropped, s.
 _STALLED_S = 3.0
 _MOST_VIEWERS = 40
+#: Each is a process with the numerics of a detector.
+_MOST_REPLAYS = 4
+#: The viewer of a replay hears so often how the rig is now, and that the server is there, s.
+_HEARTBEAT_S = 0.25
+#: The first picture of a replay is its longest line, bytes.
+_LONGEST_LINE = 2**24
 #: After a wrong token, s: trying all of them takes for ever.
 _WRONG_TOKEN_S = 1.0
 _COOKIE_DAYS = 30.0
@@ -118,6 +126,7 @@ class PageServer:
         #: A page of another version reloads itself.
         self.version = hashlib.sha256(whole).hexdigest()[:12]
         self.viewers: set[_Viewer] = set()
+        self.replays: set[_Replay] = set()
         self.dropped = 0
         self.failure = ''
         self._view = View()
@@ -158,8 +167,13 @@ class PageServer:
         started.set_result(None)
         try:
             self._loop.run_forever()
-            for viewer in list(self.viewers):
+            played = [replay.task for replay in self.replays]
+            open_pages: list[_Viewer | _Replay] = [*self.viewers, *self.replays]
+            for viewer in open_pages:
                 viewer.close(1001, 'the server ends')
+                viewer.on_close()
+            if played:  # their processes are being killed
+                self._loop.run_until_complete(asyncio.wait(played, timeout=2.0))
             self._loop.run_until_complete(asyncio.sleep(0.05))
         finally:
             self._loop.close()
@@ -170,6 +184,8 @@ class PageServer:
         application = tornado.web.Application(
             [
                 (r'/', _Page, {'name': 'index.html'}),
+                (r'/replay', _Page, {'name': 'index.html'}),
+                (r'/played', _Replay),
                 (r'/recordings', _Page, {'name': 'recordings.html'}),
                 (r'/recordings\.json', _Listing),
                 (r'/report/([^/]+)', _Report),
@@ -413,3 +429,121 @@ class _Viewer(_Handler, tornado.websocket.WebSocketHandler):
         self.page.dropped += 1
         self.page.viewers.discard(self)
         self.close(1008, 'stalled')  # which it will not take either: tornado cuts it soon
+
+
+class _Replay(_Handler, tornado.websocket.WebSocketHandler):
+    """
+    A page that shows a recording: what a process of its own plays (`player`), and the rig now.
+
+    The process ends with the connection. A page that takes its updates slowly slows its own
+    replay down, and nothing else.
+    """
+
+    def prepare(self) -> None:
+        super().prepare()
+        if self._finished:
+            return
+        if not self.right:
+            self.refuse(401, 'a token is needed')
+
+    def check_origin(self, origin: str) -> bool:
+        return same_origin(origin, self.request.host)
+
+    def open(self, *arguments: str, **keywords: str) -> None:
+        self._child: asyncio.subprocess.Process | None = None
+        self._closed = False
+        about = {'version': self.page.version, 'right': self.right}
+        self.write_message(json.dumps({'about': about}))
+        self.task = asyncio.ensure_future(self._play(self.get_argument('recording', '')))
+
+    def on_message(self, message: str | bytes) -> None:
+        """Hand an order of the viewer on."""
+        order = _order(message)
+        if order and self._child is not None and self._child.stdin is not None:
+            self._child.stdin.write(json.dumps(order).encode() + b'\n')
+
+    def on_close(self) -> None:
+        self._closed = True
+        self.page.replays.discard(self)
+        if self._child is not None:
+            with contextlib.suppress(ProcessLookupError):
+                self._child.kill()
+
+    async def _play(self, name: str) -> None:
+        """Send what the process prints, until it ends or nobody looks any more."""
+        loop = asyncio.get_running_loop()
+        found = await loop.run_in_executor(None, self.page.recordings.to_play, name)
+        if found is None:
+            await self._fail(name, GONE)
+        elif len(self.page.replays) >= _MOST_REPLAYS:
+            await self._fail(name, f'{_MOST_REPLAYS} replays run already: close one of them')
+        elif not self._closed:
+            self.page.replays.add(self)
+            said = await self._run(found)
+            if said and not self._closed:
+                await self._fail(name, f'the replay has ended: {said}')
+
+    async def _run(self, found: Mapping[str, str]) -> str:
+        """Play a recording; return why the process ended, '' where it has said so itself."""
+        order = {**found, **_order(self.get_argument('order', ''))}
+        self._child = child = await asyncio.create_subprocess_exec(
+            sys.executable, '-m', 'hunt_ros.dashboard.player',
+            stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE, limit=_LONGEST_LINE,
+        )  # fmt: skip
+        assert child.stdin is not None
+        assert child.stdout is not None
+        assert child.stderr is not None
+        if self._closed:
+            child.kill()
+        child.stdin.write(json.dumps(order).encode() + b'\n')
+        wrong = asyncio.ensure_future(child.stderr.read())
+        reading = asyncio.ensure_future(child.stdout.readline())
+        told_s = 0.0
+        while True:
+            done, _ = await asyncio.wait({reading}, timeout=_HEARTBEAT_S)
+            line = reading.result() if done else b''
+            if done and not line:
+                break
+            if time.monotonic() - told_s >= _HEARTBEAT_S:
+                told_s = time.monotonic()
+                await self._send(self._present())
+            if done:
+                await self._send(line)
+                reading = asyncio.ensure_future(child.stdout.readline())
+        await child.wait()
+        last = (await wrong).decode(errors='replace').strip().splitlines()
+        if not child.returncode:
+            return ''
+        return last[-1] if last else f'exit code {child.returncode}'
+
+    def _present(self) -> bytes:
+        """Return what is true of the rig now, beside the recording."""
+        now = self.page.view.sections.get('status')
+        live = now.data if now is not None else None
+        return json.dumps({'sections': {'now': live}, 'streams': {}}).encode()
+
+    async def _send(self, data: bytes) -> None:
+        with contextlib.suppress(tornado.websocket.WebSocketClosedError):
+            await self.write_message(data)
+
+    async def _fail(self, name: str, why: str) -> None:
+        """Say why there is nothing, or nothing more; the page does not try again by itself."""
+        failed = {'name': name[:200], 'problem': why, 'reading': False}
+        await self._send(json.dumps({'sections': {'replay': failed}, 'streams': {}}).encode())
+
+
+_ORDERS = ('rate', 'playing', 'at_s')
+
+
+def _order(message: str | bytes) -> dict[str, float | bool]:
+    """Return what a viewer orders of its replay; {} where that is nothing of the kind."""
+    try:
+        asked = json.loads(message)
+        return {
+            name: bool(asked[name]) if name == 'playing' else float(asked[name])
+            for name in _ORDERS
+            if name in asked and math.isfinite(float(asked[name]))
+        }
+    except (ValueError, TypeError, KeyError):
+        return {}

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import shutil
+import urllib.parse
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -15,6 +17,7 @@ _CHROMIUM = next(
 )
 pytestmark = pytest.mark.skipif(not _CHROMIUM, reason='no Chromium here: apt install chromium')
 
+BAG = Path(__file__).parents[2] / 'bags' / 'kick_escapes'
 #: The point of the diagram, in the data of BokehJS.
 _POINT = "() => { const s = source('diagram', 'point').data; return [s.v[0], s.a[0]]; }"
 
@@ -167,3 +170,58 @@ def test_day_and_night_differ_in_figures_and_words(page) -> None:
         )
         page.click('#scheme')
     assert len(colours) == 2
+
+
+def replay_of(page, live, name: str) -> None:
+    page.goto(f'{live.url}replay?{urllib.parse.urlencode({"recording": name})}')
+
+
+def test_a_recording_is_replayed_into_the_same_view_and_the_rig_is_not_touched(page, live) -> None:
+    shutil.copytree(BAG, live.folder / 'a run')
+    page.goto(live.url + 'recordings')
+    page.click('td a >> text=replay')
+    page.wait_for_url('**/replay?*')
+    page.wait_for_function("() => !byId('playing').disabled")
+    page.select_option('#rate', '20')
+    # The blow of this recording comes at 10 s: quiet before it, hunting after it.
+    page.wait_for_function("() => byId('events').textContent.includes('limit cycle')")
+    shutil.rmtree(live.folder / 'a run')  # it was read: what becomes of it does not matter
+    page.wait_for_function("() => source('diagram', 'stable').data.v.length > 50")
+    assert page.inner_text('#now').endswith('WARN quiet'), 'how the rig is, beside the recording'
+    page.wait_for_function('() => !sections.replay.playing')  # at its end
+    page.fill('#at', '5')
+    page.wait_for_function('() => sections.replay.at_s === 5')
+    word(page, 'WARN')
+    assert page.inner_text('#events ol').count('limit cycle') == 0, 'not yet at this moment'
+    page.fill('#at', '25')
+    page.wait_for_function('() => sections.replay.at_s === 25')
+    word(page, 'ERROR')
+    page.wait_for_function(f'() => {{ const p = ({_POINT})(); return p[0] > 7.1 && p[1] > 0.5; }}')
+    assert not page.is_visible('#controls')
+    page.keyboard.press('Escape')
+    page.wait_for_function("() => byId('answer').className === 'done'")
+    assert live.calls == [('emergency-stop', '')], 'the stop of the rig, and nothing else'
+    assert page.errors == []
+
+
+def test_a_recording_that_vanished_is_one_message_and_no_replay(page, live) -> None:
+    replay_of(page, live, 'gone')
+    page.wait_for_function("() => byId('why').textContent.includes('not in the folder any more')")
+    assert page.inner_text('#why').startswith('gone: ')
+    assert page.is_disabled('#playing')
+    assert not page.is_visible('#link')
+    damaged = live.folder / 'cut.mcap'
+    damaged.write_bytes(b'no recording')
+    replay_of(page, live, 'cut.mcap')
+    page.wait_for_function("() => byId('why').textContent.startsWith('cut.mcap: ')")
+
+
+def test_the_page_of_a_replay_fits_every_width(page, live) -> None:
+    shutil.copytree(BAG, live.folder / 'run')
+    replay_of(page, live, 'run')
+    page.wait_for_function("() => !byId('playing').disabled")
+    for width, height in ((390, 844), (1280, 800), (1920, 1080)):
+        page.set_viewport_size({'width': width, 'height': height})
+        assert page.evaluate('() => document.documentElement.scrollWidth <= innerWidth')
+        box = page.locator('#emergency').bounding_box()
+        assert box['y'] + box['height'] <= height

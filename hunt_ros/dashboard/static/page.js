@@ -13,6 +13,9 @@ const meta = (name) => document.querySelector(`meta[name="hunt-${name}"]`).conte
 const sections = {};
 const streams = {};
 const figures = {};
+// A replay shows a recording, and commands nothing but the emergency stop of the rig.
+const isReplay = location.pathname.endsWith('/replay');
+const recording = new URLSearchParams(location.search).get('recording') || '';
 let socket = null;
 let heardMs = -Infinity;
 let dirty = new Set();
@@ -24,13 +27,14 @@ let figuresMs = 0;         // not before this: a slow browser draws fewer pictur
 
 function connect() {
   const scheme = location.protocol === 'https:' ? 'wss:' : 'ws:';
-  const mine = new WebSocket(`${scheme}//${location.host}/live`);
+  const mine = new WebSocket(`${scheme}//${location.host}/${isReplay ? replayAddress() : 'live'}`);
   const begunMs = performance.now();
   let over = false;
   socket = mine;
   const again = () => {
     if (over) return;
     over = true;
+    if (isReplay && sections.replay && sections.replay.problem) return;   // it has said why
     setTimeout(connect, RECONNECT_MS);
   };
   mine.onmessage = (event) => {
@@ -81,13 +85,15 @@ const lost = () => performance.now() - heardMs > LOST_MS;
 function watchLink() {
   const silentMs = performance.now() - heardMs;
   let link = 'up';
-  if (lost()) {
+  if (isReplay && sections.replay && sections.replay.problem) {
+    showLevel('STALE', 'no replay', `${sections.replay.name}: ${sections.replay.problem}`, '');
+  } else if (lost()) {
     link = 'lost';
     const since = Number.isFinite(silentMs) ? ` for ${Math.round(silentMs / 1000)} s` : '';
     byId('link').textContent = `NO CONNECTION TO THE SERVER${since}: nothing here is up to date`;
     document.title = 'NO CONNECTION';
     showLevel('STALE', 'no connection', 'This page has lost its server.', '');
-  } else if (sections.status && sections.status.silent) {
+  } else if (!isReplay && sections.status && sections.status.silent) {
     link = 'silent';
     byId('link').textContent = 'THE DETECTOR IS SILENT: nothing here is up to date';
   }
@@ -146,7 +152,7 @@ const WORDS = {
     if (status.absent) more.push(status.absent);
     showLevel(status.level, status.silent ? 'no word from the detector' : `${status.state}, ${region}`, reasons[0], more.join('; '));
     document.body.dataset.alarm = status.alarm ? '1' : '';
-    document.title = `${status.level} ${status.state}`;
+    document.title = `${isReplay ? 'REPLAY ' : ''}${status.level} ${status.state}`;
     set('clock', when(status.stamp_s));
   },
   numbers(tiles) {
@@ -206,6 +212,12 @@ const WORDS = {
   },
   diagram(diagram) { set('form', diagram ? `(${diagram.words})` : '(the normal form in force is not known here)'); },
   recording(path) { set('recorded', `last recording closed: ${path}`); },
+  replay: showReplay,
+  now(live) {
+    const level = live ? live.level : 'STALE';
+    set('now', `the rig now: ${SHAPES[level]} ${level}${live && !live.silent ? ` ${live.state.replaceAll('_', ' ')}` : ''}`);
+    byId('now').className = level;
+  },
   spectrum(spectrum) { if (spectrum) set('channel', spectrum.channel === 'lateral' ? 'y' : 'ψ'); },
 };
 
@@ -238,6 +250,53 @@ function fillList(id, items) {
     item.append(stamp, ' ', name, sign(` ${words}`));
     return item;
   }));
+}
+
+// ---- a replay ------------------------------------------------------------------------------
+
+function replayAddress() {
+  const {at_s: at, rate, playing} = sections.replay || {};
+  const order = at === undefined ? {} : {at_s: at, rate, playing};   // after a break: where it was
+  return `played?${new URLSearchParams({recording, order: JSON.stringify(order)})}`;
+}
+
+const order = (asked) => { if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(asked)); };
+
+function clockOf(seconds) {
+  const whole = Math.floor(seconds);
+  return `${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, '0')}`;
+}
+
+let pulled = false;   // the place is being chosen
+function showReplay(replay) {
+  const plays = !replay.problem && !replay.reading;
+  for (const id of ['playing', 'rate', 'at']) byId(id).disabled = !plays;
+  if (replay.problem) { set('played', `of ${replay.name}`); watchLink(); return; }
+  if (replay.reading) {
+    set('played', `of ${replay.name}: being read`);
+    showLevel('STALE', 'being read', `${replay.name} is being read`, '');
+    return;
+  }
+  const going = replay.goes_to_s === null ? '' : `; on the way to ${clockOf(replay.goes_to_s)}`;
+  set('played', `of ${replay.name}${replay.began_s < 1e8 ? '' : `, ${new Date(1000 * replay.began_s).toLocaleString()}`} (${replay.source}${going})`);
+  set('playing', replay.playing ? 'pause' : 'play');
+  set('where', `${clockOf(replay.at_s)} of ${clockOf(replay.length_s)} min`);
+  const rate = byId('rate');
+  if (document.activeElement !== rate) rate.value = String(replay.rate);
+  const at = byId('at');
+  if (Number(at.max) !== replay.length_s) at.max = replay.length_s;
+  if (!pulled) at.value = replay.at_s;
+}
+
+function beginReplay() {
+  document.body.dataset.replay = '1';
+  byId('replay').hidden = false;
+  byId('played').textContent = `of ${recording}`;
+  byId('emergency').firstChild.textContent = 'EMERGENCY STOP of the rig ';
+  byId('playing').onclick = () => order({playing: !(sections.replay && sections.replay.playing)});
+  byId('rate').onchange = (event) => { order({rate: Number(event.target.value)}); event.target.blur(); };
+  byId('at').oninput = () => { pulled = true; };
+  byId('at').onchange = (event) => { pulled = false; order({at_s: Number(event.target.value)}); event.target.blur(); };
 }
 
 // ---- figures -------------------------------------------------------------------------------
@@ -495,6 +554,7 @@ function begin() {
     for (const name of [...Object.keys(sections), ...Object.keys(streams)]) dirty.add(name);
     if (!document.hidden) requestAnimationFrame(draw);
   });
+  if (isReplay) beginReplay();
   setInterval(watchLink, 200);
   connect();
   makeFigures();

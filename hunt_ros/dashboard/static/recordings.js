@@ -85,6 +85,11 @@ function row(each) {
   const about = make('td');
   about.append(make('b', each.name));
   if (each.duration_s !== null) about.append(make('div', `${when(each.began_s)}, ${duration(each.duration_s)}`));
+  if (each.state === 'read' || each.state === 'damaged') {
+    const link = make('a', 'replay');
+    link.href = `replay?${new URLSearchParams({recording: each.name})}`;
+    if (each.duration_s !== null) about.append(link);
+  }
   if (STATES[each.state]) about.append(make('div', `${STATES[each.state]}${each.problem ? `: ${each.problem}` : ''}`, 'said'));
   const report = make('td');
   if (each.report) {
