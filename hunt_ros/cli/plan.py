@@ -23,7 +23,7 @@ _SHOWN = 6
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
-    from hunt_ros.cli.identify import add_settings
+    from hunt_ros.cli.support.identification import add_settings
 
     parser.add_argument(
         '--budget', type=_time, default=600.0, metavar='TIME', help='600, 600s, 10min (10min)'
@@ -69,7 +69,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Identify, plan, write the profile, say why."""
-    from hunt_ros.cli.identify import identification_of
+    from hunt_ros.cli.support.identification import identification_of
     from hunt_ros.cli.support.output import progress, write_json
     from hunt_ros.identification.plan import PlanSettings, plan
 

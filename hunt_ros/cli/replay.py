@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.live:
         from hunt_ros.cli.support.live_replay import replay_live
 
-        return replay_live(arguments)
+        return replay_live(arguments, read(arguments))  # fails before anything starts
     from hunt_ros.cli.support.output import progress, write_json
     from hunt_ros.cli.support.replay_report import document, tell
     from hunt_ros.detection import HuntingDetector

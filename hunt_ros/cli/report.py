@@ -21,7 +21,7 @@ EXAMPLE = 'hunt report bags/hysteresis_loop --out report.html --figures figures'
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
-    from hunt_ros.cli.identify import add_settings
+    from hunt_ros.cli.support.identification import add_settings
 
     add_settings(parser)
     parser.add_argument(
@@ -40,7 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Identify, analyse, draw, write; 1 where the data carry no normal form."""
-    from hunt_ros.cli.identify import records_of, settings_of
+    from hunt_ros.cli.support.identification import records_of, settings_of
     from hunt_ros.cli.support.output import progress, write_json
     from hunt_ros.identification import identify
     from hunt_ros.report.compose import Report

@@ -69,6 +69,7 @@ def _branch_rows(identified: IdentifiedNormalForm, truth: Branch) -> list[str]:
     rows = ['', f'  {"":28}{"refitted":>20}{"truth":>10}{"paper (33)":>12}']
 
     def row(name: str, values: list[float], true: float, paper: float, digits: int) -> None:
+        """Add a line: mean and spread of the draws, the truth, the paper."""
         known = [value for value in values if math.isfinite(value)]
         centre = sum(known) / len(known) if known else math.nan
         spread = (

@@ -12,26 +12,27 @@ import yaml
 
 if TYPE_CHECKING:
     from hunt_ros.cli.support.processes import NodeSpec
+    from hunt_ros.samples import Record
 
 #: Estimates that are still under way when the last sample has been played.
 _AFTER_S = 2.0
 _PLAYER = 'live_replay'
 
 
-def replay_live(arguments: argparse.Namespace) -> int:
+def replay_live(arguments: argparse.Namespace, record: Record) -> int:
     """
     Play a recording to the nodes that run in this ROS graph; start a detector if none does.
 
     Raises
     ------
     HuntError
-        If the recording cannot be read, or a rig publishes the same topics.
+        If a rig publishes the same topics, or the recording fits no detector.
     """
     from hunt_ros.cli.support.processes import NodeSpec, Processes
     from hunt_ros.cli.support.suite import start_console
     from hunt_ros.cli.support.view import View
 
-    detector = _detector(arguments)  # reads the recording: fail before anything starts
+    detector = _detector(arguments, record)
     alone = True
     with (
         tempfile.TemporaryDirectory() as folder,
@@ -65,14 +66,13 @@ def _player(arguments: argparse.Namespace) -> dict[str, object]:
     }
 
 
-def _detector(arguments: argparse.Namespace) -> NodeSpec:
+def _detector(arguments: argparse.Namespace, record: Record) -> NodeSpec:
     """Return the detector that fits the recording, for where none is running."""
-    from hunt_ros.cli.replay import read
     from hunt_ros.cli.support.processes import NodeSpec
     from hunt_ros.detection import DetectorConfig
     from hunt_ros.detection.offline import config_for
 
-    config, _ = config_for(read(arguments), DetectorConfig())
+    config, _ = config_for(record, DetectorConfig())
     parameters: dict[str, object] = {
         'use_sim_time': True,
         'channels': config.channels,
