@@ -136,6 +136,7 @@ def _numba() -> Any:
         told = 0.0
 
         def on_start(self, event: Any) -> None:
+            """Tell that the work goes on, now and then."""
             now = time.monotonic()
             if self.began == 0.0:
                 self.began = self.told = now
@@ -146,6 +147,7 @@ def _numba() -> Any:
             self.depth += 1
 
         def on_end(self, event: Any) -> None:
+            """Count a kernel when its own compilation is over."""
             self.depth -= 1
             self.done += self.depth == 0
 

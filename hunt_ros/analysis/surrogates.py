@@ -109,6 +109,7 @@ def is_nonlinear(
     generator = np.random.default_rng(seed)
 
     def apart(signal: NDArray[np.float64]) -> float:
+        """Return how far, in the logarithm, neighbours are apart a period later."""
         orbit = delay_vectors(signal / np.std(signal), embedding, delay)
         pairs = neighbour_pairs(orbit, len(orbit) - period, most_points, 1, period)
         if not len(pairs):

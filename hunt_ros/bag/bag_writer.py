@@ -22,6 +22,8 @@ from hunt_ros.errors import BagError
 
 
 class _Topic(NamedTuple):
+    """A topic that was declared, with what every file of the recording says of it."""
+
     name: str
     type: str
     definition: str

@@ -120,6 +120,7 @@ class RollerRig:
 
     @target_speed.setter
     def target_speed(self, speed: float) -> None:
+        """Give the drive a set point, m/s."""
         if not (math.isfinite(speed) and speed >= 0.0):
             raise ConfigError(f'target speed must not be negative, got {speed} m/s')
         self._target = float(speed)

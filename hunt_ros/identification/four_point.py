@@ -87,6 +87,7 @@ def at_detunings(
     moving = [part for part in segments if part.kind in ('transient', 'kick')]
 
     def settled(state: SteadyState) -> bool:
+        """Return True where neither a kick nor free motion lies in the hold of a state."""
         hold = next(
             (
                 part

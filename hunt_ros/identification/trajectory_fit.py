@@ -89,6 +89,8 @@ class TrajectoryFit:
 
 @dataclass(frozen=True, eq=False)
 class _Expansion:
+    """The log likelihood about a point: gradient, information, and what the paths add to them."""
+
     value: float
     gradient: NDArray[np.float64]
     information: NDArray[np.float64]

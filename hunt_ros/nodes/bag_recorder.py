@@ -358,6 +358,7 @@ class BagRecorderNode(Polling, Node):
         done: Future[_Result] = Future()
 
         def order() -> None:
+            """Do the work, and hand its result or its error to who waits."""
             try:
                 done.set_result(work())
             except BaseException as error:

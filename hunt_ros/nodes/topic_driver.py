@@ -147,6 +147,7 @@ def _reader(source: ChannelSource, kind_name: str) -> Callable[[Any], float]:
         field, name = joint
 
         def of_joint(message: Any) -> float:
+            """Return the number of the joint; a single one without a name counts as it."""
             if name in message.name:
                 return getattr(message, field)[message.name.index(name)]
             if not source.field and len(message.position) == 1:
@@ -161,6 +162,7 @@ def _reader(source: ChannelSource, kind_name: str) -> Callable[[Any], float]:
     steps = parse_path(text)
 
     def of_field(message: Any) -> float:
+        """Follow the path of the field."""
         value = message
         for step in steps:
             value = getattr(value, step) if isinstance(step, str) else value[step]

@@ -107,6 +107,7 @@ def response_of(record: Record, speed: float, diameter: float | None = None) -> 
     unknown: dict[str, str] = {}
 
     def tried(panel: str, work: Callable[[], _Result]) -> _Result | None:
+        """Do the work of a panel; where it cannot be done, keep the reason."""
         try:
             return work()
         except IdentificationError as error:
@@ -128,6 +129,7 @@ def response_of(record: Record, speed: float, diameter: float | None = None) -> 
     across = _roller_diameter(seconds, angle, speed) if diameter is None else diameter
 
     def section() -> PoincareSection:
+        """Cut at the revolutions of the roller, without these at those of the motion itself."""
         if math.isfinite(turning):
             return poincare_section(lateral, rate, angle, turning, across)
         yaw = on_stamps(record['yaw'], stamps) if 'yaw' in record else None
@@ -135,6 +137,7 @@ def response_of(record: Record, speed: float, diameter: float | None = None) -> 
         return own_section(lateral, rate, yaw if known else None)
 
     def lyapunov() -> LyapunovExponent:
+        """Compute the exponent from fewer samples: the hunting is slow."""
         step = max(round(rate / _LYAPUNOV_HZ), 1)
         found = largest_lyapunov_exponent(lateral[::step], rate / step)
         if found.exponent is None:

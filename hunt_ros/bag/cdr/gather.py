@@ -93,6 +93,8 @@ def gather(block: Block, places: Places, wanted: Wanted) -> Gathered:
 
 
 class _Layout(NamedTuple):
+    """Where the field and the stamp lie, and the bytes that tell a message of this layout."""
+
     field: FieldPlace
     stamp: tuple[FieldPlace, FieldPlace] | None
     end: int

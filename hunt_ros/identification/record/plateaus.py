@@ -87,6 +87,7 @@ def analyse_record(
     states: list[SteadyState] = []
 
     def note(kind: Kind, start: int, end: int, used: bool, reason: str) -> None:
+        """Add a segment, from instant to instant of the envelope."""
         segments.append(
             Segment(
                 kind,

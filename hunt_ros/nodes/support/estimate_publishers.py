@@ -148,6 +148,8 @@ def readme_table() -> str:
 
 @dataclass(frozen=True)
 class _Output:
+    """A topic that is published, and the bytes of its message."""
+
     topic: EstimateTopic
     publisher: Publisher
     layout: FixedLayout

@@ -91,11 +91,13 @@ class ParameterCollector:
         self._next[node] = now + wait, 2.0 * wait
 
         def listed(future) -> None:
+            """Ask for the types of the parameters."""
             names = list(future.result().result.names)
             request = GetParameterTypes.Request(names=names)
             typer.call_async(request).add_done_callback(lambda reply: typed(names, reply))
 
         def typed(names: list[str], future) -> None:
+            """Ask for the values of those that have one."""
             # A node gives no values at all where one of those asked for has none.
             kinds = future.result().types
             if len(kinds) < len(names):
@@ -105,6 +107,7 @@ class ParameterCollector:
             getter.call_async(request).add_done_callback(lambda reply: got(known, reply))
 
         def got(names: list[str], future) -> None:
+            """Tell of the values where they are others than before."""
             values = future.result().values
             if len(values) < len(names):
                 return

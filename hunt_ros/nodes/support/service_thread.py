@@ -61,6 +61,7 @@ class ServiceThread:
 
     def _callback(self, name: str, answer: Callable[[], str]) -> Callable[..., Trigger.Response]:
         def answered(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            """Fill in the answer; what fails is the answer too."""
             try:
                 response.success, response.message = True, answer()
             except HuntError as error:
