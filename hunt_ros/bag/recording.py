@@ -57,6 +57,9 @@ class RecordingState:
     """
     What a recording has done so far.
 
+    `dropped` are the messages that are not in it, by topic: the buffer was full, or they were
+    lost on their way to the recorder.
+
     `problem` is '' while all is well; a recording that ended by itself (disk) has
     `running` False and says there why.
     """
@@ -164,6 +167,11 @@ class Recording:
             self._queue.append((topic, log_ns, message))
             self._waiting += len(message)
         return True
+
+    def miss(self, topic: int, count: int) -> None:
+        """Count messages of a topic that never came here: they are not in the recording."""
+        with self._lock:
+            self._dropped[self._names[topic]] += count
 
     def note(self, name: str, strings: Mapping[str, str]) -> None:
         """Write named strings beside the messages: parameters, the normal form in force."""

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 SUMMARY = 'sweep the simulated rig through hunting and back, live, and refit it (3 minutes)'
 EXAMPLE = 'hunt demo --out recordings'
 
-_RATE_HZ = 200.0
 #: The sweep: up through v_n and v_c, and down again.
 _LOW_MPS, _HIGH_MPS = 6.0, 8.8
 _TIMES_S = (0.0, 10.0, 250.0, 275.0, 515.0, 530.0)
@@ -26,7 +25,6 @@ _SPEEDS_MPS = (_LOW_MPS, _LOW_MPS, _HIGH_MPS, _HIGH_MPS, _LOW_MPS, _LOW_MPS)
 _KICKS = ((60.0, 0.10e-3), (120.0, 0.10e-3), (160.0, 0.08e-3))
 #: The most that a slow and busy machine takes; a node that ends by itself is seen at once.
 _CLOSING_S, _IDENTIFYING_S = 120.0, 900.0
-_PATIENCE_S = 3.0
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -87,50 +85,15 @@ def _start(
     from hunt_ros.dynamics.profile import Corners, Profile
     from hunt_ros.suite import LISTENERS, PAGE, SIMULATOR, SOURCES
 
-    profile = folder / 'sweep.yaml'
-    steps = (Corners(_TIMES_S, _SPEEDS_MPS),)
-    profile.write_text(Profile(steps, 'up and down').to_yaml(), encoding='utf-8')
-    port = suite.free_port()
-    rate: dict[str, object] = {'sample_rate_hz': _RATE_HZ, 'port': port}
-    parameters: dict[str, dict[str, object]] = {
-        SIMULATOR: {
-            **rate,
-            'time_scale': float(arguments.pace),
-            'initial_speed_mps': _LOW_MPS,
-            'kick_times_s': [time for time, _ in _KICKS],
-            'kick_sizes_m': [size for _, size in _KICKS],
-            'seed': arguments.seed,
-            'start_with_readers': len(SOURCES),
-        },
-        'lateral_sensor': rate,
-        'yaw_sensor': rate,
-        'roller_speed': {
-            'port': port,
-            'profile': str(profile),
-            'profile_autostart': True,
-            # A limit cycle is what the sweep is for.
-            'interlock': 'measure',
-            'status_timeout_s': _PATIENCE_S,
-        },
-        # In fast simulated time a pause of the machine looks that much longer, and fewer
-        # estimates a simulated second keep the machine free.
-        'hunting_detector': {
-            'output_rate_hz': 20.0,
-            **{f'{channel}_timeout_s': _PATIENCE_S for channel in ('sensor', 'roller', 'speed')},
-        },
-        'bag_recorder': {
-            'directory': str(folder),
-            'operator': 'hunt demo',
-            'rig_name': 'simulated',
-        },
-        'normal_form_identifier': {'directory': str(folder)},
-    }
+    profile = Profile((Corners(_TIMES_S, _SPEEDS_MPS),), 'up and down')
+    parameters = suite.simulated_run(folder, profile, arguments.pace, _KICKS, seed=arguments.seed)
+    parameters['bag_recorder']['operator'] = 'hunt demo'
     page = arguments.page
     if page == 0 or (page is None and arguments.keep):
         page = suite.free_port()
     view.say('Starting seven ROS 2 nodes on this machine (Ctrl-C ends them all) ...')
     link = suite.start_console(processes)
-    common: dict[str, object] = {'use_sim_time': True}
+    common = suite.follow_clock(arguments.pace)
     suite.start_nodes(processes, LISTENERS, common, parameters, [form])
     suite.wait_until_up(link, LISTENERS, view.show)
     if page is not None:

@@ -18,6 +18,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, fields
 from datetime import datetime
+from functools import partial
 from importlib import import_module
 from operator import itemgetter
 from pathlib import Path
@@ -37,8 +38,8 @@ from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, steady_clock
 from hunt_ros.nodes.support.estimate_publishers import ESTIMATES
 from hunt_ros.nodes.support.parameter_collector import ParameterCollector
 from hunt_ros.nodes.support.parameters import declare, warn_unknown
-from hunt_ros.nodes.support.polled import Polling, waiting
-from hunt_ros.nodes.support.qos import latched, stream
+from hunt_ros.nodes.support.polled import Missed, Polling, waiting
+from hunt_ros.nodes.support.qos import MEASUREMENTS, latched, stream
 from hunt_ros.nodes.support.service_thread import ServiceThread
 from hunt_ros.nodes.support.sole import hold_name
 from hunt_ros.nodes.support.worker import Worker
@@ -74,7 +75,6 @@ GLOBAL_TOPICS = ('/diagnostics', '/parameter_events', '/rosout')
 #: Not recorded: it would name the recording in itself.
 OWN_TOPIC = 'recording/closed'
 
-_DEPTH = 4000
 _WITHOUT_CLOCK = 2000
 _LATCHED_KEPT = 1000
 #: What a reader missed is sent again after the heartbeat of its writer, every 3 s by default.
@@ -130,6 +130,7 @@ class BagRecorderNode(Polling, Node):
         #: By topic: when its newest message was published, system clock, ns, and heard, s.
         self._newest: dict[str, tuple[int, float]] = {}
         self._once: dict[str, _Once] = {}
+        self._missed: dict[str, Missed] = {}
         #: Ways in which a topic is subscribed: (reliable, latched).
         self._subscribed: dict[str, set[tuple[bool, bool]]] = {}
         self._kinds: dict[str, tuple[str, bool]] = {}
@@ -290,7 +291,7 @@ class BagRecorderNode(Polling, Node):
         if ways and (reliable, is_latched) != (False, False):
             return  # an earlier subscription hears this publisher as well
         ways.add((reliable, is_latched))
-        qos = stream(_DEPTH)
+        qos = stream(MEASUREMENTS)
         if not reliable:
             qos.reliability = ReliabilityPolicy.BEST_EFFORT
         if is_latched:
@@ -323,8 +324,21 @@ class BagRecorderNode(Polling, Node):
     def _is_new(self, name: str, info: dict[str, Any]) -> bool:
         """Return True if a message has not come by another subscription already."""
         once = self._once.get(name)
+        if once is None:
+            self._count_missed(name, info)
+            return True
         mark = info['source_timestamp'], info['publication_sequence_number']
-        return once is None or once.is_new(mark)
+        return once.is_new(mark)
+
+    def _count_missed(self, name: str, info: dict[str, Any]) -> None:
+        """Count what never came; of a latched topic only the newest is meant for everybody."""
+        if name in self._said:
+            return
+        missed = self._missed.get(name)
+        if missed is None:
+            missed = self._missed[name] = Missed(partial(self.count_publishers, name))
+        if (count := missed.take(info)) and self._recording is not None:
+            self._recording.miss(self._keys[name], count)
 
     def _take(self, name: str, raw: bytes, received_ns: int = 0) -> None:
         """Hand a message over; with simulated time, not before there is a time."""
@@ -469,7 +483,7 @@ class _Once:
             return False
         self._known.add(mark)
         self._order.append(mark)
-        if len(self._order) > _DEPTH:
+        if len(self._order) > MEASUREMENTS:
             self._known.discard(self._order.popleft())
         return True
 

@@ -262,9 +262,11 @@ class HuntingDetectorNode(Polling, LifecycleNode):
 
     def _health(self) -> Health:
         status = self._detector.status
+        missed = sum(one.count for one in self._inbox.missed.values())
         values = {
             'received': self._inbox.received,
             'unreadable': self._inbox.unreadable,
+            'missed': missed,
             'dropped': sum(status.dropped.values()),
         }
         values |= {f'clock_offset_s {name}': x for name, x in status.clock_offsets_s.items()}
@@ -274,6 +276,7 @@ class HuntingDetectorNode(Polling, LifecycleNode):
             values['forecast_v_c'] = forecast.reason if v_c is None else f'{v_c.value:.3f}'
             values['forecast_v_c_std'] = math.nan if v_c is None else v_c.std
         unreadable = self._new('unreadable', self._inbox.unreadable)
+        lately = self._new('missed', missed)
         if not self._active:
             return 'STALE', 'inactive', values
         text = f'{status.state.label}, region {status.region.label}'
@@ -283,6 +286,8 @@ class HuntingDetectorNode(Polling, LifecycleNode):
             said.append(('WARN', problem))
         if unreadable:
             said.append(('WARN', f'{unreadable} messages without the expected joint'))
+        if lately:
+            said.append(('WARN', f'{lately} samples lost on their way here'))
         if self._waiting is not None:
             said.append(('WARN', 'a normal form waits for hunting/accept_normal_form'))
         level = max((level for level, _ in said), key=_SEVERITY.index)

@@ -27,7 +27,7 @@ from hunt_ros.errors import BagError, ConfigError
 from hunt_ros.nodes.support.conversions import joint_layout, to_time, twist_layout
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health
 from hunt_ros.nodes.support.parameters import declare, warn_unknown
-from hunt_ros.nodes.support.qos import stream
+from hunt_ros.nodes.support.qos import MEASUREMENTS, stream
 from hunt_ros.nodes.support.sole import hold_name
 from hunt_ros.nodes.support.worker import Worker
 from hunt_ros.samples import CHANNELS, NANOSECONDS
@@ -143,10 +143,10 @@ class LiveReplayNode(Node):
     def _output(self, name: str) -> Callable[[int, float], None]:
         """Return a function that publishes (stamp, value) of a channel."""
         if name == 'speed':
-            publisher = self.create_publisher(TwistStamped, name, stream(1000))
+            publisher = self.create_publisher(TwistStamped, name, stream(MEASUREMENTS))
             layout, rest = twist_layout(self._config.frame_id), (0.0,) * 5
         else:
-            publisher = self.create_publisher(JointState, name, stream(2000))
+            publisher = self.create_publisher(JointState, name, stream(MEASUREMENTS))
             layout, rest = joint_layout([name], self._config.frame_id), ()
         return lambda stamp_ns, value: publisher.publish(layout.encode(stamp_ns, value, *rest))
 

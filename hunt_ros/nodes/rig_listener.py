@@ -21,11 +21,10 @@ from hunt_ros.nodes.support.conversions import JointReader, SpeedReader
 from hunt_ros.nodes.support.diagnostics import steady_clock
 from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.polled import Polling, waiting
-from hunt_ros.nodes.support.qos import stream
+from hunt_ros.nodes.support.qos import MEASUREMENTS, stream
 from hunt_ros.rig import of_rig
 from hunt_ros.settings import Settings, setting
 
-_DEPTH = 4000
 _ROUND_S = 0.1
 
 
@@ -56,7 +55,7 @@ class RigListenerNode(Polling, Node):
             kind, reader = JointState, JointReader(channel)
             if channel == 'speed':
                 kind, reader = TwistStamped, SpeedReader()
-            qos = stream(_DEPTH)
+            qos = stream(MEASUREMENTS)
             qos.reliability = ReliabilityPolicy.BEST_EFFORT
             subscription = self.create_polled_subscription(kind, channel, qos, raw=True)
             self._inputs[channel] = subscription, reader

@@ -33,16 +33,10 @@ from hunt_ros.nodes.support.conversions import (
     to_ns,
     twist,
 )
-from hunt_ros.nodes.support.diagnostics import (
-    Diagnostics,
-    Health,
-    NewSince,
-    one_line,
-    steady_clock,
-)
+from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, NewSince, one_line, steady_clock
 from hunt_ros.nodes.support.driver_node import DriverNode
 from hunt_ros.nodes.support.parameters import declare, warn_unknown
-from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched, stream
+from hunt_ros.nodes.support.qos import EVENTS, MEASUREMENTS, STATUS, latched, stream
 from hunt_ros.rig import of_rig
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
@@ -110,6 +104,7 @@ class RollerSpeedNode(DriverNode):
         self._note = ''
         self._interlock = Interlock(guard, real_time=not simulated_time)
         self._since_ns = 0  # of the interlock's state, clock of the stamps
+        self._read_ns = 0  # when the last reading came, profile clock
         self._asked_ns = 0  # when the last set point was asked for, profile clock
         self._target_mps = float('nan')
         self._speed_mps = float('nan')
@@ -122,8 +117,10 @@ class RollerSpeedNode(DriverNode):
         self._refused = 0
         self._new = NewSince()
         self._layout = joint_layout(['roller'], self._config.frame_id, velocity=True)
-        self._roller = self._announced = self.create_publisher(JointState, 'roller', stream(100))
-        self._speed = self.create_publisher(TwistStamped, 'speed', stream(100))
+        self._roller = self._announced = self.create_publisher(
+            JointState, 'roller', stream(MEASUREMENTS)
+        )
+        self._speed = self.create_publisher(TwistStamped, 'speed', stream(MEASUREMENTS))
         self._target = self.create_publisher(TwistStamped, 'speed/target', stream(20))
         self._status = self.create_publisher(DiagnosticArray, 'speed/status', latched())
         self._events = self.create_publisher(DiagnosticArray, 'hunting/events', EVENTS)
@@ -179,6 +176,7 @@ class RollerSpeedNode(DriverNode):
 
     def _take(self, block: DriveBlock, publish: bool) -> None:
         self._speed_mps = float(block.speed_mps[-1])
+        self._read_ns = self._profile_clock.now().nanoseconds
         now_s = time.monotonic()
         self._readings.extend((now_s, speed) for speed in block.speed_mps[-_READINGS:].tolist())
         if not publish:
@@ -349,10 +347,13 @@ class RollerSpeedNode(DriverNode):
     def _silent(self) -> str:
         """Return '' or since when the drive sends nothing."""
         silent_s = time.monotonic() - self._heard_s
-        if silent_s < _SILENT_S:
-            return ''
         if math.isinf(silent_s):
             return 'the drive has not sent anything yet'
+        # The time of a simulated rig stands still while it waits for the detector.
+        passed_s = (self._profile_clock.now().nanoseconds - self._read_ns) / NANOSECONDS
+        silent_s = min(silent_s, passed_s)
+        if silent_s < _SILENT_S:
+            return ''
         return f'the drive has sent nothing for {silent_s:.1f} s'
 
     def _absence(self) -> str:

@@ -20,7 +20,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +28,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import JointState
 from tables import markdown, publish
+from usage import LOSSES, Usage, losses
 
 from hunt_ros.cli.support import suite
 from hunt_ros.cli.support.processes import Processes
@@ -39,31 +39,8 @@ from hunt_ros.suite import LISTENERS, SIMULATOR, SOURCES
 
 RATES_HZ = (500.0, 1000.0, 2000.0)
 ORDER = ('rig_simulator', 'lateral_sensor', 'yaw_sensor', 'roller_speed', *sorted(LISTENERS))
-#: Who loses what: nodes, and the value in their diagnostics.
-_LOSSES = {
-    'sensors': (('lateral_sensor', 'yaw_sensor'), 'lost'),
-    'detector': (('hunting_detector',), 'dropped'),
-    'recorder': (('bag_recorder',), 'dropped'),
-}
 #: What a node sends (topic, type, messages a second, one of them in hex) and hears (topic, type).
 Traffic = dict[str, list[Any]]
-
-_TICKS = os.sysconf('SC_CLK_TCK')
-
-
-@dataclass
-class Usage:
-    """CPU seconds of a process so far, and its share of the memory (PSS, MB)."""
-
-    cpu_s: float
-    memory_mb: float
-
-    @classmethod
-    def of(cls, pid: int) -> Usage:
-        parts = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
-        memory = Path(f'/proc/{pid}/smaps_rollup').read_text()
-        memory = int(memory.partition('\nPss:')[2].split()[0]) / 1024.0
-        return cls((int(parts[11]) + int(parts[12])) / _TICKS, memory)
 
 
 class Probe:
@@ -287,10 +264,7 @@ def measure(rate_hz: float, seconds: float, one_process: bool = False) -> dict[s
             float(np.quantile(latencies, 0.99)),
             float(latencies.max()),
         ),
-        'lost': {
-            who: sum(int(health[n][key]) - int(earlier[n][key]) for n in nodes)
-            for who, (nodes, key) in _LOSSES.items()
-        },
+        'lost': {who: count - losses(earlier)[who] for who, count in losses(health).items()},
     }
 
 
@@ -330,7 +304,7 @@ def main() -> None:
         rows.append(
             [f'latency {what}, ms'] + [round(r['latency'][k], 1) for r in results.values()]
         )
-    for who in _LOSSES:
+    for who in LOSSES:
         rows.append([f'lost, {who}'] + [r['lost'][who] for r in results.values()])
     memory = [round(sum(r['memory'].values())) for r in results.values()]
     rows.append(['memory (PSS), seven nodes, MB', *memory])

@@ -26,7 +26,7 @@ from std_srvs.srv import Trigger
 from hunt_ros.bag import Bag, read_columns, read_record
 from hunt_ros.bag.messages import read_texts
 from hunt_ros.bag.recording import RecordingState
-from hunt_ros.nodes.support.conversions import to_time
+from hunt_ros.nodes.support.conversions import read_diagnostic, to_ns, to_time
 
 pytestmark = pytest.mark.ros
 
@@ -221,6 +221,54 @@ def test_a_full_disk_closes_the_recording_and_says_so(graph) -> None:
             assert not bag.problems
     finally:
         ballast.unlink()
+
+
+def test_what_was_lost_on_the_way_is_counted_and_said(graph) -> None:
+    once = QoSProfile(depth=1)  # the writer keeps nothing for readers that are held up
+    lateral = graph.node.create_publisher(JointState, 'lateral', once)
+    healths = graph.collect(DiagnosticArray, '/diagnostics')
+    closed = graph.collect(String, 'recording/closed', LATCHED)
+    start(graph)
+    graph.start('hunting_detector')
+    graph.spin_until(lambda: lateral.get_subscription_count() == 2, 60.0)
+
+    def health(node: str, begin_ns: int = 0) -> dict[str, str]:
+        said = [read_diagnostic(m) for m in healths if to_ns(m.header.stamp) > begin_ns]
+        of_node = [one for one in said if one['name'].endswith(node)]
+        return of_node[-1] if of_node else {'missed': '0', 'dropped': '0', 'level': ''}
+
+    published = 0
+
+    def publish() -> None:
+        nonlocal published
+        published += 1
+        lateral.publish(joint('lateral', BEGIN_NS + 1_000_000 * published, 0.001 * published))
+
+    publish()
+    graph.spin_until(lambda: health('hunting_detector').get('received') == '1')
+    graph.spin(0.5)
+    for node in ('bag_recorder', 'hunting_detector'):
+        graph.process(node).send_signal(signal.SIGSTOP)
+    for _ in range(20_000):  # more than waits on the way
+        publish()
+    for node in ('bag_recorder', 'hunting_detector'):
+        graph.process(node).send_signal(signal.SIGCONT)
+
+    def all_lost_are_known() -> bool:
+        publish()
+        return int(health('bag_recorder')['dropped']) > 0 and int(
+            health('hunting_detector')['missed']
+        )
+
+    graph.spin_until(all_lost_are_known)
+    words = [read_diagnostic(message)['message'] for message in healths]
+    assert any('samples lost on their way here' in each for each in words)
+    assert any('messages dropped, most of them on /rig/lateral' in each for each in words)
+    assert graph.call('recording/stop').success
+    graph.spin_until(lambda: closed)
+    (last,) = [one for one in words if 'messages dropped' in one][-1:]
+    recorded = len(read_columns(Path(closed[-1].data), {'y': '/rig/lateral.position[0]'})['y'])
+    assert recorded + int(last.split()[0]) == published
 
 
 def test_dropped_messages_are_a_warning(tmp_path: Path) -> None:

@@ -29,16 +29,18 @@ def _children(pid: int) -> list[int]:
 
 
 @pytest.mark.skipif(not Path('/proc/self/stat').exists(), reason='looks for processes in /proc')
+@pytest.mark.parametrize(('pace', 'least_bytes'), [('10', 400_000), ('1', 60_000)])
 def test_ctrl_c_ends_every_process_and_leaves_a_readable_recording(
-    tmp_path, machine, domain
+    tmp_path, machine, domain, pace, least_bytes
 ) -> None:
     root = Path(__file__).resolve().parents[2]
     words = [sys.executable, '-m', 'hunt_ros.cli.main', 'demo', '--out', str(tmp_path)]
+    words += ['--pace', pace]
     with (tmp_path / 'out').open('w') as out:
         demo = subprocess.Popen(words, stdout=out, stderr=out, cwd=root)
     files = lambda: list(tmp_path.glob('demo_*/*.active/*.mcap'))  # noqa: E731
     deadline = machine.deadline(90.0)
-    while not any(path.stat().st_size > 400_000 for path in files()):
+    while not any(path.stat().st_size > least_bytes for path in files()):
         assert not deadline.passed, f'no recording {deadline}: {(tmp_path / "out").read_text()}'
         time.sleep(0.2)
     children = _children(demo.pid)

@@ -12,9 +12,11 @@ from geometry_msgs.msg import TwistStamped
 from lifecycle_msgs.msg import Transition
 from rclpy.parameter import Parameter
 from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
 from speed_rig import UNGUARDED, Drive, Rig, configure, node_on
 
-from hunt_ros.nodes.support.conversions import read_diagnostic
+from hunt_ros.nodes.support.conversions import read_diagnostic, to_time
+from hunt_ros.nodes.support.qos import latched
 
 pytestmark = pytest.mark.ros
 
@@ -242,6 +244,28 @@ def test_a_drive_that_is_lost_gets_the_safe_set_point_as_soon_as_it_is_back(
     rig.set(amplitude_limit_m=1e-3)
     rig.until(interlock_state='tripped')
     assert '2.000 mm above the limit, 1.000 mm' in rig.status['interlock_cause']
+
+
+def test_a_drive_is_silent_only_while_the_time_of_a_simulated_rig_goes_on(
+    graph, resident, detector
+) -> None:
+    clock = graph.node.create_publisher(Clock, '/clock', 10)
+    now_s = 1.0
+
+    def tick() -> None:
+        clock.publish(Clock(clock=to_time(round(now_s * 1e9))))
+
+    graph.node.create_timer(0.02, tick)
+    rig = Rig(graph, resident, drive := Drive(1.0), use_sim_time=True)
+    graph.spin_until(lambda: rig.node.get_clock().now().nanoseconds > 0)
+    rig.until(interlock_state='armed')
+    told = graph.collect(DiagnosticArray, 'speed/status', latched())
+    drive.mute = True  # a simulated rig that waits for the detector says nothing
+    graph.spin_until(lambda: len(told) > 30)  # 3 s of this machine
+    assert rig.status['interlock_state'] == 'armed'
+    now_s += 3.0
+    rig.until(interlock_state='tripped')
+    assert 'the drive has sent nothing for' in rig.status['interlock_cause']
 
 
 def test_an_emergency_stop_that_the_encoder_does_not_show_is_no_success(graph, resident) -> None:

@@ -88,7 +88,9 @@ class McapWriter:
             pass  # a file system without locks
         self._schemas: dict[str, fmt.Schema] = {}
         self._channels: dict[int, fmt.Channel] = {}
-        self._chunks: list[fmt.ChunkIndex] = []
+        # Packed, as it goes into the file: four chunks a second are 14,400 in an hour.
+        self._chunk_index = bytearray()
+        self._chunk_count = 0
         self._metadata: list[tuple[int, int, str]] = []
         self._parts: list[bytes] = []
         self._filled = 0
@@ -117,7 +119,7 @@ class McapWriter:
         writer._channels = dict(walk.channels)
         for chunk in walk.chunks:
             places = walk.indexes[chunk.offset]
-            writer._chunks.append(
+            writer._add_chunk(
                 fmt.ChunkIndex(
                     chunk.first_ns, chunk.last_ns, chunk.offset, chunk.end - chunk.offset,
                     {key: start - _INDEX_HEAD for key, (start, _) in places.items()},
@@ -247,7 +249,7 @@ class McapWriter:
             position += len(index)
         start = self.size
         self._put(chunk + b''.join(indexes))
-        self._chunks.append(
+        self._add_chunk(
             fmt.ChunkIndex(
                 first, last, start, len(chunk), offsets, position - start - len(chunk),
                 self.compression, len(stored), len(raw),
@@ -258,6 +260,10 @@ class McapWriter:
         self.first_ns = first if self.first_ns is None else min(self.first_ns, first)
         self.last_ns = max(self.last_ns, last)
         self._parts, self._filled, self._entries, self._span = [], 0, {}, None
+
+    def _add_chunk(self, chunk: fmt.ChunkIndex) -> None:
+        self._chunk_index += fmt.chunk_index_record(chunk)
+        self._chunk_count += 1
 
     @property
     def pending_bytes(self) -> int:
@@ -284,7 +290,7 @@ class McapWriter:
             (fmt.SCHEMA, [fmt.schema_record(schema) for schema in self._schemas.values()]),
             (fmt.CHANNEL, [fmt.channel_record(channel) for channel in self._channels.values()]),
             (fmt.STATISTICS, [fmt.statistics_record(self._statistics())]),
-            (fmt.CHUNK_INDEX, [fmt.chunk_index_record(chunk) for chunk in self._chunks]),
+            (fmt.CHUNK_INDEX, [bytes(self._chunk_index)]),
             (fmt.METADATA_INDEX, [_metadata_index(*place) for place in self._metadata]),
         ]
         summary, offsets = b'', b''
@@ -308,7 +314,7 @@ class McapWriter:
             len(self._channels),
             0,
             len(self._metadata),
-            len(self._chunks),
+            self._chunk_count,
             self.first_ns or 0,
             self.last_ns,
             {key: self.counts[key] for key in sorted(self._channels)},

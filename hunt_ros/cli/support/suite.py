@@ -6,13 +6,20 @@ import json
 import socket
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from hunt_ros.cli.support.console_link import ConsoleLink, Line
 from hunt_ros.cli.support.processes import NodeSpec, Processes
 from hunt_ros.errors import HuntError
-from hunt_ros.suite import SUITE
+from hunt_ros.suite import SIMULATOR, SOURCES, SUITE
+
+if TYPE_CHECKING:
+    from hunt_ros.dynamics.profile import Profile
 
 _READY_S = 60.0
+#: In fast simulated time a pause of the machine looks that much longer: the most that a channel,
+#: or the detector, may be silent, s.
+_PATIENCE_S = 3.0
 
 Parameters = Mapping[str, Mapping[str, object]]
 
@@ -27,6 +34,71 @@ def free_port() -> int:
 def start_console(processes: Processes) -> ConsoleLink:
     """Start the console node, and return our end of it."""
     return ConsoleLink(processes.start(NodeSpec('console', piped=True)), processes)
+
+
+def follow_clock(pace: float) -> dict[str, object]:
+    """Return the parameter of the nodes beside a rig that is simulated `pace` times as fast."""
+    return {'use_sim_time': True} if pace != 1.0 else {}  # at 1 the rig publishes no /clock
+
+
+def simulated_run(
+    folder: Path,
+    profile: Profile,
+    pace: float,
+    kicks: Sequence[tuple[float, float]] = (),
+    rate_hz: float = 200.0,
+    seed: int = 1,
+) -> dict[str, dict[str, object]]:
+    """
+    Return the parameters of each node for a profile on the simulated rig, recorded.
+
+    Parameters
+    ----------
+    folder : Path
+        Gets the profile and the recording.
+    profile : Profile
+        Begins when the speed node does.
+    pace : float
+        Seconds of the rig in a second.
+    kicks : sequence of (float, float)
+        Time, s, and size, m, of the bumps.
+    rate_hz : float
+        Of both sensors.
+    seed : int
+        Of everything random.
+    """
+    path = folder / 'profile.yaml'
+    path.write_text(profile.to_yaml(), encoding='utf-8')
+    port = free_port()
+    rate: dict[str, object] = {'sample_rate_hz': rate_hz, 'port': port}
+    return {
+        SIMULATOR: {
+            **rate,
+            'time_scale': float(pace),
+            'initial_speed_mps': profile.corners().speeds[0],
+            'kick_times_s': [time for time, _ in kicks],
+            'kick_sizes_m': [size for _, size in kicks],
+            'seed': seed,
+            'start_with_readers': len(SOURCES),
+        },
+        'lateral_sensor': rate,
+        'yaw_sensor': rate,
+        'roller_speed': {
+            'port': port,
+            'profile': str(path),
+            'profile_autostart': True,
+            # A limit cycle is what the sweep is for.
+            'interlock': 'measure',
+            'status_timeout_s': _PATIENCE_S,
+        },
+        # Fewer estimates a simulated second keep the machine free.
+        'hunting_detector': {
+            'output_rate_hz': 20.0,
+            **{f'{channel}_timeout_s': _PATIENCE_S for channel in ('sensor', 'roller', 'speed')},
+        },
+        'bag_recorder': {'directory': str(folder), 'rig_name': 'simulated'},
+        'normal_form_identifier': {'directory': str(folder)},
+    }
 
 
 def start_nodes(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 from geometry_msgs.msg import TwistStamped
@@ -10,11 +11,8 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 
 from hunt_ros.nodes.support.conversions import JointReader, SpeedReader
-from hunt_ros.nodes.support.polled import Polling, waiting
-from hunt_ros.nodes.support.qos import OVERRIDABLE, publisher_problem, stream
-
-#: One second of the fastest sensor.
-_DEPTH = 2000
+from hunt_ros.nodes.support.polled import Missed, Polling, waiting
+from hunt_ros.nodes.support.qos import MEASUREMENTS, OVERRIDABLE, publisher_problem, stream
 
 
 class DetectorInbox:
@@ -32,21 +30,26 @@ class DetectorInbox:
     ----------
     received, unreadable : int
         Samples handed over; messages without the expected joint.
+    missed : dict of str to Missed
+        By channel: the messages that were lost on their way here.
     """
 
     def __init__(self, node: Polling, channels: Sequence[str]) -> None:
         self.received = 0
         self.unreadable = 0
         self._node = node
+        self.missed: dict[str, Missed] = {}
         self._inputs: list[tuple[str, JointReader | SpeedReader, Subscription]] = []
         for channel in channels:
             kind, reader = JointState, JointReader(channel)
             if channel == 'speed':
                 kind, reader = TwistStamped, SpeedReader()
             subscription = node.create_polled_subscription(
-                kind, channel, stream(_DEPTH), raw=True, qos_overriding_options=OVERRIDABLE
+                kind, channel, stream(MEASUREMENTS), raw=True, qos_overriding_options=OVERRIDABLE
             )
             self._inputs.append((channel, reader, subscription))
+            publishers = partial(node.count_publishers, subscription.topic_name)
+            self.missed[channel] = Missed(publishers)
 
     def problem(self) -> str:
         """Return what is wrong with the publishers of the channels, and what to do; or ''."""
@@ -55,14 +58,18 @@ class DetectorInbox:
 
     def clear(self) -> None:
         """Forget what has come."""
-        for *_, subscription in self._inputs:
+        for channel, _, subscription in self._inputs:
             for _ in waiting(subscription):
                 pass
+            self.missed[channel].restart()
 
     def take(self) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
         """Hand over what has come: channel, stamps (ns), values."""
         for channel, reader, subscription in self._inputs:
-            samples = [reader.read(wire) for wire, _ in waiting(subscription)]
+            samples = []
+            for wire, info in waiting(subscription):
+                self.missed[channel].take(info)
+                samples.append(reader.read(wire))
             readable = [sample for sample in samples if sample is not None]
             self.unreadable += len(samples) - len(readable)
             self.received += len(readable)

@@ -10,7 +10,7 @@ and the executor is free for everything else.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from rclpy.subscription import Subscription
@@ -62,6 +62,46 @@ def waiting(subscription: Subscription) -> Iterator[tuple[Any, dict[str, Any]]]:
             if taken is None:
                 return
             yield taken
+
+
+class Missed:
+    """
+    Counts the messages of a topic that were published and never came.
+
+    A writer keeps its last messages for readers that missed some; a reader that was held up for
+    longer does not get them, and the middleware does not say so. Each publisher numbers its
+    messages: where there are several, nothing is counted.
+
+    Parameters
+    ----------
+    publishers : callable
+        Returns how many publishers the topic has now.
+
+    Attributes
+    ----------
+    count : int
+        Messages that were missed.
+    """
+
+    def __init__(self, publishers: Callable[[], int]) -> None:
+        self.count = 0
+        self._publishers = publishers
+        self.restart()
+
+    def restart(self) -> None:
+        """Take the next message for the first one: those before it were not asked for."""
+        self._last = 0
+
+    def take(self, info: dict[str, Any]) -> int:
+        """Get what `waiting` says of the next message; return how many are missing before it."""
+        number = info['publication_sequence_number']
+        missing = number - self._last - 1 if self._last else 0
+        self._last = number
+        # A publisher that was started again begins anew.
+        if missing <= 0 or self._publishers() != 1:
+            return 0
+        self.count += missing
+        return missing
 
 
 def _never(message: object) -> None:

@@ -39,6 +39,9 @@ def latched(depth: int = 1) -> QoSProfile:
     )
 
 
+#: Depth of the measurements: what a reader missed is sent again while the writer still has it. At
+#: least a second at the highest rate, also of a rig that is simulated faster than real time.
+MEASUREMENTS = 4000
 #: Events are rare and none may be lost.
 EVENTS = stream(1000)
 #: `diagnostics` and `hunting/status`.

@@ -20,7 +20,7 @@ from hunt_ros.nodes.support.conversions import joint_layout
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, NewSince
 from hunt_ros.nodes.support.driver_node import DriverNode
 from hunt_ros.nodes.support.parameters import declare, warn_unknown
-from hunt_ros.nodes.support.qos import stream
+from hunt_ros.nodes.support.qos import MEASUREMENTS, stream
 from hunt_ros.settings import Settings, setting
 
 
@@ -79,8 +79,7 @@ class SensorNode(DriverNode):
         self._device_range = (-math.inf, math.inf)
         self._watch = SourceWatch(self._config.sample_rate_hz, self._config.stuck_s)
         self._judging = threading.Lock()
-        depth = int(self._config.sample_rate_hz)
-        self._announced = self.create_publisher(JointState, channel, stream(depth))
+        self._announced = self.create_publisher(JointState, channel, stream(MEASUREMENTS))
         self._layout = joint_layout([channel], self._config.frame_id)
         self._published = 0
         self._lost = 0
