@@ -64,6 +64,7 @@ def _nodes(given: Mapping[str, str]) -> list[Node]:
         'respawn_delay': _RESPAWN_DELAY_S,
     }
     level = ['--ros-args', '--log-level', given['log_level']]
+    where = given['namespace'].strip('/')
     # Listeners first, and in one process ended last.
     names = [*LISTENERS]
     if given['sensors'] == 'true':
@@ -75,7 +76,11 @@ def _nodes(given: Mapping[str, str]) -> list[Node]:
         names = []
     else:
         suite = []
-    alone = (Node(executable=name, arguments=level, **common) for name in (*names, *optional))
+    # Under SROS2 each process has the key of its own enclave, else it is only a name.
+    alone = (
+        Node(executable=name, arguments=[*level, '--enclave', f'/{where}/{name}'], **common)
+        for name in (*names, *optional)
+    )
     return [*suite, *alone]
 
 

@@ -91,7 +91,9 @@ def test_every_node_of_the_suite_is_launched_once_with_the_default_file(launched
     ]  # fmt: skip
     for node in nodes:
         assert node.named['parameters'] == [str(ROOT / 'config' / 'rig.yaml')]
-        assert node.named['arguments'] == ['--ros-args', '--log-level', 'info']
+        enclave = f'/rig/{node.named["executable"]}'
+        words = ['--ros-args', '--log-level', 'info', '--enclave', enclave]
+        assert node.named['arguments'] == words
 
 
 def test_a_mistyped_file_ends_the_launch_and_says_which(launched, tmp_path: Path) -> None:

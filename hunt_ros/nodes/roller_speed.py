@@ -33,7 +33,13 @@ from hunt_ros.nodes.support.conversions import (
     to_ns,
     twist,
 )
-from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, NewSince, one_line, steady_clock
+from hunt_ros.nodes.support.diagnostics import (
+    Diagnostics,
+    Health,
+    NewSince,
+    one_line,
+    steady_clock,
+)
 from hunt_ros.nodes.support.driver_node import DriverNode
 from hunt_ros.nodes.support.parameters import declare, warn_unknown
 from hunt_ros.nodes.support.qos import EVENTS, MEASUREMENTS, STATUS, latched, stream

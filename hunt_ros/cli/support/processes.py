@@ -71,7 +71,9 @@ class NodeSpec:
 
     def ros_arguments(self, namespace: str) -> list[str]:
         """Return the part of it that rclpy reads."""
-        words = ['--ros-args', '-r', f'__ns:=/{namespace.strip("/")}']
+        where = f'/{namespace.strip("/")}'
+        # Under SROS2 each process has the key of its own enclave, else it is only a name.
+        words = ['--ros-args', '-r', f'__ns:={where}', '--enclave', f'{where}/{self.module}']
         for path in self.parameter_files:
             words += ['--params-file', str(path)]
         for name, value in self.parameters.items():
