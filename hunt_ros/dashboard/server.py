@@ -37,6 +37,7 @@ import tornado.websocket
 from bokeh.util.paths import bokehjs_path
 
 from hunt_ros.dashboard.access import COMMAND, VIEW, Access, same_origin
+from hunt_ros.dashboard.comparison import compare
 from hunt_ros.dashboard.figures import figure_items
 from hunt_ros.dashboard.recordings import GONE, Recordings
 from hunt_ros.dashboard.view import View, changes
@@ -188,6 +189,7 @@ class PageServer:
                 (r'/played', _Replay),
                 (r'/recordings', _Page, {'name': 'recordings.html'}),
                 (r'/recordings\.json', _Listing),
+                (r'/comparison\.json', _Comparison),
                 (r'/report/([^/]+)', _Report),
                 (r'/(page\.js|recordings\.js|page\.css|colours\.css|figures\.json)', _Static),
                 (r'/bokeh\.js', _Bokeh),
@@ -299,6 +301,32 @@ class _Listing(_Handler):
         listing = await loop.run_in_executor(None, self.page.recordings.listing)
         self.set_header('Content-Type', 'application/json')
         self.finish(json.dumps(listing, allow_nan=False))
+
+
+class _Comparison(_Handler):
+    """The recordings that are chosen, side by side."""
+
+    async def get(self) -> None:
+        if not self.right:
+            self.refuse(401, 'a token is needed')
+            return
+        names = set(self.get_arguments('recording', strip=False))
+        dark = self.get_argument('scheme', '') == 'night'
+        answer = await asyncio.get_running_loop().run_in_executor(None, self._compare, names, dark)
+        self.set_header('Content-Type', 'application/json')
+        self.finish(json.dumps(answer, allow_nan=False))
+
+    def _compare(self, names: set[str], dark: bool) -> dict[str, Any]:
+        recordings = self.page.recordings
+        listing = recordings.listing()
+        rows = [row for row in listing['recordings'] if row['name'] in names]
+        found = compare(rows, recordings.directory, dark)
+        gone = [row['name'] for row in rows if row['state'] == 'gone']
+        gone += sorted(names - {row['name'] for row in rows})
+        if gone:
+            found['problem'] = f'{", ".join(gone)}: {GONE}'
+            found['without'] = [name for name in found['without'] if name not in gone]
+        return found
 
 
 class _Report(_Handler):

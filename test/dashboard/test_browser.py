@@ -204,6 +204,23 @@ def test_a_recording_is_replayed_into_the_same_view_and_the_rig_is_not_touched(p
     assert page.errors == []
 
 
+def test_the_recordings_that_are_chosen_are_compared_in_two_figures(page, live) -> None:
+    for name in ('one', 'two'):
+        shutil.copytree(BAG, live.folder / name)
+        shutil.copy(BAG.parent / 'paper.yaml', live.folder / f'{name}.yaml')
+    page.goto(live.url + 'recordings')
+    page.wait_for_function("() => byId('said').textContent.endsWith('2 recordings')")
+    assert page.is_disabled('#compare')
+    for name in ('one', 'two'):
+        page.check(f'[aria-label="compare {name}"]')
+    page.click('#compare')
+    for name in ('speeds', 'diagram'):
+        page.locator(f'#{name} canvas').first.wait_for()
+    assert page.locator('#forms tr').count() == 2
+    assert page.inner_text('#compared') == ''
+    assert page.errors == []
+
+
 def test_a_recording_that_vanished_is_one_message_and_no_replay(page, live) -> None:
     replay_of(page, live, 'gone')
     page.wait_for_function("() => byId('why').textContent.includes('not in the folder any more')")

@@ -35,9 +35,9 @@ def ask(url: str) -> tuple[int, str]:
         return error.code, error.read().decode()
 
 
-def run(path: Path, alarms: list | None = None) -> Path:
+def run(path: Path, alarms: list | None = None, began_s: int = BEGAN_S) -> Path:
     """Write a recording of 10 s: up from 6 to 8 m/s, with a motion that grows."""
-    stamps = BEGAN_S * 10**9 + np.arange(0, 10**10 + 1, 10**7)
+    stamps = began_s * 10**9 + np.arange(0, 10**10 + 1, 10**7)
     share = np.linspace(0.0, 1.0, stamps.size)
     record = Record(
         {
@@ -113,6 +113,40 @@ def test_the_intervals_are_those_of_the_identification_beside_the_form(live, rea
     path.rename(path.with_name('later'))
     (live.folder / 'later' / 'normal_form.npz').unlink()
     assert read()['later']['v_n']['ci95'] is None
+
+
+def test_runs_of_several_days_are_compared_by_the_forms_that_rest_on_them(live, read) -> None:
+    day_s = 86_400
+    for number, name in enumerate(('mon', 'tue', 'wed')):
+        run(live.folder / name, began_s=BEGAN_S + number * day_s)
+    texts = []
+    for names, std in ((('mon', 'tue'), 1e-2), (('wed',), 0.0)):
+        notes = {f'recording {k}': f'/lab/{name}' for k, name in enumerate(names)}
+        form = IdentifiedNormalForm(PAPER_NORMAL_FORM, np.diag([std, 0, 0, 0, 0, 0]), notes)
+        texts.append(form.to_yaml())
+    (live.folder / 'both.yaml').write_text(texts[0])
+    run(live.folder / 'none')
+    read()
+    asked = 'comparison.json?recording=mon&recording=tue&recording=none&recording=gone'
+    code, text = ask(live.url + asked)
+    assert code == 200
+    found = json.loads(text)
+    (form,) = found['forms']
+    assert (form['form'], form['recordings']) == ('both.yaml', ['mon', 'tue'])
+    assert form['days'] == ['2023-11-14', '2023-11-15']
+    assert form['v_c']['ci95'] == pytest.approx([8.0 - 0.196, 8.0 + 0.196], abs=0.05)
+    assert found['without'] == ['none']
+    assert found['problem'].startswith('gone: ')
+    assert set(found['figures']) == {'speeds', 'diagram'}
+    (live.folder / 'last.yaml').write_text(texts[1])
+    read()
+    found = json.loads(ask(f'{live.url}comparison.json?recording=wed&recording=mon')[1])
+    assert [each['recordings'] for each in found['forms']] == [['mon'], ['wed']]
+    assert (found['without'], found['problem']) == ([], '')
+    shutil.rmtree(live.folder / 'wed')
+    found = json.loads(ask(f'{live.url}comparison.json?recording=wed&recording=mon')[1])
+    assert [each['recordings'] for each in found['forms']] == [['mon']]
+    assert 'wed: is not in the folder any more' in found['problem']
 
 
 def test_what_is_damaged_open_or_vanished_is_one_clear_line(live, read) -> None:

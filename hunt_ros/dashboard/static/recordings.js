@@ -78,6 +78,51 @@ function alarms(list) {
   return cell;
 }
 
+const chosen = new Set();   // names, of recordings that are to be compared
+
+function choice(name) {
+  const cell = make('td');
+  const box = make('input');
+  box.type = 'checkbox';
+  box.checked = chosen.has(name);
+  box.ariaLabel = `compare ${name}`;
+  box.onchange = () => { if (box.checked) chosen.add(name); else chosen.delete(name); showChoice(); };
+  cell.append(box);
+  return cell;
+}
+
+function showChoice() {
+  byId('compare').disabled = chosen.size < 2;
+  byId('compare').textContent = chosen.size < 2 ? 'compare: choose two or more' : `compare ${chosen.size} recordings`;
+}
+
+async function compare() {
+  byId('comparison').hidden = false;
+  byId('compared').textContent = 'being compared';
+  try {
+    const asked = new URLSearchParams([...chosen].map((name) => ['recording', name]));
+    asked.append('scheme', document.documentElement.dataset.scheme);
+    const answer = await fetch(`comparison.json?${asked}`, {cache: 'no-store'});
+    if (answer.status === 401) { location.reload(); return; }
+    const found = await answer.json();
+    const without = found.without.length ? `no normal form rests on ${found.without.join(', ')}: hunt identify NAME --out NAME.yaml` : '';
+    byId('compared').textContent = [found.problem, without].filter(Boolean).join('; ');
+    byId('compared').className = found.problem ? 'loud' : '';
+    byId('forms').replaceChildren(...found.forms.map((form) => {
+      const line = make('tr');
+      line.append(make('td', form.label), make('td', form.form), make('td', form.recordings.join(', ')), make('td', form.days.join(', ')), critical(form.v_n), critical(form.v_c));
+      return line;
+    }));
+    for (const name of ['speeds', 'diagram']) {
+      byId(name).replaceChildren();
+      if (found.figures[name] && window.Bokeh) await Bokeh.embed.embed_item(found.figures[name], name);
+    }
+  } catch (error) {
+    byId('compared').textContent = 'NO ANSWER FROM THE SERVER: nothing was compared';
+    byId('compared').className = 'loud';
+  }
+}
+
 function row(each) {
   const made = make('tr', '', each.state);
   const small = make('td');
@@ -97,7 +142,7 @@ function row(each) {
     link.href = each.report.split('/').map(encodeURIComponent).join('/');
     report.append(link);
   } else report.textContent = '\u2013';
-  made.append(small, about, make('td', speeds(each.speed_mps)), alarms(each.alarms), critical(each.v_n), critical(each.v_c), report);
+  made.append(choice(each.name), small, about, make('td', speeds(each.speed_mps)), alarms(each.alarms), critical(each.v_n), critical(each.v_c), report);
   return made;
 }
 
@@ -120,4 +165,7 @@ async function show() {
 }
 
 document.documentElement.dataset.scheme = localStorage.getItem('hunt-scheme') || (matchMedia('(prefers-color-scheme: dark)').matches ? 'night' : 'day');
+byId('compare').onclick = compare;
+byId('leave').onclick = () => { byId('comparison').hidden = true; };
+showChoice();
 show();
