@@ -28,7 +28,12 @@ def test_a_sensor_on_a_modbus_device_that_is_cut_is_heard_again(graph, modbus_se
     heard = graph.collect(JointState, 'lateral')
     modbus_server.put(3, -7)
     graph.start(
-        'lateral_sensor', driver='modbus', port=modbus_server.port, register=3, scale=0.001
+        'lateral_sensor',
+        driver='modbus',
+        port=modbus_server.port,
+        register=3,
+        scale=0.001,
+        sample_rate_hz=20.0,  # a slow bus
     )
     graph.spin_until(lambda: heard)
     assert heard[0].position[0] == -0.007

@@ -147,7 +147,7 @@ def test_a_stopped_sensor_leaves_its_backlog_out_and_is_well_again_a_second_late
 @pytest.mark.parametrize(
     ('parameters', 'words'),
     [
-        ({'sample_rate_hz': 5.0}, ('sample_rate_hz', '5.0', '100')),
+        ({'sample_rate_hz': 5.0}, ('sample_rate_hz', '5.0', '10')),
         ({'driver': 'telepathy'}, ('driver', 'telepathy', 'simulated')),
         ({'port': 0}, ('port', '0', '1')),
     ],

@@ -37,7 +37,7 @@ class SensorConfig(Settings):
         500.0,
         'Expected rate: WARN when it is missed by 5 %, STALE when nothing comes.',
         unit='Hz',
-        low=100.0,
+        low=10.0,  # the detector calls a channel silent after 0.2 s
         high=2000.0,
         fixed=True,
     )
