@@ -315,9 +315,7 @@ class _Planner:
         self._v_c, self._v_n = known.v_c.value, known.v_n.value
         width = self._v_c - self._v_n
         self._low = min(slowest, self._v_n - 0.4 * width)
-        self._wanted = settings.speeds_mps or tuple(
-            _rounded(self._v_n + share * width) for share in _WANTED
-        )
+        self._wanted = self._where(settings.speeds_mps)
         self._foresight = Foresight(
             posterior, self._wanted, self._low, ceiling, _PATHS, settings.seed
         )
@@ -327,6 +325,19 @@ class _Planner:
         self._places = [speed for speed in places if speed <= ceiling]
         unstable = known.branch('unstable', self._places)[0] if self._places else np.zeros(0)
         self._unstable = np.where(np.isfinite(unstable), unstable, self._fold)
+
+    def _where(self, asked: tuple[float, ...]) -> tuple[float, ...]:
+        """Return the speeds at which the unstable amplitude is wanted; there must be one."""
+        width = self._v_c - self._v_n
+        speeds = asked or tuple(_rounded(self._v_n + share * width) for share in _WANTED)
+        there = np.isfinite(self._known.branch('unstable', speeds)[0])
+        if asked and not there.all():
+            speed = speeds[int(np.argmin(there))]
+            raise ConfigError(
+                f'plan: speeds_mps: no unstable amplitude is known at {speed:g} m/s, expected'
+                f' speeds between v_n = {self._v_n:.4g} and v_c = {self._v_c:.4g} m/s'
+            )
+        return tuple(speed for speed, known in zip(speeds, there, strict=True) if known)
 
     def plan(self) -> Plan:
         """Choose actions until the budget is used."""

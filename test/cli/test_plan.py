@@ -57,6 +57,8 @@ def test_bad_input_is_one_line_and_exit_2(form, tmp_path, capsys):
         ([str(form), '--max-escape', '1.5'], '0 to 1'),
         ([str(form), '--speed-ceiling', '4'], 'speed_ceiling_mps'),
         ([str(form), '--at', '7,fast'], '--at'),
+        ([str(form), '--at', '7.2,5'], 'no unstable amplitude is known at 5 m/s, expected'),
+        ([str(form), '--at', '9'], 'between v_n = '),
         ([str(form), '--out', str(tmp_path / 'no' / 'p.yaml')], 'cannot write the profile'),
         ([str(other)], 'another normal form'),
         ([str(alone)], 'alone.npz'),
