@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -441,23 +442,11 @@ def _kernel(source: int) -> Callable[..., None]:
     """Return the kernel, closed over the stamp of the law: a new law, new machine code."""
 
     @compiled
-    def follow(
-        theta: NDArray[np.float64],
-        time: NDArray[np.float64],
-        u: NDArray[np.float64],
-        real: NDArray[np.float64],
-        imag: NDArray[np.float64],
-        line: NDArray[np.float64],
-        starts: NDArray[np.bool_],
-        window: NDArray[np.float64],
-        lanes: NDArray[np.int64],
-        out: NDArray[np.float64],
-        by: NDArray[np.float64],
-    ) -> None:
-        """Run the filter along a path."""
+    def follow(*data: NDArray[Any]) -> None:
+        """Run the filter along a path; the arguments are those of `_walk`."""
         if source < 0:  # it never is: what is closed over is part of the key of the cache
             return
-        _walk(theta, time, u, real, imag, line, starts, window, lanes, out, by)
+        _walk(*data)
 
     return follow
 
