@@ -1,0 +1,261 @@
+"""Sensors and drive on one host, detector on another: a bad line, a cut one, and a mended one."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+from hunt_ros.suite import SIMULATOR, SOURCES
+
+pytest.importorskip('rclpy', reason='the extra ros is not installed')
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+ROOT = Path(__file__).resolve().parents[2]
+_CABLE = Path(__file__).with_name('cable.py')
+_ADDRESSES = {'rig': '10.93.0.1', 'lab': '10.93.0.2'}
+_DELAY_S, _LOSS = 0.05, 0.05
+
+
+class Process:
+    """A process on one of the hosts, and its lines as they come."""
+
+    def __init__(self, words: list[str], log: Path, **options: object) -> None:
+        self.lines: list[str] = []
+        with log.open('w') as errors:
+            self._process = subprocess.Popen(
+                words,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                text=True,
+                **options,
+            )
+        self.pid = self._process.pid
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def _read(self) -> None:
+        for line in self._process.stdout:
+            self.lines.append(line.rstrip('\n'))
+
+    def say(self, words: str) -> None:
+        self._process.stdin.write(f'{words}\n')
+        self._process.stdin.flush()
+
+    def end(self) -> None:
+        self._process.terminate()
+        try:
+            self._process.wait(timeout=20.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    @property
+    def ended(self) -> bool:
+        return self._process.poll() is not None
+
+
+class Hosts:
+    """Two network namespaces with a cable between them."""
+
+    def __init__(self, folder: Path, machine) -> None:
+        self._folder, self._machine = folder, machine
+        self._started = ExitStack()
+        self._holders: dict[str, int] = {}
+        self._number = 0
+        self.environment = {
+            name: value
+            for name, value in os.environ.items()
+            if name not in ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOCALHOST_ONLY')
+        }
+        self.environment['PYTHONPATH'] = str(ROOT)
+        # Other hosts have no memory in common: the namespaces do.
+        self.environment['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
+
+    def plug(self) -> None:
+        """Make both and the cable; raises OSError with what the machine does not allow."""
+        hold = ['sh', '-c', 'echo held; exec sleep 3600']
+        first = self._hold('rig', ['unshare', '--user', '--map-root-user', '--net', *hold])
+        self._hold('lab', [*_enter(first), 'unshare', '--net', *hold])
+        self.cable = self._start(
+            [*_enter(first), sys.executable, str(_CABLE), str(self._holders['lab'])]
+        )
+        self._first_line(self.cable, 'plugged')
+        for name, address in _ADDRESSES.items():
+            for words in (
+                ['link', 'set', 'lo', 'up'],
+                ['address', 'add', f'{address}/24', 'dev', 'cable0'],
+                ['link', 'set', 'cable0', 'up'],
+            ):
+                done = subprocess.run(
+                    [*_enter(self._holders[name]), 'ip', *words], capture_output=True, text=True
+                )
+                if done.returncode:
+                    raise OSError(f'ip {" ".join(words)}: {done.stderr.strip()}')
+
+    def _hold(self, name: str, words: list[str]) -> int:
+        """Start what keeps a namespace alive; return its process."""
+        holder = self._start(words)
+        self._first_line(holder, 'held')
+        # `unshare` becomes the program; `nsenter`, which leads to it, too.
+        self._holders[name] = holder.pid
+        return holder.pid
+
+    def _first_line(self, process: Process, expected: str) -> None:
+        deadline = self._machine.deadline(10.0)
+        while not process.lines:
+            if process.ended or deadline.passed:
+                raise OSError(self._log().read_text().strip().splitlines()[-1:] or expected)
+            time.sleep(0.01)
+        assert process.lines[0] == expected
+
+    def _log(self) -> Path:
+        return self._folder / f'{self._number}.log'
+
+    def _start(self, words: list[str], **options: object) -> Process:
+        self._number += 1
+        process = Process(words, self._log(), **options)
+        self._started.callback(process.end)
+        return process
+
+    def start(self, host: str, *words: str) -> Process:
+        """Start a process of nodes on one of them."""
+        entry = [sys.executable, '-m', 'hunt_ros.nodes.entry', *words]
+        return self._start(
+            [*_enter(self._holders[host]), *entry, '-r', '__ns:=/rig'],
+            env=self.environment,
+            cwd=self._folder,
+        )
+
+    def order(self, *words: object) -> None:
+        """Tell the cable something; return when it has done so."""
+        said = ' '.join(map(str, words))
+        count = len(self.cable.lines)
+        self.cable.say(said)
+        self.wait(lambda: len(self.cable.lines) > count, 10.0)
+        assert self.cable.lines[-1] == said
+
+    def wait(self, done: Callable[[], object], timeout_s: float) -> None:
+        """Wait until a condition holds; `timeout_s`: of a quick idle machine."""
+        deadline = self._machine.deadline(timeout_s)
+        while not done():
+            tails = (log.read_text()[-300:] for log in sorted(self._folder.glob('*.log')))
+            assert not deadline.passed, f'in vain {deadline}; {list(tails)}'
+            time.sleep(0.02)
+
+    def close(self) -> None:
+        self._started.close()
+
+
+def _enter(pid: int) -> list[str]:
+    words = ['nsenter', '--target', str(pid), '--user', '--net', '--preserve-credentials']
+    return [*words, '--']
+
+
+@pytest.fixture
+def hosts(tmp_path, machine, domain) -> Iterator[Hosts]:
+    hosts = Hosts(tmp_path, machine)
+    try:
+        try:
+            hosts.plug()
+        except OSError as error:
+            pytest.skip(f'no two hosts on this machine: {error}')
+        yield hosts
+    finally:
+        hosts.close()
+
+
+def _told(console: Process, topic: str) -> list[dict[str, Any]]:
+    """Return what a console has printed of a topic."""
+    mark = f'{{"topic": "{topic}"'
+    return [json.loads(line) for line in list(console.lines) if line.startswith(mark)]
+
+
+def _rig_file(folder: Path, patience_s: float) -> Path:
+    """Write the parameters of the host at the rig."""
+    path = folder / 'rig.yaml'
+    of_nodes = {
+        '/**': {'sample_rate_hz': 100.0},
+        f'/**/{SIMULATOR}': {'initial_speed_mps': 7.2},
+        '/**/roller_speed': {'interlock': 'measure', 'status_timeout_s': patience_s},
+    }
+    path.write_text(
+        json.dumps({name: {'ros__parameters': values} for name, values in of_nodes.items()})
+    )
+    return path
+
+
+def test_a_line_that_delays_and_loses_and_is_cut_and_mended(hosts, tmp_path, machine) -> None:
+    # Below what the middleware needs to forget the other host, 20 s.
+    patience_s = min(8.0, 2.0 * machine.measure())
+    form = tmp_path / 'normal_form.yaml'
+    form.write_text(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml())
+    hosts.order('weather', _DELAY_S, _LOSS)
+    lab = hosts.start('lab', 'console', '--ros-args')
+    rig = hosts.start('rig', 'console', '--ros-args')
+    words = ['hunting_detector', '--ros-args', '--params-file', str(form)]
+    hosts.start('lab', *words, '-p', f'sensor_timeout_s:={0.5 * patience_s}')
+    words = [SIMULATOR, *SOURCES, '--ros-args', '--params-file']
+    hosts.start('rig', *words, str(_rig_file(tmp_path, patience_s)))
+
+    def level() -> str:
+        return _told(lab, 'hunting/status')[-1]['level']
+
+    def interlock() -> str:
+        return _told(rig, 'speed/status')[-1]['interlock_state']
+
+    def watches() -> bool:
+        """Return True if the interlock is armed and has heard that all is well."""
+        told = _told(rig, 'speed/status')
+        armed = told[-1:] and told[-1]['interlock_state'] == 'armed'
+        return armed and told[-1]['interlock_cause'] == 'all is well'
+
+    def is_well() -> bool:
+        told = _told(lab, 'hunting/status')
+        return told[-1:] and told[-1]['level'] == 'WARN' and told[-1]['region'] == 'hysteresis'
+
+    hosts.wait(is_well, 90.0)
+    hosts.wait(watches, 90.0)
+    assert float(_told(lab, 'hunting/status')[-1]['clock_offset_s lateral']) > 0.9 * _DELAY_S
+
+    # What is lost is sent again after a heartbeat, every 3 s: a loss would hide the cut.
+    hosts.order('weather', _DELAY_S, 0.0)
+    hosts.order('cut')
+    cut_ns = time.time_ns()
+    hosts.wait(lambda: level() == 'STALE', 30.0)
+    hosts.wait(lambda: interlock() == 'tripped', 30.0)
+    mended_ns = time.time_ns()
+    hosts.order('mend')
+    hosts.wait(lambda: level() in ('OK', 'WARN'), 90.0)
+    blind = [
+        status['level']
+        for status in _told(lab, 'hunting/status')
+        if cut_ns + 0.5e9 * patience_s < status['stamp_ns'] < mended_ns
+    ]
+    assert set(blind) <= {'STALE'}, 'nobody is well who hears nothing'
+    events = [event['event'] for event in _told(lab, 'hunting/events')]
+    assert 'input_stale' in events
+    assert 'input_recovered' in events[events.index('input_stale') :]
+    assert interlock() == 'tripped', 'only a person arms it again'
+    asked_s = 0.0
+
+    def is_armed() -> bool:
+        """Ask again where it was refused: the line is bad, and samples come late at times."""
+        nonlocal asked_s
+        if time.monotonic() - asked_s > 1.0:
+            lab.say('speed/rearm')
+            asked_s = time.monotonic()
+        return interlock() == 'armed'
+
+    hosts.wait(is_armed, 60.0)
