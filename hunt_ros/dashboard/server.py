@@ -55,7 +55,11 @@ _HEARTBEAT_S = 0.25
 _LONGEST_LINE = 2**24
 #: After a wrong token, s: trying all of them takes for ever.
 _WRONG_TOKEN_S = 1.0
+#: A browser keeps its cookie so long. The right in it ends with the session (`session_s`), but for
+#: the emergency stop: who could command may stop the rig, also after a night, for to refuse that
+#: may do harm, and to stop can do none. To rearm, as for all else, one has to sign in again.
 _COOKIE_DAYS = 30.0
+SESSION_S = 12 * 3600.0
 #: A command is a word and a few more.
 _MOST_BYTES = 4096
 _STATIC = files('hunt_ros.dashboard') / 'static'
@@ -88,6 +92,8 @@ class PageServer:
         Of the page: the name of the rig.
     recordings : Recordings
         What the second page shows.
+    session_s : float
+        How long after a token was typed it lets this browser view or command.
 
     Raises
     ------
@@ -103,6 +109,7 @@ class PageServer:
         command: Command,
         title: str,
         recordings: Recordings,
+        session_s: float = SESSION_S,
     ) -> None:
         try:
             self._sockets = tornado.netutil.bind_sockets(port, address)
@@ -117,6 +124,7 @@ class PageServer:
         self.command = command
         self.title = title
         self.recordings = recordings
+        self.session_s = session_s
         self.pages = {path.name: path.read_bytes() for path in _STATIC.iterdir() if path.is_file()}
         self.pages['figures.json'] = figure_items()
         self.pages['colours.css'] = (
@@ -191,9 +199,13 @@ class PageServer:
                 (r'/recordings\.json', _Listing),
                 (r'/comparison\.json', _Comparison),
                 (r'/report/([^/]+)', _Report),
-                (r'/(page\.js|recordings\.js|page\.css|colours\.css|figures\.json)', _Static),
+                (
+                    r'/(page\.js|recordings\.js|login\.js|page\.css|colours\.css|figures\.json)',
+                    _Static,
+                ),
                 (r'/bokeh\.js', _Bokeh),
                 (r'/login', _Login),
+                (r'/session', _Session),
                 (r'/live', _Viewer),
                 (r'/command', _Command),
             ],
@@ -240,7 +252,8 @@ class _Handler(tornado.web.RequestHandler):
     def set_default_headers(self) -> None:
         self.set_header('Content-Security-Policy', _POLICY)
         self.set_header('X-Content-Type-Options', 'nosniff')
-        self.set_header('Referrer-Policy', 'no-referrer')
+        # With no-referrer a browser says `Origin: null` with the form for a token.
+        self.set_header('Referrer-Policy', 'same-origin')
         self.set_header('Cache-Control', 'no-cache')
         self.set_header('Server', 'hunt_ros')
 
@@ -260,8 +273,27 @@ class _Handler(tornado.web.RequestHandler):
         """What this browser may do: '', 'view' or 'command'."""
         if not self.page.access.tokens:
             return COMMAND
-        value = self.get_signed_cookie(self.cookie, max_age_days=_COOKIE_DAYS)
-        return value.decode() if value in (VIEW.encode(), COMMAND.encode()) else ''
+        right, typed_s = self._signed_in()
+        return right if time.time() < typed_s + self.page.session_s else ''
+
+    @property
+    def may_stop(self) -> bool:
+        """Whether this browser may stop the rig: also where its session has ended."""
+        return self.right == COMMAND or self._signed_in()[0] == COMMAND
+
+    @property
+    def ended(self) -> str:
+        """One line where there was a session, and it has ended; else ''."""
+        if self.right or not self._signed_in()[0]:
+            return ''
+        hours = f'{self.page.session_s / 3600.0:.3g} h'
+        return f'The session has ended, {hours} after the token was typed: sign in again'
+
+    def _signed_in(self) -> tuple[str, float]:
+        """Return the right of the cookie, and when its token was typed, s; ('', 0) without one."""
+        value = self.get_signed_cookie(self.cookie, max_age_days=_COOKIE_DAYS) or b''
+        right, _, typed_s = value.decode().partition(' ')
+        return (right, float(typed_s)) if right in (VIEW, COMMAND) and typed_s else ('', 0.0)
 
     def refuse(self, code: int, why: str) -> None:
         """End the request with one line."""
@@ -281,12 +313,25 @@ class _Page(_Handler):
 
     def get(self) -> None:
         name = self._name if self.right else 'login.html'
+        said = self.ended or (
+            'This is none of the tokens' if 'wrong' in self.request.query else ''
+        )
         text = self.page.pages[name].decode()
         text = text.replace('{{version}}', self.page.version).replace(
             '{{title}}', tornado.escape.xhtml_escape(self.page.title)
         )
         self.set_header('Content-Type', 'text/html; charset=utf-8')
+        text = text.replace('{{said}}', tornado.escape.xhtml_escape(said))
+        text = text.replace('{{stop}}', '' if self.may_stop else 'hidden')
         self.finish(text.replace('{{right}}', self.right))
+
+
+class _Session(_Handler):
+    """What this browser may do now, for a page that has lost its connection."""
+
+    def get(self) -> None:
+        self.set_header('Content-Type', 'application/json')
+        self.finish(json.dumps({'right': self.right, 'message': self.ended}))
 
 
 class _Listing(_Handler):
@@ -376,7 +421,11 @@ class _Login(_Handler):
             self.redirect('/?wrong', status=303)
             return
         self.set_signed_cookie(
-            self.cookie, right, expires_days=_COOKIE_DAYS, httponly=True, samesite='Strict'
+            self.cookie,
+            f'{right} {time.time():.0f}',
+            expires_days=_COOKIE_DAYS,
+            httponly=True,
+            samesite='Strict',
         )
         self.redirect('/', status=303)
 
@@ -385,9 +434,6 @@ class _Command(_Handler):
     """Does what an operator asks for, and answers when it is done."""
 
     async def post(self) -> None:
-        if self.right != COMMAND:
-            self.refuse(403, 'this browser may view only: commands need the other token')
-            return
         # A form of another site cannot send this type, even where Origin is missing.
         if self.request.headers.get('Content-Type', '').partition(';')[0] != 'application/json':
             self.refuse(415, 'expected application/json')
@@ -400,6 +446,10 @@ class _Command(_Handler):
             return
         if not (isinstance(word, str) and isinstance(words, str)):
             self.refuse(400, 'expected texts')
+            return
+        if self.right != COMMAND and not (word == 'emergency-stop' and self.may_stop):
+            told = 'this browser may view only: commands need the other token'
+            self.refuse(401 if self.ended else 403, self.ended or told)
             return
         done, message = await asyncio.wrap_future(self.page.command(word, words))
         self.set_header('Content-Type', 'application/json')
@@ -438,6 +488,10 @@ class _Viewer(_Handler, tornado.websocket.WebSocketHandler):
 
     def update(self, view: View) -> None:
         """Send what has changed, unless the last update is still on its way."""
+        if not self.right:
+            self.page.viewers.discard(self)
+            self.close(1008, 'the session has ended')
+            return
         now_s = time.monotonic()
         if self._delivery is not None and not self._delivery.done():
             if now_s - self._since_s > _STALLED_S:
@@ -535,6 +589,8 @@ class _Replay(_Handler, tornado.websocket.WebSocketHandler):
                 break
             if time.monotonic() - told_s >= _HEARTBEAT_S:
                 told_s = time.monotonic()
+                if not self.right:
+                    self.close(1008, 'the session has ended')  # which ends the process
                 await self._send(self._present())
             if done:
                 await self._send(line)

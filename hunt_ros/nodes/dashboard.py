@@ -47,6 +47,14 @@ class DashboardConfig(Settings):
     token_file: str = setting(
         '', 'File with the lines "view: TOKEN" and "command: TOKEN", mode 600.', fixed=True
     )
+    session_hours: float = setting(
+        12.0,
+        'How long a typed token counts; after it the emergency stop alone.',
+        unit='h',
+        low=0.1,
+        high=720.0,
+        fixed=True,
+    )
     directory: str = setting(
         './recordings', 'Folder of the recordings on the second page.', fixed=True
     )
@@ -73,6 +81,7 @@ class DashboardNode(Polling, Node):
             lambda word, words: self._caller.call(word, words),
             self.get_namespace().strip('/') or 'rig',
             Recordings(Path(config.directory).expanduser().absolute()),
+            3600.0 * config.session_hours,
         )
         self._model = PageModel(settings, form)
         self._diagnostics = Diagnostics(self, self._health)

@@ -10,6 +10,9 @@ from pathlib import Path
 
 import pytest
 
+pytest.importorskip('bokeh', reason='the extra dashboard is not installed')
+from hunt_ros.dashboard.access import Access
+
 playwright = pytest.importorskip('playwright.sync_api', reason='playwright is not installed')
 
 _CHROMIUM = next(
@@ -47,7 +50,8 @@ def page(browser, live, machine) -> Iterator[object]:
 
 def word(page, text: str) -> None:
     """Wait until the level on the page is this word."""
-    page.wait_for_function(f"() => byId('word').textContent === {json.dumps(text)}")
+    wanted = f"document.getElementById('word')?.textContent === {json.dumps(text)}"
+    page.wait_for_function(f'() => {wanted}')
 
 
 def test_the_point_moves_the_alarm_shows_and_nothing_fails(page, live) -> None:
@@ -157,6 +161,32 @@ def test_the_name_is_asked_once_and_a_refusal_stays_until_it_is_closed(page, liv
     page.keyboard.press('Enter')
     page.wait_for_function("() => byId('answer').className === 'done'")
     assert live.calls[-1] == ('mark', 'bump at joint 3')
+
+
+def test_a_session_that_ends_shows_one_message_a_form_and_the_emergency_stop(page, live) -> None:
+    token = 'b' * 16
+    live.server.access = Access((('command', token),))
+    page.goto(live.url)
+    page.fill('[name=token]', token)
+    page.keyboard.press('Enter')
+    word(page, 'WARN')
+    live.server.session_s = -1.0
+    word(page, 'STALE')
+    assert page.inner_text('#why').startswith('The session has ended')
+    assert page.is_visible('#again')
+    page.click('#emergency')
+    page.wait_for_function("() => byId('answer').className === 'done'")
+    assert live.calls == [('emergency-stop', '')]
+    live.server.session_s = 3600.0
+    page.fill('#again [name=token]', token)
+    page.click('#again button')
+    word(page, 'WARN')
+    live.server.session_s = -1.0
+    page.goto(live.url)
+    page.click('#emergency')
+    page.wait_for_function(
+        "() => document.getElementById('stopped').textContent === 'emergency stop: done'"
+    )
 
 
 def test_day_and_night_differ_in_figures_and_words(page) -> None:

@@ -148,6 +148,28 @@ def test_one_token_lets_view_and_the_other_command(guarded) -> None:
     assert guarded.calls == ['rearm']
 
 
+def test_a_session_ends_and_leaves_the_emergency_stop_alone(guarded) -> None:
+    url = f'http://127.0.0.1:{guarded.port}/'
+    viewer, operator = (log_in(url, letter * 16) for letter in 'ab')
+    guarded.session_s = -1.0
+    for opener in (viewer, operator):
+        page = ask(url, opener=opener)[1]
+        assert 'type="password"' in page
+        assert 'The session has ended' in page
+        assert ask(url + 'recordings.json', opener=opener)[0] == 401
+        code, text = ask(url + 'command', {'word': 'rearm'}, opener=opener)
+        assert code == 401
+        assert 'sign in again' in json.loads(text)['message']
+        told = json.loads(ask(url + 'session', opener=opener)[1])
+        assert (told['right'], 'sign in again' in told['message']) == ('', True)
+    assert guarded.calls == []
+    stop = {'word': 'emergency-stop'}
+    assert ask(url + 'command', stop, opener=viewer)[0] == 401
+    assert ask(url + 'command', stop, opener=operator)[0] == 200
+    assert ask(url + 'command', stop)[0] == 403, 'never signed in'
+    assert guarded.calls == ['emergency-stop']
+
+
 def test_a_forged_cookie_gives_no_right(guarded) -> None:
     url = f'http://127.0.0.1:{guarded.port}/'
     cookie = f'hunt_ros_{guarded.port}=command'

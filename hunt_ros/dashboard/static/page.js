@@ -35,7 +35,7 @@ function connect() {
     if (over) return;
     over = true;
     if (isReplay && sections.replay && sections.replay.problem) return;   // it has said why
-    setTimeout(connect, RECONNECT_MS);
+    setTimeout(connectIfAllowed, RECONNECT_MS);
   };
   mine.onmessage = (event) => {
     heardMs = performance.now();
@@ -49,6 +49,18 @@ function connect() {
       again();
     }
   }, 500);
+}
+
+let ended = '';   // why this browser may not view any more
+async function connectIfAllowed() {
+  try {
+    const session = await (await fetch('session', {cache: 'no-store'})).json();
+    ended = session.right ? '' : session.message || 'A token is needed: sign in';
+  } catch (error) {
+    // No server: that is told already.
+  }
+  byId('again').hidden = !ended;
+  if (ended) { set('ended', ended); watchLink(); setTimeout(connectIfAllowed, 5000); } else connect();
 }
 
 function apply(message) {
@@ -87,6 +99,10 @@ function watchLink() {
   let link = 'up';
   if (isReplay && sections.replay && sections.replay.problem) {
     showLevel('STALE', 'no replay', `${sections.replay.name}: ${sections.replay.problem}`, '');
+  } else if (ended) {
+    link = 'ended';
+    document.title = 'SESSION ENDED';
+    showLevel('STALE', 'signed out', ended, mayCommand ? 'The emergency stop still works.' : '');
   } else if (lost()) {
     link = 'lost';
     const since = Number.isFinite(silentMs) ? ` for ${Math.round(silentMs / 1000)} s` : '';
@@ -143,7 +159,7 @@ function when(seconds) {
 
 const WORDS = {
   status(status) {
-    if (lost()) return;
+    if (lost() || ended) return;
     const region = status.region === 'unknown' ? 'region unknown' : `${status.region} region`;
     const reasons = status.why.split('; ');
     const more = reasons.slice(1);
