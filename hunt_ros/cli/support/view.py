@@ -85,7 +85,7 @@ class View:
         elif topic == 'hunting/status':
             self._origin(line)
         elif topic == '/diagnostics':
-            self._say_health(line)
+            self._say_health()
         elif topic == 'progress':
             self.say(line['data'])
         elif topic == 'recording/closed':
@@ -134,10 +134,13 @@ class View:
             self._origin_ns = stamp_ns
         return self._origin_ns or stamp_ns
 
-    def _say_health(self, line: dict[str, Any]) -> None:
-        """Say when a node is unwell, and when it is well again."""
-        name, level = str(line['name']).rsplit('/', 1)[-1], line['level']
-        before = self._health.get(name, 'OK')
-        self._health[name] = level
-        if level != before:
-            self.say(f'{name}: {line["message"]}', STYLES.get(level, ''))
+    def _say_health(self) -> None:
+        """Say when a node is unwell or silent, and when it is well again."""
+        with self._lock:
+            nodes = self._told.sections(time.monotonic())['nodes']
+        for node in nodes:
+            name, level = node['name'], node['level']
+            before = self._health.get(name, 'OK')
+            self._health[name] = level
+            if level != before:
+                self.say(f'{name}: {node["message"]}', STYLES.get(level, ''))
