@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import compiled
+from hunt_ros.compiled import compiled, compiled_part
 from hunt_ros.samples import Series
 
 _F = NDArray[np.float64]
@@ -27,7 +27,7 @@ _STEP_S = 2.0
 #: Time constant with which the ratio of turning and speed is learnt where both are known, s.
 _LEARN_S = 20.0
 
-_U_LAST, _U_STEP, _U_LOW, _U_HIGH, _U_ADDED, _N_UNWRAP = range(6)
+_U_LAST, _U_STEP, _U_BEFORE, _U_FIRST, _U_LOW, _U_HIGH, _U_ADDED, _N_UNWRAP = range(8)
 _A_ANGLE, _A_TOLD, _A_SPEED, _A_TURNED, _A_COVERED, _N_ANGLE = range(6)
 
 
@@ -35,9 +35,11 @@ class Unwrapping:
     """
     Makes the angle of an encoder that wraps a continuous one.
 
-    A step that is a whole number of turns off the step before is one of the counter, not of
-    the roller. An angle that goes on beyond one turn is left as it is. Values that are not
-    finite are passed on. Blocks of any size give the same numbers, bit for bit.
+    A step that is a whole number of turns off the usual one is one of the counter, not of the
+    roller. The usual one is the median of the last three: a wrong reading makes two wrong steps,
+    one to either side. Of an angle that goes on beyond one turn these are the steps as read, so
+    that wrong readings leave nothing behind. Values that are not finite are passed on. Blocks
+    of any size give the same numbers, bit for bit.
     """
 
     def __init__(self) -> None:
@@ -89,13 +91,21 @@ def _unwrap(angle: _F, m: _F, found: _F) -> None:
             # The first step beyond one turn says that the angle does not wrap there.
             first = not known and m[_U_HIGH] - m[_U_LOW] > _WITHIN and abs(step) < _TURN
             if not first:
-                expected = m[_U_STEP] if math.isfinite(m[_U_STEP]) else 0.0
-                turns = math.floor((step - expected) / _TURN + 0.5)
+                turns = math.floor((step - _usual(m)) / _TURN + 0.5)
                 m[_U_ADDED] -= _TURN * turns
-                step -= _TURN * turns
-            m[_U_STEP] = step
+                step -= 0.0 if known else _TURN * turns
+            m[_U_FIRST], m[_U_BEFORE], m[_U_STEP] = m[_U_BEFORE], m[_U_STEP], step
         m[_U_LAST] = value
         found[i] = value + m[_U_ADDED]
+
+
+@compiled_part
+def _usual(m: _F) -> float:
+    """Return the median of the last three steps; of fewer the last, 0 where there is none."""
+    last, before, first = m[_U_STEP], m[_U_BEFORE], m[_U_FIRST]
+    if math.isnan(first):
+        return 0.0 if math.isnan(last) else float(last)
+    return float(max(min(last, before), min(max(last, before), first)))
 
 
 def unwrapped(angle: _F) -> _F:

@@ -25,6 +25,26 @@ def test_an_encoder_that_wraps_turns_on(step: float, sense: float, wraps: str) -
     np.testing.assert_allclose(steps, sense * step, atol=1e-9)
 
 
+@pytest.mark.parametrize('wrong', [0.9, 2.0, 4.0, 6.0, -3.0])
+@pytest.mark.parametrize('step', [0.03, 0.57, 2.9])
+@pytest.mark.parametrize('wraps', [False, True])
+def test_a_wrong_reading_leaves_nothing_behind(step: float, wrong: float, wraps: bool) -> None:
+    true = 0.4 + step * np.arange(300)
+    read = np.mod(true, TURN) if wraps else true.copy()
+    read[150] += wrong
+    np.testing.assert_allclose(np.diff(unwrapped(read))[154:], step, atol=1e-9)
+
+
+def test_an_encoder_that_was_wrong_for_long_is_right_again_at_once() -> None:
+    true = 0.4 + 0.37 * np.arange(2000)
+    read = true.copy()
+    read[500:1000] *= 1000.0
+    read[1200:1400] = np.random.default_rng(1).uniform(0.0, 1e4, 200)
+    steps = np.diff(unwrapped(read))
+    np.testing.assert_allclose(steps[1003:1199], 0.37, atol=1e-9)
+    np.testing.assert_allclose(steps[1403:], 0.37, atol=1e-9)
+
+
 def test_an_angle_read_less_than_twice_a_turn_is_left_as_it_is() -> None:
     true = 4.0 * np.arange(100)
     np.testing.assert_allclose(np.diff(unwrapped(true))[3:], 4.0)
