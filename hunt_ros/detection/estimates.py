@@ -255,21 +255,23 @@ class Estimator:
                     track['frequency_hz'],
                 )
                 disagree |= differs
-                self._look_outside(name, track, turning, rows)
+                followed = track[f'{coordinate}_amplitude']
+                self._look_elsewhere(name, followed, track, turning, rows)
         if self.config.measures('lateral'):
             rows['doubts'][track['lateral_tied'] == 1.0] |= np.uint32(doubts.FROM_YAW)
         return disagree
 
-    def _look_outside(
+    def _look_elsewhere(
         self,
         name: str,
+        followed: NDArray[np.float64],
         track: NDArray[np.void],
         turning: NDArray[np.float64],
         rows: NDArray[np.void],
     ) -> None:
-        """Say what moves slower or faster than all that is tracked."""
+        """Say what moves slower or faster than what the filter follows, `followed` its size."""
         signal = track[f'{name}_clean'] + track[f'{name}_bias']
-        frequency, amplitude = self._lines[name].update(signal, turning)
+        frequency, amplitude = self._lines[name].update(signal, turning, followed)
         there = np.isfinite(frequency)
         if not there.any():
             return

@@ -1,8 +1,9 @@
 """
-Where the strongest line is: the check that the motion lies in the range that is tracked.
+Where the strongest line is: the check that the motion is the one that is tracked.
 
 A bank of resonators over a range wider than the tracker's. The tracker cannot say this
-itself: kept within its range, it follows a motion outside it by turning its phase.
+itself: kept within its range, it follows a motion outside it by turning its phase, and a motion
+inside it, far from where it began, it may take for a level that drifts, or for noise.
 """
 
 from __future__ import annotations
@@ -23,10 +24,13 @@ _STEP, _BAND = 0.12, 0.12
 #: How far beyond the range lines are looked for, and how far the range itself is stretched.
 _BEYOND, _EDGE = 3.0, 1.1
 #: A line stands this many times above the noise in the bank (its median), and this many times
-#: above the strongest one inside the range, for this many periods of the lowest frequency.
+#: above what is followed (outside the range: above the strongest line inside), for this many
+#: periods of the lowest frequency.
 _CLEAR, _STRONGER, _PERIODS = 5.0, 2.0, 3.0
 #: It goes on while it is this many times lower, and is over after so many of those times.
 _RELAXED, _GONE = 1.5, 2.0
+#: Power of a resonator over its average below which it only rings on, and nothing drives it.
+_DRIVEN = 0.6
 #: Width of a line that is known not to be of interest, as a share of its frequency.
 _KNOWN = 0.1
 #: Periods over which frequency and amplitude of a line are averaged.
@@ -38,7 +42,10 @@ _M_MEAN, _M_SLOW, _M_STOOD, _M_SEEN, _M_ON, _M_ABSENT, _M_PLACE, _N_MEMORY = ran
 
 class LineSearch:
     """
-    The strongest line outside a range of frequencies, where it is the strongest of all.
+    The strongest line that is not followed.
+
+    That is one outside a range of frequencies, where it is the strongest of all, or one inside,
+    where it is larger than what is followed there.
 
     Parameters
     ----------
@@ -89,7 +96,9 @@ class LineSearch:
         self._memory = np.zeros(_N_MEMORY)
         self._memory[_M_MEAN] = math.nan
 
-    def update(self, values: ArrayLike, known_hz: ArrayLike = math.nan) -> _F:
+    def update(
+        self, values: ArrayLike, known_hz: ArrayLike = math.nan, followed: ArrayLike = math.nan
+    ) -> _F:
         """
         Take the next values.
 
@@ -99,19 +108,23 @@ class LineSearch:
             The signal, in any unit.
         known_hz : array_like, shape (n,) or ()
             What the orders are multiples of; a line there is passed over. NaN: none.
+        followed : array_like, shape (n,) or ()
+            Amplitude that is followed inside the range, in the unit of the values. NaN: all.
 
         Returns
         -------
         ndarray, shape (2, n)
             Frequency (Hz) and amplitude (in the unit of the values) of the strongest line
-            where that lies outside the range; else NaN.
+            where that is not followed; else NaN.
         """
         block = np.ascontiguousarray(values, dtype=np.float64)
         known = np.ascontiguousarray(np.broadcast_to(known_hz, block.shape), dtype=np.float64)
+        amplitude = np.ascontiguousarray(np.broadcast_to(followed, block.shape), dtype=np.float64)
         found = np.full((3, block.size), math.nan)
         _search(
             block,
             known,
+            amplitude,
             self._orders,
             self._bank,
             self._memory,
@@ -147,6 +160,7 @@ class LineSearch:
 def _search(
     values: _F,
     known: _F,
+    followed: _F,
     orders: _F,
     bank: _F,
     memory: _F,
@@ -184,10 +198,15 @@ def _search(
             power[j] = square / frequencies[j]  # white noise: alike in all
             if inside[j]:
                 best_in = max(best_in, square)
-        best_out, place = 0.0, -1
+        # Of a cosine a resonator has half the amplitude.
+        own = math.inf if math.isnan(followed[i]) else 0.25 * followed[i] * followed[i]
+        easier = _RELAXED if memory[_M_ON] > 0.0 else 1.0
+        best, place = 0.0, -1
         for j in range(1, count - 1):  # at either end it is the flank of something further out
             square = power[j] * frequencies[j]
-            if inside[j] or square <= best_out:
+            if square <= best or square < _DRIVEN * bank[j, 2]:
+                continue
+            if square * easier**2 <= _STRONGER**2 * (own if inside[j] else best_in):
                 continue
             if square < max(bank[j - 1, 2], bank[j + 1, 2]) and bank[j, 2] < max(
                 bank[j - 1, 2], bank[j + 1, 2]
@@ -198,9 +217,8 @@ def _search(
                 forced |= abs(frequencies[j] - order * known[i]) < _KNOWN * order * known[i]
             if forced:
                 continue
-            best_out, place = square, j
-        easier = _RELAXED if memory[_M_ON] > 0.0 else 1.0
-        stands = best_out * easier**2 > _STRONGER**2 * best_in and place > 0
+            best, place = square, j
+        stands = place > 0
         if stands:
             below = 0  # a sort for the median would take half of the compilation
             for j in range(count):

@@ -29,7 +29,7 @@ _HELD: tuple[tuple[int, str], ...] = (
     (doubts.MARGIN, 'low margin'),
     (doubts.DISAGREE, _DISAGREE),
     (doubts.FROM_YAW, 'lateral amplitude is that of yaw through the mode shape'),
-    (doubts.OUTSIDE, 'motion outside the hunting frequencies that are followed'),
+    (doubts.OUTSIDE, 'motion that is not followed'),
     (doubts.HYSTERESIS, _HYSTERESIS),
     (doubts.UNSTABLE, _UNSTABLE),
     (doubts.DECAYING, _DECAYING),
@@ -309,17 +309,21 @@ def reason_counts(rows: NDArray[np.void]) -> Counter[str]:
 
 
 def outside_words(row: np.void) -> str:
-    """Say of a row with motion outside the range that is followed what it is, and what to do."""
+    """Say of a row with motion that is not followed what it is, and what to do."""
     lateral, yaw = float(row['outside_lateral']), float(row['outside_yaw'])
     if math.isfinite(lateral):
         motion = f'a motion of {1e3 * lateral:.2g} mm'
     else:
         motion = f'a yaw motion of {1e3 * yaw:.2g} mrad'
     low, high = float(row['followed_min_hz']), float(row['followed_max_hz'])
-    return (
-        f'{motion} at {float(row["outside_hz"]):.2g} Hz lies outside the hunting frequencies'
-        f' {low:.3g} to {high:.3g} Hz that are followed: set hunting_frequency_hz if it is hunting'
-    )
+    hz = float(row['outside_hz'])
+    if low <= hz <= high:
+        where = f'is not what the filter follows at {float(row["frequency_hz"]):.2g} Hz'
+    else:
+        where = (
+            f'lies outside the hunting frequencies {low:.3g} to {high:.3g} Hz that are followed'
+        )
+    return f'{motion} at {hz:.2g} Hz {where}: set hunting_frequency_hz if it is hunting'
 
 
 def channel_reasons(row: np.void, among: int) -> list[str]:
