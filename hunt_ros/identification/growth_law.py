@@ -40,6 +40,8 @@ QUINTIC, EXTENDED = 'quintic', 'quintic with shrunken terms'
 
 #: Largest w = (A / A_ref)^2 at which a limit cycle is looked for.
 _LARGEST = 9.0
+#: Detuning beyond which no critical speed is looked for: ten times the speed of the data.
+_FAR = 9.0
 
 
 def _powers_of_w(p: Array, u: Any, line: Any) -> tuple[Any, Any, Any, Any]:
@@ -234,7 +236,7 @@ class GrowthLaw:
             slope = self.linear_slope(u)
             if slope != 0.0:
                 u -= float(self.linear(u)) / slope
-            if u > -1.0:
+            if -1.0 < u < _FAR:
                 found.append((self.scales.speed * (1.0 + u), slope))
         return found
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +17,10 @@ from hunt_ros.identification.growth_law import (
 )
 
 Array = NDArray[np.float64]
+
+#: What a coefficient may differ from the law's costs so much of an error of ln A on the branches,
+#: for a difference as large as the cubic terms.
+_LEFT_OPEN = 0.01
 
 
 def normal_form_of(law: GrowthLaw, low: float, high: float) -> NormalForm | None:
@@ -60,12 +66,13 @@ def _nearest_quintic(law: GrowthLaw, low: float, high: float) -> Array | None:
         steep = np.maximum(np.abs(above - below) / 2e-4, 0.2 * np.max(np.abs(p[3:5])))
         rows.append(np.stack([w, x * w, w**2, (x - u_c) ** 2], axis=1) / steep[:, None])
         right.append(-rise * (x - u_c) / steep)
+    # D7 is free to serve the branches: it is an effective coefficient, and not Taylor's. What the
+    # branches leave open (one alone does, over few speeds) stays what it is in the law.
+    own = np.array([*p[3:6], p[2] + 3.0 * p[8] * u_c])
     matrix, target = np.concatenate(rows), np.concatenate(right)
-    if len(matrix) < 8:
-        cubic, mixed, quintic, bend = p[3], p[4], p[5], p[2] + 3.0 * p[8] * u_c
-    else:
-        # D7 is free to serve the branches: it is an effective coefficient, and not Taylor's.
-        cubic, mixed, quintic, bend = np.linalg.lstsq(matrix, target, rcond=None)[0]
+    keep = _LEFT_OPEN * math.sqrt(len(matrix)) / np.max(np.abs(p[3:5])) * np.eye(own.size)
+    matrix, target = np.concatenate([matrix, keep]), np.concatenate([target, keep @ own])
+    cubic, mixed, quintic, bend = np.linalg.lstsq(matrix, target, rcond=None)[0]
     linear = np.array([-rise * u_c, rise, 0.0]) + bend * np.array([u_c**2, -2.0 * u_c, 1.0])
     return np.array([*linear, cubic, mixed, quintic])
 

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.identification.growth_law import (
     FELT,
@@ -121,6 +122,21 @@ def test_the_nearest_form_keeps_both_branches_of_another_law(terms):
         law.steady_amplitudes(speeds), form.steady_amplitudes(speeds), strict=True
     ):
         np.testing.assert_allclose(theirs, ours, rtol=0.03)
+
+
+def test_what_one_branch_leaves_open_is_not_drawn_far_away():
+    """A soft rig shows a stable branch only: it tells no four coefficients apart."""
+    rng = np.random.default_rng(1)
+    soft = np.array([-0.16, 2.15, 0.06, -0.2, 0.29, -0.025, 0.0, 0.0, 0.0, 0.0, 1.0])
+    rows = np.tile(soft, (200, 1))
+    rows[:, 6:10] += 0.03 * rng.standard_normal((200, 4))
+    forms = [normal_form_of(GrowthLaw(row, SCALES), 6.7, 8.7) for row in rows]
+    vectors = np.array([IdentifiedNormalForm(form).vector for form in forms])
+    exact = to_normal_form(soft[:6], SCALES)
+    drawn = IdentifiedNormalForm(exact, np.cov(vectors.T)).draws(200)
+    # What is drawn from their covariance has the branch that all of them have.
+    stable = np.array([float(form.stable_amplitude(8.5)) for form in drawn])
+    assert np.mean(np.abs(stable / float(exact.stable_amplitude(8.5)) - 1.0) < 0.3) > 0.95
 
 
 def test_the_form_comes_out_of_a_law_whose_further_terms_vanish():

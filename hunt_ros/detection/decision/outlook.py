@@ -319,8 +319,10 @@ def _branches(first: _F, second: _F, third: _F) -> tuple[_F, _F]:
 def _ends(first: _F, second: _F, third: _F, intensity: float, quiet: float) -> tuple[_F, _F]:
     """Amplitudes at which it is quiet again, and hunts, m; the latter NaN where it never does."""
     unstable, stable = _branches(first, second, third)
-    edge = np.nan_to_num(unstable)
-    endless = np.where(third != 0.0, third, np.where(second != 0.0, second, first)) > 0.0
+    # An unstable branch beyond the limit cycle is not on the way to it.
+    edge = np.nan_to_num(np.where(unstable > stable, math.nan, unstable))
+    leading = np.where(third != 0.0, third, np.where(second != 0.0, second, first))
+    endless = np.isnan(stable) & (leading > 0.0)
     high = np.where(endless, _GROWN * np.fmax(edge, quiet), 0.5 * (edge + stable))
     # Where what is quiet is not known yet, and no branch tells, only the cycle itself counts.
     low = np.full_like(high, quiet) if quiet > 0.0 else np.where(edge > 0.0, 0.5 * edge, high)

@@ -142,6 +142,17 @@ def test_a_limit_cycle_within_what_is_quiet_is_none() -> None:
     assert chance(table.at(speed, 1e-16, 0.0, 1.2 * stable, 0.0), 2.0 * stable) == 0.0
 
 
+def test_an_unstable_branch_beyond_the_limit_cycle_is_not_on_the_way_to_it() -> None:
+    soft = replace(FORM, D4=-9.0, D10=0.0, D15=0.0)
+    outer = replace(soft, D15=900.0)  # as an uncertain form is drawn now and then
+    speed = 1.1 * FORM.critical_speed
+    stable = float(soft.stable_amplitude(speed))
+    assert np.sqrt(-soft.D4 / outer.D15) * 2.0 * FORM.length_scale > 2.0 * stable
+    for form in (soft, outer):
+        table = OutlookTable(IdentifiedNormalForm(form))
+        assert chance(table.at(speed, 1e-12, 0.3, 0.01 * stable, 0.0), 0.2 * stable) > 0.99
+
+
 def test_without_a_form_or_a_speed_nothing_is_said() -> None:
     for outlook in (
         OutlookTable(None).at(7.2, 1e-11, 0.3, 1e-5, 0.0),
