@@ -53,18 +53,26 @@ class IdentifiedNormalForm:
         Where it comes from: recordings, method, date as given by the caller.
     mode_shape : ModeShape, optional
         How the yaw sensor sees the same motion, where that is known.
+    sample : ndarray, shape (n, 6)
+        Forms that are as likely, in the order of the covariance: what hangs together there (v_n
+        comes of all six) is no normal distribution. Empty where only the covariance is known.
     """
 
     form: NormalForm
     covariance: NDArray[np.float64] = field(default_factory=lambda: np.zeros((6, 6)))
     provenance: Mapping[str, str] = field(default_factory=dict)
     mode_shape: ModeShape | None = None
+    sample: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 6)))
 
     def __post_init__(self) -> None:
         covariance = np.asarray(self.covariance, dtype=np.float64)
         if covariance.shape != (6, 6) or not np.isfinite(covariance).all():
             raise ConfigError('normal form: covariance must be 6 x 6 finite numbers')
         object.__setattr__(self, 'covariance', 0.5 * (covariance + covariance.T))
+        sample = np.asarray(self.sample, dtype=np.float64)
+        if sample.ndim != 2 or sample.shape[1] != 6 or not np.isfinite(sample).all():
+            raise ConfigError('normal form: draws must be n x 6 finite numbers')
+        object.__setattr__(self, 'sample', sample)
 
     @property
     def vector(self) -> NDArray[np.float64]:
@@ -74,9 +82,10 @@ class IdentifiedNormalForm:
 
     @property
     def fingerprint(self) -> str:
-        """Of form and covariance, 64 hexadecimal digits: the same after a parameter file."""
+        """Of all its numbers, 64 hexadecimal digits: the same after a parameter file."""
         scales = [float(getattr(self.form, name)) for name in SCALES]
-        numbers = np.concatenate([self.vector, scales, self.covariance[np.tril_indices(6)]])
+        triangle = self.covariance[np.tril_indices(6)]
+        numbers = np.concatenate([self.vector, scales, triangle, self.sample.ravel()])
         # Little-endian, and one zero: the same on every machine.
         return hashlib.sha256((numbers + 0.0).astype('<f8').tobytes()).hexdigest()
 
@@ -90,18 +99,23 @@ class IdentifiedNormalForm:
 
     def draws(self, count: int, seed: int = 0) -> list[NormalForm]:
         """
-        Draw normal forms from the covariance; draws with v_c <= 0 are left out.
+        Draw normal forms, from the sample or else the covariance; v_c <= 0 is left out.
 
         Parameters
         ----------
         count : int
-            Number of draws.
+            Number of draws; of a sample no more than it has.
         seed : int
             Of the generator: the same seed gives the same draws.
         """
-        normal = np.random.default_rng(seed).standard_normal((count, len(PARAMETERS)))
+        generator = np.random.default_rng(seed)
+        if len(self.sample):
+            rows = generator.permutation(self.sample)[:count]
+        else:
+            normal = generator.standard_normal((count, len(PARAMETERS)))
+            rows = self.vector + normal @ covariance_root(self.covariance).T
         forms = []
-        for row in self.vector + normal @ covariance_root(self.covariance).T:
+        for row in rows:
             if row[0] > 0.0:
                 forms.append(
                     NormalForm(
@@ -117,12 +131,15 @@ class IdentifiedNormalForm:
         """
         Return the parameter file: a ROS 2 parameter file with a `normal_form` group.
 
-        The covariance stands as the 21 numbers of its lower triangle, row by row; the
-        mode shape, where it is known, as the lists `mode_shape.KEYS`.
+        The covariance stands as the 21 numbers of its lower triangle, row by row; the sample,
+        where there is one, as `draws`, six numbers each; the mode shape, where it is known, as
+        the lists `mode_shape.KEYS`.
         """
         group: dict[str, Any] = {'v_c': float(self.form.critical_speed)}
         group |= {name: float(getattr(self.form, name)) for name in COEFFICIENTS + SCALES}
         group['covariance'] = [float(x) for x in self.covariance[np.tril_indices(6)]]
+        if len(self.sample):
+            group['draws'] = [float(x) for x in self.sample.ravel()]
         if self.mode_shape is not None:
             group |= self.mode_shape.to_parameters()
         group['provenance'] = [f'{key}: {value}' for key, value in self.provenance.items()] or ['']
@@ -180,12 +197,13 @@ class IdentifiedNormalForm:
         except ConfigError as error:
             raise ConfigError(f'{source}: {error}') from error
         covariance = _unfold(group.get('covariance'), source)
+        sample = _rows(group.get('draws'), source)
         provenance = group.get('provenance')
         # Remarks for people: whatever stands there never stops a detector.
         lines = provenance if isinstance(provenance, list | tuple) else ()
         parts = (str(line).partition(': ') for line in lines if line)
         shape = ModeShape.from_parameters(group, source)
-        return cls(form, covariance, {key: value for key, _, value in parts}, shape)
+        return cls(form, covariance, {key: value for key, _, value in parts}, shape, sample)
 
     @property
     def recordings(self) -> tuple[str, ...]:
@@ -212,21 +230,39 @@ def _finite(value: int | float, name: str, source: str) -> float:
 
 def _unfold(triangle: object, source: str) -> NDArray[np.float64]:
     """Return the covariance, shape (6, 6), of its lower triangle; zeros where there is none."""
-    # A list from YAML, an array.array from rclpy: any sequence of numbers will do.
-    entries: list[Any] = list(triangle) if isinstance(triangle, Sequence | array) else [triangle]
-    if triangle is None or not entries:
+    entries = _numbers(triangle, 'covariance', '21 numbers', source)
+    if not entries:
         return np.zeros((6, 6))
-    if isinstance(triangle, str | bytes) or len(entries) != 21:
+    if len(entries) != 21:
         raise ConfigError(f'{source}: covariance must be 21 numbers, got {str(triangle)[:40]!r}')
-    for entry in entries:
-        if isinstance(entry, bool) or not isinstance(entry, int | float):
-            raise ConfigError(f'{source}: covariance must be 21 numbers, got {entry!r} in it')
     lower = np.zeros((6, 6))
-    lower[np.tril_indices(6)] = [_finite(entry, 'covariance', source) for entry in entries]
+    lower[np.tril_indices(6)] = entries
     covariance: NDArray[np.float64] = lower + np.tril(lower, -1).T
     if np.any(np.diag(covariance) < 0.0):
         raise ConfigError(f'{source}: covariance has a negative variance')
     return covariance
+
+
+def _rows(draws: object, source: str) -> NDArray[np.float64]:
+    """Return the sample, shape (n, 6), of its numbers; empty where there is none."""
+    entries = _numbers(draws, 'draws', 'six numbers each', source)
+    if len(entries) % len(PARAMETERS):
+        raise ConfigError(f'{source}: draws must be six numbers each, got {len(entries)} in all')
+    return np.array(entries).reshape(-1, len(PARAMETERS))
+
+
+def _numbers(values: object, name: str, expected: str, source: str) -> list[float]:
+    """Return the numbers of a list, none where there is no list."""
+    if values is None:
+        return []
+    # A list from YAML, an array.array from rclpy: any sequence of numbers will do.
+    entries: list[Any] = list(values) if isinstance(values, Sequence | array) else [values]
+    if isinstance(values, str | bytes):
+        raise ConfigError(f'{source}: {name} must be {expected}, got {str(values)[:40]!r}')
+    for entry in entries:
+        if isinstance(entry, bool) or not isinstance(entry, int | float):
+            raise ConfigError(f'{source}: {name} must be {expected}, got {entry!r} in it')
+    return [_finite(entry, name, source) for entry in entries]
 
 
 def _find_group(document: object, source: str) -> Mapping[str, Any]:

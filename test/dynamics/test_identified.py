@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from array import array
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -187,3 +188,33 @@ def test_a_form_taken_as_exact_draws_itself() -> None:
 def test_std_is_the_root_of_the_diagonal() -> None:
     one = IdentifiedNormalForm(PAPER_NORMAL_FORM, np.diag([4.0, 9.0, 16.0, 25.0, 36.0, 49.0]))
     assert [one.std(name) for name in PARAMETERS] == [2.0, 3.0, 4.0, 5.0, 6.0, 7.0]
+
+
+def test_a_sample_is_kept_in_the_file_and_drawn_from() -> None:
+    rng = np.random.default_rng(5)
+    plain = IdentifiedNormalForm(PAPER_NORMAL_FORM)
+    sample = plain.vector * (1.0 + 0.01 * rng.exponential(size=(64, 6)))
+    one = replace(plain, covariance=np.cov(sample.T), sample=sample)
+    assert one.fingerprint != plain.fingerprint
+    again = IdentifiedNormalForm.from_yaml(one.to_yaml())
+    assert again.fingerprint == one.fingerprint
+    np.testing.assert_array_equal(again.sample, sample)
+    drawn = np.array([IdentifiedNormalForm(form).vector for form in again.draws(200)])
+    np.testing.assert_array_equal(np.unique(drawn, axis=0), np.unique(sample, axis=0))
+    few = np.array([IdentifiedNormalForm(form).vector for form in again.draws(9)])
+    assert few.shape == (9, 6)
+
+
+@pytest.mark.parametrize(
+    ('draws', 'words'),
+    [
+        ([1.0] * 7, 'draws must be six numbers each, got 7 in all'),
+        (['a'] * 6, "draws must be six numbers each, got 'a' in it"),
+        ([1.0] * 5 + [float('inf')], 'draws must be a finite number, got inf'),
+        ('many', "draws must be six numbers each, got 'many'"),
+    ],
+)
+def test_draws_that_are_none_are_refused(draws: object, words: str) -> None:
+    group = group_of(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml()) | {'draws': draws}
+    with pytest.raises(ConfigError, match=words):
+        IdentifiedNormalForm.from_parameters(group)

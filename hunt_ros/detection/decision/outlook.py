@@ -185,10 +185,13 @@ class OutlookTable:
         names = ('critical_speed', 'D1', 'D7', 'D4', 'D10', 'D15')
         own, *drawn = (
             np.array([getattr(form, name) for name in names])
-            for form in (identified.form, *_drawn(identified, _PATHS // 2))
+            for form in (identified.form, *_drawn(identified, _PATHS))
         )
-        # With its mirror image to each, the draws have the mean of the form.
-        forms = np.concatenate([drawn, 2.0 * own - drawn])
+        forms = np.array(drawn)
+        if not len(identified.sample):
+            # With its mirror image to each, the draws have the mean of the form.
+            half = forms[: _PATHS // 2]
+            forms = np.concatenate([half, 2.0 * own - half])
         # Each draw has its own noise; an exact form is drawn as often as the noise is.
         self._forms = np.resize(forms[forms[:, 0] > 0.0], (_PATHS, len(names))).T
         self._size = 2.0 * identified.form.length_scale

@@ -23,6 +23,8 @@ from hunt_ros.samples import Uncertain
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 #: Speeds at which the branches are given.
 _BRANCH_POINTS = 41
+#: Draws that stand in the parameter file.
+_SAMPLE = 64
 
 
 class Quantities:
@@ -110,9 +112,13 @@ class Quantities:
             return None
         rows = np.array([IdentifiedNormalForm(f).vector for f in self.forms if f is not None])
         matrix = _rank_covariance(rows)
-        matrix[0, 0] += self._speed_std(self.form.critical_speed) ** 2
+        speed_std = self._speed_std(self.form.critical_speed)
+        matrix[0, 0] += speed_std**2
         provenance = {'method': 'trajectory likelihood', 'law': name}
-        return IdentifiedNormalForm(self.form, matrix, provenance)
+        sample = rows[np.linspace(0, len(rows) - 1, _SAMPLE).round().astype(np.intp)]
+        sample[:, 0] += speed_std * np.random.default_rng(0).standard_normal(_SAMPLE)
+        sample = np.vectorize(lambda x: float(f'{x:.6g}'))(sample)  # as short as it is sure
+        return IdentifiedNormalForm(self.form, matrix, provenance, sample=sample)
 
     def branches(self) -> tuple[BranchPoint, ...]:
         """Both limit cycles over the speeds of the data."""

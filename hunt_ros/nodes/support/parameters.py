@@ -210,7 +210,7 @@ def declare_normal_form(node: Node) -> IdentifiedNormalForm | None:
     """
     given: dict[str, Any] = {}
     kinds = dict.fromkeys((*PARAMETERS, *SCALES), Parameter.Type.DOUBLE)
-    kinds['covariance'] = Parameter.Type.DOUBLE_ARRAY
+    kinds |= dict.fromkeys(('covariance', 'draws'), Parameter.Type.DOUBLE_ARRAY)
     kinds |= dict.fromkeys(MODE_SHAPE, Parameter.Type.DOUBLE_ARRAY)
     kinds['provenance'] = Parameter.Type.STRING_ARRAY
     for name, kind in kinds.items():
