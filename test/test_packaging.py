@@ -151,9 +151,9 @@ def test_colcon_takes_it_for_an_ament_package_and_installs_every_part(workspace:
     assert (share / 'ament_index/resource_index/packages' / NAME).is_file()
     assert (share / NAME / 'package.xml').is_file()
     tracked = workspace / 'src' / NAME
-    for folder, pattern in (('config', '*'), ('launch', '*.launch.py')):
-        for path in (tracked / folder).glob(pattern):
-            assert (share / NAME / folder / path.name).is_file(), path.name
+    for folder, pattern in (('config', '*.*'), ('launch', '*.launch.py')):
+        for path in (tracked / folder).rglob(pattern):
+            assert (share / NAME / path.relative_to(tracked)).is_file(), path.name
 
 
 @pytest.mark.packaging

