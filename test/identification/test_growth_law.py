@@ -111,6 +111,13 @@ def test_a_soft_law_keeps_its_limit_cycle_whatever_bounds_it_far_above(fifth):
     assert np.isnan(law.steady_amplitudes(0.98 * law.critical_speed)[1]).all()
 
 
+def test_a_critical_speed_far_beyond_the_data_is_none():
+    nearly_flat = [-0.1, 1e-12, 1e-14, -0.36, -3.0, 0.0]
+    assert GrowthLaw(lawful(nearly_flat), SCALES).critical_speed is None
+    there = [-0.1, 0.1, 1e-14, -0.36, -3.0, 0.0]
+    assert GrowthLaw(lawful(there), SCALES).critical_speed == pytest.approx(2.0 * SCALES.speed)
+
+
 @pytest.mark.parametrize('terms', [(-0.5,), (0.0, -0.2), (0.3, -0.2, 1.0, 1.0)])
 def test_the_nearest_form_keeps_both_branches_of_another_law(terms):
     law = further(*terms)
