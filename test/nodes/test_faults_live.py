@@ -108,7 +108,7 @@ class Suite:
             return
         self._patience_s = patience_s
         self.graph.set_parameters('roller_speed', status_timeout_s=patience_s)
-        self.graph.end('hunting_detector')
+        self.kill('hunting_detector')
         self.start('hunting_detector')
 
     def recover(self) -> None:
@@ -130,20 +130,29 @@ class Suite:
         """Let a fault happen and end; None where what came of it has another cause."""
         self.began_ns = time.time_ns()
         fault.begin(self)
+        try:
+            return self._outcome(fault)
+        finally:  # also where a wait was in vain: the next attempt needs a whole rig
+            fault.end(self)
+
+    def _outcome(self, fault: Fault) -> Row | None:
+        """Wait for what comes of a fault; None where that has another cause."""
         count = len(self._statuses)
         if fault.state == 'tripped':
             self.graph.spin_until(lambda: self.status['interlock_state'] == 'tripped', 60.0)
         else:
             self.graph.spin_until(lambda: len(self._statuses) > count + _QUIET)
         status = self.status
-        caused = fault.words in status['interlock_cause']
-        if status['interlock_state'] == fault.state == 'tripped' and caused:
-            self.graph.spin_until(lambda: abs(self._targets[-1].twist.linear.x - SAFE) < 0.04)
-        told = fault.told(self) if caused else ''
-        fault.end(self)
-        if status['interlock_state'] != fault.state or not caused:
+        if (
+            status['interlock_state'] != fault.state
+            or fault.words not in status['interlock_cause']
+        ):
             return None
-        return Row(fault.what, 'protect', self._state(fault), self._until_lower_s(), told)
+        if fault.state == 'tripped':
+            self.graph.spin_until(lambda: abs(self._targets[-1].twist.linear.x - SAFE) < 0.04)
+        return Row(
+            fault.what, 'protect', self._state(fault), self._until_lower_s(), fault.told(self)
+        )
 
     def _state(self, fault: Fault) -> str:
         speed_mps = self._targets[-1].twist.linear.x
