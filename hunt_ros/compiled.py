@@ -136,7 +136,7 @@ def _numba() -> Any:
         told = 0.0
 
         def on_start(self, event: Any) -> None:
-            """Tell that the work goes on, now and then."""
+            """Print that the work goes on, now and then."""
             now = time.monotonic()
             if self.began == 0.0:
                 self.began = self.told = now

@@ -70,7 +70,8 @@ def _nearest_quintic(law: GrowthLaw, low: float, high: float) -> Array | None:
     # branches leave open (one alone does, over few speeds) stays what it is in the law.
     own = np.array([*p[3:6], p[2] + 3.0 * p[8] * u_c])
     matrix, target = np.concatenate(rows), np.concatenate(right)
-    keep = _LEFT_OPEN * math.sqrt(len(matrix)) / np.max(np.abs(p[3:5])) * np.eye(own.size)
+    weight = _LEFT_OPEN * math.sqrt(max(len(matrix), 1)) / np.max(np.abs(p[3:5]))
+    keep = weight * np.eye(own.size)
     matrix, target = np.concatenate([matrix, keep]), np.concatenate([target, keep @ own])
     cubic, mixed, quintic, bend = np.linalg.lstsq(matrix, target, rcond=None)[0]
     linear = np.array([-rise * u_c, rise, 0.0]) + bend * np.array([u_c**2, -2.0 * u_c, 1.0])

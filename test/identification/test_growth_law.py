@@ -146,6 +146,15 @@ def test_what_one_branch_leaves_open_is_not_drawn_far_away():
     assert np.mean(np.abs(stable / float(exact.stable_amplitude(8.5)) - 1.0) < 0.3) > 0.95
 
 
+def test_a_law_without_a_branch_in_the_range_keeps_its_own_coefficients():
+    law = further(0.3, -0.2, 1.0, 1.0)
+    form = normal_form_of(law, 3.0, 4.0)  # far below the fold
+    assert np.isnan(np.concatenate(law.steady_amplitudes(np.linspace(3.0, 4.0, 9)))).all()
+    own = to_normal_form(law.p[:6], SCALES)
+    expected = pytest.approx([own.D4, own.D15], rel=0.2)
+    assert [form.D4, form.D15] == expected
+
+
 def test_the_form_comes_out_of_a_law_whose_further_terms_vanish():
     nearly = normal_form_of(further(1e-7, 1e-7, 1e-7, 1e-7), 6.0, 8.8)
     for name in ('critical_speed', *COEFFICIENTS):

@@ -107,7 +107,7 @@ class ParameterCollector:
             getter.call_async(request).add_done_callback(lambda reply: got(known, reply))
 
         def got(names: list[str], future) -> None:
-            """Tell of the values where they are others than before."""
+            """Hand the values on where they are others than before."""
             values = future.result().values
             if len(values) < len(names):
                 return
