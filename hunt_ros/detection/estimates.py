@@ -291,4 +291,5 @@ def channel_health(config: DetectorConfig, channel: str) -> ChannelHealth:
         config.timeout_ns(channel),
         ranges.get(channel, 0.0),
         config.hunting_frequency_hz,
+        config.hunting_frequency_max_hz,
     )

@@ -63,7 +63,7 @@ class NormalForm:
     time_scale : float
         1 / omega_psi, s.
     frequency_hz : float
-        Hunting frequency at v_c, Hz.
+        Hunting frequency, Hz: that at v_c, or, identified, the mean over the motion.
 
     Raises
     ------

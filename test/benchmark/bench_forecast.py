@@ -65,8 +65,12 @@ def other_rig() -> RigParameters:
     law = WheelsetLaw(rig)
     wider = 14.0 / law.critical_speed(law.prior_mean)
     # d0/r0 is kept: the coupling stays, and speeds scale with d0.
+    # ... and so does the room between the flanges, or the limit cycle would be their contact.
     rig = replace(
-        rig, half_gauge_m=rig.half_gauge_m * wider, wheel_radius_m=rig.wheel_radius_m * wider
+        rig,
+        half_gauge_m=rig.half_gauge_m * wider,
+        wheel_radius_m=rig.wheel_radius_m * wider,
+        flange_clearance_m=rig.flange_clearance_m * wider,
     )
     return rig.with_linear(2.6, 1.9)
 

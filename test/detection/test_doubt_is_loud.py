@@ -160,3 +160,48 @@ def test_without_doubt_it_is_ok_also_after_one_stamp_that_is_none() -> None:
     for told in ({}, *({'lateral': one(stamp)} for stamp in (0, LEAST, MOST))):
         levels = {level for at, level in Case(told).levels() if at >= SAID}
         assert levels == {Level.OK}, told
+
+
+@pytest.mark.parametrize('name', MOTION)
+@pytest.mark.parametrize('rate_hz', [6, 8, 12])
+def test_samples_too_sparse_for_the_motion_are_a_doubt_while_they_are(
+    name: str, rate_hz: int
+) -> None:
+    """At 12 Hz a motion of 6 Hz, the fastest that is followed, is told from none no more."""
+    begin, end = 400, 900
+    detector = HuntingDetector(DetectorConfig(), PAPER)
+    stamps = START + np.arange(0, 14 * 100) * 10_000_000
+    rng = np.random.default_rng(1)
+    values = {channel: 1e-5 * rng.standard_normal(stamps.size) for channel in MOTION}
+    values['roller'] = 40e-9 * (stamps - START)
+    values['speed'] = np.full(stamps.size, 6.0)
+    kept = dict.fromkeys(CHANNELS, np.arange(stamps.size))
+    few = np.arange(begin, end, 100 / rate_hz).astype(int)
+    kept[name] = np.concatenate((np.arange(begin), few, np.arange(end, stamps.size)))
+    levels, reasons = {}, {}
+    for k in range(0, stamps.size, 10):
+        for channel, chosen in kept.items():
+            new = chosen[(chosen >= k) & (chosen < k + 10)]
+            detector.update(channel, stamps[new], values[channel][new])
+        detector.tick(int(stamps[k]) + TICK)
+        levels[k], reasons[k] = detector.status.level, ' '.join(detector.status.reasons)
+    assert {levels[k] for k in range(begin - 80, begin, 10)} == {Level.OK}
+    assert {levels[k] for k in range(begin + 250, end, 10)} == {Level.WARN}
+    assert f'{name}: sampled too slowly' in reasons[end - 50]
+    assert {levels[k] for k in range(end + 300, stamps.size, 10)} == {Level.OK}
+
+
+def test_samples_with_room_for_the_motion_are_no_doubt() -> None:
+    """At 20 Hz, a twentieth of them lost, or half of 100 Hz."""
+    for rate_hz, lost in ((20, 0.05), (100, 0.5)):
+        rng = np.random.default_rng(2)
+        stamps = START + np.flatnonzero(rng.random(20 * rate_hz) >= lost) * (10**9 // rate_hz)
+        detector = HuntingDetector(DetectorConfig(channels=('lateral', 'speed')), PAPER)
+        levels = []
+        for k in range(0, stamps.size, 5):
+            part = stamps[k : k + 5]
+            detector.update('lateral', part, 1e-5 * rng.standard_normal(part.size))
+            detector.update('speed', part, np.full(part.size, 6.0))
+            detector.tick(int(part[-1]))
+            levels.append(detector.status.level)
+        assert set(levels[len(levels) // 2 :]) == {Level.OK}

@@ -70,6 +70,20 @@ def test_motion_at_the_flange_is_said_and_not_fitted(loop, clean):
     assert not any('flange' in line for line in whole.notices)
 
 
+@pytest.mark.parametrize(('power', 'said'), [(0.0, True), (0.5, False)])
+def test_a_limit_cycle_of_one_amplitude_at_every_speed_asks_for_the_flange(power, said):
+    """One that rises as it does far above its fold does not."""
+    rng = np.random.default_rng(5)
+    time = np.arange(0.0, 320.0, 0.005)
+    speed = 6.8 + 0.2 * np.floor(time / 20.0)
+    size = np.where(speed > 7.3, 1.5e-3 * (speed / 8.0) ** power, 1e-5)
+    lateral = size * np.cos(17.6 * time) + 1e-5 * rng.standard_normal(time.size)
+    stamps = np.round(1e9 * time).astype(np.int64)
+    record = Record({'lateral': Series(stamps, lateral), 'speed': Series(stamps, speed)})
+    asked = [line for line in identify(record).warnings if 'flange_clearance_m' in line]
+    assert bool(asked) is said
+
+
 def test_the_shortest_hold_and_the_range_of_frequencies_are_settings(loop):
     assert replace(IdentificationSettings(), minimum_hold_s=3.0).minimum_hold_s == 3.0
     with pytest.raises(ConfigError):

@@ -157,7 +157,7 @@ def test_what_was_published_before_a_stop_is_taken_though_the_machine_was_busy(g
 
 def test_a_topic_of_a_reliable_and_a_best_effort_publisher_is_recorded_once(graph) -> None:
     reliable = graph.node.create_publisher(JointState, 'lateral', 100)
-    start(graph, record_estimates=False)
+    start(graph)
     graph.spin_until(reliable.get_subscription_count)
     loose = graph.node.create_publisher(JointState, 'lateral', BEST_EFFORT)
     graph.spin_until(lambda: loose.get_subscription_count() and graph.spin(0.5) is None)

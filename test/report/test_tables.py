@@ -146,3 +146,10 @@ def test_the_paper_does_not_stand_beside_another_rig(document: Document) -> None
         assert 'paper' not in text
         assert '<td>2030</td>' not in text
     assert 'paper' in tables.critical_speeds(Result(document()))
+
+
+def test_where_a_scale_is_not_the_rigs_own_stands_beside_it(document: Document) -> None:
+    entries = document() | {'scales_from': {'length': 'rig of the paper', 'time': 'given'}}
+    text = tables.fit_quality(Result(entries))
+    assert re.search(r'data-key="length_scale_m">[^<]*</data>[^<]*\(rig of the paper\)', text)
+    assert re.search(r'data-key="time_scale_s">[^<]*</data>[^<]*\(given\)', text)

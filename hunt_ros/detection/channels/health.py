@@ -1,5 +1,5 @@
 """
-Is a channel measuring? Silence, NaN, stuck and saturated readings, impossible stamps.
+Is a channel measuring? Silence, NaN, stuck, saturated and sparse readings, impossible stamps.
 
 One kernel walks the samples of a channel and says, for each row of the estimates,
 what is wrong with it and, for each sample, whether it may be used.
@@ -28,17 +28,26 @@ NO_VALUE = 256
 STUCK = 512
 SATURATED = 1024
 REVERSE = 2048
-_BITS = 12
+SPARSE = 4096
+_BITS = 13
 #: Found by `speed_check`, not by the kernel below.
-CONTRADICTED = 4096
+CONTRADICTED = 8192
 #: Found by the merger: its clock is away from the detector's, and the stamps are corrected.
-CLOCK = 8192
+CLOCK = 16384
 #: In place of silence, where the channel is optional: known, and no fault.
-ABSENT = 16384
+ABSENT = 32768
 
 #: Told in the status, but the channel is still believed.
 MILD = (
-    REPEATED_STAMP | BACKWARD_STAMP | AHEAD_STAMP | LATE | INVALID | STANDSTILL | REVERSE | CLOCK
+    REPEATED_STAMP
+    | BACKWARD_STAMP
+    | AHEAD_STAMP
+    | LATE
+    | INVALID
+    | STANDSTILL
+    | REVERSE
+    | SPARSE
+    | CLOCK
 )
 #: The channel cannot be trusted.
 SEVERE = WAITING | SILENT | NO_VALUE | STUCK | SATURATED | CONTRADICTED
@@ -60,6 +69,7 @@ WORDS: dict[int, str] = {
     STUCK: 'stuck at one value',
     SATURATED: 'saturated',
     REVERSE: 'negative: the rig runs in reverse',
+    SPARSE: 'sampled too slowly for the fastest hunting that is followed',
     CONTRADICTED: 'contradicts the roller angle',
     CLOCK: 'clocks differ',
 }
@@ -69,6 +79,11 @@ FAULT_HOLD_S = 1.0
 #: A sensor that repeats one value for this long, s, is stuck, if the motion exceeds its steps: no
 #: motion of 1 Hz and more rests at its top for a quarter of a second.
 STUCK_S = 0.25
+#: Samples in a period of the fastest motion that is followed: with less than two it appears as a
+#: slower one (Nyquist), and stamps that are not even leave room for less.
+_SAMPLES_A_PERIOD = 2.5
+#: The time between samples is averaged over this time, s.
+_SPACING_S = 1.0
 #: Below this speed, m/s, the rig stands still: encoders and drives creep by less.
 STANDSTILL_MPS = 0.05
 
@@ -85,11 +100,12 @@ _KINDS = {**dict.fromkeys(MOTION, _MOTION), 'roller': _ROLLER, 'speed': _SPEED}
 # Integer memory: stamps, ns, and counts.
 _I_ANY, _I_VALID, _I_RUN_START, _I_RUN, _I_START, _I_WINDOW, _I_SHORT, _I_SEEN = range(8)
 # Float memory: last value, extremes of this window and of the one before, smallest step,
-# mean length of a run of equal values, extremes of this short window and of the one before.
+# mean length of a run of equal values, extremes of this short window and of the one before,
+# mean time between usable samples, s.
 _F_VALUE, _F_HIGH, _F_LOW, _F_HIGH0, _F_LOW0, _F_STEP, _F_RUN = range(7)
-_F_TOP, _F_BOTTOM, _F_TOP0, _F_BOTTOM0, _FLOATS = range(7, 12)
+_F_TOP, _F_BOTTOM, _F_TOP0, _F_BOTTOM0, _F_SPACING, _FLOATS = range(7, 13)
 # Settings.
-_S_KIND, _S_RANGE, _S_STUCK, _S_HOLD, _S_TIMEOUT, _S_OMEGA, _S_STANDSTILL = 0, 1, 2, 3, 4, 5, 6
+_S_KIND, _S_RANGE, _S_STUCK, _S_HOLD, _S_TIMEOUT, _S_OMEGA, _S_STANDSTILL, _S_SPACING = range(8)
 
 _NEVER = -(2**62)
 
@@ -122,6 +138,8 @@ class ChannelHealth:
         Readings of this size and more are saturated; 0: no such limit.
     frequency_hz : float
         Of the motion: what a flat top is measured against.
+    fastest_hz : float
+        Of the motion that is followed: what the time between samples is measured against.
     """
 
     def __init__(
@@ -130,6 +148,7 @@ class ChannelHealth:
         timeout_ns: int,
         value_range: float,
         frequency_hz: float,
+        fastest_hz: float,
     ) -> None:
         self._settings = np.array(
             [
@@ -140,6 +159,7 @@ class ChannelHealth:
                 timeout_ns,
                 2.0 * np.pi * frequency_hz,
                 STANDSTILL_MPS,
+                1.0 / (_SAMPLES_A_PERIOD * fastest_hz),
             ],
             dtype=np.float64,
         )
@@ -225,7 +245,7 @@ def watch(
         while n < stamps.size and stamps[n] <= row:
             usable[n] = _sample(stamps[n], values[n], marks[n], settings, whole, real)
             n += 1
-        wrong[k] = _row(row, settings, whole)
+        wrong[k] = _row(row, settings, whole, real)
     while n < stamps.size:  # behind the last row only where rows were left out
         usable[n] = _sample(stamps[n], values[n], marks[n], settings, whole, real)
         n += 1
@@ -252,6 +272,10 @@ def _sample(
         elif value <= settings[_S_STANDSTILL]:
             whole[_I_SEEN + 5] = stamp
         return True
+    if kind == _MOTION and whole[_I_VALID] != _NEVER:
+        # Weighted with the time it lasts; what is longer than the timeout is silence.
+        spacing = 1e-9 * min(stamp - whole[_I_VALID], settings[_S_TIMEOUT])
+        real[_F_SPACING] += min(spacing / _SPACING_S, 1.0) * (spacing - real[_F_SPACING])
     whole[_I_VALID] = stamp
     if settings[_S_RANGE] > 0.0 and abs(value) >= settings[_S_RANGE]:
         whole[_I_SEEN + 10] = stamp
@@ -318,7 +342,7 @@ def _clipped(value: float, length: int, settings: _Floats, whole: _Ints, real: _
 
 
 @compiled
-def _row(row: int, settings: _Floats, whole: _Ints) -> int:
+def _row(row: int, settings: _Floats, whole: _Ints, real: _Floats) -> int:
     """Return the bits of one row."""
     timeout = settings[_S_TIMEOUT]
     since = whole[_I_START] if whole[_I_ANY] == _NEVER else whole[_I_ANY]
@@ -330,6 +354,8 @@ def _row(row: int, settings: _Floats, whole: _Ints) -> int:
         valid = whole[_I_START] if whole[_I_VALID] == _NEVER else whole[_I_VALID]
         if row - valid > timeout:
             whole[_I_SEEN + 8] = row
+        if real[_F_SPACING] > settings[_S_SPACING]:
+            whole[_I_SEEN + 12] = row
     bits = 0
     for bit in range(_BITS):
         seen = whole[_I_SEEN + bit]
