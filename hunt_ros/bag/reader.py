@@ -98,6 +98,7 @@ class Bag:
             if not present:
                 raise BagError(
                     f'{self.path}: no .mcap or .db3 file in it, expected a rosbag2 recording'
+                    f'{_recordings_below(self.path)}'
                 )
             self.problems.append('it was not closed: there is no metadata.yaml')
             return present
@@ -271,3 +272,19 @@ def _existing(path: Path) -> Path:
     if active.is_dir():
         return active
     raise BagError(f'{path}: no such recording, expected a bag folder, .mcap or .db3')
+
+
+def _recordings_below(folder: Path) -> str:
+    """Return '; it holds ...' with the names of recordings in a folder of such; '' without."""
+    names = sorted(path.name for path in folder.iterdir() if _is_recording(path))
+    if not names:
+        return ''
+    more = f' and {len(names) - 3} more' if len(names) > 3 else ''
+    return f'; it holds {", ".join(names[:3])}{more}: name them one by one'
+
+
+def _is_recording(path: Path) -> bool:
+    try:
+        return path.is_dir() and bool(folder_files(path))
+    except BagError:  # it cannot be read
+        return False

@@ -146,13 +146,13 @@ class DashboardNode(Polling, Node):
     def _health(self) -> Health:
         values = {
             'url': self._url,
-            'viewers': self._server.count,
-            'stalled_viewers': self._server.dropped,
+            'viewers': len(self._server.site.live.viewers),
+            'stalled_viewers': self._server.site.live.dropped,
             'received': self._inbox.received,
         }
         if problem := self._inbox.problem():
             return 'WARN', problem, values
-        count = self._server.count
+        count = len(self._server.site.live.viewers)
         return 'OK', f'{count} {"viewer" if count == 1 else "viewers"} at {self._url}', values
 
 

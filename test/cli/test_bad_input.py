@@ -132,6 +132,14 @@ def test_a_file_that_cannot_be_used_is_named(refused, tmp_path, command, fault) 
     assert 'given' in refused(command, FILE=file)
 
 
+def test_a_folder_of_recordings_names_them(refused, tmp_path) -> None:
+    for name in 'dbca':
+        (tmp_path / 'runs' / name).mkdir(parents=True)
+        (tmp_path / 'runs' / name / 'run_0.mcap').write_bytes(b'')
+    line = refused('info RUNS', RUNS=tmp_path / 'runs')
+    assert line.endswith('it holds a, b, c and 1 more: name them one by one')
+
+
 @pytest.mark.parametrize('number', ['nan', 'inf', '-inf', '-3', '1e300', 'seven', ''])
 @pytest.mark.parametrize('command', NUMBERS.values(), ids=NUMBERS)
 def test_a_number_that_makes_no_sense_is_named_with_its_option(refused, command, number) -> None:

@@ -49,11 +49,11 @@ class Live:
         self.model = PageModel(PageSettings(), FORM)
         own = Recordings(self.folder)
         self.server = PageServer('127.0.0.1', port, self.rules, self._call, 'rig', own)
-        self.url = f'http://127.0.0.1:{self.server.port}/'
+        self.url = f'http://127.0.0.1:{self.server.site.port}/'
 
     def restart(self) -> Callable[[], None]:
         """End the server; return what starts it again at the same port."""
-        port = self.server.port
+        port = self.server.site.port
         self.server.close()
         return lambda: self.begin(port)
 

@@ -165,23 +165,23 @@ def test_the_name_is_asked_once_and_a_refusal_stays_until_it_is_closed(page, liv
 
 def test_a_session_that_ends_shows_one_message_a_form_and_the_emergency_stop(page, live) -> None:
     token = 'b' * 16
-    live.server.access = Access((('command', token),))
+    live.server.site.access = Access((('command', token),))
     page.goto(live.url)
     page.fill('[name=token]', token)
     page.keyboard.press('Enter')
     word(page, 'WARN')
-    live.server.session_s = -1.0
+    live.server.site.session_s = -1.0
     word(page, 'STALE')
     assert page.inner_text('#why').startswith('The session has ended')
     assert page.is_visible('#again')
     page.click('#emergency')
     page.wait_for_function("() => byId('answer').className === 'done'")
     assert live.calls == [('emergency-stop', '')]
-    live.server.session_s = 3600.0
+    live.server.site.session_s = 3600.0
     page.fill('#again [name=token]', token)
     page.click('#again button')
     word(page, 'WARN')
-    live.server.session_s = -1.0
+    live.server.site.session_s = -1.0
     page.goto(live.url)
     page.click('#emergency')
     page.wait_for_function(

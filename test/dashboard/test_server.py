@@ -19,6 +19,7 @@ from tornado.httpclient import HTTPClientError, HTTPRequest  # noqa: E402
 from tornado.websocket import websocket_connect  # noqa: E402
 
 from hunt_ros.dashboard import server as web  # noqa: E402
+from hunt_ros.dashboard import viewer_socket  # noqa: E402
 from hunt_ros.dashboard.access import Access, access  # noqa: E402
 from hunt_ros.dashboard.recordings import Recordings  # noqa: E402
 from hunt_ros.dashboard.view import Section, View  # noqa: E402
@@ -124,7 +125,7 @@ def log_in(url: str, token: str):
 
 
 def test_without_a_token_there_is_only_the_form_for_one(guarded) -> None:
-    url = f'http://127.0.0.1:{guarded.port}/'
+    url = f'http://127.0.0.1:{guarded.site.port}/'
     assert 'type="password"' in ask(url)[1]
     assert 'type="password"' in ask(url + 'recordings')[1]
     assert ask(url + 'recordings.json')[0] == 401
@@ -138,7 +139,7 @@ def test_without_a_token_there_is_only_the_form_for_one(guarded) -> None:
 
 
 def test_one_token_lets_view_and_the_other_command(guarded) -> None:
-    url = f'http://127.0.0.1:{guarded.port}/'
+    url = f'http://127.0.0.1:{guarded.site.port}/'
     viewer, operator = (log_in(url, letter * 16) for letter in 'ab')
     assert 'content="view"' in ask(url, opener=viewer)[1]
     assert ask(url + 'recordings.json', opener=viewer)[0] == 200
@@ -149,9 +150,9 @@ def test_one_token_lets_view_and_the_other_command(guarded) -> None:
 
 
 def test_a_session_ends_and_leaves_the_emergency_stop_alone(guarded) -> None:
-    url = f'http://127.0.0.1:{guarded.port}/'
+    url = f'http://127.0.0.1:{guarded.site.port}/'
     viewer, operator = (log_in(url, letter * 16) for letter in 'ab')
-    guarded.session_s = -1.0
+    guarded.site.session_s = -1.0
     for opener in (viewer, operator):
         page = ask(url, opener=opener)[1]
         assert 'type="password"' in page
@@ -171,18 +172,18 @@ def test_a_session_ends_and_leaves_the_emergency_stop_alone(guarded) -> None:
 
 
 def test_a_forged_cookie_gives_no_right(guarded) -> None:
-    url = f'http://127.0.0.1:{guarded.port}/'
-    cookie = f'hunt_ros_{guarded.port}=command'
+    url = f'http://127.0.0.1:{guarded.site.port}/'
+    cookie = f'hunt_ros_{guarded.site.port}=command'
     assert ask(url + 'command', {'word': 'rearm'}, Cookie=cookie)[0] == 403
 
 
 def test_a_port_in_use_is_one_clear_line(live) -> None:
     with pytest.raises(ConfigError) as refusal:
         web.PageServer(
-            '127.0.0.1', live.server.port, access('127.0.0.1', ''), live._call, 'rig',
+            '127.0.0.1', live.server.site.port, access('127.0.0.1', ''), live._call, 'rig',
             Recordings(live.folder),
         )  # fmt: skip
-    assert f'port {live.server.port}' in str(refusal.value)
+    assert f'port {live.server.site.port}' in str(refusal.value)
     assert 'in use' in str(refusal.value)
     assert '\n' not in str(refusal.value)
 
@@ -190,24 +191,24 @@ def test_a_port_in_use_is_one_clear_line(live) -> None:
 def test_a_viewer_that_takes_nothing_is_dropped_and_the_others_do_not_notice(
     guarded, machine, monkeypatch
 ) -> None:
-    monkeypatch.setattr(web, '_STALLED_S', 0.3)
-    guarded.access = Access()
+    monkeypatch.setattr(viewer_socket, '_STALLED_S', 0.3)
+    guarded.site.access = Access()
     link = socket.socket()
     link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-    link.connect(('127.0.0.1', guarded.port))
+    link.connect(('127.0.0.1', guarded.site.port))
     link.sendall(
         b'GET /live HTTP/1.1\r\nHost: 127.0.0.1\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n'
         b'Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n'
     )
     deadline = machine.deadline(20.0)
     number = 1
-    while not guarded.dropped:
+    while not guarded.site.live.dropped:
         assert not deadline.passed
         number += 1
         guarded.publish(View({'status': Section(number, f'{number}' * 200_000)}))
         time.sleep(0.05)
-    assert guarded.count == 0
+    assert guarded.site.live.count == 0
     guarded.publish(View({'status': Section(0, 'after')}))
-    _, whole = first_messages(f'http://127.0.0.1:{guarded.port}/')
+    _, whole = first_messages(f'http://127.0.0.1:{guarded.site.port}/')
     assert 'status' in whole['sections']
     link.close()

@@ -1,0 +1,138 @@
+"""What is served, and to whom: files, rights, and the view that all open pages are sent."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import json
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+from importlib.resources import files
+from typing import Protocol
+
+from hunt_ros.dashboard.access import Access
+from hunt_ros.dashboard.figures import figure_items
+from hunt_ros.dashboard.recordings import Recordings
+from hunt_ros.dashboard.view import View, changes
+from hunt_ros.report.figures.style import palette_css
+
+_STATIC = files('hunt_ros.dashboard') / 'static'
+
+#: Gets the word of a command and the words that go with it; the answer is (done, message).
+Command = Callable[[str, str], 'Future[tuple[bool, str]]']
+
+
+class OpenPage(Protocol):
+    """The connection of a page."""
+
+    def close(self, code: int | None = None, reason: str | None = None) -> None:
+        """End it."""
+
+    def on_close(self) -> None:
+        """Give back what it holds."""
+
+
+class Viewer(OpenPage, Protocol):
+    """A page that shows the rig as it is."""
+
+    def update(self, view: View) -> None:
+        """Send what has changed."""
+
+
+class Replay(OpenPage, Protocol):
+    """A page that shows a recording; its task plays it."""
+
+    task: asyncio.Task[None]
+
+
+class LivePages:
+    """
+    The pages that show the rig as it is, and what they are sent.
+
+    Used in the thread of the server only.
+
+    Attributes
+    ----------
+    viewers : set of Viewer
+    view : View
+        What was published last.
+    dropped : int
+        Viewers that took nothing any more.
+    """
+
+    def __init__(self) -> None:
+        self.viewers: set[Viewer] = set()
+        self.view = View()
+        self.dropped = 0
+        self._encoded: dict[int, bytes] = {}
+        self._before: dict[int, View] = {}
+
+    def publish(self, view: View) -> None:
+        """Send each viewer the difference to what it has."""
+        self.view = view
+        self._encoded.clear()
+        self._before.clear()
+        for viewer in list(self.viewers):
+            viewer.update(view)
+
+    def since(self, before: View) -> bytes:
+        """Return what has changed since a view, as the page gets it: encoded once for all."""
+        key = id(before)
+        if key not in self._encoded or self._before[key] is not before:
+            self._before[key] = before  # kept alive: its id is its name
+            text = json.dumps(changes(before, self.view), allow_nan=False, separators=(',', ':'))
+            self._encoded[key] = text.encode()
+        return self._encoded[key]
+
+
+@dataclass
+class Site:
+    """
+    What every request may need.
+
+    Parameters
+    ----------
+    port : int
+        TCP port.
+    access : Access
+        Who may do what.
+    command : callable
+        Does what an operator asks for.
+    title : str
+        Of the page: the name of the rig.
+    recordings : Recordings
+        What the second page shows.
+    session_s : float
+        How long after a token was typed it lets this browser view or command.
+
+    Attributes
+    ----------
+    live : LivePages
+    replays : set of Replay
+    files : dict of str to bytes
+        By name; the same for everybody.
+    version : str
+        Of the files: a page of another version reloads itself.
+    """
+
+    port: int
+    access: Access
+    command: Command
+    title: str
+    recordings: Recordings
+    session_s: float
+    live: LivePages = field(default_factory=LivePages)
+    replays: set[Replay] = field(default_factory=set)
+    files: dict[str, bytes] = field(init=False)
+    version: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.files = {path.name: path.read_bytes() for path in _STATIC.iterdir() if path.is_file()}
+        self.files['figures.json'] = figure_items()
+        self.files['colours.css'] = (
+            f':root {{ {palette_css(dark=False)} }}\n'
+            f':root[data-scheme="night"] {{ {palette_css(dark=True)} }}\n'
+        ).encode()
+        whole = b''.join(content for _, content in sorted(self.files.items()))
+        self.version = hashlib.sha256(whole).hexdigest()[:12]
