@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import json
+import shutil
 import socket
 import time
 import urllib.error
 import urllib.parse
 import urllib.request
 from http.cookiejar import CookieJar
+from pathlib import Path
 
 import pytest
 
@@ -207,8 +210,30 @@ def test_a_viewer_that_takes_nothing_is_dropped_and_the_others_do_not_notice(
         number += 1
         guarded.publish(View({'status': Section(number, f'{number}' * 200_000)}))
         time.sleep(0.05)
-    assert guarded.site.live.count == 0
+    assert not guarded.site.live.viewers
     guarded.publish(View({'status': Section(0, 'after')}))
     _, whole = first_messages(f'http://127.0.0.1:{guarded.site.port}/')
     assert 'status' in whole['sections']
     link.close()
+
+
+def test_a_server_that_ends_takes_its_replays_with_it_and_leaves_nothing_behind(
+    live, caplog
+) -> None:
+    bag = Path(__file__).resolve().parents[2] / 'bags' / 'kick_decays'
+    shutil.copytree(bag, live.folder / 'run')
+
+    async def watch() -> None:
+        address = live.url.replace('http', 'ws', 1) + 'played?recording=run'
+        link = await websocket_connect(address)
+        while 'replay' not in json.loads(await link.read_message()).get('sections', {}):
+            pass
+        assert len(live.server.site.replays) == 1
+        await asyncio.get_running_loop().run_in_executor(None, live.server.close)
+        while await link.read_message() is not None:
+            pass
+
+    asyncio.run(asyncio.wait_for(watch(), 60))
+    assert not live.server.site.replays
+    gc.collect()
+    assert not [record for record in caplog.records if record.name == 'asyncio']
