@@ -23,7 +23,7 @@ demo: $(VENV)/installed  ## sweep the simulated rig through hunting and back; re
 	$(BIN)/hunt demo
 
 test: $(VENV)/installed check  ## all checks and tests, on two cores
-	$(BIN)/python -m pytest -n 2 --dist loadfile --durations=20
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --durations=20
 
 test-elsewhere: $(VENV)/installed  ## tests as on other machines (test/elsewhere.py); ONLY=one-core: that one; FAST=1: a few
 	$(BIN)/python test/elsewhere.py $(if $(ONLY),--only $(ONLY)) $(if $(FAST),--fast)

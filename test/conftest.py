@@ -41,6 +41,12 @@ hypothesis.settings.register_profile(
 hypothesis.settings.load_profile('anywhere')
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the files that hold long tests: side by side, what comes last should be short."""
+    long = {item.path for item in items if item.get_closest_marker('slow')}
+    items.sort(key=lambda item: item.path not in long)
+
+
 #: What a node does when it starts, and as much again of plain work.
 _PROBE = """
 try:

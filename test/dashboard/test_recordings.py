@@ -115,6 +115,7 @@ def test_the_intervals_are_those_of_the_identification_beside_the_form(live, rea
     assert read()['later']['v_n']['ci95'] is None
 
 
+@pytest.mark.slow
 def test_runs_of_several_days_are_compared_by_the_forms_that_rest_on_them(live, read) -> None:
     day_s = 86_400
     for number, name in enumerate(('mon', 'tue', 'wed')):

@@ -221,6 +221,7 @@ def test_each_fault_on_each_channel(fault: str) -> None:
         _check([(channel, fault)], step_ns=None)
 
 
+@pytest.mark.slow
 @settings(
     max_examples=24,
     deadline=None,

@@ -221,6 +221,7 @@ def test_a_rig_that_runs_in_reverse_has_the_form_it_has_ahead(records, from_swee
     assert result.v_n.value == pytest.approx(from_sweep.v_n.value, abs=5e-3)
 
 
+@pytest.mark.slow
 def test_more_runs_sharpen_the_form_and_the_history_is_bounded(records, from_sweep):
     both = update(from_sweep, records['staircase'])
     assert len(both.records) == 2

@@ -41,6 +41,7 @@ def _staircase(seed: int) -> Record:
     return simulate(paper_rig(), settings, profile, profile.duration_s, seed=seed)
 
 
+@pytest.mark.slow
 def test_staircases_without_the_rollers_angle_tell_as_much_as_with_it() -> None:
     off = []
     for seed in SEEDS:

@@ -146,6 +146,7 @@ def numbers(entry):
         yield entry
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', NAMES)
 def test_bad_input_is_refused_in_a_line_or_every_null_has_its_reason(outcome, name):
     document = outcome(name)

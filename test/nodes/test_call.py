@@ -12,6 +12,7 @@ from hunt_ros.services import SERVICES
 pytestmark = pytest.mark.ros
 
 
+@pytest.mark.slow
 def test_a_call_is_done_refused_or_finds_nobody(graph, capsys) -> None:
     assert main(['call', 'acknowledge', '--wait', '0.5']) == 2
     error = capsys.readouterr().err

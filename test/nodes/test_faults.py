@@ -16,7 +16,7 @@ import pytest
 from fault_table import Row, observed
 from speed_rig import Detector, Drive, Rig
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 RUNNING = 6.0
 #: v_n of the detector less the margin.

@@ -27,7 +27,7 @@ from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.nodes.support.conversions import read_diagnostic, to_ns
 from hunt_ros.nodes.support.qos import STATUS, latched
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 #: Inside the hysteresis region, and v_n less the margin.
 RUNNING, SAFE = 7.2, 5.906

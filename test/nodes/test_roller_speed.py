@@ -42,6 +42,7 @@ def test_the_roller_follows_the_profile_and_the_angle_follows_the_roller(graph) 
     assert turned == pytest.approx(0.01 * speed[1:].sum() / 0.15, rel=0.01)
 
 
+@pytest.mark.slow
 def test_an_emergency_stop_holds_until_it_is_rearmed_and_then_nothing_moves_by_itself(
     graph,
 ) -> None:

@@ -35,6 +35,7 @@ def test_a_run_without_a_rig_says_what_it_expects(capsys, tmp_path) -> None:
     assert all(word in line for word in ('--simulated', '--listen', '--rig'))
 
 
+@pytest.mark.slow
 def test_a_run_that_listens_records_without_a_clock_and_ends_at_sigterm(graph) -> None:
     folder = graph.folder / 'recordings'
     folder.mkdir()

@@ -18,7 +18,7 @@ import pytest
 fcntl = pytest.importorskip('fcntl', reason='no pseudo-terminals here')
 termios = pytest.importorskip('termios', reason='no pseudo-terminals here')
 pytest.importorskip('rclpy', reason='the extra ros is not installed')
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 #: Where a drawing begins: the upper left corner.
 _HOME, _LEAVES = '\x1b[H', '\x1b[?1049l'

@@ -199,6 +199,7 @@ def test_a_quiet_run_makes_a_report_that_says_what_cannot_be_known() -> None:
         assert not re.search(rf'>\s*{word}\s*<', page)
 
 
+@pytest.mark.slow
 def test_the_command_writes_page_figures_and_json(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -79,6 +79,7 @@ def _stairs(make, seed: int, wave: float) -> Record:
     return Record({'lateral': Series(lateral.stamps_ns, bent), **channels}, record.source)
 
 
+@pytest.mark.slow
 def test_a_limit_cycle_that_no_form_follows_does_not_bend_the_critical_speed(make) -> None:
     for wave, seeds in ((0.0, range(2)), (0.012, range(2))):
         for seed in seeds:
