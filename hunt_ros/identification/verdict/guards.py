@@ -297,5 +297,5 @@ def _held_amplitude(
             f'the amplitude of the limit cycle does not depend on the speed'
             f' ({1e3 * amplitude.min():.3g} to {1e3 * amplitude.max():.3g} mm from'
             f' {speed.min():.3g} to {speed.max():.3g} m/s): if the flanges touch, give'
-            ' flange_clearance_m'
+            ' flange_clearance_m (--clearance)'
         )
