@@ -44,6 +44,12 @@ faults: $(VENV)/installed  ## make everything fail once, and print what came of 
 bench-interlock: $(VENV)/installed  ## limit cycles that the interlock avoids, in closed loop; KICKS=20: fewer
 	$(BIN)/python test/benchmark/bench_interlock.py --kicks $${KICKS:-100} --publish
 
+bench-trip: $(VENV)/installed  ## from a silent detector to a lower set point in the drive; TRIPS=20: fewer
+	$(BIN)/python test/benchmark/bench_trip.py --trips $${TRIPS:-200} --publish
+
+bench-profiles: $(VENV)/installed  ## see-saw and adaptive staircase against the paper's staircase; FAST=1: 2 seeds
+	$(BIN)/python test/benchmark/bench_profiles.py $(if $(FAST),--fast)
+
 soak: $(VENV)/installed  ## the live suite for an hour at 8 times real time: leaks, losses, false alarms; 24 h: SPEEDUP=1 MINUTES=1440
 	$(BIN)/python test/benchmark/soak.py --speedup $${SPEEDUP:-8} --minutes $${MINUTES:-60}
 
@@ -94,4 +100,4 @@ bench-plan: $(VENV)/installed  ## what to measure next: hunt plan in the loop ag
 bench-detection: $(VENV)/installed  ## the detector against the railway criteria; SCALE=0.05: a quick look (1: 24 h quiet, 10 min)
 	$(BIN)/python test/benchmark/bench_detection.py --scale $${SCALE:-1} --publish
 
-.PHONY: soak docs bench-interlock faults bench-page bench-plan bench-detection bench-identification bench-simulation figures bench-bags fuzz golden-bags help install demo test test-elsewhere check format clean bench-live bench-forecast bench-estimation
+.PHONY: soak docs bench-trip bench-profiles bench-interlock faults bench-page bench-plan bench-detection bench-identification bench-simulation figures bench-bags fuzz golden-bags help install demo test test-elsewhere check format clean bench-live bench-forecast bench-estimation
