@@ -11,11 +11,13 @@ from __future__ import annotations
 import fcntl
 import os
 import struct
+import tempfile
 import zlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from io import FileIO
 from pathlib import Path
-from typing import NamedTuple
+from typing import IO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,8 +90,9 @@ class McapWriter:
             pass  # a file system without locks
         self._schemas: dict[str, fmt.Schema] = {}
         self._channels: dict[int, fmt.Channel] = {}
-        # Packed, as it goes into the file: four chunks a second are 14,400 in an hour.
-        self._chunk_index = bytearray()
+        # As it goes into the summary, on the same disk, without a name: in memory it would grow
+        # by 4 MB and more an hour, and to read it back from the chunks takes seconds.
+        self._chunk_index = tempfile.TemporaryFile(buffering=0, dir=self.path.parent)  # noqa: SIM115
         self._chunk_count = 0
         self._metadata: list[tuple[int, int, str]] = []
         self._parts: list[bytes] = []
@@ -127,6 +130,7 @@ class McapWriter:
                     chunk.compression, chunk.stored, chunk.size,
                 )
             )  # fmt: skip
+        writer._chunk_count = len(walk.chunks)
         writer._metadata = list(walk.metadata_places)
         writer.counts = Counter(walk.counts)
         if walk.span_ns is not None:
@@ -247,14 +251,20 @@ class McapWriter:
             offsets[topic] = position
             indexes.append(index)
             position += len(index)
-        start = self.size
-        self._put(chunk + b''.join(indexes))
+        before = self._chunk_index.tell()
         self._add_chunk(
             fmt.ChunkIndex(
-                first, last, start, len(chunk), offsets, position - start - len(chunk),
+                first, last, self.size, len(chunk), offsets, position - self.size - len(chunk),
                 self.compression, len(stored), len(raw),
             )
         )  # fmt: skip
+        try:
+            self._put(chunk + b''.join(indexes))
+        except OSError:
+            self._chunk_index.truncate(before)
+            self._chunk_index.seek(before)
+            raise
+        self._chunk_count += 1
         for topic, entries in self._entries.items():
             self.counts[topic] += sum(len(part) for part in entries) // _ENTRY.size
         self.first_ns = first if self.first_ns is None else min(self.first_ns, first)
@@ -262,8 +272,9 @@ class McapWriter:
         self._parts, self._filled, self._entries, self._span = [], 0, {}, None
 
     def _add_chunk(self, chunk: fmt.ChunkIndex) -> None:
-        self._chunk_index += fmt.chunk_index_record(chunk)
-        self._chunk_count += 1
+        """Note a chunk for the summary; where the disk refuses, nothing of it."""
+        before = self._chunk_index.tell()
+        _write(self._chunk_index, fmt.chunk_index_record(chunk), before)
 
     @property
     def pending_bytes(self) -> int:
@@ -286,11 +297,12 @@ class McapWriter:
         self.flush()
         self._put(fmt.record(fmt.DATA_END, struct.pack('<I', 0)))
         start = self.size
+        self._chunk_index.seek(0)
         groups = [
             (fmt.SCHEMA, [fmt.schema_record(schema) for schema in self._schemas.values()]),
             (fmt.CHANNEL, [fmt.channel_record(channel) for channel in self._channels.values()]),
             (fmt.STATISTICS, [fmt.statistics_record(self._statistics())]),
-            (fmt.CHUNK_INDEX, [bytes(self._chunk_index)]),
+            (fmt.CHUNK_INDEX, [self._chunk_index.read()]),
             (fmt.METADATA_INDEX, [_metadata_index(*place) for place in self._metadata]),
         ]
         summary, offsets = b'', b''
@@ -305,7 +317,7 @@ class McapWriter:
         summary += struct.pack('<QQ', start, offset_start)
         self._put(summary + struct.pack('<I', zlib.crc32(summary)) + fmt.MAGIC)
         os.fsync(self._file.fileno())
-        self._file.close()
+        self.abandon()
 
     def _statistics(self) -> fmt.Statistics:
         return fmt.Statistics(
@@ -323,18 +335,24 @@ class McapWriter:
     def abandon(self) -> None:
         """Close the file as it is, without an index."""
         self._file.close()
+        self._chunk_index.close()
 
     def _put(self, raw: bytes) -> None:
         """Write all of it, or, where the disk refuses, leave nothing of it."""
-        view = memoryview(raw)
-        try:
-            while view:
-                view = view[self._file.write(view) :]
-        except OSError:
-            self._file.truncate(self.size)
-            self._file.seek(self.size)
-            raise
+        _write(self._file, raw, self.size)
         self.size += len(raw)
+
+
+def _write(file: IO[bytes] | FileIO, raw: bytes, end: int) -> None:
+    """Write all of it at the end of a file, or, where the disk refuses, leave nothing of it."""
+    view = memoryview(raw)
+    try:
+        while view:
+            view = view[file.write(view) :]
+    except OSError:
+        file.truncate(end)
+        file.seek(end)
+        raise
 
 
 def _metadata_index(offset: int, length: int, name: str) -> bytes:
