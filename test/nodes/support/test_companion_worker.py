@@ -1,0 +1,71 @@
+"""The thread beside the detector: an error nobody expected is told, and it begins anew."""
+
+from __future__ import annotations
+
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='the extra ros is not installed')
+
+from hunt_ros.criteria import Verdict
+from hunt_ros.detection import CompanionConfig, DetectorConfig
+from hunt_ros.detection.output import Motion
+from hunt_ros.nodes.support.companion_worker import CompanionWorker
+
+CRITERION = CompanionConfig(criteria=('cfr_213_333',), criteria_scale=0.02, forecast='off')
+SECOND = 10**9
+
+
+class Told:
+    """What `Diagnostics` would say."""
+
+    def __init__(self) -> None:
+        self.failures: list[str] = []
+
+    def failed(self, task: str, error: Exception) -> None:
+        self.failures.append(f'{task}: {error}')
+
+    def done(self, task: str) -> None:
+        self.failures.clear()
+
+
+def _shaking(begin_s: int) -> SimpleNamespace:
+    """Return what a detector gives out of 8 s of a limit cycle of 2 mm."""
+    stamps = begin_s * SECOND + np.arange(0, 8 * SECOND, 2_000_000)
+    values = 2e-3 * np.sin(2.0 * np.pi * 2.8e-9 * (stamps - stamps[0]))
+    there = np.ones(stamps.size)
+    return SimpleNamespace(motion=[Motion(stamps, values, 9.0 * there, there * np.nan, there < 0)])
+
+
+def test_an_error_in_the_thread_is_told_and_the_next_samples_are_judged(machine) -> None:
+    verdicts: list[Verdict] = []
+
+    def tell(verdict: Verdict) -> None:
+        verdicts.append(verdict)
+        if len(verdicts) == 1:
+            raise ZeroDivisionError('nobody expected this')
+
+    told = Told()
+    worker = CompanionWorker(CRITERION, DetectorConfig(), tell, told)
+    deadline = machine.deadline(30.0)
+    try:
+        worker.offer(_shaking(100))
+        while not told.failures:
+            assert not deadline.passed
+            time.sleep(0.02)
+        assert told.failures == ['criteria and forecast: nobody expected this']
+        seen = len(verdicts)
+        worker.offer(_shaking(200))
+        while len(verdicts) == seen:
+            assert not deadline.passed
+            time.sleep(0.02)
+        assert verdicts[-1].exceeded
+        worker.reset()  # as an operator does, and a configuration
+        while told.failures:
+            assert not deadline.passed
+            time.sleep(0.02)
+    finally:
+        worker.close()
