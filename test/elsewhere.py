@@ -136,9 +136,11 @@ def without_rights() -> list[str]:
     if not shutil.which('setpriv'):
         raise Unavailable('run by root, which may write everywhere, and there is no setpriv')
     words = ['setpriv', '--reuid', NOBODY, '--clear-groups', '--']
-    reads = subprocess.run([*words, sys.executable, '-c', 'import numpy'], capture_output=True)
-    if reads.returncode != 0:
-        raise Unavailable(f'{NOBODY} may not read {sys.executable}')
+    # Not the program that is started alone, whose rights are those of root yet, but its own too.
+    script = f'import subprocess; subprocess.run([{sys.executable!r}, "-c", ""], check=True)'
+    runs = subprocess.run([*words, sys.executable, '-c', script], capture_output=True)
+    if runs.returncode != 0:
+        raise Unavailable(f'{NOBODY} may not run {Path(sys.executable).resolve()}')
     return words
 
 
