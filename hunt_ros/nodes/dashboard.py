@@ -100,7 +100,7 @@ class DashboardNode(Polling, Node):
         ]
         self._caller = Caller(self, self._diagnostics)
         host = f'[{config.address}]' if ':' in config.address else config.address
-        self._url = f'http://{host}:{self._server.port}/'
+        self._url = f'http://{host}:{self._server.site.port}/'
         self.get_logger().info(f'the page is at {self._url}')
         self.create_timer(1.0 / config.update_rate_hz, self._update, clock=steady_clock())
 

@@ -109,6 +109,8 @@ class Suite:
         self._patience_s = patience_s
         self.graph.set_parameters('roller_speed', status_timeout_s=patience_s)
         self.kill('hunting_detector')
+        # Else what is heard next of the interlock may be of the detector that is gone.
+        self.graph.spin_until(lambda: self.status['interlock_state'] == 'tripped', 60.0)
         self.start('hunting_detector')
 
     def recover(self) -> None:
