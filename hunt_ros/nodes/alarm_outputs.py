@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -104,7 +105,7 @@ class AlarmOutputsNode(Node):
         if self._condition is not Condition.WAITING:
             output.show(self._condition, self._cause)
 
-    def _try(self, name: str, act) -> None:
+    def _try(self, name: str, act: Callable[[], object]) -> None:
         try:
             act()
         except Exception as error:  # whatever a library of the hardware raises

@@ -23,8 +23,9 @@ from importlib import import_module
 from operator import itemgetter
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
+from rclpy.clock import ROSClock
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
@@ -268,7 +269,7 @@ class BagRecorderNode(Polling, Node):
 
     def _has_ended(self) -> bool:
         """Close a recording that ended by itself, as when the disk is full."""
-        problem = self._recording.state.problem
+        problem = '' if self._recording is None else self._recording.state.problem
         if not problem:
             return False
         self.get_logger().error(problem)
@@ -281,7 +282,8 @@ class BagRecorderNode(Polling, Node):
 
     def _subscribe(self, name: str, kind: str, *, reliable: bool, is_latched: bool) -> None:
         ways = self._subscribed.setdefault(name, set())
-        if name in self._refused or (reliable, is_latched) in ways:
+        recording = self._recording
+        if recording is None or name in self._refused or (reliable, is_latched) in ways:
             return
         message_class = _message_class(kind)
         if message_class is None:
@@ -299,7 +301,7 @@ class BagRecorderNode(Polling, Node):
             self._said.setdefault(name, deque(maxlen=_LATCHED_KEPT))
         if name not in self._kinds:
             self._kinds[name] = (kind, is_latched)
-            self._keys[name] = self._recording.topic(name, kind, latched=is_latched)
+            self._keys[name] = recording.topic(name, kind, latched=is_latched)
         if len(ways) == 2:
             self._once[name] = _Once()
 
@@ -344,7 +346,7 @@ class BagRecorderNode(Polling, Node):
         """Hand a message over; with simulated time, not before there is a time."""
         if self._recording is None:
             return
-        clock = self.get_clock()
+        clock = cast(ROSClock, self.get_clock())
         # Some middleware does not say when a message came.
         now_ns = 0 if clock.ros_time_is_active else received_ns
         now_ns = now_ns or clock.now().nanoseconds

@@ -263,7 +263,7 @@ class HuntingDetectorNode(Polling, LifecycleNode):
     def _health(self) -> Health:
         status = self._detector.status
         missed = sum(one.count for one in self._inbox.missed.values())
-        values = {
+        values: dict[str, object] = {
             'received': self._inbox.received,
             'unreadable': self._inbox.unreadable,
             'missed': missed,

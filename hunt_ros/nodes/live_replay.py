@@ -144,10 +144,11 @@ class LiveReplayNode(Node):
         """Return a function that publishes (stamp, value) of a channel."""
         if name == 'speed':
             publisher = self.create_publisher(TwistStamped, name, stream(MEASUREMENTS))
-            layout, rest = twist_layout(self._config.frame_id), (0.0,) * 5
+            layout = twist_layout(self._config.frame_id)
         else:
             publisher = self.create_publisher(JointState, name, stream(MEASUREMENTS))
-            layout, rest = joint_layout([name], self._config.frame_id), ()
+            layout = joint_layout([name], self._config.frame_id)
+        rest = (0.0,) * (5 if name == 'speed' else 0)
         return lambda stamp_ns, value: publisher.publish(layout.encode(stamp_ns, value, *rest))
 
     def _work(self, stopping: threading.Event) -> None:

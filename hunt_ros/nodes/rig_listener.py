@@ -52,9 +52,8 @@ class RigListenerNode(Polling, Node):
         self._inputs = {}
         self._heard: dict[str, dict[str, list[Any]]] = {}
         for channel in config.channels:
-            kind, reader = JointState, JointReader(channel)
-            if channel == 'speed':
-                kind, reader = TwistStamped, SpeedReader()
+            kind = TwistStamped if channel == 'speed' else JointState
+            reader = SpeedReader() if channel == 'speed' else JointReader(channel)
             qos = stream(MEASUREMENTS)
             qos.reliability = ReliabilityPolicy.BEST_EFFORT
             subscription = self.create_polled_subscription(kind, channel, qos, raw=True)

@@ -20,7 +20,7 @@ from rclpy.lifecycle import State, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
-from hunt_ros.drivers.base import DriveBlock
+from hunt_ros.drivers.base import DriveBlock, DriveDriver
 from hunt_ros.drivers.command import DriveLimits, RollerCommand
 from hunt_ros.drivers.interlock import Change, Heard, Interlock, InterlockSettings
 from hunt_ros.dynamics.parameters import RigParameters
@@ -87,7 +87,7 @@ class SpeedConfig(Settings):
     autostart: bool = setting(True, 'Configure and activate without being told.', fixed=True)
 
 
-class RollerSpeedNode(DriverNode):
+class RollerSpeedNode(DriverNode[DriveDriver]):
     """Publishes `roller` and `speed`; runs the profile; commands the drive; guards it."""
 
     def __init__(self) -> None:
@@ -264,17 +264,17 @@ class RollerSpeedNode(DriverNode):
         self._since_ns = now_ns
         since_ns = now_ns - (self._steady_ns() - change.since_ns)
         level = _LEVELS[self._interlock.state]
+        cause = change.cause + consequence
         values = {
             'event': change.event,
             'since_s': f'{since_ns / NANOSECONDS:.3f}',
             'decided_s': f'{now_ns / NANOSECONDS:.3f}',
             'test': 'interlock',
-            'cause': change.cause + consequence,
+            'cause': cause,
             'speed_mps': self._speed_mps,
             'amplitude_m': self._interlock.heard.motion.amplitude_m,
         }
         rig = self.get_namespace().strip('/')
-        cause = values['cause']
         self._events.publish(diagnostic(now_ns, change.event, level, cause, values, rig))
         text = f'{change.event}: {cause}'
         if level == 'ERROR':
@@ -413,7 +413,7 @@ class RollerSpeedNode(DriverNode):
         """Publish how things stand."""
         command, interlock = self._command, self._interlock
         profile = command.profile
-        values = {
+        values: dict[str, object] = {
             'speed_mps': self._speed_mps,
             'target_mps': self._target_mps,
             'profile': '' if profile is None else profile.name or f'{len(profile.steps)} steps',
@@ -459,7 +459,7 @@ class RollerSpeedNode(DriverNode):
     def _health(self) -> Health:
         fresh = self._new('readings', self._published)
         refused = self._new('refused', self._refused)
-        values = {
+        values: dict[str, object] = {
             'speed_mps': self._speed_mps,
             'target_mps': self._target_mps,
             'readings': fresh,

@@ -87,7 +87,8 @@ class Sensor(SensorDriver):
         self._value = _reader(self._source, kind_name)
         # A best-effort subscription hears publishers of either kind.
         profile = QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._node.create_subscription(kind, self._source.topic, self._take, profile)
+        take: Any = self._take  # with what the middleware says of a message, as rclpy allows
+        self._node.create_subscription(kind, self._source.topic, take, profile)
 
     def read(self, timeout_s: float) -> SensorBlock:
         """Wait for messages; raises DriverError where they have not the field."""

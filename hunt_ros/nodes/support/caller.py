@@ -10,6 +10,7 @@ from __future__ import annotations
 import threading
 import time
 from concurrent.futures import Future
+from typing import Any
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -92,7 +93,7 @@ class Caller:
         if said and service.words_first:
             self._words[service.words_topic].publish(String(data=said))
 
-        def answered(reply: object) -> None:
+        def answered(reply: Any) -> None:
             done, message = reply.result().success, reply.result().message
             if done and said and not service.words_first:
                 self._words[service.words_topic].publish(String(data=said))

@@ -73,7 +73,7 @@ class FixedLayout:
             return None
         rest = bytearray(wire)
         rest[4:12] = bytes(8)
-        values = []
+        values: list[float] = []
         for offset in self._offsets:
             values += struct.unpack_from('<d', wire, offset)
             rest[offset : offset + 8] = bytes(8)

@@ -41,9 +41,8 @@ class DetectorInbox:
         self.missed: dict[str, Missed] = {}
         self._inputs: list[tuple[str, JointReader | SpeedReader, Subscription]] = []
         for channel in channels:
-            kind, reader = JointState, JointReader(channel)
-            if channel == 'speed':
-                kind, reader = TwistStamped, SpeedReader()
+            kind = TwistStamped if channel == 'speed' else JointState
+            reader = SpeedReader() if channel == 'speed' else JointReader(channel)
             subscription = node.create_polled_subscription(
                 kind, channel, stream(MEASUREMENTS), raw=True, qos_overriding_options=OVERRIDABLE
             )

@@ -14,12 +14,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import fields
 from functools import partial
-from typing import Literal
+from typing import Any, Generic, Literal, TypeVar, cast
 
 from rclpy.lifecycle import LifecycleNode, State, TransitionCallbackReturn
 from rclpy.publisher import Publisher
 
-from hunt_ros.drivers.base import DriveBlock, DriveDriver, SensorBlock, SensorDriver
+from hunt_ros.drivers.base import DriveDriver, SensorDriver
 from hunt_ros.drivers.registry import driver_class
 from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.support.diagnostics import Diagnostics, one_line
@@ -38,7 +38,10 @@ _PAUSE_S = 1.0
 _SETTLED_S, _SETTLE_MOST_S = 0.5, 3.0
 
 
-class DriverNode(LifecycleNode, ABC):
+_D = TypeVar('_D', SensorDriver, DriveDriver)
+
+
+class DriverNode(LifecycleNode, ABC, Generic[_D]):
     """
     A lifecycle node around one driver.
 
@@ -49,7 +52,7 @@ class DriverNode(LifecycleNode, ABC):
     """
 
     #: Makes a driver that is not open yet.
-    _make_driver: Callable[[], SensorDriver | DriveDriver]
+    _make_driver: Callable[[], _D]
     #: A publisher whose listeners are waited for before the first sample.
     _announced: Publisher
     _diagnostics: Diagnostics
@@ -58,7 +61,7 @@ class DriverNode(LifecycleNode, ABC):
         super().__init__(name)
         hold_name(self)
         #: Open; None while there is no connection. Only the thread sets it.
-        self._driver: SensorDriver | DriveDriver | None = None
+        self._driver: _D | None = None
         self._worker: Worker | None = None
         #: Held by the thread that owns the device: one that ends late delays its successor.
         self._device = threading.Lock()
@@ -67,7 +70,7 @@ class DriverNode(LifecycleNode, ABC):
         self._trouble = ''  # of the connection
         self._heard_s = -float('inf')  # when the driver last brought a sample, steady clock
 
-    def _use_driver(self, name: str, role: Literal['Sensor', 'Drive'], *rest: object) -> str:
+    def _use_driver(self, name: str, role: Literal['Sensor', 'Drive'], *rest: Any) -> str:
         """
         Declare the settings of a driver as parameters, and say how the driver is made.
 
@@ -97,7 +100,8 @@ class DriverNode(LifecycleNode, ABC):
                     f'driver {name!r}: its setting {item.name!r} has the name of a parameter of'
                     f' {self.get_name()}'
                 )
-        self._make_driver = partial(kind, declare(self, kind.Settings), *rest)
+        settings = declare(self, kind.Settings)
+        self._make_driver = cast('Callable[[], _D]', partial(kind, settings, *rest))
         return f'{name}: {self._make_driver()}'
 
     def on_configure(self, state: State) -> TransitionCallbackReturn:
@@ -167,7 +171,7 @@ class DriverNode(LifecycleNode, ABC):
             self.get_logger().error(f'{trouble}; trying again')
         self._connecting, self._trouble = False, trouble
 
-    def _read_on(self, driver: SensorDriver | DriveDriver, stopping: threading.Event) -> None:
+    def _read_on(self, driver: _D, stopping: threading.Event) -> None:
         """Read until asked to stop; raises what the driver raises."""
         published = False
         read_s = time.monotonic()
@@ -190,7 +194,7 @@ class DriverNode(LifecycleNode, ABC):
             elif len(block.stamps_ns):
                 self._take(block, published)
 
-    def _skip_backlog(self, driver: SensorDriver | DriveDriver, stopping: threading.Event) -> int:
+    def _skip_backlog(self, driver: _D, stopping: threading.Event) -> int:
         """Throw away what was sampled while nobody read, and return how much: it is too late."""
         skipped = 0
         while not stopping.is_set():
@@ -225,7 +229,7 @@ class DriverNode(LifecycleNode, ABC):
         return ('WARN', 'connecting') if self._connecting else None
 
     @abstractmethod
-    def _take(self, block: SensorBlock | DriveBlock, publish: bool) -> None:
+    def _take(self, block: Any, publish: bool) -> None:
         """Get a block that was read in time; `publish`: the node is active."""
 
     @abstractmethod

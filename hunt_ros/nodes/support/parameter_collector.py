@@ -15,6 +15,7 @@ import rclpy
 from rcl_interfaces.srv import GetParameters, GetParameterTypes, ListParameters
 from rclpy.client import Client
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.task import Future
 
 from hunt_ros.nodes.support.diagnostics import Diagnostics
 from hunt_ros.nodes.support.parameter_text import parameter_text
@@ -90,13 +91,13 @@ class ParameterCollector:
             return
         self._next[node] = now + wait, 2.0 * wait
 
-        def listed(future) -> None:
+        def listed(future: Future) -> None:
             """Ask for the types of the parameters."""
             names = list(future.result().result.names)
             request = GetParameterTypes.Request(names=names)
             typer.call_async(request).add_done_callback(lambda reply: typed(names, reply))
 
-        def typed(names: list[str], future) -> None:
+        def typed(names: list[str], future: Future) -> None:
             """Ask for the values of those that have one."""
             # A node gives no values at all where one of those asked for has none.
             kinds = future.result().types
@@ -106,7 +107,7 @@ class ParameterCollector:
             request = GetParameters.Request(names=known)
             getter.call_async(request).add_done_callback(lambda reply: got(known, reply))
 
-        def got(names: list[str], future) -> None:
+        def got(names: list[str], future: Future) -> None:
             """Hand the values on where they are others than before."""
             values = future.result().values
             if len(values) < len(names):

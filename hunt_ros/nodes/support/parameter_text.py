@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import cast
 
 import yaml
 from rcl_interfaces.msg import ParameterValue
@@ -36,4 +37,5 @@ def parameter_text(node: str, names: Sequence[str], values: Sequence[ParameterVa
 def _plain(value: object) -> object:
     if isinstance(value, bool | int | float | str):
         return value
-    return [item[0] if isinstance(item, bytes) else item for item in value]
+    items = cast('Sequence[object]', value)
+    return [item[0] if isinstance(item, bytes) else item for item in items]

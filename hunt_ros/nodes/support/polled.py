@@ -13,14 +13,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from rclpy.node import Node
 from rclpy.subscription import Subscription
 
 
-class Polling:
+class Polling(Node):
     """
-    Mixin of nodes: some of its subscriptions are not for the executor.
+    A node of which some subscriptions are not for the executor.
 
-    To stand before `Node` in the bases: executors ask a node for its `subscriptions`.
+    To stand first in the bases: executors ask a node for its `subscriptions`.
     """
 
     _polled: frozenset[Subscription] = frozenset()
@@ -28,13 +29,13 @@ class Polling:
     @property
     def subscriptions(self) -> Iterator[Subscription]:
         """The subscriptions that an executor waits for."""
-        return (each for each in super().subscriptions if each not in self._polled)  # type: ignore[misc]
+        return (each for each in super().subscriptions if each not in self._polled)
 
     def create_polled_subscription(
         self, kind: type, topic: str, *args: Any, **keywords: Any
     ) -> Subscription:
         """Subscribe like `create_subscription`, without a callback: see `waiting`."""
-        subscription = self.create_subscription(kind, topic, _never, *args, **keywords)  # type: ignore[attr-defined]
+        subscription = self.create_subscription(kind, topic, _never, *args, **keywords)
         self._polled |= {subscription}
         return subscription
 

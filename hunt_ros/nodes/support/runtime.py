@@ -71,7 +71,8 @@ def run(
     on_compilation(ending.say)
     if 'HOME' not in os.environ:  # ROS would find no place for its log, and not start
         os.environ.setdefault('ROS_LOG_DIR', tempfile.gettempdir())
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    words = None if arguments is None else list(arguments)
+    rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
     nodes: list[Node] = []
     executor = cheapest_executor()
     try:
@@ -85,8 +86,8 @@ def run(
         while rclpy.ok() and not ending.asked.is_set():
             executor.spin_once(timeout_sec=_SPIN_S)
             for node in nodes:
-                if getattr(node, 'failed', ''):
-                    raise HuntError(node.failed)
+                if failed := getattr(node, 'failed', ''):
+                    raise HuntError(failed)
             if all(getattr(node, 'done', False) for node in nodes):
                 break
     except (HuntError, InvalidParameterValueException, ParameterException) as error:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from sensor_msgs.msg import JointState
 
-from hunt_ros.drivers.base import SensorBlock
+from hunt_ros.drivers.base import SensorBlock, SensorDriver
 from hunt_ros.drivers.calibration import Calibration
 from hunt_ros.drivers.watch import SourceWatch
 from hunt_ros.nodes.support.conversions import joint_layout
@@ -56,7 +56,7 @@ class SensorConfig(Settings):
     autostart: bool = setting(True, 'Configure and activate without being told.', fixed=True)
 
 
-class SensorNode(DriverNode):
+class SensorNode(DriverNode[SensorDriver]):
     """
     Publishes one measured quantity as a JointState.
 
@@ -90,8 +90,9 @@ class SensorNode(DriverNode):
     def _take(self, block: SensorBlock, publish: bool) -> None:
         if not publish:
             return
-        if self._driver.range != self._device_range:  # known once it is open
-            self._device_range = self._driver.range
+        driver = self._driver
+        if driver is not None and driver.range != self._device_range:  # known once it is open
+            self._device_range = driver.range
             self._calibration = self._given_calibration.within(*self._device_range)
         calibration = self._calibration
         values = calibration.apply(block.values)
