@@ -26,6 +26,10 @@ ROOT = Path(__file__).resolve().parents[2]
 _CABLE = Path(__file__).with_name('cable.py')
 _ADDRESSES = {'rig': '10.93.0.1', 'lab': '10.93.0.2'}
 _DELAY_S, _LOSS = 0.05, 0.05
+#: What is lost is sent again after a heartbeat of the middleware, every 3 s, and one in twenty
+#: is lost again: a sensor may be silent for half of this. Below what the other host is
+#: forgotten after, 20 s.
+_PATIENCE_S = 16.0
 
 
 class Process:
@@ -182,13 +186,13 @@ def _told(console: Process, topic: str) -> list[dict[str, Any]]:
     return [json.loads(line) for line in list(console.lines) if line.startswith(mark)]
 
 
-def _rig_file(folder: Path, patience_s: float) -> Path:
+def _rig_file(folder: Path) -> Path:
     """Write the parameters of the host at the rig."""
     path = folder / 'rig.yaml'
     of_nodes = {
         '/**': {'sample_rate_hz': 100.0},
         f'/**/{SIMULATOR}': {'initial_speed_mps': 7.2},
-        '/**/roller_speed': {'interlock': 'measure', 'status_timeout_s': patience_s},
+        '/**/roller_speed': {'interlock': 'measure', 'status_timeout_s': _PATIENCE_S},
     }
     path.write_text(
         json.dumps({name: {'ros__parameters': values} for name, values in of_nodes.items()})
@@ -196,18 +200,16 @@ def _rig_file(folder: Path, patience_s: float) -> Path:
     return path
 
 
-def test_a_line_that_delays_and_loses_and_is_cut_and_mended(hosts, tmp_path, machine) -> None:
-    # Below what the middleware needs to forget the other host, 20 s.
-    patience_s = min(8.0, 2.0 * machine.measure())
+def test_a_line_that_delays_and_loses_and_is_cut_and_mended(hosts, tmp_path) -> None:
     form = tmp_path / 'normal_form.yaml'
     form.write_text(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml())
     hosts.order('weather', _DELAY_S, _LOSS)
     lab = hosts.start('lab', 'console', '--ros-args')
     rig = hosts.start('rig', 'console', '--ros-args')
     words = ['hunting_detector', '--ros-args', '--params-file', str(form)]
-    hosts.start('lab', *words, '-p', f'sensor_timeout_s:={0.5 * patience_s}')
+    hosts.start('lab', *words, '-p', f'sensor_timeout_s:={0.5 * _PATIENCE_S}')
     words = [SIMULATOR, *SOURCES, '--ros-args', '--params-file']
-    hosts.start('rig', *words, str(_rig_file(tmp_path, patience_s)))
+    hosts.start('rig', *words, str(_rig_file(tmp_path)))
 
     def level() -> str:
         return _told(lab, 'hunting/status')[-1]['level']
@@ -251,7 +253,7 @@ def test_a_line_that_delays_and_loses_and_is_cut_and_mended(hosts, tmp_path, mac
     blind = [
         status['level']
         for status in _told(lab, 'hunting/status')
-        if cut_ns + 0.5e9 * patience_s < status['stamp_ns'] < mended_ns
+        if cut_ns + 0.5e9 * _PATIENCE_S < status['stamp_ns'] < mended_ns
     ]
     assert set(blind) <= {'STALE'}, 'nobody is well who hears nothing'
     events = [event['event'] for event in _told(lab, 'hunting/events')]
