@@ -10,6 +10,7 @@ from typing import Any
 
 import tornado.escape
 import tornado.web
+import tornado.websocket
 from bokeh.util.paths import bokehjs_path
 
 from hunt_ros.dashboard.access import COMMAND, VIEW, same_origin
@@ -258,3 +259,22 @@ class CommandHandler(Handler):
         done, message = await asyncio.wrap_future(self.site.command(word, words))
         self.set_header('Content-Type', 'application/json')
         self.finish(json.dumps({'done': done, 'message': message}))
+
+
+class PageSocket(Handler, tornado.websocket.WebSocketHandler):
+    """The connection of an open page."""
+
+    def prepare(self) -> None:
+        """Refuse who has not signed in."""
+        super().prepare()
+        if not self._finished and not self.right:
+            self.refuse(401, 'a token is needed')
+
+    def check_origin(self, origin: str) -> bool:
+        """Return False for a page of another site."""
+        return same_origin(origin, self.request.host)
+
+    def introduce(self) -> None:
+        """Say which version this is, and what the viewer may do."""
+        about = {'version': self.site.version, 'right': self.right}
+        self.write_message(json.dumps({'about': about}))

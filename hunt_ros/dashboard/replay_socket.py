@@ -12,8 +12,7 @@ from collections.abc import Mapping
 
 import tornado.websocket
 
-from hunt_ros.dashboard.access import same_origin
-from hunt_ros.dashboard.handlers import Handler
+from hunt_ros.dashboard.handlers import PageSocket
 from hunt_ros.dashboard.recordings import GONE
 
 #: Each is a process with the numerics of a detector.
@@ -24,7 +23,7 @@ _HEARTBEAT_S = 0.25
 _LONGEST_LINE = 2**24
 
 
-class ReplaySocket(Handler, tornado.websocket.WebSocketHandler):
+class ReplaySocket(PageSocket):
     """
     A page that shows a recording: what a process of its own plays (`player`), and the rig now.
 
@@ -32,24 +31,11 @@ class ReplaySocket(Handler, tornado.websocket.WebSocketHandler):
     replay down, and nothing else.
     """
 
-    def prepare(self) -> None:
-        """Refuse who has not signed in."""
-        super().prepare()
-        if self._finished:
-            return
-        if not self.right:
-            self.refuse(401, 'a token is needed')
-
-    def check_origin(self, origin: str) -> bool:
-        """Return False for a page of another site."""
-        return same_origin(origin, self.request.host)
-
     def open(self, *arguments: str, **keywords: str) -> None:
         """Say who this is, and begin to play."""
         self._child: asyncio.subprocess.Process | None = None
         self._closed = False
-        about = {'version': self.site.version, 'right': self.right}
-        self.write_message(json.dumps({'about': about}))
+        self.introduce()
         self.task = asyncio.ensure_future(self._play(self.get_argument('recording', '')))
 
     def on_message(self, message: str | bytes) -> None:

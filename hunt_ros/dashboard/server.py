@@ -142,7 +142,7 @@ class PageServer:
                 each.close()
 
     def _end_pages(self) -> None:
-        """Tell every open page; end the replays, whose processes are killed, and what is left."""
+        """End every open page, the replays with their processes, and what is left."""
         played = [replay.task for replay in self.site.replays]
         open_pages: list[OpenPage] = [*self.site.live.viewers, *self.site.replays]
         for page in open_pages:

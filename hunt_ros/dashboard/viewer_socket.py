@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import time
 
 import tornado.websocket
 
-from hunt_ros.dashboard.access import same_origin
-from hunt_ros.dashboard.handlers import Handler
+from hunt_ros.dashboard.handlers import PageSocket
 from hunt_ros.dashboard.view import View
 
 #: A viewer that has not taken an update for so long is dropped, s.
@@ -18,22 +16,14 @@ _STALLED_S = 3.0
 _MOST_VIEWERS = 40
 
 
-class ViewerSocket(Handler, tornado.websocket.WebSocketHandler):
+class ViewerSocket(PageSocket):
     """One open page."""
 
     def prepare(self) -> None:
         """Refuse who has not signed in, and one page too many."""
         super().prepare()
-        if self._finished:
-            return
-        if not self.right:
-            self.refuse(401, 'a token is needed')
-        elif len(self.site.live.viewers) >= _MOST_VIEWERS:
+        if not self._finished and len(self.site.live.viewers) >= _MOST_VIEWERS:
             self.refuse(503, f'{_MOST_VIEWERS} pages are open already')
-
-    def check_origin(self, origin: str) -> bool:
-        """Return False for a page of another site."""
-        return same_origin(origin, self.request.host)
 
     def open(self, *arguments: str, **keywords: str) -> None:
         """Say who this is, and show the present view."""
@@ -41,8 +31,7 @@ class ViewerSocket(Handler, tornado.websocket.WebSocketHandler):
         self._delivery: asyncio.Future[None] | None = None
         self._since_s = time.monotonic()
         self.site.live.viewers.add(self)
-        about = {'version': self.site.version, 'right': self.right}
-        self.write_message(json.dumps({'about': about}))
+        self.introduce()
         self.update(self.site.live.view)
 
     def on_message(self, message: str | bytes) -> None:
