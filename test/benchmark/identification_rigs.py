@@ -1,0 +1,316 @@
+"""Identification of other rigs and records than the paper's staircase: each beside its truth."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
+from runpy import run_path
+
+import numpy as np
+from bench_forecast import other_rig
+from scipy.io import loadmat
+from tables import markdown
+
+from hunt_ros.dynamics.limit_cycle import limit_cycles
+from hunt_ros.dynamics.linear_stability import critical_speed
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
+from hunt_ros.dynamics.parameters import RigParameters, paper_rig
+from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
+from hunt_ros.dynamics.simulation import simulate
+from hunt_ros.errors import HuntError
+from hunt_ros.identification import Identification, IdentificationSettings, identify
+from hunt_ros.samples import Record, Series, Uncertain
+
+FLUTTER = Path(__file__).parents[2] / '../shared/data/flutter_rig'
+_MAKERS = run_path(str(Path(__file__).parents[1] / 'identification' / 'conftest.py'))
+#: Where the unstable amplitude is compared, as a share of the hysteresis region above v_n.
+_SHARES = (0.3, 0.6)
+#: How the warnings say what the amplitude alone cannot tell.
+_FLANGE = re.compile(r'flange')
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Critical speeds, m/s, and the unstable amplitude, m, at speeds between them."""
+
+    v_c: float
+    v_n: float | None
+    unstable: Mapping[float, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Case:
+    """
+    A rig or a way of recording, tried with several seeds.
+
+    Parameters
+    ----------
+    name : str
+    records : callable
+        From a seed to the recordings.
+    truth : callable
+        What is true of the rig.
+    settings : IdentificationSettings
+        What the user tells.
+    """
+
+    name: str
+    records: Callable[[int], Sequence[Record]]
+    truth: Callable[[], Truth]
+    settings: IdentificationSettings = field(default_factory=IdentificationSettings)
+
+
+def between(v_n: float, v_c: float) -> list[float]:
+    """Return speeds inside the hysteresis region, m/s."""
+    return [v_n + share * (v_c - v_n) for share in _SHARES]
+
+
+def truth_of_rig(rig: RigParameters) -> Truth:
+    """Return that of the full model without noise."""
+    v_c, branch = critical_speed(rig), limit_cycles(rig)
+    v_n = branch.nonlinear_critical_speed
+    if v_n is None:
+        return Truth(v_c, None)
+    unstable = {}
+    for speed in between(v_n, v_c):
+        at = branch.at_speed(speed)
+        unstable[speed] = float(at.amplitude[~at.stable][0])
+    return Truth(v_c, v_n, unstable)
+
+
+def truth_of_form(form: NormalForm) -> Truth:
+    """Return that of the amplitude equation."""
+    v_n = form.nonlinear_critical_speed
+    assert v_n is not None
+    speeds = between(v_n, form.critical_speed)
+    amplitudes = form.unstable_amplitude(speeds)
+    return Truth(form.critical_speed, v_n, dict(zip(speeds, map(float, amplitudes), strict=True)))
+
+
+def steps(rig: RigParameters, seed: int, low: float, high: float, rise: float) -> Record:
+    """Staircase of 25 s a step up and down; roughness and noise grow with the rig."""
+    size = rig.half_gauge_m / paper_rig().half_gauge_m
+    settings = _MAKERS['rig_settings'](3e-5 * size)
+    sensor = replace(settings.lateral_sensor, noise=5e-6 * size)
+    up = np.arange(low, high + 0.5 * rise, rise)
+    profile = SpeedProfile.staircase(*up, *up[-2::-1], hold_s=25.0)
+    return simulate(rig, replace(settings, lateral_sensor=sensor), profile, seed=seed)
+
+
+def seldom_hunting(seed: int) -> Record:
+    """Twenty minutes of holds below v_c, and half a minute of hunting at the end."""
+    holds = np.arange(6.0, 7.81, 0.2)
+    profile = SpeedProfile.staircase(*holds, hold_s=115.0)
+    times, speeds = [*profile.times_s], [*profile.speeds]
+    for after_s, speed in ((8.0, 8.8), (14.0, 8.8), (12.0, 6.2), (10.0, 6.2)):
+        times.append(times[-1] + after_s)
+        speeds.append(speed)
+    ended = SpeedProfile(tuple(times), tuple(speeds))
+    return simulate(paper_rig(), _MAKERS['rig_settings'](), ended, seed=seed)
+
+
+def strongly_subcritical(seed: int, by: float) -> list[Record]:
+    """Return free trajectories of the paper's form with D4 and D15 `by` times as large."""
+    form = stronger(by)
+    rng = np.random.default_rng(seed)
+    v_n = form.nonlinear_critical_speed
+    assert v_n is not None
+    speeds = np.linspace(0.97 * v_n, 9.0, 8)
+    starts = np.exp(rng.uniform(math.log(5e-5), math.log(8e-4), 30))
+    return [
+        _MAKERS['amplitude_record'](
+            lambda t, v=speeds[i % 8]: np.full_like(t, v),
+            30.0, 1000 * seed + i, form=form, start=float(start),
+        )
+        for i, start in enumerate(starts)
+    ]  # fmt: skip
+
+
+def stronger(by: float) -> NormalForm:
+    """Return the paper's form with D4 and D15 `by` times as large."""
+    return replace(PAPER_NORMAL_FORM, D4=by * PAPER_NORMAL_FORM.D4, D15=by * PAPER_NORMAL_FORM.D15)
+
+
+def bare(record: Record) -> Record:
+    """Return it without roller angle and yaw."""
+    return Record({name: record[name] for name in ('lateral', 'speed')}, record.source)
+
+
+#: The limit cycle of the full model is 0.6 to 0.7 mm large.
+NARROW = replace(paper_rig(), flange_clearance_m=0.6e-3)
+SOFT = replace(paper_rig(), name='supercritical', beta={'30': -446.87, '50': -2.74748e6})
+_PAPER = cache(lambda: truth_of_rig(paper_rig()))
+_STAIRS = (6.0, 8.8, 0.2)
+
+CASES = (
+    Case(
+        'staircase at 200 Hz, lateral and speed only',
+        lambda seed: [bare(steps(paper_rig(), seed, *_STAIRS))],
+        _PAPER,
+    ),
+    Case(
+        'rig of 14 m/s and 2 Hz',
+        lambda seed: [steps(other_rig(), seed, 10.5, 15.4, 0.35)],
+        cache(lambda: truth_of_rig(other_rig())),
+    ),
+    *(
+        Case(
+            f'trajectories, D4 and D15 {by:.0f} times as large',
+            lambda seed, by=by: strongly_subcritical(seed, by),
+            lambda by=by: truth_of_form(stronger(by)),
+        )
+        for by in (3.0, 4.0)
+    ),
+    Case('a rig that hunts 2 % of its time', lambda seed: [seldom_hunting(seed)], _PAPER),
+    Case('flange at 0.6 mm, not told', lambda seed: [steps(NARROW, seed, *_STAIRS)], _PAPER),
+    Case(
+        'flange at 0.6 mm, told',
+        lambda seed: [steps(NARROW, seed, *_STAIRS)],
+        _PAPER,
+        IdentificationSettings(flange_clearance_m=0.6e-3),
+    ),
+    Case(
+        'supercritical rig',
+        lambda seed: [steps(SOFT, seed, *_STAIRS)],
+        cache(lambda: truth_of_rig(SOFT)),
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Found:
+    """What one identification says beside the truth."""
+
+    v_c: Uncertain | None
+    v_n: Uncertain | None
+    criticality: str | None
+    inside: tuple[bool, ...]
+    lack_of_fit: bool
+    flange: bool
+    why: str
+
+
+def one(task: tuple[int, int]) -> Found:
+    """Identify the recordings of a seed."""
+    number, seed = task
+    case = CASES[number]
+    truth = case.truth()
+    try:
+        result = identify(case.records(seed), replace(case.settings, seed=seed))
+    except HuntError as refused:
+        return Found(None, None, None, (), False, bool(_FLANGE.search(str(refused))), str(refused))
+    low, high = result.branch('unstable', list(truth.unstable) or [truth.v_c])[1:]
+    inside = [
+        bool(low[k] <= amplitude <= high[k])
+        for k, amplitude in enumerate(truth.unstable.values())
+        if math.isfinite(low[k])
+    ]
+    return Found(
+        result.v_c,
+        result.v_n,
+        result.criticality,
+        tuple(inside),
+        result.fit.lack_of_fit,
+        any(_FLANGE.search(line) for line in result.warnings),
+        '' if result.v_n else result.unknown.get('v_n', ''),
+    )
+
+
+def accuracy(numbers: Sequence[Uncertain | None], truth: float | None) -> list[str]:
+    """Return how many were given, their bias and rms, and how many intervals hold."""
+    known = [number for number in numbers if number is not None]
+    if truth is None or not known:
+        return [f'{len(known)}', '', '']
+    error = np.array([number.value for number in known]) - truth
+    held = sum(number.low <= truth <= number.high for number in known)
+    return [
+        f'{len(known)}',
+        f'{error.mean():+.3f}, {np.sqrt(np.mean(error**2)):.3f}',
+        f'{held} of {len(known)}',
+    ]
+
+
+def others(count: int, pool: Executor, say: Callable[[str], None]) -> str:
+    """Return the table of the cases, `count` seeds each."""
+    rows = []
+    for number, case in enumerate(CASES):
+        found = list(pool.map(one, [(number, seed) for seed in range(count)]))
+        truth = case.truth()
+        inside = [held for each in found for held in each.inside]
+        kinds = Counter(each.criticality or 'not known' for each in found)
+        said = [', '.join(f'{kind} {n}' for kind, n in kinds.most_common())]
+        if flange := sum(each.flange for each in found):
+            said.append(f'flange named {flange}')
+        if misfit := sum(each.lack_of_fit for each in found):
+            said.append(f'lack of fit {misfit}')
+        said += [f'"{why}" {n}' for why, n in Counter(e.why for e in found).items() if why]
+        rows.append(
+            [
+                case.name,
+                f'{truth.v_c:.3f}',
+                *accuracy([each.v_c for each in found], truth.v_c),
+                '-' if truth.v_n is None else f'{truth.v_n:.3f}',
+                *accuracy([each.v_n for each in found], truth.v_n),
+                f'{sum(inside)} of {len(inside)}' if inside else '',
+                '; '.join(said),
+            ]
+        )
+        say(f'{case.name}: {rows[-1]}')
+    header = ['', 'v_c', 'given', 'bias, rms', 'holds']
+    header += ['v_n', 'given', 'bias, rms', 'holds', 'A_u in its band', 'said']
+    return (
+        f'Other rigs and records, {count} seeds each (m/s); truth: the branches of the model'
+        ' without noise and flange. The unstable amplitude is compared at 30 and 60 % of the'
+        ' way from v_n to v_c.\n\n' + markdown(header, rows)
+    )
+
+
+def flutter() -> str:
+    """Return what the real recordings of a flutter rig give, each day and all."""
+    if not FLUTTER.is_dir():
+        return 'The recordings of the flutter rig are not on this machine.'
+    runs = []
+    for path in sorted(FLUTTER.glob('*.mat')):
+        data = loadmat(path)['data']
+        speed = float(re.search(r'_V(\d+)_', path.name).group(1)) / 10.0  # type: ignore[union-attr]
+        stamps = np.arange(data.shape[1], dtype=np.int64) * 4_000_000
+        channels = {
+            'lateral': Series(stamps, 0.47 * data[1]),
+            'speed': Series(stamps[::25], np.full(stamps[::25].size, speed)),
+        }
+        runs.append(Record(channels, path.name, {'day': path.name[:8]}))
+    settings = IdentificationSettings(length_scale=0.1)
+    rows = []
+    days = sorted({run.notes['day'] for run in runs})
+    for name, some in [
+        *((day, [run for run in runs if run.notes['day'] == day]) for day in days),
+        ('all', runs),
+    ]:
+        rows.append([name, len(some), *_of_flutter(identify(some, settings))])
+    header = ['day', 'recordings', 'v_c (m/s)', 'v_n (m/s)', 'criticality', 'lack of fit, p']
+    header += ['day to day (mm)', 'free motion decays up to, grows from (m/s)']
+    return (
+        'Flutter rig (real recordings; no truth is known: free motion decayed up to 23.7 m/s and'
+        ' grew from 25.9 m/s on, between them with the day):\n\n' + markdown(header, rows)
+    )
+
+
+def _of_flutter(found: Identification) -> list[str]:
+    """Return the cells of a day."""
+    p = found.fit.lack_of_fit_p
+    days = found.days
+    spread = math.nan if days is None else 1e3 * days.day_std
+    decay, growth = (None, None) if days is None else days.bracket()
+    return [
+        *('not known' if x is None else str(x) for x in (found.v_c, found.v_n)),
+        found.criticality or 'not known',
+        f'{"yes" if found.fit.lack_of_fit else "no"}, {p:.2g}' if math.isfinite(p) else '-',
+        f'{spread:.3g}' if math.isfinite(spread) else '-',
+        ', '.join('-' if x is None else f'{x:.1f}' for x in (decay, growth)),
+    ]
