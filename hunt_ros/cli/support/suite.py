@@ -67,6 +67,8 @@ def simulated_run(
     seed : int
         Of everything random.
     """
+    from hunt_ros.dynamics.profile import Motion
+
     path = folder / 'profile.yaml'
     path.write_text(profile.to_yaml(), encoding='utf-8')
     port = free_port()
@@ -75,7 +77,7 @@ def simulated_run(
         SIMULATOR: {
             **rate,
             'time_scale': float(pace),
-            'initial_speed_mps': profile.corners().speeds[0],
+            'initial_speed_mps': profile.steps[0].begin_mps(Motion()),
             'kick_times_s': [time for time, _ in kicks],
             'kick_sizes_m': [size for _, size in kicks],
             'seed': seed,
