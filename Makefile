@@ -94,10 +94,13 @@ bench-identification: $(VENV)/installed  ## identification: pysindy, coverage, t
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'pysindy>=2.0'
 	$(BIN)/python test/benchmark/bench_identification.py
 
+bench-campaign: $(VENV)/installed  ## many recordings on the workers of a Dask scheduler: one against two
+	$(BIN)/python test/benchmark/bench_campaign.py
+
 bench-plan: $(VENV)/installed  ## what to measure next: hunt plan in the loop against the staircase; FAST=1: 2 seeds
 	$(BIN)/python test/benchmark/bench_plan.py $(if $(FAST),--fast)
 
 bench-detection: $(VENV)/installed  ## the detector against the railway criteria; SCALE=0.05: a quick look (1: 24 h quiet, 10 min)
 	$(BIN)/python test/benchmark/bench_detection.py --scale $${SCALE:-1} --publish
 
-.PHONY: soak docs bench-trip bench-profiles bench-interlock faults bench-page bench-plan bench-detection bench-identification bench-simulation figures bench-bags fuzz golden-bags help install demo test test-elsewhere check format clean bench-live bench-forecast bench-estimation
+.PHONY: soak docs bench-campaign bench-trip bench-profiles bench-interlock faults bench-page bench-plan bench-detection bench-identification bench-simulation figures bench-bags fuzz golden-bags help install demo test test-elsewhere check format clean bench-live bench-forecast bench-estimation

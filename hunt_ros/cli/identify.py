@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.identification import (
     add_settings,
-    records_of,
     settings_of,
+    sources_of,
     whole_of,
 )
 from hunt_ros.errors import HuntError
@@ -51,9 +51,9 @@ def run(arguments: argparse.Namespace) -> int:
 
     settings = settings_of(arguments)
     with progress('reading') as advance:
-        records = records_of(arguments, advance)
+        sources = sources_of(arguments, advance)
     with progress('identifying') as advance:
-        result = identify(records, settings, advance)
+        result = identify(sources, settings, advance)
     if arguments.out:
         if result.normal_form is None:
             print(

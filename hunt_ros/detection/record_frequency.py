@@ -13,7 +13,7 @@ from dataclasses import replace
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.frequencies import with_frequencies
 from hunt_ros.detection.tracking import shafts
-from hunt_ros.estimation.record_lines import RecordLines, turns_per_metre
+from hunt_ros.estimation.record_lines import RecordLines, motion_of, turns_per_metre
 from hunt_ros.samples import Record
 
 
@@ -39,7 +39,7 @@ def frequency_for(
     remarks : list of str
         One line where it was changed, and one for each forced line that is not a known one.
     """
-    lines = RecordLines([record])
+    lines = RecordLines([motion_of(record)])
     turns = turns_per_metre(record, config.roller_diameter_m)
     orders = [order for shaft in shafts(config) for order in shaft.orders]
     named = [order * turns for order in orders if math.isfinite(turns)]

@@ -93,7 +93,7 @@ class ForcedLine:
         )
 
 
-class _Motion:
+class Motion:
     """
     The displacement in one record, even in time or in way.
 
@@ -155,7 +155,7 @@ class _Motion:
             np.exp(-0.5 * (bins / deviation) ** 2),
         )
 
-    def by_way(self) -> _Motion | None:
+    def by_way(self) -> Motion | None:
         """Return the motion in time as one even in way; None where the way is not known."""
         way = np.cumsum(self.speed) / self.rate
         if not np.isfinite(way).all() or not way[-1] > 0.0:
@@ -165,13 +165,13 @@ class _Motion:
         values, weight, speed = (
             np.interp(even, way, one) for one in (self.values, self.weight, self.speed)
         )
-        return _Motion(self.rate / mean, values, weight, speed, self.lowest / mean)
+        return Motion(self.rate / mean, values, weight, speed, self.lowest / mean)
 
-    def by_time(self, way: _Motion) -> _Motion:
+    def by_time(self, way: Motion) -> Motion:
         """Return the motion that is even in way as one in time, the time of this one."""
         at = np.cumsum(self.speed) / self.rate
         values = np.interp(at, np.arange(way.weight.size) / way.rate, way.values)
-        return _Motion(self.rate, values, self.weight, self.speed, self.lowest)
+        return Motion(self.rate, values, self.weight, self.speed, self.lowest)
 
 
 @dataclass(frozen=True)
@@ -207,7 +207,7 @@ class _Power:
         return self.changing < _STEADY * (self.steady + self.changing)
 
     @classmethod
-    def of(cls, motions: Sequence[_Motion], frequency: float) -> _Power:
+    def of(cls, motions: Sequence[Motion], frequency: float) -> _Power:
         """Return that of one line in all records."""
         amplitude, _ = _amplitudes([motion.line(frequency) for motion in motions])
         known = amplitude[np.isfinite(amplitude)]
@@ -223,8 +223,8 @@ class RecordLines:
 
     Parameters
     ----------
-    records : sequence of Record
-        Their lateral channels are looked at, or yaw where there is none.
+    motions : sequence of Motion or None
+        Of the records; None says nothing.
     hunting_hz : tuple of float
         Where the hunting is looked for, Hz.
 
@@ -235,10 +235,12 @@ class RecordLines:
     """
 
     def __init__(
-        self, records: Sequence[Record], hunting_hz: tuple[float, float] = HUNTING_HZ
+        self,
+        motions: Sequence[Motion | None],
+        hunting_hz: tuple[float, float] = HUNTING_HZ,
     ) -> None:
         self._range = hunting_hz
-        self._motions = [motion for record in records if (motion := _motion(record)) is not None]
+        self._motions = [motion for motion in motions if motion is not None]
         self._follow()
         self._fixed: list[float] = []
         self._orders: list[float] = []
@@ -410,7 +412,7 @@ def _amplitudes(lines: Sequence[_Line]) -> tuple[_F, _F]:
     return amplitude, np.concatenate([np.zeros(0), *(line.speed for line in lines)])
 
 
-def _exact(motions: Sequence[_Motion], frequency: float) -> float:
+def _exact(motions: Sequence[Motion], frequency: float) -> float:
     """Return the frequency of a line by how its phasors turn, in cycles a second or a metre."""
     found, weight = 0.0, 0.0
     for motion in motions:
@@ -442,8 +444,20 @@ def _lines(power: _F) -> Iterator[int]:
             yield place
 
 
-def _motion(record: Record) -> _Motion | None:
-    """Return the lateral channel, or yaw where there is none; None where it is no motion."""
+def motion_of(record: Record) -> Motion | None:
+    """
+    Return the displacement of a record, thinned to what the search for lines needs.
+
+    Parameters
+    ----------
+    record : Record
+        Its lateral channel is looked at, or yaw where there is none.
+
+    Returns
+    -------
+    Motion or None
+        None where it is no motion: too few samples, or clocks that were set back.
+    """
     usable = [name for name in ('lateral', 'yaw') if len(record.get(name, ())) > 100]
     if not usable:
         return None
@@ -466,7 +480,7 @@ def _motion(record: Record) -> _Motion | None:
     rate = 1.0 / (several * step)
     at = np.arange(even.size) / rate
     speed = np.abs(_at(record.get('speed'), stamps[0] + at * 1e9))
-    return _Motion(rate, even, weight, speed, float(_GRID[0]))
+    return Motion(rate, even, weight, speed, float(_GRID[0]))
 
 
 def _at(series: Series | None, stamps_ns: _F) -> _F:

@@ -135,7 +135,7 @@ def lowest_growth(hits: Sequence[Hit]) -> float | None:
 
 
 def by_day(
-    records: Sequence[Record],
+    day: Mapping[str, str],
     states: Sequence[SteadyState],
     segments: Sequence[Segment],
     envelopes: Sequence[Envelope],
@@ -148,8 +148,8 @@ def by_day(
 
     Parameters
     ----------
-    records : sequence of Record
-        They say which day they are of.
+    day : mapping of str to str
+        Of each source.
     states, segments, envelopes : sequences
         What was seen in them.
     threshold : float or None
@@ -159,7 +159,6 @@ def by_day(
     criticality : 'subcritical', 'supercritical' or None
         Of the rig: one without a fold has no fall to be observed.
     """
-    day = {record.source or 'record': day_of(record) for record in records}
     hunting = [s for s in states if threshold is not None and s.amplitude > threshold]
     branches = branch_by_day(
         [DayAmplitude(s.speed, s.amplitude, day.get(s.source, UNDATED)) for s in hunting]

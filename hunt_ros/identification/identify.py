@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from os import PathLike
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from hunt_ros.analysis.steady_state import (
-    SteadyState,
-    hunting_threshold,
-    observed_critical_speeds,
-)
-from hunt_ros.dynamics.parameters import RigParameters
+from hunt_ros.analysis.steady_state import hunting_threshold, observed_critical_speeds
 from hunt_ros.errors import IdentificationError
-from hunt_ros.estimation.record_lines import RecordLines, turns_per_metre
 from hunt_ros.identification.fit import fit_laws
 from hunt_ros.identification.growth_law import GrowthScales
 from hunt_ros.identification.path import Path
-from hunt_ros.identification.record.beat import without_beat
-from hunt_ros.identification.record.channels import Channels
+from hunt_ros.identification.preparation import Run, Source
 from hunt_ros.identification.record.envelope import (
     WINDOW_CYCLES,
     WINDOW_OVERLAP,
@@ -31,33 +23,19 @@ from hunt_ros.identification.record.envelope import (
     WINDOW_VARIANCE,
     Envelope,
 )
-from hunt_ros.identification.record.hunting_frequency import (
-    find_frequency,
-    lines_of,
-    tracked_envelope,
-)
-from hunt_ros.identification.record.mode import measured_shape
-from hunt_ros.identification.record.plateaus import analyse_record
-from hunt_ros.identification.record.screening import (
-    above_noise,
-    distinct,
-    doubts,
-    free_of_contact,
-    moving,
-)
-from hunt_ros.identification.record.segments import Segment
-from hunt_ros.identification.record.stops import ignoring, measuring
-from hunt_ros.identification.record.turning import is_assumed, lines_above, with_angle
+from hunt_ros.identification.recordings import Recordings
 from hunt_ros.identification.result import Identification
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.uncertainty import ENOUGH_RUNS
 from hunt_ros.identification.verdict.conclusions import Evidence, conclude
+from hunt_ros.identification.workers import Tell, cluster
 from hunt_ros.samples import Record
 
 #: Length of the blocks of a run that stand in for runs, s.
 _BLOCK_S = 15.0
-#: Share of the work that is done when the fit stands and the intervals begin.
-_FITTED = 0.5
+#: Share of the work that is done when all is read, when the envelopes are seen, and when the fit
+#: stands and the intervals begin.
+_READ, _SEEN, _FITTED = 0.1, 0.2, 0.5
 #: Amplitude of the fit's unit, of the largest one: however little of the time a rig hunts.
 _NEAR_TOP = 0.9
 #: Instants over which the power of the roller's lines is taken to be one.
@@ -65,18 +43,20 @@ _LINE_SPAN = 9
 
 
 def identify(
-    records: Record | Iterable[Record],
+    records: Source | Iterable[Source],
     settings: IdentificationSettings | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Tell | None = None,
 ) -> Identification:
     """
     Identify the normal form from one or several recordings.
 
     Parameters
     ----------
-    records : Record or iterable of Record
-        Each with `lateral` and `speed`. The known lines are removed by the angle of `roller`,
-        or where that is missing by one that follows from the speed.
+    records : Record, callable, or iterable of them
+        Each with `lateral` and `speed`; what is callable reads one, on the workers of
+        `settings.cluster` where that is given, and its samples stay there. The known lines are
+        removed by the angle of `roller`, or where that is missing by one that follows from the
+        speed.
     settings : IdentificationSettings, optional
         What is known of the rig, and how to identify it.
     progress : callable, optional
@@ -92,167 +72,65 @@ def identify(
     IdentificationError
         If no record can be used at all, or something else than records is given.
     """
-    records = _records(records)
+    sources = _sources(records)
     settings = settings or IdentificationSettings()
     tell = progress or (lambda fraction: None)
     warnings: list[str] = []
-    records = ignoring(records, settings, warnings)
-    records = _measuring(distinct(records, warnings), settings, warnings)
-    turning = [with_angle(record, settings) for record in records]
-    channels = _usable(turning, settings, warnings)
-    lines = lines_of(channels, settings)
-    warnings += _forced(lines, records, settings)
-    frequency = find_frequency(channels, settings, lines)
-    if any(map(is_assumed, turning)):
-        bare = [replace(c, roller=np.zeros(0)) if c.assumed else c for c in channels]
-        plain = find_frequency(bare, settings, lines)
-        assumed = f'no roller angle, and a roller of {RigParameters.roller_diameter_m:g} m assumed'
-        if lines_above(channels, settings, min(frequency, plain)):
-            warnings.append(f'{assumed}: its lines are removed where the speed has them')
-        else:  # a line of a roller that nobody named must not be the hunting itself
-            warnings.append(f'{assumed}: its lines would be near the hunting, none is removed')
-            channels, frequency, turning = bare, plain, records
-    runs = _envelopes(channels, frequency, settings, warnings)
-    tell(0.2)
-    states = [state for run in runs for state in run.states]
-    observed = observed_critical_speeds(states, [k for run in runs for k in run.kicks])
-    if observed.threshold is None:
-        amplitude = np.concatenate([run.envelope.amplitude for run in runs])
-        observed = replace(observed, threshold=hunting_threshold(amplitude))
-    path, scales = _path(runs, frequency, settings)
-    laws = fit_laws(path, scales, settings, observed.v_c, _floor(path))
-    tell(_FITTED)
-    evidence = Evidence(
-        laws=laws,
-        scales=scales,
-        states=states,
-        observed=observed,
-        segments=[segment for run in runs for segment in run.segments],
-        envelopes=[run.envelope for run in runs],
-        records=records,
-    )
-    result = conclude(
-        evidence, settings, warnings, lambda part: tell(_FITTED + (1.0 - _FITTED) * part)
-    )
-    if result.normal_form is not None:
-        shape = measured_shape(turning, frequency, settings)
-        form = replace(result.normal_form, mode_shape=shape)
-        result = replace(result, normal_form=form)
+    with cluster(settings.cluster) as workers:
+        recordings = Recordings(
+            sources, settings, workers, warnings, lambda part: tell(_READ * part)
+        )
+        frequency = recordings.frequency()
+        runs = recordings.runs(frequency, lambda part: tell(_READ + (_SEEN - _READ) * part))
+        if len(runs) < ENOUGH_RUNS:
+            warnings.append(
+                f'{len(runs)} independent runs, fewer than {ENOUGH_RUNS}: the intervals rest on'
+                f' blocks of {_BLOCK_S:g} s and are widened'
+            )
+        states = [state for run in runs for state in run.states]
+        observed = observed_critical_speeds(states, [k for run in runs for k in run.kicks])
+        if observed.threshold is None:
+            amplitude = np.concatenate([run.envelope.amplitude for run in runs])
+            observed = replace(observed, threshold=hunting_threshold(amplitude))
+        path, scales = _path(runs, frequency, settings)
+        laws = fit_laws(path, scales, settings, observed.v_c, _floor(path))
+        tell(_FITTED)
+        evidence = Evidence(
+            laws=laws,
+            scales=scales,
+            states=states,
+            observed=observed,
+            segments=[segment for run in runs for segment in run.segments],
+            envelopes=[run.envelope for run in runs],
+            records=recordings.records(),
+            days=recordings.days,
+        )
+        result = conclude(
+            evidence, settings, warnings, lambda part: tell(_FITTED + (1.0 - _FITTED) * part)
+        )
+        if result.normal_form is not None:
+            shape = recordings.mode_shape(frequency)
+            form = replace(result.normal_form, mode_shape=shape)
+            result = replace(result, normal_form=form)
     tell(1.0)
     return result
 
 
-def _records(given: Record | Iterable[Record]) -> list[Record]:
+def _sources(given: Source | Iterable[Source]) -> list[Source]:
     """Return the records, one or several; a path is none."""
-    records = [given] if isinstance(given, Record | str | PathLike) else list(given)
-    for item in records:
-        if not isinstance(item, Record):
+    single = isinstance(given, Record | str | PathLike) or callable(given)
+    sources = [given] if single else list(given)  # type: ignore[arg-type]
+    for item in sources:
+        if not (isinstance(item, Record) or callable(item)):
             raise IdentificationError(
                 f'identify: expected records, got {item!r:.80};'
                 ' hunt_ros.bag.read_record reads one from a path'
             )
-    return records
-
-
-@dataclass(frozen=True, eq=False)
-class _Run:
-    """One record as it enters the fit."""
-
-    envelope: Envelope
-    corrected: Envelope
-    segments: Sequence[Segment]
-    states: Sequence[SteadyState]
-    kicks: Sequence[tuple[str, int]]
-
-    @property
-    def kicked(self) -> NDArray[np.bool_]:
-        """Instants whose windows hold a kick."""
-        stamp = self.envelope.start_ns + 1e9 * self.envelope.time
-        kicked = np.zeros(stamp.size, dtype=bool)
-        for part in self.segments:
-            if part.kind == 'kick':
-                kicked |= (stamp >= part.start_ns - 1e6) & (stamp <= part.end_ns + 1e6)
-        return kicked
-
-
-def _measuring(
-    records: Sequence[Record], settings: IdentificationSettings, warnings: list[str]
-) -> list[Record]:
-    """Take out what no sensor measured; a record of which nothing is left goes with it."""
-    kept = []
-    for record in records:
-        try:
-            kept.append(measuring(record, warnings, settings.lateral_range_m))
-        except IdentificationError as error:
-            if len(records) == 1:
-                raise
-            warnings.append(f'left out: {error}')
-    return kept
-
-
-def _usable(
-    records: Sequence[Record], settings: IdentificationSettings, warnings: list[str]
-) -> list[Channels]:
-    """Bring the records onto their lateral samples; say which cannot be used, and why."""
-    channels = []
-    for record in records:
-        try:
-            channels += [replace(c, assumed=is_assumed(record)) for c in moving(record)]
-        except IdentificationError as error:
-            if len(records) == 1:
-                raise
-            warnings.append(f'left out: {error}')
-    if not channels:
-        reason = f' (the first: {warnings[0]})' if warnings else ''
-        raise IdentificationError(f'none of {len(records)} records can be used{reason}')
-    warnings += doubts(channels, settings)
-    return channels
-
-
-def _forced(
-    lines: RecordLines, records: Sequence[Record], settings: IdentificationSettings
-) -> list[str]:
-    """Name the forced lines that are not known ones: none of them is taken for the hunting."""
-    turns = [turns_per_metre(record, settings.roller_diameter_m) for record in records]
-    known = [one for one in turns if math.isfinite(one)]
-    roller = float(np.median(known)) if known else math.nan
-    orders = [order * roller for order in settings.orders.tolist() if known]
-    return [line.words(roller) for line in lines.forced(orders)]
-
-
-def _envelopes(
-    channels: Sequence[Channels],
-    frequency: float,
-    settings: IdentificationSettings,
-    warnings: list[str],
-) -> list[_Run]:
-    """Envelope, segments and steady amplitudes of each record."""
-    runs = []
-    for channel in channels:
-        envelope = tracked_envelope(channel, frequency, settings)
-        envelope = free_of_contact(envelope, settings.flange_clearance_m, warnings)
-        if np.isfinite(envelope.amplitude).sum() < 4:
-            warnings.append(f'left out: {channel.source}: no stretch is free of drop-outs')
-            continue
-        corrected = without_beat(envelope)
-        segments, states = analyse_record(channel, envelope, corrected, settings)
-        kicks = [(part.source, part.start_ns) for part in segments if part.kind == 'kick']
-        runs.append(_Run(envelope, corrected, segments, states, kicks))
-    if not runs:
-        raise IdentificationError(
-            f'none of {len(channels)} records has a stretch free of drop-outs'
-        )
-    above_noise([run.envelope for run in runs])
-    if len(runs) < ENOUGH_RUNS:
-        warnings.append(
-            f'{len(runs)} independent runs, fewer than {ENOUGH_RUNS}: the intervals rest on'
-            f' blocks of {_BLOCK_S:g} s and are widened'
-        )
-    return runs
+    return sources  # type: ignore[return-value]
 
 
 def _path(
-    runs: Sequence[_Run], frequency: float, settings: IdentificationSettings
+    runs: Sequence[Run], frequency: float, settings: IdentificationSettings
 ) -> tuple[Path, GrowthScales]:
     """Put all envelopes in a row, in the units of the fit."""
     speed = np.concatenate([run.envelope.speed for run in runs])

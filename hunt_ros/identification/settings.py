@@ -63,7 +63,8 @@ class IdentificationSettings:
     jobs : int
         Processes for the bootstrap; 0 for as many as there are cores.
     cluster : str
-        Address of a Dask scheduler that runs the bootstrap instead ('' for none).
+        Address of a Dask scheduler whose workers read and prepare the recordings and run the
+        bootstrap ('' for none).
 
     Raises
     ------

@@ -10,15 +10,22 @@ from hunt_ros.identification import IdentificationSettings, identify
 from hunt_ros.identification.bootstrap import bootstrap
 from hunt_ros.identification.fit import fit_laws
 from hunt_ros.identification.growth_law import PAPER_TERMS
-from hunt_ros.identification.identify import _envelopes, _path, _usable
+from hunt_ros.identification.identify import _path
+from hunt_ros.identification.preparation import Run, prepare, runs_in
 from hunt_ros.identification.uncertainty import robust_covariance
 
 SETTINGS = IdentificationSettings(jobs=1, seed=7)
 
 
+def runs_of(records, settings) -> list[Run]:
+    prepared = [prepare(record, k, settings) for k, record in enumerate(records, start=1)]
+    found = [runs_in(one, one.digest.source, False, 2.835, settings) for one in prepared]
+    return [run for runs, _ in found for run in runs]
+
+
 @pytest.fixture(scope='module')
 def fitted(records):
-    runs = _envelopes(_usable(records['trajectories'], SETTINGS, []), 2.835, SETTINGS, [])
+    runs = runs_of(records['trajectories'], SETTINGS)
     path, scales = _path(runs, 2.835, SETTINGS)
     return fit_laws(path, scales, SETTINGS, None, 0.02)[0]
 

@@ -10,16 +10,23 @@ from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.identification import IdentificationSettings, identify
 from hunt_ros.identification.fit import DEPARTURES, _evidence, fit_laws
 from hunt_ros.identification.growth_law import QUINTIC
-from hunt_ros.identification.identify import _envelopes, _path, _usable
+from hunt_ros.identification.identify import _path
+from hunt_ros.identification.preparation import Run, prepare, runs_in
 from hunt_ros.identification.uncertainty import draw_laws, robust_covariance, summary
 from hunt_ros.identification.verdict.lack_of_fit import lack_of_fit, missed_transients
 
 SETTINGS = IdentificationSettings()
 
 
+def runs_of(records, settings) -> list[Run]:
+    prepared = [prepare(record, k, settings) for k, record in enumerate(records, start=1)]
+    found = [runs_in(one, one.digest.source, False, 2.835, settings) for one in prepared]
+    return [run for runs, _ in found for run in runs]
+
+
 @pytest.fixture(scope='module')
 def fitted(records):
-    runs = _envelopes(_usable(records['trajectories'], SETTINGS, []), 2.835, SETTINGS, [])
+    runs = runs_of(records['trajectories'], SETTINGS)
     path, scales = _path(runs, 2.835, SETTINGS)
     return fit_laws(path, scales, SETTINGS, None, 0.02), runs
 
@@ -179,7 +186,7 @@ def test_the_evidence_does_not_hang_on_the_unit_of_time(fitted):
 
 
 def test_the_evidence_does_not_hang_on_how_a_record_is_cut_into_blocks(records):
-    runs = _envelopes(_usable(records['staircase'], SETTINGS, []), 2.835, SETTINGS, [])
+    runs = runs_of(records['staircase'], SETTINGS)
     path, scales = _path(runs, 2.835, SETTINGS)
     halves = replace(path, cluster=(path.cluster > path.clusters // 2).astype(np.int64))
     shares = [

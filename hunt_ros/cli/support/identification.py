@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,8 +13,10 @@ from hunt_ros.cli.support import options
 from hunt_ros.errors import HuntError
 
 if TYPE_CHECKING:
+    from hunt_ros.bag import ChannelSource
     from hunt_ros.cli.support.output import Advance
-    from hunt_ros.identification import Identification, IdentificationSettings
+    from hunt_ros.identification import Identification, IdentificationSettings, Source
+    from hunt_ros.rig import Rig
     from hunt_ros.samples import Record
 
 #: Whose section of a parameter file is read as well: it does the same in a running suite.
@@ -99,7 +102,11 @@ def add_settings(parser: argparse.ArgumentParser, what: str = 'recordings: runs,
     parser.add_argument(
         '--jobs', type=options.whole(0, 4096), metavar='N', help='processes (0: one a core)'
     )
-    parser.add_argument('--cluster', metavar='ADDRESS', help='Dask scheduler, tcp://host:8786')
+    parser.add_argument(
+        '--cluster',
+        metavar='ADDRESS',
+        help='Dask scheduler, tcp://host:8786; its workers read the recordings by the same paths',
+    )
 
 
 def identification_of(arguments: argparse.Namespace) -> Identification:
@@ -123,9 +130,9 @@ def identification_of(arguments: argparse.Namespace) -> Identification:
         return Identification.load(whole_of(path), IdentifiedNormalForm.from_yaml(text, str(path)))
     settings = settings_of(arguments)
     with progress('reading') as advance:
-        records = records_of(arguments, advance)
+        sources = sources_of(arguments, advance)
     with progress('identifying') as advance:
-        return identify(records, settings, advance)
+        return identify(sources, settings, advance)
 
 
 def whole_of(parameter_file: Path) -> Path:
@@ -135,25 +142,59 @@ def whole_of(parameter_file: Path) -> Path:
 
 def records_of(arguments: argparse.Namespace, advance: Advance) -> list[Record]:
     """Read the recordings, each with its day where the user says how to find it."""
-    from dataclasses import replace
+    records = []
+    for count, reading in enumerate(_readings(arguments), start=1):
+        records.append(reading())
+        advance(count / len(arguments.bags))
+    return records
 
-    from hunt_ros.bag import check_units, read_record
+
+def sources_of(arguments: argparse.Namespace, advance: Advance) -> Sequence[Source]:
+    """Return the recordings; with `--cluster` what reads them on the workers."""
+    return _readings(arguments) if arguments.cluster else records_of(arguments, advance)
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """What reads one recording, in whatever process."""
+
+    path: str
+    place: str  # the same from any folder
+    channels: Mapping[str, ChannelSource]
+    rig: Rig
+    pattern: re.Pattern[str] | None
+
+    def __call__(self) -> Record:
+        """
+        Read it.
+
+        Raises
+        ------
+        HuntError
+            If it cannot be read, is of another rig, or says no day.
+        """
+        from hunt_ros.bag import check_units, read_record
+
+        record = read_record(self.place, self.channels, require=('lateral', 'speed'))
+        record = check_units(replace(record, source=self.path))
+        self.rig.refuse_other(record.notes.get('rig', ''), self.path)
+        if self.pattern is None:
+            return record
+        found = self.pattern.search(self.path)
+        if found is None:
+            raise HuntError(f'--day: {self.pattern.pattern!r} is not found in {self.path}')
+        return replace(record, notes={**record.notes, 'day': found.group(1)})
+
+
+def _readings(arguments: argparse.Namespace) -> list[_Reading]:
     from hunt_ros.samples import CHANNELS
 
     channels, rig = options.channels_of(arguments, CHANNELS), options.rig_of(arguments, NODE)
     pattern = _pattern(arguments.day)
-    records = []
-    for count, path in enumerate(arguments.bags):
-        record = check_units(read_record(path, channels, require=('lateral', 'speed')))
-        rig.refuse_other(record.notes.get('rig', ''), str(path))
-        if pattern is not None:
-            found = pattern.search(str(path))
-            if found is None:
-                raise HuntError(f'--day: {pattern.pattern!r} is not found in {path}')
-            record = replace(record, notes={**record.notes, 'day': found.group(1)})
-        records.append(record)
-        advance((count + 1) / len(arguments.bags))
-    return records
+    return [
+        _Reading(str(path), str(Path(path).absolute()), channels, rig, pattern)
+        for path in arguments.bags
+    ]
 
 
 def _pattern(text: str | None) -> re.Pattern[str] | None:
@@ -194,8 +235,6 @@ def settings_of(arguments: argparse.Namespace) -> IdentificationSettings:
         'prior_D1': arguments.prior_D1,
     }
     if arguments.cluster is not None:
-        if not arguments.bootstrap:
-            raise HuntError('--cluster: only with --bootstrap N, whose replications it runs')
         _reach(arguments.cluster)
     return IdentificationSettings.of_rig(options.rig_of(arguments, NODE), **given)
 

@@ -4,117 +4,178 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.errors import IdentificationError
-from hunt_ros.estimation.record_lines import RecordLines
+from hunt_ros.estimation.record_lines import ForcedLine, Motion, RecordLines, motion_of
 from hunt_ros.identification.record.channels import Channels
 from hunt_ros.identification.record.envelope import Envelope, envelope_of
+from hunt_ros.identification.record.screening import Stretch
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import NANOSECONDS, Record, Series
 
 #: Length of a piece of the search, s: fine enough to tell lines 0.1 Hz apart.
 _PIECE_S = 10.24
+#: Lines are looked for in so much at least of what there is, s.
+_MOST_S = 7200.0
 #: The frequency of the power that changes is known to this, relative: the width of its window.
 _NEAR = 0.15
 #: Samples in a cycle of the first pass, at least.
 _COARSE = 40.0
 
 
-def lines_of(records: Sequence[Channels], settings: IdentificationSettings) -> RecordLines:
-    """Return the lines of the lateral displacement in all records together."""
-    return RecordLines([_record(channels) for channels in records], settings.frequency_range_hz)
+#: Power of each frequency of a grid, added up over the pieces of a stretch, and how many.
+Power: TypeAlias = tuple[NDArray[np.float64], int]
 
 
-def find_frequency(
-    records: Sequence[Channels],
-    settings: IdentificationSettings,
-    lines: RecordLines | None = None,
-) -> float:
+def motion_of_channels(channels: Channels) -> Motion | None:
+    """Return the lateral displacement, in which lines are looked for."""
+    stamps = channels.start_ns + np.round(channels.time * NANOSECONDS).astype(np.int64)
+    values = {'lateral': channels.lateral, 'speed': channels.speed}
+    return motion_of(Record({name: Series(stamps, one) for name, one in values.items()}))
+
+
+def looked_at(stretches: Sequence[Stretch]) -> list[int]:
     """
-    Frequency of the hunting, Hz: of the motion that changes most, or of the strongest line.
+    Choose the stretches in which lines are looked for.
 
-    Each piece is freed from its trend, from the lines at the roller's own angle where that is
-    known, and from lines that are forced; the power of the pieces is added up. Where all
-    records are steady the strongest line is the limit cycle.
+    Up to two hours all of them. Of more, whose samples together no machine might hold, as many
+    evenly by their swing, the largest among them: some at rest, some in between, some that move.
 
-    Parameters
-    ----------
-    records : sequence of Channels
-        Of one rig.
-    settings : IdentificationSettings
-        A frequency that it names is returned as it is.
-    lines : RecordLines, optional
-        Those of the records, where they are known already.
+    Returns
+    -------
+    list of int
+        Places, in order.
+    """
+    every = math.ceil(sum(one.duration_s for one in stretches) / _MOST_S)
+    by_swing = sorted(range(len(stretches)), key=lambda k: (-stretches[k].swing, k))
+    return sorted(by_swing[:: max(every, 1)])
+
+
+def frequency_grid(lines: RecordLines, settings: IdentificationSettings) -> NDArray[np.float64]:
+    """Return the frequencies at which the hunting is looked for, Hz."""
+    grid = np.arange(*settings.frequency_range_hz, 0.02)
+    if lines.hunting_hz is None:
+        return grid
+    near: NDArray[np.float64] = grid[np.abs(np.log(grid / lines.hunting_hz)) < _NEAR]
+    return near
+
+
+def find_frequency(record: Channels, settings: IdentificationSettings) -> float:
+    """
+    Frequency of the hunting in one stretch alone, Hz.
 
     Raises
     ------
     IdentificationError
         If no piece is long enough, or the sampling is too slow for the range.
     """
-    if settings.frequency_hz is not None:
-        return settings.frequency_hz
-    low, high = settings.frequency_range_hz
-    lines = lines_of(records, settings) if lines is None else lines
-    forced = lines.forced()
-    grid = np.arange(low, high, 0.02)
-    if lines.hunting_hz is not None:
-        grid = grid[np.abs(np.log(grid / lines.hunting_hz)) < _NEAR]
-    power = np.zeros(grid.size)
-    pieces = 0
-    for record in records:
-        rate = min(record.rate_hz, 8.0 * high)
-        if rate < 4.0 * low:
-            raise IdentificationError(
-                f'{record.source}: {record.rate_hz:.3g} samples a second are too few for a mode'
-                f' of {low:g} Hz'
-            )
-        length = min(_PIECE_S, 0.9 * float(record.time[-1] - record.time[0]))
-        even = np.arange(length * rate) / rate
-        window = np.hanning(even.size)
-        known = np.isfinite(record.lateral)
-        way = np.concatenate([[0.0], np.cumsum(record.speed[1:] * np.diff(record.time))])
-        for start in np.arange(record.time[0], record.time[-1] - length + 1e-6, 0.5 * length):
-            first, last = np.searchsorted(record.time, [start, start + length])
-            part = slice(int(first), int(last))
-            here = known[part]
-            if here.sum() < max(0.6 * here.size, 30):
-                continue
-            piece = np.interp(start + even, record.time[part][here], record.lateral[part][here])
-            columns = [np.ones_like(even), even]
-            if record.roller.size:
-                angle = np.interp(start + even, record.time[part], record.roller[part])
-                for order in settings.orders:
-                    columns += [np.cos(order * angle), np.sin(order * angle)]
-            covered = np.interp(start + even, record.time[part], way[part])
-            for line in forced:
-                turns = (
-                    line.frequency_hz * even
-                    if math.isfinite(line.frequency_hz)
-                    else line.turns_per_metre * covered
-                )
-                columns += [np.cos(2.0 * np.pi * turns), np.sin(2.0 * np.pi * turns)]
-            basis = np.stack(columns, axis=1)
-            weighted = basis * window[:, None]
-            solution = np.linalg.lstsq(weighted, piece * window, rcond=None)[0]
-            left = (piece - basis @ solution) * window
-            size = 1 << (math.ceil(math.log2(left.size)) + 2)
-            spectrum = np.abs(np.fft.rfft(left, size)) ** 2
-            line = np.interp(grid, np.fft.rfftfreq(size, 1.0 / rate), spectrum, right=0.0)
-            power += line / left.size**2
-            pieces += 1
-    if not pieces:
+    lines = RecordLines([motion_of_channels(record)], settings.frequency_range_hz)
+    grid = frequency_grid(lines, settings)
+    return strongest(grid, [power_on(record, grid, lines.forced(), settings)])
+
+
+def strongest(grid: NDArray[np.float64], powers: Sequence[Power]) -> float:
+    """
+    Frequency of the hunting, Hz: of the motion that changes most, or of the strongest line.
+
+    Where all records are steady the strongest line is the limit cycle.
+
+    Parameters
+    ----------
+    grid : ndarray, shape (n,)
+        As `frequency_grid` gives it, Hz.
+    powers : sequence of Power
+        On it, of each stretch.
+
+    Raises
+    ------
+    IdentificationError
+        If no stretch has a piece that is long enough.
+    """
+    if not sum(pieces for _, pieces in powers):
         raise IdentificationError('no stretch of the lateral channel is free of drop-outs')
+    power = np.zeros(grid.size)
+    for one, _ in powers:
+        power += one
     return float(grid[int(np.argmax(power))])
 
 
-def _record(channels: Channels) -> Record:
-    """Return displacement and speed as a record."""
-    stamps = channels.start_ns + np.round(channels.time * NANOSECONDS).astype(np.int64)
-    values = {'lateral': channels.lateral, 'speed': channels.speed}
-    return Record({name: Series(stamps, one) for name, one in values.items()}, channels.source)
+def power_on(
+    record: Channels,
+    grid: NDArray[np.float64],
+    forced: Sequence[ForcedLine],
+    settings: IdentificationSettings,
+) -> Power:
+    """
+    Power of the lateral displacement at the frequencies of a grid.
+
+    Each piece is freed from its trend, from the lines at the roller's own angle where that is
+    known, and from lines that are forced; the power of the pieces is added up.
+
+    Parameters
+    ----------
+    record : Channels
+        One stretch.
+    grid : ndarray, shape (n,)
+        Hz.
+    forced : sequence of ForcedLine
+        What is not hunting.
+    settings : IdentificationSettings
+        For the known lines and the range.
+
+    Raises
+    ------
+    IdentificationError
+        If the sampling is too slow for the range.
+    """
+    low, high = settings.frequency_range_hz
+    rate = min(record.rate_hz, 8.0 * high)
+    if rate < 4.0 * low:
+        raise IdentificationError(
+            f'{record.source}: {record.rate_hz:.3g} samples a second are too few for a mode'
+            f' of {low:g} Hz'
+        )
+    power = np.zeros(grid.size)
+    pieces = 0
+    length = min(_PIECE_S, 0.9 * float(record.time[-1] - record.time[0]))
+    even = np.arange(length * rate) / rate
+    window = np.hanning(even.size)
+    known = np.isfinite(record.lateral)
+    way = np.concatenate([[0.0], np.cumsum(record.speed[1:] * np.diff(record.time))])
+    for start in np.arange(record.time[0], record.time[-1] - length + 1e-6, 0.5 * length):
+        first, last = np.searchsorted(record.time, [start, start + length])
+        part = slice(int(first), int(last))
+        here = known[part]
+        if here.sum() < max(0.6 * here.size, 30):
+            continue
+        piece = np.interp(start + even, record.time[part][here], record.lateral[part][here])
+        columns = [np.ones_like(even), even]
+        if record.roller.size:
+            angle = np.interp(start + even, record.time[part], record.roller[part])
+            for order in settings.orders:
+                columns += [np.cos(order * angle), np.sin(order * angle)]
+        covered = np.interp(start + even, record.time[part], way[part])
+        for line in forced:
+            turns = (
+                line.frequency_hz * even
+                if math.isfinite(line.frequency_hz)
+                else line.turns_per_metre * covered
+            )
+            columns += [np.cos(2.0 * np.pi * turns), np.sin(2.0 * np.pi * turns)]
+        basis = np.stack(columns, axis=1)
+        weighted = basis * window[:, None]
+        solution = np.linalg.lstsq(weighted, piece * window, rcond=None)[0]
+        left = (piece - basis @ solution) * window
+        size = 1 << (math.ceil(math.log2(left.size)) + 2)
+        spectrum = np.abs(np.fft.rfft(left, size)) ** 2
+        at_grid = np.interp(grid, np.fft.rfftfreq(size, 1.0 / rate), spectrum, right=0.0)
+        power += at_grid / left.size**2
+        pieces += 1
+    return power, pieces
 
 
 def tracked_envelope(

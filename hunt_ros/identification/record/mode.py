@@ -8,32 +8,23 @@ import numpy as np
 
 from hunt_ros.dynamics.mode_shape import ModeShape
 from hunt_ros.dynamics.mode_table import fitted_shape
-from hunt_ros.estimation.mode_measurement import measure_ratio
-from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.samples import Record
+from hunt_ros.estimation.mode_measurement import RatioPoints
 
 
-def measured_shape(
-    records: Sequence[Record], frequency_hz: float, settings: IdentificationSettings
-) -> ModeShape | None:
+def measured_shape(points: Sequence[RatioPoints]) -> ModeShape | None:
     """
-    Measure the mode shape wherever the recordings hold both sensors.
+    Put together what the recordings show of the mode shape.
 
     Parameters
     ----------
-    records : sequence of Record
-        Those without `yaw` add nothing.
-    frequency_hz : float
-        Hunting frequency, Hz.
-    settings : IdentificationSettings
-        Says which lines are removed.
+    points : sequence of RatioPoints
+        Of each recording; those without `yaw` add nothing.
 
     Returns
     -------
     ModeShape or None
         None where no recording shows the motion on both sensors.
     """
-    points = [measure_ratio(record, frequency_hz, settings.orders.tolist()) for record in records]
     if not points:
         return None
     return fitted_shape(

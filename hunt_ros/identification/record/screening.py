@@ -7,16 +7,15 @@ file twice) is left out with its reason; where none is left the first reason is 
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.record.channels import Channels, channels_of
 from hunt_ros.identification.record.envelope import Envelope
-from hunt_ros.identification.record.hunting_frequency import find_frequency
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import Record
 
@@ -34,66 +33,114 @@ _TOUCHES = 0.95
 _OTHER_RIG = 1.35
 
 
-def distinct(records: Sequence[Record], warnings: list[str]) -> list[Record]:
+@dataclass(frozen=True)
+class Stretch:
+    """
+    What is known of a stretch of a recording without its samples.
+
+    Parameters
+    ----------
+    source : str
+        Its recording.
+    duration_s : float
+    swing : float
+        Half the central 98 % of the lateral motion about its median, m.
+    speed, slow : float
+        Median and 5th percentile of the speed, m/s.
+    assumed : bool
+        Whether the roller's angle rests on a diameter that nobody gave.
+    """
+
+    source: str
+    duration_s: float
+    swing: float
+    speed: float
+    slow: float
+    assumed: bool
+
+    @classmethod
+    def of(cls, channels: Channels) -> Stretch:
+        """Look at the samples."""
+        known = channels.lateral[np.isfinite(channels.lateral)]
+        low, high = np.percentile(known, [1.0, 99.0])
+        return cls(
+            channels.source,
+            float(channels.time[-1] - channels.time[0]),
+            0.5 * float(high - low),
+            float(np.median(channels.speed)),
+            float(np.quantile(channels.speed, 0.05)),
+            channels.assumed,
+        )
+
+
+class Named(Protocol):
+    """A recording by what it says of itself."""
+
+    @property
+    def source(self) -> str:
+        """What it is called."""
+
+    @property
+    def rig(self) -> str:
+        """Its rig; '' where it says none."""
+
+    @property
+    def problems(self) -> str:
+        """What opening it showed to be wrong; '' for nothing."""
+
+    @property
+    def fingerprint(self) -> str:
+        """Equal where the samples are."""
+
+
+def distinct(recordings: Sequence[Named], warnings: list[str]) -> list[tuple[int, str]]:
     """
     Leave out what was given twice, and give each recording a name of its own.
 
     Parameters
     ----------
-    records : sequence of Record
+    recordings : sequence of Named
         As given by the user.
     warnings : list of str
         Grows by what was left out, and by what opening showed to be wrong.
+
+    Returns
+    -------
+    list of (int, str)
+        Place and name of those that are kept.
 
     Raises
     ------
     IdentificationError
         If the recordings say that they are of different rigs.
     """
-    _one_rig(records)
+    _one_rig(recordings)
     seen: dict[str, str] = {}
     named: dict[str, int] = {}
     kept = []
-    for record in records:
-        source = record.source or 'record'
-        problems = record.notes.get('problems')
-        if problems:
-            warnings.append(f'{source}: damaged: {problems}')
-        print_of_it = _fingerprint(record)
-        if print_of_it in seen:
-            warnings.append(f'left out: {source}: the same samples as {seen[print_of_it]}')
+    for place, one in enumerate(recordings):
+        if one.problems:
+            warnings.append(f'{one.source}: damaged: {one.problems}')
+        if one.fingerprint in seen:
+            warnings.append(f'left out: {one.source}: the same samples as {seen[one.fingerprint]}')
             continue
-        seen[print_of_it] = source
-        named[source] = named.get(source, 0) + 1
-        if named[source] > 1:
-            record = replace(record, source=f'{source} ({named[source]})')
-        kept.append(record)
+        seen[one.fingerprint] = one.source
+        count = named[one.source] = named.get(one.source, 0) + 1
+        kept.append((place, one.source if count == 1 else f'{one.source} ({count})'))
     return kept
 
 
-def _one_rig(records: Sequence[Record]) -> None:
+def _one_rig(recordings: Sequence[Named]) -> None:
     rigs: dict[str, str] = {}
-    for record in records:
-        rig = record.notes.get('rig', '').strip()
-        if rig:
-            rigs.setdefault(rig, record.source)
+    for one in recordings:
+        if one.rig:
+            rigs.setdefault(one.rig, one.source)
     if len(rigs) > 1:
-        (one, first), (other, second) = list(rigs.items())[:2]
+        (one_rig, first), (other, second) = list(rigs.items())[:2]
         raise IdentificationError(
-            f'recordings of different rigs: {one!r} in {first} and {other!r} in {second},'
+            f'recordings of different rigs: {one_rig!r} in {first} and {other!r} in {second},'
             ' expected those of one rig'
         )
-
-
-def _fingerprint(record: Record) -> str:
-    """Return a hash of lateral samples and speed, by which a repeated recording is known."""
-    digest = hashlib.sha256()
-    for name in ('lateral', 'speed'):
-        if name in record:
-            digest.update(name.encode())
-            digest.update(record[name].stamps_ns.tobytes())
-            digest.update(record[name].values.tobytes())
-    return digest.hexdigest()
 
 
 def moving(record: Record) -> list[Channels]:
@@ -150,16 +197,16 @@ def _cut(channels: Channels, first: int, last: int) -> Channels:
     )
 
 
-def doubts(channels: Sequence[Channels], settings: IdentificationSettings) -> list[str]:
+def doubts(stretches: Sequence[Stretch], settings: IdentificationSettings) -> list[str]:
     """
-    Say what is taken from the paper's rig, and what looks like a wrong unit or another rig.
+    Say what is taken from the paper's rig, and what looks like a wrong unit.
 
     Parameters
     ----------
-    channels : sequence of Channels
+    stretches : sequence of Stretch
         All that are used.
     settings : IdentificationSettings
-        For d0, and where the hunting frequency is looked for.
+        For d0.
 
     Returns
     -------
@@ -167,21 +214,19 @@ def doubts(channels: Sequence[Channels], settings: IdentificationSettings) -> li
         One line for each doubt.
     """
     found = _assumed(settings)
-    for channel in channels:
-        reach = _swing(channel)
-        low, high = (bound * settings.length_unit for bound in _LATERAL_RANGE)
-        if not low <= reach <= high:
+    low, high = (bound * settings.length_unit for bound in _LATERAL_RANGE)
+    for one in stretches:
+        if not low <= one.swing <= high:
             found.append(
-                f'{channel.source}: lateral motion of {reach:.2g} m with d0 ='
+                f'{one.source}: lateral motion of {one.swing:.2g} m with d0 ='
                 f' {settings.length_unit:g} m: is the unit right? (metres; SOURCE*0.001 for mm)'
             )
-        speed = float(np.median(channel.speed))
-        if not _SPEED_RANGE[0] <= speed <= _SPEED_RANGE[1]:
+        if not _SPEED_RANGE[0] <= one.speed <= _SPEED_RANGE[1]:
             found.append(
-                f'{channel.source}: speed of {speed:.3g} m/s: is the unit right?'
+                f'{one.source}: speed of {one.speed:.3g} m/s: is the unit right?'
                 ' (metres a second; SOURCE*0.001 for mm/s)'
             )
-    return found + _other_rig(channels, settings)
+    return found
 
 
 def _assumed(settings: IdentificationSettings) -> list[str]:
@@ -222,33 +267,23 @@ def above_noise(envelopes: Sequence[Envelope]) -> None:
         )
 
 
-def _swing(channel: Channels) -> float:
-    """Half the central 98 % of the lateral motion about its median, m."""
-    known = channel.lateral[np.isfinite(channel.lateral)]
-    low, high = np.percentile(known, [1.0, 99.0])
-    return 0.5 * float(high - low)
+def maybe_other_rig(stretches: Sequence[Stretch], settings: IdentificationSettings) -> list[int]:
+    """Return the places of those that move: their frequencies tell whether they are of one rig."""
+    if len(stretches) < 2 or settings.frequency_hz is not None:
+        return []
+    largest = max(one.swing for one in stretches)
+    moving = [k for k, one in enumerate(stretches) if one.swing > 0.3 * largest]
+    return moving if len(moving) > 1 else []
 
 
-def _other_rig(channels: Sequence[Channels], settings: IdentificationSettings) -> list[str]:
-    """Compare the hunting frequencies of runs at one speed that hunt."""
-    if len(channels) < 2 or settings.frequency_hz is not None:
-        return []
-    swings = [_swing(channel) for channel in channels]
-    hunting = [c for c, swing in zip(channels, swings, strict=True) if swing > 0.3 * max(swings)]
-    if len(hunting) < 2:
-        return []
-    known = []
-    for channel in hunting:
-        try:
-            known.append((find_frequency([channel], settings), channel))
-        except IdentificationError:
-            continue  # too short or too broken to say; it is dealt with where it is fitted
-    known.sort(key=lambda pair: pair[0])
+def other_rig(known: Sequence[tuple[float, Stretch]]) -> list[str]:
+    """Compare the hunting frequencies, Hz, of stretches at one speed."""
+    known = sorted(known, key=lambda pair: pair[0])
     for low, one in known:
         for high, other in reversed(known):
             if high < _OTHER_RIG * low:
                 break
-            if abs(float(np.median(one.speed)) / float(np.median(other.speed)) - 1.0) < 0.1:
+            if abs(one.speed / other.speed - 1.0) < 0.1:
                 return [
                     f'{one.source} moves at {low:.3g} Hz and {other.source} at {high:.3g} Hz at'
                     ' one speed: are they of one rig?'
@@ -276,12 +311,15 @@ def free_of_contact(envelope: Envelope, clearance: float, warnings: list[str]) -
     """
     if not clearance:
         return envelope
-    touching = envelope.amplitude >= _TOUCHES * clearance
+    # The wheelset travels by the hunting and by what the roller's lines make of it.
+    lines = np.sqrt(2.0 * np.nan_to_num(np.maximum(envelope.line_power, 0.0)))
+    travel = envelope.amplitude + lines
+    touching = travel >= _TOUCHES * clearance
     if not touching.any():
         return envelope
     warnings.append(
-        f'{envelope.source}: flange contact for {envelope.step * touching.sum():.3g} s: the'
-        f' amplitude comes to {float(np.nanmax(envelope.amplitude)):.3g} m, the clearance is'
+        f'{envelope.source}: flange contact for {envelope.step * touching.sum():.3g} s: hunting'
+        f" and the roller's lines come to {float(np.nanmax(travel)):.3g} m, the clearance is"
         f' {clearance:.3g} m; it is not fitted'
     )
     return replace(envelope, phasor=np.where(touching, complex(np.nan, np.nan), envelope.phasor))

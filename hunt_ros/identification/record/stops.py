@@ -41,38 +41,44 @@ _RESOLVED = 4.0
 
 
 def ignoring(
-    records: Sequence[Record], settings: IdentificationSettings, warnings: list[str]
-) -> list[Record]:
+    record: Record, number: int, settings: IdentificationSettings
+) -> tuple[Record, tuple[int, ...]]:
     """
-    Take out the intervals that the user leaves out.
+    Take out the intervals of a recording that the user leaves out.
 
     Parameters
     ----------
-    records : sequence of Record
+    record : Record
         Channels `lateral` and `yaw` get NaN there.
+    number : int
+        Of the recording, 1 for the first.
     settings : IdentificationSettings
         For `ignore`.
-    warnings : list of str
-        Grows by the intervals in which there is nothing to leave out.
 
-    Raises
-    ------
-    IdentificationError
-        If an interval is of a recording that there is not.
+    Returns
+    -------
+    record : Record
+    counts : tuple of int
+        Samples that each interval leaves out.
     """
-    found = list(records)
+    counts = []
     for low, high, which in settings.ignore:
-        if which > len(found):
-            raise IdentificationError(
-                f'ignore: recording {which} of {len(found)} has no interval to leave out'
-            )
-        chosen = range(len(found)) if not which else [which - 1]
-        parts = [_ignoring(found[k], low, high) for k in chosen]
-        for k, (record, _) in zip(chosen, parts, strict=True):
-            found[k] = record
-        if not any(count for _, count in parts):
-            warnings.append(f'ignore: no sample is between {low:g} and {high:g} s')
-    return found
+        count = 0
+        if which in (0, number):
+            record, count = _ignoring(record, low, high)
+        counts.append(count)
+    return record, tuple(counts)
+
+
+def nothing_ignored(
+    counts: Sequence[Sequence[int]], settings: IdentificationSettings
+) -> list[str]:
+    """Name the intervals in which no recording has anything to leave out."""
+    return [
+        f'ignore: no sample is between {low:g} and {high:g} s'
+        for (low, high, _), some in zip(settings.ignore, zip(*counts, strict=True), strict=True)
+        if not any(some)
+    ]
 
 
 def _ignoring(record: Record, low: float, high: float) -> tuple[Record, int]:

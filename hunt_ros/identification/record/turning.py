@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.estimation.turning import continuous
-from hunt_ros.identification.record.channels import Channels
+from hunt_ros.identification.record.screening import Stretch
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import NANOSECONDS, Record, Series
 
@@ -152,11 +152,11 @@ def _smooth(values: _F, width: float) -> _F:
     return smooth
 
 
-def lines_above(channels: Sequence[Channels], settings: IdentificationSettings, hz: float) -> bool:
+def lines_above(stretches: Sequence[Stretch], settings: IdentificationSettings, hz: float) -> bool:
     """Return True where the lowest line is clear of the hunting in every assumed angle."""
     lowest = min(settings.orders, default=np.inf)
-    for channel in channels:
-        turns = 0.5 * np.quantile(channel.speed, 0.05) * 2.0 / RigParameters.roller_diameter_m
-        if channel.assumed and lowest * turns / np.pi < _ASSUMED_ABOVE * hz:
+    for one in stretches:
+        turns = 0.5 * one.slow * 2.0 / RigParameters.roller_diameter_m
+        if one.assumed and lowest * turns / np.pi < _ASSUMED_ABOVE * hz:
             return False
     return True

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -55,6 +55,7 @@ class Evidence:
     segments: Sequence[Segment]
     envelopes: Sequence[Envelope]
     records: Sequence[Record]
+    days: Mapping[str, str]
 
     @property
     def speeds(self) -> tuple[float, float]:
@@ -119,7 +120,7 @@ def conclude(
     criticality = best.law.criticality if support.cubic and not trust.astray else None
     observed = resolved(evidence.observed, criticality)
     days = by_day(
-        evidence.records,
+        evidence.days,
         evidence.states,
         evidence.segments,
         evidence.envelopes,

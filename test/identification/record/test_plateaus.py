@@ -14,7 +14,7 @@ SETTINGS = IdentificationSettings()
 
 def analysed(record):
     channels = channels_of(record)
-    envelope = tracked_envelope(channels, find_frequency([channels], SETTINGS), SETTINGS)
+    envelope = tracked_envelope(channels, find_frequency(channels, SETTINGS), SETTINGS)
     return analyse_record(channels, envelope, without_beat(envelope), SETTINGS)
 
 
