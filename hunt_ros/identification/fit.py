@@ -27,12 +27,12 @@ from hunt_ros.identification.growth_law import (
     law_prior,
     lawful,
 )
-from hunt_ros.identification.integral_fit import integral_start
+from hunt_ros.identification.likelihood.integral_fit import integral_start
+from hunt_ros.identification.likelihood.path import Path
+from hunt_ros.identification.likelihood.path_likelihood import NOISE_TERMS
+from hunt_ros.identification.likelihood.trajectory_fit import Prior, TrajectoryFit, fit_path
 from hunt_ros.identification.normal_form_map import from_normal_form
-from hunt_ros.identification.path import Path
-from hunt_ros.identification.path_likelihood import NOISE_TERMS
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.identification.trajectory_fit import Prior, TrajectoryFit, fit_path
 
 #: Scales of the departure from the paper's form, and what each is given beforehand: half for
 #: none at all, the rest to widths from a tenth of the form's own terms to all of them.

@@ -14,7 +14,7 @@ from hunt_ros.analysis.steady_state import hunting_threshold, observed_critical_
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.fit import fit_laws
 from hunt_ros.identification.growth_law import GrowthScales
-from hunt_ros.identification.path import Path
+from hunt_ros.identification.likelihood.path import Path
 from hunt_ros.identification.preparation import Run, Source
 from hunt_ros.identification.record.envelope import (
     WINDOW_CYCLES,

@@ -19,8 +19,8 @@ from hunt_ros.dynamics.covariance_root import covariance_root
 from hunt_ros.identification.bootstrap import bootstrap
 from hunt_ros.identification.fit import FittedLaw
 from hunt_ros.identification.growth_law import PAPER_TERMS, TERMS, GrowthLaw
+from hunt_ros.identification.likelihood.trajectory_fit import TrajectoryFit, inverse_of
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.identification.trajectory_fit import TrajectoryFit, inverse_of
 from hunt_ros.samples import Uncertain
 
 #: With fewer independent runs than this the intervals are widened, and say so.

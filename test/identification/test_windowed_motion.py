@@ -7,7 +7,8 @@ import pytest
 from scipy.signal import lfilter
 
 from hunt_ros.identification.growth_law import LawPrior, lawful
-from hunt_ros.identification.path import Path
+from hunt_ros.identification.likelihood.path import Path
+from hunt_ros.identification.likelihood.trajectory_fit import fit_path
 from hunt_ros.identification.record.channels import Channels
 from hunt_ros.identification.record.envelope import (
     WINDOW_CYCLES,
@@ -17,7 +18,6 @@ from hunt_ros.identification.record.envelope import (
     envelope_of,
 )
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.identification.trajectory_fit import fit_path
 
 RATE_HZ, SECONDS, FREQUENCY_HZ, NOISE, UNIT = 100.0, 500.0, 2.75, 5e-6, 1e-4
 #: One growth rate, and nothing else of the law.

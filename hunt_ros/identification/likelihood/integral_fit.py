@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.identification.growth_law import monomials
-from hunt_ros.identification.path import Path
+from hunt_ros.identification.likelihood.path import Path
 
 #: Length of the integration, in steps of the envelope.
 _SPAN = 4

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from hunt_ros.compiled import compiled, compiled_part, source_stamp
 from hunt_ros.identification import growth_law
 from hunt_ros.identification.growth_law import TERMS, powers_of_w
-from hunt_ros.identification.path import Path
+from hunt_ros.identification.likelihood.path import Path
 
 #: Number of parameters behind those of the law: how ln Q changes with u and with w, then
 #: ln Q (at u = w = 0), ln R and the log of the phase noise.

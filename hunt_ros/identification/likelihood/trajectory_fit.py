@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.identification.damping_bias import damping_correction
 from hunt_ros.identification.growth_law import FELT, PAPER_TERMS, TERMS, LawPrior
-from hunt_ros.identification.path import Path
-from hunt_ros.identification.path_likelihood import (
+from hunt_ros.identification.likelihood.damping_bias import damping_correction
+from hunt_ros.identification.likelihood.path import Path
+from hunt_ros.identification.likelihood.path_likelihood import (
     ALL_TERMS,
     NOISE_TERMS,
     innovations,

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled
 from hunt_ros.identification.growth_law import LINEAR, LINEAR_POWERS, TERMS
-from hunt_ros.identification.path import Path
+from hunt_ros.identification.likelihood.path import Path
 
 #: Share of A_ref up to which motion is quiet: the cubic term changes its growth by little.
 _QUIET = 0.2
