@@ -42,15 +42,16 @@ class Service(NamedTuple):
     switch: str = ''
 
 
-#: Key of `hunt run` on a terminal -> word of `hunt call`.
+#: Key of `hunt run` and `hunt demo` on a terminal -> word of `hunt call`.
 KEYS: dict[str, str] = {
     's': 'start-profile',
     ' ': 'stop-profile',
+    'r': 'resume-profile',
     'e': 'emergency-stop',
     'a': 'acknowledge',
     'm': 'mark',
 }
-#: Ends `hunt run`.
+#: Ends them, as Ctrl-C does.
 QUIT_KEY = 'q'
 
 #: Word of `hunt call` -> service.

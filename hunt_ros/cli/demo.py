@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hunt_ros.cli.support import options
+from hunt_ros.cli.support.narration import STYLES
 
 if TYPE_CHECKING:
-    from hunt_ros.cli.support.console_link import ConsoleLink
+    from hunt_ros.cli.support.key_commands import KeyCommands
     from hunt_ros.cli.support.processes import Processes
     from hunt_ros.cli.support.view import View
 
@@ -47,10 +48,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the demo from the start to the picture."""
     from hunt_ros.cli.support.demo_report import show_results
+    from hunt_ros.cli.support.key_commands import KeyCommands
     from hunt_ros.cli.support.processes import Processes
+    from hunt_ros.cli.support.suite import start_console
     from hunt_ros.cli.support.view import View
     from hunt_ros.dynamics.identified import IdentifiedNormalForm
     from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+    from hunt_ros.suite import LISTENERS, SOURCES
 
     folder = (arguments.out / f'demo_{datetime.now():%Y%m%d_%H%M%S}').resolve()
     options.make_folder(folder, 'the results')
@@ -60,12 +64,15 @@ def run(arguments: argparse.Namespace) -> int:
     bag: Path | None = None
     with View() as view:
         try:
-            with Processes('rig', folder / 'logs', private=True) as processes:
-                link = _start(processes, view, arguments, folder, form)
-                _sweep(link, view)
-                bag = _close(link, view)
+            with (
+                Processes('rig', folder / 'logs', private=True) as processes,
+                KeyCommands(start_console(processes), view, (*LISTENERS, *SOURCES)) as commands,
+            ):
+                _start(processes, commands, view, arguments, folder, form)
+                _sweep(commands, view)
+                bag = _close(commands, view)
                 if arguments.keep:
-                    _keep(link, view)
+                    _keep(commands, view)
         except KeyboardInterrupt:
             view.say(f'stopped; what was recorded is in {folder}')
             return 130
@@ -78,8 +85,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _start(
-    processes: Processes, view: View, arguments: argparse.Namespace, folder: Path, form: Path
-) -> ConsoleLink:
+    processes: Processes,
+    commands: KeyCommands,
+    view: View,
+    arguments: argparse.Namespace,
+    folder: Path,
+    form: Path,
+) -> None:
     """Start the listeners, then the rig; return when all are up."""
     from hunt_ros.cli.support import suite
     from hunt_ros.dynamics.profile import Corners, Profile
@@ -92,14 +104,13 @@ def _start(
     if page == 0 or (page is None and arguments.keep):
         page = suite.free_port()
     view.say('Starting seven ROS 2 nodes on this machine (Ctrl-C ends them all) ...')
-    link = suite.start_console(processes)
     common = suite.follow_clock(arguments.pace)
     suite.start_nodes(processes, LISTENERS, common, parameters, [form])
-    suite.wait_until_up(link, LISTENERS, view.show)
+    suite.wait_until_up(commands, LISTENERS, view.show)
     if page is not None:
         own = {PAGE: {'port': page, 'directory': str(folder)}}
         suite.start_nodes(processes, [PAGE], common, own, [form])
-        suite.wait_until_up(link, [PAGE], view.show)
+        suite.wait_until_up(commands, [PAGE], view.show)
         view.say(f'The page of the operator: http://127.0.0.1:{page}/')
     suite.start_nodes(processes, [SIMULATOR], {}, parameters)
     suite.start_nodes(processes, SOURCES, common, parameters)
@@ -108,44 +119,44 @@ def _start(
         f' {_TIMES_S[-1]:.0f} s, {arguments.pace:g} times as fast as real time.'
         ' The alarm holds the coefficients (33) of the paper.'
     )
-    return link
 
 
-def _keep(link: ConsoleLink, view: View) -> None:
+def _keep(commands: KeyCommands, view: View) -> None:
     """Leave everything running until Ctrl-C."""
     view.say('The page stays up until Ctrl-C; then the results are shown.')
     try:
         while True:
-            for line in link.lines(1.0):
+            for line in commands.lines(1.0):
                 view.show(line)
     except KeyboardInterrupt:
         view.say('ending every node')
 
 
-def _sweep(link: ConsoleLink, view: View) -> None:
-    """Narrate until the profile has run."""
-    origin_ns: int | None = None
+def _sweep(commands: KeyCommands, view: View) -> None:
+    """Narrate until the profile has run, or cannot go on; one that is held waits for its key."""
     while True:
-        for line in link.lines(10.0):
+        for line in commands.lines(10.0):
             view.show(line)
-            if line['topic'] != 'hunting/status' or int(line['stamp_ns']) == 0:
+            if line['topic'] != 'speed/status':
                 continue
-            origin_ns = int(line['stamp_ns']) if origin_ns is None else origin_ns
-            if int(line['stamp_ns']) - origin_ns > _TIMES_S[-1] * 1e9:
+            if line['profile_state'] == 'finished':
+                return
+            if line['emergency_stop'] == 'true' or line['interlock_state'] == 'tripped':
+                view.say(f'The sweep has ended early: {line["message"]}', STYLES['WARN'])
                 return
 
 
-def _close(link: ConsoleLink, view: View) -> Path | None:
+def _close(commands: KeyCommands, view: View) -> Path | None:
     """Close the recording and wait for the identifier's word on it."""
-    link.call('recording/stop')
-    for line in link.lines(_CLOSING_S):
+    commands.call('recording/stop')
+    for line in commands.lines(_CLOSING_S):
         view.show(line)
         if line['topic'] == 'recording/closed':
             break
     else:
         return None
     view.say('Identifying the normal form from the recording ...')
-    for word in link.lines(_IDENTIFYING_S):
+    for word in commands.lines(_IDENTIFYING_S):
         view.show(word)
         if _last_word(word):
             break

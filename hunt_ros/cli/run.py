@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import math
 import time
-from collections.abc import Sequence
 
 from hunt_ros.cli.support import options
 from hunt_ros.suite import PAGE_PORT
@@ -12,9 +12,8 @@ from hunt_ros.suite import PAGE_PORT
 SUMMARY = 'start every node of the suite on this machine and show what they see'
 EXAMPLE = 'hunt run --simulated --normal-form bags/paper.yaml --duration 60'
 
-
-#: Keys are looked for so often, s.
-_KEY_S = 0.05
+#: It is looked so often whether a node has ended that the run goes on without, s.
+_LOOK_S = 1.0
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -52,13 +51,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run until interrupted, or for the duration asked for."""
     from hunt_ros.cli.support import suite
-    from hunt_ros.cli.support.keys import Keys
+    from hunt_ros.cli.support.key_commands import KeyCommands
     from hunt_ros.cli.support.narration import STYLES
     from hunt_ros.cli.support.processes import Processes
     from hunt_ros.cli.support.view import View
     from hunt_ros.dynamics.identified import NEWEST_FILE
     from hunt_ros.errors import ConfigError
-    from hunt_ros.services import KEYS, QUIT_KEY, SERVICES
+    from hunt_ros.services import SERVICES
     from hunt_ros.suite import ALARM_OUTPUTS, LISTENERS, OPTIONAL, PAGE, SIMULATOR, SOURCES
 
     if not (arguments.simulated or arguments.listen or arguments.rig):
@@ -102,35 +101,14 @@ def run(arguments: argparse.Namespace) -> int:
             print(f'an alarm calls by {" and ".join(alarms)}')
         words = [word for word, service in SERVICES.items() if service.node in names]
         print(f'from another terminal: hunt call {" | ".join(words)}')
-        with View() as view, Keys() as keys:
-            if keys.active:
-                view.offer(_help(names))
+        ends = math.inf if arguments.duration is None else began + arguments.duration
+        with View() as view, KeyCommands(link, view, names) as commands:
             try:
-                while arguments.duration is None or time.monotonic() - began < arguments.duration:
-                    for key in keys.pressed():
-                        if key == QUIT_KEY:
-                            raise KeyboardInterrupt
-                        word = KEYS.get(key.lower(), '')
-                        if word in words:
-                            link.call(SERVICES[word].name)
-                        else:
-                            view.offer(_help(names))
+                while (left_s := ends - time.monotonic()) > 0.0:
                     for name, ending in processes.lost().items():
                         view.say(f'{ending}; {OPTIONAL[name]}', STYLES['ERROR'])
-                    for line in link.lines(_KEY_S if keys.active else 1.0):
+                    for line in commands.lines(min(left_s, _LOOK_S)):
                         view.show(line)
             except KeyboardInterrupt:
                 view.say('ending every node')
     return 0
-
-
-def _help(names: Sequence[str]) -> list[str]:
-    """Return what each key does, of the nodes that were started."""
-    from hunt_ros.services import KEYS, QUIT_KEY, SERVICES
-
-    told = [
-        f'{"space" if key == " " else key}: {word}'
-        for key, word in KEYS.items()
-        if SERVICES[word].node in names
-    ]
-    return [*told, f'{QUIT_KEY}: quit']

@@ -1,4 +1,4 @@
-"""`hunt run` on a terminal: what it shows, and how it leaves the terminal."""
+"""`hunt run` and `hunt demo` on a terminal: what they show, their keys, how they leave it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -28,7 +28,8 @@ _CODES = re.compile(r'\x1b\[[0-9;?]*[A-Za-z]')
 class Terminal:
     """A pseudo-terminal with a program on it, as a person has one."""
 
-    def __init__(self, words: list[str]) -> None:
+    def __init__(self, words: list[str], machine) -> None:
+        self._machine = machine
         self.ours, self.theirs = os.openpty()
         self.before = termios.tcgetattr(self.theirs)
         self.resize(80, 24)
@@ -67,21 +68,39 @@ class Terminal:
         drawings = self.text.split(_HOME)
         return _CODES.sub('', drawings[-2]).split('\r\n') if len(drawings) > 2 else []
 
-    def shows(self, *words: str) -> bool:
-        drawn = '\n'.join(self.drawing())
-        return all(word in drawn for word in words)
+    def wait(self, *words: str, timeout_s: float = 30.0) -> None:
+        """Wait until all of these are in one drawing."""
+        deadline = self._machine.deadline(timeout_s)
+        while not all(word in '\n'.join(self.drawing()) for word in words):
+            assert not deadline.passed, f'{words} in vain {deadline}: {self.drawing()}'
+            assert self.program.poll() is None, self.text[-3000:]
+            time.sleep(0.05)
+
+    def left(self) -> str:
+        """Return what the terminal shows after the program; it is as it was found."""
+        assert termios.tcgetattr(self.theirs) == self.before
+        assert '\x1b[?25h' in self.text.rpartition('\x1b[?25l')[2], 'the cursor is shown again'
+        assert 'Traceback' not in self.text
+        return self.text.rpartition(_LEAVES)[2]
 
 
 @pytest.fixture
-def terminal(tmp_path: Path, domain) -> Iterator[Terminal]:
-    words = [sys.executable, '-m', 'hunt_ros.cli.main', 'run', '--simulated', '--one-process']
-    made = Terminal([*words, '--directory', str(tmp_path)])
-    yield made
-    if made.program.poll() is None:
-        os.killpg(made.program.pid, signal.SIGKILL)
-        made.program.wait()
-    os.close(made.ours)
-    os.close(made.theirs)
+def on_terminal(machine, domain) -> Iterator[Callable[..., Terminal]]:
+    """Return a function that runs `hunt` with these words on a terminal."""
+    started: list[Terminal] = []
+
+    def start(*words: str) -> Terminal:
+        hunt = [sys.executable, '-m', 'hunt_ros.cli.main']
+        started.append(Terminal([*hunt, *words], machine))
+        return started[-1]
+
+    yield start
+    for made in started:
+        if made.program.poll() is None:
+            os.killpg(made.program.pid, signal.SIGKILL)
+            made.program.wait()
+        os.close(made.ours)
+        os.close(made.theirs)
 
 
 def _suite(pid: int) -> int:
@@ -99,14 +118,12 @@ def _suite(pid: int) -> int:
 
 
 @pytest.mark.skipif(not Path('/proc/self/stat').exists(), reason='looks for processes in /proc')
-def test_level_changes_are_seen_silence_is_loud_and_ctrl_c_restores_it(terminal, machine) -> None:
-    def wait(*words: str, timeout_s: float = 30.0) -> None:
-        deadline = machine.deadline(timeout_s)
-        while not terminal.shows(*words):
-            assert not deadline.passed, f'{words} in vain {deadline}: {terminal.drawing()}'
-            assert terminal.program.poll() is None, terminal.text[-3000:]
-            time.sleep(0.05)
-
+def test_level_changes_are_seen_silence_is_loud_and_ctrl_c_restores_it(
+    on_terminal, machine, tmp_path
+) -> None:
+    words = ['run', '--simulated', '--one-process', '--directory', str(tmp_path)]
+    terminal = on_terminal(*words)
+    wait = terminal.wait
     wait('? STALE', 'NO WORD FROM THE DETECTOR', 'q: quit', timeout_s=60.0)
     wait('▲ WARN', 'no normal form', 'interlock', timeout_s=90.0)
     terminal.press('e')
@@ -124,9 +141,27 @@ def test_level_changes_are_seen_silence_is_loud_and_ctrl_c_restores_it(terminal,
     wait('▲ WARN')
     terminal.press('\x03')
     assert machine.wait_for(terminal.program, 30.0) == 0
-    assert termios.tcgetattr(terminal.theirs) == terminal.before
-    *_, after = terminal.text.split(_LEAVES)
-    assert '\x1b[?25h' in terminal.text.rpartition('\x1b[?25l')[2], 'the cursor is shown again'
+    after = terminal.left()
     assert 'speed/emergency_stop' in after, 'what has happened stays on the terminal'
     assert 'ending every node' in after
-    assert 'Traceback' not in terminal.text
+
+
+def test_the_keys_of_the_demo_hold_the_sweep_go_on_stop_it_and_quit(
+    on_terminal, machine, tmp_path
+) -> None:
+    terminal = on_terminal('demo', '--pace', '1', '--out', str(tmp_path))
+    wait = terminal.wait
+    wait('profile up and down: running', 'q: quit', timeout_s=120.0)
+    terminal.press(' ')
+    wait('profile up and down: paused')
+    terminal.press('r')
+    wait('profile up and down: running', 'speed/resume_profile: ')
+    terminal.press('m')
+    wait('recording/mark: ')
+    terminal.press('e')
+    wait('EMERGENCY STOP IS IN FORCE', 'The sweep has ended early')
+    terminal.press('q')
+    assert machine.wait_for(terminal.program, 60.0) == 130
+    assert 'what was recorded is in' in terminal.left()
+    (folder,) = tmp_path.glob('demo_*')
+    assert not list(folder.glob('*.active')), 'the recording was closed'

@@ -14,6 +14,7 @@ from hunt_ros.errors import HuntError
 from hunt_ros.suite import SIMULATOR, SOURCES, SUITE
 
 if TYPE_CHECKING:
+    from hunt_ros.cli.support.key_commands import KeyCommands
     from hunt_ros.dynamics.profile import Profile
 
 _READY_S = 60.0
@@ -153,7 +154,9 @@ def start_nodes(
 
 
 def wait_until_up(
-    link: ConsoleLink, names: Sequence[str], show: Callable[[Line], None] = lambda line: None
+    link: ConsoleLink | KeyCommands,
+    names: Sequence[str],
+    show: Callable[[Line], None] = lambda line: None,
 ) -> None:
     """
     Wait until each node has reported its health; one that is compiling has time.

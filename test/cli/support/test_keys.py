@@ -1,4 +1,4 @@
-"""Keys of `hunt run` on a terminal."""
+"""Keys of a terminal while a rig is shown on it."""
 
 from __future__ import annotations
 
@@ -52,9 +52,10 @@ def pressed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
 
 
 def test_each_key_calls_its_service_and_q_ends_the_run(pressed) -> None:
-    calls = pressed('sEa m xq', '--simulated')
-    words = ('start-profile', 'emergency-stop', 'acknowledge', 'stop-profile', 'mark')
-    assert calls == [*(SERVICES[word].name for word in words), 'speed/stop_profile']
+    calls = pressed('sEa rm xq', '--simulated')
+    words = ('start-profile', 'emergency-stop', 'acknowledge', 'stop-profile', 'resume-profile')
+    last = ('recording/mark', 'speed/stop_profile')
+    assert calls == [*(SERVICES[word].name for word in words), *last]
 
 
 def test_a_key_of_a_node_that_was_not_started_does_nothing(pressed) -> None:
