@@ -1,5 +1,5 @@
 """
-What all tests lean on: how quick this machine is, what property tests may take, hardware.
+What all tests lean on: how quick this machine is, what property tests may take, browser, hardware.
 
 The hardware is a Modbus server of pymodbus, serial lines are pseudo-terminals.
 """
@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import os
 import select
+import shutil
 import socket
 import subprocess
 import sys
@@ -16,7 +17,7 @@ import tempfile
 import threading
 import time
 import tty
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 
@@ -132,6 +133,38 @@ class Deadline:
 @pytest.fixture(scope='session')
 def machine() -> Machine:
     return Machine()
+
+
+@pytest.fixture(scope='module')
+def browser() -> Iterator[object]:
+    """A real browser without a window."""
+    playwright = pytest.importorskip('playwright.sync_api', reason='playwright is not installed')
+    found = filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'google-chrome')))
+    if not (program := next(found, '')):
+        pytest.skip('no Chromium here: apt install chromium')
+    with playwright.sync_playwright() as driver:
+        opened = driver.chromium.launch(executable_path=program, args=['--no-sandbox'])
+        yield opened
+        opened.close()
+
+
+@pytest.fixture
+def new_page(browser, machine) -> Iterator[Callable[[], object]]:
+    """Return a function that opens a tab of a browser of its own; `errors`: what went wrong."""
+    contexts = []
+
+    def make() -> object:
+        contexts.append(browser.new_context(viewport={'width': 1280, 'height': 800}))
+        page = contexts[-1].new_page()
+        page.errors = []
+        page.on('pageerror', lambda error: page.errors.append(str(error)))
+        page.on('requestfailed', lambda request: page.errors.append(request.url))
+        page.set_default_timeout(20_000 * machine.slowness)
+        return page
+
+    yield make
+    for context in contexts:
+        context.close()
 
 
 class ModbusServer:

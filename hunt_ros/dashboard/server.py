@@ -150,11 +150,17 @@ class PageServer:
             page.on_close()
         if played:
             self._loop.run_until_complete(asyncio.wait(played, timeout=2.0))
-        self._loop.run_until_complete(asyncio.sleep(0.05))
+        self._loop.run_until_complete(self._end_requests())
         left = asyncio.all_tasks(self._loop)
         for task in left:
             task.cancel()
         self._loop.run_until_complete(asyncio.gather(*left, return_exceptions=True))
+
+    async def _end_requests(self) -> None:
+        """Close what browsers keep open for their next request: they would wait for an answer."""
+        await asyncio.sleep(0.05)
+        with contextlib.suppress(asyncio.TimeoutError):
+            await asyncio.wait_for(self._http.close_all_connections(), 1.0)
 
     async def _begin(self) -> None:
         application = tornado.web.Application(
@@ -165,5 +171,5 @@ class PageServer:
             log_function=lambda handler: None,
             site=self.site,
         )
-        server = tornado.httpserver.HTTPServer(application, max_body_size=_MOST_BYTES)
-        server.add_sockets(self._sockets)
+        self._http = tornado.httpserver.HTTPServer(application, max_body_size=_MOST_BYTES)
+        self._http.add_sockets(self._sockets)

@@ -32,6 +32,8 @@ class Live:
         self.folder = folder
         self.calls: list[tuple[str, str]] = []
         self.reply = (True, '')
+        self.holds = False  # the answers, for the test to give
+        self.held: list[Future[tuple[bool, str]]] = []
         self.status = {
             'level': 'WARN', 'state': 'quiet', 'region': 'hysteresis', 'alarm': 'False',
             'message': 'hysteresis region', 'speed_mps': '7.0', 'amplitude_m': '1e-04',
@@ -65,7 +67,10 @@ class Live:
     def _call(self, word: str, words: str) -> Future[tuple[bool, str]]:
         self.calls.append((word, words))
         answer: Future[tuple[bool, str]] = Future()
-        answer.set_result(self.reply)
+        if self.holds:
+            self.held.append(answer)
+        else:
+            answer.set_result(self.reply)
         return answer
 
     def _play(self) -> None:

@@ -2,50 +2,33 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 import urllib.parse
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip('bokeh', reason='the extra dashboard is not installed')
+from hunt_ros.dashboard import site
 from hunt_ros.dashboard.access import Access
-
-playwright = pytest.importorskip('playwright.sync_api', reason='playwright is not installed')
-
-_CHROMIUM = next(
-    filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'google-chrome'))), ''
-)
-pytestmark = pytest.mark.skipif(not _CHROMIUM, reason='no Chromium here: apt install chromium')
+from hunt_ros.detection.acceptance import form_words
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 
 BAG = Path(__file__).parents[2] / 'bags' / 'kick_escapes'
 #: The point of the diagram, in the data of BokehJS.
 _POINT = "() => { const s = source('diagram', 'point').data; return [s.v[0], s.a[0]]; }"
 
 
-@pytest.fixture(scope='module')
-def browser() -> Iterator[object]:
-    with playwright.sync_playwright() as driver:
-        opened = driver.chromium.launch(executable_path=_CHROMIUM, args=['--no-sandbox'])
-        yield opened
-        opened.close()
-
-
 @pytest.fixture
-def page(browser, live, machine) -> Iterator[object]:
-    context = browser.new_context(viewport={'width': 1280, 'height': 800})
-    opened = context.new_page()
-    opened.errors = []
-    opened.on('pageerror', lambda error: opened.errors.append(str(error)))
-    opened.on('requestfailed', lambda request: opened.errors.append(request.url))
-    opened.set_default_timeout(20_000 * machine.slowness)
+def page(new_page, live) -> object:
+    opened = new_page()
     opened.goto(live.url)
     opened.wait_for_function("() => figures.waterfall && document.body.dataset.link === 'up'")
     opened.errors.clear()
-    yield opened
-    context.close()
+    return opened
 
 
 def word(page, text: str) -> None:
@@ -272,3 +255,62 @@ def test_the_page_of_a_replay_fits_every_width(page, live) -> None:
         assert page.evaluate('() => document.documentElement.scrollWidth <= innerWidth')
         box = page.locator('#emergency').bounding_box()
         assert box['y'] + box['height'] <= height
+
+
+def test_a_page_of_yesterday_is_loaded_again_when_its_server_was_renewed(
+    page, live, tmp_path, monkeypatch
+) -> None:
+    before = page.get_attribute('meta[name=hunt-version]', 'content')
+    page.evaluate('() => { window.ofYesterday = true; }')
+    again = live.restart()
+    files = shutil.copytree(str(site._STATIC), tmp_path / 'static')
+    with (files / 'page.js').open('a') as script:
+        script.write('window.ofToday = (window.ofToday ?? 0) + 1;\n')
+    monkeypatch.setattr(site, '_STATIC', files)
+    again()
+    page.wait_for_function("() => window.ofToday && document.body.dataset.link === 'up'")
+    word(page, 'WARN')
+    assert page.evaluate('() => [window.ofYesterday, window.ofToday]') == [None, 1]
+    assert page.get_attribute('meta[name=hunt-version]', 'content') != before
+
+
+def test_two_operators_who_press_at_once_each_get_their_answer(
+    page, new_page, live, machine
+) -> None:
+    other = new_page()
+    other.goto(live.url)
+    word(other, 'WARN')
+    for each, name in ((page, 'Mia'), (other, 'Tom')):
+        each.evaluate('name => localStorage.setItem("hunt-operator", name)', name)
+    live.holds = True
+    page.click('text=acknowledge alarm')
+    other.click('text=acknowledge alarm')
+    deadline = machine.deadline(20.0)
+    while len(live.held) < 2:
+        assert not deadline.passed, live.calls
+        page.wait_for_timeout(20)
+    assert sorted(live.calls) == [('acknowledge', 'Mia'), ('acknowledge', 'Tom')]
+    # The second is answered first, and refused.
+    live.held[1].set_result((False, 'acknowledged already'))
+    live.held[0].set_result((True, ''))
+    answers = {}
+    for (_, name), done in zip(live.calls, (True, False), strict=True):
+        answers[name] = 'acknowledge: done' if done else 'acknowledge: acknowledged already'
+    for each, name in ((page, 'Mia'), (other, 'Tom')):
+        each.wait_for_function("() => byId('answer').className")
+        assert each.inner_text('#answer span') == answers[name]
+
+
+def test_a_form_that_is_replaced_is_drawn_as_soon_as_it_is_known(page, live) -> None:
+    v_c = "source('diagram', 'speeds').data.v[1]"
+    page.wait_for_function(f'() => {v_c} === 8')
+    form = dataclasses.replace(PAPER_NORMAL_FORM, critical_speed=7.5)
+    other = IdentifiedNormalForm(form)
+    live.status |= {'normal_form': form_words(other)}
+    page.wait_for_function("() => byId('form').textContent.includes('not known here')")
+    page.wait_for_function("() => source('diagram', 'stable').data.v.length === 0")
+    word(page, 'WARN')
+    assert live.model.take_form(other.to_yaml()) == ''
+    page.wait_for_function(f'() => {v_c} === 7.5')
+    assert '7.5' in page.inner_text('#form')
+    assert page.errors == []
