@@ -8,10 +8,23 @@ the package installed: `setup.py` makes the executables from it.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 #: Nodes that only listen: started first, so that no sample is missed.
 LISTENERS = ('bag_recorder', 'hunting_detector', 'normal_form_identifier')
-#: Nodes that talk to the rig.
-SOURCES = ('lateral_sensor', 'yaw_sensor', 'roller_speed')
+#: The node of each sensor of motion: started where the rig has its channel.
+SENSORS = {'lateral': 'lateral_sensor', 'yaw': 'yaw_sensor', 'axle_box': 'axle_box_sensor'}
+#: The node that runs the roller.
+DRIVE = 'roller_speed'
+
+
+def sources_of(channels: Collection[str]) -> tuple[str, ...]:
+    """Return the nodes that talk to a rig with these channels."""
+    return (*(node for channel, node in SENSORS.items() if channel in channels), DRIVE)
+
+
+#: Nodes that talk to the simulated rig.
+SOURCES = sources_of(('lateral', 'yaw'))
 #: The rig that is not there.
 SIMULATOR = 'rig_simulator'
 
@@ -30,4 +43,4 @@ OPTIONAL = {
 }
 
 #: Every node that is an executable of the package.
-NODES = (SIMULATOR, *LISTENERS, *SOURCES, *OPTIONAL)
+NODES = (SIMULATOR, *LISTENERS, *SENSORS.values(), DRIVE, *OPTIONAL)

@@ -16,7 +16,7 @@ from launch_ros.actions import Node
 from hunt_ros.drivers.alarm_output import AlarmSettings
 from hunt_ros.nodes.support.launching import SWITCH, description
 from hunt_ros.rig import Rig
-from hunt_ros.suite import ALARM_OUTPUTS, LISTENERS, PAGE, SIMULATOR, SOURCES, SUITE
+from hunt_ros.suite import ALARM_OUTPUTS, LISTENERS, PAGE, SIMULATOR, SUITE, sources_of
 
 #: Name: default, values (any where there are none), description.
 ARGUMENTS = {
@@ -49,8 +49,9 @@ def generate_launch_description() -> LaunchDescription:
 
 def _nodes(given: Mapping[str, str]) -> list[Node]:
     """Return the nodes for these values of the arguments."""
-    rig = _rig_file(given['rig'])
-    parameters: list[object] = [rig]
+    file = _rig_file(given['rig'])
+    rig = Rig.from_texts([_read(file)])
+    parameters: list[object] = [file]
     if given['normal_form']:
         parameters.append(_file(given['normal_form'], 'normal_form'))
     if given['use_sim_time']:
@@ -68,8 +69,8 @@ def _nodes(given: Mapping[str, str]) -> list[Node]:
     # Listeners first, and in one process ended last.
     names = [*LISTENERS]
     if given['sensors'] == 'true':
-        names += [SIMULATOR] * (given['simulated'] == 'true') + [*SOURCES]
-    alarms = AlarmSettings.from_texts([_read(rig)]).named
+        names += [SIMULATOR] * (given['simulated'] == 'true') + [*sources_of(rig.channels)]
+    alarms = AlarmSettings.from_texts([_read(file)]).named
     optional = [PAGE] * (given['page'] == 'true') + [ALARM_OUTPUTS] * bool(alarms)
     if given['one_process'] == 'true':
         suite = [Node(executable=SUITE, arguments=[*names, *level], **common)]
@@ -85,11 +86,9 @@ def _nodes(given: Mapping[str, str]) -> list[Node]:
 
 
 def _rig_file(path: str) -> str:
-    """Return the parameter file of the rig; one that describes none is an error."""
+    """Return the parameter file of the rig."""
     share = Path(get_package_share_directory('hunt_ros'))
-    path = _file(path, 'rig') or str(share / 'config' / 'rig.yaml')
-    Rig.from_texts([_read(path)])
-    return path
+    return _file(path, 'rig') or str(share / 'config' / 'rig.yaml')
 
 
 def _read(path: str) -> tuple[str, str]:

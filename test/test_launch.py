@@ -12,6 +12,8 @@ from typing import Any
 import pytest
 
 from hunt_ros.errors import ConfigError
+from hunt_ros.sensors import MOTION
+from hunt_ros.suite import SENSORS
 
 ROOT = Path(__file__).parents[1]
 
@@ -94,6 +96,16 @@ def test_every_node_of_the_suite_is_launched_once_with_the_default_file(launched
         enclave = f'/rig/{node.named["executable"]}'
         words = ['--ros-args', '--log-level', 'info', '--enclave', enclave]
         assert node.named['arguments'] == words
+
+
+def test_the_sensor_nodes_are_those_of_the_channels_of_the_rig(launched, tmp_path: Path) -> None:
+    assert tuple(SENSORS) == MOTION
+    rig = tmp_path / 'rig.yaml'
+    rig.write_text('/**: {ros__parameters: {channels: [lateral, axle_box, speed]}}')
+    names = [node.named['executable'] for node in launched(rig=str(rig), simulated='false')]
+    assert {name for name in names if name.endswith('_sensor')} == {
+        'lateral_sensor', 'axle_box_sensor',
+    }  # fmt: skip
 
 
 def test_a_mistyped_file_ends_the_launch_and_says_which(launched, tmp_path: Path) -> None:

@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     from hunt_ros.dynamics.identified import NEWEST_FILE
     from hunt_ros.errors import ConfigError
     from hunt_ros.services import SERVICES
-    from hunt_ros.suite import ALARM_OUTPUTS, LISTENERS, OPTIONAL, PAGE, SIMULATOR, SOURCES
+    from hunt_ros.suite import ALARM_OUTPUTS, LISTENERS, OPTIONAL, PAGE, SIMULATOR, sources_of
 
     if not (arguments.simulated or arguments.listen or arguments.rig):
         raise ConfigError(
@@ -70,20 +70,21 @@ def run(arguments: argparse.Namespace) -> int:
     files = [*arguments.rig, *([form] if form else [])]
     if form:
         options.read_text(form, 'normal form')
-    options.rig_of(arguments)
+    rig = options.rig_of(arguments)
     alarms = options.alarm_outputs_of(arguments)
     options.make_folder(arguments.directory, 'recordings')
-    names: tuple[str, ...] = LISTENERS if arguments.listen else (*LISTENERS, *SOURCES)
+    sources = sources_of(rig.channels)
+    names: tuple[str, ...] = LISTENERS if arguments.listen else (*LISTENERS, *sources)
     parameters: dict[str, dict[str, object]] = {
         'bag_recorder': {'directory': str(arguments.directory)},
         'normal_form_identifier': {'directory': str(arguments.directory)},
     }
     if arguments.simulated:
         # Listeners first, and the recorder ended last: the order matters in one process.
-        names = (*LISTENERS, SIMULATOR, *SOURCES)
+        names = (*LISTENERS, SIMULATOR, *sources)
         if not arguments.rig:  # else the file says where the simulator is
             port = suite.free_port()
-            parameters |= {name: {'port': port} for name in (SIMULATOR, *SOURCES)}
+            parameters |= {name: {'port': port} for name in (SIMULATOR, *sources)}
     began = time.monotonic()
     with Processes(arguments.namespace, arguments.directory / 'logs', private=False) as processes:
         link = suite.start_console(processes)

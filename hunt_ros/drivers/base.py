@@ -108,7 +108,10 @@ class SensorDriver(ABC):
 
     def __init__(self, settings: Any, channel: str, rate_hz: float) -> None:
         if self.channels and channel not in self.channels:
-            raise ConfigError(f'{self}: no channel {channel!r}, it has {", ".join(self.channels)}')
+            # The driver cannot say where it is yet: it is not made.
+            name = type(self).__module__.rpartition('.')[2]
+            known = ', '.join(self.channels)
+            raise ConfigError(f'driver {name}: no channel {channel!r}, it has {known}')
         self.settings = settings
         self.channel = channel
         self.rate_hz = rate_hz

@@ -354,12 +354,12 @@ def main() -> None:
     with ProcessPoolExecutor(arguments.jobs, mp_context=get_context('spawn')) as pool:
         parts = []
         for part in (
-            lambda: comparison(count, pool),
             lambda: full_model(count, pool),
             lambda: others(count, pool, say),
             lambda: hours(count, pool),
             flutter,
             lambda: coverage(cover, pool),
+            lambda: comparison(count, pool),
         ):
             parts.append(part())
             say(parts[-1])

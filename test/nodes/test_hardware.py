@@ -77,6 +77,27 @@ def test_a_sensor_takes_what_another_node_already_publishes(graph) -> None:
     assert graph.end('lateral_sensor') == 0
 
 
+def test_an_acceleration_is_published_under_the_name_of_its_channel(graph, modbus_server) -> None:
+    heard = graph.collect(JointState, 'axle_box')
+    modbus_server.put(3, 7)
+    graph.start(
+        'axle_box_sensor', driver='modbus', port=modbus_server.port, register=3, scale=0.1,
+        sample_rate_hz=20.0,
+    )  # fmt: skip
+    graph.spin_until(lambda: heard)
+    assert heard[0].name == ['axle_box']
+    assert heard[0].position[0] == pytest.approx(0.7)
+
+
+def test_the_simulated_rig_has_no_axle_box_and_says_so(graph) -> None:
+    graph.start('axle_box_sensor', port=graph.port)
+    assert graph.wait('axle_box_sensor') == 2
+    assert (
+        "driver simulated: no channel 'axle_box', it has lateral, yaw"
+        in graph.log('axle_box_sensor').read_text()
+    )
+
+
 def test_a_field_that_is_not_there_is_one_line(graph) -> None:
     publisher = graph.node.create_publisher(Float64MultiArray, '/daq/ch0', 10)
     sensor = Sensor(Topic(source='/daq/ch0.data[3]*0.001'), 'yaw', 500.0)

@@ -12,7 +12,16 @@ import pytest
 from hunt_ros.cli.support import suite
 from hunt_ros.cli.support.processes import NodeSpec, Processes
 from hunt_ros.services import SERVICES
-from hunt_ros.suite import ALARM_OUTPUTS, LISTENERS, NODES, OPTIONAL, PAGE, SIMULATOR, SOURCES
+from hunt_ros.suite import (
+    ALARM_OUTPUTS,
+    LISTENERS,
+    NODES,
+    OPTIONAL,
+    PAGE,
+    SENSORS,
+    SIMULATOR,
+    SOURCES,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 POLICY = ROOT / 'config' / 'sros2' / 'policy.xml'
@@ -106,10 +115,13 @@ def test_a_process_has_the_enclave_of_its_name() -> None:
 
 @pytest.mark.ros
 def test_every_name_that_the_suite_uses_is_allowed_and_no_other(graph) -> None:
-    names = (*LISTENERS, SIMULATOR, *SOURCES, *OPTIONAL)
+    axle_box = SENSORS['axle_box']
+    names = (*LISTENERS, SIMULATOR, *SOURCES, axle_box, *OPTIONAL)
     here = {'directory': str(graph.folder)}
     parameters: dict[str, dict[str, object]] = {
         **{name: {'port': graph.port} for name in SOURCES},
+        # The simulated rig has none; a device that does not answer is asked again and again.
+        axle_box: {'driver': 'modbus', 'port': suite.free_port()},
         # With a clock of its own it uses all that it ever does.
         SIMULATOR: {'port': graph.port, 'time_scale': 2.0},
         'bag_recorder': here,

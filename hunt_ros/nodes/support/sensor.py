@@ -1,7 +1,7 @@
 """
 A sensor node: publishes what its driver reads, stamped where the sample was taken.
 
-`lateral_sensor` and `yaw_sensor` are this node with another joint name.
+`lateral_sensor`, `yaw_sensor` and `axle_box_sensor` are this node with another joint name.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class SensorNode(DriverNode[SensorDriver]):
     Parameters
     ----------
     channel : str
-        'lateral' (m) or 'yaw' (rad): topic and joint name.
+        'lateral' (m), 'yaw' (rad) or 'axle_box' (m/s2): topic and joint name.
     """
 
     def __init__(self, channel: str) -> None:
