@@ -35,7 +35,7 @@ def of_status(status: Mapping[str, str], health: Mapping[str, str]) -> list[dict
     minute = value('escape_chance_next_minute', 100.0)
     margin = value('margin')
     return [
-        _tile('speed', 'speed v', 'm/s', value('speed_mps'), digits=4),
+        _speed(value('speed_mps')),
         _tile(
             'amplitude',
             'amplitude of y',
@@ -91,13 +91,20 @@ def _tile(
     if not math.isfinite(value):
         return {'key': key, 'label': label, 'text': _UNKNOWN, 'unit': '', 'note': note}
     shown = rounded(value, std if math.isfinite(std) else None, digits=digits)
+    power = f'e{shown.exponent}' if shown.exponent else ''
     return {
         'key': key,
         'label': label,
-        'text': shown.value + (f'e{shown.exponent}' if shown.exponent else ''),
+        'text': shown.value + power,
         'unit': unit,
-        'note': note or (f'± {shown.std} {unit}' if shown.std else ''),
+        'note': note or (f'± {shown.std}{power} {unit}' if shown.std else ''),
     }
+
+
+def _speed(value: float) -> dict[str, str]:
+    """Return the speed to the mm/s: the noise of a roller at rest is no number to read."""
+    tile = _tile('speed', 'speed v', 'm/s', value)
+    return {**tile, 'text': f'{value:.3f}'} if math.isfinite(value) else tile
 
 
 def _forecast(health: Mapping[str, str]) -> dict[str, str]:

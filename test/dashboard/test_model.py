@@ -82,6 +82,16 @@ def test_numbers_stand_with_their_uncertainty_and_what_is_unknown_is_a_dash(mode
     assert (tiles['forecast']['text'], tiles['forecast']['note']) == ('8.01', '7.82 … 8.21 m/s')
 
 
+def test_a_rig_at_rest_has_no_speed_and_a_small_amplitude_one_power_of_ten(model) -> None:
+    still = {**STATUS, 'speed_mps': '1.2e-20', 'amplitude_m': '1.1e-7', 'amplitude_std_m': '3e-8'}
+    model.take_status(10**9, still, now_s=50.0)
+    tiles = {tile['key']: tile for tile in shown(model, 50.0)['sections']['numbers']}
+    assert tiles['speed']['text'] == '0.000'
+    power = tiles['amplitude']['text'].partition('e')[2]
+    assert power
+    assert tiles['amplitude']['note'].endswith(f'e{power} mm')
+
+
 def test_only_the_form_that_the_detector_uses_is_drawn(model) -> None:
     model.take_status(10**9, STATUS, now_s=50.0)
     drawn = shown(model, 50.0)['sections']['diagram']
