@@ -39,6 +39,7 @@ class Live:
             'message': 'hysteresis region', 'speed_mps': '7.0', 'amplitude_m': '1e-04',
             'amplitude_std_m': '1e-05', 'frequency_hz': '2.8', 'normal_form': form_words(FORM),
         }  # fmt: skip
+        self.drive: dict[str, str] = {}
         self.speaks = True
         self.rules = rules
         self.begin(0)
@@ -81,6 +82,8 @@ class Live:
                 values = 1e-4 * np.sin(2 * math.pi * 2.8e-9 * stamps)
                 self.model.take_samples('lateral', stamps, values)
                 self.model.take_status(stamp_ns, dict(self.status), now_s)
+                if self.drive:
+                    self.model.take_speed_status(dict(self.drive), now_s)
                 self.model.take_health({'name': 'rig/hunting_detector', 'level': 'OK'}, now_s)
             self.server.publish(self.model.view(now_s))
             time.sleep(0.05)

@@ -172,6 +172,28 @@ def test_a_session_that_ends_shows_one_message_a_form_and_the_emergency_stop(pag
     )
 
 
+def test_what_holds_the_drive_stands_with_the_level_and_can_be_rearmed(page, live) -> None:
+    live.drive = {
+        'target_mps': '5.9', 'profile_state': 'paused', 'interlock': 'protect',
+        'interlock_state': 'tripped', 'emergency_stop': 'false',
+        'interlock_cause': 'the detector says ERROR: limit cycle; low margin',
+    }  # fmt: skip
+    page.wait_for_function("() => byId('held').textContent")
+    cause = 'the detector says ERROR: limit cycle'
+    assert page.inner_text('#held') == f'INTERLOCK TRIPPED, until rearmed: {cause}'
+    page.click('#rearm')
+    page.wait_for_function("() => byId('answer').className === 'done'")
+    assert live.calls == [('rearm', '')]
+    live.drive |= {'emergency_stop': 'true'}
+    page.wait_for_function("() => byId('held').textContent.startsWith('EMERGENCY STOP')")
+    assert page.is_visible('#drive')
+    live.drive |= {'emergency_stop': 'false', 'interlock_state': 'armed'}
+    page.wait_for_function("() => byId('held').hidden && byId('rearm').hidden")
+    live.restart()
+    word(page, 'STALE')
+    assert not page.is_visible('#drive'), 'nobody knows'
+
+
 def test_day_and_night_differ_in_figures_and_words(page) -> None:
     colours = set()
     for _ in range(2):

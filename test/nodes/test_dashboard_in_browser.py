@@ -188,7 +188,7 @@ def test_the_point_moves_a_kick_is_an_alarm_and_every_button_acts(
 
     rig.press('#emergency')
     rig.until_drive(emergency_stop='true', profile_state='paused')
-    rig.until("byId('drive').textContent.includes('EMERGENCY STOP IS IN FORCE')")
+    rig.until("byId('held').textContent.includes('EMERGENCY STOP IS IN FORCE')")
     rig.press('#rearm')
     rig.until_drive(emergency_stop='false')
     page.keyboard.press('Escape')

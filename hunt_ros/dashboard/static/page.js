@@ -193,11 +193,12 @@ const WORDS = {
   },
   drive(drive) {
     const box = byId('drive');
-    byId('rearm').hidden = !(drive && drive.emergency_stop) || !mayCommand;
+    const held = heldBy(drive);
+    byId('held').hidden = !held;
+    set('held', held);
+    byId('rearm').hidden = !held || drive.silent || !mayCommand;
     if (!drive) { box.replaceChildren(paragraph('no speed/status: profile and interlock are not known')); return; }
     const parts = [];
-    if (drive.silent) parts.push(paragraph('the speed node is silent', 'loud'));
-    if (drive.emergency_stop) parts.push(paragraph('EMERGENCY STOP IS IN FORCE', 'loud'));
     const target = drive.target_mps === null ? 'none' : `${drive.target_mps.toFixed(2)} m/s`;
     parts.push(paragraph(`set point ${target}; profile ${drive.profile || '–'}: ${drive.profile_state || '–'}` + (drive.remaining_s === null ? '' : `, ${drive.remaining_s.toFixed(0)} s left`)));
     if (drive.progress !== null) {
@@ -236,6 +237,15 @@ const WORDS = {
   },
   spectrum(spectrum) { if (spectrum) set('channel', spectrum.channel === 'lateral' ? 'y' : 'ψ'); },
 };
+
+// Why nothing that is asked for reaches the drive: with the level, for the level does not tell it.
+function heldBy(drive) {
+  if (!drive) return '';
+  if (drive.silent) return 'THE SPEED NODE IS SILENT: profile and interlock are not known';
+  if (drive.emergency_stop) return 'EMERGENCY STOP IS IN FORCE, until rearmed';
+  if (drive.interlock_state === 'tripped') return `INTERLOCK TRIPPED, until rearmed: ${drive.interlock_cause.split('; ')[0]}`;
+  return '';
+}
 
 function paragraph(text, kind = '') {
   const made = document.createElement('p');
