@@ -2,7 +2,7 @@
 What the page costs: CPU of the node `dashboard` against a bare process with the same messages.
 
 A source publishes lateral and yaw at 1 kHz, status at 20 Hz and the rest as a rig does. It is
-heard, in the same minute, by the node, with none, one and two viewers, and by a bare rclpy
+heard, in the same minute, by the node, with none to three viewers, and by a bare rclpy
 process with subscriptions that do nothing. A viewer here is a websocket that reads: what a
 browser costs is not the server's. CPU is the kernel's own account of each process.
 """
@@ -10,19 +10,20 @@ browser costs is not the server's. CPU is the kernel's own account of each proce
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import socket
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
+from tables import markdown, publish
 
 from hunt_ros.cli.support.processes import claim_domain
 from hunt_ros.nodes.support.conversions import diagnostic, joint_layout
@@ -153,13 +154,34 @@ def main() -> None:
                 used = cpu_s(bare) - before[0], cpu_s(page) - before[1]
                 percent = [100.0 * each / arguments.seconds for each in used]
                 rows.append({'viewers': viewers, 'bare': percent[0], 'page': percent[1]})
-                used = f'bare {percent[0]:.1f} %, page {percent[1]:.1f} % of a core'
-                ratio = percent[1] / percent[0]
-                print(f'{viewers} viewers: {used}, ratio {ratio:.2f}', flush=True)
+                print(rows[-1], file=sys.stderr, flush=True)
         finally:
             for process in running:
                 process.kill()
-    print(json.dumps(rows))
+    publish('bench-page', "The operator's page", report(rows))
+
+
+def report(rows: Sequence[Mapping[str, float]]) -> str:
+    """Return the table; a further viewer is measured against the bare process beside it."""
+    before = [rows[0], *rows]
+    cells = [
+        [
+            row['viewers'],
+            f'{row["bare"]:.1f}',
+            f'{row["page"]:.1f}',
+            f'{row["page"] / row["bare"]:.2f}',
+            '-' if not row['viewers'] else f'{(row["page"] - one["page"]) / row["bare"]:.2f}',
+        ]
+        for one, row in zip(before, rows, strict=False)
+    ]
+    header = ['viewers', 'bare process, % of a core', 'page, % of a core']
+    header += ['times a bare one', 'the last viewer, of a bare one']
+    return (
+        'A source publishes lateral and yaw at 1 kHz and all else as a rig does; a bare process'
+        ' receives the same messages with empty callbacks; each viewer takes 20 updates a second.'
+        ' Goals: the page at most 2 times the bare process, each further viewer half a bare one'
+        f' more.\n\n{markdown(header, cells)}'
+    )
 
 
 def _wait_for(port: int) -> None:
