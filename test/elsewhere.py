@@ -29,7 +29,7 @@ ROOT = Path(__file__).resolve().parents[1]
 NUMERICS = (
     'test/dynamics/test_covariance_root.py',
     'test/dynamics/test_linear_stability.py',
-    'test/dynamics/test_simulation.py',
+    'test/dynamics/simulation/test_simulation.py',
     'test/estimation/test_kalman.py',
     'test/analysis',
     'test/bag/test_golden_bags.py',

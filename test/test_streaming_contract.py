@@ -162,7 +162,7 @@ def _bad_growth_input(make: Callable[[], Any]) -> None:
 def _make_rig() -> Any:
     from hunt_ros.dynamics.parameters import paper_rig
     from hunt_ros.dynamics.simulation import RollerRig
-    from hunt_ros.dynamics.simulation_settings import Roughness, SensorModel, SimulationSettings
+    from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, SimulationSettings
 
     sensor = SensorModel(noise=5e-6, dropouts_per_s=1.0)
     settings_ = SimulationSettings(
@@ -289,7 +289,7 @@ def _climb(seed: int) -> tuple[np.ndarray, ...]:
     """44 s of quiet response at four speeds, and a short blow of hunting."""
     from hunt_ros.dynamics.parameters import paper_rig
     from hunt_ros.dynamics.simulation import RollerRig
-    from hunt_ros.dynamics.simulation_settings import SensorModel, SimulationSettings
+    from hunt_ros.dynamics.simulation.settings import SensorModel, SimulationSettings
 
     settings_ = SimulationSettings(
         sample_rate_hz=100.0,

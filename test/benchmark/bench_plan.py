@@ -27,7 +27,7 @@ from hunt_ros.dynamics.limit_cycle import limit_cycles
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.dynamics.profile import Motion, Profile, Scene
 from hunt_ros.dynamics.simulation import RollerRig, SimulatedBlock
-from hunt_ros.dynamics.simulation import _record as record_of
+from hunt_ros.dynamics.simulation.experiment import record_of
 from hunt_ros.errors import HuntError
 from hunt_ros.identification import Identification, IdentificationSettings, identify
 from hunt_ros.identification.plan import PlanSettings, plan

@@ -17,22 +17,26 @@ from scipy.integrate import solve_ivp
 from tables import markdown, publish
 
 from hunt_ros.compiled import HAVE_COMPILER
-from hunt_ros.dynamics import simulation_kernel
-from hunt_ros.dynamics.amplitude_noise import amplitude_diffusion, local_form, quiet_diffusion
 from hunt_ros.dynamics.center_manifold import normal_form_of, normal_forms_of
-from hunt_ros.dynamics.disturbance import (
+from hunt_ros.dynamics.limit_cycle import Branch, limit_cycles
+from hunt_ros.dynamics.model_misfit import fitted_form, misfit
+from hunt_ros.dynamics.noise.amplitude_noise import (
+    amplitude_diffusion,
+    local_form,
+    quiet_diffusion,
+)
+from hunt_ros.dynamics.noise.disturbance import (
     AmplitudeDiffusion,
     Disturbance,
     committor,
     jump_speeds,
     mean_escape_time,
 )
-from hunt_ros.dynamics.escape_interval import MODEL_ERROR
-from hunt_ros.dynamics.limit_cycle import Branch, limit_cycles
-from hunt_ros.dynamics.model_misfit import fitted_form, misfit
+from hunt_ros.dynamics.noise.escape_interval import MODEL_ERROR
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.dynamics.parameters import CUBIC_KEYS, QUINTIC_KEYS, RigParameters, paper_rig
 from hunt_ros.dynamics.simulation import RollerRig, Roughness, SensorModel, SimulationSettings
+from hunt_ros.dynamics.simulation import kernel as simulation_kernel
 from hunt_ros.dynamics.wheelset import Wheelset
 
 RIG = paper_rig()

@@ -9,17 +9,17 @@ from functools import cached_property
 import numpy as np
 from bench_forecast import other_rig
 
-from hunt_ros.dynamics.amplitude_noise import quiet_diffusion
 from hunt_ros.dynamics.center_manifold import normal_form_of
 from hunt_ros.dynamics.limit_cycle import Branch, limit_cycles
 from hunt_ros.dynamics.linear_stability import Mode, critical_speed, hunting_mode
 from hunt_ros.dynamics.mode_shape import ModeShape
 from hunt_ros.dynamics.mode_table import shape_of
 from hunt_ros.dynamics.model_misfit import fitted_form
+from hunt_ros.dynamics.noise.amplitude_noise import quiet_diffusion
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.dynamics.simulation import RollerRig
-from hunt_ros.dynamics.simulation_settings import Roughness, SensorModel, SimulationSettings
+from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, SimulationSettings
 
 RATE_HZ = 500.0
 #: What of the state a kick adds to.

@@ -16,7 +16,7 @@ from detection_rigs import BENCHES, RATE_HZ, Bench
 from scipy.signal import butter, hilbert, sosfiltfilt
 
 from hunt_ros.dynamics.simulation import RollerRig, SimulatedBlock
-from hunt_ros.dynamics.simulation_settings import SimulationSettings
+from hunt_ros.dynamics.simulation.settings import SimulationSettings
 from hunt_ros.samples import Record, Series
 
 #: Quiet running before a kick, s (UIC 518 wants 100 m), and what the detector sees after it.

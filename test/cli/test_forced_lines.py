@@ -13,7 +13,7 @@ from hunt_ros.cli.main import main
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import Kick, simulate
-from hunt_ros.dynamics.simulation_settings import SensorModel, SimulationSettings
+from hunt_ros.dynamics.simulation.settings import SensorModel, SimulationSettings
 from hunt_ros.samples import Record, Series
 
 TIME = np.arange(0.0, 30.0, 0.005)

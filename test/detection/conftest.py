@@ -15,7 +15,7 @@ from hunt_ros.dynamics.model_misfit import fitted_form
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import Kick, simulate
-from hunt_ros.dynamics.simulation_settings import Roughness, SensorModel, SimulationSettings
+from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, SimulationSettings
 from hunt_ros.samples import Record
 
 Recorder = Callable[..., Record]

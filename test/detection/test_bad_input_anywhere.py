@@ -24,7 +24,7 @@ from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import simulate
-from hunt_ros.dynamics.simulation_settings import Roughness, SensorModel, SimulationSettings
+from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, SimulationSettings
 from hunt_ros.samples import CHANNELS, Record, Series
 
 SECOND = 1_000_000_000

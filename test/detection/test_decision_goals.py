@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect
-from hunt_ros.dynamics.disturbance import diffusion_from_quiet
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.noise.disturbance import diffusion_from_quiet
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import simulate
-from hunt_ros.dynamics.simulation_settings import Roughness, SensorModel, SimulationSettings
+from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, SimulationSettings
 from hunt_ros.samples import Record, Series
 
 FOLDER = Path(__file__).parents[3] / 'shared' / 'data' / 'flutter_rig'

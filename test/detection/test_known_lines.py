@@ -13,7 +13,7 @@ from hunt_ros.detection.offline import config_for, detect
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import Kick, simulate
-from hunt_ros.dynamics.simulation_settings import (
+from hunt_ros.dynamics.simulation.settings import (
     DriveModel,
     Roughness,
     SensorModel,

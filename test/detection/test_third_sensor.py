@@ -17,7 +17,7 @@ from hunt_ros.detection.replay import replay_journal
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import Kick, simulate
-from hunt_ros.dynamics.simulation_settings import Roughness, SimulationSettings
+from hunt_ros.dynamics.simulation.settings import Roughness, SimulationSettings
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import USUAL_CHANNELS, Record, Series
 

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import simulate
-from hunt_ros.dynamics.simulation_settings import (
+from hunt_ros.dynamics.simulation.settings import (
     DriveModel,
     Roughness,
     SensorModel,

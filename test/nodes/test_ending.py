@@ -74,7 +74,7 @@ from hunt_ros.detection.offline import detect
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.roller_rig import RollerRig
+from hunt_ros.dynamics.simulation.roller_rig import RollerRig
 from hunt_ros.dynamics.simulation import Kick, SimulationSettings, SpeedProfile, simulate
 
 settings = SimulationSettings(sample_rate_hz=100.0, initial_speed=7.2)

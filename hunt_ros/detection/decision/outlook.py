@@ -6,9 +6,9 @@ uncertainty. Averaged over a cycle the amplitude obeys
 
     dA = (A s(A) + D / A) dt + sqrt(2 D) dW
 
-with s the growth rate of Eq. (24) and D the noise intensity (`hunt_ros.dynamics.escape`). The
-chance that it reaches the limit cycle before it is quiet again, the committor, is the ratio of
-two scale functions, with the density exp(-int s A dA / D) / A. It is averaged over draws of
+with s the growth rate of Eq. (24) and D the noise intensity (`hunt_ros.dynamics.noise.escape`).
+The chance that it reaches the limit cycle before it is quiet again, the committor, is the ratio
+of two scale functions, with the density exp(-int s A dA / D) / A. It is averaged over draws of
 the form, and of D, and grows with the amplitude from 0 to the share of the draws that have a
 limit cycle: it is the distribution of the amplitude at which the outcome is decided. A table
 keeps quantiles of that, so that a row with a Gaussian amplitude takes the mean of a few normal

@@ -13,8 +13,8 @@ from hunt_ros.detection.decision.outlook import OutlookTable, form_numbers
 from hunt_ros.detection.decision.rules import rules_of
 from hunt_ros.detection.output import ESTIMATE_DTYPE
 from hunt_ros.detection.regions import State
-from hunt_ros.dynamics.disturbance import diffusion_from_quiet
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.noise.disturbance import diffusion_from_quiet
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 
 SUBCRITICAL = PAPER_NORMAL_FORM

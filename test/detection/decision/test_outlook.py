@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hunt_ros.detection.decision.outlook import OutlookTable, form_numbers
-from hunt_ros.dynamics.disturbance import committor, diffusion_from_quiet, mean_escape_time
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.noise.disturbance import committor, diffusion_from_quiet, mean_escape_time
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 
 FORM = PAPER_NORMAL_FORM

@@ -18,8 +18,8 @@ from hunt_ros.detection.decision.outlook import (
     form_numbers,
 )
 from hunt_ros.detection.output import ESTIMATE_DTYPE
-from hunt_ros.dynamics.disturbance import threshold_on_line
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.noise.disturbance import threshold_on_line
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 
 FORM = PAPER_NORMAL_FORM

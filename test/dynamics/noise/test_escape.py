@@ -11,16 +11,20 @@ from hypothesis import strategies as st
 from scipy.integrate import cumulative_trapezoid
 
 from hunt_ros.compiled import HAVE_COMPILER, compiled
-from hunt_ros.dynamics.amplitude_noise import amplitude_diffusion, local_form, quiet_diffusion
 from hunt_ros.dynamics.center_manifold import normal_form_of
-from hunt_ros.dynamics.escape import (
+from hunt_ros.dynamics.limit_cycle import Branch, limit_cycles
+from hunt_ros.dynamics.noise.amplitude_noise import (
+    amplitude_diffusion,
+    local_form,
+    quiet_diffusion,
+)
+from hunt_ros.dynamics.noise.escape import (
     AmplitudeDiffusion,
     committor,
     diffusion_from_quiet,
     mean_escape_time,
 )
-from hunt_ros.dynamics.forced_response import quiet_covariance
-from hunt_ros.dynamics.limit_cycle import Branch, limit_cycles
+from hunt_ros.dynamics.noise.forced_response import quiet_covariance
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.simulation import RollerRig, SimulationSettings

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve_banded
 
-from hunt_ros.dynamics.escape import AmplitudeDiffusion
+from hunt_ros.dynamics.noise.escape import AmplitudeDiffusion
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.errors import ConfigError
 

@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from hunt_ros.dynamics import simulation, simulation_kernel
-from hunt_ros.dynamics.forced_response import direction_response, quiet_covariance
 from hunt_ros.dynamics.linear_stability import hunting_mode
+from hunt_ros.dynamics.noise.forced_response import direction_response, quiet_covariance
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.dynamics.simulation import (
     DriveModel,
@@ -20,10 +19,13 @@ from hunt_ros.dynamics.simulation import (
     RollerRig,
     Roughness,
     SensorModel,
+    SimulatedBlock,
     SimulationSettings,
     SpeedProfile,
+    experiment,
     simulate,
 )
+from hunt_ros.dynamics.simulation import kernel as simulation_kernel
 from hunt_ros.dynamics.wheelset import Wheelset
 from hunt_ros.errors import ConfigError
 
@@ -48,7 +50,7 @@ FIELDS = (
 )
 
 
-def numbers(blocks: list[simulation.SimulatedBlock]) -> dict[str, np.ndarray]:
+def numbers(blocks: list[SimulatedBlock]) -> dict[str, np.ndarray]:
     return {name: np.concatenate([getattr(b, name) for b in blocks]) for name in FIELDS}
 
 
@@ -84,7 +86,7 @@ def test_a_noisier_sensor_does_not_change_the_motion() -> None:
 def test_a_record_is_the_stream_with_its_kicks_and_profile(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(simulation, 'BLOCK', 333)
+    monkeypatch.setattr(experiment, 'BLOCK', 333)
     profile = SpeedProfile.sweep(6.5, 7.5, 0.5, back=False)
     record = simulate(paper_rig(), BUSY, profile, kicks=[Kick(1.0011, lateral_m=2e-4)], seed=7)
     stream = RollerRig(paper_rig(), replace(BUSY, initial_speed=6.5), 7)

@@ -15,19 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from hunt_ros.dynamics.escape import (
+from hunt_ros.dynamics.noise.escape import (
     AmplitudeDiffusion,
     committor,
     diffusion_from_quiet,
     mean_escape_time,
 )
-from hunt_ros.dynamics.normal_form import NormalForm
-from hunt_ros.dynamics.sweep import (
+from hunt_ros.dynamics.noise.sweep import (
     Disturbance,
     JumpDistribution,
     growth_rate_on_line,
     jump_speeds,
 )
+from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import Uncertain
 

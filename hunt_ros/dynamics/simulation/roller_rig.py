@@ -20,12 +20,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.dynamics import simulation_kernel as kernel
 from hunt_ros.dynamics.covariance_root import covariance_root
-from hunt_ros.dynamics.forced_response import direction_response, quiet_covariance
+from hunt_ros.dynamics.noise.forced_response import direction_response, quiet_covariance
 from hunt_ros.dynamics.parameters import RigParameters
-from hunt_ros.dynamics.simulation_model import pack_harmonics, pack_model, pack_sensors
-from hunt_ros.dynamics.simulation_settings import SimulationSettings
+from hunt_ros.dynamics.simulation import kernel
+from hunt_ros.dynamics.simulation.model import pack_harmonics, pack_model, pack_sensors
+from hunt_ros.dynamics.simulation.settings import SimulationSettings
 from hunt_ros.dynamics.wheelset import Wheelset
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import NANOSECONDS

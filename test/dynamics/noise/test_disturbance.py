@@ -10,9 +10,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from hunt_ros.compiled import HAVE_COMPILER
-from hunt_ros.dynamics.amplitude_noise import quiet_diffusion
 from hunt_ros.dynamics.center_manifold import normal_form_of
-from hunt_ros.dynamics.disturbance import (
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.limit_cycle import limit_cycles
+from hunt_ros.dynamics.model_misfit import fitted_form
+from hunt_ros.dynamics.noise.amplitude_noise import quiet_diffusion
+from hunt_ros.dynamics.noise.disturbance import (
     AmplitudeDiffusion,
     Disturbance,
     apparent_loop,
@@ -22,10 +25,7 @@ from hunt_ros.dynamics.disturbance import (
     jump_speeds,
     threshold_on_line,
 )
-from hunt_ros.dynamics.escape_interval import MODEL_ERROR, escape_time_interval
-from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.limit_cycle import limit_cycles
-from hunt_ros.dynamics.model_misfit import fitted_form
+from hunt_ros.dynamics.noise.escape_interval import MODEL_ERROR, escape_time_interval
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.simulation import RollerRig, Roughness, SimulationSettings

@@ -1,9 +1,4 @@
-"""
-Time-domain simulation of the rig: a whole experiment as a record.
-
-This module is also the way in to the rest: the rig as a stream is in `roller_rig`, what
-it is made of in `simulation_settings`.
-"""
+"""A whole experiment on the simulated rig, as a record."""
 
 from __future__ import annotations
 
@@ -22,27 +17,12 @@ from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.dynamics.profile import Motion, Profile
 from hunt_ros.dynamics.profile.run import ProfileRun
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
-from hunt_ros.dynamics.roller_rig import RollerRig, SimulatedBlock
-from hunt_ros.dynamics.simulation_settings import (
-    DriveModel,
-    Roughness,
-    SensorModel,
+from hunt_ros.dynamics.simulation.roller_rig import RollerRig, SimulatedBlock
+from hunt_ros.dynamics.simulation.settings import (
     SimulationSettings,
 )
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import Record, Series
-
-__all__ = [
-    'DriveModel',
-    'Kick',
-    'RollerRig',
-    'Roughness',
-    'SensorModel',
-    'SimulatedBlock',
-    'SimulationSettings',
-    'SpeedProfile',
-    'simulate',
-]
 
 #: Samples computed at once in `simulate`.
 BLOCK = 65_536
@@ -130,7 +110,7 @@ def simulate(
         blocks.append(stream.advance(end - at, points.targets(at, end)))
         points.see(blocks[-1])
         at = end
-    return _record(blocks, settings, f'simulation of {rig.name}, seed {seed}')
+    return record_of(blocks, settings, f'simulation of {rig.name}, seed {seed}')
 
 
 class _Fixed:
@@ -228,7 +208,11 @@ def _set_points(
     return _Fixed(profile.corners(), rate_hz)
 
 
-def _record(blocks: Sequence[SimulatedBlock], settings: SimulationSettings, source: str) -> Record:
+def record_of(
+    blocks: Sequence[SimulatedBlock], settings: SimulationSettings, source: str
+) -> Record:
+    """Return blocks of a stream as one record, in the rates of the sensors and of the drive."""
+
     def joined(name: str) -> NDArray[Any]:
         return np.concatenate([getattr(block, name) for block in blocks])
 

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from hunt_ros.dynamics.escape import AmplitudeDiffusion, mean_escape_time
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.noise.escape import AmplitudeDiffusion, mean_escape_time
 from hunt_ros.samples import Uncertain
 
 #: Standard deviation of ln(time) left by the one-dimensional equation itself. Against escapes of

@@ -15,9 +15,9 @@ import numpy as np
 
 from hunt_ros.dynamics.center_manifold import ComplexNormalForm
 from hunt_ros.dynamics.collocation import FLOQUET_STEPS, fundamental_matrices
-from hunt_ros.dynamics.escape import AmplitudeDiffusion
 from hunt_ros.dynamics.limit_cycle import Branch
 from hunt_ros.dynamics.linear_stability import hunting_mode
+from hunt_ros.dynamics.noise.escape import AmplitudeDiffusion
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import ConfigError
