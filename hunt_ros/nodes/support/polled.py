@@ -54,14 +54,20 @@ def waiting(subscription: Subscription) -> Iterator[tuple[Any, dict[str, Any]]]:
     message : bytes or message
         Bytes where the subscription is raw.
     info : dict
-        `source_timestamp`, `received_timestamp` (ns) and `publication_sequence_number`.
+        `source_timestamp`, `received_timestamp` (ns) and `publication_sequence_number`. In the
+        order of the messages no `received_timestamp` is before an earlier one: what came
+        early waited for one that was sent again.
     """
     handle = subscription.handle
+    received_ns = 0
     with handle:
         for _ in range(max(1, subscription.qos_profile.depth)):
             taken = handle.take_message(subscription.msg_type, subscription.raw)
             if taken is None:
                 return
+            # Since Kilted the middleware says when a message came in, not when it was its turn.
+            received_ns = max(received_ns, taken[1]['received_timestamp'])
+            taken[1]['received_timestamp'] = received_ns
             yield taken
 
 
