@@ -128,7 +128,9 @@ class BagRecorderNode(Polling, Node):
         #: Work of services for the node's own thread.
         self._orders: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._heard: list[tuple[str, Subscription]] = []
-        #: By topic: when its newest message was published, system clock, ns, and heard, s.
+        #: For how long the node has listened, s; a time in which it was held up is none.
+        self._listened_s = 0.0
+        #: By topic: when its newest message was published, system clock, ns, and `_listened_s`.
         self._newest: dict[str, tuple[int, float]] = {}
         self._once: dict[str, _Once] = {}
         self._missed: dict[str, Missed] = {}
@@ -316,9 +318,8 @@ class BagRecorderNode(Polling, Node):
             for raw, info in waiting(subscription)
             if self._is_new(name, info)
         ]
-        now = time.monotonic()
         for received_ns, published_ns, name, raw in sorted(come, key=_TIMES):
-            self._newest[name] = published_ns, now
+            self._newest[name] = published_ns, self._listened_s
             if name in self._said:
                 self._said[name].append(raw)
             self._take(name, raw, received_ns)
@@ -385,6 +386,7 @@ class BagRecorderNode(Polling, Node):
 
     def _round(self) -> None:
         """Take what has come, then do what services ask for."""
+        self._listened_s += _ROUND_S
         self._listen()
         while True:
             try:
@@ -427,9 +429,8 @@ class BagRecorderNode(Polling, Node):
         Those of one publisher come in order: all are here when one that was published
         later is, or when no more were sent again.
         """
-        now = time.monotonic()
-        for name, (published_ns, heard) in self._newest.items():
-            if published_ns <= stopped_ns and now - heard < _RESENT_S:
+        for name, (published_ns, heard_s) in self._newest.items():
+            if published_ns <= stopped_ns and self._listened_s - heard_s < _RESENT_S:
                 return name
         return ''
 
