@@ -2,7 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-EXTRAS := ros,fast,completion,modbus,serial,nidaqmx,matlab73,tdms,parquet,cluster,dashboard,test,colcon
+ROS := ros
+EXTRAS := fast,completion,modbus,serial,nidaqmx,matlab73,tdms,parquet,cluster,dashboard,test,colcon
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 24
@@ -13,7 +14,7 @@ $(VENV)/installed: setup.py
 	@$(PYTHON) -m venv $(VENV) \
 	  || { echo '$(PYTHON) -m venv failed: install the venv module (apt install python3-venv)'; exit 2; }
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade 'setuptools<80' wheel
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[$(EXTRAS)]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[$(ROS),$(EXTRAS)]'
 	$(BIN)/hunt compile
 	@touch $@
 
@@ -27,6 +28,12 @@ test: $(VENV)/installed check  ## all checks and tests, on two cores
 
 test-elsewhere: $(VENV)/installed  ## tests as on other machines (test/elsewhere.py); ONLY=one-core: that one; FAST=1: a few
 	$(BIN)/python test/elsewhere.py $(if $(ONLY),--only $(ONLY)) $(if $(FAST),--fast)
+
+test-kilted:  ## tests of the nodes on the rclpy of ROS 2 Kilted, in .venv-kilted
+	$(MAKE) VENV=.venv-kilted ROS=ros-kilted test-nodes
+
+test-nodes: $(VENV)/installed
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --durations=20 test/nodes
 
 check: $(VENV)/installed  ## ruff, mypy, import directions
 	$(BIN)/ruff check .
@@ -66,7 +73,7 @@ golden-bags: $(VENV)/installed  ## make the recordings in bags/ again, and the e
 	$(BIN)/python bags/make.py
 
 clean:  ## remove what these targets made
-	rm -rf $(VENV) build install log *.egg-info
+	rm -rf $(VENV) .venv-kilted build install log *.egg-info
 
 bench-estimation: $(VENV)/installed  ## the tracker: speed against filterpy, accuracy against the bounds
 	$(BIN)/python test/benchmark/bench_estimation.py
@@ -103,4 +110,4 @@ bench-plan: $(VENV)/installed  ## what to measure next: hunt plan in the loop ag
 bench-detection: $(VENV)/installed  ## the detector against the railway criteria; SCALE=0.05: a quick look (1: 24 h quiet, 10 min)
 	$(BIN)/python test/benchmark/bench_detection.py --scale $${SCALE:-1} --publish
 
-.PHONY: soak docs bench-campaign bench-trip bench-profiles bench-interlock faults bench-page bench-plan bench-detection bench-identification bench-simulation figures bench-bags fuzz golden-bags help install demo test test-elsewhere check format clean bench-live bench-forecast bench-estimation
+.PHONY: soak docs bench-campaign bench-trip bench-profiles bench-interlock faults bench-page bench-plan bench-detection bench-identification bench-simulation figures bench-bags fuzz golden-bags help install demo test test-kilted test-nodes test-elsewhere check format clean bench-live bench-forecast bench-estimation

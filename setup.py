@@ -10,17 +10,26 @@ NAME = 'hunt_ros'
 HERE = Path(__file__).parent / NAME
 SUITE = run_path(str(HERE / 'suite.py'))
 
-# Exactly the Jazzy line: without the pins pip takes Kilted.
-ROS = [
-    'ros-rclpy[fastrtps]==7.1.6',
-    'ros-std-msgs==5.3.6',
-    'ros-geometry-msgs==5.3.6',
-    'ros-sensor-msgs==5.3.6',
-    'ros-diagnostic-msgs==5.3.6',
-    'ros-std-srvs==5.3.6',
-    'ros-lifecycle-msgs==2.0.3',
-    'ros-rosgraph-msgs==2.0.3',
-]
+
+def ros(rclpy: str, messages: str, interfaces: str) -> list[str]:
+    """
+    Return the wheels of one distribution of ROS.
+
+    The versions are exact: without them pip takes those of the newest distribution.
+    """
+    return [
+        f'ros-rclpy[fastrtps]=={rclpy}',
+        *(
+            f'ros-{name}=={messages}'
+            for name in ('std-msgs', 'geometry-msgs', 'sensor-msgs', 'diagnostic-msgs', 'std-srvs')
+        ),
+        *(f'ros-{name}=={interfaces}' for name in ('lifecycle-msgs', 'rosgraph-msgs')),
+    ]
+
+
+# All tests run on Jazzy, those of the nodes on Kilted too (`make test-kilted`).
+JAZZY = ros('7.1.6', '5.3.6', '2.0.3')
+KILTED = ros('9.1.2', '5.5.1', '2.3.0')
 
 setup(
     name=NAME,
@@ -45,7 +54,8 @@ setup(
         'filterpy>=1.4.5',  # estimation.reference: the textbook form of the tracker
     ],
     extras_require={
-        'ros': ROS,
+        'ros': JAZZY,
+        'ros-kilted': KILTED,
         'fast': ['numba>=0.59'],
         'matlab73': ['pymatreader>=1.0'],
         'tdms': ['npTDMS>=1.9'],
