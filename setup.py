@@ -69,9 +69,9 @@ setup(
         'bench': ['pysindy>=2.0'],
         'docs': ['mkdocs-material>=9.5,<10', 'mkdocstrings[python]>=0.27'],
         'test': [
-            'pytest>=8',
+            'pytest>=7.4',
             'pytest-xdist>=3.5',
-            'hypothesis>=6.100',
+            'hypothesis>=6.98',
             'playwright>=1.45',  # drives a Chromium that is installed
             # Exactly these: another version of a checker finds other things.
             'ruff==0.17.5',

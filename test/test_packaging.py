@@ -23,10 +23,41 @@ from typing import Any
 from unittest import mock
 
 import pytest
+from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parents[1]
 COLCON = Path(sys.executable).with_name('colcon')
 NAME = 'hunt_ros'
+
+#: Released in Jazzy and in Kilted: `jazzy/distribution.yaml`, `kilted/distribution.yaml` of
+#: ros/rosdistro, 2026-08-22.
+OF_ROS = {
+    'rclpy', 'builtin_interfaces', 'std_msgs', 'std_srvs', 'geometry_msgs', 'sensor_msgs',
+    'diagnostic_msgs', 'rosgraph_msgs', 'lifecycle_msgs', 'rcl_interfaces', 'launch',
+    'launch_ros', 'ros2launch', 'ament_index_python',
+}  # fmt: skip
+#: What a key of rosdep brings on Ubuntu 24.04: `rosdep/python.yaml` of ros/rosdistro, 2026-08-22.
+#: With the version of packages.ubuntu.com (noble), or '' for the newest, where rosdep calls pip.
+#: There is a key python3-numba too, whose package 24.04 has not.
+ROSDEP = {
+    'python3-setuptools': {'setuptools': '68.1.2'},
+    'python3-numpy': {'numpy': '1.26.4'},
+    'python3-scipy': {'scipy': '1.11.4'},
+    'python3-matplotlib': {'matplotlib': '3.6.3'},
+    'python3-rich': {'rich': '13.7.1'},
+    'python3-yaml': {'PyYAML': '6.0.1'},
+    'python3-rosbags-pip': {'rosbags': ''},
+    'python3-filterpy-pip': {'filterpy': ''},
+    'mcap-ros2-support': {'mcap': '', 'lz4': '', 'zstandard': ''},
+    'python3-serial': {'pyserial': '3.5'},
+    'python3-bokeh-pip': {'bokeh': ''},
+    'python3-tornado': {'tornado': '6.4.0'},
+    'python3-pymodbus': {'pymodbus': '3.6.9'},
+    'python3-pytest': {'pytest': '7.4.4'},
+    'python3-hypothesis': {'hypothesis': '6.98.15'},
+}
+#: Extras that a lab PC has no use for: ROS is there, and these check or measure the package.
+NOT_THERE = {'ros', 'ros-kilted', 'test', 'bench', 'docs', 'colcon'}
 
 
 def declared() -> dict[str, Any]:
@@ -73,7 +104,42 @@ def test_the_manifest_names_every_ros_package_that_is_imported() -> None:
     of_ros = {name for name in imported if name.endswith(suffixes) or 'launch' in name}
     declared = {element.text for element in package().iter('exec_depend')}
     assert of_ros | {'rclpy'} <= declared
-    assert 'python3-numba' in declared
+
+
+def by_pip() -> set[str]:
+    """What docs/lab-pc.md says that rosdep does not bring."""
+    text = (ROOT / 'docs/lab-pc.md').read_text(encoding='utf-8')
+    (paragraph,) = re.findall(r'Not from rosdep.*?\n\n', text, re.S)
+    return set(re.findall(r'`([\w-]+)`', paragraph))
+
+
+def test_every_dependency_of_the_manifest_is_a_key_of_rosdep() -> None:
+    depends = {str(node.text) for node in package() if node.tag.endswith('depend')}
+    assert depends <= OF_ROS | set(ROSDEP)
+    assert 'python3-numba' not in depends, 'rosdep would not install any: it is not in 24.04'
+
+
+def test_rosdep_brings_every_requirement_or_the_page_of_the_lab_pc_says_that_pip_does() -> None:
+    given = declared()
+    texts = [*given['install_requires']]
+    texts += [text for name in set(given['extras_require']) - NOT_THERE
+              for text in given['extras_require'][name]]  # fmt: skip
+    depends = {str(node.text) for node in package().iter('exec_depend')}
+    brought = {name: version for key in depends for name, version in ROSDEP.get(key, {}).items()}
+    missing = set()
+    for requirement in map(Requirement, texts):
+        version = brought.get(requirement.name)
+        if version is None or (version and version not in requirement.specifier):
+            missing.add(requirement.name)
+    assert missing == by_pip()
+
+
+def test_rosdep_brings_what_colcon_tests_with() -> None:
+    depends = {str(node.text) for node in package().iter('test_depend')}
+    for requirement in map(Requirement, declared()['extras_require']['test']):
+        for key in depends:
+            version = ROSDEP[key].get(requirement.name, '')
+            assert not version or version in requirement.specifier, requirement
 
 
 def test_manifest_setup_and_package_agree_on_the_version_of_the_newest_changes() -> None:
