@@ -1,7 +1,8 @@
 """
 The `metadata.yaml` of a rosbag2 folder.
 
-Version 8 is the newest that Humble still reads (rosbag2 #2013).
+Version 8 is the newest that Humble still reads (rosbag2 #2013). The Writer of rosbags makes such a
+text too, but only of a bag that it has written itself.
 """
 
 from __future__ import annotations

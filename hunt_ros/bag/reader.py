@@ -3,7 +3,8 @@ A recording, whatever it is: a rosbag2 folder, one of its files, or what a recor
 
 `Bag(path)` opens a folder with `metadata.yaml` (versions 1 to 9), a folder without
 it (`.active`, left by a recorder that was killed), a bare `.mcap` or `.db3`, and
-files compressed as a whole (`.zstd`).
+files compressed as a whole (`.zstd`). The description is read here and not by
+`rosbags.rosbag2.Reader`: that opens no folder without it, and none with a file that is damaged.
 """
 
 from __future__ import annotations

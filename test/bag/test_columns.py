@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
+import sqlite3
 import struct
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -173,6 +176,27 @@ def test_every_form_of_rosbag2_reads_the_same(
     (file,) = (name for name in path.iterdir() if name.name != 'metadata.yaml')
     if mode is not CompressionMode.MESSAGE:
         same(record, read_record(file))
+
+
+def test_what_is_in_the_log_of_a_recorder_that_runs_or_was_killed_is_read(
+    new_record, same, tmp_path: Path
+) -> None:
+    record = new_record(seconds=0.5)
+    path = write_rosbags(tmp_path / 'peer', record, 8, StoragePlugin.SQLITE3)
+    (file,) = path.glob('*.db3')
+    with closing(sqlite3.connect(file)) as recorder:
+        recorder.execute('PRAGMA journal_mode = WAL')  # rosbag2's preset `resilient`
+        recorder.execute('PRAGMA wal_autocheckpoint = 0')
+        rows = recorder.execute('SELECT * FROM messages').fetchall()
+        recorder.execute('DELETE FROM messages')
+        recorder.commit()
+        recorder.execute('PRAGMA wal_checkpoint(TRUNCATE)')
+        recorder.executemany('INSERT INTO messages VALUES (?, ?, ?, ?)', rows)
+        recorder.commit()
+        same(record, read_record(path))
+        shutil.copytree(path, tmp_path / 'killed')
+    (tmp_path / 'killed' / f'{file.name}-shm').unlink()
+    same(record, read_record(tmp_path / 'killed'))
 
 
 @pytest.mark.parametrize('version', [4, 5, 6, 7])

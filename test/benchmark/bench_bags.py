@@ -13,19 +13,21 @@ import tempfile
 import time
 import tracemalloc
 from collections.abc import Callable
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
 from mcap.reader import make_reader
 from mcap.writer import Writer
-from rosbags.rosbag2 import Reader
+from rosbags.rosbag2 import Reader, StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
 sys.path.insert(0, str(Path(__file__).parent))
 from tables import markdown, publish
 
 from hunt_ros.bag import read_columns, read_record, write_record
-from hunt_ros.bag.record_rows import serialise
+from hunt_ros.bag.record_rows import CHANNEL_FIELDS, serialise
 from hunt_ros.bag.recording import Recording, RecordingLimits
 from hunt_ros.samples import Record, Series
 
@@ -96,13 +98,30 @@ def mcap_raw(path: Path) -> int:
         return sum(1 for _ in make_reader(file).iter_messages())
 
 
+def sqlite_written(path: Path, record: Record) -> Path:
+    """Write a record as an SQLite bag, by rosbags."""
+    rows = []
+    with RosbagsWriter(path, version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        for name, series in record.items():
+            topic = writer.add_connection(f'/rig/{name}', CHANNEL_FIELDS[name][0], typestore=STORE)
+            messages = map(bytes, serialise(name, series))
+            rows += zip(series.stamps_ns.tolist(), [topic] * len(series), messages, strict=True)
+        for at, topic, message in sorted(rows, key=itemgetter(0)):
+            writer.write(topic, at, message)
+    return path
+
+
 def compare(folder: Path, count: int) -> tuple[list[list[object]], dict[str, float]]:
-    """Columns, raw iteration and deserialisation for each compression."""
+    """Columns, raw iteration and deserialisation for each compression, and for SQLite."""
     record = two_channels(count)
     rows: list[list[object]] = []
     ratios: dict[str, float] = {}
-    for compression in ('', 'lz4', 'zstd'):
-        path = write_record(folder / f'two_{compression}', record, compression=compression)
+    for compression in ('', 'lz4', 'zstd', 'SQLite'):
+        path = folder / f'two_{compression}'
+        if compression == 'SQLite':
+            sqlite_written(path, record)
+        else:
+            write_record(path, record, compression=compression)
         read_columns(path, COLUMNS)  # the file is in the page cache for all
         ours = timed(lambda path=path: read_columns(path, COLUMNS), 3)
         raw = timed(lambda path=path: rosbags_raw(path))
