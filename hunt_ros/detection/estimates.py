@@ -204,9 +204,11 @@ class Estimator:
                 readings = np.where(usable[name], block.values, math.nan)
                 following = block.following
                 if name == 'roller':
-                    after = math.nan if following is None else following[1]
-                    readings, after = self._unwrapping.update(readings, after)
-                    following = None if following is None else (following[0], after)
+                    after_ns, after = following or (0, math.nan)
+                    readings, after = self._unwrapping.update(
+                        block.stamps_ns, readings, after_ns, after
+                    )
+                    following = None if following is None else (after_ns, after)
                 found[sorting] = self._slow[name].at(
                     wanted[sorting], block.stamps_ns, readings, following
                 )

@@ -390,7 +390,7 @@ def turns_per_metre(record: Record, diameter_m: float) -> float:
     encoder, speed = record.get('roller'), record.get('speed')
     if encoder is None or speed is None or len(encoder) < 2:
         return 1.0 / (math.pi * diameter_m) if diameter_m > 0.0 else math.nan
-    angle = unwrapped(encoder.values)
+    angle = unwrapped(encoder)
     running = np.abs(_at(speed, encoder.stamps_ns.astype(np.float64)))
     step = np.diff(encoder.stamps_ns) * 1e-9
     turned, way = np.diff(angle), 0.5 * (running[1:] + running[:-1]) * step

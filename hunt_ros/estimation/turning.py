@@ -27,7 +27,17 @@ _STEP_S = 2.0
 #: Time constant with which the ratio of turning and speed is learnt where both are known, s.
 _LEARN_S = 20.0
 
-_U_LAST, _U_STEP, _U_BEFORE, _U_FIRST, _U_LOW, _U_HIGH, _U_ADDED, _N_UNWRAP = range(8)
+#: A pause between samples that is so many times the longest of late is a gap.
+_GAP = 4.0
+#: The longest pause of late forgets this share with each sample; the mean rate of turning, too.
+_FADES = 0.01
+#: No roller turns faster, rad/s: such stamps are those of bursts.
+_FASTEST = 1e3
+#: Through a gap the roller may have turned by so much less or more than at its mean rate.
+_UNSTEADY = 0.3
+
+_U_LAST, _U_STEP, _U_BEFORE, _U_FIRST, _U_LOW, _U_HIGH, _U_ADDED = range(7)
+_U_TIME, _U_PAUSE, _U_TURNED, _U_LASTED, _U_TOLD, _N_UNWRAP = range(7, 13)
 _A_ANGLE, _A_TOLD, _A_SPEED, _A_TURNED, _A_COVERED, _N_ANGLE = range(6)
 
 
@@ -38,8 +48,9 @@ class Unwrapping:
     A step that is a whole number of turns off the usual one is one of the counter, not of the
     roller. The usual one is the median of the last three: a wrong reading makes two wrong steps,
     one to either side. Of an angle that goes on beyond one turn these are the steps as read, so
-    that wrong readings leave nothing behind. Values that are not finite are passed on. Blocks
-    of any size give the same numbers, bit for bit.
+    that wrong readings leave nothing behind. Through a gap in the samples the roller turns on at
+    its mean rate. Values that are not finite are passed on. Blocks of any size give the same
+    numbers, bit for bit.
     """
 
     def __init__(self) -> None:
@@ -48,17 +59,26 @@ class Unwrapping:
     def reset(self) -> None:
         """Forget every sample."""
         self._memory = np.full(_N_UNWRAP, math.nan)
-        self._memory[_U_ADDED] = 0.0
+        self._memory[[_U_ADDED, _U_PAUSE, _U_TURNED, _U_LASTED]] = 0.0
+        self._origin_ns: int | None = None
 
-    def update(self, angle: _F, following: float = math.nan) -> tuple[_F, float]:
+    def update(
+        self,
+        stamps_ns: NDArray[np.int64],
+        angle: _F,
+        following_ns: int = 0,
+        following: float = math.nan,
+    ) -> tuple[_F, float]:
         """
         Take the next samples.
 
         Parameters
         ----------
+        stamps_ns : ndarray of int64, shape (n,)
+            When they were read.
         angle : ndarray, shape (n,)
             As read, rad.
-        following : float
+        following_ns, following : int, float
             The sample after these, which is not taken in yet.
 
         Returns
@@ -68,35 +88,66 @@ class Unwrapping:
         following : float
             The same of the sample after these.
         """
-        found = np.empty(angle.size)
-        _unwrap(np.ascontiguousarray(angle, dtype=np.float64), self._memory, found)
-        after = np.empty(1)
-        _unwrap(np.array([following]), self._memory.copy(), after)
+        if self._origin_ns is None and stamps_ns.size:
+            self._origin_ns = int(stamps_ns[0])
+        origin_ns = self._origin_ns or 0
+        found, after = np.empty(angle.size), np.empty(1)
+        time = np.asarray((stamps_ns - origin_ns) * 1e-9, dtype=np.float64)
+        _unwrap(time, np.ascontiguousarray(angle, dtype=np.float64), self._memory, found)
+        then: _F = np.array([(following_ns - origin_ns) * 1e-9])
+        _unwrap(then, np.array([following]), self._memory.copy(), after)
         return found, float(after[0])
 
 
 @compiled
-def _unwrap(angle: _F, m: _F, found: _F) -> None:
+def _unwrap(time: _F, angle: _F, m: _F, found: _F) -> None:
     for i in range(angle.size):
         value = angle[i]
         if not math.isfinite(value):
             found[i] = value
             continue
+        pause = time[i] - m[_U_TIME]
         if math.isnan(m[_U_LAST]):
             m[_U_LOW] = m[_U_HIGH] = value
-        elif value != m[_U_LAST]:
-            known = m[_U_HIGH] - m[_U_LOW] > _WITHIN
-            m[_U_LOW], m[_U_HIGH] = min(m[_U_LOW], value), max(m[_U_HIGH], value)
-            step = value - m[_U_LAST]
-            # The first step beyond one turn says that the angle does not wrap there.
-            first = not known and m[_U_HIGH] - m[_U_LOW] > _WITHIN and abs(step) < _TURN
-            if not first:
-                turns = math.floor((step - _usual(m)) / _TURN + 0.5)
-                m[_U_ADDED] -= _TURN * turns
-                step -= 0.0 if known else _TURN * turns
-            m[_U_FIRST], m[_U_BEFORE], m[_U_STEP] = m[_U_BEFORE], m[_U_STEP], step
-        m[_U_LAST] = value
-        found[i] = value + m[_U_ADDED]
+        elif pause > _GAP * m[_U_PAUSE] > 0.0 and abs(m[_U_TURNED]) < _FASTEST * m[_U_LASTED]:
+            _through_gap(value, pause, m)
+        else:
+            _follow(value, m)
+            m[_U_PAUSE] = max(pause, (1.0 - _FADES) * m[_U_PAUSE])
+            m[_U_TURNED] = (1.0 - _FADES) * m[_U_TURNED] + (value + m[_U_ADDED] - m[_U_TOLD])
+            m[_U_LASTED] = (1.0 - _FADES) * m[_U_LASTED] + pause
+        m[_U_TIME], m[_U_LAST], m[_U_TOLD] = time[i], value, value + m[_U_ADDED]
+        found[i] = m[_U_TOLD]
+
+
+@compiled_part
+def _follow(value: float, m: _F) -> None:
+    """Count the turns of the encoder's counter between two samples."""
+    if value == m[_U_LAST]:
+        return
+    known = m[_U_HIGH] - m[_U_LOW] > _WITHIN
+    m[_U_LOW], m[_U_HIGH] = min(m[_U_LOW], value), max(m[_U_HIGH], value)
+    step = value - m[_U_LAST]
+    # The first step beyond one turn says that the angle does not wrap there.
+    first = not known and m[_U_HIGH] - m[_U_LOW] > _WITHIN and abs(step) < _TURN
+    if not first:
+        turns = math.floor((step - _usual(m)) / _TURN + 0.5)
+        m[_U_ADDED] -= _TURN * turns
+        step -= 0.0 if known else _TURN * turns
+    m[_U_FIRST], m[_U_BEFORE], m[_U_STEP] = m[_U_BEFORE], m[_U_STEP], step
+
+
+@compiled_part
+def _through_gap(value: float, pause: float, m: _F) -> None:
+    """Count the turns where samples are missing; the usual step stays what it was."""
+    expected = m[_U_TURNED] / m[_U_LASTED] * pause
+    off = value - m[_U_LAST] - expected
+    m[_U_LOW], m[_U_HIGH] = min(m[_U_LOW], value), max(m[_U_HIGH], value)
+    beyond = m[_U_HIGH] - m[_U_LOW] > _WITHIN
+    # What the roller may really have done is believed: an angle that goes on does not wrap.
+    if not beyond or abs(off) > 0.5 * _TURN + _UNSTEADY * abs(expected):
+        m[_U_ADDED] -= _TURN * math.floor(off / _TURN + 0.5)
+    m[_U_PAUSE] = pause  # samples that are rarer from now on are no gaps
 
 
 @compiled_part
@@ -108,9 +159,9 @@ def _usual(m: _F) -> float:
     return float(max(min(last, before), min(max(last, before), first)))
 
 
-def unwrapped(angle: _F) -> _F:
+def unwrapped(encoder: Series) -> _F:
     """Return the readings of an encoder as a continuous angle, rad, shape (n,)."""
-    return Unwrapping().update(angle)[0]
+    return Unwrapping().update(encoder.stamps_ns, encoder.values)[0]
 
 
 def continuous(encoder: Series) -> Series:
@@ -120,7 +171,7 @@ def continuous(encoder: Series) -> Series:
     A reading that repeats the one before is left out: a coarse encoder tells the angle where it
     changes, and between its steps the roller turns on.
     """
-    angle = unwrapped(encoder.values)
+    angle = unwrapped(encoder)
     told = np.diff(angle, prepend=math.nan) != 0.0
     told[-1:] = True
     return Series(encoder.stamps_ns[told], angle[told])

@@ -5,9 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hunt_ros.estimation.turning import TurningAngle, Unwrapping, unwrapped
+from hunt_ros.estimation import turning
+from hunt_ros.estimation.turning import TurningAngle, Unwrapping
+from hunt_ros.samples import Series
 
 TURN = 2.0 * np.pi
+
+
+def unwrapped(read: np.ndarray) -> np.ndarray:
+    """Of samples every 10 ms."""
+    return turning.unwrapped(Series(np.arange(read.size) * 10_000_000, read))
 
 
 @pytest.mark.parametrize('step', [0.03, 0.57, 2.9])
@@ -45,6 +52,32 @@ def test_an_encoder_that_was_wrong_for_long_is_right_again_at_once() -> None:
     np.testing.assert_allclose(steps[1403:], 0.37, atol=1e-9)
 
 
+@pytest.mark.parametrize('wraps', [False, True])
+@pytest.mark.parametrize('lost', [5, 12, 40, 130])
+@pytest.mark.parametrize('begins', [6, 400])
+def test_through_a_gap_the_roller_turns_on(wraps: bool, lost: int, begins: int) -> None:
+    true = 0.4 + 0.47 * np.arange(800)
+    read = np.mod(true, TURN) if wraps else true
+    kept = np.r_[0:begins, begins + lost : 800]
+    stamps = kept * 10_000_000
+    got = turning.unwrapped(Series(stamps, read[kept]))
+    np.testing.assert_allclose(got - got[0], true[kept] - true[0], atol=1e-9)
+
+
+def test_an_angle_that_does_not_wrap_is_believed_after_a_gap_in_which_it_slowed_down() -> None:
+    rate = np.where(np.arange(800) < 200, 0.47, 0.4)
+    true = np.cumsum(rate)
+    kept = np.r_[0:200, 300:800]
+    got = turning.unwrapped(Series(kept * 10_000_000, true[kept]))
+    np.testing.assert_allclose(got - got[0], true[kept] - true[0], atol=1e-9)
+
+
+def test_samples_stamped_in_bursts_have_no_gaps() -> None:
+    read = np.mod(0.57 * np.arange(500), TURN)
+    stamps = np.arange(500) // 10 * 100_000_000 + np.arange(500) % 10
+    np.testing.assert_allclose(np.diff(turning.unwrapped(Series(stamps, read)))[12:], 0.57)
+
+
 def test_an_angle_read_less_than_twice_a_turn_is_left_as_it_is() -> None:
     true = 4.0 * np.arange(100)
     np.testing.assert_allclose(np.diff(unwrapped(true))[3:], 4.0)
@@ -53,12 +86,14 @@ def test_an_angle_read_less_than_twice_a_turn_is_left_as_it_is() -> None:
 def test_missing_readings_are_passed_on_and_blocks_change_nothing() -> None:
     read = np.mod(0.57 * np.arange(300), TURN)
     read[100:110] = np.nan
+    stamps = np.arange(300) * 10_000_000
     whole, parts = Unwrapping(), Unwrapping()
-    expected = whole.update(read)[0]
-    got = [parts.update(read[a : a + 7])[0] for a in range(0, 300, 7)]
+    expected = whole.update(stamps, read)[0]
+    got = [parts.update(stamps[a : a + 7], read[a : a + 7])[0] for a in range(0, 300, 7)]
     assert np.concatenate(got).tobytes() == expected.tobytes()
     # What comes next is told, and not taken in.
-    first, after = Unwrapping().update(read[:12], float(read[12]))
+    told = int(stamps[12]), float(read[12])
+    first, after = Unwrapping().update(stamps[:12], read[:12], *told)
     np.testing.assert_allclose(after - first[-1], 0.57)
 
 
