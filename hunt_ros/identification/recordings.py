@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
 
+from hunt_ros.analysis.steady_state import hunting_threshold
 from hunt_ros.dynamics.mode_shape import ModeShape
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import IdentificationError
@@ -21,6 +23,7 @@ from hunt_ros.identification.record.screening import (
     above_noise,
     distinct,
     doubts,
+    held_amplitude,
     maybe_other_rig,
     other_rig,
 )
@@ -210,6 +213,25 @@ class Recordings:
         IdentificationError
             If none is long enough, or there is nothing but noise.
         """
+        runs, said = self._runs(frequency_hz, tell)
+        if runs and not self._settings.flange_clearance_m:
+            amplitude = np.concatenate([run.envelope.amplitude for run in runs])
+            states = [state for run in runs for state in run.states]
+            held, reason = held_amplitude(states, hunting_threshold(amplitude))
+            if held:
+                self._warnings.append(reason)
+                self._settings = replace(self._settings, flange_clearance_m=held)
+                runs, said = self._runs(frequency_hz, lambda part: None)
+        self._warnings += said
+        if not runs:
+            raise IdentificationError(
+                f'none of {len(self._stretches)} records has a stretch free of drop-outs'
+            )
+        above_noise([run.envelope for run in runs])
+        return runs
+
+    def _runs(self, frequency_hz: float, tell: Tell) -> tuple[list[Run], list[str]]:
+        """Return the stretches as they enter the fit, and what is said of them."""
         count = len(self._prepared)
         found = self._ask(
             preparation.runs_in,
@@ -219,14 +241,8 @@ class Recordings:
             [frequency_hz] * count,
             tell=tell,
         )
-        self._warnings += [line for _, said in found for line in said]
         runs = [run for some, _ in found for run in some]
-        if not runs:
-            raise IdentificationError(
-                f'none of {len(self._stretches)} records has a stretch free of drop-outs'
-            )
-        above_noise([run.envelope for run in runs])
-        return runs
+        return runs, [line for _, said in found for line in said]
 
     def mode_shape(self, frequency_hz: float) -> ModeShape | None:
         """Measure the mode shape wherever the recordings hold both sensors; else None."""

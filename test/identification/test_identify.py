@@ -16,7 +16,8 @@ from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import SensorModel, SimulationSettings, simulate
 from hunt_ros.errors import HuntError, IdentificationError
-from hunt_ros.identification import IdentificationSettings, identify, trajectory_fit, update
+from hunt_ros.identification import IdentificationSettings, identify, update
+from hunt_ros.identification.likelihood import trajectory_fit
 from hunt_ros.identification.silence import reason_in
 from hunt_ros.samples import Record, Series
 

@@ -12,7 +12,9 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
+from scipy.stats import linregress
 
+from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.record.channels import Channels, channels_of
 from hunt_ros.identification.record.envelope import Envelope
@@ -29,6 +31,11 @@ _SPEED_RANGE = (0.05, 150.0)
 _ABOVE_NOISE = 5.0
 #: Share of the clearance from which on a flange touches now and then.
 _TOUCHES = 0.95
+#: The amplitude of a limit cycle far above its fold goes with the fourth root of the distance, so
+#: with 0.25 of a power of the speed or more (Eq. (32)); one that rises by less is held.
+_FLAT = 0.15
+#: ... seen at so many speeds, over so much of the speed.
+_FLAT_STATES, _FLAT_RANGE = 4, 0.1
 #: Factor between the hunting frequencies of two runs at one speed that one rig does not show.
 _OTHER_RIG = 1.35
 
@@ -323,3 +330,37 @@ def free_of_contact(envelope: Envelope, clearance: float, warnings: list[str]) -
         f' {clearance:.3g} m; it is not fitted'
     )
     return replace(envelope, phasor=np.where(touching, complex(np.nan, np.nan), envelope.phasor))
+
+
+def held_amplitude(states: Sequence[SteadyState], threshold: float | None) -> tuple[float, str]:
+    """
+    Find a limit cycle that is as large at every speed: a flange holds it, and no growth law.
+
+    Parameters
+    ----------
+    states : sequence of SteadyState
+        Of all recordings.
+    threshold : float or None
+        Amplitude that parts quiet from hunting, m.
+
+    Returns
+    -------
+    amplitude : float
+        Its smallest amplitude, m; 0 where the limit cycle depends on the speed.
+    said : str
+        What was seen, and what would tell more.
+    """
+    cycle = [s for s in states if threshold is not None and s.amplitude > threshold]
+    speed = np.array([state.speed for state in cycle])
+    if speed.size < _FLAT_STATES or speed.max() < (1.0 + _FLAT_RANGE) * speed.min():
+        return 0.0, ''
+    amplitude = np.array([state.amplitude for state in cycle])
+    found = linregress(np.log(speed), np.log(amplitude))
+    if abs(found.slope) + 2.0 * found.stderr >= _FLAT:
+        return 0.0, ''
+    low, high = float(amplitude.min()), float(amplitude.max())
+    return low, (
+        f'the amplitude of the limit cycle does not depend on the speed ({1e3 * low:.3g} to'
+        f' {1e3 * high:.3g} mm from {speed.min():.3g} to {speed.max():.3g} m/s), as if the flanges'
+        ' held it: it is not fitted; flange_clearance_m (--clearance) says where they touch'
+    )

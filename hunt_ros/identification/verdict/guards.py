@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.stats import linregress
 
 from hunt_ros.analysis.steady_state import SteadyState, hunting_threshold
 from hunt_ros.dynamics.normal_form import NormalForm
@@ -32,11 +31,6 @@ _VAGUE_SPEED = 0.1
 _VAGUE = 0.5
 #: A limit cycle so many times larger than what was measured was not seen.
 _BEYOND = 1.1
-#: The amplitude of a limit cycle far above its fold goes with the fourth root of the distance, so
-#: with 0.25 of a power of the speed or more (Eq. (32)); one that rises by less is held.
-_FLAT = 0.15
-#: ... seen at so many speeds, over so much of the speed.
-_FLAT_STATES, _FLAT_RANGE = 4, 0.1
 #: Cycles of free motion below which a record is too short for anything.
 _FEWEST_STEPS = 12
 
@@ -142,7 +136,6 @@ def support_of(
     if not time:
         why['time'] = 'D1 cannot be known; give it with --prior-D1'
         reasons.append(why['time'])
-    _held_amplitude(states, hunting_threshold(amplitude), settings, reasons)
     cubic = critical and time and hunts and _cubic(best, forms, reasons)
     if critical and time and hunts and not cubic:
         why['cubic'] = reasons[-1]
@@ -274,28 +267,4 @@ def _second_hopf(best: FittedLaw, speeds: tuple[float, float], reasons: list[str
         reasons.append(
             f'the fitted linear growth rate has a second zero at {other:.3g} m/s, inside the'
             f' speeds of the data: D7 is not to be trusted'
-        )
-
-
-def _held_amplitude(
-    states: Sequence[SteadyState],
-    threshold: float | None,
-    settings: IdentificationSettings,
-    reasons: list[str],
-) -> None:
-    """Warn where the limit cycle is as large at every speed: a flange holds it, not the law."""
-    cycle = [s for s in states if threshold is not None and s.amplitude > threshold]
-    speed = np.array([state.speed for state in cycle])
-    if speed.size < _FLAT_STATES or settings.flange_clearance_m:
-        return
-    if speed.max() < (1.0 + _FLAT_RANGE) * speed.min():
-        return
-    amplitude = np.array([state.amplitude for state in cycle])
-    found = linregress(np.log(speed), np.log(amplitude))
-    if abs(found.slope) + 2.0 * found.stderr < _FLAT:
-        reasons.append(
-            f'the amplitude of the limit cycle does not depend on the speed'
-            f' ({1e3 * amplitude.min():.3g} to {1e3 * amplitude.max():.3g} mm from'
-            f' {speed.min():.3g} to {speed.max():.3g} m/s): if the flanges touch, give'
-            ' flange_clearance_m (--clearance)'
         )
