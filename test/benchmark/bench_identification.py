@@ -283,7 +283,7 @@ def hours(count: int, pool: ProcessPoolExecutor) -> str:
     holds = ', '.join(f'{name} {times}' for name, times in held.items())
     record = an_hour(1)
     begin = time.process_time()
-    identify([record], IdentificationSettings(bootstrap=100))
+    identify([record], IdentificationSettings(bootstrap=100, jobs=1))
     drawn = time.process_time() - begin - done[0][0]
     median = float(np.median([cpu for cpu, _ in done]))
     return (
@@ -371,15 +371,15 @@ def main() -> None:
 
 
 FALLS_SHORT = (
-    'Both methods are told v_c and the five terms; the peer gets r(t) from band-pass and '
-    'Hilbert transform, with the settings that served it best of those tried, and gives no '
-    'interval, no fold and no v_c of its own. Times are those of processes that share the '
-    'machine. What falls short: up to three staircases of twenty get no normal form (the '
-    'reason is given); the unstable amplitude of a single staircase between 7 and 7.6 m/s '
-    'comes out one to three per cent high under little forcing, where no motion passes it, '
-    'and its band, which holds chance and the choice of the law, does not know of that; on a '
-    'rig of v_c = 14 m/s and 2 Hz v_c came out 0.2 to 0.4 m/s high in three staircases tried;'
-    ' the hour takes longer than its goal.'
+    'Both methods are told v_c and the five terms; the peer gets r(t) from band-pass and Hilbert'
+    ' transform, with the settings that served it best of those tried, and gives no interval, no'
+    ' fold and no v_c of its own. Times are those of processes that share the machine. What falls'
+    ' short: two staircases of a hundred get no fold, for a lack of fit of 1 %; in the one looked'
+    " at, the roller's line is three times the hunting frequency at 8.0 m/s, and the amplitude"
+    ' there beats by 2 %. Where D4 and D15 are 3 and 4 times as large the intervals of v_n are too'
+    ' narrow. On the rig of 14 m/s v_c is 0.5 % low. A rig that hunts 2 % of its time does not'
+    ' always show its fold. The stable branch of the hour is 0.04 % low, which its intervals do'
+    ' not know of, and the hour takes longer than its goal.'
 )
 
 

@@ -249,7 +249,11 @@ def others(count: int, pool: Executor, say: Callable[[str], None]) -> str:
             said.append(f'flange named {flange}')
         if misfit := sum(each.lack_of_fit for each in found):
             said.append(f'lack of fit {misfit}')
-        said += [f'"{why}" {n}' for why, n in Counter(e.why for e in found).items() if why]
+        reasons = Counter(each.why for each in found if each.why)
+        most = reasons.most_common(2)
+        said += [f'"{why}" {n}' for why, n in most]
+        if other := sum(reasons.values()) - sum(n for _, n in most):
+            said.append(f'other reasons {other}')
         rows.append(
             [
                 case.name,
