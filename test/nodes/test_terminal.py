@@ -128,6 +128,10 @@ def test_level_changes_are_seen_silence_is_loud_and_ctrl_c_restores_it(
     wait('▲ WARN', 'no normal form', 'interlock', timeout_s=90.0)
     terminal.press('e')
     wait('EMERGENCY STOP IS IN FORCE')
+    deadline = machine.deadline(20.0)
+    while 'speed/emergency_stop' not in terminal.text:  # answered when the encoder confirms it
+        assert not deadline.passed, terminal.drawing()
+        time.sleep(0.05)
     terminal.resize(60, 12)
     deadline = machine.deadline(20.0)
     while len(terminal.drawing()) != 12 or max(map(len, terminal.drawing())) > 60:
