@@ -97,9 +97,12 @@ figures: $(VENV)/installed  ## draw the pictures of docs/
 bench-forecast: $(VENV)/installed  ## forecast of v_c: error, spread against the bound, coverage
 	$(BIN)/python test/benchmark/bench_forecast.py
 
-bench-identification: $(VENV)/installed  ## identification: pysindy, coverage, the full model, an hour at 1 kHz
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'pysindy>=2.0'
+bench-identification: $(VENV)/installed  ## identification beside its truth: the full model, other rigs, an hour, coverage
 	$(BIN)/python test/benchmark/bench_identification.py
+
+bench-peer: $(VENV)/installed  ## identification beside pysindy
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'pysindy>=2.0'
+	$(BIN)/python test/benchmark/bench_peer.py
 
 bench-campaign: $(VENV)/installed  ## many recordings on the workers of a Dask scheduler: one against two
 	$(BIN)/python test/benchmark/bench_campaign.py
@@ -110,4 +113,4 @@ bench-plan: $(VENV)/installed  ## what to measure next: hunt plan in the loop ag
 bench-detection: $(VENV)/installed  ## the detector against the railway criteria; SCALE=0.05: a quick look (1: 24 h quiet, 10 min)
 	$(BIN)/python test/benchmark/bench_detection.py --scale $${SCALE:-1} --publish
 
-.PHONY: soak docs bench-campaign bench-trip bench-profiles bench-interlock faults bench-page bench-plan bench-detection bench-identification bench-simulation figures bench-bags fuzz golden-bags help install demo test test-kilted test-nodes test-elsewhere check format clean bench-live bench-forecast bench-estimation
+.PHONY: soak docs bench-campaign bench-trip bench-profiles bench-interlock faults bench-page bench-plan bench-detection bench-identification bench-peer bench-simulation figures bench-bags fuzz golden-bags help install demo test test-kilted test-nodes test-elsewhere check format clean bench-live bench-forecast bench-estimation
