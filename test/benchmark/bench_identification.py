@@ -304,7 +304,9 @@ FALLS_SHORT = (
     'and the amplitude there beats by 2 %. Where D4 and D15 are 3 and 4 times as large the '
     'intervals of v_n are too narrow. On the rig of 14 m/s v_c is 0.5 % low. A rig that hunts'
     ' 2 % of its time does not always show its fold. The stable branch of the hour is 0.04 % '
-    'low, which its intervals do not know of, and the hour takes longer than its goal.'
+    'low, which its intervals do not know of, and the hour takes longer than its goal. On '
+    'free trajectories p of the lack of fit is too small: it is no probability there, and '
+    'flags nothing by itself.'
 )
 
 
