@@ -73,7 +73,8 @@ def through_nodes(seed: int, text: str) -> tuple[float, np.ndarray]:
         form.write_text(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml(), encoding='utf-8')
         profile = Profile.from_yaml(text)
         parameters = suite.simulated_run(folder, profile, _PACE, seed=seed)
-        parameters[SIMULATOR] |= {'roughness_m': 3e-5}
+        # A see-saw begins where the rig is.
+        parameters[SIMULATOR] |= {'roughness_m': 3e-5, 'initial_speed_mps': 6.0}
         common = suite.follow_clock(_PACE)
         with Processes('rig', folder / 'logs', private=True) as processes:
             link = suite.start_console(processes)
