@@ -246,9 +246,11 @@ class Recordings:
 
     def mode_shape(self, frequency_hz: float) -> ModeShape | None:
         """Measure the mode shape wherever the recordings hold both sensors; else None."""
-        count = len(self._prepared)
+        pairs = zip(self._prepared, self._digests, strict=True)
+        measuring = [prepared for prepared, digest in pairs if digest.measures]
+        count = len(measuring)
         points = self._ask(
-            preparation.ratio_in, self._prepared, [self._bare] * count, [frequency_hz] * count
+            preparation.ratio_in, measuring, [self._bare] * count, [frequency_hz] * count
         )
         return measured_shape(points)
 
