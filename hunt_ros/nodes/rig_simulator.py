@@ -95,6 +95,9 @@ class SimulatorConfig(Settings):
     start_with_readers: int = setting(
         0, 'Hold the simulated time until so many drivers are connected.', low=0, fixed=True
     )
+    start_with_detector: bool = setting(
+        False, 'Hold it, where /clock is published, until the detector is heard.', fixed=True
+    )
 
 
 class RigSimulatorNode(Node):
@@ -135,7 +138,7 @@ class RigSimulatorNode(Node):
         pause_s = max(1e-3, 1.0 / rate)
         most_behind_s = _MOST_BEHIND_S / max(1.0, self._config.time_scale)
         self._rig.advance(0)  # compile before the clock starts
-        while not stopping.is_set() and self._server.readers < self._config.start_with_readers:
+        while not stopping.is_set() and self._waits_for():
             self._server.poll()
             time.sleep(0.01)
         begin = time.monotonic() + self._set_origin()
@@ -157,6 +160,15 @@ class RigSimulatorNode(Node):
                 done += due
             next_wake = max(next_wake + pause_s, time.monotonic())
             time.sleep(max(0.0, next_wake - time.monotonic()))
+
+    def _waits_for(self) -> str:
+        """Return who has to be there before the simulated time begins; '' when all are."""
+        missing = self._config.start_with_readers - self._server.readers
+        if missing > 0:
+            return f'{missing} drivers'
+        if self._config.start_with_detector and self._pace is not None and not self._pace.heard:
+            return 'the detector'
+        return ''
 
     def _set_origin(self) -> float:
         """
@@ -219,6 +231,8 @@ class RigSimulatorNode(Node):
         }
         if self._behind_s > 0.1:
             return 'WARN', f'{self._behind_s:.2f} s behind real time', values
+        if not self._samples and (who := self._waits_for()):
+            return 'OK', f'waits for {who}', values
         return 'OK', f'{self._server.readers} drivers connected', values
 
 

@@ -239,4 +239,7 @@ def test_a_server_that_ends_takes_its_replays_with_it_and_leaves_nothing_behind(
     asyncio.run(asyncio.wait_for(watch(), 60))
     assert not live.server.site.replays
     gc.collect()
-    assert not [record for record in caplog.records if record.name == 'asyncio']
+    # A transport that is closed while its process ends may reap it before the watcher of CPython
+    # 3.10 to 3.12 does, which then says so.
+    said = [record.getMessage() for record in caplog.records if record.name == 'asyncio']
+    assert not [text for text in said if not text.startswith('Unknown child process')]

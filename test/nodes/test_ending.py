@@ -26,8 +26,8 @@ def test_a_node_that_imports_says_so_and_ends_without_a_traceback(graph, number)
     assert graph.end('hunting_detector', number, ENDS_S) == 0
     lines = text(graph, 'hunting_detector').splitlines()
     assert lines[0] == 'hunting_detector: starting'
-    assert lines[-1] == 'hunting_detector: ended while starting'
-    assert 'Traceback' not in ''.join(lines)
+    # Where the import is over within the notice, the node ends by itself and has nothing to say.
+    assert set(lines[1:]) <= {'hunting_detector: ended while starting'}
 
 
 def test_a_node_that_compiles_says_so_and_ends(graph, monkeypatch) -> None:

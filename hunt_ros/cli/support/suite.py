@@ -83,6 +83,7 @@ def simulated_run(
             'kick_sizes_m': [size for _, size in kicks],
             'seed': seed,
             'start_with_readers': len(SOURCES),
+            'start_with_detector': True,
         },
         'lateral_sensor': rate,
         'yaw_sensor': rate,

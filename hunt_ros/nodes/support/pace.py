@@ -28,7 +28,10 @@ _PATIENCE_S = 5.0
 
 class Pace:
     """
-    Compares simulated time with the newest estimate of the detector, if there is one.
+    Compares simulated time with the newest estimate of the detector, once that is heard.
+
+    Before its first estimate the time counts at which it was first heard: samples that come to
+    it by several ways must not be seconds of the rig apart when it begins.
 
     Parameters
     ----------
@@ -36,10 +39,16 @@ class Pace:
         Gets the subscription to `hunting/status`.
     clock : callable, optional
         Real time, s.
+
+    Attributes
+    ----------
+    heard : bool
+        True once the detector has said anything.
     """
 
     def __init__(self, node: Node, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
+        self.heard = False
         self._judged_ns = 0
         self._progress_s = clock()
         self._subscription = node.create_subscription(
@@ -48,11 +57,16 @@ class Pace:
 
     def must_wait(self, now_ns: int) -> bool:
         """Return True if simulated time `now_ns` is as far ahead as it may be."""
-        if not self._judged_ns or now_ns - self._judged_ns < _LEAD_NS:
+        if not self.heard:
+            return False
+        if not self._judged_ns:
+            self._judged_ns, self._progress_s = now_ns, self._clock()
+        if now_ns - self._judged_ns < _LEAD_NS:
             return False
         return self._clock() - self._progress_s < _PATIENCE_S
 
     def _on_status(self, message: DiagnosticArray) -> None:
+        self.heard = True
         judged_ns = to_ns(message.header.stamp)
-        if judged_ns != self._judged_ns:
+        if judged_ns and judged_ns != self._judged_ns:
             self._judged_ns, self._progress_s = judged_ns, self._clock()

@@ -17,6 +17,24 @@ pytestmark = pytest.mark.ros
 _S = 1_000_000_000
 
 
+def test_simulated_time_begins_with_the_detector_and_waits_for_its_first_estimate(graph) -> None:
+    times = graph.collect(Clock, '/clock', stream(10))
+    status = graph.node.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
+    rig = {'time_scale': 50.0, 'sample_rate_hz': 100.0, 'start_with_detector': True}
+    graph.start('rig_simulator', port=graph.port, **rig)
+    graph.spin_until(status.get_subscription_count, 60.0)
+    graph.spin(0.5)
+    assert not times
+
+    def nothing_judged_yet() -> bool:
+        status.publish(diagnostic(0, 'hunting', 'STALE', '', {}, 'rig'))
+        return bool(times)
+
+    graph.spin_until(nothing_judged_yet, 60.0)
+    graph.spin(0.5)  # 25 s of the rig
+    assert to_ns(times[-1].clock) < 4 * _S
+
+
 def test_simulated_time_waits_for_the_detector_as_long_as_it_makes_headway(graph) -> None:
     times = graph.collect(Clock, '/clock', stream(10))
     status = graph.node.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
