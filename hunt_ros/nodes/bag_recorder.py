@@ -40,7 +40,7 @@ from hunt_ros.nodes.support.estimate_publishers import ESTIMATES
 from hunt_ros.nodes.support.parameter_collector import ParameterCollector
 from hunt_ros.nodes.support.parameters import declare, warn_unknown
 from hunt_ros.nodes.support.polled import Missed, Polling, waiting
-from hunt_ros.nodes.support.qos import MEASUREMENTS, latched, stream
+from hunt_ros.nodes.support.qos import JOURNAL, MEASUREMENTS, latched, stream
 from hunt_ros.nodes.support.service_thread import ServiceThread
 from hunt_ros.nodes.support.sole import hold_name
 from hunt_ros.nodes.support.worker import Worker
@@ -77,7 +77,10 @@ GLOBAL_TOPICS = ('/diagnostics', '/parameter_events', '/rosout')
 OWN_TOPIC = 'recording/closed'
 
 _WITHOUT_CLOCK = 2000
-_LATCHED_KEPT = 1000
+#: How many messages of a latched topic its publisher keeps for who comes late. The graph does
+#: not tell it of a topic that is not of the design.
+_LATCHED_KEPT = {**dict.fromkeys(LATCHED_TOPICS, 1), 'hunting/journal': JOURNAL.depth}
+_FOREIGN_KEPT = 1000
 #: What a reader missed is sent again after the heartbeat of its writer, every 3 s by default.
 _RESENT_S = 3.5
 #: The longest wait for what was published before a stop, s: clocks of hosts may differ.
@@ -138,6 +141,7 @@ class BagRecorderNode(Polling, Node):
         self._subscribed: dict[str, set[tuple[bool, bool]]] = {}
         self._kinds: dict[str, tuple[str, bool]] = {}
         self._keys: dict[str, int] = {}
+        self._kept = {self._full(name): depth for name, depth in _LATCHED_KEPT.items()}
         #: What latched topics have said, for the recordings that begin later.
         self._said: dict[str, deque[bytes]] = {}
         self._early: deque[tuple[str, bytes]] = deque(maxlen=_WITHOUT_CLOCK)
@@ -300,7 +304,7 @@ class BagRecorderNode(Polling, Node):
             qos.reliability = ReliabilityPolicy.BEST_EFFORT
         if is_latched:
             qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
-            self._said.setdefault(name, deque(maxlen=_LATCHED_KEPT))
+            self._said.setdefault(name, deque(maxlen=self._kept.get(name, _FOREIGN_KEPT)))
         if name not in self._kinds:
             self._kinds[name] = (kind, is_latched)
             self._keys[name] = recording.topic(name, kind, latched=is_latched)

@@ -33,7 +33,7 @@ from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, NewSince, st
 from hunt_ros.nodes.support.estimate_publishers import EstimatePublishers
 from hunt_ros.nodes.support.parameters import declare, declare_normal_form, warn_unknown
 from hunt_ros.nodes.support.polled import Polling, waiting
-from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched, stream
+from hunt_ros.nodes.support.qos import EVENTS, JOURNAL, STATUS, latched, stream
 from hunt_ros.nodes.support.sole import hold_name
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
@@ -87,7 +87,7 @@ class HuntingDetectorNode(Polling, LifecycleNode):
         )
         self._status = self.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
         self._events = self.create_publisher(DiagnosticArray, 'hunting/events', EVENTS)
-        self._journal = self.create_publisher(String, 'hunting/journal', latched(1000))
+        self._journal = self.create_publisher(String, 'hunting/journal', JOURNAL)
         self._verdicts = self.create_publisher(DiagnosticArray, 'hunting/criteria', EVENTS)
         self._companions = CompanionWorker(
             self._beside, self._config, self._on_verdict, self._diagnostics

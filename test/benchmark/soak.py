@@ -107,6 +107,7 @@ def live(folder: Path, speedup: float, minutes: float) -> Seen:
         suite.start_nodes(processes, SOURCES, common, parameters)
         watch(link, processes, seen, 60.0 * minutes)
         seen.lost = losses(seen.health)
+        print(f'the recorder says: {seen.health["bag_recorder"]["message"]}', flush=True)
         link.call('recording/stop')
         for line in link.lines(_CLOSING_S):
             seen.take(line)

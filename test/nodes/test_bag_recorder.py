@@ -27,6 +27,7 @@ from hunt_ros.bag import Bag, read_columns, read_record
 from hunt_ros.bag.messages import read_texts
 from hunt_ros.bag.recording import RecordingState
 from hunt_ros.nodes.support.conversions import read_diagnostic, to_ns, to_time
+from hunt_ros.nodes.support.qos import JOURNAL, latched
 
 pytestmark = pytest.mark.ros
 
@@ -201,6 +202,25 @@ def test_start_split_and_stop_by_service(graph) -> None:
     with Bag(path) as bag:
         assert not bag.problems
         assert bag.topics['/diagnostics'].messages >= 2
+
+
+def test_a_later_recording_begins_with_what_latched_topics_still_say(graph) -> None:
+    alarms = graph.node.create_publisher(String, 'hunting/alarms', latched())
+    journal = graph.node.create_publisher(String, 'hunting/journal', JOURNAL)
+    start(graph)
+    graph.spin_until(lambda: alarms.get_subscription_count() and journal.get_subscription_count())
+    for number in range(5):
+        alarms.publish(String(data=f'{number} alarms'))
+        assert alarms.wait_for_all_acked(Duration(seconds=30.0)), 'it keeps no more than one'
+        journal.publish(String(data=f'entry {number}'))
+    first = graph.call('recording/stop').message
+    assert graph.call('recording/start').success
+    second = graph.call('recording/stop').message
+    for path, numbers in ((first, range(5)), (second, [4])):
+        said = [text for _, text in read_texts(path, 'hunting/alarms')]
+        assert said == [f'{number} alarms' for number in numbers]
+        entries = [text for _, text in read_texts(path, 'hunting/journal')]
+        assert entries == [f'entry {number}' for number in range(5)]
 
 
 def test_a_full_disk_closes_the_recording_and_says_so(graph) -> None:

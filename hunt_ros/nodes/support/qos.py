@@ -44,6 +44,8 @@ def latched(depth: int = 1) -> QoSProfile:
 MEASUREMENTS = 4000
 #: Events are rare and none may be lost.
 EVENTS = stream(1000)
+#: What the detector was told, for who comes late: the start of a replay stands in it.
+JOURNAL = latched(1000)
 #: `diagnostics` and `hunting/status`.
 STATUS = stream(20)
 #: For measurements, which foreign nodes may publish with the profile of sensor data: the
