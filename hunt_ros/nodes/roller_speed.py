@@ -127,7 +127,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
             JointState, 'roller', stream(MEASUREMENTS)
         )
         self._speed = self.create_publisher(TwistStamped, 'speed', stream(MEASUREMENTS))
-        self._target = self.create_publisher(TwistStamped, 'speed/target', stream(20))
+        self._target = self.create_publisher(TwistStamped, 'speed/target', STATUS)
         self._status = self.create_publisher(DiagnosticArray, 'speed/status', latched())
         self._events = self.create_publisher(DiagnosticArray, 'hunting/events', EVENTS)
         self._detector = self.create_subscription(
