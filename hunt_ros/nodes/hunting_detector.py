@@ -23,6 +23,7 @@ from hunt_ros.detection.companions import CompanionConfig, criterion_event
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.detector import HuntingDetector
 from hunt_ros.detection.output import EVENT_NUMBERS, PUBLIC, Event, Output
+from hunt_ros.detection.words import published
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.support.companion_worker import CompanionWorker
@@ -42,7 +43,6 @@ _TICK_S = 0.05
 _STATUS_S = 0.05
 #: A name given longer ago than this is not that of who acknowledges now, s.
 _NAME_S = 5.0
-_SEVERITY = ('OK', 'WARN', 'STALE', 'ERROR')
 
 
 @dataclass(frozen=True)
@@ -77,14 +77,12 @@ class HuntingDetectorNode(Polling, LifecycleNode):
         warn_unknown(self)
         self._rig = self.get_namespace().strip('/')
         self._diagnostics = Diagnostics(self, self._health)
+        self._diagnostics.judge('hunting_alarm', self._alarm, self._rig)
         self._new = NewSince()
         self._compile_kernels()
         self._detector = HuntingDetector(self._config, self._form)
-        self._active = False
+        self._configured = self._active = False
         self._alarms_said = ''
-        self._estimates = EstimatePublishers(
-            self, self._config.output_rate_hz, self._settings.frame_id
-        )
         self._status = self.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
         self._events = self.create_publisher(DiagnosticArray, 'hunting/events', EVENTS)
         self._journal = self.create_publisher(String, 'hunting/journal', JOURNAL)
@@ -92,7 +90,6 @@ class HuntingDetectorNode(Polling, LifecycleNode):
         self._companions = CompanionWorker(
             self._beside, self._config, self._on_verdict, self._diagnostics
         )
-        self._inbox = DetectorInbox(self, self._config.channels)
         self.create_subscription(String, 'hunting/normal_form', self._on_form, latched())
         self._alarms = self.create_publisher(String, 'hunting/alarms', latched())
         self._name = self.create_polled_subscription(String, 'hunting/acknowledged_by', stream(10))
@@ -103,6 +100,15 @@ class HuntingDetectorNode(Polling, LifecycleNode):
         self.create_timer(self._settings.hand_over_s, self._drain, clock=steady_clock())
         self.create_timer(_TICK_S, self._tick, clock=steady_clock())
         self.create_timer(_STATUS_S, self._publish_status, clock=steady_clock())
+
+    def on_configure(self, state: State) -> TransitionCallbackReturn:
+        """Subscribe to the channels, and advertise the estimates; both stay until the end."""
+        if not self._configured:
+            rate_hz, frame_id = self._config.output_rate_hz, self._settings.frame_id
+            self._estimates = EstimatePublishers(self, rate_hz, frame_id)
+            self._inbox = DetectorInbox(self, self._config.channels)
+            self._configured = True
+        return super().on_configure(state)
 
     def on_activate(self, state: State) -> TransitionCallbackReturn:
         """Go on after a pause: an alarm that nobody has acknowledged is still there."""
@@ -129,9 +135,10 @@ class HuntingDetectorNode(Polling, LifecycleNode):
 
     def _drain(self) -> None:
         """Hand what has come to the detector, and publish what it says."""
+        if not self._active:
+            return
         for channel, stamps_ns, values in self._inbox.take():
-            if self._active:
-                self._publish(self._detector.update(channel, stamps_ns, values))
+            self._publish(self._detector.update(channel, stamps_ns, values))
 
     def _tick(self) -> None:
         if not self._active:
@@ -261,6 +268,8 @@ class HuntingDetectorNode(Polling, LifecycleNode):
         return response
 
     def _health(self) -> Health:
+        if not self._active:
+            return 'STALE', 'inactive', {}
         status = self._detector.status
         missed = sum(one.count for one in self._inbox.missed.values())
         values: dict[str, object] = {
@@ -277,21 +286,25 @@ class HuntingDetectorNode(Polling, LifecycleNode):
             values['forecast_v_c_std'] = math.nan if v_c is None else v_c.std
         unreadable = self._new('unreadable', self._inbox.unreadable)
         lately = self._new('missed', missed)
-        if not self._active:
-            return 'STALE', 'inactive', values
-        text = f'{status.state.label}, region {status.region.label}'
-        said = [(status.level.label, '; '.join([text, *status.reasons]))]
-        said += [('OK', words) for words in status.absent]
-        if problem := self._inbox.problem():
-            said.append(('WARN', problem))
+        problems = [self._inbox.problem()]
         if unreadable:
-            said.append(('WARN', f'{unreadable} messages without the expected joint'))
+            problems.append(f'{unreadable} messages without the expected joint')
         if lately:
-            said.append(('WARN', f'{lately} samples lost on their way here'))
+            problems.append(f'{lately} samples lost on their way here')
         if self._waiting is not None:
-            said.append(('WARN', 'a normal form waits for hunting/accept_normal_form'))
-        level = max((level for level, _ in said), key=_SEVERITY.index)
-        return level, '; '.join(text for _, text in said), values
+            problems.append('a normal form waits for hunting/accept_normal_form')
+        if said := '; '.join(filter(None, problems)):
+            return 'WARN', said, values
+        return 'OK', f'{self._inbox.received} samples taken', values
+
+    def _alarm(self) -> Health:
+        """Return what the detector judges of the motion."""
+        status = self._detector.status
+        if not self._active:
+            return 'STALE', 'the detector is inactive', {}
+        text = f'{status.state.label}, region {status.region.label}'
+        said = '; '.join([text, *status.reasons, *status.absent])
+        return status.level.label, said, published.status_values(status)
 
 
 make_node = HuntingDetectorNode

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from rclpy.lifecycle import State, TransitionCallbackReturn
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
@@ -123,10 +124,6 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         self._refused = 0
         self._new = NewSince()
         self._layout = joint_layout(['roller'], self._config.frame_id, velocity=True)
-        self._roller = self._announced = self.create_publisher(
-            JointState, 'roller', stream(MEASUREMENTS)
-        )
-        self._speed = self.create_publisher(TwistStamped, 'speed', stream(MEASUREMENTS))
         self._target = self.create_publisher(TwistStamped, 'speed/target', STATUS)
         self._status = self.create_publisher(DiagnosticArray, 'speed/status', latched())
         self._events = self.create_publisher(DiagnosticArray, 'hunting/events', EVENTS)
@@ -179,6 +176,11 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
 
     def _reconfigure_interlock(self, settings: InterlockSettings) -> None:
         self._tell(self._interlock.reconfigure(self._steady_ns(), settings))
+
+    def _advertise(self) -> Publisher:
+        self._speed = self.create_publisher(TwistStamped, 'speed', stream(MEASUREMENTS))
+        self._roller = self.create_publisher(JointState, 'roller', stream(MEASUREMENTS))
+        return self._roller
 
     def _take(self, block: DriveBlock, publish: bool) -> None:
         self._speed_mps = float(block.speed_mps[-1])

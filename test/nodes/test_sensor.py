@@ -83,6 +83,31 @@ def _send_block(server: SimulatorServer, first: int, count: int) -> list[int]:
     return stamps.tolist()
 
 
+def test_what_is_measured_is_advertised_and_heard_from_configure_on(graph) -> None:
+    health = graph.collect(DiagnosticArray, '/diagnostics')
+    nodes = ('lateral_sensor', 'roller_speed', 'hunting_detector')
+
+    def ends() -> list[int]:
+        publishers = [graph.node.count_publishers(f'/rig/{x}') for x in ('lateral', 'speed')]
+        return [*publishers, graph.node.count_subscribers('/rig/lateral')]
+
+    for name in nodes:
+        free = {} if name == 'hunting_detector' else {'port': graph.port}
+        graph.start(name, autostart=False, **free)
+    graph.spin_until(
+        lambda: {read_diagnostic(each)['name'] for each in health} == {f'rig/{n}' for n in nodes}
+    )
+    assert ends() == [0, 0, 0]
+    for name in nodes:
+        graph.change_state(name, Transition.TRANSITION_CONFIGURE)
+    graph.spin_until(lambda: ends() == [1, 1, 1])
+    for name in nodes:  # and once more
+        graph.change_state(name, Transition.TRANSITION_CLEANUP)
+        graph.change_state(name, Transition.TRANSITION_CONFIGURE)
+    graph.spin(0.5)
+    assert ends() == [1, 1, 1]
+
+
 def test_a_sensor_deactivated_while_it_reconnects_reads_every_sample_once_afterwards(
     graph,
 ) -> None:

@@ -1,4 +1,4 @@
-"""Every node's own health on `/diagnostics`, once a second, on the steady clock."""
+"""What a node says on `/diagnostics`, once a second, on the steady clock: first its own health."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ class Diagnostics:
     Publishes a node's health at 1 Hz of real time, also when the simulated clock stands.
 
     A change of level is logged as well. Two things stand above what the node says of
-    itself: a task of it that failed, and another node of its name in the ROS domain.
+    itself: a task of it that failed, and another node of its name in the ROS domain. A node
+    that judges something beside itself, as the detector does the motion, says so in a status
+    of its own, in the same message and behind its health.
 
     Parameters
     ----------
@@ -37,7 +39,7 @@ class Diagnostics:
     Attributes
     ----------
     told : bool
-        Set it where the node has logged what changes its level, with the cause: the change is
+        Set it where the node has logged what changes a level, with the cause: the change is
         not logged a second time.
     """
 
@@ -45,11 +47,16 @@ class Diagnostics:
         self._node = node
         self._health = health
         self._hardware = hardware or socket.gethostname()
-        self._level = 'OK'
+        self._beside: dict[str, tuple[Callable[[], Health], str]] = {}
+        self._levels: dict[str, str] = {}
         self.told = False
         self._failures: dict[str, str] = {}
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', STATUS)
         self._timer = node.create_timer(1.0, self._publish, clock=steady_clock())
+
+    def judge(self, what: str, health: Callable[[], Health], hardware: str) -> None:
+        """Say more: a status with the name `what`, in the node's namespace, about `hardware`."""
+        self._beside[what] = health, hardware
 
     def failed(self, task: str, error: Exception) -> None:
         """Say from now on that a task failed (in any thread); the log has the traceback."""
@@ -63,33 +70,43 @@ class Diagnostics:
         self._failures.pop(task, None)
 
     def _publish(self) -> None:
+        name = self._node.get_fully_qualified_name()
+        now_ns = self._node.get_clock().now().nanoseconds
+        message = self._said(now_ns, name, self._own_health(name), self._hardware)
+        for what, (health, hardware) in self._beside.items():
+            beside = f'{self._node.get_namespace().rstrip("/")}/{what}'
+            message.status.extend(self._said(now_ns, beside, health(), hardware).status)
+        self.told = False
+        self._publisher.publish(message)
+
+    def _own_health(self, name: str) -> Health:
+        """Return what the node says of itself, below what stands above it."""
         level, text, values = self._health()
         problems = [f'{task} failed: {why}' for task, why in list(self._failures.items())]
-        name = self._node.get_fully_qualified_name()
         if self._namesakes(name) > 1:
             problems.append(f'another node is named {name} in this ROS domain')
         if problems:
             said = [] if level == 'OK' else [text]
             level, text = 'ERROR', '; '.join(problems + said)
-        self._log(level, text)
-        now_ns = self._node.get_clock().now().nanoseconds
-        self._publisher.publish(
-            diagnostic(now_ns, name.lstrip('/'), level, text, values, self._hardware)
-        )
+        return level, text, values
+
+    def _said(self, now_ns: int, name: str, health: Health, hardware: str) -> DiagnosticArray:
+        """Return a health as a message, and log it where its level has changed."""
+        level, text, values = health
+        before = self._levels.get(name, 'OK')
+        self._levels[name] = level
+        if level != before and not self.told:
+            self._log(f'{level} (was {before}): {text}', level)
+        return diagnostic(now_ns, name.lstrip('/'), level, text, values, hardware)
 
     def _namesakes(self, name: str) -> int:
         """Return how many nodes of the graph have this full name."""
         nodes = self._node.get_node_names_and_namespaces()
         return sum(f'{namespace.rstrip("/")}/{each}' == name for each, namespace in nodes)
 
-    def _log(self, level: str, text: str) -> None:
-        """Log a change of level; rclpy wants each severity on a line of its own."""
-        told, self.told = self.told, False
-        before, self._level = self._level, level
-        if level == before or told:
-            return
+    def _log(self, line: str, level: str) -> None:
+        """Write a line of the log; rclpy wants each severity in a place of its own."""
         logger = self._node.get_logger()
-        line = f'{level} (was {before}): {text}'
         if level == 'ERROR':
             logger.error(line)
         elif level == 'OK':

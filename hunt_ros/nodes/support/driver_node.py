@@ -53,7 +53,7 @@ class DriverNode(LifecycleNode, ABC, Generic[_D]):
 
     #: Makes a driver that is not open yet.
     _make_driver: Callable[[], _D]
-    #: A publisher whose listeners are waited for before the first sample.
+    #: A publisher whose listeners are waited for before the first sample; since `on_configure`.
     _announced: Publisher
     _diagnostics: Diagnostics
 
@@ -63,6 +63,7 @@ class DriverNode(LifecycleNode, ABC, Generic[_D]):
         #: Open; None while there is no connection. Only the thread sets it.
         self._driver: _D | None = None
         self._worker: Worker | None = None
+        self._advertised = False
         #: Held by the thread that owns the device: one that ends late delays its successor.
         self._device = threading.Lock()
         self._active = threading.Event()
@@ -105,7 +106,14 @@ class DriverNode(LifecycleNode, ABC, Generic[_D]):
         return f'{name}: {self._make_driver()}'
 
     def on_configure(self, state: State) -> TransitionCallbackReturn:
-        """Begin to open the driver; hardware that is not there is tried again and again."""
+        """
+        Advertise, and begin to open the driver; missing hardware is tried again and again.
+
+        The topics stay until the process ends: the EventsExecutor can crash on what is gone
+        (ros2/rclpy #1644).
+        """
+        if not self._advertised:
+            self._announced, self._advertised = self._advertise(), True
         self._connecting = True
         self._worker = Worker(self._diagnostics, 'driver', self._work)
         return TransitionCallbackReturn.SUCCESS
@@ -227,6 +235,10 @@ class DriverNode(LifecycleNode, ABC, Generic[_D]):
         if self._trouble:
             return 'ERROR', self._trouble
         return ('WARN', 'connecting') if self._connecting else None
+
+    @abstractmethod
+    def _advertise(self) -> Publisher:
+        """Make the publishers of what is measured; return one that every listener has."""
 
     @abstractmethod
     def _take(self, block: Any, publish: bool) -> None:

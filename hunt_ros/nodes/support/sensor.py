@@ -11,6 +11,7 @@ import threading
 from dataclasses import dataclass
 
 import numpy as np
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 
 from hunt_ros.drivers.base import SensorBlock, SensorDriver
@@ -79,13 +80,15 @@ class SensorNode(DriverNode[SensorDriver]):
         self._device_range = (-math.inf, math.inf)
         self._watch = SourceWatch(self._config.sample_rate_hz, self._config.stuck_s)
         self._judging = threading.Lock()
-        self._announced = self.create_publisher(JointState, channel, stream(MEASUREMENTS))
         self._layout = joint_layout([channel], self._config.frame_id)
         self._published = 0
         self._lost = 0
         self._bad = 0
         self._new = NewSince()
         self._diagnostics = Diagnostics(self, self._health, hardware)
+
+    def _advertise(self) -> Publisher:
+        return self.create_publisher(JointState, self._channel, stream(MEASUREMENTS))
 
     def _take(self, block: SensorBlock, publish: bool) -> None:
         if not publish:
