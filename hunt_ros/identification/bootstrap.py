@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.identification.fit import FittedLaw, refit
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.identification.workers import cluster, cores
+from hunt_ros.identification.work.places import cluster, cores
 
 #: Replications in one task: long enough to outweigh handing it over.
 _CHUNK = 8

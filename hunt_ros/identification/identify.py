@@ -28,7 +28,8 @@ from hunt_ros.identification.result import Identification
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.uncertainty import ENOUGH_RUNS
 from hunt_ros.identification.verdict.conclusions import Evidence, conclude
-from hunt_ros.identification.workers import Tell, cluster
+from hunt_ros.identification.work.kept import remembering
+from hunt_ros.identification.work.places import Tell, cluster
 from hunt_ros.samples import Record
 
 #: Length of the blocks of a run that stand in for runs, s.
@@ -78,7 +79,11 @@ def identify(
     warnings: list[str] = []
     with cluster(settings.cluster) as workers:
         recordings = Recordings(
-            sources, settings, workers, warnings, lambda part: tell(_READ * part)
+            sources,
+            settings,
+            remembering(workers, settings.keep),
+            warnings,
+            lambda part: tell(_READ * part),
         )
         frequency = recordings.frequency()
         runs = recordings.runs(frequency, lambda part: tell(_READ + (_SEEN - _READ) * part))

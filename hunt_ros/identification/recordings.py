@@ -30,7 +30,7 @@ from hunt_ros.identification.record.screening import (
 from hunt_ros.identification.record.stops import nothing_ignored
 from hunt_ros.identification.record.turning import lines_above
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.identification.workers import Tell, Workers
+from hunt_ros.identification.work.places import Tell, Workers
 from hunt_ros.samples import Record
 
 _T = TypeVar('_T')
@@ -67,6 +67,7 @@ class Recordings:
         warnings: list[str],
         tell: Tell,
     ) -> None:
+        settings = settings.of_recording()
         self._settings, self._workers, self._warnings = settings, workers, warnings
         for _, _, number in settings.ignore:
             if number > len(sources):
@@ -74,9 +75,10 @@ class Recordings:
                     f'ignore: recording {number} of {len(sources)} has no interval to leave out'
                 )
         count = len(sources)
-        prepared = workers.map(
-            preparation.prepare, sources, range(1, count + 1), [settings] * count
-        )
+        # Where no interval is one recording's own, the place of a recording means nothing.
+        numbered = any(number for _, _, number in settings.ignore)
+        numbers = range(1, count + 1) if numbered else [1] * count
+        prepared = workers.map(preparation.prepare, sources, numbers, [settings] * count)
         digests: list[Digest] = workers.collect(workers.map(preparation.digest_of, prepared), tell)
         warnings += nothing_ignored([one.ignored for one in digests], settings)
         kept = distinct(digests, warnings)

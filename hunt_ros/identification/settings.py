@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -65,6 +65,9 @@ class IdentificationSettings:
     cluster : str
         Address of a Dask scheduler whose workers read and prepare the recordings and run the
         bootstrap ('' for none).
+    keep : str
+        Folder in which is kept what was worked out of each recording that is given as what reads
+        it: identified again, with others beside it, it is not read again ('' for none).
 
     Raises
     ------
@@ -91,6 +94,7 @@ class IdentificationSettings:
     seed: int = 0
     jobs: int = 0
     cluster: str = ''
+    keep: str = ''
 
     def __post_init__(self) -> None:
         for name in ('length_scale', 'time_scale', 'minimum_hold_s'):
@@ -160,6 +164,11 @@ class IdentificationSettings:
             'speed_scale_std': rig.speed_scale_std,
         }
         return cls(**told | {name: value for name, value in given.items() if value is not None})
+
+    def of_recording(self) -> IdentificationSettings:
+        """Return them without what only the fit to all recordings takes."""
+        fit = ('prior_v_c', 'prior_D1', 'bootstrap', 'seed', 'jobs', 'cluster', 'keep')
+        return replace(self, **{name: getattr(type(self), name) for name in fit})
 
     @property
     def length_unit(self) -> float:

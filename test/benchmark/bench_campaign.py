@@ -2,8 +2,9 @@
 A campaign: many recordings identified by the workers of a Dask scheduler.
 
 One local worker against two, with the bootstrap; whether both give what one process gives; and
-the memory of the client against that of the samples. Run with --quick for four recordings,
-without publication.
+the memory of the client against that of the samples. Then the last recording beside the others,
+of which all is kept, against all read again. Run with --quick for four recordings, without
+publication.
 """
 
 from __future__ import annotations
@@ -58,9 +59,10 @@ def client(paths: list[str], settings: IdentificationSettings) -> None:
     print(json.dumps({'s': took, 'mb': (peak - begun) / 1024.0, 'result': document}))
 
 
-def measured(paths: list[str], address: str, bootstrap: int) -> dict:
+def measured(paths: list[str], address: str, bootstrap: int, keep: str = '') -> dict:
     """Run a client in a process of its own."""
-    words = [sys.executable, __file__, '--client', address, '--bootstrap', str(bootstrap), *paths]
+    words = [sys.executable, __file__, '--client', address, '--bootstrap', str(bootstrap)]
+    words += ['--keep', keep, *paths]
     done = subprocess.run(words, capture_output=True, text=True, check=True)
     return dict(json.loads(done.stdout.splitlines()[-1]))
 
@@ -72,11 +74,12 @@ def main() -> None:
     parser.add_argument('--recordings', type=int, default=40)
     parser.add_argument('--bootstrap', type=int, default=200)
     parser.add_argument('--client', help=argparse.SUPPRESS)
+    parser.add_argument('--keep', default='', help=argparse.SUPPRESS)
     parser.add_argument('paths', nargs='*', help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.client is not None:
         settings = IdentificationSettings(
-            cluster=arguments.client, bootstrap=arguments.bootstrap, jobs=1
+            cluster=arguments.client, bootstrap=arguments.bootstrap, jobs=1, keep=arguments.keep
         )
         client(arguments.paths, settings)
         return
@@ -97,11 +100,25 @@ def main() -> None:
                     measured(paths[:4], local.scheduler_address, 40)  # compiled before the clock
                     found[workers] = measured(paths, local.scheduler_address, replications)
             print(workers, found[workers]['s'], found[workers]['mb'], file=sys.stderr, flush=True)
+        keep = str(Path(folder) / 'kept')
+        all_read = measured(paths, '', 0)
+        first = measured(paths[:-1], '', 0, keep)
+        size = sum(file.stat().st_size for file in Path(keep).iterdir())
+        one_more = measured(paths, '', 0, keep)
+        nothing_new = measured(paths, '', 0, keep)
     for workers, name in ((0, 'this process'), (1, 'one worker'), (2, 'two workers')):
         one = found[workers]
         same = 'yes' if one['result'] == found[0]['result'] else '**no**'
         ratio = f'{found[1]["s"] / one["s"]:.2f}'
         rows.append([name, f'{one["s"]:.1f}', ratio, f'{one["mb"]:.0f}', same])
+    same = 'yes' if one_more['result'] == all_read['result'] else '**no**'
+    again = 'yes' if nothing_new['result'] == all_read['result'] else '**no**'
+    kept = [
+        [f'all {count}, nothing kept', f'{all_read["s"]:.1f}', '-'],
+        [f'{count - 1}, all of them new', f'{first["s"]:.1f}', '-'],
+        ['and one more', f'{one_more["s"]:.1f}', same],
+        [f'all {count}, all kept: the fit alone', f'{nothing_new["s"]:.1f}', again],
+    ]
     header = ['work done by', 'time, s', 'times one worker', "client's memory, MB", 'same result']
     text = (
         f'{count} recordings of 75 s at 1 kHz, {samples / 1e6:.1f} million samples'
@@ -110,6 +127,9 @@ def main() -> None:
         ' what the identification adds to the peak. Goals: two workers 1.7 times one, the same'
         " result bit for bit, and a client that does not hold the recordings' samples.\n\n"
         + markdown(header, rows)
+        + '\n\nWithout the bootstrap, in one process; `--keep` holds'
+        f' {size / 2**20 / (count - 1):.2f} MB of each recording:\n\n'
+        + markdown(['recordings', 'time, s', 'same result'], kept)
     )
     if arguments.quick:
         print(text)

@@ -19,7 +19,7 @@ from hunt_ros.errors import BagError
 from hunt_ros.identification import IdentificationSettings, identify
 from hunt_ros.identification.record.hunting_frequency import looked_at
 from hunt_ros.identification.record.screening import Stretch
-from hunt_ros.identification.workers import Here, cluster, cores
+from hunt_ros.identification.work.places import Here, cluster, cores
 from hunt_ros.samples import Record
 
 distributed = pytest.importorskip('distributed', reason='the extra cluster is not installed')

@@ -107,6 +107,11 @@ def add_settings(parser: argparse.ArgumentParser, what: str = 'recordings: runs,
         metavar='ADDRESS',
         help='Dask scheduler, tcp://host:8786; its workers read the recordings by the same paths',
     )
+    parser.add_argument(
+        '--keep',
+        metavar='FOLDER',
+        help='keep here what is worked out of each recording: with others it is not read again',
+    )
 
 
 def identification_of(arguments: argparse.Namespace) -> Identification:
@@ -150,8 +155,9 @@ def records_of(arguments: argparse.Namespace, advance: Advance) -> list[Record]:
 
 
 def sources_of(arguments: argparse.Namespace, advance: Advance) -> Sequence[Source]:
-    """Return the recordings; with `--cluster` what reads them on the workers."""
-    return _readings(arguments) if arguments.cluster else records_of(arguments, advance)
+    """Return the recordings; with `--cluster` or `--keep` what reads those that are not known."""
+    later = arguments.cluster or arguments.keep
+    return _readings(arguments) if later else records_of(arguments, advance)
 
 
 @dataclass(frozen=True)
@@ -223,6 +229,7 @@ def settings_of(arguments: argparse.Namespace) -> IdentificationSettings:
         'seed': arguments.seed,
         'jobs': arguments.jobs,
         'cluster': arguments.cluster,
+        'keep': arguments.keep,
         'lines': arguments.lines,
         'roller_diameter_m': arguments.roller_diameter,
         'wheel_diameter_m': arguments.wheel_diameter,
