@@ -223,7 +223,7 @@ class Interlock:
         if trouble:
             self.cause = f'waits until all is well: {trouble}'
         elif not self._watching:
-            self._watching, self.cause = True, 'all is well'
+            self._watching, self.cause = True, 'no reason to trip'
         return None
 
     def refusal(self, now_ns: int) -> str:

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq
 
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.dynamics.wheelset import Wheelset
@@ -247,6 +246,7 @@ def creep_coefficients(
     ConfigError
         If no pair gives these values.
     """
+    from scipy.optimize import brentq  # 50 MB in every process that simulates, for this inverse
 
     def candidate(log_ratio: float) -> RigParameters | None:
         return _rig_with_ratio(rig, math.exp(log_ratio), measured_critical_speed)

@@ -120,7 +120,7 @@ class Suite:
             status = self.status
             if status['profile_state'] == 'running' and status['interlock_state'] == 'armed':
                 faster = float(status['target_mps']) > SAFE + 0.2
-                return faster and status['interlock_cause'] in ('all is well', _REARMED)
+                return faster and status['interlock_cause'] in ('no reason to trip', _REARMED)
             if self.graph.call('speed/rearm').success:
                 self.graph.call('speed/start_profile')
             self.graph.spin(0.05)

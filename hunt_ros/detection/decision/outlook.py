@@ -19,11 +19,11 @@ its interval. Nothing here asks whether there is a fold or a quiet state: draws 
 from __future__ import annotations
 
 import math
+from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from hunt_ros.compiled import compiled
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
@@ -196,7 +196,8 @@ class OutlookTable:
         self._forms = np.resize(forms[forms[:, 0] > 0.0], (_PATHS, len(names))).T
         self._size = 2.0 * identified.form.length_scale
         self._time_scale = identified.form.time_scale
-        levels = ndtri((np.arange(_PATHS) + 0.5) / _PATHS)
+        normal = NormalDist()
+        levels = [normal.inv_cdf((k + 0.5) / _PATHS) for k in range(_PATHS)]
         self._noise = np.random.default_rng(0).permutation(levels)
         # Before the form is in force: no row of a live run waits for machine code.
         self.at(1.02 * identified.form.critical_speed, math.nan, 0.0, math.nan, 0.0)
