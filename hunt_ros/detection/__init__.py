@@ -6,14 +6,19 @@ A sample goes through `merging` (which samples count, and when), `channels` (are
 `words` (what is told of it). `detector` is the whole of it, `offline` and `replay` run it.
 """
 
-from hunt_ros.detection.companions import CompanionConfig, Companions
-from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.detector import HuntingDetector
-from hunt_ros.detection.merging.journal import JournalEntry
-from hunt_ros.detection.offline import detect
-from hunt_ros.detection.output import Event, Output
-from hunt_ros.detection.regions import Level, Region, State
-from hunt_ros.detection.words.status import DetectorStatus
+from typing import TYPE_CHECKING
+
+from hunt_ros.lazy import lazily
+
+if TYPE_CHECKING:
+    from hunt_ros.detection.companions import CompanionConfig, Companions
+    from hunt_ros.detection.configuration import DetectorConfig
+    from hunt_ros.detection.detector import HuntingDetector
+    from hunt_ros.detection.merging.journal import JournalEntry
+    from hunt_ros.detection.offline import detect
+    from hunt_ros.detection.output import Event, Output
+    from hunt_ros.detection.regions import Level, Region, State
+    from hunt_ros.detection.words.status import DetectorStatus
 
 __all__ = [
     'CompanionConfig',
@@ -29,3 +34,21 @@ __all__ = [
     'State',
     'detect',
 ]
+
+__getattr__ = lazily(
+    __name__,
+    {
+        'CompanionConfig': 'companions',
+        'Companions': 'companions',
+        'DetectorConfig': 'configuration',
+        'HuntingDetector': 'detector',
+        'JournalEntry': 'merging.journal',
+        'detect': 'offline',
+        'Event': 'output',
+        'Output': 'output',
+        'Level': 'regions',
+        'Region': 'regions',
+        'State': 'regions',
+        'DetectorStatus': 'words.status',
+    },
+)

@@ -5,16 +5,17 @@ It reads the last recordings together, publishes the refitted form on
 `hunting/normal_form`, and writes the parameter file beside them; earlier files
 are kept, and `hunting/revert_normal_form` goes back to the one before, in the file,
 on the topic, and in what the next refit rests on: the file names its recordings, so
-that a node that starts again goes on where the one before ended. The work runs in a
-thread, so that services answer meanwhile.
+that a node that starts again goes on where the one before ended. The work is done by a
+process of its own, and a thread waits for it, so that services answer meanwhile.
 """
 
 from __future__ import annotations
 
+import tempfile
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -23,18 +24,17 @@ from rclpy.node import Node
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from hunt_ros.bag.columns import read_record
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import HuntError
-from hunt_ros.identification import IdentificationSettings, update
+from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, one_line
 from hunt_ros.nodes.support.form_files import FormFiles, recordings_of, with_recordings
 from hunt_ros.nodes.support.parameters import declare, declare_normal_form, warn_unknown
 from hunt_ros.nodes.support.qos import latched
+from hunt_ros.nodes.support.refit import refit
 from hunt_ros.nodes.support.sole import hold_name
 from hunt_ros.nodes.support.worker import Worker
 from hunt_ros.rig import Rig, of_rig
-from hunt_ros.samples import Record
 from hunt_ros.settings import Settings, setting
 
 _TASK = 'identification'
@@ -84,8 +84,7 @@ class NormalFormIdentifierNode(Node):
         self._files = FormFiles(Path(self._config.directory))
         self._seen: deque[Path] = deque(maxlen=1000)
         self._waiting: list[Path] = []
-        #: Recordings behind the newest form. Their samples are read again when they are
-        #: needed: an hour of them is a tenth of a gigabyte.
+        #: Recordings behind the newest form.
         self._base: tuple[Path, ...] = ()
         self._failure = ''  # of the last identification
         self._reverts = 0
@@ -180,8 +179,10 @@ class NormalFormIdentifierNode(Node):
             except Empty:
                 continue
             try:
-                self._identify()
+                self._identify(stopping)
             except HuntError as error:
+                if stopping.is_set():
+                    return
                 self._failure, self._state = str(error), ('WARN', str(error))
                 self.get_logger().warning(str(error))
             except Exception as error:  # any: numbers of a rig that nobody has seen
@@ -191,50 +192,48 @@ class NormalFormIdentifierNode(Node):
                 self._failure = ''
                 self._diagnostics.done(_TASK)
 
-    def _identify(self) -> None:
+    def _identify(self, stopping: threading.Event) -> None:
         with self._lock:
             new, base, reverts = tuple(self._waiting), self._base, self._reverts
             self._state = ('OK', f'identifying from {self._recordings} recordings')
         begin = time.monotonic()
-        records = self._read((*base, *new)[-self._config.history :])
-        if not records:
-            return
-        result = update(
-            None, list(records.values()), self._config.identification(), self._config.history
-        )
-        for warning in result.warnings:
-            self.get_logger().warning(warning)
-        with self._lock:
-            if reverts != self._reverts:
-                self.get_logger().warning('reverted meanwhile: this identification is dropped')
+        with tempfile.TemporaryDirectory() as folder:
+            whole = Path(folder) / 'whole.npz'
+            paths = (*base, *new)[-self._config.history :]
+            found = refit(paths, self._config.identification(), whole, stopping)
+            self._forget(found.unreadable)
+            if found.problem:
+                raise HuntError(found.problem)
+            if not found.recordings:
                 return
-            self._waiting = [path for path in self._waiting if path not in new]
-            self._base = tuple(records)
-            if result.normal_form is None:
-                self._state = ('WARN', 'the recordings do not determine a normal form')
-                return
-            text = with_recordings(result.normal_form, self._base).to_yaml()
-            path = self._files.keep(text, result)
-            self._forms += 1
-            self._publisher.publish(String(data=text))
-            self._state = ('OK', f'{path} from {len(records)} recordings')
-        self.get_logger().info(
-            f'normal form from {len(records)} recordings in'
-            f' {time.monotonic() - begin:.1f} s: {path}'
-        )
+            for warning in found.warnings:
+                self.get_logger().warning(warning)
+            with self._lock:
+                if reverts != self._reverts:
+                    self.get_logger().warning('reverted meanwhile: this identification is dropped')
+                    return
+                self._waiting = [path for path in self._waiting if path not in new]
+                self._base = tuple(map(Path, found.recordings))
+                if not found.form:
+                    self._state = ('WARN', 'the recordings do not determine a normal form')
+                    return
+                form = IdentifiedNormalForm.from_yaml(found.form)
+                text = with_recordings(form, self._base).to_yaml()
+                path = self._files.keep(text, whole)
+                self._forms += 1
+                self._publisher.publish(String(data=text))
+                count = len(self._base)
+                self._state = ('OK', f'{path} from {count} recordings')
+        took_s = time.monotonic() - begin
+        self.get_logger().info(f'normal form from {count} recordings in {took_s:.1f} s: {path}')
 
-    def _read(self, paths: Sequence[Path]) -> dict[Path, Record]:
-        """Read recordings; one that cannot be read does not spoil the others."""
-        records = {}
-        for path in paths:
-            try:
-                records[path] = read_record(path)
-            except HuntError as error:
-                self.get_logger().warning(str(error))
-                with self._lock:
-                    self._waiting = [other for other in self._waiting if other != path]
-                    self._base = tuple(other for other in self._base if other != path)
-        return records
+    def _forget(self, unreadable: Mapping[str, str]) -> None:
+        """Leave out recordings that cannot be read, and say why."""
+        for why in unreadable.values():
+            self.get_logger().warning(why)
+        with self._lock:
+            self._waiting = [path for path in self._waiting if str(path) not in unreadable]
+            self._base = tuple(path for path in self._base if str(path) not in unreadable)
 
     def _health(self) -> Health:
         level, text = self._state

@@ -10,7 +10,7 @@ from hunt_ros.identification import IdentificationSettings, identify
 from hunt_ros.identification.bootstrap import bootstrap
 from hunt_ros.identification.fit import fit_laws
 from hunt_ros.identification.growth_law import PAPER_TERMS
-from hunt_ros.identification.identify import _path
+from hunt_ros.identification.identifying import _path
 from hunt_ros.identification.preparation import Run, prepare, runs_in
 from hunt_ros.identification.uncertainty import robust_covariance
 

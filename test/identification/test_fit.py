@@ -10,7 +10,7 @@ from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.identification import IdentificationSettings, identify
 from hunt_ros.identification.fit import DEPARTURES, _evidence, fit_laws
 from hunt_ros.identification.growth_law import QUINTIC
-from hunt_ros.identification.identify import _path
+from hunt_ros.identification.identifying import _path
 from hunt_ros.identification.preparation import Run, prepare, runs_in
 from hunt_ros.identification.uncertainty import draw_laws, robust_covariance, summary
 from hunt_ros.identification.verdict.lack_of_fit import lack_of_fit, missed_transients

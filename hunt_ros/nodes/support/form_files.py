@@ -9,6 +9,7 @@ too, as `normal_form_reverted_001.yaml`: nothing is ever deleted.
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import replace
@@ -17,7 +18,6 @@ from pathlib import Path
 from hunt_ros.detection.acceptance import rolled_back
 from hunt_ros.dynamics.identified import NEWEST_FILE, RECORDING, IdentifiedNormalForm
 from hunt_ros.errors import HuntError
-from hunt_ros.identification import Identification
 
 #: Ends the name of the identification that a parameter file comes from.
 _WHOLE = '.npz'
@@ -89,7 +89,7 @@ class FormFiles:
         """Return the earlier forms, the oldest first."""
         return self._numbered('normal_form')
 
-    def keep(self, text: str, whole: Identification | None = None) -> Path:
+    def keep(self, text: str, whole: Path | None = None) -> Path:
         """
         Write the parameter file; the one before stays under a number.
 
@@ -97,8 +97,8 @@ class FormFiles:
         ----------
         text : str
             The parameter file.
-        whole : Identification, optional
-            What it comes from, kept beside it as `.npz`.
+        whole : Path, optional
+            File of `Identification.save`: what it comes from, kept beside it as `.npz`.
 
         Raises
         ------
@@ -110,7 +110,7 @@ class FormFiles:
             if self.newest.exists():
                 _move(self.newest, self._next('normal_form'))
             if whole is not None:
-                whole.save(self.newest.with_suffix(_WHOLE))
+                shutil.copyfile(whole, self.newest.with_suffix(_WHOLE))
             self._write(text)
         except OSError as error:
             raise HuntError(

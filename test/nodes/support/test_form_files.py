@@ -68,21 +68,14 @@ def test_an_earlier_form_that_cannot_be_read_changes_nothing(tmp_path) -> None:
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == before
 
 
-class Whole:
-    """Stands for an identification: its file holds its name."""
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-
-    def save(self, path) -> None:
-        path.write_text(self.name)
-
-
 def test_the_identification_beside_a_form_goes_where_the_form_goes(tmp_path) -> None:
-    files = FormFiles(tmp_path)
+    kept = tmp_path / 'kept'
+    files = FormFiles(kept)
     for speed in (7.0, 7.5, 8.0):
-        files.keep(text(speed), Whole(str(speed)))
+        whole = tmp_path / f'{speed}.npz'
+        whole.write_text(str(speed))
+        files.keep(text(speed), whole)
     files.go_back()
-    for path in tmp_path.glob('*.yaml'):
+    for path in kept.glob('*.yaml'):
         assert path.with_suffix('.npz').read_text() == str(v_c(path.read_text()))
-    assert len(list(tmp_path.iterdir())) == 6
+    assert len(list(kept.iterdir())) == 6
