@@ -36,6 +36,9 @@ _DRIVE_HZ = 100.0
 _DRIVE_STEP_NS = round(NANOSECONDS / _DRIVE_HZ)
 #: Simulated time begins here, so that no stamp is 0, which ROS takes for 'not set'.
 _FIRST_STAMP_NS = NANOSECONDS
+#: Samples are handed over in blocks of so much, as buffered hardware does, s: every block wakes
+#: all processes of the chain.
+_BLOCK_S = 4e-3
 #: After a pause of the machine, at most this much of the rig's time is caught up at once.
 _MOST_BEHIND_S = 0.5
 
@@ -135,7 +138,7 @@ class RigSimulatorNode(Node):
     def _work(self, stopping: threading.Event) -> None:
         """Advance the simulation with real time, a block every few milliseconds."""
         rate = self._config.sample_rate_hz * self._config.time_scale
-        pause_s = max(1e-3, 1.0 / rate)
+        pause_s = max(_BLOCK_S, 1.0 / rate)
         most_behind_s = _MOST_BEHIND_S / max(1.0, self._config.time_scale)
         self._rig.advance(0)  # compile before the clock starts
         while not stopping.is_set() and self._waits_for():
