@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.identification import (
+    add_keep,
     add_settings,
     settings_of,
     sources_of,
@@ -29,6 +30,7 @@ EXAMPLE = 'hunt identify bags/hysteresis_loop --out normal_form.yaml --json -'
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
     add_settings(parser)
+    add_keep(parser)
     parser.add_argument(
         '--out',
         type=_parameter_file,

@@ -23,7 +23,7 @@ _SHOWN = 6
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
-    from hunt_ros.cli.support.identification import add_settings
+    from hunt_ros.cli.support.identification import add_keep, add_settings
 
     parser.add_argument(
         '--budget', type=_time, default=600.0, metavar='TIME', help='600, 600s, 10min (10min)'
@@ -64,6 +64,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--out', type=Path, metavar='FILE', help='write the profile here')
     add_settings(parser, 'recordings, or the parameter file of hunt identify --out')
+    add_keep(parser)
     options.add_json(parser, 'the plan')
 
 

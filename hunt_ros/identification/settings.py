@@ -67,7 +67,8 @@ class IdentificationSettings:
         bootstrap ('' for none).
     keep : str
         Folder in which is kept what was worked out of each recording that is given as what reads
-        it: identified again, with others beside it, it is not read again ('' for none).
+        it: identified again, with others beside it, it is not read again ('' for none). The
+        content of the folder is trusted: one that others may write is refused.
 
     Raises
     ------

@@ -36,6 +36,7 @@ from hunt_ros.nodes.support.parameters import declare, declare_normal_form, warn
 from hunt_ros.nodes.support.polled import Polling, waiting
 from hunt_ros.nodes.support.qos import EVENTS, JOURNAL, STATUS, latched, stream
 from hunt_ros.nodes.support.sole import hold_name
+from hunt_ros.nodes.support.transitions import says_why
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 
@@ -101,12 +102,13 @@ class HuntingDetectorNode(Polling, LifecycleNode):
         self.create_timer(_TICK_S, self._tick, clock=steady_clock())
         self.create_timer(_STATUS_S, self._publish_status, clock=steady_clock())
 
+    @says_why
     def on_configure(self, state: State) -> TransitionCallbackReturn:
         """Subscribe to the channels, and advertise the estimates; both stay until the end."""
         if not self._configured:
             rate_hz, frame_id = self._config.output_rate_hz, self._settings.frame_id
-            self._estimates = EstimatePublishers(self, rate_hz, frame_id)
             self._inbox = DetectorInbox(self, self._config.channels)
+            self._estimates = EstimatePublishers(self, rate_hz, frame_id)
             self._configured = True
         return super().on_configure(state)
 

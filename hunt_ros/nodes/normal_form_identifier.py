@@ -116,7 +116,7 @@ class NormalFormIdentifierNode(Node):
             self._publisher.publish(String(data=form.to_yaml()))
 
     def close(self) -> None:
-        """Stop after the work in hand, if that is soon."""
+        """Stop; the work in hand ends with it."""
         self._worker.stop(1.0)
 
     def _reconfigure(self, config: IdentifierConfig) -> None:

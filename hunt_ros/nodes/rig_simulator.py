@@ -139,7 +139,7 @@ class RigSimulatorNode(Node):
         """Advance the simulation with real time, a block every few milliseconds."""
         rate = self._config.sample_rate_hz * self._config.time_scale
         pause_s = max(_BLOCK_S, 1.0 / rate)
-        most_behind_s = _MOST_BEHIND_S / max(1.0, self._config.time_scale)
+        most_behind_s = max(_MOST_BEHIND_S / max(1.0, self._config.time_scale), 5.0 * pause_s)
         self._rig.advance(0)  # compile before the clock starts
         while not stopping.is_set() and self._waits_for():
             self._server.poll()

@@ -95,6 +95,40 @@ def test_samples_that_somebody_holds_are_not_kept(bags, tmp_path):
     assert not list(folder.iterdir())
 
 
+def test_what_nobody_can_tell_from_another_is_not_kept(bags, tmp_path):
+    class Reader:
+        def __init__(self, path: Path) -> None:
+            self.path = path
+
+        def read(self) -> Record:
+            return read_record(self.path)
+
+    def kept(source) -> bool:
+        workers = Kept(Here(), tmp_path)
+        return bool(workers.map(identify, [source])[0].key)
+
+    assert not kept(lambda: read_record(bags[0]))
+    assert not kept(Reader(bags[0]).read)
+    assert not kept(partial(read_record, tmp_path / 'nowhere'))
+    assert not kept(partial(read_record, 300 * 'x'))
+    assert kept(partial(read_record, bags[0]))
+    keys = {Kept(Here(), tmp_path).map(identify, [partial(read_record, b)])[0].key for b in bags}
+    assert len(keys) == len(bags)
+
+
+def test_a_folder_that_goes_away_or_that_others_may_write(bags, tmp_path):
+    folder = tmp_path / 'kept'
+    workers = Kept(Here(), folder)
+    handles = workers.map(np.square, [2.0])
+    folder.rmdir()
+    assert workers.collect(handles) == [4.0]
+    assert workers.collect([], lambda part: None) == []
+    folder.mkdir()
+    folder.chmod(0o777)
+    with pytest.raises(HuntError, match='can be written by others'):
+        Kept(Here(), folder)
+
+
 def test_the_verb_gives_the_same_and_says_where_nothing_can_be_kept(bags, tmp_path, capsys):
     words = ['identify', *map(str, bags)]
     keep = ['--keep', str(tmp_path / 'kept')]

@@ -47,3 +47,10 @@ def test_a_driver_with_the_profile_of_sensor_data_is_heard_if_told_so_and_named_
     graph.spin_until(lambda: '/rig/lateral has 2 publishers' in told()['message'])
     assert told()['level'] != 'OK'
     graph.node.destroy_publisher(second)
+
+
+def test_an_override_of_another_type_is_named_where_the_node_ends(graph) -> None:
+    depth = 'qos_overrides./rig/lateral.subscription.depth'
+    graph.start('hunting_detector', **{depth: "'many'"})
+    assert graph.wait('hunting_detector', 60.0) == 2
+    assert depth in graph.log('hunting_detector').read_text().splitlines()[-1]

@@ -23,8 +23,8 @@ pytestmark = [
 BAGS = Path(__file__).resolve().parents[2] / 'bags'
 
 
-def _at_work() -> list[int]:
-    """Return the processes of this one that identify."""
+def _at_work(node: int = os.getpid()) -> list[int]:
+    """Return the processes of a node that identify."""
     found = []
     for folder in Path('/proc').glob('[0-9]*'):
         try:
@@ -32,7 +32,7 @@ def _at_work() -> list[int]:
             parent = int((folder / 'stat').read_text().rpartition(')')[2].split()[1])
         except OSError:
             continue  # it has ended meanwhile
-        if parent == os.getpid() and 'hunt_ros.nodes.support.refit' in words:
+        if parent == node and 'hunt_ros.nodes.support.refit' in words:
             found.append(int(folder.name))
     return found
 
@@ -50,17 +50,17 @@ def test_work_that_is_killed_is_told_and_the_next_recording_is_tried_again(
     closing.publish(String(data=str(first)))
     graph.spin_until(_at_work, 60.0)
     (child,) = _at_work()
-    assert os.getpriority(os.PRIO_PROCESS, os.getpid()) <= os.getpriority(os.PRIO_PROCESS, child)
+    assert os.getpriority(os.PRIO_PROCESS, child) == os.nice(0) + 10
     os.kill(child, signal.SIGKILL)
 
     def told() -> bool:
         texts = [read_diagnostic(message) for message in health]
-        return any(t['level'] == 'ERROR' and 'has ended with -9' in t['message'] for t in texts)
+        return any(t['level'] == 'ERROR' and 'was ended by SIGKILL' in t['message'] for t in texts)
 
     graph.spin_until(told)
     answer = graph.call('identify')
     assert not answer.success
-    assert 'has ended with -9' in answer.message
+    assert 'was ended by SIGKILL' in answer.message
     graph.spin_until(_at_work, 60.0)  # again, because it was asked for
     closing.publish(String(data=str(second)))
     graph.spin_until(lambda: forms, 120.0)
@@ -70,8 +70,22 @@ def test_work_that_is_killed_is_told_and_the_next_recording_is_tried_again(
 def test_a_node_that_ends_takes_its_work_with_it(graph, resident) -> None:
     closing = graph.node.create_publisher(String, 'recording/closed', latched())
     node = resident(NormalFormIdentifierNode, directory=graph.folder / 'forms')
-    closing.publish(String(data=str(BAGS / 'hysteresis_loop')))
+    endless = graph.folder / 'endless.mcap'
+    os.mkfifo(endless)  # nobody ever writes what it waits for
+    closing.publish(String(data=str(endless)))
     graph.spin_until(_at_work, 60.0)
     node.close()
     graph.spin_until(lambda: not _at_work())
     assert not list((graph.folder / 'forms').glob('*'))
+
+
+def test_work_ends_when_its_node_is_killed(graph) -> None:
+    closing = graph.node.create_publisher(String, 'recording/closed', latched())
+    process = graph.start('normal_form_identifier', directory=graph.folder / 'forms')
+    endless = graph.folder / 'endless.mcap'
+    os.mkfifo(endless)  # nobody ever writes what it waits for
+    closing.publish(String(data=str(endless)))
+    graph.spin_until(lambda: _at_work(process.pid), 60.0)
+    (child,) = _at_work(process.pid)
+    graph.end('normal_form_identifier', signal.SIGKILL)
+    graph.spin_until(lambda: not Path(f'/proc/{child}').exists(), 60.0)

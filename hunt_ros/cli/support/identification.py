@@ -107,10 +107,15 @@ def add_settings(parser: argparse.ArgumentParser, what: str = 'recordings: runs,
         metavar='ADDRESS',
         help='Dask scheduler, tcp://host:8786; its workers read the recordings by the same paths',
     )
+
+
+def add_keep(parser: argparse.ArgumentParser) -> None:
+    """Add where the work is kept, for verbs that need no samples of what is known."""
     parser.add_argument(
         '--keep',
         metavar='FOLDER',
-        help='keep here what is worked out of each recording: with others it is not read again',
+        help='a folder of your own: what is worked out of each recording is kept there, and with'
+        ' others beside it that recording is not read again',
     )
 
 
@@ -155,7 +160,7 @@ def records_of(arguments: argparse.Namespace, advance: Advance) -> list[Record]:
 
 
 def sources_of(arguments: argparse.Namespace, advance: Advance) -> Sequence[Source]:
-    """Return the recordings; with `--cluster` or `--keep` what reads those that are not known."""
+    """Return the recordings; with `--cluster` or `--keep` what reads them where that is needed."""
     later = arguments.cluster or arguments.keep
     return _readings(arguments) if later else records_of(arguments, advance)
 
@@ -229,7 +234,7 @@ def settings_of(arguments: argparse.Namespace) -> IdentificationSettings:
         'seed': arguments.seed,
         'jobs': arguments.jobs,
         'cluster': arguments.cluster,
-        'keep': arguments.keep,
+        'keep': getattr(arguments, 'keep', None),  # not of every verb
         'lines': arguments.lines,
         'roller_diameter_m': arguments.roller_diameter,
         'wheel_diameter_m': arguments.wheel_diameter,

@@ -12,8 +12,13 @@ import os
 import pickle
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import is_dataclass
 from functools import cache, partial
+from importlib.metadata import PackageNotFoundError, version
+from inspect import getsourcefile
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -23,8 +28,9 @@ from hunt_ros.identification.work.places import Tell, Workers
 from hunt_ros.samples import Record
 
 _PACKAGE = Path(__file__).parents[2]
-#: In a key, of what cannot be told apart from other things of its kind.
-_UNKNOWN = ''
+#: On which the numbers rest beside the program's own text.
+_LIBRARIES = ('numpy', 'scipy', 'numba')
+_OTHERS_WRITE = 0o002
 
 
 class Kept:
@@ -39,24 +45,30 @@ class Kept:
     workers : Workers
         Who does what is not kept.
     folder : str or Path
-        Made where it does not exist.
+        Made where it does not exist. Its content is trusted (it is unpickled).
 
     Raises
     ------
     IdentificationError
-        If nothing can be written there.
+        If nothing can be written there, or others may write there.
     """
 
     def __init__(self, workers: Workers, folder: str | Path) -> None:
         self._workers, self._folder = workers, Path(folder)
         try:
-            self._folder.mkdir(parents=True, exist_ok=True)
+            self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=self._folder):
                 pass
+            state = self._folder.stat()
         except OSError as error:
             raise IdentificationError(
                 f'keep: {folder} is no folder that can be written ({error.strerror})'
             ) from error
+        if state.st_uid != os.getuid() or state.st_mode & _OTHERS_WRITE:
+            raise IdentificationError(
+                f'keep: {folder} can be written by others, expected a folder of your own: what is'
+                ' in it is trusted'
+            )
 
     def share(self, value: Any) -> Any:
         """Return the value: each work is given it."""
@@ -73,8 +85,9 @@ class Kept:
         rest = [place for place in range(len(handles)) if place not in results]
 
         def advance(part: float) -> None:
+            """Tell the share of all that is there, of the share of the rest that is done."""
             if tell:
-                tell((known + part * len(rest)) / len(handles))
+                tell((known + part * len(rest)) / max(len(handles), 1))
 
         advance(0.0)
         done = self._workers.collect([handles[place].begun() for place in rest], advance)
@@ -94,15 +107,19 @@ class Kept:
                 continue
 
     def _keep(self, key: str, result: Any) -> None:
-        """Write a result, whole or not at all; a disk that is full costs only the next time."""
+        """Write a result, whole or not at all; where that fails it costs only the next time."""
         if not key:
             return
+        name = ''
         try:
             with tempfile.NamedTemporaryFile(dir=self._folder, delete=False) as file:
+                name = file.name
                 file.write(pickle.dumps(result))
-            os.replace(file.name, self._file(key))
+            os.replace(name, self._file(key))
         except OSError:
-            Path(file.name).unlink(missing_ok=True)
+            if name:
+                with suppress(OSError):
+                    os.unlink(name)
 
     def _file(self, key: str) -> Path:
         return self._folder / f'{key}.pickle'
@@ -120,10 +137,10 @@ class _Work:
         self, workers: Workers, work: Callable[..., Any], arguments: Sequence[Any]
     ) -> None:
         self._workers, self._work, self._arguments = workers, work, arguments
-        names = [_name(value) for value in (work, *arguments)]
-        text = '\n'.join([_program(), *names])
+        names = [_program(), *map(_name, arguments)]
+        text = '\n'.join([f'{work.__module__}.{work.__qualname__}', *names])
         #: '' where an argument is a thing of which nobody can say whether it has changed.
-        self.key = '' if _UNKNOWN in names else hashlib.sha256(text.encode()).hexdigest()
+        self.key = hashlib.sha256(text.encode()).hexdigest() if all(names) else ''
         self._handle: Any = None
 
     def begun(self) -> Any:
@@ -138,33 +155,59 @@ def _name(value: Any) -> str:
     """Return what tells an argument from every other one; '' where nothing does."""
     if isinstance(value, _Work):
         return value.key
-    if isinstance(value, np.ndarray):
-        return f'{value.dtype} {value.shape} {hashlib.sha256(value.tobytes()).hexdigest()}'
     if isinstance(value, Record):
-        return _UNKNOWN  # samples that somebody else holds
-    if not callable(value):
-        return repr(value)
-    if isinstance(value, partial):
-        given = (_name(value.func), value.args, value.keywords)
-        return _with_files(repr(given), [*value.args, *value.keywords.values()])
-    if hasattr(value, '__qualname__'):
-        return f'{value.__module__}.{value.__qualname__}'
-    return _with_files(repr(value), getattr(value, '__dict__', {}).values())
+        return ''  # samples that somebody else holds
+    if isinstance(value, np.ndarray):
+        value = (value.dtype.str, value.shape, value.tobytes())
+    try:
+        name = hashlib.sha256(pickle.dumps(value)).hexdigest()
+        return f'{name} {_read_by(value)}' if callable(value) else name
+    except (OSError, TypeError, AttributeError, ValueError, pickle.PicklingError):
+        return ''  # what cannot be pickled, or files that are not there
 
 
-def _with_files(text: str, arguments: Iterable[Any]) -> str:
-    """Return the name of what reads files, with their sizes and times; '' if it reads none."""
+def _read_by(source: Callable[..., Any]) -> str:
+    """
+    Return the states of all files on which rests what a source reads.
+
+    They are the paths among its arguments, and the text of its own module.
+
+    Raises
+    ------
+    ValueError
+        For a source whose arguments are not known, as a lambda.
+    """
+    if isinstance(source, partial) and isinstance(source.func, FunctionType):
+        own: Any = source.func
+        arguments = [*source.args, *source.keywords.values()]
+    elif is_dataclass(source):
+        own, arguments = type(source), list(vars(source).values())
+    else:
+        raise ValueError(source)
     given = [Path(one) for one in arguments if isinstance(one, str | Path) and str(one)]
-    paths = [path for path in given if path.exists()]
-    files = [file for path in paths for file in ([path] if path.is_file() else path.rglob('*'))]
+    files: list[Path] = []
+    for path in given:
+        if path.is_dir():
+            files += path.rglob('*')
+        elif path.exists():
+            files += path.parent.glob(f'{path.name}*')  # a database has its journal beside it
+    if not files:
+        raise ValueError(source)
+    files.append(Path(getsourcefile(own) or ''))
     states = [(str(file), file.stat().st_size, file.stat().st_mtime_ns) for file in sorted(files)]
-    return f'{text} {states}' if states else _UNKNOWN
+    return str(states)
 
 
 @cache
 def _program() -> str:
-    """Return what tells this program from an earlier one: a hash of its text."""
-    digest = hashlib.sha256(np.__version__.encode())
-    for file in sorted(_PACKAGE.rglob('*.py')):
+    """Return what tells this program from an earlier one; '' where its text is not at hand."""
+    files = sorted(_PACKAGE.rglob('*.py'))
+    if not files:
+        return ''
+    digest = hashlib.sha256()
+    for name in _LIBRARIES:
+        with suppress(PackageNotFoundError):
+            digest.update(f'{name} {version(name)} '.encode())
+    for file in files:
         digest.update(file.read_bytes())
     return digest.hexdigest()

@@ -39,8 +39,8 @@ class Diagnostics:
     Attributes
     ----------
     told : bool
-        Set it where the node has logged what changes a level, with the cause: the change is
-        not logged a second time.
+        Set it where the node has logged what changes the level of what it judges, with the
+        cause: the change is not logged a second time.
     """
 
     def __init__(self, node: Node, health: Callable[[], Health], hardware: str = '') -> None:
@@ -72,10 +72,11 @@ class Diagnostics:
     def _publish(self) -> None:
         name = self._node.get_fully_qualified_name()
         now_ns = self._node.get_clock().now().nanoseconds
-        message = self._said(now_ns, name, self._own_health(name), self._hardware)
+        message = self._said(now_ns, name, self._own_health(name), self._hardware, False)
         for what, (health, hardware) in self._beside.items():
             beside = f'{self._node.get_namespace().rstrip("/")}/{what}'
-            message.status.extend(self._said(now_ns, beside, health(), hardware).status)
+            said = self._said(now_ns, beside, health(), hardware, self.told)
+            message.status.extend(said.status)
         self.told = False
         self._publisher.publish(message)
 
@@ -90,12 +91,14 @@ class Diagnostics:
             level, text = 'ERROR', '; '.join(problems + said)
         return level, text, values
 
-    def _said(self, now_ns: int, name: str, health: Health, hardware: str) -> DiagnosticArray:
-        """Return a health as a message, and log it where its level has changed."""
+    def _said(
+        self, now_ns: int, name: str, health: Health, hardware: str, told: bool
+    ) -> DiagnosticArray:
+        """Return a health as a message; log it where its level has changed, if nobody has."""
         level, text, values = health
         before = self._levels.get(name, 'OK')
         self._levels[name] = level
-        if level != before and not self.told:
+        if level != before and not told:
             self._log(f'{level} (was {before}): {text}', level)
         return diagnostic(now_ns, name.lstrip('/'), level, text, values, hardware)
 

@@ -25,6 +25,7 @@ from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.support.diagnostics import Diagnostics, one_line
 from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.sole import hold_name
+from hunt_ros.nodes.support.transitions import says_why
 from hunt_ros.nodes.support.worker import Worker
 
 _READ_S = 0.2
@@ -60,6 +61,7 @@ class DriverNode(LifecycleNode, ABC, Generic[_D]):
     def __init__(self, name: str) -> None:
         super().__init__(name)
         hold_name(self)
+        self.failure = ''
         #: Open; None while there is no connection. Only the thread sets it.
         self._driver: _D | None = None
         self._worker: Worker | None = None
@@ -105,6 +107,7 @@ class DriverNode(LifecycleNode, ABC, Generic[_D]):
         self._make_driver = cast('Callable[[], _D]', partial(kind, settings, *rest))
         return f'{name}: {self._make_driver()}'
 
+    @says_why
     def on_configure(self, state: State) -> TransitionCallbackReturn:
         """
         Advertise, and begin to open the driver; missing hardware is tried again and again.

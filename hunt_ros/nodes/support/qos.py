@@ -20,7 +20,7 @@ from rclpy.subscription import Subscription
 
 
 def stream(depth: int) -> QoSProfile:
-    """Reliable, keep-last `depth`: one second of the topic's messages."""
+    """Reliable, keep-last `depth`: one second or more of the topic's messages."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=max(1, depth),
