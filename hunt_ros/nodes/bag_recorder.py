@@ -77,9 +77,13 @@ GLOBAL_TOPICS = ('/diagnostics', '/parameter_events', '/rosout')
 OWN_TOPIC = 'recording/closed'
 
 _WITHOUT_CLOCK = 2000
-#: How many messages of a latched topic its publisher keeps for who comes late. The graph does
-#: not tell it of a topic that is not of the design.
-_LATCHED_KEPT = {**dict.fromkeys(LATCHED_TOPICS, 1), 'hunting/journal': JOURNAL.depth}
+#: How many messages of a latched topic its publisher keeps for who comes late; of the log the
+#: last lines. The graph does not tell it of a topic that is not of the design.
+_LATCHED_KEPT = {
+    **dict.fromkeys(LATCHED_TOPICS, 1),
+    'hunting/journal': JOURNAL.depth,
+    '/rosout': 100,
+}
 _FOREIGN_KEPT = 1000
 #: What a reader missed is sent again after the heartbeat of its writer, every 3 s by default.
 _RESENT_S = 3.5
