@@ -81,7 +81,7 @@ def identify(
         recordings = Recordings(
             sources,
             settings,
-            remembering(workers, settings.keep),
+            remembering(workers, settings.work_folder),
             warnings,
             lambda part: tell(_READ * part),
         )

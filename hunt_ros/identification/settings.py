@@ -65,7 +65,7 @@ class IdentificationSettings:
     cluster : str
         Address of a Dask scheduler whose workers read and prepare the recordings and run the
         bootstrap ('' for none).
-    keep : str
+    work_folder : str
         Folder in which is kept what was worked out of each recording that is given as what reads
         it: identified again, with others beside it, it is not read again ('' for none). The
         content of the folder is trusted: one that others may write is refused.
@@ -95,7 +95,7 @@ class IdentificationSettings:
     seed: int = 0
     jobs: int = 0
     cluster: str = ''
-    keep: str = ''
+    work_folder: str = ''
 
     def __post_init__(self) -> None:
         for name in ('length_scale', 'time_scale', 'minimum_hold_s'):
@@ -168,7 +168,7 @@ class IdentificationSettings:
 
     def of_recording(self) -> IdentificationSettings:
         """Return them without what only the fit to all recordings takes."""
-        fit = ('prior_v_c', 'prior_D1', 'bootstrap', 'seed', 'jobs', 'cluster', 'keep')
+        fit = ('prior_v_c', 'prior_D1', 'bootstrap', 'seed', 'jobs', 'cluster', 'work_folder')
         return replace(self, **{name: getattr(type(self), name) for name in fit})
 
     @property

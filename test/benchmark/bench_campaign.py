@@ -62,7 +62,7 @@ def client(paths: list[str], settings: IdentificationSettings) -> None:
 def measured(paths: list[str], address: str, bootstrap: int, keep: str = '') -> dict:
     """Run a client in a process of its own."""
     words = [sys.executable, __file__, '--client', address, '--bootstrap', str(bootstrap)]
-    words += ['--keep', keep, *paths]
+    words += ['--work-folder', keep, *paths]
     done = subprocess.run(words, capture_output=True, text=True, check=True)
     return dict(json.loads(done.stdout.splitlines()[-1]))
 
@@ -74,12 +74,15 @@ def main() -> None:
     parser.add_argument('--recordings', type=int, default=40)
     parser.add_argument('--bootstrap', type=int, default=200)
     parser.add_argument('--client', help=argparse.SUPPRESS)
-    parser.add_argument('--keep', default='', help=argparse.SUPPRESS)
+    parser.add_argument('--work-folder', default='', help=argparse.SUPPRESS)
     parser.add_argument('paths', nargs='*', help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.client is not None:
         settings = IdentificationSettings(
-            cluster=arguments.client, bootstrap=arguments.bootstrap, jobs=1, keep=arguments.keep
+            cluster=arguments.client,
+            bootstrap=arguments.bootstrap,
+            jobs=1,
+            work_folder=arguments.work_folder,
         )
         client(arguments.paths, settings)
         return
@@ -127,7 +130,7 @@ def main() -> None:
         ' what the identification adds to the peak. Goals: two workers 1.7 times one, the same'
         " result bit for bit, and a client that does not hold the recordings' samples.\n\n"
         + markdown(header, rows)
-        + '\n\nWithout the bootstrap, in one process; `--keep` holds'
+        + '\n\nWithout the bootstrap, in one process; `--work-folder` holds'
         f' {size / 2**20 / (count - 1):.2f} MB of each recording:\n\n'
         + markdown(['recordings', 'time, s', 'same result'], kept)
     )

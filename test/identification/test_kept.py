@@ -57,7 +57,7 @@ def read(tmp_path):
 
 def test_a_further_recording_is_the_only_one_that_is_read(bags, read, tmp_path):
     sources = [partial(reading, read.log, bag) for bag in bags]
-    settings = IdentificationSettings(keep=str(tmp_path / 'kept'))
+    settings = IdentificationSettings(work_folder=str(tmp_path / 'kept'))
     identify(sources[:2], settings)
     assert sorted(read()) == ['run0', 'run1']
     found = identify([sources[2], *sources[:2]], settings)  # wherever it stands among them
@@ -65,13 +65,16 @@ def test_a_further_recording_is_the_only_one_that_is_read(bags, read, tmp_path):
     plain = identify([read_record(bags[k]) for k in (2, 0, 1)])
     assert found.to_json() == plain.to_json()
     # What only the fit takes changes nothing of it.
-    identify(sources, IdentificationSettings(keep=settings.keep, prior_v_c=(8.0, 0.1), seed=3))
+    identify(
+        sources,
+        IdentificationSettings(work_folder=settings.work_folder, prior_v_c=(8.0, 0.1), seed=3),
+    )
     assert not read()
 
 
 def test_what_has_changed_is_read_again(bags, read, tmp_path):
     sources = [partial(reading, read.log, bag) for bag in bags[:2]]
-    settings = IdentificationSettings(keep=str(tmp_path / 'kept'))
+    settings = IdentificationSettings(work_folder=str(tmp_path / 'kept'))
     first = identify(sources, settings).to_json()
     read()
     (file,) = bags[0].glob('*.mcap')
@@ -79,9 +82,11 @@ def test_what_has_changed_is_read_again(bags, read, tmp_path):
     assert identify(sources, settings).to_json() == first
     assert read() == ['run0']
     # Other settings are other work, and a damaged file is none.
-    identify(sources, IdentificationSettings(keep=settings.keep, minimum_hold_s=10.0))
+    identify(
+        sources, IdentificationSettings(work_folder=settings.work_folder, minimum_hold_s=10.0)
+    )
     assert sorted(read()) == ['run0', 'run1']
-    for kept in Path(settings.keep).iterdir():
+    for kept in Path(settings.work_folder).iterdir():
         kept.write_bytes(kept.read_bytes()[:-20])
     assert identify(sources, settings).to_json() == first
     assert sorted(read()) == ['run0', 'run1']
@@ -90,7 +95,7 @@ def test_what_has_changed_is_read_again(bags, read, tmp_path):
 def test_samples_that_somebody_holds_are_not_kept(bags, tmp_path):
     records = [read_record(bag) for bag in bags[:2]]
     folder = tmp_path / 'kept'
-    found = identify(records, IdentificationSettings(keep=str(folder)))
+    found = identify(records, IdentificationSettings(work_folder=str(folder)))
     assert found.to_json() == identify(records).to_json()
     assert not list(folder.iterdir())
 
@@ -125,19 +130,19 @@ def test_a_folder_that_goes_away_or_that_others_may_write(bags, tmp_path):
     assert workers.collect([], lambda part: None) == []
     folder.mkdir()
     folder.chmod(0o777)
-    with pytest.raises(HuntError, match='can be written by others'):
+    with pytest.raises(HuntError, match='is not yours alone'):
         Kept(Here(), folder)
 
 
 def test_the_verb_gives_the_same_and_says_where_nothing_can_be_kept(bags, tmp_path, capsys):
     words = ['identify', *map(str, bags)]
-    keep = ['--keep', str(tmp_path / 'kept')]
+    keep = ['--work-folder', str(tmp_path / 'kept')]
     for name, more in (('plain', []), ('first', keep), ('again', keep)):
         assert main([*words, *more, '--json', str(tmp_path / name)]) == 0
     texts = {(tmp_path / name).read_text() for name in ('plain', 'first', 'again')}
     assert len(texts) == 1
     capsys.readouterr()
-    assert main([*words, '--keep', str(tmp_path / 'plain')]) == 2
+    assert main([*words, '--work-folder', str(tmp_path / 'plain')]) == 2
     assert 'is no folder that can be written' in capsys.readouterr().err
 
 

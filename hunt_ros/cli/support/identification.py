@@ -112,7 +112,7 @@ def add_settings(parser: argparse.ArgumentParser, what: str = 'recordings: runs,
 def add_keep(parser: argparse.ArgumentParser) -> None:
     """Add where the work is kept, for verbs that need no samples of what is known."""
     parser.add_argument(
-        '--keep',
+        '--work-folder',
         metavar='FOLDER',
         help='a folder of your own: what is worked out of each recording is kept there, and with'
         ' others beside it that recording is not read again',
@@ -160,8 +160,8 @@ def records_of(arguments: argparse.Namespace, advance: Advance) -> list[Record]:
 
 
 def sources_of(arguments: argparse.Namespace, advance: Advance) -> Sequence[Source]:
-    """Return the recordings; with `--cluster` or `--keep` what reads them where that is needed."""
-    later = arguments.cluster or arguments.keep
+    """Return the recordings; with `--cluster` or `--work-folder` what reads those it has to."""
+    later = arguments.cluster or arguments.work_folder
     return _readings(arguments) if later else records_of(arguments, advance)
 
 
@@ -234,7 +234,7 @@ def settings_of(arguments: argparse.Namespace) -> IdentificationSettings:
         'seed': arguments.seed,
         'jobs': arguments.jobs,
         'cluster': arguments.cluster,
-        'keep': getattr(arguments, 'keep', None),  # not of every verb
+        'work_folder': getattr(arguments, 'work_folder', None),  # not of every verb
         'lines': arguments.lines,
         'roller_diameter_m': arguments.roller_diameter,
         'wheel_diameter_m': arguments.wheel_diameter,

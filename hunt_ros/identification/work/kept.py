@@ -62,12 +62,12 @@ class Kept:
             state = self._folder.stat()
         except OSError as error:
             raise IdentificationError(
-                f'keep: {folder} is no folder that can be written ({error.strerror})'
+                f'work folder: {folder} is no folder that can be written ({error.strerror})'
             ) from error
         if state.st_uid != os.getuid() or state.st_mode & _OTHERS_WRITE:
             raise IdentificationError(
-                f'keep: {folder} can be written by others, expected a folder of your own: what is'
-                ' in it is trusted'
+                f'work folder: {folder} is not yours alone: expected one that nobody else may'
+                ' write, because what is in it is trusted'
             )
 
     def share(self, value: Any) -> Any:
