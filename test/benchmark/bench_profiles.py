@@ -82,7 +82,9 @@ def through_nodes(seed: int, text: str) -> tuple[float, np.ndarray]:
             suite.wait_until_up(link, LISTENERS)
             suite.start_nodes(processes, [SIMULATOR], {}, parameters)
             suite.start_nodes(processes, SOURCES, common, parameters)
-            return identified(read_record(recording(link)))
+            path = recording(link)
+            print(f'{profile.name or text}, seed {seed}: {path.name}', file=sys.stderr, flush=True)
+            return identified(read_record(path))
 
 
 def recording(link: ConsoleLink) -> Path:
@@ -96,9 +98,13 @@ def recording(link: ConsoleLink) -> Path:
     else:
         raise SystemExit(f'the profile did not end within {_RUN_S:.0f} s')
     link.call('recording/stop')
+    said = []
     for line in link.lines(_CLOSING_S):
         if line['topic'] == 'recording/closed':
             return Path(line['data'])
+        if 'recording' in str(line):
+            said.append(str(line))
+    print(*said[:20], *said[-20:], sep='\n', file=sys.stderr)
     raise SystemExit(f'the recording was not closed within {_CLOSING_S:.0f} s')
 
 
