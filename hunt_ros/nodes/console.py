@@ -33,6 +33,8 @@ from hunt_ros.services import KEYS, SERVICES
 _ROUND_S, _SOUGHT_S = 0.02, 5.0
 #: A status is printed so often at most, unless what is in force changes, s.
 _STATUS_S = 0.1
+#: Answers come in another thread than what is heard, and two lines in one are none.
+_WRITING = threading.Lock()
 #: What is in force.
 _IN_FORCE = ('level', 'state', 'alarm', 'emergency_stop', 'interlock_state', 'profile_state')
 
@@ -150,7 +152,8 @@ def _answer(name: str, ok: bool, message: str) -> None:
 
 
 def _write(document: dict[str, object]) -> None:
-    print(json.dumps(document), flush=True)
+    with _WRITING:
+        print(json.dumps(document), flush=True)
 
 
 make_node = ConsoleNode
