@@ -85,7 +85,7 @@ class Kept:
         rest = [place for place in range(len(handles)) if place not in results]
 
         def advance(part: float) -> None:
-            """Tell the share of all that is there, of the share of the rest that is done."""
+            """Pass on which share of all is there, of the share of the rest that is done."""
             if tell:
                 tell((known + part * len(rest)) / max(len(handles), 1))
 
