@@ -1,4 +1,4 @@
-"""Streaming estimators: Kalman filter, Hilbert envelope, growth rate; and their bounds."""
+"""Streaming estimators: Kalman filter, Hilbert envelope, growth rate."""
 
 from hunt_ros.estimation.growth import EnvelopeGrowth, growth_sign
 from hunt_ros.estimation.hilbert import HilbertEnvelope

@@ -14,6 +14,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from bounds import (
+    SignalModel,
+    amplitude_window,
+    growth_window,
+    sign_time_bound,
+)
 from tables import markdown, publish
 
 from hunt_ros.compiled import HAVE_COMPILER
@@ -26,12 +32,6 @@ from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import Kick, simulate
 from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, SimulationSettings
-from hunt_ros.estimation.bounds import (
-    SignalModel,
-    amplitude_window,
-    growth_window,
-    sign_time_bound,
-)
 from hunt_ros.estimation.hilbert import HilbertEnvelope
 from hunt_ros.estimation.kalman import HuntingTracker, ModePoint, TrackerConfig
 from hunt_ros.estimation.mode_measurement import measure_ratio

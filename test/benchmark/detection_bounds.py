@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from functools import cache
 
+from bounds import SignalModel, amplitude_window, sign_time_bound
 from detection_rigs import BENCHES, RATE_HZ
 
 from hunt_ros.dynamics.linear_stability import second_pair
-from hunt_ros.estimation.bounds import SignalModel, amplitude_window, sign_time_bound
 
 
 @cache

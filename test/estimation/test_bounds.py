@@ -5,15 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-from hunt_ros.errors import ConfigError
-from hunt_ros.estimation.bounds import (
+from bounds import (
     SignalModel,
     amplitude_std_bound,
     amplitude_window,
     growth_std_bound,
     sign_time_bound,
 )
+
+from hunt_ros.errors import ConfigError
 
 KICK = SignalModel(2.6e-4, 2.5, 0.0, 2e-5, 1000.0, roughness_hz=7.6)
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from bounds import sign_time_bound
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hunt_ros.errors import HuntError
-from hunt_ros.estimation.bounds import sign_time_bound
 from hunt_ros.estimation.kalman import TRACK_DTYPE, HuntingTracker, TrackerConfig
 
 BOTH, LATERAL, YAW = (0, 1), (0,), (1,)
