@@ -100,7 +100,7 @@ def mode_points(shape: ModeShape, plain: TrackerConfig) -> tuple[ModePoint, ...]
         doubt = plain.second_std
         if shape.second_frequency_hz is not None and shape.second_decay is not None:
             second, decay = float(shape.second_frequency_hz[i]), float(shape.second_decay[i])
-            doubt = 0.0
+            doubt = 0.0 if shape.second_std is None else float(shape.second_std[i])
         ratio = None if shape.second_ratio is None else complex(shape.second_ratio[i])
         points += [
             ModePoint(

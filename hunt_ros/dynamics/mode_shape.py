@@ -32,6 +32,7 @@ KEYS = (
     'second_mode_decay',
     'second_mode_ratio_real',
     'second_mode_ratio_imag',
+    'second_mode_std',
 )
 
 
@@ -56,6 +57,8 @@ class ModeShape:
         Frequency (Hz) and decay rate (1/s, positive) of the second mode; None: unknown.
     second_ratio : ndarray of complex, shape (n,), optional
         Its yaw over its lateral phasor, rad/m.
+    second_std : ndarray, shape (n,), optional
+        Standard deviation of its eigenvalue over the modulus, below 1; None: it is exact.
 
     Raises
     ------
@@ -71,6 +74,7 @@ class ModeShape:
     second_frequency_hz: _F | None = None
     second_decay: _F | None = None
     second_ratio: NDArray[np.complex128] | None = None
+    second_std: _F | None = None
 
     def __post_init__(self) -> None:
         n, m = self.speeds.size, self.amplitudes.size
@@ -83,6 +87,7 @@ class ModeShape:
             ('second_frequency_hz', (n,)),
             ('second_decay', (n,)),
             ('second_ratio', (n,)),
+            ('second_std', (n,)),
         ):
             table = getattr(self, name)
             if table is None:
@@ -102,8 +107,11 @@ class ModeShape:
                 raise ConfigError(f'mode shape: {name} must be positive')
         if (self.second_frequency_hz is None) != (self.second_decay is None):
             raise ConfigError('mode shape: the second mode needs frequency and decay')
-        if self.second_ratio is not None and self.second_decay is None:
-            raise ConfigError('mode shape: second_ratio needs the second mode')
+        for name in ('second_ratio', 'second_std'):
+            if getattr(self, name) is not None and self.second_decay is None:
+                raise ConfigError(f'mode shape: {name} needs the second mode')
+        if self.second_std is not None and np.any(self.second_std >= 1.0):
+            raise ConfigError('mode shape: second_std must be below 1')
 
     def at(self, speed: float, amplitude: float) -> complex:
         """Yaw over lateral phasor, rad/m, at a speed (m/s) and lateral amplitude (m)."""
@@ -121,6 +129,7 @@ class ModeShape:
             'mode_ratio_std': self.ratio_std,
             'second_mode_frequency_hz': self.second_frequency_hz,
             'second_mode_decay': self.second_decay,
+            'second_mode_std': self.second_std,
         }
         if self.second_ratio is not None:
             tables['second_mode_ratio_real'] = self.second_ratio.real
@@ -171,6 +180,7 @@ class ModeShape:
                 lists['second_mode_frequency_hz'],
                 lists['second_mode_decay'],
                 None if second[0] is None or second[1] is None else second[0] + 1j * second[1],
+                lists['second_mode_std'],
             )
         except ConfigError as error:
             raise ConfigError(f'{source}: {error}') from error

@@ -114,8 +114,9 @@ def identify(
             evidence, settings, warnings, lambda part: tell(_FITTED + (1.0 - _FITTED) * part)
         )
         if result.normal_form is not None:
-            shape = recordings.mode_shape(frequency)
-            form = replace(result.normal_form, mode_shape=shape)
+            found = result.normal_form
+            shape = recordings.mode_shape(found.form, frequency)
+            form = replace(found, mode_shape=shape)
             result = replace(result, normal_form=form)
     tell(1.0)
     return result

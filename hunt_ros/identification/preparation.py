@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.errors import IdentificationError
-from hunt_ros.estimation.mode_measurement import RatioPoints, measure_ratio
+from hunt_ros.estimation.forced_response import measure_response
+from hunt_ros.estimation.mode_measurement import measure_ratio
 from hunt_ros.estimation.record_lines import ForcedLine, Motion, turns_per_metre
 from hunt_ros.identification.days import day_of
 from hunt_ros.identification.record.beat import without_beat
@@ -30,6 +31,7 @@ from hunt_ros.identification.record.hunting_frequency import (
     power_on,
     tracked_envelope,
 )
+from hunt_ros.identification.record.mode import Motions
 from hunt_ros.identification.record.plateaus import analyse_record
 from hunt_ros.identification.record.screening import Stretch, free_of_contact, moving
 from hunt_ros.identification.record.segments import Segment
@@ -270,9 +272,12 @@ def runs_in(
     return runs, said
 
 
-def ratio_in(
+def motions_in(
     prepared: Prepared, bare: bool, frequency_hz: float, settings: IdentificationSettings
-) -> RatioPoints:
-    """Return the ratio of yaw to lateral motion, where it holds both."""
-    record = prepared.record if bare else prepared.turning
-    return measure_ratio(record, frequency_hz, settings.orders.tolist())
+) -> Motions:
+    """Return what it shows of yaw and lateral motion together, where it holds both."""
+    record, orders = prepared.record if bare else prepared.turning, settings.orders.tolist()
+    return Motions(
+        measure_ratio(record, frequency_hz, orders),
+        measure_response(record, frequency_hz, orders),
+    )

@@ -11,6 +11,7 @@ import numpy as np
 
 from hunt_ros.analysis.steady_state import hunting_threshold
 from hunt_ros.dynamics.mode_shape import ModeShape
+from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import IdentificationError
 from hunt_ros.estimation.record_lines import RecordLines
@@ -246,15 +247,15 @@ class Recordings:
         runs = [run for some, _ in found for run in some]
         return runs, [line for _, said in found for line in said]
 
-    def mode_shape(self, frequency_hz: float) -> ModeShape | None:
-        """Measure the mode shape wherever the recordings hold both sensors; else None."""
+    def mode_shape(self, form: NormalForm, frequency_hz: float) -> ModeShape | None:
+        """Measure both modes wherever the recordings hold both sensors; else None."""
         pairs = zip(self._prepared, self._digests, strict=True)
         measuring = [prepared for prepared, digest in pairs if digest.measures]
         count = len(measuring)
-        points = self._ask(
-            preparation.ratio_in, measuring, [self._bare] * count, [frequency_hz] * count
+        motions = self._ask(
+            preparation.motions_in, measuring, [self._bare] * count, [frequency_hz] * count
         )
-        return measured_shape(points)
+        return measured_shape(motions, form, frequency_hz)
 
 
 def _forced(

@@ -56,6 +56,18 @@ def test_a_parameter_file_gives_the_same_form_and_shape_exactly(shape) -> None:
         assert np.array_equal(getattr(read.mode_shape, name), getattr(shape, name)), name
 
 
+def test_a_file_keeps_how_well_the_second_mode_is_known(shape) -> None:
+    known = replace(shape, second_ratio=None, second_std=np.full(shape.speeds.size, 0.05))
+    read = IdentifiedNormalForm.from_yaml(
+        IdentifiedNormalForm(PAPER_NORMAL_FORM, mode_shape=known).to_yaml()
+    )
+    assert read.mode_shape is not None
+    assert read.mode_shape.second_ratio is None
+    assert np.array_equal(read.mode_shape.second_std, known.second_std)
+    with pytest.raises(ConfigError, match='second mode'):
+        replace(known, second_frequency_hz=None, second_decay=None)
+
+
 def test_a_file_without_a_shape_still_reads() -> None:
     read = IdentifiedNormalForm.from_yaml(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml())
     assert read.mode_shape is None
@@ -71,6 +83,8 @@ def test_a_file_without_a_shape_still_reads() -> None:
         ('mode_ratio_imag', 'much', 'list of numbers'),
         ('mode_ratio_imag', [float('nan')] * 70, 'finite'),
         ('second_mode_decay', None, 'second mode'),
+        ('second_mode_std', [1.0] * 7, 'below 1'),
+        ('second_mode_std', [0.1], 'expected'),
     ],
 )
 def test_an_impossible_shape_is_refused_with_its_key(shape, key, value, words) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1] / 'benchmark'))  # for its bounds
+sys.path.insert(0, str(Path(__file__).parents[1] / 'benchmark'))  # for bounds and rigs
 
 
 @dataclass

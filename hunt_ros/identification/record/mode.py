@@ -2,35 +2,105 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hunt_ros.dynamics.mode_shape import ModeShape
 from hunt_ros.dynamics.mode_table import fitted_shape
+from hunt_ros.dynamics.normal_form import NormalForm
+from hunt_ros.estimation.forced_response import (
+    HuntingMode,
+    ResponseWindows,
+    SecondMode,
+    joined,
+    second_mode,
+)
 from hunt_ros.estimation.mode_measurement import RatioPoints
 
+#: A motion is linear whose amplitude changes its damping by less than this part.
+_LINEAR = 0.1
+#: Doubt about the second mode outside the speeds that were seen, per change of ln(speed).
+_CARRY_SPEED = 0.5
+#: A second mode that is known no better than this tells nothing.
+_LEAST_KNOWN = 0.25
 
-def measured_shape(points: Sequence[RatioPoints]) -> ModeShape | None:
+
+@dataclass(frozen=True, eq=False)
+class Motions:
     """
-    Put together what the recordings show of the mode shape.
+    What one recording shows of both sensors together.
 
     Parameters
     ----------
-    points : sequence of RatioPoints
+    ratio : RatioPoints
+        Yaw over lateral phasor of the hunting.
+    response : ResponseWindows
+        Cross-spectra wherever the speed stands still.
+    """
+
+    ratio: RatioPoints
+    response: ResponseWindows
+
+
+def measured_shape(
+    motions: Sequence[Motions], form: NormalForm, frequency_hz: float
+) -> ModeShape | None:
+    """
+    Put together what the recordings show of the mode shape, and of the second mode.
+
+    Parameters
+    ----------
+    motions : sequence of Motions
         Of each recording; those without `yaw` add nothing.
+    form : NormalForm
+        Identified from them: tells which motion is small, and how it is damped.
+    frequency_hz : float
+        Of the hunting, with which they were measured.
 
     Returns
     -------
     ModeShape or None
         None where no recording shows the motion on both sensors.
     """
-    if not points:
+    if not motions:
         return None
-    return fitted_shape(
+    points = [one.ratio for one in motions]
+    shape = fitted_shape(
         np.concatenate([p.speed for p in points]),
         np.concatenate([p.amplitude for p in points]),
         np.concatenate([p.ratio for p in points]),
         np.concatenate([p.relative_std for p in points]),
         np.concatenate([p.frequency_hz for p in points]),
     )
+    if shape is None:
+        return None
+    second = _second(joined([one.response for one in motions]), shape, form, frequency_hz)
+    if second is None or not second.relative_std < _LEAST_KNOWN:
+        return shape
+    held = np.clip(shape.speeds, second.speeds[0], second.speeds[-1])
+    doubt = np.hypot(second.relative_std, _CARRY_SPEED * np.log(shape.speeds / held))
+    return replace(
+        shape,
+        second_frequency_hz=np.interp(held, second.speeds, second.frequency_hz),
+        second_decay=np.interp(held, second.speeds, second.decay),
+        second_std=np.minimum(doubt, 0.9),
+    )
+
+
+def _second(
+    windows: ResponseWindows, shape: ModeShape, form: NormalForm, frequency_hz: float
+) -> SecondMode | None:
+    """Fit the second mode to the windows in which the motion is small and decays."""
+    least = np.asarray(form.growth_rate(windows.speed, 0.0))
+    change = np.asarray(form.growth_rate(windows.speed, windows.amplitude)) - least
+    quiet = windows.only((least < 0.0) & (np.abs(change) < -_LINEAR * least))
+    if not quiet.speed.size:
+        return None
+    speed = float(np.mean(quiet.speed))
+    turning = 2.0 * math.pi * float(np.interp(speed, shape.speeds, shape.frequency_hz))
+    eigenvalue = complex(float(form.growth_rate(speed, 0.0)), turning)
+    hunting = HuntingMode(speed, eigenvalue, shape.at(speed, 0.0))
+    return second_mode(quiet, frequency_hz, hunting)

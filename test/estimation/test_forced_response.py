@@ -1,0 +1,163 @@
+"""The second mode of a rig, read off what noise makes of it: against linear theory."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from bench_forecast import other_rig
+
+from hunt_ros.dynamics.linear_stability import critical_speed, eigenvalues, hunting_mode
+from hunt_ros.dynamics.parameters import RigParameters, paper_rig
+from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
+from hunt_ros.dynamics.simulation import simulate
+from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, SimulationSettings
+from hunt_ros.estimation.forced_response import (
+    HuntingMode,
+    SecondMode,
+    joined,
+    measure_response,
+    second_mode,
+)
+from hunt_ros.samples import Record, Series
+
+#: The paper's rig, and one of other creep, conicity, size and frequency.
+RIGS = {'paper': paper_rig(), '14 m/s': other_rig()}
+LEVELS = 0.75, 0.8, 0.85, 0.9, 0.95
+SETTINGS = SimulationSettings(
+    sample_rate_hz=200.0,
+    broadband=8e-6,
+    roughness=Roughness((20e-6, 10e-6)),
+    lateral_sensor=SensorModel(noise=5e-6),
+    yaw_sensor=SensorModel(noise=2e-5),
+)
+
+
+def quiet(rig: RigParameters, seed: int = 0, hold_s: float = 60.0, **changes: Any) -> Record:
+    """Return a staircase below the critical speed, on which nothing but noise moves."""
+    profile = SpeedProfile.staircase(
+        *(critical_speed(rig) * np.array(LEVELS)), hold_s=hold_s, acceleration=1.0
+    )
+    return simulate(rig, replace(SETTINGS, **changes), profile, seed=seed)
+
+
+def hunting(rig: RigParameters) -> tuple[float, HuntingMode]:
+    """Return the frequency at the critical speed, Hz, and the hunting mode below it."""
+    v_c = critical_speed(rig)
+    mode = hunting_mode(rig, 0.85 * v_c)
+    known = HuntingMode(0.85 * v_c, mode.eigenvalue, mode.yaw_per_lateral / rig.length_scale)
+    return hunting_mode(rig, v_c).frequency_hz, known
+
+
+def second(record: Record, rig: RigParameters) -> SecondMode | None:
+    """Return what a recording shows of the second mode."""
+    frequency, known = hunting(rig)
+    return second_mode(measure_response(record, frequency), frequency, known)
+
+
+def errors(found: SecondMode, rig: RigParameters) -> np.ndarray:
+    """Return the errors of the eigenvalue at the levels, over its modulus."""
+    off = []
+    for speed, f, decay in zip(found.speeds, found.frequency_hz, found.decay, strict=True):
+        values = eigenvalues(rig, float(speed))
+        true = min((x for x in values if x.imag > 0.0), key=lambda x: x.real)
+        off.append(abs(complex(-decay, 2.0 * np.pi * f) - true) / abs(true))
+    return np.array(off)
+
+
+@pytest.mark.parametrize('name', RIGS)
+def test_the_second_mode_is_known_as_well_as_it_says(name: str) -> None:
+    rig, off, said = RIGS[name], [], []
+    for seed in range(8):
+        found = second(quiet(rig, seed), rig)
+        assert found is not None
+        assert np.allclose(found.speeds / critical_speed(rig), LEVELS, rtol=5e-3)
+        off.append(errors(found, rig)[2])
+        said.append(found.relative_std)
+    assert np.median(said) < 0.15
+    # rms of eight errors over what was said: beyond 1.5 in one run of thousands, were it true.
+    assert np.sqrt(np.mean(np.square(np.array(off) / said))) < 1.5
+    assert np.sqrt(np.mean(np.square(off))) < 0.15
+
+
+def test_another_unit_of_either_sensor_changes_nothing() -> None:
+    rig = RIGS['paper']
+    record = quiet(rig)
+    frequency, known = hunting(rig)
+    scaled = Record(
+        {
+            **record,
+            'lateral': Series(record['lateral'].stamps_ns, 1e3 * record['lateral'].values),
+            'yaw': Series(record['yaw'].stamps_ns, 20.0 * record['yaw'].values),
+        }
+    )
+    first = second(record, rig)
+    other = second_mode(
+        measure_response(scaled, frequency), frequency, replace(known, ratio=0.02 * known.ratio)
+    )
+    assert first is not None
+    assert other is not None
+    assert np.allclose(first.decay, other.decay, rtol=1e-2)
+    assert np.allclose(first.frequency_hz, other.frequency_hz, rtol=1e-2)
+
+
+def test_recordings_add_up() -> None:
+    rig = RIGS['paper']
+    frequency, known = hunting(rig)
+    several = [measure_response(quiet(rig, seed, 30.0), frequency) for seed in range(3)]
+    one = second_mode(several[0], frequency, known)
+    all_of_them = second_mode(joined(several), frequency, known)
+    assert one is not None
+    assert all_of_them is not None
+    assert all_of_them.relative_std < 0.75 * one.relative_std
+
+
+def test_forces_that_are_not_white_tell_nothing() -> None:
+    rig = RIGS['paper']
+    record = quiet(rig)
+    rng = np.random.default_rng(0)
+    shaken = {}
+    for name, size in (('lateral', 2e-5), ('yaw', 1e-4)):
+        t = record[name].stamps_ns * 1e-9
+        # A foundation that rings at 5 Hz, now more and now less.
+        loud = np.repeat(np.abs(rng.normal(size=t.size // 200 + 1)), 200)[: t.size]
+        ringing = size * loud * np.cos(2.0 * np.pi * 5.0 * t)
+        shaken[name] = Series(record[name].stamps_ns, record[name].values + ringing)
+    assert second(Record({**record, **shaken}), rig) is None
+
+
+@pytest.mark.parametrize('missing', ['lateral', 'yaw', 'speed'])
+def test_without_a_sensor_there_are_no_windows(missing: str) -> None:
+    record = quiet(RIGS['paper'], hold_s=10.0)
+    rest = Record({name: series for name, series in record.items() if name != missing})
+    windows = measure_response(rest, 2.8)
+    assert windows.speed.size == 0
+    assert windows.spectra.shape[0] == 0
+
+
+def test_what_is_too_short_or_too_slow_has_no_windows() -> None:
+    rig = RIGS['paper']
+    short = quiet(rig, hold_s=1.0)
+    assert second(short, rig) is None
+    slow = quiet(rig, hold_s=20.0, sample_rate_hz=20.0)
+    assert measure_response(slow, 2.8).speed.size == 0
+
+
+def test_lost_samples_are_bridged_and_gaps_are_left_out() -> None:
+    rig = RIGS['paper']
+    record = quiet(rig)
+    whole = measure_response(record, 2.8)
+    rng = np.random.default_rng(0)
+    kept = {}
+    for name in ('lateral', 'yaw'):
+        keep = rng.random(len(record[name])) > 0.05
+        stamps = record[name].stamps_ns
+        keep &= (stamps < 100_000_000_000) | (stamps > 130_000_000_000)
+        kept[name] = Series(stamps[keep], record[name].values[keep])
+    torn = Record({**record, **kept})
+    assert 0.8 < measure_response(torn, 2.8).speed.size / whole.speed.size < 0.95
+    found = second(torn, rig)
+    assert found is not None
+    assert errors(found, rig)[2] < 3.0 * found.relative_std
