@@ -9,7 +9,7 @@ from detection_bounds import window
 from detection_kicks import WAITS
 from detection_measured import TRUTH, Measured, disturbed_against_cfr
 from detection_rigs import BENCHES
-from detection_steady import bias, worst
+from detection_steady import bias, unknown, worst
 from detection_verdicts import (
     Reliability,
     balanced_error,
@@ -125,7 +125,10 @@ def _amplitude(measured: Measured) -> list[list[object]]:
         for rig in dict.fromkeys(rig for rig, name in names if name == condition):
             some = measured.readings_of(f'{rig}: {condition}')
             errors.append(worst(some))
-            text.append(f'{errors[-1]:.2f} % at the worst speed, mean {bias(some):+.2f} % ({rig})')
+            words = f'{errors[-1]:.2f} % at worst, mean {bias(some):+.2f} %'
+            if unknown(some):
+                words += f', {unknown(some)} of {len(some)} unknown'
+            text.append(f'{words} ({rig})')
         name = f'amplitude in steady state: {condition}'
         rows.append(_row(name, '<= 3 %', '; '.join(text), max(errors) <= 3.0))
     return rows

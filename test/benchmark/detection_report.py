@@ -124,7 +124,7 @@ def _delays(measured: Measured) -> str:
         '**Kicks of 1.2 and 2 times the critical kick that escaped**, all noise. The criteria'
         ' with one limit have that which speaks in as many minutes of the quiet running as ours;'
         ' with own limits, one for each speed, noise and roughness, from the quiet seconds before'
-        ' the kicks (nobody has these beforehand). Amplitude: ours the worst speed, theirs what'
+        ' the kicks (nobody has these beforehand). Amplitude: ours at worst, theirs what'
         ' the index in the limit cycle implies at the nominal frequency. CPU: ours takes in the'
         ' yaw, roller and speed samples of a lateral sample too.\n\n' + markdown(header, rows)
     )

@@ -33,7 +33,11 @@ class Task:
 
 @dataclass(frozen=True)
 class Reading:
-    """Relative errors of the mean amplitude, and the spread of single rows about the truth."""
+    """
+    Relative errors of the mean amplitude, and the spread of single rows about the truth.
+
+    Both are NaN where the detector says that the amplitude is unknown.
+    """
 
     task: Task
     error: float
@@ -71,32 +75,39 @@ def read(task: Task) -> Reading:
 
 
 def worst(readings: list[Reading]) -> float:
-    """Largest error, %, of the mean over the seeds at any speed."""
-    return max(abs(100.0 * mean) for mean, _ in _cells(readings).values())
+    """Largest error, %, of any reading that was given."""
+    return float(np.nanmax([abs(100.0 * one.error) for one in readings]))
+
+
+def unknown(readings: list[Reading]) -> int:
+    """Readings in which the amplitude was said to be unknown."""
+    return sum(math.isnan(one.error) for one in readings)
 
 
 def bias(readings: list[Reading]) -> float:
     """Mean error over everything, %."""
-    return 100.0 * float(np.mean([one.error for one in readings]))
+    return 100.0 * float(np.nanmean([one.error for one in readings]))
 
 
-def _cells(readings: list[Reading]) -> dict[float, tuple[float, float]]:
-    cells = {}
-    for speed in sorted({one.task.speed for one in readings}):
-        errors = [one.error for one in readings if one.task.speed == speed]
-        cells[speed] = (float(np.mean(errors)), float(np.max(np.abs(errors))))
-    return cells
+def _cell(readings: list[Reading], speed: float) -> str:
+    errors = np.array([100.0 * one.error for one in readings if one.task.speed == speed])
+    known = errors[np.isfinite(errors)]
+    words = f'{known.mean():+.2f} ({np.abs(known).max():.2f})' if known.size else ''
+    if known.size < errors.size:
+        words = f'{words} {errors.size - known.size} of {errors.size} unknown'.strip()
+    return words
 
 
 def table(readings: list[Reading]) -> str:
     """Mean and largest error at each speed, by watcher."""
     rows: list[list[object]] = []
+    speeds = sorted({one.task.speed for one in readings})
     for watcher in dict.fromkeys(one.task.knowledge.name for one in readings):
         some = [one for one in readings if one.task.knowledge.name == watcher]
-        cells = [f'{100 * m:+.2f} ({100 * w:.2f})' for m, w in _cells(some).values()]
-        rows.append([watcher, *cells, f'{100 * np.mean([one.scatter for one in some]):.2f}'])
-    speeds = [f'{speed:g} m/s, %' for speed in sorted({one.task.speed for one in readings})]
-    return markdown(['detector', *speeds, 'scatter of a row, %'], rows)
+        cells = [_cell(some, speed) for speed in speeds]
+        rows.append([watcher, *cells, f'{100 * np.nanmean([one.scatter for one in some]):.2f}'])
+    heads = [f'{speed:g} m/s, %' for speed in speeds]
+    return markdown(['detector', *heads, 'scatter of a row, %'], rows)
 
 
 def criterion_errors(readings: list[Reading]) -> dict[str, float]:

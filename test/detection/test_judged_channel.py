@@ -57,6 +57,24 @@ def test_without_a_shape_yaw_is_judged_by_itself(recorded, true_form) -> None:
     assert any('yaw is judged' in reason for reason in detector.status.reasons)
 
 
+@pytest.mark.parametrize('speed', [7.2, 8.0])
+def test_a_lateral_amplitude_that_nothing_tells_is_unknown(recorded, true_form, speed) -> None:
+    # Two seconds of quiet running tell the ratio of the sensors badly, or not at all.
+    for seed in range(4):
+        record = recorded(speed, 20.0, [(4.0, 700e-6)], seed)
+        truth = detect(HuntingDetector(normal_form=true_form), record).estimates
+        dead = without(record, 'lateral', 2_000_000_000)
+        detector = HuntingDetector(normal_form=true_form)
+        rows = detect(detector, dead).estimates
+        late = rows['stamp_ns'] > 12_000_000_000
+        found, std = rows['lateral_amplitude'][late], rows['lateral_amplitude_std'][late]
+        told = np.isfinite(found)
+        off = np.abs(found - truth['lateral_amplitude'][late])[told]
+        assert (off < 3.0 * std[told]).all()
+        assert (std[told] < found[told]).all()
+        assert detector.status.state is State.LIMIT_CYCLE, 'by yaw, where lateral is unknown'
+
+
 def test_where_lateral_is_missing_for_a_while_yaw_is_judged(recorded) -> None:
     record = recorded(7.2, 40.0, kicks=[(20.0, 330e-6)])
     series = record['lateral']

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled_part
 from hunt_ros.estimation.tracker import layout as at
-from hunt_ros.estimation.tracker.algebra import line, started
+from hunt_ros.estimation.tracker.algebra import line, measured, started
 
 _F = NDArray[np.float64]
 
@@ -36,8 +36,8 @@ def write_row(f: at.Filter, row: _F) -> None:
     x, P = f.x, f.P
     growth = x[at.GROWTH]
     for c in range(2):
-        if not started(f, c) and not f.coordinates[c].tied:
-            continue
+        if not measured(f, c) and not f.coordinates[c].tied:
+            continue  # what nothing tells is unknown, however it was before
         z = at.Z + 2 * c
         amplitude = math.hypot(x[z], x[z + 1])
         variance = radial(f, z)
