@@ -12,18 +12,17 @@ from typing import TYPE_CHECKING
 from hunt_ros.lazy import lazily
 
 if TYPE_CHECKING:
-    from hunt_ros.identification.identifying import identify, update
+    from hunt_ros.identification.identifying import identify
     from hunt_ros.identification.preparation import Source
     from hunt_ros.identification.result import Identification
     from hunt_ros.identification.settings import IdentificationSettings
 
-__all__ = ['Identification', 'IdentificationSettings', 'Source', 'identify', 'update']
+__all__ = ['Identification', 'IdentificationSettings', 'Source', 'identify']
 
 __getattr__ = lazily(
     __name__,
     {
         'identify': 'identifying',
-        'update': 'identifying',
         'Source': 'preparation',
         'Identification': 'result',
         'IdentificationSettings': 'settings',

@@ -194,38 +194,3 @@ def _floor(path: Path) -> float:
     if threshold is None:
         return 0.1 * float(np.median(known))
     return 2.0 * float(np.median(known[known <= threshold]))
-
-
-def update(
-    prior: Identification | None,
-    records: Sequence[Record],
-    settings: IdentificationSettings | None = None,
-    keep: int = 20,
-) -> Identification:
-    """
-    Identify again when new recordings have closed, over a bounded history.
-
-    Parameters
-    ----------
-    prior : Identification or None
-        The last one; its recordings are kept.
-    records : sequence of Record
-        New recordings.
-    settings : IdentificationSettings, optional
-        What is known of the rig, and how to identify it.
-    keep : int
-        Recordings that are kept at most, the newest ones.
-
-    Returns
-    -------
-    Identification
-        From all recordings kept; its interval is that of a fit to all of them at once.
-
-    Raises
-    ------
-    IdentificationError
-        If no record can be used.
-    """
-    known = list(prior.records) if prior is not None else []
-    kept = [*known, *records][-keep:]
-    return replace(identify(kept, settings), records=tuple(kept))

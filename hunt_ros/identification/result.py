@@ -158,7 +158,7 @@ class Identification:
     segments : sequence of Segment
     envelopes : sequence of Envelope
     records : sequence of Record
-        What it was identified from, for `update`.
+        What it was identified from, where that was given as records.
     frequency_hz : Uncertain or None
         Hunting frequency: mean over the motion, weighted by its power.
     days : Days or None

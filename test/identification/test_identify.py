@@ -17,7 +17,7 @@ from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import SensorModel, SimulationSettings, simulate
 from hunt_ros.errors import HuntError, IdentificationError
-from hunt_ros.identification import IdentificationSettings, identify, update
+from hunt_ros.identification import IdentificationSettings, identify
 from hunt_ros.identification.likelihood import trajectory_fit
 from hunt_ros.identification.silence import reason_in
 from hunt_ros.samples import Record, Series
@@ -238,11 +238,9 @@ def test_a_rig_that_runs_in_reverse_has_the_form_it_has_ahead(records, from_swee
 
 
 @pytest.mark.slow
-def test_more_runs_sharpen_the_form_and_the_history_is_bounded(records, from_sweep):
-    both = update(from_sweep, records['staircase'])
-    assert len(both.records) == 2
+def test_more_runs_sharpen_the_form(records, from_sweep):
+    both = identify([*records['sweep'], *records['staircase']])
     assert both.v_c.std < from_sweep.v_c.std
-    assert len(update(both, records['sweep'], keep=2).records) == 2
 
 
 def test_resolution_and_scale_of_the_speed_enter_the_intervals(records, from_sweep):
