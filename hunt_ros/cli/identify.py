@@ -19,6 +19,7 @@ from hunt_ros.cli.support.identification import (
 from hunt_ros.errors import HuntError
 
 if TYPE_CHECKING:
+    from hunt_ros.dynamics.identified import IdentifiedNormalForm
     from hunt_ros.identification import Identification
     from hunt_ros.identification.days import Days
     from hunt_ros.samples import Uncertain
@@ -138,6 +139,7 @@ def describe(result: Identification) -> str:
     observed = result.observed
     lines += _observed('v_c', observed.v_c, observed.v_c_between)
     lines += _observed('v_n', observed.v_n, observed.v_n_between)
+    lines += _second_mode(result.normal_form)
     lines += _days(result.days)
     lines += [f'warning: {line}' for line in (*result.notices, *worth_saying(result.unknown))]
     return '\n'.join(lines)
@@ -156,6 +158,20 @@ def _observed(
         side = f'between {low:.4g} and {high:.4g}'
     jump = '' if speed is None else f'jump at {speed:.4g}, '
     return [f'observed {name}: {jump}{side} m/s']
+
+
+def _second_mode(found: IdentifiedNormalForm | None) -> list[str]:
+    """Tell the second mode where it is known best; nothing where it is not known."""
+    shape = found.mode_shape if found else None
+    if shape is None or shape.second_frequency_hz is None or shape.second_decay is None:
+        return []
+    doubt = [0.0] * len(shape.speeds) if shape.second_std is None else shape.second_std.tolist()
+    place = doubt.index(min(doubt))
+    return [
+        f'second mode: {shape.second_frequency_hz[place]:.3g} Hz, decay'
+        f' {shape.second_decay[place]:.3g} 1/s at {shape.speeds[place]:.3g} m/s,'
+        f' +/- {100.0 * doubt[place]:.2g} %'
+    ]
 
 
 def _days(days: Days | None) -> list[str]:
