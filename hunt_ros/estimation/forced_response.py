@@ -48,8 +48,9 @@ _GAIN = np.sinc(_BINS / _WINDOW) ** 2
 _LINE = 1.2
 #: Windows looked at in one record: a long one is thinned evenly.
 _MOST = 600
-#: The speed of a window changes by less than this part, and so do the speeds of one level.
-_SAME_SPEED = 0.005
+#: The speed of a window changes by less than this part, as in a slow sweep, and so do the speeds
+#: of one level: the modes change by as little.
+_SAME_SPEED = 0.02
 #: Cells of a window that may be empty.
 _LOST = 0.02
 #: Windows that overlap by half are worth this many, each, and neighbouring bins this many: the
@@ -295,7 +296,7 @@ class _Fit:
     def __init__(
         self, windows: ResponseWindows, frequency_hz: float, hunting: HuntingMode
     ) -> None:
-        level = np.round(np.log(windows.speed) / (2.0 * _SAME_SPEED)).astype(np.int64)
+        level = np.round(np.log(windows.speed) / _SAME_SPEED).astype(np.int64)
         _, level, count = np.unique(level, return_inverse=True, return_counts=True)
 
         def mean(values: NDArray[Any]) -> NDArray[Any]:
