@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.errors import IdentificationError
-from hunt_ros.estimation.forced_response import measure_response
 from hunt_ros.estimation.mode_measurement import measure_ratio
 from hunt_ros.estimation.record_lines import ForcedLine, Motion, turns_per_metre
+from hunt_ros.estimation.response_windows import measure_response
 from hunt_ros.identification.days import day_of
 from hunt_ros.identification.record.beat import without_beat
 from hunt_ros.identification.record.channels import Channels

@@ -250,7 +250,7 @@ class Recordings:
     def mode_shape(self, form: NormalForm, frequency_hz: float) -> ModeShape | None:
         """Measure both modes wherever the recordings hold both sensors; else None."""
         pairs = zip(self._prepared, self._digests, strict=True)
-        measuring = [prepared for prepared, digest in pairs if digest.measures]
+        measuring = [one for one, digest in pairs if digest.measures and not digest.refused]
         count = len(measuring)
         motions = self._ask(
             preparation.motions_in, measuring, [self._bare] * count, [frequency_hz] * count

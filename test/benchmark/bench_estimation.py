@@ -50,7 +50,7 @@ BOTH, LATERAL = (0, 1), (0,)
 RATIO = -3.94 + 2.37j
 SECOND = (3.3, 9.4)
 SEEDS = 40
-#: Standard deviation of the second mode from one staircase (`test_forced_response`).
+#: Standard deviation of the second mode from one staircase (`test_second_mode_learnt`).
 LEARNT = 0.05
 
 

@@ -205,6 +205,18 @@ def measured(f: at.Filter, coordinate: int) -> bool:
 
 
 @compiled_part
+def told(f: at.Filter, coordinate: int) -> bool:
+    """
+    Return True if a sensor of the coordinate speaks, or has and all are silent.
+
+    While the other one speaks, what was known of a silent coordinate is of the past.
+    """
+    if measured(f, coordinate):
+        return True
+    return started(f, coordinate) and not measured(f, 1 - coordinate)
+
+
+@compiled_part
 def magnified(f: at.Filter, k: int) -> float:
     """Power of the hunting in the signal of sensor k over that of its coordinate."""
     sensor = f.sensors[k]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled_part
 from hunt_ros.estimation.tracker import layout as at
-from hunt_ros.estimation.tracker.algebra import lateral_density, measured, started
+from hunt_ros.estimation.tracker.algebra import lateral_density, measured, told
 
 _F = NDArray[np.float64]
 
@@ -290,7 +290,7 @@ def take_modes(f: at.Filter, modes: _F) -> None:
 def lateral_amplitude(f: at.Filter) -> float:
     """Present amplitude of the lateral phasor, from yaw where lateral has given none."""
     x = f.x
-    if started(f, 0) or f.coordinates[0].tied:
+    if told(f, 0) or f.coordinates[0].tied:
         return math.hypot(x[0], x[1])
     size = math.hypot(f.rho_re, f.rho_im)
     return math.hypot(x[2], x[3]) / size if size > 0.0 else 0.0

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled_part
 from hunt_ros.estimation.tracker import layout as at
-from hunt_ros.estimation.tracker.algebra import line, measured, started
+from hunt_ros.estimation.tracker.algebra import line, told
 
 _F = NDArray[np.float64]
 
@@ -36,8 +36,8 @@ def write_row(f: at.Filter, row: _F) -> None:
     x, P = f.x, f.P
     growth = x[at.GROWTH]
     for c in range(2):
-        if not measured(f, c) and not f.coordinates[c].tied:
-            continue  # what nothing tells is unknown, however it was before
+        if not told(f, c) and not f.coordinates[c].tied:
+            continue
         z = at.Z + 2 * c
         amplitude = math.hypot(x[z], x[z + 1])
         variance = radial(f, z)
@@ -72,7 +72,7 @@ def write_row(f: at.Filter, row: _F) -> None:
             row[o + at.O_CLEAN] = sensor.clean_sum / sensor.clean_count
         sensor.clean_sum = 0.0
         sensor.clean_count = 0.0
-    lateral, yaw = started(f, 0), started(f, 1)
+    lateral, yaw = told(f, 0), told(f, 1)
     if not lateral and not yaw:
         return
     tied = f.coordinates[0].tied

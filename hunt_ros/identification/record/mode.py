@@ -11,21 +11,18 @@ import numpy as np
 from hunt_ros.dynamics.mode_shape import ModeShape
 from hunt_ros.dynamics.mode_table import fitted_shape
 from hunt_ros.dynamics.normal_form import NormalForm
-from hunt_ros.estimation.forced_response import (
-    HuntingMode,
-    ResponseWindows,
-    SecondMode,
-    joined,
-    second_mode,
-)
 from hunt_ros.estimation.mode_measurement import RatioPoints
+from hunt_ros.estimation.response_windows import ResponseWindows, joined
+from hunt_ros.estimation.second_mode import HuntingMode, SecondMode, second_mode
 
+#: Below this part of the critical speed the rig is on its way, or stands.
+_RUNS = 0.5
 #: A motion is linear whose amplitude changes its damping by less than this part.
 _LINEAR = 0.1
 #: Doubt about the second mode outside the speeds that were seen, per change of ln(speed).
 _CARRY_SPEED = 0.5
 #: A second mode that is known no better than this tells nothing.
-_LEAST_KNOWN = 0.25
+_LEAST_KNOWN = 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,11 +93,13 @@ def _second(
     """Fit the second mode to the windows in which the motion is small and decays."""
     least = np.asarray(form.growth_rate(windows.speed, 0.0))
     change = np.asarray(form.growth_rate(windows.speed, windows.amplitude)) - least
-    quiet = windows.only((least < 0.0) & (np.abs(change) < -_LINEAR * least))
+    calm = (least < 0.0) & (np.abs(change) < -_LINEAR * least)
+    quiet = windows.only(calm & (windows.speed > _RUNS * form.critical_speed))
     if not quiet.speed.size:
         return None
     speed = float(np.mean(quiet.speed))
     turning = 2.0 * math.pi * float(np.interp(speed, shape.speeds, shape.frequency_hz))
     eigenvalue = complex(float(form.growth_rate(speed, 0.0)), turning)
-    hunting = HuntingMode(speed, eigenvalue, shape.at(speed, 0.0))
+    doubt = float(np.interp(speed, shape.speeds, shape.ratio_std[:, 0]))
+    hunting = HuntingMode(speed, eigenvalue, shape.at(speed, 0.0), doubt)
     return second_mode(quiet, frequency_hz, hunting)

@@ -14,11 +14,10 @@ from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import simulate
 from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, SimulationSettings
-from hunt_ros.estimation.forced_response import (
+from hunt_ros.estimation.response_windows import joined, measure_response
+from hunt_ros.estimation.second_mode import (
     HuntingMode,
     SecondMode,
-    joined,
-    measure_response,
     second_mode,
 )
 from hunt_ros.samples import Record, Series
@@ -77,9 +76,8 @@ def test_the_second_mode_is_known_as_well_as_it_says(name: str) -> None:
         off.append(errors(found, rig)[2])
         said.append(found.relative_std)
     assert np.median(said) < 0.15
-    # rms of eight errors over what was said: beyond 1.5 in one run of thousands, were it true.
+    # Squares of eight errors of two parts over what was said: above 2.25 in one of a hundred.
     assert np.sqrt(np.mean(np.square(np.array(off) / said))) < 1.5
-    assert np.sqrt(np.mean(np.square(off))) < 0.15
 
 
 def test_another_unit_of_either_sensor_changes_nothing() -> None:
@@ -126,6 +124,102 @@ def test_forces_that_are_not_white_tell_nothing() -> None:
         ringing = size * loud * np.cos(2.0 * np.pi * 5.0 * t)
         shaken[name] = Series(record[name].stamps_ns, record[name].values + ringing)
     assert second(Record({**record, **shaken}), rig) is None
+
+
+def test_a_line_that_nobody_named_is_no_second_mode() -> None:
+    # The second mode of this rig dies too soon to be seen, and a line is left beside it.
+    rig = replace(paper_rig(), tread_angle=0.05, yaw_frequency_rad_per_s=20.0).with_linear(
+        2.0, 3.0
+    )
+    for seed in range(4):
+        found = second(quiet(rig, seed), rig)
+        if found is not None:
+            assert errors(found, rig)[2] < 3.0 * found.relative_std
+
+
+def changed(record: Record, **values: Any) -> Record:
+    """Return the record with other values, or another series, in some channels."""
+    series = {
+        name: one if isinstance(one, Series) else Series(record[name].stamps_ns, one)
+        for name, one in values.items()
+    }
+    return Record({**record, **series})
+
+
+@pytest.fixture(scope='module')
+def record() -> Record:
+    return quiet(RIGS['paper'])
+
+
+def test_a_ratio_of_the_hunting_that_is_off_is_in_the_deviation(record) -> None:
+    rig = RIGS['paper']
+    frequency, known = hunting(rig)
+    windows = measure_response(record, frequency)
+    for turn in (0.85, 1.15, np.exp(0.15j)):
+        wrong = replace(known, ratio=turn * known.ratio, ratio_std=0.15)
+        found = second_mode(windows, frequency, wrong)
+        if found is not None:
+            assert errors(found, rig)[2] < 2.5 * found.relative_std
+
+
+def test_a_sensor_that_stands_still_tells_nothing(record) -> None:
+    for name in ('lateral', 'yaw'):
+        for level in (0.0, 0.01):
+            still = changed(record, **{name: np.full(len(record[name]), level)})
+            assert measure_response(still, 2.8).speed.size == 0
+            mixed = joined([measure_response(one, 2.8) for one in (record, still)])
+            assert np.array_equal(mixed.speed, measure_response(record, 2.8).speed)
+
+
+def test_a_rig_in_reverse_and_stamps_out_of_order_say_the_same(record) -> None:
+    rig = RIGS['paper']
+    expected = second(record, rig)
+    assert expected is not None
+    rng = np.random.default_rng(0)
+    shuffled = {}
+    for name, one in record.items():
+        order = rng.permutation(len(one))
+        shuffled[name] = Series(one.stamps_ns[order], one.values[order])
+    backward = {name: -record[name].values for name in ('speed', 'roller')}
+    for other in (Record(shuffled), changed(record, **backward)):
+        found = second(other, rig)
+        assert found is not None
+        assert np.allclose(found.decay, expected.decay, rtol=1e-6)
+
+
+def test_sensors_of_rates_too_different_to_compare_have_no_windows(record) -> None:
+    yaw = record['yaw']
+    slow = changed(record, yaw=Series(yaw.stamps_ns[::4], yaw.values[::4]))
+    assert measure_response(slow, 2.8).speed.size == 0
+    both = changed(
+        slow,
+        lateral=Series(
+            *(part[::4] for part in (record['lateral'].stamps_ns, record['lateral'].values))
+        ),
+    )
+    assert measure_response(both, 2.8).speed.size > 100
+
+
+def test_a_speed_that_was_not_measured_does_not_stand_still(record) -> None:
+    speed = record['speed']
+    first = speed.stamps_ns < speed.stamps_ns[0] + 50_000_000_000
+    torn = changed(record, speed=Series(speed.stamps_ns[first], speed.values[first]))
+    assert measure_response(torn, 2.8).speed.size < 30
+
+
+def test_where_lines_fill_the_band_nothing_is_said(record) -> None:
+    frequency, known = hunting(RIGS['paper'])
+    windows = measure_response(record, frequency, np.arange(0.05, 3.0, 0.05).tolist())
+    assert second_mode(windows, frequency, known) is None
+
+
+def test_blows_and_spikes_are_left_out(record) -> None:
+    rig = RIGS['paper']
+    yaw = record['yaw'].values.copy()
+    yaw[:: 7 * 200 * 6] += 0.05
+    found = second(changed(record, yaw=yaw), rig)
+    assert found is not None
+    assert errors(found, rig)[2] < 3.0 * found.relative_std
 
 
 @pytest.mark.parametrize('missing', ['lateral', 'yaw', 'speed'])
