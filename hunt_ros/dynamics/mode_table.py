@@ -22,7 +22,7 @@ _SPEEDS, _AMPLITUDES = 5, 9
 _BEYOND = 1.3
 #: And what is not known there of the ratio, relative: per change of ln(speed), and at the node
 #: beyond the largest amplitude.
-_CARRY_SPEED, _CARRY_AMPLITUDE = 0.5, 0.1
+CARRY_SPEED, _CARRY_AMPLITUDE = 0.5, 0.1
 #: Terms of the ratio in (speed, amplitude squared), with their prior size as shares of it:
 #: those of the normal form, Eq. (24), by which the growth rate of Eq. (2) enters the shape.
 _PRIOR = (0.5, 0.5, 0.2, 0.2, 0.1)
@@ -103,7 +103,7 @@ def fitted_shape(
         np.repeat(held / middle - 1.0, amplitudes.size),
         np.tile(np.minimum(amplitudes, largest) / unit, speeds.size),
     )
-    doubt = (_CARRY_SPEED * np.log(speeds / held))[:, None] ** 2
+    doubt = (CARRY_SPEED * np.log(speeds / held))[:, None] ** 2
     doubt = doubt + (_CARRY_AMPLITUDE * (amplitudes > largest)) ** 2
     shape = speeds.size, amplitudes.size
     table = (centre * (grid @ terms)).reshape(shape)
@@ -112,12 +112,12 @@ def fitted_shape(
     if not np.min(std) < 0.5 or not np.all(np.abs(table) > 0.0):
         return None
     frequency = _line(v / middle - 1.0, turning, s, speeds / middle - 1.0)
-    digits = [_short(numbers) for numbers in (speeds, amplitudes, frequency, std)]
-    ratios = _short(table.real) + 1j * _short(table.imag)
+    digits = [rounded(numbers) for numbers in (speeds, amplitudes, frequency, std)]
+    ratios = rounded(table.real) + 1j * rounded(table.imag)
     return ModeShape(digits[0], digits[1], digits[2], ratios, digits[3])
 
 
-def _short(table: _F) -> _F:
+def rounded(table: _F) -> _F:
     """Round to six digits, which a file holds exactly and more than are known."""
     return np.array([float(f'{value:.6g}') for value in table.ravel()]).reshape(table.shape)
 
@@ -187,10 +187,10 @@ def shape_of(rig: RigParameters, branch: Branch | None = None) -> ModeShape:
         table.frequency_hz,
         table.ratio,
         table.ratio_std,
-        _short(np.array([value.imag / (2.0 * math.pi) for value, _ in known])),
-        _short(np.array([-value.real for value, _ in known])),
-        _short(np.array([ratio.real for _, ratio in known]))
-        + 1j * _short(np.array([ratio.imag for _, ratio in known])),
+        rounded(np.array([value.imag / (2.0 * math.pi) for value, _ in known])),
+        rounded(np.array([-value.real for value, _ in known])),
+        rounded(np.array([ratio.real for _, ratio in known]))
+        + 1j * rounded(np.array([ratio.imag for _, ratio in known])),
     )
 
 

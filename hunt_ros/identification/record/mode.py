@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hunt_ros.dynamics.mode_shape import ModeShape
-from hunt_ros.dynamics.mode_table import fitted_shape
+from hunt_ros.dynamics.mode_table import CARRY_SPEED, fitted_shape, rounded
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.estimation.mode_measurement import RatioPoints
 from hunt_ros.estimation.response_windows import ResponseWindows, joined
@@ -19,8 +19,6 @@ from hunt_ros.estimation.second_mode import HuntingMode, SecondMode, second_mode
 _RUNS = 0.5
 #: A motion is linear whose amplitude changes its damping by less than this part.
 _LINEAR = 0.1
-#: Doubt about the second mode outside the speeds that were seen, per change of ln(speed).
-_CARRY_SPEED = 0.5
 #: A second mode that is known no better than this tells nothing.
 _LEAST_KNOWN = 0.15
 
@@ -78,12 +76,12 @@ def measured_shape(
     if second is None or not second.relative_std < _LEAST_KNOWN:
         return shape
     held = np.clip(shape.speeds, second.speeds[0], second.speeds[-1])
-    doubt = np.hypot(second.relative_std, _CARRY_SPEED * np.log(shape.speeds / held))
+    doubt = np.hypot(second.relative_std, CARRY_SPEED * np.log(shape.speeds / held))
     return replace(
         shape,
-        second_frequency_hz=np.interp(held, second.speeds, second.frequency_hz),
-        second_decay=np.interp(held, second.speeds, second.decay),
-        second_std=np.minimum(doubt, 0.9),
+        second_frequency_hz=rounded(np.interp(held, second.speeds, second.frequency_hz)),
+        second_decay=rounded(np.interp(held, second.speeds, second.decay)),
+        second_std=rounded(np.minimum(doubt, 0.9)),
     )
 
 
