@@ -47,9 +47,9 @@ _OVERLAPPING, _NEIGHBOURS = 0.947, 0.515
 #: A bin that stands out of the law by so many standard deviations holds a line.
 _OUTLIER, _PASSES = 4.0, 4
 #: The law is refused where the spectra scatter about it by more than this, in variances,
-_SCATTER = 4.0
+_SCATTER = 2.0
 #: or where lines leave less than this part of the bins.
-_LEFT = 0.7
+_LEFT = 0.9
 #: What is known of the second mode of any wheelset: logarithms of its decay and frequency over the
 #: frequency of hunting, with their standard deviations (of random rigs that can hunt). What the
 #: spectra put further off than this many is a line that nobody named, or the hunting once more.
