@@ -85,6 +85,18 @@ class Series:
         inside = (self.stamps_ns >= start_ns) & (self.stamps_ns < end_ns)
         return Series(self.stamps_ns[inside], self.values[inside])
 
+    def in_order(self) -> Series:
+        """Return the samples by their stamps; of those with one stamp the first."""
+        if np.all(self.stamps_ns[1:] > self.stamps_ns[:-1]):
+            return self
+        stamps, first = np.unique(self.stamps_ns, return_index=True)
+        return Series(stamps, self.values[first])
+
+    def finite(self) -> Series:
+        """Return the samples whose values are finite, in their order."""
+        good = np.isfinite(self.values)
+        return self if good.all() else Series(self.stamps_ns[good], self.values[good])
+
     @property
     def rate_hz(self) -> float:
         """Sample rate from the median spacing, Hz; NaN for fewer than two samples."""

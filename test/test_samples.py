@@ -128,3 +128,14 @@ def test_json_of_a_number_never_holds_nan(
     if entry is not None:
         assert entry['value'] == value
         assert set(entry) == {'value', 'std', 'ci95'}
+
+
+def test_samples_are_put_in_order_and_those_that_are_none_left_out() -> None:
+    series = Series([3, 1, 2, 1], [0.3, 0.1, np.nan, 9.0])
+    assert series.in_order().stamps_ns.tolist() == [1, 2, 3]
+    assert series.in_order().values[[0, 2]].tolist() == [0.1, 0.3]
+    assert series.in_order().finite().values.tolist() == [0.1, 0.3]
+    tidy = Series([1, 2], [0.1, 0.2])
+    assert tidy.in_order() is tidy
+    assert tidy.finite() is tidy
+    assert len(Series([], []).in_order().finite()) == 0

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.errors import HuntError
-from hunt_ros.samples import NANOSECONDS, Record, Series
+from hunt_ros.samples import Record, Series
 
 _F = NDArray[np.float64]
 
@@ -100,10 +100,8 @@ class _Channel:
 
     @classmethod
     def of(cls, series: Series, start_ns: int) -> _Channel:
-        time, first = np.unique((series.stamps_ns - start_ns) / NANOSECONDS, return_index=True)
-        values = series.values[first]
-        good = np.isfinite(values)
-        return cls(time[good], values[good])
+        told = series.in_order().finite()
+        return cls(told.seconds(start_ns), told.values)
 
     def within(self, begin: float, end: float) -> slice:
         first, last = np.searchsorted(self.time, [begin, end])

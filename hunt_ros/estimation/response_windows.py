@@ -198,10 +198,9 @@ class _Grid:
 
 
 def _in_order(series: Series, start_ns: int) -> tuple[_F, _F]:
-    """Return the finite samples by their stamps, in s; of equal ones the first."""
-    good = np.isfinite(series.values)
-    stamps, first = np.unique(series.stamps_ns[good], return_index=True)
-    return (stamps - start_ns) / NANOSECONDS, series.values[good][first]
+    """Return the finite samples by their stamps, in s."""
+    told = series.in_order().finite()
+    return told.seconds(start_ns), told.values
 
 
 def _means(seconds: _F, values: _F, step_s: float, count: int) -> tuple[_F, NDArray[np.int64]]:

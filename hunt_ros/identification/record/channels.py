@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.errors import IdentificationError
-from hunt_ros.samples import NANOSECONDS, Record, Series
+from hunt_ros.samples import Record, Series
 
 
 def _sorted(series: Series, start_ns: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return time (s) in order without repeats, and the values with it."""
-    time, first = np.unique((series.stamps_ns - start_ns) / NANOSECONDS, return_index=True)
-    return time, series.values[first]
+    series = series.in_order()
+    return series.seconds(start_ns), series.values
 
 
 @dataclass(frozen=True, eq=False)

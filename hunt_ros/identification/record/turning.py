@@ -59,15 +59,13 @@ def with_angle(record: Record, settings: IdentificationSettings) -> Record:
         return _with_roller(record, continuous(record['roller']), '')
     if not all(name in record and len(record[name]) > 10 for name in ('lateral', 'speed')):
         return record
-    stamps, first = np.unique(record['lateral'].stamps_ns, return_index=True)
-    lateral = record['lateral'].values[first]
-    told, first = np.unique(record['speed'].stamps_ns, return_index=True)
-    speed = np.abs(record['speed'].values[first])
+    motion, told = record['lateral'].in_order(), record['speed'].in_order()
+    stamps, lateral, speed = motion.stamps_ns, motion.values, np.abs(told.values)
     known = np.isfinite(speed)
     if not known.any() or not np.isfinite(lateral).any() or not settings.orders.size:
         return record
     time = (stamps - stamps[0]) / NANOSECONDS
-    running = np.interp(time, (told[known] - stamps[0]) / NANOSECONDS, speed[known])
+    running = np.interp(time, (told.stamps_ns[known] - stamps[0]) / NANOSECONDS, speed[known])
     turning = running * 2.0 / (settings.roller_diameter_m or RigParameters.roller_diameter_m)
     angle = np.concatenate([[0.0], np.cumsum(0.5 * (turning[1:] + turning[:-1]) * np.diff(time))])
     angle = follow_lines(time, lateral, angle, settings.orders)
