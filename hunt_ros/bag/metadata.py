@@ -90,7 +90,7 @@ def folder_metadata(
         'relative_file_paths': [entry.name for entry in files],
         'files': [_file(entry) for entry in files],
         'custom_data': {str(key): str(value) for key, value in notes.items()} or None,
-        'ros_distro': os.environ.get('ROS_DISTRO', 'jazzy'),  # as rosbag2 does
+        'ros_distro': os.environ.get('ROS_DISTRO') or 'jazzy',
     }
     text: str = yaml.dump(
         {'rosbag2_bagfile_information': info}, Dumper=_PlainDumper, sort_keys=False

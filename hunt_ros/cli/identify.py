@@ -165,7 +165,9 @@ def _second_mode(found: IdentifiedNormalForm | None) -> list[str]:
     shape = found.mode_shape if found else None
     if shape is None or shape.second_frequency_hz is None or shape.second_decay is None:
         return []
-    doubt = [0.0] * len(shape.speeds) if shape.second_std is None else shape.second_std.tolist()
+    if shape.second_std is None:
+        return []
+    doubt = shape.second_std.tolist()
     place = doubt.index(min(doubt))
     return [
         f'second mode: {shape.second_frequency_hz[place]:.3g} Hz, decay'

@@ -9,7 +9,7 @@ the rest, under Hann's window, becomes one cross-spectral matrix a bin.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,30 +101,22 @@ def measure_response(
         is so slow beside the other one, of another rate, that they cannot be compared.
     """
     step = 1.0 / (_CELLS * frequency_hz)
-    grid = _Grid.of(record, step)
-    starts = np.arange(0, grid.speed.size - WINDOW + 1, WINDOW // 2)
-    if starts.size > _MOST:
-        starts = starts[np.linspace(0, starts.size - 1, _MOST).astype(np.int64)]
-    speeds: list[float] = []
+    steady = [window for grid in _grids(record, step) for window in grid.steady()]
+    if len(steady) > _MOST:
+        places = np.linspace(0, len(steady) - 1, _MOST).astype(np.int64)
+        steady = [steady[place] for place in places]
     amplitudes: list[float] = []
     spectra: list[_C] = []
     usable: list[NDArray[np.bool_]] = []
-    for start in starts:
-        part = slice(int(start), int(start) + WINDOW)
-        motion, v = _whole(grid.motion[part]), grid.speed[part]
-        mean = abs(float(v.mean()))
-        change = float(np.ptp(v.reshape(_PARTS, -1).mean(axis=1)))
-        if motion is None or not change < SAME_SPEED * mean:
-            continue
-        motion, free = _without_lines(motion, grid.angle[part], orders)
+    for _, moved, angle in steady:
+        motion, free = _without_lines(moved, angle, orders)
         turned = np.fft.rfft(motion * _TAPER[:, None], axis=0)[BINS]
-        speeds.append(mean)
         amplitudes.append(math.sqrt(2.0) * float(np.std(motion[:, 0])))
         spectra.append(step * turned[:, :, None] * turned[:, None, :].conj())
         usable.append(free)
     return ResponseWindows(
-        np.array(speeds),
-        np.array(amplitudes),
+        np.array([speed for speed, _, _ in steady], dtype=np.float64),
+        np.array(amplitudes, dtype=np.float64),
         np.array(spectra, dtype=np.complex128).reshape(-1, BINS.size, 2, 2),
         np.array(usable, dtype=np.bool_).reshape(-1, BINS.size),
     )
@@ -167,56 +159,94 @@ class _Grid:
     speed: _F
     angle: _F
 
-    @classmethod
-    def of(cls, record: Record, step_s: float) -> _Grid:
-        """Return the cells in which both sensors measure; none where a channel is missing."""
-        nothing = cls(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
-        if any(
-            name not in record or len(record[name]) < 2 for name in ('lateral', 'yaw', 'speed')
-        ):
-            return nothing
-        both = [record[name].stamps_ns for name in ('lateral', 'yaw')]
-        start = int(max(stamps.min() for stamps in both))
-        length = (int(min(stamps.max() for stamps in both)) - start) / NANOSECONDS
-        count = max(int(length / step_s), 0)
+    def steady(self) -> Iterator[tuple[float, _F, _F]]:
+        """Yield speed, m/s, motion and angle of the windows in which the speed stands still."""
+        for start in range(0, self.speed.size - WINDOW + 1, WINDOW // 2):
+            part = slice(start, start + WINDOW)
+            speed = abs(float(self.speed[part].mean()))
+            change = float(np.ptp(self.speed[part].reshape(_PARTS, -1).mean(axis=1)))
+            motion = _whole(self.motion[part]) if change < SAME_SPEED * speed else None
+            if motion is not None:
+                yield speed, motion, self.angle[part]
+
+
+def _grids(record: Record, step_s: float) -> Iterator[_Grid]:
+    """Yield the cells wherever both sensors measure; a gap as long as a window ends them."""
+    if any(name not in record for name in ('lateral', 'yaw', 'speed')):
+        return
+    told = {name: series.in_order().finite() for name, series in record.items()}
+    longest_s = WINDOW * step_s
+    for start, end in _overlaps(
+        *(_stretches(told[name], longest_s) for name in ('lateral', 'yaw'))
+    ):
+        count = int((end - start) / NANOSECONDS / step_s)
         motion, rates = [], []
         for name in ('lateral', 'yaw'):
-            mean, samples = _means(*_in_order(record[name], start), step_s, count)
+            mean, samples = _means(told[name], start, step_s, count)
             motion.append(mean)
-            rates.append(float(np.median(samples)) if count else 0.0)
+            filled = samples[samples > 0]
+            rates.append(float(np.median(filled)) if filled.size else 0.0)
         if min(rates) < _EVEN and max(rates) > 1.2 * min(rates) + 1.0:
-            return nothing
+            continue
         middle = np.asarray(step_s * (np.arange(count) + 0.5), dtype=np.float64)
-        seconds, values = _in_order(record['speed'], start)
-        speed, _ = _means(seconds, values, step_s, count)
+        speed, _ = _means(told['speed'], start, step_s, count)
         bare = ~np.isfinite(speed)
-        speed[bare] = _between(middle[bare], seconds, values)
+        speed[bare] = _between(middle[bare], told['speed'], start, longest_s)
         angle = np.full(count, math.nan)
-        if 'roller' in record:
-            angle = _between(middle, *_in_order(record['roller'], start))
-        return cls(np.stack(motion, axis=1), speed, angle)
+        if 'roller' in told:
+            angle = _between(middle, told['roller'], start, longest_s)
+        yield _Grid(np.stack(motion, axis=1), speed, angle)
 
 
-def _in_order(series: Series, start_ns: int) -> tuple[_F, _F]:
-    """Return the finite samples by their stamps, in s."""
-    told = series.in_order().finite()
-    return told.seconds(start_ns), told.values
+def _stretches(series: Series, longest_s: float) -> list[tuple[int, int]]:
+    """Return first and last stamp of what is measured without a gap that is longer, ns."""
+    stamps = series.stamps_ns
+    if stamps.size < 2:
+        return []
+    ends = np.append(np.flatnonzero(np.diff(stamps) > longest_s * NANOSECONDS), stamps.size - 1)
+    starts = np.append(0, ends[:-1] + 1)
+    return [(int(stamps[a]), int(stamps[b])) for a, b in zip(starts, ends, strict=True)]
 
 
-def _means(seconds: _F, values: _F, step_s: float, count: int) -> tuple[_F, NDArray[np.int64]]:
+def _overlaps(
+    one: Sequence[tuple[int, int]], other: Sequence[tuple[int, int]]
+) -> Iterator[tuple[int, int]]:
+    """Yield what lies in a stretch of either list, both in order."""
+    i = k = 0
+    while i < len(one) and k < len(other):
+        start, end = max(one[i][0], other[k][0]), min(one[i][1], other[k][1])
+        if start < end:
+            yield start, end
+        if one[i][1] < other[k][1]:
+            i += 1
+        else:
+            k += 1
+
+
+def _means(
+    series: Series, start_ns: int, step_s: float, count: int
+) -> tuple[_F, NDArray[np.int64]]:
     """Return the mean of the samples in each cell, NaN where there is none, and their number."""
-    cell = np.floor(seconds / step_s).astype(np.int64)
-    inside = (cell >= 0) & (cell < count)
+    end_ns = start_ns + int(count * step_s * NANOSECONDS) + 1
+    first, last = np.searchsorted(series.stamps_ns, [start_ns, end_ns])
+    cell = np.floor((series.stamps_ns[first:last] - start_ns) / (step_s * NANOSECONDS))
+    cell = cell.astype(np.int64)
+    inside = cell < count
+    values = series.values[first:last][inside]
     samples = np.bincount(cell[inside], minlength=count)
-    total = np.bincount(cell[inside], weights=values[inside], minlength=count)
+    total = np.bincount(cell[inside], weights=values, minlength=count)
     mean: _F = np.full(count, math.nan)
     np.divide(total, samples, out=mean, where=samples > 0)
     return mean, samples
 
 
-def _between(wanted: _F, seconds: _F, values: _F) -> _F:
-    """Interpolate; NaN beyond the ends: what was not measured does not stand still."""
-    if values.size < 2:
+def _between(wanted: _F, series: Series, start_ns: int, longest_s: float) -> _F:
+    """Interpolate; NaN beyond the ends and in gaps: what was not measured does not stand still."""
+    if not len(series) or not wanted.size:
         return np.full(wanted.size, math.nan)
-    found: _F = np.interp(wanted, seconds, values, left=math.nan, right=math.nan)
+    seconds = series.seconds(start_ns)
+    found: _F = np.interp(wanted, seconds, series.values, left=math.nan, right=math.nan)
+    after = np.clip(np.searchsorted(seconds, wanted), 1, max(seconds.size - 1, 1))
+    if seconds.size > 1:
+        found[seconds[after] - seconds[after - 1] > longest_s] = math.nan
     return found

@@ -163,9 +163,10 @@ def _fitted(fit: _Fit, hunting: HuntingMode) -> SecondMode | None:
         moved = fit.moved_by(theta, turn * hunting.ratio_std)
         covariance = covariance + np.outer(moved, moved)
     parts = np.exp(theta[:2])
-    std = math.sqrt(float(np.sum(parts**2 * np.diag(covariance)[:2]))) / math.hypot(*parts)
-    if not math.isfinite(std):
+    variance = float(np.sum(parts**2 * np.diag(covariance)[:2]))
+    if not 0.0 < variance < math.inf:
         return None
+    std = math.sqrt(variance) / math.hypot(*parts)
     return SecondMode(fit.speed, eigenvalue.imag / (2.0 * math.pi), -eigenvalue.real, std)
 
 
@@ -377,7 +378,7 @@ class _Fit:
         return float(np.sum(self._off(theta) ** 2) / max(freedom, 1))
 
     def eigenvalues(self, theta: _F) -> _C | None:
-        """Return those of the second mode at each level, 1/s; None: it does not oscillate."""
+        """Return those of the second mode at each level, 1/s; None: it does not ring out."""
         damping, stiffness = self._law(theta)
         begun = complex(-math.exp(theta[0]), math.exp(theta[1]))
         if not begun.real < self._hunting.eigenvalue.real:
@@ -389,7 +390,7 @@ class _Fit:
                 system = np.block([[np.zeros((2, 2)), np.eye(2)], [-stiffness, -place * damping]])
                 values = np.linalg.eigvals(system)
                 value = complex(values[np.argmin(np.abs(values - value))])
-            if not value.imag > 1e-6:
+            if not (value.imag > 1e-6 and value.real < 0.0):
                 return None
             found.append(value)
         return np.array(found, dtype=np.complex128) * self._omega

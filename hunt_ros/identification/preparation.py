@@ -276,7 +276,8 @@ def motions_in(
     prepared: Prepared, bare: bool, frequency_hz: float, settings: IdentificationSettings
 ) -> Motions:
     """Return what it shows of yaw and lateral motion together, where it holds both."""
-    record, orders = prepared.record if bare else prepared.turning, settings.orders.tolist()
+    assumed = bare and is_assumed(prepared.turning)
+    record, orders = prepared.record if assumed else prepared.turning, settings.orders.tolist()
     return Motions(
         measure_ratio(record, frequency_hz, orders),
         measure_response(record, frequency_hz, orders),

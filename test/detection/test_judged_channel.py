@@ -73,6 +73,13 @@ def test_a_lateral_amplitude_that_nothing_tells_is_unknown(recorded, true_form, 
         assert (off < 3.0 * std[told]).all()
         assert (std[told] < found[told]).all()
         assert detector.status.state is State.LIMIT_CYCLE, 'by yaw, where lateral is unknown'
+        both = without(dead, 'yaw', 14_000_000_000)
+        rows = detect(HuntingDetector(normal_form=true_form), both).estimates
+        late = rows['stamp_ns'] > 15_000_000_000
+        found, std = rows['lateral_amplitude'][late], rows['lateral_amplitude_std'][late]
+        assert not (std > 1e-2).any(), 'the death of the other one does not bring it back'
+        last = rows['state'][rows['stamp_ns'] <= 14_000_000_000][-1]
+        assert (rows['state'][late] == last).all(), 'nor does it end or begin anything'
 
 
 def test_where_lateral_is_missing_for_a_while_yaw_is_judged(recorded) -> None:

@@ -207,6 +207,24 @@ def test_a_speed_that_was_not_measured_does_not_stand_still(record) -> None:
     assert measure_response(torn, 2.8).speed.size < 30
 
 
+def test_a_long_pause_costs_neither_memory_nor_windows(record) -> None:
+    whole = measure_response(record, 2.8)
+    middle = int(np.mean([one.stamps_ns.mean() for one in record.values()]))
+    later = {
+        name: Series(one.stamps_ns + (one.stamps_ns > middle) * 30 * 86_400 * 10**9, one.values)
+        for name, one in record.items()
+    }
+    paused = measure_response(Record(later), 2.8)
+    assert abs(paused.speed.size - whole.speed.size) <= 3
+
+
+def test_a_sensor_that_is_dead_half_of_the_time_is_not_slow(record) -> None:
+    values = record['lateral'].values.copy()
+    values[: int(0.6 * values.size)] = np.nan
+    left = measure_response(changed(record, lateral=values), 2.8).speed.size
+    assert left > 0.3 * measure_response(record, 2.8).speed.size
+
+
 def test_where_lines_fill_the_band_nothing_is_said(record) -> None:
     frequency, known = hunting(RIGS['paper'])
     windows = measure_response(record, frequency, np.arange(0.05, 3.0, 0.05).tolist())

@@ -32,6 +32,9 @@ sys.path.insert(0, str(Path(__file__).parent))  # for what several tests share
 ROOT = Path(__file__).resolve().parents[2]
 
 
+#: A server that a client has found has not yet found the client, and its answer may be lost.
+_INTRODUCED_S = 0.3
+
 #: The state after a transition.
 _AFTER = {
     Transition.TRANSITION_CONFIGURE: State.PRIMARY_STATE_INACTIVE,
@@ -116,8 +119,11 @@ class Graph:
         return self._clients[key]
 
     def call(self, service: str, timeout_s: float = 30.0) -> Trigger.Response:
+        known = (Trigger, service) in self._clients
         client = self.client(Trigger, service)
         self.spin_until(client.service_is_ready, timeout_s)
+        if not known:
+            self.spin(_INTRODUCED_S)
         future = client.call_async(Trigger.Request())
         self.spin_until(future.done, timeout_s)
         return future.result()

@@ -207,13 +207,24 @@ def measured(f: at.Filter, coordinate: int) -> bool:
 @compiled_part
 def told(f: at.Filter, coordinate: int) -> bool:
     """
-    Return True if a sensor of the coordinate speaks, or has and all are silent.
+    Return True if sensors tell the coordinate, or did so till all fell silent.
 
-    While the other one speaks, what was known of a silent coordinate is of the past.
+    What fell silent a hunting period before the other coordinate, or more, is of the past.
     """
-    if measured(f, coordinate):
-        return True
-    return started(f, coordinate) and not measured(f, 1 - coordinate)
+    if not started(f, coordinate):
+        return False
+    behind = newest(f, 1 - coordinate) - newest(f, coordinate)
+    return behind * f.mode.omega <= 2.0 * math.pi
+
+
+@compiled_part
+def newest(f: at.Filter, coordinate: int) -> float:
+    """Return when a sensor of the coordinate has spoken last; minus infinity: never."""
+    last = -math.inf
+    for k in range(f.sensor_count):
+        if f.sensors[k].coordinate == coordinate and f.sensors[k].alive:
+            last = max(last, f.sensors[k].last)
+    return last
 
 
 @compiled_part

@@ -91,7 +91,7 @@ def write_row(f: at.Filter, row: _F) -> None:
     row[at.O_FREQUENCY_STD] = math.sqrt(max(P[at.OMEGA, at.OMEGA], 0.0)) / (2.0 * math.pi)
     row[at.O_GROWTH] = growth
     row[at.O_GROWTH_STD] = math.sqrt(max(P[at.GROWTH, at.GROWTH], 0.0))
-    if yaw and (lateral or tied > 0.0):
+    if (yaw or f.coordinates[1].tied) and (lateral or tied > 0.0):
         size = math.hypot(f.rho_re, f.rho_im)
         row[at.O_RATIO] = size
         row[at.O_RATIO_STD] = math.sqrt(f.rho_var)

@@ -1,4 +1,4 @@
-"""The mode shape of the recordings: what the yaw sensor makes of the lateral motion."""
+"""The mode shape of the recordings, and the second mode: what both sensors show together."""
 
 from __future__ import annotations
 
