@@ -20,7 +20,7 @@ _F = NDArray[np.float64]
 _SPEEDS, _AMPLITUDES = 5, 9
 #: How far a table reaches beyond the values it is made from.
 _BEYOND = 1.3
-#: And what is not known there of the ratio, relative: per change of ln(speed), and at the node
+#: And what is not known there of a mode, relative: per change of ln(speed), and at the node
 #: beyond the largest amplitude.
 CARRY_SPEED, _CARRY_AMPLITUDE = 0.5, 0.1
 #: Terms of the ratio in (speed, amplitude squared), with their prior size as shares of it:

@@ -59,7 +59,7 @@ _NUMBERS = (
 #: One estimate. Amplitudes in the unit of the coordinate (m, rad), what a sensor shows in its own;
 #: rates per second; phase and yaw_lag in rad (y = amplitude cos(phase)); bandwidth in 1/s;
 #: lateral_tied is 1 where the lateral amplitude is that of yaw through the mode shape, 0 where it
-#: is measured.
+#: is measured. A coordinate is NaN where only the other one is told and no ratio ties the two.
 TRACK_DTYPE: np.dtype[np.void] = np.dtype(
     [('stamp_ns', np.int64), *((name, np.float64) for name in _NUMBERS)]
 )

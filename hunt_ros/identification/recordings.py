@@ -248,7 +248,7 @@ class Recordings:
         return runs, [line for _, said in found for line in said]
 
     def mode_shape(self, form: NormalForm, frequency_hz: float) -> ModeShape | None:
-        """Measure both modes wherever the recordings hold both sensors; else None."""
+        """Measure both modes wherever what can be used holds both sensors; else None."""
         pairs = zip(self._prepared, self._digests, strict=True)
         measuring = [one for one, digest in pairs if digest.measures and not digest.refused]
         count = len(measuring)

@@ -11,6 +11,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from hunt_ros.bag import Bag, BagWriter, read_record, write_record
+from hunt_ros.bag.metadata import folder_metadata
 from hunt_ros.bag.record_writer import absolute
 from hunt_ros.errors import BagError
 from hunt_ros.samples import Record, Series
@@ -165,3 +166,14 @@ def test_names_are_put_under_a_namespace() -> None:
     assert absolute('rig', 'hunting/phase') == '/rig/hunting/phase'
     assert absolute('/a/b/', '/c') == '/a/b/c'
     assert absolute('', 'c') == '/c'
+
+
+@pytest.mark.parametrize(
+    ('known', 'written'), [('kilted', 'kilted'), ('', 'jazzy'), (None, 'jazzy')]
+)
+def test_the_metadata_names_the_ros_it_was_recorded_under(monkeypatch, known, written) -> None:
+    if known is None:
+        monkeypatch.delenv('ROS_DISTRO', raising=False)
+    else:
+        monkeypatch.setenv('ROS_DISTRO', known)
+    assert f'ros_distro: {written}\n' in folder_metadata([], [], {})
