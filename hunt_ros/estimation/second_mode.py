@@ -170,6 +170,23 @@ def _fitted(fit: _Fit, hunting: HuntingMode) -> SecondMode | None:
     return SecondMode(fit.speed, eigenvalue.imag / (2.0 * math.pi), -eigenvalue.real, std)
 
 
+def _determinant(matrices: _C) -> _C:
+    """Return the determinants, shape (..., 2, 2) to (...): LAPACK goes matrix by matrix."""
+    found: _C = (
+        matrices[..., 0, 0] * matrices[..., 1, 1] - matrices[..., 0, 1] * matrices[..., 1, 0]
+    )
+    return found
+
+
+def _inverse(matrices: _C) -> _C:
+    """Return the inverses, shape (..., 2, 2); not finite where there is none."""
+    adjugate = np.empty_like(matrices)
+    adjugate[..., 0, 0], adjugate[..., 1, 1] = matrices[..., 1, 1], matrices[..., 0, 0]
+    adjugate[..., 0, 1], adjugate[..., 1, 0] = -matrices[..., 0, 1], -matrices[..., 1, 0]
+    inverse: _C = adjugate / _determinant(matrices)[..., None, None]
+    return inverse
+
+
 def _unusual(theta: _F) -> _F:
     """Return how far decay and frequency are from the usual, in standard deviations."""
     off: _F = (theta[:2] - _USUAL) / _USUAL_STD
@@ -264,7 +281,7 @@ class _Fit:
 
     def _seen(self, theta: _F) -> _F:
         """Return the power of the spectra over that of the law, shape (levels, bins)."""
-        inverse = np.linalg.inv(self._expected(theta))
+        inverse = _inverse(self._expected(theta))
         seen: _F = 0.5 * np.trace(inverse @ self._spectra, axis1=-2, axis2=-1).real
         return seen
 
@@ -286,7 +303,7 @@ class _Fit:
         damping, stiffness = self._law(theta)
         force = np.array([[math.exp(theta[4]), 0.0], [theta[5], math.exp(theta[6])]])
         s = self._s[None, :, None, None]
-        response = np.linalg.inv(
+        response = _inverse(
             s * s * np.eye(2) + s * self._slow[:, None, None, None] * damping + stiffness
         )
         driven = response @ force
@@ -301,10 +318,10 @@ class _Fit:
         """Return minus the log posterior, Whittle's likelihood; infinite where it has none."""
         try:
             expected = self._expected(theta)
-            inverse = np.linalg.inv(expected)
+            inverse = _inverse(expected)
         except (np.linalg.LinAlgError, OverflowError):
             return math.inf
-        determinant = np.linalg.det(expected).real
+        determinant = _determinant(expected).real
         if not np.all(determinant > 0.0):
             return math.inf
         traces = np.trace(inverse @ self._spectra, axis1=-2, axis2=-1).real
@@ -315,7 +332,7 @@ class _Fit:
     def slopes(self, theta: _F) -> tuple[_F, _F]:
         """Return gradient and Fisher information of the misfit."""
         expected = self._expected(theta)
-        inverse = np.linalg.inv(expected)
+        inverse = _inverse(expected)
         slopes = []
         for k in range(theta.size):
             moved = theta.copy()
