@@ -161,7 +161,7 @@ def _observed(
 
 
 def _second_mode(found: IdentifiedNormalForm | None) -> list[str]:
-    """Tell the second mode where it is known best; nothing where it is not known."""
+    """Return the line on the second mode, where it is known best; none where it is not known."""
     shape = found.mode_shape if found else None
     if shape is None or shape.second_frequency_hz is None or shape.second_decay is None:
         return []
