@@ -23,12 +23,10 @@ class Service(NamedTuple):
     does : str
         What it is for, as a line of the help text.
     words_topic : str
-        std_msgs/String, below the namespace: where words that go with the call are published;
-        '' where it takes none.
+        std_msgs/String, below the namespace: where words that go with the call are published
+        before it; '' where it takes none.
     words : str
         What these are, as a line of the help text.
-    words_first : bool
-        True where they are published before the call, which needs them.
     switch : str
         'on' or 'off' where the service is a switch; else ''.
     """
@@ -38,7 +36,6 @@ class Service(NamedTuple):
     does: str
     words_topic: str = ''
     words: str = ''
-    words_first: bool = False
     switch: str = ''
 
 
@@ -62,7 +59,6 @@ SERVICES: dict[str, Service] = {
         'end an alarm whose cause is over',
         'hunting/acknowledged_by',
         'who acknowledges',
-        words_first=True,
     ),
     'alarm-history': Service(
         'hunting/alarm_history',
@@ -103,7 +99,7 @@ SERVICES: dict[str, Service] = {
         'bag_recorder',
         'mark this moment in the recording',
         'recording/mark',
-        'what to write beside it',
+        'what the mark says',
     ),
     'identify': Service(
         'identify', 'normal_form_identifier', 'refit the normal form from the recordings'

@@ -51,7 +51,6 @@ def run(arguments: argparse.Namespace) -> int:
         'wait_s': float(arguments.wait),
         'words': arguments.words,
         'words_topic': service.words_topic,
-        'words_first': service.words_first,
         'switch': service.switch,
     }
     spec = NodeSpec('service_call', parameters)

@@ -35,6 +35,7 @@ from std_msgs.msg import String
 from hunt_ros.bag.leftover import finalise_left
 from hunt_ros.bag.recording import Recording, RecordingLimits, RecordingState
 from hunt_ros.errors import BagError
+from hunt_ros.nodes.support.call_words import CallWords
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, steady_clock
 from hunt_ros.nodes.support.estimate_publishers import ESTIMATES
 from hunt_ros.nodes.support.parameter_collector import ParameterCollector
@@ -52,6 +53,10 @@ _JOINT = 'sensor_msgs/msg/JointState'
 _TWIST, _TEXT = 'geometry_msgs/msg/TwistStamped', 'std_msgs/msg/String'
 _DIAGNOSTIC = 'diagnostic_msgs/msg/DiagnosticArray'
 
+#: What the operator wrote; the service of this name marks the moment of its call.
+_MARK_TOPIC = 'recording/mark'
+#: What a mark without words says.
+_WORDLESS = 'mark'
 #: Subscribed before their publishers appear, so that their first message is in the bag.
 DESIGN_TOPICS: dict[str, str] = {
     **dict.fromkeys(MOTION, _JOINT),
@@ -60,7 +65,7 @@ DESIGN_TOPICS: dict[str, str] = {
     'speed/target': _TWIST,
     'hunting/events': _DIAGNOSTIC,
     'hunting/status': _DIAGNOSTIC,
-    'recording/mark': _TEXT,
+    _MARK_TOPIC: _TEXT,
     'hunting/acknowledged_by': _TEXT,
     '/diagnostics': _DIAGNOSTIC,
 }
@@ -152,7 +157,8 @@ class BagRecorderNode(Polling, Node):
         self._refused: set[str] = set()
         self._last = ('OK', 'no recording')
         self._closed = self.create_publisher(String, OWN_TOPIC, latched())
-        self._mark = self.create_publisher(String, 'recording/mark', stream(10))
+        self._mark = self.create_publisher(String, _MARK_TOPIC, stream(10))
+        self._words = CallWords(self, _MARK_TOPIC)
         names = ('start', 'stop', 'split', 'mark')
         answers = {f'recording/{name}': getattr(self, f'_on_{name}') for name in names}
         self._service_thread = ServiceThread(self, answers)
@@ -193,6 +199,7 @@ class BagRecorderNode(Polling, Node):
         notes['started'] = f'{datetime.now().astimezone():%Y-%m-%dT%H:%M:%S%z}'
         notes['namespace'] = self.get_namespace()
         path = self._new_path()
+        self._words.take()  # they are in no recording
         compression = self._config.compression.removeprefix('none')
         self._recording = Recording(
             path, RecordingLimits(**limits), notes=notes, compression=compression
@@ -447,9 +454,16 @@ class BagRecorderNode(Polling, Node):
         return 'going on in a new file'
 
     def _on_mark(self) -> str:
-        """Mark this moment; a mark with words is published on the topic recording/mark."""
-        self._in_node(self._running)
-        self._mark.publish(String(data='mark'))
+        """Mark this moment; words that came before the call are its mark already."""
+
+        def mark() -> None:
+            """Publish a mark unless the caller did."""
+            words = self._words.take(apart_from=_WORDLESS)
+            self._running()
+            if not words:
+                self._mark.publish(String(data=_WORDLESS))
+
+        self._in_node(mark)
         return 'marked'
 
     def _health(self) -> Health:

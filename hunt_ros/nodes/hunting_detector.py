@@ -8,7 +8,6 @@ and what it says is published. Silence enters through its `tick`, on the node's 
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +25,7 @@ from hunt_ros.detection.output import EVENT_NUMBERS, PUBLIC, Event, Output
 from hunt_ros.detection.words import published
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
+from hunt_ros.nodes.support.call_words import CallWords
 from hunt_ros.nodes.support.companion_worker import CompanionWorker
 from hunt_ros.nodes.support.conversions import diagnostic
 from hunt_ros.nodes.support.detector_inbox import DetectorInbox
@@ -33,8 +33,8 @@ from hunt_ros.nodes.support.detector_messages import event_message, status_messa
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, NewSince, steady_clock
 from hunt_ros.nodes.support.estimate_publishers import EstimatePublishers
 from hunt_ros.nodes.support.parameters import declare, declare_normal_form, warn_unknown
-from hunt_ros.nodes.support.polled import Polling, waiting
-from hunt_ros.nodes.support.qos import EVENTS, JOURNAL, STATUS, latched, stream
+from hunt_ros.nodes.support.polled import Polling
+from hunt_ros.nodes.support.qos import EVENTS, JOURNAL, STATUS, latched
 from hunt_ros.nodes.support.sole import hold_name
 from hunt_ros.nodes.support.transitions import says_why
 from hunt_ros.samples import NANOSECONDS
@@ -42,8 +42,6 @@ from hunt_ros.settings import Settings, setting
 
 _TICK_S = 0.05
 _STATUS_S = 0.05
-#: A name given longer ago than this is not that of who acknowledges now, s.
-_NAME_S = 5.0
 
 
 @dataclass(frozen=True)
@@ -93,7 +91,7 @@ class HuntingDetectorNode(Polling, LifecycleNode):
         )
         self.create_subscription(String, 'hunting/normal_form', self._on_form, latched())
         self._alarms = self.create_publisher(String, 'hunting/alarms', latched())
-        self._name = self.create_polled_subscription(String, 'hunting/acknowledged_by', stream(10))
+        self._name = CallWords(self, 'hunting/acknowledged_by')
         self.create_service(Trigger, 'hunting/acknowledge_alarm', self._on_acknowledge)
         self.create_service(Trigger, 'hunting/alarm_history', self._on_history)
         self.create_service(Trigger, 'hunting/accept_normal_form', self._on_accept)
@@ -253,10 +251,7 @@ class HuntingDetectorNode(Polling, LifecycleNode):
     def _on_acknowledge(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        by = ''
-        for name, info in waiting(self._name):
-            age_s = (time.time_ns() - info['received_timestamp']) / NANOSECONDS
-            by = ' '.join(name.data.split()) if age_s < _NAME_S else ''
+        by = self._name.take()
         self._drain()
         self._publish(self._detector.acknowledge(self.get_clock().now().nanoseconds, by))
         response.success = True

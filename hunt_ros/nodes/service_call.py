@@ -31,11 +31,8 @@ class CallConfig(Settings):
 
     service: str = setting('', 'Relative name of the service.', fixed=True)
     wait_s: float = setting(5.0, 'How long to look for it.', unit='s', low=0.0, fixed=True)
-    words: str = setting('', 'Published with the call.', fixed=True)
+    words: str = setting('', 'Published before the call.', fixed=True)
     words_topic: str = setting('', 'Where the words go.', fixed=True)
-    words_first: bool = setting(
-        False, 'Before the call, which needs them; else when it was done.', fixed=True
-    )
     switch: str = setting(
         '', 'Of a SetBool service; empty: a Trigger.', choices=('', 'on', 'off'), fixed=True
     )
@@ -43,7 +40,7 @@ class CallConfig(Settings):
 
 def call(node: Node, config: CallConfig) -> dict[str, object]:
     """
-    Call the service, and publish the words, first or if it was done.
+    Publish the words, and call the service.
 
     Returns
     -------
@@ -58,17 +55,14 @@ def call(node: Node, config: CallConfig) -> dict[str, object]:
         names = {name for name, _ in node.get_service_names_and_types()} - {full}
         ending = f'/{config.service}'
         return {**answer, 'elsewhere': sorted(name for name in names if name.endswith(ending))}
-    unheard = {'success': False, 'message': f'nobody listens to {config.words_topic}'}
-    if config.words and config.words_first and not _publish(node, config):
-        return answer | unheard
+    if config.words and not _publish(node, config):
+        return {**answer, 'success': False, 'message': f'nobody listens to {config.words_topic}'}
     request = SetBool.Request(data=config.switch == 'on') if config.switch else Trigger.Request()
     future = client.call_async(request)
     rclpy.spin_until_future_complete(node, future, timeout_sec=_ANSWER_S)
     if not future.done():
         return {**answer, 'silent': True}
-    answer |= {'success': future.result().success, 'message': future.result().message}
-    behind = config.words and answer['success'] and not config.words_first
-    return answer | unheard if behind and not _publish(node, config) else answer
+    return {**answer, 'success': future.result().success, 'message': future.result().message}
 
 
 def _publish(node: Node, config: CallConfig) -> bool:

@@ -113,6 +113,37 @@ def test_everything_published_is_in_the_closed_bag_bit_for_bit(graph) -> None:
         assert 'operator: the operator' in parameters['/rig/bag_recorder']
 
 
+def test_a_call_gives_one_mark_with_its_words_or_without(graph) -> None:
+    heard = graph.collect(String, 'recording/mark')
+    words = graph.node.create_publisher(String, 'recording/mark', 10)
+    graph.start('bag_recorder', directory=str(graph.folder), autostart=False)
+
+    def say(text: str) -> None:
+        """Publish words as who calls with words does: the recorder has them."""
+        before = len(heard)
+        words.publish(String(data=text))
+        assert words.wait_for_all_acked(Duration(seconds=30.0))
+        graph.spin_until(lambda: len(heard) > before)
+
+    # This node hears itself; the recorder hears before it records.
+    graph.spin_until(lambda: words.get_subscription_count() == 2)
+    say('of no recording')
+    assert not graph.call('recording/mark').success
+    say('before the recording')
+    assert graph.call('recording/start').success
+    # Once for the words of a call, once for what is recorded.
+    graph.spin_until(lambda: words.get_subscription_count() == 3)
+    assert graph.call('recording/mark').success
+    for text in ('bump at joint 3', 'crane overhead'):
+        say(text)
+        assert graph.call('recording/mark').success
+    for _ in range(2):
+        assert graph.call('recording/mark').success
+    path = graph.call('recording/stop').message
+    texts = [text for _, text in read_texts(path, 'recording/mark')]
+    assert texts == ['mark', 'bump at joint 3', 'crane overhead', 'mark', 'mark']
+
+
 def test_kill_loses_at_most_a_second_and_the_next_start_closes_the_rest(graph) -> None:
     lateral = graph.node.create_publisher(JointState, 'lateral', 1000)
     process = graph.start('bag_recorder', directory=str(graph.folder))

@@ -90,14 +90,11 @@ class Caller:
             )
             return answer
         said = ' '.join(words.split())[:200] if service.words_topic else ''
-        if said and service.words_first:
+        if said:
             self._words[service.words_topic].publish(String(data=said))
 
         def answered(reply: Any) -> None:
-            done, message = reply.result().success, reply.result().message
-            if done and said and not service.words_first:
-                self._words[service.words_topic].publish(String(data=said))
-            self._end(answer, (done, message))
+            self._end(answer, (reply.result().success, reply.result().message))
 
         with self._lock:
             self._open.append((time.monotonic() + _ANSWER_S, service.node, answer))
