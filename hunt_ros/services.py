@@ -29,6 +29,9 @@ class Service(NamedTuple):
         What these are, as a line of the help text.
     switch : str
         'on' or 'off' where the service is a switch; else ''.
+    repeatable : bool
+        True where a second call changes nothing, whoever called something else in between: it only
+        reads, or does what is on the safe side. A call whose answer was lost is then repeated.
     """
 
     name: str
@@ -37,6 +40,7 @@ class Service(NamedTuple):
     words_topic: str = ''
     words: str = ''
     switch: str = ''
+    repeatable: bool = False
 
 
 #: Key of `hunt run` and `hunt demo` on a terminal -> word of `hunt call`.
@@ -64,18 +68,25 @@ SERVICES: dict[str, Service] = {
         'hunting/alarm_history',
         'hunting_detector',
         'tell the last 100 alarms, as JSON: when, why, how large, who acknowledged',
+        repeatable=True,
     ),
     'start-profile': Service(
         'speed/start_profile', 'roller_speed', 'start the speed profile from its beginning'
     ),
     'stop-profile': Service(
-        'speed/stop_profile', 'roller_speed', 'hold the set point that the profile has now'
+        'speed/stop_profile',
+        'roller_speed',
+        'hold the set point that the profile has now',
+        repeatable=True,
     ),
     'resume-profile': Service(
         'speed/resume_profile', 'roller_speed', 'go on with the profile where it was stopped'
     ),
     'emergency-stop': Service(
-        'speed/emergency_stop', 'roller_speed', 'take the roller to the emergency speed'
+        'speed/emergency_stop',
+        'roller_speed',
+        'take the roller to the emergency speed',
+        repeatable=True,
     ),
     'rearm': Service(
         'speed/rearm',
@@ -83,7 +94,11 @@ SERVICES: dict[str, Service] = {
         'end an emergency stop, and a trip of the interlock whose cause is over',
     ),
     'arm-interlock': Service(
-        'speed/arm_interlock', 'roller_speed', 'let the interlock guard the rig', switch='on'
+        'speed/arm_interlock',
+        'roller_speed',
+        'let the interlock guard the rig',
+        switch='on',
+        repeatable=True,
     ),
     'disarm-interlock': Service(
         'speed/arm_interlock',
@@ -115,6 +130,6 @@ SERVICES: dict[str, Service] = {
         'go back to the normal form before',
     ),
     'kick': Service('simulator/kick', 'rig_simulator', 'kick the simulated wheelset'),
-    'pause-replay': Service('replay/pause', 'live_replay', 'hold a live replay'),
+    'pause-replay': Service('replay/pause', 'live_replay', 'hold a live replay', repeatable=True),
     'resume-replay': Service('replay/resume', 'live_replay', 'go on with a live replay'),
 }

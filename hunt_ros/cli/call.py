@@ -52,6 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
         'words': arguments.words,
         'words_topic': service.words_topic,
         'switch': service.switch,
+        'repeatable': service.repeatable,
     }
     spec = NodeSpec('service_call', parameters)
     answer = ask(spec, arguments.namespace)

@@ -11,12 +11,12 @@ import json
 import time
 from dataclasses import dataclass
 
-import rclpy
 from rclpy.duration import Duration
 from rclpy.node import Node
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
+from hunt_ros.nodes.support.asking import ask
 from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.qos import stream
 from hunt_ros.settings import Settings, setting
@@ -33,6 +33,7 @@ class CallConfig(Settings):
     wait_s: float = setting(5.0, 'How long to look for it.', unit='s', low=0.0, fixed=True)
     words: str = setting('', 'Published before the call.', fixed=True)
     words_topic: str = setting('', 'Where the words go.', fixed=True)
+    repeatable: bool = setting(False, 'It may be called twice.', fixed=True)
     switch: str = setting(
         '', 'Of a SetBool service; empty: a Trigger.', choices=('', 'on', 'off'), fixed=True
     )
@@ -58,11 +59,10 @@ def call(node: Node, config: CallConfig) -> dict[str, object]:
     if config.words and not _publish(node, config):
         return {**answer, 'success': False, 'message': f'nobody listens to {config.words_topic}'}
     request = SetBool.Request(data=config.switch == 'on') if config.switch else Trigger.Request()
-    future = client.call_async(request)
-    rclpy.spin_until_future_complete(node, future, timeout_sec=_ANSWER_S)
-    if not future.done():
+    said = ask(node, client, request, _ANSWER_S, repeatable=config.repeatable)
+    if said is None:
         return {**answer, 'silent': True}
-    return {**answer, 'success': future.result().success, 'message': future.result().message}
+    return {**answer, 'success': said.success, 'message': said.message}
 
 
 def _publish(node: Node, config: CallConfig) -> bool:

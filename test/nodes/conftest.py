@@ -25,15 +25,13 @@ from rclpy.signals import SignalHandlerOptions  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
 from hunt_ros.cli.support.processes import claim_domain  # noqa: E402
+from hunt_ros.nodes.support.asking import INTRODUCED_S  # noqa: E402
 
 sys.path.insert(0, str(Path(__file__).parent))  # for what several tests share
 
 #: The tree under test, also for the nodes, which run in a folder of their own.
 ROOT = Path(__file__).resolve().parents[2]
 
-
-#: A server that a client has found has not yet found the client, and its answer may be lost.
-_INTRODUCED_S = 0.3
 
 #: The state after a transition.
 _AFTER = {
@@ -123,7 +121,7 @@ class Graph:
         client = self.client(Trigger, service)
         self.spin_until(client.service_is_ready, timeout_s)
         if not known:
-            self.spin(_INTRODUCED_S)
+            self.spin(INTRODUCED_S)
         future = client.call_async(Trigger.Request())
         self.spin_until(future.done, timeout_s)
         return future.result()

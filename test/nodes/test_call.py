@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import pytest
+
+pytest.importorskip('rclpy', reason='the extra ros is not installed')
+
+from std_srvs.srv import SetBool, Trigger
 
 from hunt_ros.bag import Bag
 from hunt_ros.bag.messages import read_texts
@@ -57,6 +64,35 @@ def test_a_call_is_done_refused_or_finds_nobody(graph, capsys) -> None:
 
     graph.spin_until(lambda: offered() >= expected)  # nodes find each other one by one
     assert offered() == expected
+
+
+@pytest.mark.parametrize(
+    ('word', 'lost', 'kind'),
+    [('emergency-stop', 2, Trigger), ('arm-interlock', 1, SetBool), ('rearm', 0, Trigger)],
+)
+def test_a_call_whose_answer_is_lost_is_repeated_where_that_does_no_harm(
+    graph, word, lost, kind
+) -> None:
+    speed = graph.beside('roller_speed')
+    service = speed.create_service(kind, SERVICES[word].name, lambda request, response: response)
+    words = [sys.executable, '-m', 'hunt_ros.cli.main', 'call', word, '--wait', '120']
+    asked = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+    headers: list = []
+
+    def come() -> int:
+        """Take requests as a server does whose answer does not arrive."""
+        request, header = service.handle.service_take_request(kind.Request)
+        headers.extend([header] if request is not None else [])
+        return len(headers)
+
+    graph.spin_until(lambda: come() > lost, 60.0)
+    if not lost:  # nothing else comes
+        graph.spin(2.5)
+        assert come() == 1
+    service.send_response(kind.Response(success=True, message='heard'), headers[-1])
+    assert graph.machine.wait_for(asked) == 0
+    assert asked.stdout.read() == 'heard\n'
+    speed.destroy_node()
 
 
 def test_words_go_with_a_mark_only(capsys) -> None:
