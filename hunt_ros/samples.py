@@ -29,6 +29,11 @@ USUAL_CHANNELS: tuple[str, ...] = (
 )
 
 NANOSECONDS = 1_000_000_000
+#: A stamp further back than this is a clock that was set, not a late sample: a network does not
+#: hold samples back for so long while later ones pass, ns.
+CLOCK_RESET_NS = NANOSECONDS
+#: Half a 95 % interval of a normal distribution, in standard deviations.
+NORMAL_95 = 1.959964
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,9 +188,9 @@ class Uncertain:
 
     def __post_init__(self) -> None:
         if math.isnan(self.low):
-            object.__setattr__(self, 'low', self.value - 1.959964 * self.std)
+            object.__setattr__(self, 'low', self.value - NORMAL_95 * self.std)
         if math.isnan(self.high):
-            object.__setattr__(self, 'high', self.value + 1.959964 * self.std)
+            object.__setattr__(self, 'high', self.value + NORMAL_95 * self.std)
 
     def __str__(self) -> str:
         """Value and deviation, which keeps two digits; its unit is not known here."""
@@ -214,3 +219,16 @@ class Uncertain:
 def as_text(value: object) -> str:
     """Return a value as it is published: floats with the digits that make them exact."""
     return repr(float(value)) if isinstance(value, float) else str(value)
+
+
+def number_of(texts: Mapping[str, str], name: str) -> float:
+    """Return a number that was published as text; NaN where there is none of this name."""
+    try:
+        return float(texts.get(name, 'nan'))
+    except ValueError:
+        return math.nan
+
+
+def known(value: float | None) -> float | None:
+    """Return the number, or None where it is not finite: what JSON holds for 'not known'."""
+    return None if value is None or not math.isfinite(value) else float(value)

@@ -21,7 +21,8 @@ COORDINATES: tuple[str, ...] = ('lateral', 'yaw')
 _LENGTHS = {'m': 1.0, 'mm': 1e-3, 'um': 1e-6}
 #: Endings of names that tell the unit of an angle: to SI.
 ANGLES = {'rad': 1.0, 'mrad': 1e-3, 'deg': math.pi / 180.0}
-_ACCELERATIONS = {'mps2': 1.0, 'g': 9.80665, 'mg': 9.80665e-3}
+STANDARD_GRAVITY = 9.80665  # m/s^2
+_ACCELERATIONS = {'mps2': 1.0, 'g': STANDARD_GRAVITY, 'mg': 1e-3 * STANDARD_GRAVITY}
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ SENSORS: tuple[MotionSensor, ...] = (
         'm/s2',
         _ACCELERATIONS,
         500.0,
-        '*9.80665',
+        f'*{STANDARD_GRAVITY}',
         'the lateral amplitude is told by the other sensors alone',
         usual=False,
     ),

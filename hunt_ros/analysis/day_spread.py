@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from hunt_ros.samples import Uncertain
+from hunt_ros.samples import Uncertain, known
 
 #: Speeds at which the days are compared.
 _SPEEDS = 21
@@ -76,8 +76,8 @@ class Hit:
             'grew': self.grew,
             'start_amplitude_m': self.start_amplitude,
             'end_amplitude_m': self.end_amplitude,
-            'growth_rate_per_s': _known(self.growth_rate),
-            'growth_rate_std_per_s': _known(self.growth_rate_std),
+            'growth_rate_per_s': known(self.growth_rate),
+            'growth_rate_std_per_s': known(self.growth_rate_std),
         }
 
 
@@ -287,7 +287,3 @@ def spread_of(speed: float, values: NDArray[np.float64], seed: int = 0) -> Sprea
         float(values.std(ddof=1)),
         count,
     )
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -228,7 +228,7 @@ def _document(
     warnings: list[str],
 ) -> dict[str, Any]:
     """Return what was found, as JSON."""
-    from hunt_ros.cli.support.output import known as finite
+    from hunt_ros.samples import known as finite
 
     line = not calibration.table
     return {

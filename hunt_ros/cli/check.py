@@ -49,7 +49,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Check: 0 where nothing fails, 1 where something does."""
     from hunt_ros.analysis.rig_check import FAIL, check_rig
-    from hunt_ros.cli.support.output import known, write_json
+    from hunt_ros.cli.support.output import write_json
+    from hunt_ros.samples import known
 
     rig = options.rig_of(arguments)
     if arguments.bag is not None:

@@ -43,9 +43,9 @@ def run(arguments: argparse.Namespace) -> int:
     from hunt_ros.bag import check_units
     from hunt_ros.bag.interchange.importers import load_record
     from hunt_ros.bag.record_writer import write_record
-    from hunt_ros.cli.support.output import known, write_json
+    from hunt_ros.cli.support.output import write_json
     from hunt_ros.errors import BagError
-    from hunt_ros.samples import CHANNELS
+    from hunt_ros.samples import CHANNELS, known
 
     if arguments.out.exists():
         raise BagError(f'{arguments.out}: exists already, expected the name of a new folder')

@@ -16,10 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hunt_ros.compiled import compiled
 from hunt_ros.errors import ConfigError
-from hunt_ros.samples import NANOSECONDS
-
-#: A stamp further back than this is a clock that was set, not a late sample, ns.
-LONGEST_STEP_BACK_NS = NANOSECONDS
+from hunt_ros.samples import CLOCK_RESET_NS, NANOSECONDS
 
 
 @compiled
@@ -27,6 +24,7 @@ def _resample(
     stamps: NDArray[np.int64],
     values: NDArray[np.float64],
     speeds: NDArray[np.float64],
+    reset_ns: int,
     clock: NDArray[np.int64],
     last: NDArray[np.float64],
     grid: NDArray[np.int64],
@@ -49,7 +47,7 @@ def _resample(
         if np.isfinite(speeds[k]):
             last[1] = speeds[k]
         back = clock[0] - stamp
-        if clock[6] and 0 <= back <= LONGEST_STEP_BACK_NS:
+        if clock[6] and 0 <= back <= reset_ns:
             clock[4] += 1
             continue
         if not np.isfinite(values[k]):
@@ -181,6 +179,7 @@ class LateralAcceleration:
                 stamps[used:],
                 values[used:],
                 speeds[used:],
+                CLOCK_RESET_NS,
                 self._clock,
                 self._last,
                 grid,

@@ -21,8 +21,6 @@ from hunt_ros.settings import Settings, setting
 #: A row a grid point: the index (m/s^2; NaN while it is not yet defined) and the verdict.
 CRITERION_DTYPE = np.dtype([('stamp_ns', 'i8'), ('index', 'f8'), ('exceeded', '?')])
 
-STANDARD_GRAVITY = 9.80665
-
 
 @dataclass(frozen=True)
 class CriterionSettings(Settings):

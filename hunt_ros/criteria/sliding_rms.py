@@ -9,11 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled
-from hunt_ros.criteria.base import (
-    STANDARD_GRAVITY,
-    Criterion,
-    CriterionSettings,
-)
+from hunt_ros.criteria.base import Criterion, CriterionSettings
+from hunt_ros.sensors import STANDARD_GRAVITY
 from hunt_ros.settings import setting
 
 

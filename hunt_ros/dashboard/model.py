@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 
 from hunt_ros.dashboard.diagram import branches
 from hunt_ros.dashboard.spectra import Waterfall, named_lines, section, spectrum
-from hunt_ros.dashboard.told import Told, number
+from hunt_ros.dashboard.told import Told
 from hunt_ros.dashboard.traces import SHOWN_S, Trace, short
 from hunt_ros.dashboard.view import Rows, Section, View
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import ConfigError
 from hunt_ros.rig import of_rig
+from hunt_ros.samples import number_of
 from hunt_ros.settings import Settings, setting
 
 #: Spectra are made so often, s.
@@ -85,15 +86,15 @@ class PageModel(Told):
             self._start_anew()
         if second == previous:
             return
-        speed, size = number(status, 'speed_mps'), 1e3 * number(status, 'amplitude_m')
+        speed, size = number_of(status, 'speed_mps'), 1e3 * number_of(status, 'amplitude_m')
         self._amplitudes.append(
             [
                 (
                     round(second, 3),
                     short(size),
-                    short(1e3 * number(status, 'envelope_m')),
-                    short(1e3 * number(status, 'yaw_amplitude_rad')),
-                    short(1e3 * number(status, 'yaw_envelope_rad')),
+                    short(1e3 * number_of(status, 'envelope_m')),
+                    short(1e3 * number_of(status, 'yaw_amplitude_rad')),
+                    short(1e3 * number_of(status, 'yaw_envelope_rad')),
                 )
             ]
         )
@@ -168,8 +169,8 @@ class PageModel(Told):
                 continue
             self._waterfall.append(float(stamps_ns[-1]) * 1e-9, *found)
             lines = named_lines(
-                number(self._status, 'speed_mps'),
-                number(self._status, 'frequency_hz'),
+                number_of(self._status, 'speed_mps'),
+                number_of(self._status, 'frequency_hz'),
                 self._settings.lines,
                 self._settings.roller_diameter_m or RigParameters.roller_diameter_m,
                 self._settings.wheel_diameter_m,

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 
 from hunt_ros.report.numbers import rounded
+from hunt_ros.samples import NORMAL_95, number_of
 
 _UNKNOWN = '–'
 
@@ -28,7 +29,7 @@ def of_status(status: Mapping[str, str], health: Mapping[str, str]) -> list[dict
     """
 
     def value(key: str, scale: float = 1.0) -> float:
-        return scale * _float(status.get(key, ''))
+        return scale * number_of(status, key)
 
     low, high = value('escape_probability_low', 100.0), value('escape_probability_high', 100.0)
     chance = value('escape_probability', 100.0)
@@ -109,12 +110,13 @@ def _speed(value: float) -> dict[str, str]:
 
 def _forecast(health: Mapping[str, str]) -> dict[str, str]:
     """Return the forecast of the critical speed with its 95 % interval, or why there is none."""
-    text, std = health.get('forecast_v_c', ''), _float(health.get('forecast_v_c_std', ''))
-    value = _float(text)
+    text = health.get('forecast_v_c', '')
+    value, std = number_of(health, 'forecast_v_c'), number_of(health, 'forecast_v_c_std')
     tile = _tile('forecast', 'forecast of v_c', 'm/s', value, std)
     if math.isfinite(value):
         if math.isfinite(std):
-            tile['note'] = _interval(value - 1.96 * std, value + 1.96 * std, 'm/s', 2)
+            half = NORMAL_95 * std
+            tile['note'] = _interval(value - half, value + half, 'm/s', 2)
         return tile
     return {**tile, 'note': text or 'none yet'}
 
@@ -146,10 +148,3 @@ def _percent(value: float) -> str:
     if 0.0 < value < 0.1:
         return '< 0.1'
     return f'{value:.1f}' if value < 10.0 else f'{value:.0f}'
-
-
-def _float(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan

@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 from hunt_ros.bag import check_units, read_record
 from hunt_ros.bag.messages import read_texts
 from hunt_ros.bag.reader import Bag
+from hunt_ros.bag.replay_schedule import FASTEST, SLOWEST
 from hunt_ros.dashboard.model import PageModel, PageSettings
 from hunt_ros.dashboard.view import Section, View, changes
 from hunt_ros.detection import DetectorConfig, HuntingDetector
@@ -48,7 +49,6 @@ from hunt_ros.recorded_run import recorded_run
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.sensors import DISPLACEMENTS
 
-SLOWEST, FASTEST = 0.1, 50.0
 #: Updates of a viewer; the node of the page sends as many.
 _UPDATE_S = 0.05
 #: Going to a place: so much at once, so that the way is seen, s of the recording.

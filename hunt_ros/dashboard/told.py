@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from hunt_ros.dashboard import numbers
+from hunt_ros.samples import known, number_of
 
 #: The detector speaks 20 times a second: so much silence is no delay of a busy machine, s.
 SILENT_S = 0.5
@@ -64,11 +65,11 @@ class Told:
         self._events.append(
             {
                 'at_s': round(stamp_ns * 1e-9, 3),
-                'since_s': known(number(event, 'since_s')),
+                'since_s': known(number_of(event, 'since_s')),
                 'event': event.get('event', event.get('name', '')),
                 'level': event.get('level', 'STALE'),
                 'cause': event.get('message', ''),
-                'speed_mps': known(number(event, 'speed_mps')),
+                'speed_mps': known(number_of(event, 'speed_mps')),
             }
         )
         self._said['events'] = list(reversed(self._events))
@@ -138,16 +139,16 @@ class Told:
             'alarm': status.get('alarm') == 'True',
             'absent': status.get('absent', ''),
             'normal_form': status.get('normal_form', ''),
-            'since_s': known(number(status, 'since_s')),
+            'since_s': known(number_of(status, 'since_s')),
             'stamp_s': round(self._stamp_s, 3),
-            'speed_mps': known(number(status, 'speed_mps')),
-            'amplitude_mm': known(1e3 * number(status, 'amplitude_m')),
-            'amplitude_std_mm': known(1e3 * number(status, 'amplitude_std_m')),
-            'unstable_mm': known(1e3 * number(status, 'unstable_amplitude_m')),
-            'stable_mm': known(1e3 * number(status, 'stable_amplitude_m')),
-            'fold_mm': known(1e3 * number(status, 'fold_amplitude_m')),
-            'v_n_mps': known(number(status, 'v_n_mps')),
-            'v_c_mps': known(number(status, 'v_c_mps')),
+            'speed_mps': known(number_of(status, 'speed_mps')),
+            'amplitude_mm': known(1e3 * number_of(status, 'amplitude_m')),
+            'amplitude_std_mm': known(1e3 * number_of(status, 'amplitude_std_m')),
+            'unstable_mm': known(1e3 * number_of(status, 'unstable_amplitude_m')),
+            'stable_mm': known(1e3 * number_of(status, 'stable_amplitude_m')),
+            'fold_mm': known(1e3 * number_of(status, 'fold_amplitude_m')),
+            'v_n_mps': known(number_of(status, 'v_n_mps')),
+            'v_c_mps': known(number_of(status, 'v_c_mps')),
         }
 
     def _forecast(self) -> Mapping[str, str]:
@@ -163,13 +164,13 @@ class Told:
             return None
         told = dict(self._speed)
         silent = now_s - self._speed_s > _DRIVE_SILENT_S
-        elapsed = number(told, 'profile_elapsed_s')
-        remaining = number(told, 'profile_remaining_s')
+        elapsed = number_of(told, 'profile_elapsed_s')
+        remaining = number_of(told, 'profile_remaining_s')
         whole = elapsed + remaining
         return {
             'silent': silent,
-            'speed_mps': known(number(told, 'speed_mps')),
-            'target_mps': known(number(told, 'target_mps')),
+            'speed_mps': known(number_of(told, 'speed_mps')),
+            'target_mps': known(number_of(told, 'target_mps')),
             'profile': told.get('profile', ''),
             'profile_state': told.get('profile_state', ''),
             'elapsed_s': _tenths(elapsed),
@@ -179,8 +180,8 @@ class Told:
             'interlock_state': told.get('interlock_state', ''),
             'interlock_cause': told.get('interlock_cause', ''),
             'emergency_stop': told.get('emergency_stop', '').lower() == 'true',
-            'safe_speed_mps': known(number(told, 'safe_speed_mps')),
-            'speed_ceiling_mps': known(number(told, 'speed_ceiling_mps')),
+            'safe_speed_mps': known(number_of(told, 'safe_speed_mps')),
+            'speed_ceiling_mps': known(number_of(told, 'speed_ceiling_mps')),
         }
 
     def _shown_nodes(self, now_s: float) -> list[Mapping[str, Any]]:
@@ -188,7 +189,7 @@ class Told:
         for name, (heard_s, health) in sorted(self._health.items()):
             silent_s = now_s - heard_s
             silent = silent_s > _NODE_SILENT_S
-            rates = [number(health, key) for key in _RATE_KEYS if key in health]
+            rates = [number_of(health, key) for key in _RATE_KEYS if key in health]
             rate = 0.0 if silent else next(iter(rates), math.nan)
             message = f'silent for {silent_s:.0f} s' if silent else health.get('message', '')
             nodes.append(
@@ -200,19 +201,6 @@ class Told:
                 }
             )
         return nodes
-
-
-def number(texts: Mapping[str, str], key: str) -> float:
-    """Return a value of a status as a number; NaN where it is none."""
-    try:
-        return float(texts.get(key, 'nan'))
-    except ValueError:
-        return math.nan
-
-
-def known(value: float) -> float | None:
-    """Return a number for JSON: None where it is not known."""
-    return value if math.isfinite(value) else None
 
 
 def _tenths(seconds: float) -> float | None:

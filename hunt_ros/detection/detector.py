@@ -30,14 +30,11 @@ from hunt_ros.detection.words.status import DetectorStatus, status_of
 from hunt_ros.detection.words.transitions import Transitions
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError, HuntError
-from hunt_ros.samples import CHANNELS, NANOSECONDS
+from hunt_ros.samples import CHANNELS, CLOCK_RESET_NS, NANOSECONDS
 
 #: A stamp further ahead than this waits for the next one to confirm it: one bad stamp would make
 #: all that follow come too late.
 _STAMP_JUMP_NS = NANOSECONDS
-#: Stamps that stay behind by more than this are a clock that was set back: a network does not
-#: hold samples back for so long while later ones pass.
-_CLOCK_RESET_NS = NANOSECONDS
 #: Sensors whose clock is further from that of the detector are not believed: clocks that drift are
 #: nearer, one that is hours away is that of another day.
 _CLOCK_OFFSET_NS = 15 * NANOSECONDS
@@ -95,7 +92,7 @@ class HuntingDetector:
         self._merger = ChannelMerger(
             timeouts,
             _STAMP_JUMP_NS,
-            _CLOCK_RESET_NS,
+            CLOCK_RESET_NS,
             _CLOCK_OFFSET_NS,
             drain,
         )

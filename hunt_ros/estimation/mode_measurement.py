@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.errors import HuntError
+from hunt_ros.estimation.response_windows import MOST_WINDOWS
 from hunt_ros.samples import Record, Series
 
 _F = NDArray[np.float64]
@@ -24,8 +25,6 @@ _F = NDArray[np.float64]
 _CYCLES, _STEP = 4.0, 2.0
 #: Samples a window must hold, and the share of those it should.
 _LEAST, _SHARE = 24, 0.6
-#: Windows looked at in one record: a long one is thinned evenly.
-_MOST = 600
 #: The lateral line must stand this many standard deviations clear, or the ratio is biased.
 _CLEAR = 8.0
 
@@ -124,7 +123,7 @@ def _windows(
         return []
     full = [_SHARE * length / float(np.median(np.diff(c.time))) for c in (lateral, yaw)]
     rows: list[tuple[float, ...]] = []
-    for place in np.linspace(begin, end, min(count, _MOST)):
+    for place in np.linspace(begin, end, min(count, MOST_WINDOWS)):
         here = speed.within(place, place + length)
         parts = [c.within(place, place + length) for c in (lateral, yaw)]
         sizes = [part.stop - part.start for part in parts]

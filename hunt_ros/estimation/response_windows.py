@@ -28,7 +28,7 @@ BINS = np.arange(4, 4 * PERIODS + 1)
 #: A known line takes this many bins with it on either side.
 _LINE = 1.2
 #: Windows looked at in one record: a long one is thinned evenly.
-_MOST = 600
+MOST_WINDOWS = 600
 #: The speed of a window changes by less than this part, as in a slow sweep: the modes change by
 #: as little.
 SAME_SPEED = 0.02
@@ -102,8 +102,8 @@ def measure_response(
     """
     step = 1.0 / (_CELLS * frequency_hz)
     steady = [window for grid in _grids(record, step) for window in grid.steady()]
-    if len(steady) > _MOST:
-        places = np.linspace(0, len(steady) - 1, _MOST).astype(np.int64)
+    if len(steady) > MOST_WINDOWS:
+        places = np.linspace(0, len(steady) - 1, MOST_WINDOWS).astype(np.int64)
         steady = [steady[place] for place in places]
     amplitudes: list[float] = []
     spectra: list[_C] = []

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from hunt_ros.compiled import compiled
 from hunt_ros.estimation.tracker_config import Shaft
 from hunt_ros.forecast.level_spectrum import COLUMNS, SpeedLevel, fitted_orders, level_spectrum
-from hunt_ros.samples import NANOSECONDS
+from hunt_ros.samples import CLOCK_RESET_NS, NANOSECONDS
 
 #: A block whose rms exceeds this many times the level's median was disturbed.
 DISTURBED = 4.0
@@ -45,6 +45,7 @@ def _fill_cells(
     angles: NDArray[np.float64],
     orders: NDArray[np.float64],
     cell_ns: int,
+    reset_ns: int,
     clock: NDArray[np.int64],
     cell: NDArray[np.float64],
     numbers: NDArray[np.int64],
@@ -57,7 +58,7 @@ def _fill_cells(
     """
     done = 0
     for k in range(stamps.size):
-        if clock[2] and 0 <= clock[1] - stamps[k] <= NANOSECONDS:
+        if clock[2] and 0 <= clock[1] - stamps[k] <= reset_ns:
             clock[3] += 1
             continue
         clock[1] = stamps[k]
@@ -184,6 +185,7 @@ class QuietLevels:
             angles,
             self._orders,
             self._cell_ns,
+            CLOCK_RESET_NS,
             self._clock,
             self._cell,
             numbers,

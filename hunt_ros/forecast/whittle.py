@@ -19,7 +19,7 @@ from hunt_ros.forecast.response_spectrum import (
     expected_periodogram,
     own_bins,
 )
-from hunt_ros.samples import Uncertain
+from hunt_ros.samples import NORMAL_95, Uncertain
 
 _STEP = 1e-4
 
@@ -227,7 +227,7 @@ def critical_interval(law: ResponseLaw, fit: WhittleFit, fastest: float) -> Unce
     beyond = value / reference - 1.0
     scaled = spread * value / (reference * beyond)
     low, high = (
-        reference * (1.0 + beyond * math.exp(sign * min(1.959964 * scaled, 30.0)))
+        reference * (1.0 + beyond * math.exp(sign * min(NORMAL_95 * scaled, 30.0)))
         for sign in (-1.0, 1.0)
     )
     return Uncertain(value, spread * value, low, high)

@@ -22,7 +22,7 @@ from hunt_ros.identification.posterior import QUANTITIES, BranchName, Posterior
 from hunt_ros.identification.record.envelope import Envelope
 from hunt_ros.identification.record.segments import Segment
 from hunt_ros.identification.silence import lines_of, reason_in
-from hunt_ros.samples import Record, Uncertain
+from hunt_ros.samples import Record, Uncertain, known
 
 Array = NDArray[np.float64]
 
@@ -120,11 +120,11 @@ class FitSummary:
             'segments': self.segments,
             'initial_amplitudes': self.initial_amplitudes,
             'clusters': self.clusters,
-            'residual_rms_m': _known(self.residual_rms),
+            'residual_rms_m': known(self.residual_rms),
             'lack_of_fit': self.lack_of_fit,
             'lack_of_fit_because': list(self.lack_of_fit_because),
-            'lack_of_fit_p': _known(self.lack_of_fit_p),
-            'condition_number': _known(self.condition_number),
+            'lack_of_fit_p': known(self.lack_of_fit_p),
+            'condition_number': known(self.condition_number),
         }
 
 
@@ -353,10 +353,10 @@ class Identification:
         if self.posterior is None or self.normal_form is None:
             return None
         matrix = self.posterior.correlations()
-        known = [k for k in range(len(QUANTITIES)) if math.isfinite(matrix[k, k])]
+        finite = [k for k in range(len(QUANTITIES)) if math.isfinite(matrix[k, k])]
         return {
-            'of': [QUANTITIES[k] for k in known],
-            'matrix': [[_known(float(matrix[i, j])) for j in known] for i in known],
+            'of': [QUANTITIES[k] for k in finite],
+            'matrix': [[known(float(matrix[i, j])) for j in finite] for i in finite],
         }
 
 
@@ -366,7 +366,3 @@ def _number(value: Uncertain | None) -> dict[str, Any] | None:
 
 def _shown(value: Uncertain | None) -> str:
     return 'not known' if value is None else str(value)
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -21,7 +21,7 @@ from hunt_ros.identification.fit import FittedLaw
 from hunt_ros.identification.growth_law import PAPER_TERMS, TERMS, GrowthLaw
 from hunt_ros.identification.likelihood.trajectory_fit import TrajectoryFit, inverse_of
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.samples import Uncertain
+from hunt_ros.samples import NORMAL_95, Uncertain
 
 #: With fewer independent runs than this the intervals are widened, and say so.
 ENOUGH_RUNS = 8
@@ -231,7 +231,7 @@ def summary(
         return None
     low, below, above, high = (float(x) for x in np.percentile(known, [2.5, 15.87, 84.13, 97.5]))
     # Half-widths add in squares with what does not come from the fit.
-    under = math.hypot(max(value - low, 0.0), 1.96 * extra_std)
-    over = math.hypot(max(high - value, 0.0), 1.96 * extra_std)
+    under = math.hypot(max(value - low, 0.0), NORMAL_95 * extra_std)
+    over = math.hypot(max(high - value, 0.0), NORMAL_95 * extra_std)
     std = math.hypot(0.5 * (above - below), extra_std)
     return Uncertain(float(value), std, value - under, value + over)

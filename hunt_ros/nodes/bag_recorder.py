@@ -32,7 +32,10 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
+from hunt_ros.bag.cdr.layout import JOINT_STATE
 from hunt_ros.bag.leftover import finalise_left
+from hunt_ros.bag.messages import DIAGNOSTIC_ARRAY, STRING
+from hunt_ros.bag.record_rows import TWIST_STAMPED
 from hunt_ros.bag.recording import Recording, RecordingLimits, RecordingState
 from hunt_ros.errors import BagError
 from hunt_ros.nodes.support.call_words import CallWords
@@ -49,32 +52,28 @@ from hunt_ros.rig import of_rig
 from hunt_ros.sensors import MOTION
 from hunt_ros.settings import setting
 
-_JOINT = 'sensor_msgs/msg/JointState'
-_TWIST, _TEXT = 'geometry_msgs/msg/TwistStamped', 'std_msgs/msg/String'
-_DIAGNOSTIC = 'diagnostic_msgs/msg/DiagnosticArray'
-
 #: What the operator wrote; the service of this name marks the moment of its call.
 _MARK_TOPIC = 'recording/mark'
 #: What a mark without words says.
 _WORDLESS = 'mark'
 #: Subscribed before their publishers appear, so that their first message is in the bag.
 DESIGN_TOPICS: dict[str, str] = {
-    **dict.fromkeys(MOTION, _JOINT),
-    'roller': _JOINT,
-    'speed': _TWIST,
-    'speed/target': _TWIST,
-    'hunting/events': _DIAGNOSTIC,
-    'hunting/status': _DIAGNOSTIC,
-    _MARK_TOPIC: _TEXT,
-    'hunting/acknowledged_by': _TEXT,
-    '/diagnostics': _DIAGNOSTIC,
+    **dict.fromkeys(MOTION, JOINT_STATE),
+    'roller': JOINT_STATE,
+    'speed': TWIST_STAMPED,
+    'speed/target': TWIST_STAMPED,
+    'hunting/events': DIAGNOSTIC_ARRAY,
+    'hunting/status': DIAGNOSTIC_ARRAY,
+    _MARK_TOPIC: STRING,
+    'hunting/acknowledged_by': STRING,
+    '/diagnostics': DIAGNOSTIC_ARRAY,
 }
 #: What they offer that are latched; a late look at the graph corrects a wrong guess.
 LATCHED_TOPICS: dict[str, str] = {
-    'hunting/normal_form': _TEXT,
-    'hunting/journal': _TEXT,
-    'hunting/alarms': _TEXT,
-    'speed/status': _DIAGNOSTIC,
+    'hunting/normal_form': STRING,
+    'hunting/journal': STRING,
+    'hunting/alarms': STRING,
+    'speed/status': DIAGNOSTIC_ARRAY,
 }
 #: Of the whole graph, recorded beside the namespace of the rig.
 GLOBAL_TOPICS = ('/diagnostics', '/parameter_events', '/rosout')

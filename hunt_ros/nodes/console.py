@@ -16,7 +16,6 @@ from contextlib import suppress
 from functools import partial
 from queue import Empty, SimpleQueue
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.client import Client
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -26,6 +25,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from hunt_ros.nodes.support.conversions import read_diagnostic, to_ns
+from hunt_ros.nodes.support.hidden_node import hidden_node
 from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched
 from hunt_ros.services import KEYS, SERVICES
 
@@ -89,13 +89,7 @@ class Caller:
     """
 
     def __init__(self, namespace: str) -> None:
-        self._node = rclpy.create_node(
-            'console_calls',
-            namespace=namespace,
-            use_global_arguments=False,
-            enable_rosout=False,
-            start_parameter_services=False,
-        )
+        self._node = hidden_node('console_calls', namespace)
         self._clients: dict[str, Client] = {}
         self._orders: SimpleQueue[str] = SimpleQueue()
         #: Service, and until when it is looked for.

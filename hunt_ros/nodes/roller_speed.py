@@ -26,6 +26,7 @@ from hunt_ros.drivers.command import DriveLimits, RollerCommand
 from hunt_ros.drivers.interlock import Change, Heard, Interlock, InterlockSettings
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.dynamics.profile import Motion, Profile
+from hunt_ros.dynamics.profile.run import SET_POINT_S
 from hunt_ros.errors import ConfigError, DriverError
 from hunt_ros.nodes.support.conversions import (
     diagnostic,
@@ -45,10 +46,9 @@ from hunt_ros.nodes.support.driver_node import DriverNode
 from hunt_ros.nodes.support.parameters import declare, warn_unknown
 from hunt_ros.nodes.support.qos import EVENTS, MEASUREMENTS, STATUS, latched, stream
 from hunt_ros.rig import of_rig
-from hunt_ros.samples import NANOSECONDS
+from hunt_ros.samples import NANOSECONDS, number_of
 from hunt_ros.settings import Settings, setting
 
-_SET_POINT_S = 0.05
 #: The interlock looks so often, s.
 _WATCH_S = 0.02
 _STATUS_S = 0.1
@@ -139,7 +139,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         ):
             self.create_service(Trigger, f'speed/{name}', _answer(action))
         self.create_service(SetBool, 'speed/arm_interlock', self._arm)
-        self._timer = self.create_timer(_SET_POINT_S, self._send_next, clock=self._steady)
+        self._timer = self.create_timer(SET_POINT_S, self._send_next, clock=self._steady)
         self._watchdog = self.create_timer(_WATCH_S, self._watch, clock=self._steady)
         self._reporter = self.create_timer(_STATUS_S, self._report, clock=self._steady)
         self._diagnostics = Diagnostics(self, self._health, hardware)
@@ -209,10 +209,10 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         """Take a status of the detector, with the moment at which it came."""
         said = read_diagnostic(message)
         motion = Motion(
-            _number(said, 'amplitude_m'),
-            _number(said, 'v_n_mps'),
-            _number(said, 'v_c_mps'),
-            _number(said, 'fold_amplitude_m'),
+            number_of(said, 'amplitude_m'),
+            number_of(said, 'v_n_mps'),
+            number_of(said, 'v_c_mps'),
+            number_of(said, 'fold_amplitude_m'),
         )
         sequence = said.get('sequence', '')
         heard = Heard(
@@ -220,7 +220,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
             int(sequence) if sequence.isdecimal() else 0,
             to_ns(message.header.stamp),
             said.get('message', ''),
-            _number(said, 'envelope_m'),
+            number_of(said, 'envelope_m'),
             motion,
         )
         self._interlock.hear(self._steady_ns(), heard)
@@ -391,7 +391,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
             now_s = time.monotonic()
             if now_s - began_s > _CONFIRM_S:
                 problem = f'the encoder shows {self._speed_mps:.2f} m/s after {_CONFIRM_S:g} s'
-            elif now_s - sent_s > _SET_POINT_S:
+            elif now_s - sent_s > SET_POINT_S:
                 sent_s, problem = now_s, self._send(speed_mps)
             time.sleep(0.005)
         self.get_logger().warning(
@@ -478,14 +478,6 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         if not fresh:
             return 'STALE', 'the drive sends nothing', values
         return 'OK', f'{self._speed_mps:.2f} m/s', values
-
-
-def _number(said: dict[str, str], name: str) -> float:
-    """Return a number of a status; NaN where it has none of this name."""
-    try:
-        return float(said[name])
-    except (KeyError, ValueError):
-        return math.nan
 
 
 def _answer(action: Callable[[], str]) -> Callable[..., Trigger.Response]:

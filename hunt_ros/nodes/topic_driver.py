@@ -26,6 +26,7 @@ from hunt_ros.bag.cdr.layout import USUAL_FIELDS, joint_of, parse_path
 from hunt_ros.drivers.base import SensorBlock, SensorDriver
 from hunt_ros.errors import BagError, ConfigError, DriverError
 from hunt_ros.nodes.support.conversions import to_ns
+from hunt_ros.nodes.support.hidden_node import hidden_node
 from hunt_ros.settings import Settings, setting
 
 _LOOK_S = 0.05
@@ -69,13 +70,7 @@ class Sensor(SensorDriver):
         self._problem = ''
         self._context = rclpy.Context()
         rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self._node = rclpy.create_node(
-            f'_{self.channel}_source',
-            context=self._context,
-            use_global_arguments=False,
-            enable_rosout=False,
-            start_parameter_services=False,
-        )
+        self._node = hidden_node(f'_{self.channel}_source', context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         kind_name = self._find_type()

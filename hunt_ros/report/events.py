@@ -7,12 +7,11 @@ the sharper alarm to the run it was learnt from, and says so.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.report.figures.overview import RunEvent
-from hunt_ros.samples import NANOSECONDS, Record
+from hunt_ros.samples import NANOSECONDS, Record, known
 
 
 def events_of(
@@ -51,15 +50,11 @@ def events_of(
             seconds=(event.stamp_ns - record.start_ns) / NANOSECONDS,
             event=event.event,
             level=event.level.label,
-            speed=_known(event.speed_mps),
-            amplitude=_known(event.amplitude_m),
-            growth_rate=_known(event.growth_rate_per_s),
+            speed=known(event.speed_mps),
+            amplitude=known(event.amplitude_m),
+            growth_rate=known(event.growth_rate_per_s),
             source=record.source,
             cause=event.cause,
         )
         for event in events
     ]
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None

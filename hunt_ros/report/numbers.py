@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from decimal import ROUND_HALF_EVEN, Decimal
 from typing import Any
 
+from hunt_ros.samples import NORMAL_95
+
 #: Half an interval over what the deviation says, and over its other half, from which the
 #: interval is printed and not the deviation.
 _LONGER, _ONE_SIDED = 1.5, 2.5
@@ -117,7 +119,7 @@ def rounded(
 def _skewed(value: float, std: float, interval: tuple[float, float]) -> bool:
     """Whether a 95 % interval is far from value -/+ 1.96 std: longer, or much to one side."""
     short, long = sorted((value - interval[0], interval[1] - value))
-    return long > _LONGER * 1.96 * std or long > _ONE_SIDED * short
+    return long > _LONGER * NORMAL_95 * std or long > _ONE_SIDED * short
 
 
 def measured(value: float, std: float) -> str:

@@ -10,9 +10,9 @@ import pytest
 
 from hunt_ros.bag import read_record, write_record
 from hunt_ros.cli.main import VERBS, main
-from hunt_ros.cli.support.output import known, write_json
+from hunt_ros.cli.support.output import write_json
 from hunt_ros.detection.output import EVENT_NUMBERS
-from hunt_ros.samples import Record, Series
+from hunt_ros.samples import Record, Series, known
 
 
 def _refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:

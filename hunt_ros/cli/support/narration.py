@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from hunt_ros.samples import number_of
+
 _SENTENCES: dict[str, str] = {
     'hysteresis_entered': 'entered the hysteresis region: a bump can now start hunting',
     'hysteresis_left': 'left the hysteresis region',
@@ -61,7 +63,7 @@ def event_line(event: Mapping[str, str], origin_ns: int) -> str:
     name = event.get('event', event.get('name', ''))
     sentence = _SENTENCES.get(name, name.replace('_', ' '))
     reason = event.get('message', '')
-    speed, amplitude = _number(event, 'speed_mps'), _number(event, 'amplitude_m')
+    speed, amplitude = number_of(event, 'speed_mps'), number_of(event, 'amplitude_m')
     text = f'{seconds:8.1f} s  {_speed(speed)}  {length(amplitude):>9}  {sentence}'
     return f'{text} ({reason})' if reason else text
 
@@ -69,10 +71,3 @@ def event_line(event: Mapping[str, str], origin_ns: int) -> str:
 def _speed(value: float) -> str:
     """Return a speed in columns of one width; a dash where it is not known."""
     return f'{value:6.2f} m/s' if math.isfinite(value) else f'{"-":>6}    '
-
-
-def _number(values: Mapping[str, str], key: str) -> float:
-    try:
-        return float(values[key])
-    except (KeyError, ValueError):
-        return math.nan

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -47,11 +46,6 @@ def write_json(document: Mapping[str, Any], target: str) -> None:
         Path(target).write_text(text, encoding='utf-8')
     except OSError as error:
         raise HuntError(f'{target}: cannot write the result ({error.strerror})') from error
-
-
-def known(value: float | None) -> float | None:
-    """Return the number, or None where it is not finite: what JSON holds for 'not known'."""
-    return None if value is None or not math.isfinite(value) else float(value)
 
 
 def _plain(value: Any) -> Any:

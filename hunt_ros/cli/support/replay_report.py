@@ -6,15 +6,12 @@ from collections.abc import Sequence
 from typing import Any
 
 from hunt_ros.cli.support.narration import event_line, length
-from hunt_ros.cli.support.output import known
 from hunt_ros.detection import DetectorConfig
 from hunt_ros.detection.offline import Findings
 from hunt_ros.detection.output import EVENT_NUMBERS
+from hunt_ros.detection.regions import Level, Region
 from hunt_ros.forecast import Forecast
-from hunt_ros.samples import Record
-
-_LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
-_REGIONS = ('unknown', 'stable', 'hysteresis', 'unstable')
+from hunt_ros.samples import Record, known
 
 
 def document(
@@ -41,8 +38,12 @@ def document(
         'summary': {
             'duration_s': record.duration_s,
             'samples': sum(len(series) for series in record.values()),
-            'level_time_s': {name: row_s * summary.level_rows[name] for name in _LEVELS},
-            'region_time_s': {name: row_s * summary.region_rows[name] for name in _REGIONS},
+            'level_time_s': {
+                level.label: row_s * summary.level_rows[level.label] for level in Level
+            },
+            'region_time_s': {
+                region.label: row_s * summary.region_rows[region.label] for region in Region
+            },
             'reason_time_s': {words: row_s * n for words, n in summary.reason_rows.most_common()},
             'max_amplitude_m': known(summary.max_amplitude_m),
             'forecast': _forecast(found.forecast),

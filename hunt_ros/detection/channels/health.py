@@ -11,15 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled
+from hunt_ros.detection.merging import intake
 from hunt_ros.detection.merging.merge import MergedBlock
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.sensors import MOTION, SENSORS
 
-# What can be wrong with a channel, one bit each. The first four are those of `intake`.
-REPEATED_STAMP = 1
-BACKWARD_STAMP = 2
-AHEAD_STAMP = 4
-LATE = 8
+# What can be wrong with a channel, one bit each.
+REPEATED_STAMP, BACKWARD_STAMP, AHEAD_STAMP = intake.REPEATED, intake.BACKWARD, intake.AHEAD
+LATE = intake.LATE
 INVALID = 16
 STANDSTILL = 32
 WAITING = 64

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.detection.output import Event
 from hunt_ros.detection.regions import State
-from hunt_ros.samples import NANOSECONDS
+from hunt_ros.samples import NANOSECONDS, known
 
 #: Alarms that are kept.
 KEPT = 100
@@ -91,8 +91,8 @@ class Alarm:
             'reached': self.reached,
             'test': self.test,
             'cause': self.cause,
-            'highest_amplitude_m': _known(self.highest_amplitude_m),
-            'highest_yaw_amplitude_rad': _known(self.highest_yaw_amplitude_rad),
+            'highest_amplitude_m': known(self.highest_amplitude_m),
+            'highest_yaw_amplitude_rad': known(self.highest_yaw_amplitude_rad),
             'acknowledged_s': seconds(self.acknowledged_ns) if self.acknowledged_by else None,
             'acknowledged_by': self.acknowledged_by or None,
         }
@@ -244,7 +244,7 @@ class AlarmHistory:
         return {
             'alarm_count': self.count,
             'hunting_hours': self.hunting_hours,
-            **{name: _known(value) for name, value in self.highest.items()},
+            **{name: known(value) for name, value in self.highest.items()},
         }
 
     def to_text(self) -> str:
@@ -253,7 +253,3 @@ class AlarmHistory:
 
     def _change(self, **values: Any) -> None:
         self._alarms[-1] = replace(self._alarms[-1], **values)
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None

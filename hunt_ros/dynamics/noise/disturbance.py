@@ -29,7 +29,7 @@ from hunt_ros.dynamics.noise.sweep import (
 )
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.errors import ConfigError
-from hunt_ros.samples import Uncertain
+from hunt_ros.samples import NORMAL_95, Uncertain
 
 __all__ = [
     'AmplitudeDiffusion',
@@ -49,7 +49,6 @@ __all__ = [
 
 #: First zero of the Airy function Ai, which times the passage of a fold.
 _AIRY_ZERO = 2.338107410459767
-_NORMAL_95 = 1.959964
 
 
 def threshold_on_line(form: NormalForm, speed: float, line_amplitude: float) -> float:
@@ -262,12 +261,12 @@ def _inverted(
     low, value, high = (
         0.0 if x >= curve[-1] else float(np.interp(x, curve, size))
         for x in (
-            measured.value + _NORMAL_95 * std,
+            measured.value + NORMAL_95 * std,
             measured.value,
-            measured.value - _NORMAL_95 * std,
+            measured.value - NORMAL_95 * std,
         )
     )
-    return Uncertain(value, (high - low) / (2.0 * _NORMAL_95), low, high)
+    return Uncertain(value, (high - low) / (2.0 * NORMAL_95), low, high)
 
 
 def _summary(jump: JumpDistribution) -> Uncertain:

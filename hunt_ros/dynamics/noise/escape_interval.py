@@ -8,14 +8,12 @@ import numpy as np
 
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.noise.escape import AmplitudeDiffusion, mean_escape_time
-from hunt_ros.samples import Uncertain
+from hunt_ros.samples import NORMAL_95, Uncertain
 
 #: Standard deviation of ln(time) left by the one-dimensional equation itself. Against escapes of
 #: the full model, A_rms / A_u from 0.28 to 0.52, the ratio was 0.78 to 1.02 with the form exact
 #: about the speed, and 1.07 to 1.48 with a quintic form fitted to the whole branch.
 MODEL_ERROR = 0.25
-
-_NORMAL_95 = 1.959964
 
 
 def escape_time_interval(
@@ -60,6 +58,6 @@ def escape_time_interval(
     ]
     logarithms = np.log([time for time in times if math.isfinite(time) and time > 0.0])
     spread = float(logarithms.std()) if logarithms.size > 1 else 0.0
-    factor = math.exp(min(_NORMAL_95 * math.hypot(spread, MODEL_ERROR), 300.0))
+    factor = math.exp(min(NORMAL_95 * math.hypot(spread, MODEL_ERROR), 300.0))
     low, high = value / factor, value * factor
-    return Uncertain(value, (high - low) / (2.0 * _NORMAL_95), low, high)
+    return Uncertain(value, (high - low) / (2.0 * NORMAL_95), low, high)

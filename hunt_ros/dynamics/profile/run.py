@@ -12,6 +12,8 @@ from collections.abc import Iterator
 
 from hunt_ros.dynamics.profile import Leg, Motion, Profile, Scene, Step
 
+#: A profile is asked for its set point so often, s.
+SET_POINT_S = 0.05
 #: So many legs in a row that take no time are a loop that the detector does not end.
 _MOST_AT_ONCE = 1000
 

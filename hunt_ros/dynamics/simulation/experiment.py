@@ -15,7 +15,7 @@ from hunt_ros.dynamics.limit_cycle import cycles_of
 from hunt_ros.dynamics.linear_stability import critical_frequency
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.dynamics.profile import Motion, Profile
-from hunt_ros.dynamics.profile.run import ProfileRun
+from hunt_ros.dynamics.profile.run import SET_POINT_S, ProfileRun
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation.roller_rig import RollerRig, SimulatedBlock
 from hunt_ros.dynamics.simulation.settings import (
@@ -26,8 +26,6 @@ from hunt_ros.samples import Record, Series
 
 #: Samples computed at once in `simulate`.
 BLOCK = 65_536
-#: A profile that reacts is asked for its set point so often, as in the speed node, s.
-_SET_POINT_S = 0.05
 
 
 @dataclass(frozen=True)
@@ -163,7 +161,7 @@ class _Reacting:
         if lacking := profile.missing(self._motion):
             raise ConfigError(lacking)
         self._rate_hz = rate_hz
-        self.block = max(1, round(_SET_POINT_S * rate_hz))
+        self.block = max(1, round(SET_POINT_S * rate_hz))
         self.begin_mps = profile.steps[0].begin_mps(self._motion)
         self._run = ProfileRun(profile, self.begin_mps)
         period_s = 2.0 * math.pi * rig.time_scale / critical_frequency(rig)

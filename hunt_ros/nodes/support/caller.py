@@ -1,8 +1,7 @@
 """
 Calls the services that an operator asks for, beside the node that he asks.
 
-They are called from a hidden node in a thread with the plain executor: service clients crash
-the EventsExecutor of these wheels now and then. A call never waits for another.
+They are called from a `hidden_node` in a thread of its own. A call never waits for another.
 """
 
 from __future__ import annotations
@@ -12,13 +11,13 @@ import time
 from concurrent.futures import Future
 from typing import Any
 
-import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from hunt_ros.nodes.support.diagnostics import Diagnostics
+from hunt_ros.nodes.support.hidden_node import hidden_node
 from hunt_ros.nodes.support.qos import stream
 from hunt_ros.nodes.support.worker import Worker
 from hunt_ros.services import SERVICES
@@ -43,13 +42,7 @@ class Caller:
     """
 
     def __init__(self, node: Node, diagnostics: Diagnostics) -> None:
-        self._node = rclpy.create_node(
-            f'_{node.get_name()}_caller',
-            namespace=node.get_namespace(),
-            use_global_arguments=False,
-            enable_rosout=False,
-            start_parameter_services=False,
-        )
+        self._node = hidden_node(f'_{node.get_name()}_caller', node.get_namespace())
         self._clients_of = {
             word: self._node.create_client(SetBool if service.switch else Trigger, service.name)
             for word, service in SERVICES.items()

@@ -18,6 +18,7 @@ from sensor_msgs.msg import JointState
 
 from hunt_ros.nodes.support.conversions import FixedLayout, joint_layout
 from hunt_ros.nodes.support.qos import stream
+from hunt_ros.samples import NORMAL_95
 
 #: A column of the detector's rows, what is made of one, or a name in `EstimatePublishers.beside`.
 _Column = str | Callable[[np.ndarray], np.ndarray]
@@ -63,7 +64,7 @@ def _angular_frequency(rows: np.ndarray) -> np.ndarray:
 
 def _margin_std(rows: np.ndarray) -> np.ndarray:
     """Return the standard deviation that a normal 95 % interval of this width would have."""
-    return (rows['margin_high'] - rows['margin_low']) / (2.0 * 1.959964)
+    return (rows['margin_high'] - rows['margin_low']) / (2.0 * NORMAL_95)
 
 
 _AMPLITUDES = ('lateral_amplitude', 'yaw_amplitude')

@@ -10,12 +10,12 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Mapping
 
-import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from hunt_ros.errors import HuntError
+from hunt_ros.nodes.support.hidden_node import hidden_node
 
 
 class ServiceThread:
@@ -33,13 +33,7 @@ class ServiceThread:
 
     def __init__(self, node: Node, answers: Mapping[str, Callable[[], str]]) -> None:
         self._log = node.get_logger()
-        self._node = rclpy.create_node(
-            f'_{node.get_name()}_services',
-            namespace=node.get_namespace(),
-            use_global_arguments=False,
-            enable_rosout=False,
-            start_parameter_services=False,
-        )
+        self._node = hidden_node(f'_{node.get_name()}_services', node.get_namespace())
         for name, answer in answers.items():
             self._node.create_service(Trigger, name, self._callback(name, answer))
         self._running = True
