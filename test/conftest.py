@@ -182,7 +182,6 @@ class ModbusServer:
         self._serial_port = serial_port
         self.words: dict[int, int] = {}
         self.written: list[tuple[int, list]] = []
-        self.requests = 0
         self._loop: asyncio.AbstractEventLoop | None = None
 
     def start(self) -> None:
@@ -223,7 +222,6 @@ class ModbusServer:
         await server.shutdown()
 
     async def _act(self, function, start, address, count, current, values) -> None:
-        self.requests += 1
         for place, word in self.words.items():
             current[place - start] = word
         if values is not None:

@@ -77,7 +77,7 @@ def read_columns(
         name: buffer.series(fields[name].scale, fields[name].offset)
         for name, buffer in buffers.items()
     }
-    return columns | _constants(sources, columns, bag)
+    return columns | _constants(sources, columns)
 
 
 def _read_fields(
@@ -184,7 +184,7 @@ def read_record(
 
 
 def _constants(
-    sources: Mapping[str, ChannelSource], columns: Mapping[str, Series], bag: Bag
+    sources: Mapping[str, ChannelSource], columns: Mapping[str, Series]
 ) -> dict[str, Series]:
     constants = {
         name: source.constant for name, source in sources.items() if source.constant is not None

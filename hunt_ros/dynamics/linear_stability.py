@@ -79,11 +79,6 @@ class Mode:
         return self.eigenvalue.imag / (2.0 * math.pi)
 
     @property
-    def damping_ratio(self) -> float:
-        """Share of critical damping; negative where the mode grows."""
-        return -self.eigenvalue.real / abs(self.eigenvalue)
-
-    @property
     def yaw_per_lateral(self) -> complex:
         """Yaw over lateral, psi / y*: a phasor whose angle is the lead of yaw, rad."""
         return complex(self.shape[2])

@@ -139,9 +139,9 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         ):
             self.create_service(Trigger, f'speed/{name}', _answer(action))
         self.create_service(SetBool, 'speed/arm_interlock', self._arm)
-        self._timer = self.create_timer(SET_POINT_S, self._send_next, clock=self._steady)
-        self._watchdog = self.create_timer(_WATCH_S, self._watch, clock=self._steady)
-        self._reporter = self.create_timer(_STATUS_S, self._report, clock=self._steady)
+        self.create_timer(SET_POINT_S, self._send_next, clock=self._steady)
+        self.create_timer(_WATCH_S, self._watch, clock=self._steady)
+        self.create_timer(_STATUS_S, self._report, clock=self._steady)
         self._diagnostics = Diagnostics(self, self._health, hardware)
         if guard.interlock == 'off':
             self._tell(Change('interlock_disarmed', self._interlock.cause, self._steady_ns()))

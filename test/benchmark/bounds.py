@@ -135,15 +135,6 @@ def amplitude_std_bound(model: SignalModel, window_s: float, phases: int = 8) ->
     return _bound(model, window_s, phases, _AMPLITUDE)
 
 
-def growth_std_full_bound(model: SignalModel, window_s: float, phases: int = 8) -> float:
-    """
-    Least standard deviation of the growth rate from a window, 1/s, all else unknown.
-
-    Parameters, result and errors are those of `amplitude_std_bound`.
-    """
-    return _bound(model, window_s, phases, _GROWTH)
-
-
 def amplitude_window(model: SignalModel, relative_std: float = 0.05) -> float:
     """
     Shortest window that gives the amplitude at its end to `relative_std`, s.

@@ -122,11 +122,6 @@ def limits(watches: list[Watch], events: str = 'alarms') -> dict[str, float]:
     return scaled
 
 
-def calmest(watches: list[Watch]) -> list[Watch]:
-    """Least noise and no roughness: the running that is kindest to the criteria."""
-    return [one for one in watches if one.quiet.ratio <= 0.05 and one.quiet.roughness == 0.0]
-
-
 def microseconds(watches: list[Watch]) -> dict[str, float]:
     """CPU, us a lateral sample, of ours (which takes yaw, roller and speed too) and of each."""
     samples = sum(one.samples for one in watches)

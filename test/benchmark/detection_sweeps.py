@@ -59,7 +59,6 @@ class Course:
     lead: float
     alarm_speed: float
     onset_speed: float
-    end_speed: float
     false_speeds: tuple[float, ...]
     lost: float
     tail: float
@@ -106,7 +105,6 @@ def follow(task: Task) -> Course:
         lead,
         alarm_speed,
         float(speed[start]) if earnest.size else math.nan,
-        float(speed[end]) if earnest.size else math.nan,
         tuple(false),
         float((~hunting[start : end + 1]).sum() * (seconds[1] - seconds[0]))
         if earnest.size

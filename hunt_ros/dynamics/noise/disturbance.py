@@ -243,7 +243,7 @@ def disturbance_from_width(
         seen = apparent_loop(form, trial).hysteresis_width
         widths.append(seen.value)
         spreads.append(seen.std)
-    return _inverted(sizes, np.array(widths), np.array(spreads), width, kind)
+    return _inverted(sizes, np.array(widths), np.array(spreads), width)
 
 
 def _inverted(
@@ -251,7 +251,6 @@ def _inverted(
     widths: NDArray[np.float64],
     spreads: NDArray[np.float64],
     measured: Uncertain,
-    kind: str,
 ) -> Uncertain:
     """Read the size off the curve of width against size, and its interval."""
     known = np.isfinite(widths)

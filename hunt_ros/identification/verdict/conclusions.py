@@ -105,9 +105,7 @@ def conclude(
         best.law, drawn, evidence.speeds, _intensity(best, len(drawn), settings.seed)
     )
     numbers = Quantities(posterior, settings)
-    support = support_of(
-        best, numbers.forms, evidence.states, evidence.segments, evidence.envelopes, settings
-    )
+    support = support_of(best, numbers.forms, evidence.segments, evidence.envelopes, settings)
     warnings += support.reasons
     fold = support.nonlinear and not trust.no_fold
     identified = numbers.identified(best.law.name) if support.complete else None

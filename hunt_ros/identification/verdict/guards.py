@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hunt_ros.analysis.steady_state import SteadyState, hunting_threshold
+from hunt_ros.analysis.steady_state import hunting_threshold
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.identification.days import free_motion, highest_decay
 from hunt_ros.identification.fit import FittedLaw
@@ -74,7 +74,6 @@ class Support:
 def support_of(
     best: FittedLaw,
     forms: Sequence[NormalForm | None],
-    states: Sequence[SteadyState],
     segments: Sequence[Segment],
     envelopes: Sequence[Envelope],
     settings: IdentificationSettings,
@@ -88,7 +87,7 @@ def support_of(
         The law with the most evidence.
     forms : sequence of NormalForm or None
         Of the draws.
-    states, segments, envelopes : sequences
+    segments, envelopes : sequences
         What was seen.
     settings : IdentificationSettings
         For priors, which can stand in for data.
@@ -130,13 +129,13 @@ def support_of(
         )
         reasons.append(why['cubic'])
     moved = any(segment.kind == 'transient' for segment in segments)
-    time = moved or settings.prior_D1 is not None or _quiet_motion(best, forms)
+    time = moved or settings.prior_D1 is not None or _quiet_motion(forms)
     if hunts and not moved:
         reasons.append('no free transient: the time scale rests on the prior or on quiet motion')
     if not time:
         why['time'] = 'D1 cannot be known; give it with --prior-D1'
         reasons.append(why['time'])
-    cubic = critical and time and hunts and _cubic(best, forms, reasons)
+    cubic = critical and time and hunts and _cubic(forms, reasons)
     if critical and time and hunts and not cubic:
         why['cubic'] = reasons[-1]
     nonlinear = cubic and best.law.criticality == 'subcritical' and moved
@@ -225,13 +224,13 @@ def _decays_above(
     return True
 
 
-def _quiet_motion(best: FittedLaw, forms: Sequence[NormalForm | None]) -> bool:
+def _quiet_motion(forms: Sequence[NormalForm | None]) -> bool:
     """Whether the random motion of the quiet state alone shows how fast it is damped."""
     middle, std = _share(forms, 'D1')
     return math.isfinite(middle) and std < 0.3 * abs(middle)
 
 
-def _cubic(best: FittedLaw, forms: Sequence[NormalForm | None], reasons: list[str]) -> bool:
+def _cubic(forms: Sequence[NormalForm | None], reasons: list[str]) -> bool:
     """Whether the sign of the cubic coefficient is known."""
     middle, std = _share(forms, 'D4')
     if not std < _VAGUE * abs(middle):

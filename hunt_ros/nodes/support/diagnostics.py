@@ -52,7 +52,7 @@ class Diagnostics:
         self.told = False
         self._failures: dict[str, str] = {}
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', STATUS)
-        self._timer = node.create_timer(1.0, self._publish, clock=steady_clock())
+        node.create_timer(1.0, self._publish, clock=steady_clock())
 
     def judge(self, what: str, health: Callable[[], Health], hardware: str) -> None:
         """Say more: a status with the name `what`, in the node's namespace, about `hardware`."""
