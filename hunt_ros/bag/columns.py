@@ -186,6 +186,7 @@ def read_record(
 def _constants(
     sources: Mapping[str, ChannelSource], columns: Mapping[str, Series]
 ) -> dict[str, Series]:
+    """Return the channels that are constants, at the first and the last stamp of the others."""
     constants = {
         name: source.constant for name, source in sources.items() if source.constant is not None
     }
@@ -218,6 +219,7 @@ def constant_stamps(start_ns: int, end_ns: int) -> NDArray[np.int64]:
 def _named_channels(
     bag: Bag, wanted: Collection[str], namespace: str | None
 ) -> dict[str, ChannelSource]:
+    """Return the topics whose last part is the name of a channel that is wanted."""
     found: dict[str, ChannelSource] = {}
     for channel in CHANNELS:
         ends = [name for name in bag.topics if name.rpartition('/')[2] == channel]

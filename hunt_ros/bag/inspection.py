@@ -176,6 +176,7 @@ def _read_times(
 
 
 def _topic(name: str, kind: str, stamps: NDArray[np.int64], start: int | None) -> TopicReport:
+    """Return how many messages a topic has, how fast and from when to when."""
     if not stamps.size or start is None:
         return TopicReport(name, kind, 0, None, None, None)
     first, last = int(stamps.min()), int(stamps.max())
@@ -191,6 +192,7 @@ def _topic(name: str, kind: str, stamps: NDArray[np.int64], start: int | None) -
 
 
 def _in_time(name: str, stamps: NDArray[np.int64], start: int, end: int) -> list[Problem]:
+    """Look for jumps of the clock, gaps, and an end before the end of the recording."""
     problems = []
     steps = np.diff(stamps)
     for row in np.flatnonzero(steps < 0)[:10].tolist():

@@ -93,6 +93,7 @@ class Bag:
             raise BagError(f'{self.path}: no recording in it, expected .mcap or .db3 files')
 
     def _open_folder(self) -> list[Path]:
+        """Return the files of a recording, by metadata.yaml where it can be used."""
         description = self.path / 'metadata.yaml'
         present = folder_files(self.path)
         if not description.exists():
@@ -113,6 +114,7 @@ class Bag:
             return present
 
     def _listed(self) -> list[Path]:
+        """Return the files that metadata.yaml names."""
         mode = str(self.metadata.get('compression_mode') or '').lower()
         self._messages_compressed = mode == 'message'
         if mode in ('file', 'message'):
@@ -130,6 +132,7 @@ class Bag:
         return listed
 
     def _open_file(self, name: Path) -> Storage | None:
+        """Open one file; None for an empty one of a recording that was killed."""
         try:
             if name.suffix == '.zstd' and self._scratch is None:
                 self._scratch = tempfile.TemporaryDirectory(prefix='hunt_ros_bag_')

@@ -91,6 +91,7 @@ def serialise(channel: str, series: Series) -> NDArray[np.uint8]:
 
 
 def _template(channel: str) -> bytes:
+    """Return the message of a channel with zeros in it, serialised."""
     kind, _ = CHANNEL_FIELDS[channel]
     store = standard_types()
     types = store.types

@@ -224,6 +224,7 @@ class Recording:
         return self._closed
 
     def _work(self) -> None:
+        """Write what waits until the recording ends (in the thread of the writer)."""
         period = min(0.1, self.limits.chunk_s / 2)
         flushed = checked = time.monotonic()
         try:
@@ -247,6 +248,7 @@ class Recording:
         self._finish()
 
     def _drain(self) -> None:
+        """Write all that waits, and begin a new file where it is due."""
         with self._lock:
             queue, self._queue = self._queue, []
         for item in queue:

@@ -102,6 +102,7 @@ def repair(path: str | Path, out: str | Path) -> Repair:
 
 
 def _repair_files(files: Sequence[Path], active: Path, target: Path, compressed: bool) -> Repair:
+    """Save what is sound in each file of a recording into a file of the new one."""
     report = Repair(target)
     parts: list[tuple[str, Salvage]] = []
     for number, file in enumerate(files):
@@ -122,6 +123,7 @@ def _repair_files(files: Sequence[Path], active: Path, target: Path, compressed:
 
 
 def _salvage(file: Path, target: Path, compressed: bool) -> Salvage:
+    """Save what is sound in one file, whatever its format."""
     with tempfile.TemporaryDirectory(prefix='hunt_ros_repair_') as scratch:
         if file.suffix == '.zstd':
             file = expand_file(file, Path(scratch), partial=True)

@@ -291,6 +291,7 @@ def _draw(
     calibration: Calibration,
     residuals: list[Uncertain],
 ) -> None:
+    """Draw points, line and residuals into a picture."""
     from hunt_ros.report.figures.calibration import calibration_figure
     from hunt_ros.report.figures.style import journal_style, svg
 
@@ -332,6 +333,7 @@ def _print(
 
 
 def _range(text: str | None) -> tuple[float, float]:
+    """Read the option --range; without it there is no limit."""
     if text is None:
         return (-math.inf, math.inf)
     words = text.split(',')

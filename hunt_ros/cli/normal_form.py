@@ -141,6 +141,7 @@ def _creep_lines(creep: Sequence[CreepSolution]) -> list[str]:
 
 
 def _plot(form: ComplexNormalForm, branch: Branch | None, path: Path) -> None:
+    """Draw the normal form, and with a branch the full model and the form fitted to it."""
     from hunt_ros.dynamics.model_misfit import fitted_form
     from hunt_ros.report.figures import style
     from hunt_ros.report.figures.bifurcation import bifurcation_diagram, branch_curve, form_curve

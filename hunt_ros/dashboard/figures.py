@@ -66,6 +66,7 @@ def _source(name: str, columns: Sequence[str]) -> ColumnDataSource:
 
 
 def _diagram() -> Any:
+    """Return the bifurcation diagram, empty."""
     plot = _figure(
         'running speed v (m/s)',
         'amplitude of y (mm)',

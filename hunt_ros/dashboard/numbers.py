@@ -89,6 +89,7 @@ def _tile(
     note: str = '',
     digits: int = 3,
 ) -> dict[str, str]:
+    """Return one number with label, unit and deviation, as the page shows it."""
     if not math.isfinite(value):
         return {'key': key, 'label': label, 'text': _UNKNOWN, 'unit': '', 'note': note}
     shown = rounded(value, std if math.isfinite(std) else None, digits=digits)

@@ -119,6 +119,7 @@ class Player:
         return self._model.view(self.at_s)
 
     def _begin(self) -> None:
+        """Put detector and page back to the beginning of the recording."""
         c = self._config
         settings = PageSettings(
             lines=c.lines,
@@ -146,6 +147,7 @@ class Player:
                 self._model.take_samples(name, stamps, values)
 
     def _show(self, output: Output) -> None:
+        """Hand to the page what the detector has said."""
         for entry in output.journal:
             if entry.kind in ('start', 'normal_form') and entry.text:
                 self._model.take_form(entry.text)

@@ -132,6 +132,7 @@ class PageServer:
         self._thread.join(2.0)
 
     def _run(self, started: Future[None]) -> None:
+        """Serve until the loop is stopped (in the thread of the server)."""
         asyncio.set_event_loop(self._loop)
         try:
             self._loop.run_until_complete(self._begin())
@@ -169,6 +170,7 @@ class PageServer:
             await asyncio.wait_for(self._http.close_all_connections(), 1.0)
 
     async def _begin(self) -> None:
+        """Listen on the sockets; in the loop."""
         application = tornado.web.Application(
             _ROUTES,
             cookie_secret=self.site.access.secret,

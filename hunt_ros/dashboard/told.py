@@ -119,6 +119,7 @@ class Told:
         }
 
     def _shown_status(self, now_s: float) -> Mapping[str, Any]:
+        """Return what the detector says, or that it is silent."""
         status = self._status
         silent_s = now_s - self._status_s
         level, why = status.get('level', 'STALE'), status.get('message', '')
@@ -185,6 +186,7 @@ class Told:
         }
 
     def _shown_nodes(self, now_s: float) -> list[Mapping[str, Any]]:
+        """Return the health of every node; one that is silent is STALE."""
         nodes: list[Mapping[str, Any]] = []
         for name, (heard_s, health) in sorted(self._health.items()):
             silent_s = now_s - heard_s

@@ -377,6 +377,7 @@ class HuntingDetector:
         offsets: dict[str, int] | None = None,
         config: dict[str, object] | None = None,
     ) -> None:
+        """Write into the journal, at the position of the merger."""
         self._journal.append(
             JournalEntry(
                 kind,

@@ -299,6 +299,7 @@ class RowMaker:
                 begin = stop
 
     def _look_up(self, row: np.void) -> None:
+        """Take the outlook at the speed and the noise of a row into the memory of the kernel."""
         memory, rules = self.memory[0], self._rules
         line = float(row['lateral_roughness'])
         quiet = math.sqrt(memory['floor']['square'])

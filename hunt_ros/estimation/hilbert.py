@@ -162,6 +162,7 @@ def _analytic_taps(count: int, rate_hz: float, low_hz: float, high_hz: float) ->
 
 @compiled
 def _filter_block(values: _F, taps: _F, ring: _F, memory: _F, longest: int, out: _F) -> None:
+    """Fill in the envelope; short gaps are bridged along the slope, at longer ones it is NaN."""
     size = ring.size
     place = int(memory[0])
     for i in range(values.size):

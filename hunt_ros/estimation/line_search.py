@@ -172,6 +172,7 @@ def _search(
     hold: float,
     found: _F,
 ) -> None:
+    """Follow the power of each frequency; fill in the line that stands out, at each sample."""
     count = frequencies.size
     power = np.zeros(count)
     for i in range(values.size):

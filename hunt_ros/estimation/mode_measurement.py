@@ -115,6 +115,7 @@ def _windows(
     frequency_hz: float,
     orders: Sequence[float],
 ) -> list[tuple[float, ...]]:
+    """Return speed, amplitude, frequency, relative std and ratio of each clear window."""
     length = _CYCLES / frequency_hz
     begin = max(lateral.time[0], yaw.time[0])
     end = min(lateral.time[-1], yaw.time[-1]) - length

@@ -101,6 +101,7 @@ class Unwrapping:
 
 @compiled
 def _unwrap(time: _F, angle: _F, m: _F, found: _F) -> None:
+    """Make an encoder that falls back at each turn continuous."""
     for i in range(angle.size):
         value = angle[i]
         if not math.isfinite(value):
@@ -236,6 +237,7 @@ def _turn(
     last: NDArray[np.int64],
     angle: _F,
 ) -> None:
+    """Fill in the angle: the encoder's, and where it is silent what the speed adds to it."""
     for i in range(stamps.size):
         dt = (stamps[i] - last[0]) * 1e-9
         if dt <= 0.0 and math.isfinite(m[_A_ANGLE]):

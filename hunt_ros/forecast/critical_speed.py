@@ -266,6 +266,7 @@ class CriticalSpeedForecast:
         self._refit(stamp_ns)
 
     def _refit(self, stamp_ns: int) -> None:
+        """Fit the laws to the levels, in their order, until one fits."""
         levels = list(self.levels)
         speeds = [level.speed for level in levels]
         too_near = not speeds or max(speeds) - min(speeds) < self.settings.span * max(speeds)
@@ -278,6 +279,7 @@ class CriticalSpeedForecast:
                 break
 
     def _by_law(self, law: ResponseLaw, levels: list[SpeedLevel], stamp_ns: int) -> Forecast:
+        """Return the forecast by one law."""
         spectra = Spectra(levels, *law.band(levels))
         fit = best_fit(law, spectra, self._before.get(law.name))
         if fit is None:

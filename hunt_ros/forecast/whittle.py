@@ -62,6 +62,7 @@ class WhittleFit:
 def _cost(
     law: ResponseLaw, spectra: Spectra, theta: NDArray[np.float64]
 ) -> tuple[float, NDArray[np.float64]]:
+    """Return -ln of likelihood times prior, inf where the law is unstable, and the spectra."""
     expected = expected_periodogram(law, spectra, theta)
     if expected is None:
         return np.inf, np.zeros(0)

@@ -320,6 +320,7 @@ class _Planner:
         return Action('kick', words, steps, ahead, self._settings.rearm_s)
 
     def _predicted(self, information: Array) -> list[Prediction]:
+        """Return what is known of each quantity now, and will be after the action."""
         names = ['v_c', 'v_n', *(f'A_u({speed:g} m/s)' for speed in self._wanted)]
         unstable = self._known.branch('unstable', self._wanted)[0]
         values = [self._v_c, self._v_n, *map(float, unstable)]

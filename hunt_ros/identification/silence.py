@@ -41,6 +41,7 @@ def nulls_of(document: Mapping[str, Any]) -> list[str]:
 
 
 def _walk(entry: Any, path: str) -> Iterator[str]:
+    """Iterate over the paths of all entries that are None."""
     if entry is None:
         yield path
     elif isinstance(entry, Mapping):

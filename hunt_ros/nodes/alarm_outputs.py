@@ -63,6 +63,7 @@ class AlarmOutputsNode(Node):
             worker.stop()
 
     def _on_status(self, message: DiagnosticArray) -> None:
+        """Show what a status of the detector says."""
         status = read_diagnostic(message)
         if not status:
             return
@@ -84,6 +85,7 @@ class AlarmOutputsNode(Node):
             self._show(Condition.DOUBT, f'no status for {self._config.silence_s:g} s')
 
     def _show(self, condition: Condition, cause: str) -> None:
+        """Have every output show a condition that is new."""
         before, self._condition = self._condition, condition
         if condition is before:
             return
@@ -106,6 +108,7 @@ class AlarmOutputsNode(Node):
             output.show(self._condition, self._cause)
 
     def _try(self, name: str, act: Callable[[], object]) -> None:
+        """Do what an output does; what fails is logged once, and told in the diagnostics."""
         try:
             act()
         except Exception as error:  # whatever a library of the hardware raises

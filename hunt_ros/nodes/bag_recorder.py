@@ -242,6 +242,7 @@ class BagRecorderNode(Polling, Node):
         return path
 
     def _new_path(self) -> Path:
+        """Return a folder of the moment's name that is not there yet."""
         base = (
             Path(self._config.directory) / f'{self._config.prefix}_{datetime.now():%Y%m%d_%H%M%S}'
         )
@@ -254,6 +255,7 @@ class BagRecorderNode(Polling, Node):
         return name if name.startswith('/') else f'{self.get_namespace().rstrip("/")}/{name}'
 
     def _wants(self, name: str) -> bool:
+        """Return True if a topic is to be recorded."""
         if name == self._full(OWN_TOPIC):
             return False
         estimated = any(name == self._full(topic.name) for topic in ESTIMATES)
@@ -297,6 +299,7 @@ class BagRecorderNode(Polling, Node):
         return True
 
     def _subscribe(self, name: str, kind: str, *, reliable: bool, is_latched: bool) -> None:
+        """Subscribe unless an earlier subscription hears such publishers as well."""
         ways = self._subscribed.setdefault(name, set())
         recording = self._recording
         if recording is None or name in self._refused or (reliable, is_latched) in ways:
@@ -484,6 +487,7 @@ class BagRecorderNode(Polling, Node):
 
 
 def _judged(state: RecordingState) -> tuple[str, str]:
+    """Return level and text of a recording: the most serious first."""
     if state.problem:
         return 'ERROR', state.problem
     if not state.running:

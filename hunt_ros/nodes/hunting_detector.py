@@ -141,6 +141,7 @@ class HuntingDetectorNode(Polling, LifecycleNode):
             self._publish(self._detector.update(channel, stamps_ns, values))
 
     def _tick(self) -> None:
+        """Let the detector know what time it is: channels may be silent."""
         if not self._active:
             return
         # No backlog may be mistaken for silence; and the clock is read after the samples: on a
@@ -151,6 +152,7 @@ class HuntingDetectorNode(Polling, LifecycleNode):
             self._publish(self._detector.tick(now_ns))
 
     def _publish(self, output: Output) -> None:
+        """Publish what came of samples, a tick or an order."""
         if len(output.estimates):
             self._estimates.publish(output.estimates)
             self._companions.offer(output)
@@ -233,6 +235,7 @@ class HuntingDetectorNode(Polling, LifecycleNode):
         self._take_over(form)
 
     def _take_over(self, form: IdentifiedNormalForm) -> None:
+        """Use another normal form from now on."""
         self._form, self._waiting = form, None
         self._drain()
         output = self._detector.set_normal_form(form)

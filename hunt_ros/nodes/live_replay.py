@@ -152,6 +152,7 @@ class LiveReplayNode(Node):
         return lambda stamp_ns, value: publisher.publish(layout.encode(stamp_ns, value, *rest))
 
     def _work(self, stopping: threading.Event) -> None:
+        """Wait for listeners, then publish each message when it is due."""
         deadline = time.monotonic() + _LISTENERS_S
         while self._config.wait_for_listener and not stopping.is_set():
             if any(self.count_subscribers(name) for name in MOTION):

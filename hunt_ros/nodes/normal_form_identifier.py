@@ -173,6 +173,7 @@ class NormalFormIdentifierNode(Node):
         return min(len(self._base) + len(self._waiting), self._config.history)
 
     def _work(self, stopping: threading.Event) -> None:
+        """Identify whenever it is ordered (in the worker's thread)."""
         while not stopping.is_set():
             try:
                 self._orders.get(timeout=0.5)
@@ -193,6 +194,7 @@ class NormalFormIdentifierNode(Node):
                 self._diagnostics.done(_TASK)
 
     def _identify(self, stopping: threading.Event) -> None:
+        """Fit the recordings that are kept and the new ones, and publish the form."""
         with self._lock:
             new, base, reverts = tuple(self._waiting), self._base, self._reverts
             self._state = ('OK', f'identifying from {self._recordings} recordings')

@@ -200,6 +200,7 @@ class RigSimulatorNode(Node):
         return steps * _DRIVE_STEP_NS / NANOSECONDS
 
     def _advance(self, count: int) -> None:
+        """Simulate so many samples, and send them to whoever is connected."""
         self._kick_if_due()
         block = self._rig.advance(count)
         stamps_ns = self._origin_ns + block.stamps_ns
@@ -214,6 +215,7 @@ class RigSimulatorNode(Node):
             self._clock_publisher.publish(Clock(clock=to_time(self._time_ns)))
 
     def _kick_if_due(self) -> None:
+        """Kick where the plan, or a service, says so."""
         elapsed_s = self._samples / self._config.sample_rate_hz
         while self._kicks and self._kicks[0][0] <= elapsed_s:
             self._pending_kicks.append(self._kicks.pop(0)[1])

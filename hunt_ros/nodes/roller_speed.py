@@ -183,6 +183,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         return self._roller
 
     def _take(self, block: DriveBlock, publish: bool) -> None:
+        """Publish the readings of the drive; the last ones are kept for the emergency stop."""
         self._speed_mps = float(block.speed_mps[-1])
         self._read_ns = self._profile_clock.now().nanoseconds
         now_s = time.monotonic()

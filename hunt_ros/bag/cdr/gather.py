@@ -106,6 +106,7 @@ def _message(block: Block, start: int, length: int) -> bytes:
 
 
 def _layout(message: bytes, wanted: Wanted) -> _Layout:
+    """Find the wanted field in one message, and what a message has to begin with to be like it."""
     name, path = None, wanted.field
     if wanted.joint:
         index, name = _joint(message, wanted)
@@ -188,6 +189,7 @@ def _take(
     stamps: NDArray[np.int64],
     values: NDArray[np.float64],
 ) -> None:
+    """Copy the field, and the stamp, of messages of one layout into their rows."""
     values[rows] = strided(data, layout.field.kind, layout.field.offset)[starts]
     if layout.stamp is not None:
         seconds, rest = layout.stamp

@@ -130,6 +130,7 @@ def _series(
     stamps: NDArray[np.int64] | None,
     path: str | Path,
 ) -> Series:
+    """Return the samples of a channel; the stamps are made of the rate where there are none."""
     values = select(table, source.source, path)
     # An empty cell is no sample; one that says "nan" is a sample that failed.
     absent = np.ma.getmaskarray(values)
@@ -152,6 +153,7 @@ def _series(
 
 
 def _stamps(table: Table, time: str | None, path: str | Path) -> NDArray[np.int64]:
+    """Return the stamps of a table, ns; they begin at 1 s where the times begin near zero."""
     if time is not None:
         source = ChannelSource.of('time', time)
         if source.constant is not None:
@@ -191,6 +193,7 @@ def _to_ns(table: Table, source: ChannelSource, raw: NDArray[np.float64]) -> NDA
 
 
 def _named(table: Table, path: str | Path) -> dict[str, ChannelSource]:
+    """Find the channels by the names of the columns, `lateral_mm` or `lateral`."""
     found: dict[str, ChannelSource] = {}
     for channel in CHANNELS:
         names = [str(name) for name in table if f'{name}_'.startswith(f'{channel}_')]

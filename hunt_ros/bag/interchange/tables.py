@@ -91,6 +91,7 @@ def select(table: Table, source: str, path: str | Path) -> NDArray[np.float64]:
 
 
 def _follow(table: Table, source: str, path: str | Path) -> Any:
+    """Return what a path such as `run.y[:,0]` stands for."""
     name = _NAME.match(source)
     value: Any = table
     if name is None:
@@ -124,6 +125,7 @@ def _shown(table: Mapping[str, Any]) -> str:
 
 
 def _read_csv(path: Path) -> Table:
+    """Read the columns of a text file by their names, or as c0, c1 ..."""
     lines = path.read_text(encoding='utf-8-sig').splitlines()
     first = next((i for i, line in enumerate(lines) if line.strip() and line[0] not in '#%'), None)
     if first is None:
@@ -179,6 +181,7 @@ def _is_number(cell: str) -> bool:
 def _columns(
     lines: list[str], first: int, delimiter: str | None, count: int, path: Path
 ) -> list[NDArray[np.float64]]:
+    """Read the numbers; an empty cell is masked, and a fault is told with its line."""
     rows = lines[first:]
     if not any(row.strip() for row in rows):
         raise BagError(f'{path}: has names and no numbers')

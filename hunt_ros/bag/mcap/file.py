@@ -88,6 +88,7 @@ class McapFile:
         self.metadata = self._layout.metadata
 
     def _open(self) -> Walk:
+        """Read the summary, or walk through the file where it has none that can be trusted."""
         written: dict[int, int] | None = None
         try:
             return read_summary(memoryview(self._map))
@@ -160,6 +161,7 @@ class McapFile:
     def _concerns(
         self, chunk: fmt.Chunk, topics: set[int], start_ns: int | None, end_ns: int | None
     ) -> bool:
+        """Return True if a chunk may hold messages of these topics in this time."""
         if start_ns is not None and chunk.last_ns < start_ns:
             return False
         if end_ns is not None and chunk.first_ns >= end_ns:
@@ -168,6 +170,7 @@ class McapFile:
         return index is None or not topics.isdisjoint(index)
 
     def _opened(self, whole: NDArray[np.uint8], chunk: fmt.Chunk, topics: set[int]) -> _Opened:
+        """Expand a chunk, check its CRC, and find the messages in it."""
         stored = whole[chunk.data : chunk.end]
         try:
             raw = expand(stored.data, chunk.compression, chunk.size)

@@ -281,6 +281,7 @@ class _Saver:
         return None
 
     def _record(self, opcode: int, offset: int, length: int) -> None:
+        """Save what one record holds, or note that it is lost."""
         payload = self.view[offset + 9 : offset + 9 + length]
         if opcode == fmt.CHUNK:
             chunk = fmt.parse_chunk(payload[:64], offset, length)
@@ -336,6 +337,7 @@ class _Saver:
     def _save_messages(
         self, raw: bytes | memoryview, span_ns: tuple[int, int] | None = None
     ) -> None:
+        """Save the messages of an expanded chunk; `span_ns`: their times by its head."""
         view = memoryview(raw)
         for opcode, offset, length in records(view, 0, len(view)):
             payload = view[offset + 9 : offset + 9 + length]
@@ -350,6 +352,7 @@ class _Saver:
             self._save_message(channel, log_ns, bytes(payload[fmt.MESSAGE_HEAD.size :]))
 
     def _save_message(self, channel: int, log_ns: int, message: bytes) -> None:
+        """Save one message, unless it is of a channel that nothing describes."""
         described = self._channels.get(channel)
         if described is None or log_ns >= 1 << 63:
             self._homeless += 1
@@ -363,6 +366,7 @@ class _Saver:
         self.result.introduce(described, self._schemas)
 
     def _introduce(self, channel: fmt.Channel) -> None:
+        """Describe a topic in the new file, before its first message."""
         none = fmt.Schema(0, '', '', '')
         schema = self._schemas.get(channel.schema, none)
         self.writer.add_topic(

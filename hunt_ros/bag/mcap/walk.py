@@ -173,6 +173,7 @@ def read_summary(data: bytes | memoryview) -> Walk:
 
 
 def _check_summary(walk: Walk, statistics: fmt.Statistics | None) -> None:
+    """Refuse a summary that does not name every chunk, message and topic."""
     indexed: Counter[int] = Counter()
     for places in walk.indexes.values():
         for channel, (_, count) in places.items():
@@ -194,6 +195,7 @@ def _check_summary(walk: Walk, statistics: fmt.Statistics | None) -> None:
 
 
 def _add_indexed_chunk(walk: Walk, data: bytes | memoryview, index: fmt.ChunkIndex) -> None:
+    """Take a chunk from the summary; what stands at its place must be that chunk."""
     if index.offset + index.length + index.index_length > len(data) or index.length < 9:
         raise ValueError(f'a chunk is said to be at byte {index.offset}, behind the end')
     opcode, length = fmt.RECORD.unpack_from(data, index.offset)
@@ -214,6 +216,7 @@ def _add_indexed_chunk(walk: Walk, data: bytes | memoryview, index: fmt.ChunkInd
 
 
 def _index_place(data: bytes | memoryview, offset: int, channel: int) -> IndexPlace:
+    """Return where the entries of a message index begin, byte, and how many there are."""
     if offset + 15 > len(data):
         raise ValueError(f'a message index is said to be at byte {offset}, behind the end')
     opcode, length = fmt.RECORD.unpack_from(data, offset)
@@ -291,6 +294,7 @@ def _add_walked_chunk(walk: Walk, payload: memoryview, offset: int, length: int)
 
 
 def _add_walked_index(walk: Walk, chunk: fmt.Chunk, payload: memoryview, offset: int) -> None:
+    """Take the message index that stands behind its chunk."""
     fields = fmt.Fields(payload)
     channel, size = fields.u16(), fields.u32()
     if size != len(payload) - 6 or size % ENTRY_BYTES:

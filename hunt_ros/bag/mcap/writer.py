@@ -72,6 +72,7 @@ class McapWriter:
         self._put(fmt.MAGIC + fmt.record(fmt.HEADER, fmt.text('ros2'), fmt.text('hunt_ros')))
 
     def _begin(self, path: str | Path, mode: str, compression: str, chunk_bytes: int) -> None:
+        """Open the file, lock it, and start with nothing in it."""
         self.path = Path(path)
         self.compression = compression
         self.chunk_bytes = chunk_bytes
@@ -214,6 +215,7 @@ class McapWriter:
         self.flush()
 
     def _records(self, rows: Rows, size: int) -> NDArray[np.uint8]:
+        """Return the message records of rows, one in each row of bytes."""
         kind = np.dtype(
             [('op', 'u1'), ('length', '<u8'), ('topic', '<u2'), ('sequence', '<u4'),
              ('log', '<u8'), ('publish', '<u8'), ('message', 'u1', rows.messages.shape[1:])]

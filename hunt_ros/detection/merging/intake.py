@@ -192,6 +192,7 @@ class Intake:
         self._drop_behind()
 
     def _drop(self, queue: SampleQueue, begin: int, end: int, mark: int) -> None:
+        """Drop samples that wait; their marks go to the next that is believed."""
         marks = queue.drop(begin, end, mark)
         if marks:  # nothing waits that could carry them
             self.refused_since += end - begin
@@ -204,6 +205,7 @@ class Intake:
         return 0 < stamp_ns - self.last_ns <= self.stamp_jump_ns
 
     def _believe(self, stamp_ns: int, value: float) -> None:
+        """Put a sample into the queue, with the marks of those that were refused before it."""
         if self._behind:
             self._drop_behind()
         self.queues[-1].push_one(stamp_ns, value, self._mark, self.stamp_jump_ns)
@@ -211,6 +213,7 @@ class Intake:
         self.refused_since = 0
 
     def _refuse(self, reason: int) -> None:
+        """Count a sample that is refused; the next one that is believed carries the reason."""
         if reason == REPEATED:
             self.counts.repeated += 1
         elif reason == BACKWARD:
@@ -242,6 +245,7 @@ class Intake:
                 self._believe(*one)
 
     def _drop_behind(self) -> None:
+        """Refuse those that stayed behind: the clock was not set back."""
         for _ in self._behind:
             self._refuse(BACKWARD)
             self.refused_since -= 1  # they were counted there when they came

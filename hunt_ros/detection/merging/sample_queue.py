@@ -145,6 +145,7 @@ class SampleQueue:
         self.run_ns, self.before_run_ns = later.run_ns, later.before_run_ns
 
     def _make_room(self, count: int) -> None:
+        """Move what waits to the front of arrays that have room for `count` more."""
         waiting = len(self)
         size = self._stamps.size
         while size < 2 * (waiting + count):

@@ -136,6 +136,7 @@ class Transitions:
         return reasons_of(row, self.basis, self.decided)
 
     def _changes(self, row: np.void, before: dict[str, int]) -> list[_Change]:
+        """Return what has changed since the row before: word, test, cause, since when."""
         found: list[_Change] = []
         for name in self._channels:
             found += self._channel(name, before[f'{name}_wrong'], row)

@@ -133,6 +133,7 @@ def _state(
     direction: Direction,
     kind: Literal['plateau', 'ramp'],
 ) -> SteadyState | None:
+    """Return the steady state of a stretch; None where it has too few amplitudes."""
     amplitude = corrected.amplitude[start:end]
     amplitude = amplitude[np.isfinite(amplitude)]
     locked = 0.0

@@ -138,6 +138,7 @@ def distinct(recordings: Sequence[Named], warnings: list[str]) -> list[tuple[int
 
 
 def _one_rig(recordings: Sequence[Named]) -> None:
+    """Refuse recordings of which two name different rigs."""
     rigs: dict[str, str] = {}
     for one in recordings:
         if one.rig:

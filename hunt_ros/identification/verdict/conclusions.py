@@ -279,6 +279,7 @@ def _recipe(
 
 
 def _summary(laws: Sequence[FittedLaw], evidence: Evidence, trust: _Trust) -> FitSummary:
+    """Return how the best law was fitted, and how well it fits."""
     best = laws[0]
     inside = best.fit.innovations
     size = inside[:, 0] * np.exp(0.5 * inside[:, 2])

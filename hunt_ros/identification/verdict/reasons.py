@@ -101,6 +101,7 @@ def _no_disturbance(result: Identification, fold: str) -> str:
 
 
 def _unobserved(result: Identification, no_hysteresis: str) -> dict[str, str]:
+    """Return why what runs show by themselves is not known."""
     observed = result.observed
     if observed.threshold is None:
         reason = 'all amplitudes are of one kind: nothing jumped'

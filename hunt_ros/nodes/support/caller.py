@@ -108,6 +108,7 @@ class Caller:
                 answer.set_result(result)
 
     def _work(self, stopping: threading.Event) -> None:
+        """Spin the hidden node, and give up calls that are not answered in time."""
         executor = SingleThreadedExecutor()
         executor.add_node(self._node)
         try:

@@ -159,6 +159,7 @@ class DriverNode(LifecycleNode, ABC, Generic[_D]):
             self._keep_open(stopping)
 
     def _keep_open(self, stopping: threading.Event) -> None:
+        """Open the driver, read from it, and open it again whenever that fails."""
         wait_s = _REOPEN_S
         while not stopping.is_set():
             opened_s = self._heard_s

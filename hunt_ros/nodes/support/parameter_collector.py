@@ -62,6 +62,7 @@ class ParameterCollector:
         self._node.destroy_node()
 
     def _work(self, stopping: threading.Event) -> None:
+        """Ask every node that there is, again and again."""
         executor = SingleThreadedExecutor()
         executor.add_node(self._node)
         try:
@@ -76,6 +77,7 @@ class ParameterCollector:
             executor.shutdown()
 
     def _ask(self, node: str) -> None:
+        """Ask a node for its parameters where it is due: names, types, then values."""
         now = time.monotonic()
         due, wait = self._next.get(node, (now, _AGAIN_S))
         if now < due:

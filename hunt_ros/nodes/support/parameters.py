@@ -166,6 +166,7 @@ def _frozen(value: Any) -> Any:
 
 
 def _descriptor(item: Field[Any], live: bool) -> ParameterDescriptor:
+    """Return how tools show a setting: its text, unit and limits."""
     metadata = item.metadata
     unit = f' [{metadata["unit"]}]' if metadata.get('unit') else ''
     fixed = bool(metadata.get('fixed', False)) or not live

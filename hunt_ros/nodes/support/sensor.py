@@ -91,6 +91,7 @@ class SensorNode(DriverNode[SensorDriver]):
         return self.create_publisher(JointState, self._channel, stream(MEASUREMENTS))
 
     def _take(self, block: SensorBlock, publish: bool) -> None:
+        """Calibrate a block, watch it, and publish it."""
         if not publish:
             return
         driver = self._driver

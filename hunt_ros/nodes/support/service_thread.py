@@ -54,6 +54,8 @@ class ServiceThread:
             pass
 
     def _callback(self, name: str, answer: Callable[[], str]) -> Callable[..., Trigger.Response]:
+        """Return the callback of a service."""
+
         def answered(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             """Fill in the answer; what fails is the answer too."""
             try:

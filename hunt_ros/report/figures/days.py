@@ -62,6 +62,7 @@ def days_apart(days: Days) -> Figure:
 
 
 def _shifts(axes: Axes, days: Days, look: Mapping[str, tuple[str, str]]) -> None:
+    """Draw how far the amplitudes of each day are from the mean of the days."""
     style.frame(axes, style.SPEED_LABEL, 'Amplitude − mean of the days (mm)')
     branches = days.branches
     shared = np.isfinite(branches.amplitudes).sum(axis=0) >= 2
@@ -84,6 +85,7 @@ def _shifts(axes: Axes, days: Days, look: Mapping[str, tuple[str, str]]) -> None
 
 
 def _rates(axes: Axes, days: Days, look: Mapping[str, tuple[str, str]]) -> None:
+    """Draw the growth rates of free motion, each day in its colour."""
     style.frame(axes, style.SPEED_LABEL, 'Growth rate of free motion (1/s)')
     known = [hit for hit in days.hits if math.isfinite(hit.growth_rate) and hit.day in look]
     if not known:

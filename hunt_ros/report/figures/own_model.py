@@ -132,6 +132,7 @@ def model_of(text: str, source: str) -> Model:
 
 
 def _row(row: Sequence[str], places: Sequence[int], where: str) -> tuple[float, float, bool]:
+    """Read speed, amplitude and stability from a row of the table."""
     try:
         cells = [row[place].strip() for place in places]
         speed, amplitude = float(cells[0]), float(cells[1])

@@ -113,6 +113,7 @@ def _history(axes: Axes, response: Response) -> None:
 
 
 def _spectrum(axes: Axes, response: Response) -> None:
+    """Draw the spectrum, with its named lines."""
     style.frame(axes, 'Frequency (Hz)', r'PSD (mm$^2$/Hz)')
     spectrum = response.spectrum
     if spectrum is None:
