@@ -41,12 +41,12 @@ class Drive:
 
     def open(self) -> None:
         if self.absent:
-            raise DriverError('drive: nobody there')
+            raise DriverError('nobody there')
 
     def read(self, timeout_s: float) -> DriveBlock:
         time.sleep(min(timeout_s, 0.01))
         if self.absent:
-            raise DriverError('drive: gone')
+            raise DriverError('gone')
         if self.mute:
             return DriveBlock()
         self._angle += 1e-3
@@ -56,7 +56,7 @@ class Drive:
 
     def set_speed(self, speed_mps: float) -> None:
         if self.refusal or self.absent:
-            raise DriverError(self.refusal or 'drive: gone')
+            raise DriverError(self.refusal or 'gone')
         self.taken_s.append(time.monotonic())
         self.set_points.append(speed_mps)
         if self.obeys:
@@ -96,7 +96,7 @@ class Detector:
             self._behind_ns += round(1e9 * self.falls_behind_s)
             stamp_ns = time.time_ns() + round(1e9 * self.clock_s) - self._behind_ns
             values = {'sequence': self._sequence, **self.numbers}
-            message = diagnostic(stamp_ns, 'hunting', self.level, 'its words', values, 'rig')
+            message = diagnostic(stamp_ns, 'hunting', self.level, 'its reasons', values, 'rig')
             if self.raw_level is not None:
                 message.status[0].level = self.raw_level
             lost = self.silent or (self.lose_every and self.sent % self.lose_every == 0)

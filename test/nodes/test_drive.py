@@ -130,7 +130,7 @@ def test_a_set_point_that_jumps_is_ramped_and_does_not_run_ahead_of_a_drive_that
     configure(graph, activate=True)
     graph.spin_until(lambda: graph.call('speed/start_profile').success)
     graph.spin_until(lambda: len(drive.set_points) > 3)
-    drive.absent, drive.refusal = True, 'drive: gone'
+    drive.absent, drive.refusal = True, 'gone'
     count = len(drive.set_points)
     graph.spin(0.6)
     drive.absent, drive.refusal = False, ''
@@ -196,7 +196,7 @@ def test_the_interlock_slows_the_roller_down_until_a_person_arms_it_again(
     detector.level = 'ERROR'
     graph.spin_until(lambda: drive.set_points[-1] == 4.5)  # v_n less the margin
     rig.until(interlock_state='tripped', profile_state='paused', level='ERROR')
-    assert 'its words' in rig.status['interlock_cause']
+    assert 'its reasons' in rig.status['interlock_cause']
     assert np.abs(np.diff(drive.set_points)).max() <= _STEP
     for service in ('start_profile', 'resume_profile', 'rearm'):
         answer = graph.call(f'speed/{service}')
@@ -234,7 +234,7 @@ def test_a_drive_that_is_lost_gets_the_safe_set_point_as_soon_as_it_is_back(
     detector.level = 'ERROR'  # what the experiment is after
     graph.spin_until(lambda: graph.call('speed/start_profile').success)
     rig.until(profile_state='running', interlock_state='armed')
-    drive.absent, drive.refusal = True, 'drive: gone'
+    drive.absent, drive.refusal = True, 'gone'
     rig.until(interlock_state='tripped')
     assert 'gone' in rig.status['interlock_cause']
     assert 'again and again' in rig.status['message']
