@@ -4,7 +4,8 @@ Records: memory with named fields that compiled kernels and plain Python both wo
 A record is declared as a class that has nothing but annotated fields: float, int, bool,
 another such class, ``Annotated[NDArray[np.float64], shape...]``, or
 ``Annotated[list[Other], length]``. A kernel is handed a pointer to one block of memory, and
-writes `f.sensors[k].noise`; plain Python runs the same line on objects.
+writes `f.sensors[k].noise`; plain Python runs the same line on objects. To write
+`t.filters[1] = t.filters[0]` copies all that is in the one to the other.
 """
 
 from __future__ import annotations
@@ -55,11 +56,31 @@ def zeros(kind: type[_Kind], compiled: bool) -> _Kind:
         if inner in _SCALARS:
             value = np.zeros(shape) if shape else inner()
         else:
-            value = (
-                [zeros(inner, False) for _ in range(shape[0])] if shape else zeros(inner, False)
-            )
+            parts: list[Any] = [zeros(inner, False) for _ in range(shape[0])] if shape else []
+            value = _Places(parts) if shape else zeros(inner, False)
         setattr(made, name, value)
     return made
+
+
+class _Places(list[Any]):
+    """A row of records that are objects: to set one copies its contents, as memory does."""
+
+    def __setitem__(self, place: Any, record: Any) -> None:
+        _copy(record, self[place])
+
+
+def _copy(record: Any, to: Any) -> None:
+    """Copy every number of a record into another one of its kind."""
+    for name, value in vars(record).items():
+        if isinstance(value, _Places):
+            for one, other in zip(value, getattr(to, name), strict=True):
+                _copy(one, other)
+        elif isinstance(value, np.ndarray):
+            getattr(to, name)[...] = value
+        elif hasattr(value, '__dict__'):
+            _copy(value, getattr(to, name))
+        else:
+            setattr(to, name, value)
 
 
 def _fields(kind: type) -> dict[str, tuple[type, tuple[int, ...]]]:

@@ -54,6 +54,18 @@ def test_a_record_is_written_by_name(fill, memory) -> None:
     assert path.table.tolist() == [[0.0] * 4, [0.0, 0.0, 0.0, 3.5]]
 
 
+@pytest.mark.parametrize('memory', [True, False], ids=['memory', 'objects'])
+def test_a_record_that_is_set_is_a_copy(memory) -> None:
+    """A kernel keeps what it has a name for, and the name what it has."""
+    path = zeros(Path, memory)
+    first, second = path.points[0], path.points[1]
+    first.x = 4.0
+    path.points[1] = path.points[0]
+    first.x = 5.0
+    assert [point.x for point in path.points] == [5.0, 4.0, 0.0]
+    assert second.x == 4.0
+
+
 class Taken:
     """A record with a name that every record of numpy has."""
 

@@ -106,22 +106,27 @@ class HuntingTracker:
         self._modes = self.config.mode_table()
         self.reset()
 
-    def _memory(self) -> at.Filter:
-        """Return the record that the filter works on, all zero."""
-        return zeros(at.Filter, HAVE_COMPILER)
+    def _memory(self) -> at.Tracker:
+        """Return the record that the kernel works on, all zero."""
+        return zeros(at.Tracker, HAVE_COMPILER)
 
     def reset(self) -> None:
         """Forget everything seen."""
-        f = self._filter = self._memory()
+        t = self._tracker = self._memory()
+        t.turns_angle = math.nan
+        t.last_stamp = t.last_output = _NEVER
+        for read in t.inputs:
+            read.value, read.last_stamp = math.nan, _NEVER
+        t.on_trial[0].alive = True
+        f = t.filters[0]
         self._set_up(f.cfg)
-        f.kick = f.level_step = -math.inf
-        f.speed = f.speed_seen = f.angle = f.turns_angle = math.nan
+        f.kick = f.opened = -math.inf
+        f.speed = f.speed_seen = f.angle = math.nan
         if math.isnan(self._modes[0, 0, 2]):
             f.ratio_var = 1.0
         else:
             f.ratio_re, f.ratio_known = 1.0, True
             f.ratio_var = self.config.yaw_ratio_std**2
-        f.last_stamp = f.last_output = _NEVER
         lines, slips = self.config.line_table()
         f.line_count, f.slip_count = len(lines), len(slips)
         self._set_up_sensors(f)
@@ -138,7 +143,7 @@ class HuntingTracker:
         place = at.BIAS + len(sensors) * (1 + 2 * f.line_count)
         measured: set[str] = set()
         for own, sensor in zip(f.sensors, sensors, strict=False):
-            own.value, own.last_stamp = math.nan, _NEVER
+            own.stepped = -math.inf
             own.coordinate = COORDINATES.index(sensor.coordinate)
             own.derivative, own.unit = sensor.derivative, scale**sensor.derivative
             own.scale = -1  # the first one of a coordinate says how large its motion is
@@ -228,7 +233,7 @@ class HuntingTracker:
                 f' {len(names) - 1} ({", ".join(names)})'
             )
         if outputs.size and (
-            outputs[0] <= self._filter.last_output
+            outputs[0] <= self._tracker.last_output
             or (outputs.size > 1 and bool(np.any(outputs[1:] <= outputs[:-1])))
         ):
             raise HuntError(f'tracker: output stamps must increase, got {outputs[0]} first')
@@ -265,7 +270,7 @@ class HuntingTracker:
         rows: NDArray[np.float64],
     ) -> None:
         track_block(
-            self._filter, self._modes, stamps, sensors, values, angles, speeds, outputs, rows
+            self._tracker, self._modes, stamps, sensors, values, angles, speeds, outputs, rows
         )
 
     def set_modes(self, modes: Sequence[ModePoint], yaw_ratio_std: float | None = None) -> None:
@@ -290,8 +295,14 @@ class HuntingTracker:
             yaw_ratio_std=self.config.yaw_ratio_std if yaw_ratio_std is None else yaw_ratio_std,
         )
         self._modes = self.config.mode_table()
-        self._filter.cfg.ratio_std = self.config.yaw_ratio_std
-        self._filter.modes_changed = True
+        for f in self._tracker.filters:
+            f.cfg.ratio_std = self.config.yaw_ratio_std
+            f.modes_changed = True
+
+    @property
+    def _filter(self) -> at.Filter:
+        """The likeliest filter at present."""
+        return self._tracker.filters[self._tracker.lead]
 
     @property
     def state(self) -> NDArray[np.float64]:
@@ -320,8 +331,8 @@ class HuntingTracker:
     def dropped(self) -> dict[str, int]:
         """Samples left out since the start, by reason."""
         return {
-            'not_finite': int(self._filter.not_finite),
-            'backwards': int(self._filter.backwards),
-            'stuck': int(self._filter.stuck),
+            'not_finite': int(self._tracker.not_finite),
+            'backwards': int(self._tracker.backwards),
+            'stuck': int(self._tracker.stuck),
             'glitches': int(self._filter.glitches),
         }

@@ -18,7 +18,16 @@ from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
 from hunt_ros.estimation.kalman import HuntingTracker
-from hunt_ros.estimation.tracker import algebra, bins, block, kicks, ratio, rows, tuning
+from hunt_ros.estimation.tracker import (
+    algebra,
+    bins,
+    block,
+    hypotheses,
+    kicks,
+    ratio,
+    rows,
+    tuning,
+)
 from hunt_ros.estimation.tracker import layout as at
 from hunt_ros.estimation.tracker_config import TrackerConfig
 from hunt_ros.records import zeros
@@ -40,7 +49,7 @@ def plain_parts() -> dict[str, Any]:
         replaced for all of them, and not in the tracker.
     """
     space: dict[str, Any] = {'at': at}
-    for module in (algebra, bins, kicks, ratio, rows, tuning, block):
+    for module in (algebra, bins, hypotheses, kicks, ratio, rows, tuning, block):
         space.update(vars(module))
     for name, value in list(space.items()):
         function = getattr(value, 'py_func', value)
@@ -62,11 +71,11 @@ class PlainTracker(HuntingTracker):
         super().__init__(config)
         self._parts = plain_parts()
 
-    def _memory(self) -> at.Filter:
-        return zeros(at.Filter, compiled=False)
+    def _memory(self) -> at.Tracker:
+        return zeros(at.Tracker, compiled=False)
 
     def _run(self, *block_of_samples: Any) -> None:
-        self._parts['track_block'](self._filter, self._modes, *block_of_samples)
+        self._parts['track_block'](self._tracker, self._modes, *block_of_samples)
 
 
 class ReferenceTracker(PlainTracker):
@@ -77,7 +86,8 @@ class ReferenceTracker(PlainTracker):
         size = self._filter.states
         self._kf = KalmanFilter(dim_x=size, dim_z=1)
         self._kf.Q = np.zeros((size, size))
-        self._row = np.zeros((1, size))
+        #: What each filter expects to read, and H of it.
+        self._faced: dict[int, tuple[float, _F]] = {}
         for name in ('predict', 'turn_lines', 'diffuse', 'aim', 'expected', 'project', 'correct'):
             self._parts[name] = getattr(self, f'_{name}')
 
@@ -105,20 +115,22 @@ class ReferenceTracker(PlainTracker):
         f.P[: f.states, : f.states] += process_noise(f, dt)
 
     def _aim(self, f: at.Filter, k: int) -> None:
-        self._reading, self._row = measurement(f, k)
+        self._faced[id(f)] = measurement(f, k)
 
     def _expected(self, f: at.Filter, k: int) -> float:
-        return self._reading
+        return self._faced[id(f)][0]
 
     def _project(self, f: at.Filter, k: int) -> float:
+        H = self._faced[id(f)][1]
         self._load(f)
-        return float((self._row @ self._kf.P @ self._row.T)[0, 0])
+        return float((H @ self._kf.P @ H.T)[0, 0])
 
     def _correct(self, f: at.Filter, innovation: float, S: float) -> None:
+        H = self._faced[id(f)][1]
         self._load(f)
-        noise = S - float((self._row @ self._kf.P @ self._row.T)[0, 0])
-        value = innovation + float((self._row @ self._kf.x)[0, 0])
-        self._kf.update(value, R=noise, H=self._row)
+        noise = S - float((H @ self._kf.P @ H.T)[0, 0])
+        value = innovation + float((H @ self._kf.x)[0, 0])
+        self._kf.update(value, R=noise, H=H)
         self._store(f, self._kf.x[:, 0])
 
 

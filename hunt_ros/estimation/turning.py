@@ -19,6 +19,14 @@ from hunt_ros.samples import Series
 
 _F = NDArray[np.float64]
 
+#: Where only the speed is known the roller's angle is integrated from it, with a scale that is
+#: known to a few parts in a thousand at best, the tachometer's and the diameter: its relative
+#: standard deviation, with a margin.
+SPEED_STD = 0.01
+#: The lines of a roller whose diameter nobody gave lie at least so far above the hunting, or are
+#: not taken for known: a diameter that is assumed must not make a line of the hunting itself.
+ASSUMED_ABOVE = 1.5
+
 _TURN = 2.0 * math.pi
 #: An angle that has covered more than this is one that goes on beyond a turn, rad.
 _WITHIN = 1.25 * _TURN

@@ -1,9 +1,10 @@
 """
-The hunting tracker's inner loop: one extended Kalman filter over all sensors of the motion.
+The hunting tracker's inner loop: an extended Kalman filter over all sensors of the motion.
 
 Its parts: `layout` (what is kept where), `algebra` (prediction and correction),
-`ratio` (the tie between the sensors), `kicks`, `tuning`, `bins` (from samples to
-updates) and `rows` (output). They are compiled as one, with `track_block`.
+`ratio` (the tie between the sensors), `kicks` and `hypotheses` (what has happened),
+`tuning`, `bins` (from samples to updates) and `rows` (output). They are compiled as one,
+with `track_block`.
 
 Model (states in the order of the layout below)
 -----------------------------------------------
@@ -45,29 +46,33 @@ What tunes itself
   inside the band, so the innovations demodulated at the hunting frequency, at the
   roller's frequency and at zero have the power of white noise; more says too slow,
   less says too fast.
-- Kicks: two surprising bins running, or a burst of in-band innovation, open the
-  covariance of both modes by a multiple of what was seen, before the update. One
-  surprising bin alone is a glitch and is left out.
+- What has happened where the innovations surprise (wrong samples, a kick, a step of a
+  level): a filter for each says how likely it is, until one is (`hypotheses`).
 
 References
 ----------
 Anderson and Moore, Optimal Filtering, 1979, ch. 8 (extended filter), 9.3 (whiteness of
 the innovations). Mehra, IEEE Trans. AC 17, 1972 (self-tuning from innovations).
+Willsky and Jones, IEEE Trans. AC 21, 1976 (jumps by a likelihood ratio).
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled, source_stamp
-from hunt_ros.estimation.tracker import algebra, bins, kicks, ratio, rows, tuning
+from hunt_ros.estimation.tracker import algebra, bins, hypotheses, kicks, ratio, rows, tuning
 from hunt_ros.estimation.tracker import layout as at
-from hunt_ros.estimation.tracker.bins import accumulate, advance, close_bin, measures
-from hunt_ros.estimation.tracker.ratio import look_up, take_modes
+from hunt_ros.estimation.tracker.bins import (
+    accumulate,
+    advance_all,
+    close_bin,
+    measures,
+    take_speed,
+)
 from hunt_ros.estimation.tracker.rows import write_row
 
 _F = NDArray[np.float64]
@@ -79,7 +84,7 @@ def _kernel(source: int) -> Callable[..., None]:
 
     @compiled
     def track_block(
-        f: at.Filter,
+        t: at.Tracker,
         modes: _F,
         stamps: _I,
         sensor: NDArray[np.int8],
@@ -92,43 +97,37 @@ def _kernel(source: int) -> Callable[..., None]:
         """
         Run the tracker over a block: samples sorted by stamp, output stamps sorted.
 
-        All that is remembered is in `f`, so that a block split in two gives the same
+        All that is remembered is in `t`, so that a block split in two gives the same
         numbers as the whole.
         """
         if source < 0:  # it never is: what is closed over is part of the key of the cache
             return
         written = 0
-        bin_ns = max(round(f.cfg.bin / f.cfg.second), 1)
+        cfg = t.filters[0].cfg
+        bin_ns = max(round(cfg.bin / cfg.second), 1)
         for i in range(stamps.size + 1):
             done = i == stamps.size
             while written < outputs.size and (done or outputs[written] < stamps[i]):
-                close_bin(f, modes)
-                if f.started:
-                    advance(f, (outputs[written] - f.origin) * f.cfg.second)
-                    write_row(f, table[written])
-                f.last_output = outputs[written]
+                close_bin(t, modes)
+                if t.started:
+                    advance_all(t, (outputs[written] - t.origin) * cfg.second)
+                    write_row(t, table[written])
+                t.last_output = outputs[written]
                 written += 1
             if done:
                 break
             k, value = int(sensor[i]), values[i]
-            if not measures(f, k, stamps[i], value):
+            if not measures(t, k, stamps[i], value):
                 continue
-            elapsed = stamps[i] - f.origin
+            elapsed = stamps[i] - t.origin
             place = (elapsed - 1) // bin_ns  # a bin holds its end and not its start
-            if place != f.bin_number or f.cfg.bin == 0.0:
-                close_bin(f, modes)
-                f.bin_number = place
-            if f.modes_changed and not math.isnan(f.speed):
-                take_modes(f, modes)
-            if math.isfinite(speeds[i]):
-                if speeds[i] != f.speed:
-                    look_up(f, modes, speeds[i])
-            elif math.isnan(f.speed):
-                look_up(f, modes, modes[0, 0, 0])  # no speed yet: the first of the table
-                f.speed_seen = math.nan
-            accumulate(f, k, elapsed * f.cfg.second - place * f.cfg.bin, value, angles[i])
+            if place != t.bin_number or cfg.bin == 0.0:
+                close_bin(t, modes)
+                t.bin_number = place
+            take_speed(t, modes, speeds[i])
+            accumulate(t, k, elapsed * cfg.second - place * cfg.bin, value, angles[i])
 
     return track_block
 
 
-track_block = _kernel(source_stamp(at, algebra, bins, kicks, ratio, rows, tuning))
+track_block = _kernel(source_stamp(at, algebra, bins, hypotheses, kicks, ratio, rows, tuning))

@@ -1,4 +1,4 @@
-"""Kicks and glitches: when the covariance opens, and how far."""
+"""Surprises: what is one, and how far it opens the covariance if it was a kick or a step."""
 
 from __future__ import annotations
 
@@ -10,69 +10,91 @@ from hunt_ros.estimation.tracker.algebra import magnified, open_modes, seen_of_l
 from hunt_ros.estimation.tracker.ratio import SETTLING, loosen
 
 KICK_QUICK = 0.08  # s, time constant of the in-band burst detector
-BURST = 20.0  # power over that of white noise taken for a kick
-ABSURD = 60.0  # standard deviations beyond which a kick must last 20 ms to be believed
-BEYOND = 1e8  # power of an innovation over its variance that is no motion, but another signal
-NOISY = 1e3  # variance found over variance expected below which the noise is of another time
-KICK_SCALE = 5.0  # the covariance opens to this multiple of the innovation
+BURST = 20.0  # power over that of white noise taken for a surprise
+OPENED = 5.0  # the covariance opens to this multiple of the innovation
 SLIGHT = 0.03  # of the amplitude: a change that needs no opening of the covariance
+RESOLVED = 1e8  # power over that of the noise that double precision can still resolve
 
 
 @compiled_part
-def kicked(f: at.Filter, k: int, innovation: float, S: float, dt: float) -> int:
-    """Judge one innovation: 0 ordinary, 1 a kick, 2 leave it out for now, 3 another signal."""
-    sensor = f.sensors[k]
-    x = f.x
-    decay = math.exp(-min(dt, 0.05) / KICK_QUICK)
+def usual(f: at.Filter, k: int) -> float:
+    """Variance of the innovations of sensor k over the expected one: 1 if the model is right."""
+    # What surprises all the time is no surprise: harmonics, a mode that is not modelled.
+    return max(f.sensors[k].nis, 1.0)
+
+
+@compiled_part
+def surprising(f: at.Filter, k: int) -> bool:
+    """Return True if the innovation at hand is beyond what noise gives."""
+    return f.innovation * f.innovation > f.cfg.gate**2 * usual(f, k) * f.variance
+
+
+@compiled_part
+def gather_burst(f: at.Filter, k: int, dt: float) -> float:
+    """
+    Add the innovation at hand to the burst, demodulated at the hunting frequency.
+
+    Returns
+    -------
+    float
+        Its power over that of white noise if it is one that needs the covariance opened, else 0.
+    """
+    sensor, x = f.sensors[k], f.x
+    dt = min(dt, 0.05)
+    decay = math.exp(-dt / KICK_QUICK)
     step = math.sqrt(1.0 - decay * decay)
     turn_c, turn_s = math.cos(x[at.OMEGA] * dt), math.sin(x[at.OMEGA] * dt)
-    if sensor.nis < 1.0 / NOISY:
-        return 3
-    unit = innovation / math.sqrt(S)
     re, im = sensor.burst_re, sensor.burst_im
-    moved_re = decay * (turn_c * re - turn_s * im) + step * unit
-    moved_im = decay * (turn_s * re + turn_c * im)
-    # What surprises all the time is no surprise: harmonics, a mode that is not modelled.
-    usual = max(sensor.nis, 1.0)
-    surprising = unit * unit > f.cfg.gate**2 * usual
-    # The further off, the longer it must last: an encoder that wraps is not a kick.
-    patience = 0.0 if abs(unit) < ABSURD else 0.02
-    recent = f.time - f.kick < 0.1
-    if surprising and not (recent and patience == 0.0):
-        if not sensor.doubted:
-            sensor.doubted = True
-            sensor.doubted_since = f.time
-            return 2
-        if f.time - sensor.doubted_since < patience:
-            return 2
-        if unit * unit > BEYOND * usual:
-            return 3
-    if not surprising and sensor.doubted:
-        f.glitches += 1
-    sensor.doubted = False
-    sensor.burst_re, sensor.burst_im = moved_re, moved_im
-    burst = moved_re * moved_re + moved_im * moved_im
+    unit = f.innovation / math.sqrt(f.variance)
+    sensor.burst_re = decay * (turn_c * re - turn_s * im) + step * unit
+    sensor.burst_im = decay * (turn_s * re + turn_c * im)
+    burst = sensor.burst_re**2 + sensor.burst_im**2
+    # A wrong frequency may not keep opening the covariance: give it a second to be learnt.
+    if burst <= BURST * usual(f, k) or f.time - f.opened <= 1.0:
+        return 0.0
     # A small part of a large motion may come and go without a kick: lines from its nonlinearity.
     z = at.Z + 2 * sensor.coordinate
     slight = SLIGHT * SLIGHT * (x[z] ** 2 + x[z + 1] ** 2) * magnified(f, k)
-    # Nor may a wrong frequency keep opening the covariance: give it a second to be learnt.
-    if burst > BURST * usual and f.time - f.kick > 1.0:
-        return 1 if 2.0 * burst * S * min(dt, 0.05) / KICK_QUICK > slight else 0
-    return 1 if surprising else 0
+    if 2.0 * burst * f.variance * dt / KICK_QUICK <= slight:
+        return 0.0
+    return burst / usual(f, k)
 
 
 @compiled_part
-def handle_kick(f: at.Filter, k: int, innovation: float, dt: float) -> None:
-    """Open the covariance after a kick seen by sensor k."""
+def seen(f: at.Filter, k: int) -> float:
+    """Power of what surprises, in the signal of sensor k."""
+    sensor = f.sensors[k]
+    burst = sensor.burst_re**2 + sensor.burst_im**2
+    return f.innovation * f.innovation + burst * sensor.noise
+
+
+@compiled_part
+def begin(f: at.Filter, event: int) -> None:
+    """Note what the covariance is opened for."""
+    f.event = event
+    f.opened = f.time
+    for i in range(f.sensor_count):
+        f.sensors[i].burst_re = 0.0
+        f.sensors[i].burst_im = 0.0
+
+
+@compiled_part
+def open_level(f: at.Filter, k: int) -> None:
+    """Open the covariance for a step of the level of sensor k."""
+    opened = min(OPENED * OPENED * seen(f, k), RESOLVED * f.sensors[k].noise)
+    f.P[at.BIAS + k, at.BIAS + k] += opened
+    if f.sensors[k].stepped == -math.inf:
+        f.sensors[k].stepped = f.time
+    begin(f, at.STEP)
+
+
+@compiled_part
+def open_kick(f: at.Filter, k: int, dt: float) -> None:
+    """Open the covariance for a kick seen by sensor k."""
     sensor = f.sensors[k]
     x, P = f.x, f.P
-    size = seen_of_lateral(f, k)
-    burst = sensor.burst_re**2 + sensor.burst_im**2
-    scale = innovation * innovation + burst * sensor.noise
-    limit = 1e8 * sensor.noise  # what double precision can still resolve
-    opened = min(KICK_SCALE * KICK_SCALE * scale, limit) / size
-    open_modes(f, opened)
-    f.kick_size = opened
+    size, scale = seen_of_lateral(f, k), seen(f, k)
+    open_modes(f, min(OPENED * OPENED * scale, RESOLVED * sensor.noise) / size)
     since = f.time - f.kick
     if since > SETTLING:
         f.kicks += 1
@@ -95,6 +117,4 @@ def handle_kick(f: at.Filter, k: int, innovation: float, dt: float) -> None:
         P[at.OMEGA, at.OMEGA] = max(P[at.OMEGA, at.OMEGA], off * off)
         x[at.GROWTH] = min(max(x[at.GROWTH], -f.cfg.growth_std), f.cfg.growth_std)
     f.kick = f.time
-    for i in range(f.sensor_count):
-        f.sensors[i].burst_re = 0.0
-        f.sensors[i].burst_im = 0.0
+    begin(f, at.KICK)

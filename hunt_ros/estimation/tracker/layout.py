@@ -14,6 +14,8 @@ _F = NDArray[np.float64]
 # The records have room for so many lines, slips and sensors, so that the kernel is compiled once,
 # for any number of them: it works on the part in use.
 MOST_LINES, MOST_SLIPS, MOST_SENSORS = 10, 4, len(SENSORS)
+#: What may have happened: nothing (but wrong samples), a kick, a step of the levels.
+NOTHING, KICK, STEP, HYPOTHESES = range(4)
 
 # --- state vector: of 10 + sensors (1 + 2 lines) + 2 scales + slips elements ----------------
 Z = 0  # hunting phasors of the coordinates: lateral 0, 1; yaw 2, 3
@@ -107,6 +109,15 @@ class LineNoise:
     im: float
 
 
+class Input:
+    """What is remembered of the samples of one sensor, whatever a filter makes of them."""
+
+    last_stamp: int  # of the last sample, ns
+    value: float  # last raw value, and since when it has not changed
+    value_since: float
+    bin: Bin
+
+
 class Bin:
     """Running sums of the bin that is open."""
 
@@ -147,14 +158,12 @@ class Sensor:
     quick_noise: float  # the same from third differences
     spacing: float  # mean, of samples, s
     last: float  # time of the last bin, s
-    last_stamp: int  # of the last sample, ns
-    value: float  # last raw value, and since when it has not changed
-    value_since: float
     before1: float  # last innovations
     before2: float
     before3: float
-    doubted: bool  # the last bin was surprising and was left out
-    doubted_since: float
+    stepped: float  # when its level stepped, in the event at hand; minus infinity: it did not
+    left_out: int  # bins in a row, as wrong
+    wrong: float  # recent share of such bins
     nis: float  # recent mean of nu^2/S
     residual: float  # recent mean of the squared residual of a sample
     stage_re: float  # innovations demodulated at hunting: first stage, second stage, quick
@@ -168,12 +177,18 @@ class Sensor:
     clean_sum: float
     clean_count: float
     boot: Boot
-    bin: Bin
     lines: Annotated[list[LineNoise], MOST_LINES]
 
 
+class Trial:
+    """How one hypothesis stands."""
+
+    alive: bool
+    likelihood: float  # logarithm, with that of what it supposes
+
+
 class Filter:
-    """All the filter remembers between blocks, its settings, and room to work in."""
+    """All one filter remembers between blocks, its settings, and room to work in."""
 
     # the Kalman filter
     states: int  # in use
@@ -181,6 +196,10 @@ class Filter:
     P: Annotated[_F, MOST_STATES, MOST_STATES]
     g: Annotated[_F, MOST_STATES]  # P H' of the update at hand
     row: Row  # H of it
+    innovation: float  # of it, its variance S, and that of the noise in it
+    variance: float
+    noise: float
+    surprise: float  # innovation^2/S, before the covariance was opened for it
     time: float  # s since the origin
     log_bandwidth: float  # ln of the hunting bandwidth, 1/s
     # the ratio of yaw to lateral phasor
@@ -194,11 +213,11 @@ class Filter:
     ratio_speed: float  # where: mean speed, and mean logarithm of the lateral amplitude
     ratio_log: float
     ratio_known: bool  # it is given, or has been learnt
-    # kicks and steps
-    kick: float  # time of the last one
-    kick_size: float  # lateral variance it opened
+    # what has happened, by this filter
+    event: int  # what its covariance was last opened for: 0 nothing yet, 1 a kick, 2 a step
+    opened: float  # when that was
+    kick: float  # time of the last kick
     kick_chain: float  # when the chain of kicks it belongs to began
-    level_step: float  # time of the last step of a level
     # speed, modes, angle
     speed: float
     speed_seen: float  # where the growth rate was last opened for a change of speed
@@ -210,13 +229,32 @@ class Filter:
     slip_count: int
     lines: Annotated[list[Line], MOST_LINES]
     slips: Annotated[list[Slip], MOST_SLIPS]
-    turns_angle: float  # of `turns`
-    turns: Annotated[_F, 2 * MOST_LINES]  # cos, sin of each line at the last sample
     coordinates: Annotated[list[Coordinate], 2]
     sensor_count: int
     sensors: Annotated[list[Sensor], MOST_SENSORS]
     cfg: Settings
+    glitches: int  # bins left out
+    kicks: int
+    resets: int
+    restarts: int
+
+
+class Tracker:
+    """
+    All the tracker remembers between blocks.
+
+    Besides the filter that goes on as before, the first one, there is for a while after a surprise
+    one for each thing that may have happened (see `hypotheses`).
+    """
+
+    filters: Annotated[list[Filter], HYPOTHESES]
+    on_trial: Annotated[list[Trial], HYPOTHESES]
+    lead: int  # the likeliest of them
+    since: float  # when the trial began
     # samples taken, and left out by reason
+    inputs: Annotated[list[Input], MOST_SENSORS]
+    turns_angle: float  # of `turns`
+    turns: Annotated[_F, 2 * MOST_LINES]  # cos, sin of each line at the last sample
     started: bool
     origin: int  # ns
     bin_number: int
@@ -226,10 +264,6 @@ class Filter:
     not_finite: int
     backwards: int
     stuck: int
-    glitches: int
-    kicks: int
-    resets: int
-    restarts: int
 
 
 # --- output columns (see kalman.TRACK_DTYPE) -----------------------------------------------

@@ -31,8 +31,26 @@ def radial(f: at.Filter, first: int) -> float:
 
 
 @compiled_part
-def write_row(f: at.Filter, row: _F) -> None:
-    """Write one row of output from the state as it stands."""
+def spread(t: at.Tracker, first: int) -> float:
+    """Variance of the modulus of the phasor at `first`, with the doubt what has happened."""
+    x = t.filters[t.lead].x
+    modulus = math.hypot(x[first], x[first + 1])
+    total = weight = 0.0
+    for h in range(at.HYPOTHESES):
+        f = t.filters[h]
+        if not t.on_trial[h].alive:
+            continue
+        share = math.exp(t.on_trial[h].likelihood - t.on_trial[t.lead].likelihood)
+        off = math.hypot(f.x[first], f.x[first + 1]) - modulus
+        total += share * (radial(f, first) + off * off)
+        weight += share
+    return total / weight
+
+
+@compiled_part
+def write_row(t: at.Tracker, row: _F) -> None:
+    """Write one row of output from the state of the likeliest filter as it stands."""
+    f = t.filters[t.lead]
     x, P = f.x, f.P
     growth = x[at.GROWTH]
     for c in range(2):
@@ -40,7 +58,7 @@ def write_row(f: at.Filter, row: _F) -> None:
             continue
         z = at.Z + 2 * c
         amplitude = math.hypot(x[z], x[z + 1])
-        variance = radial(f, z)
+        variance = spread(t, z)
         across = 0.0
         if amplitude > 0.0:
             across = (x[z] * P[z, at.GROWTH] + x[z + 1] * P[z + 1, at.GROWTH]) / amplitude
@@ -70,8 +88,9 @@ def write_row(f: at.Filter, row: _F) -> None:
         row[o + at.O_NOISE] = math.sqrt(sensor.noise)
         if sensor.clean_count > 0.0:
             row[o + at.O_CLEAN] = sensor.clean_sum / sensor.clean_count
-        sensor.clean_sum = 0.0
-        sensor.clean_count = 0.0
+        for h in range(at.HYPOTHESES):
+            t.filters[h].sensors[k].clean_sum = 0.0
+            t.filters[h].sensors[k].clean_count = 0.0
     lateral, yaw = told(f, 0), told(f, 1)
     if not lateral and not yaw:
         return

@@ -10,8 +10,6 @@ from hunt_ros.estimation.tracker.algebra import (
     SCALE_STD,
     line,
     magnified,
-    open_modes,
-    seen_of_lateral,
     speaks,
 )
 from hunt_ros.estimation.tracker.ratio import SETTLING, loosen
@@ -119,7 +117,8 @@ def stop_sensor(f: at.Filter, k: int) -> None:
     f.restarts += 1
     forget_start(f, k)
     sensor.alive = False
-    sensor.doubted = False
+    sensor.left_out = 0
+    sensor.wrong = 0.0
     sensor.stage_re = sensor.stage_im = sensor.band_re = sensor.band_im = 0.0
     sensor.burst_re = sensor.burst_im = sensor.offset = 0.0
     for j in range(f.line_count):
@@ -152,26 +151,17 @@ def gather_start(f: at.Filter, k: int, t: float, mean: float, count: float) -> N
 
 
 @compiled_part
-def tune(
-    f: at.Filter,
-    k: int,
-    residual: float,
-    innovation: float,
-    S: float,
-    left: float,
-    dt: float,
-    count: float,
-    surprise: float,
-) -> None:
+def tune(f: at.Filter, k: int, dt: float, count: float) -> None:
     """
-    Self-tuning after one bin of sensor k; see the module's docstring.
+    Self-tuning after one bin of sensor k; see the docstring of `block`.
 
-    `residual` and `left` are v - H x and H P H' after the update, `dt` the time since
-    the sensor's last bin, `count` the samples in this one, `surprise`
-    its nu^2/S before the covariance was opened.
+    `dt` is the time since the sensor's last bin, `count` the samples in this one.
     """
     sensor = f.sensors[k]
-    x = f.x
+    x, innovation, S = f.x, f.innovation, f.variance
+    # Of the mean, after the update: v - H x, and H P H'.
+    residual = innovation * f.noise / S
+    left = f.noise * (1.0 - f.noise / S)
     dt = min(dt, 0.05)
     noise = sensor.noise
     third = innovation - 3.0 * (sensor.before1 - sensor.before2) - sensor.before3
@@ -181,7 +171,7 @@ def tune(
     share = 1.0 - math.exp(-dt / 0.5)
     quick = count * third * third / 20.0
     sensor.quick_noise += share * (min(quick, 9.0 * noise) - sensor.quick_noise)
-    sensor.nis += share * (min(surprise, 25.0) - sensor.nis)
+    sensor.nis += share * (min(f.surprise, 25.0) - sensor.nis)
     explained = count * (residual * residual + left)
     sensor.residual += share * (count * residual * residual - sensor.residual)
     settled = f.time - f.kick > SETTLING
@@ -212,15 +202,8 @@ def tune(
     sensor.band_im = decay * (turn_s * old_re + turn_c * old_im) + gain * im
     sensor.offset = decay * sensor.offset + step * unit
     if sensor.offset**2 > OFFSET * max(sensor.nis, 1.0):
-        # The level has stepped, more than the filter of the bias can follow; what looked like
-        # a kick a moment ago was that.
-        stepped = 10.0 * sensor.offset**2 * S * dt / (2.0 * IN_BAND)
-        recent = f.time - f.kick < 2.0
-        if recent and f.time - f.level_step > 5.0:
-            f.level_step = f.time
-            stepped = max(stepped, f.kick_size * seen_of_lateral(f, k))
-            open_modes(f, f.kick_size)
-        f.P[at.BIAS + k, at.BIAS + k] += stepped
+        # The level drifts, more than the filter of the bias can follow.
+        f.P[at.BIAS + k, at.BIAS + k] += 10.0 * sensor.offset**2 * S * dt / (2.0 * IN_BAND)
         sensor.offset = 0.0
     for j in range(f.line_count):
         cosine, sine = f.row.lines[2 * j], f.row.lines[2 * j + 1]

@@ -1,0 +1,81 @@
+"""What has happened: wrong samples, a kick, or a step of a level; told by what follows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hunt_ros.estimation.kalman import HuntingTracker, TrackerConfig
+
+AT_S, PERIOD_S, NOISE = 6.0, 1.0 / 2.84, 5e-6
+SEEDS = 20
+QUIET = {'amplitude': 2.0 * NOISE, 'noise': NOISE, 'roughness': 0.0}
+
+
+def tracked(signal, sensors):
+    """Return seconds, the rows, and the true amplitude at them."""
+    rows, phasor = signal.track(HuntingTracker(TrackerConfig(yaw_ratio_std=0.03)), sensors)
+    return rows['stamp_ns'] * 1e-9, rows, np.abs(phasor)
+
+
+@pytest.mark.parametrize('size', [20.0, 400.0], ids='{} times the noise'.format)
+@pytest.mark.parametrize('sensors', [(0,), (0, 1)], ids=['lateral', 'both'])
+@pytest.mark.parametrize('rate', [100.0, 1000.0], ids='{} Hz'.format)
+def test_a_kick_is_followed_and_a_step_of_the_level_is_not(
+    hunting_signal, size, sensors, rate
+) -> None:
+    followed, stays = [], []
+    for seed in range(SEEDS):
+        quiet = {**QUIET, 'duration': 7.5, 'rate': rate}
+        kick = hunting_signal(seed, kick_at=AT_S, kick=size * NOISE, second=size * NOISE, **quiet)
+        seconds, rows, true = tracked(kick, sensors)
+        later = (seconds > AT_S + PERIOD_S) & (seconds < AT_S + 2.0 * PERIOD_S)
+        error = np.abs(rows['lateral_amplitude'] - true)[later]
+        followed.append(np.median(error / rows['lateral_amplitude_std'][later]))
+
+        step = hunting_signal(seed, **quiet)
+        step.lateral[step.stamps * 1e-9 >= AT_S] += size * NOISE
+        seconds, rows, true = tracked(step, sensors)
+        later = (seconds > AT_S + 0.5 * PERIOD_S) & (seconds < AT_S + 2.0 * PERIOD_S)
+        error = np.abs(rows['lateral_amplitude'] - true)[later]
+        stays.append(np.max(error) / (size * NOISE))
+    assert np.mean(np.array(followed) < 3.0) >= 0.9
+    assert np.mean(np.array(stays) < 0.2) >= 0.9
+
+
+def test_wrong_samples_are_told_from_a_kick_however_many_they_are(hunting_signal) -> None:
+    off = []
+    for seed in range(SEEDS):
+        signal = hunting_signal(seed, duration=8.0, rate=200.0, noise=NOISE, roughness=0.0)
+        rng = np.random.default_rng(seed)
+        wrong = (signal.stamps * 1e-9 > 2.0) & (rng.random(signal.stamps.size) < 0.05)
+        signal.lateral[wrong] += 1e-3 * rng.normal(size=wrong.sum())
+        seconds, rows, true = tracked(signal, (0,))
+        off.append(np.abs(rows['lateral_amplitude'] / true - 1.0)[seconds > 5.0] > 0.05)
+    assert np.mean(off) < 0.01
+
+
+def test_while_it_is_open_what_has_happened_the_deviation_says_so(hunting_signal) -> None:
+    """The first sample after a kick may be a wrong one: the deviation grows with it already."""
+    grown, back = [], []
+    for seed in range(SEEDS):
+        signal = hunting_signal(seed, duration=7.0, rate=100.0, noise=NOISE, roughness=0.0)
+        signal.lateral[599] += 1e-3
+        seconds, rows, _ = tracked(signal, (0,))
+        std = rows['lateral_amplitude_std']
+        before, then, after = (std[np.searchsorted(seconds, s)] for s in (5.99, 6.0, 6.2))
+        grown.append(then / before)
+        back.append(after / before)
+    assert np.median(grown) > 2.0
+    assert np.median(back) < 1.2
+
+
+def test_a_sensor_that_starts_disturbs_no_other(hunting_signal) -> None:
+    for seed in range(SEEDS // 4):
+        kick = {'kick_at': AT_S, 'kick': 400.0 * NOISE, 'second': 400.0 * NOISE}
+        signal = hunting_signal(seed, duration=6.1, rate=200.0, **kick, **QUIET)
+        _, alone, _ = tracked(signal, (0,))
+        signal.yaw[signal.stamps * 1e-9 < AT_S - 0.04] = np.nan  # it has not started at the end
+        _, rows, _ = tracked(signal, (0, 1))
+        for name in ('lateral_amplitude', 'lateral_amplitude_std'):
+            np.testing.assert_allclose(rows[name], alone[name], rtol=1e-9)
