@@ -214,10 +214,15 @@ class HuntingDetector:
 
     def _basis(self) -> Basis:
         """Return what the words compare the numbers with."""
-        fold = None if self._form is None else self._form.form.saddle_node()
-        amplitude = math.nan if fold is None else fold[1]
+        if self._form is None:
+            return Basis(self.config, *self._rows.boundaries)
+        fold = self._form.form.saddle_node()
         return Basis(
-            self.config, *self._rows.boundaries, form_words(self._form), fold_amplitude=amplitude
+            self.config,
+            *self._rows.boundaries,
+            form_words(self._form),
+            fold_amplitude=math.nan if fold is None else fold[1],
+            frequency_hz=self._form.form.frequency_hz,
         )
 
     def reconfigure(self, config: DetectorConfig) -> Output:

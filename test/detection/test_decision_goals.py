@@ -143,12 +143,23 @@ def test_the_chance_of_escape_is_continuous_through_the_fold() -> None:
     assert width[1] >= width[0], 'where the spread is not known nothing is known better'
 
 
-@pytest.mark.xfail(strict=True, reason='the frequency of the form is not compared with the motion')
 def test_a_steady_motion_at_another_frequency_than_the_form_gives_is_no_hunting() -> None:
     detector = HuntingDetector(LATERAL, IdentifiedNormalForm(PAPER_NORMAL_FORM))
     output = detect(detector, steady(0.12e-3, 4.6, 6.0, 60.0))
     assert not any(event.level is Level.ERROR for event in output.events)
     assert detector.status.state in (State.QUIET, State.DISTURBED)
+    assert detector.status.level is Level.WARN, 'it is in doubt what it is'
+    assert any(
+        re.search(r'another frequency.* 4\.[56]\d* .*Hz.* 2\.8\d* Hz', reason)
+        for reason in detector.status.reasons
+    )
+
+
+@pytest.mark.parametrize('hertz', [2.1, 2.84, 3.8], ids='{} Hz'.format)
+def test_a_steady_motion_that_may_be_the_hunting_of_worn_wheels_is_hunting(hertz: float) -> None:
+    detector = HuntingDetector(LATERAL, IdentifiedNormalForm(PAPER_NORMAL_FORM))
+    output = detect(detector, steady(0.12e-3, hertz, 6.0, 30.0))
+    assert 'limit_cycle' in [event.event for event in output.events]
 
 
 @pytest.mark.skipif(not HITS, reason=f'no recordings in {FOLDER}')

@@ -117,7 +117,7 @@ def _kernel(source: int) -> Callable[..., None]:
                         rules.outlook_s,
                         out,
                     )
-            quiet = False
+            quiet = other = False
             if known:
                 drift = prediction.growth_at(form, v, a) if predictable else math.nan
                 likelihood.watch(rules, m['ratios'], a, s, drift)
@@ -137,6 +137,9 @@ def _kernel(source: int) -> Callable[..., None]:
             out['noise_floor'] = noise_floor.floor_of(m['floor'], m['ratios'], s)
             out['noise_intensity'] = m['noise']['intensity']
             if known:
+                of_the_form = not predictable or prediction.is_hunting_of(
+                    form, v, out['frequency_hz'], out['frequency_hz_std']
+                )
                 found = evidence.gather(
                     rules,
                     m['evidence'],
@@ -145,8 +148,10 @@ def _kernel(source: int) -> Callable[..., None]:
                     a,
                     s,
                     outside[k],
+                    of_the_form,
                     out,
                 )
+                other = found.other
                 states.next_state(
                     rules, m['state'], m['evidence'], m['floor'], found, a, s, stamp_ns
                 )
@@ -169,7 +174,7 @@ def _kernel(source: int) -> Callable[..., None]:
             out['margin_since_ns'] = m['doubts']['margin']['since_ns']
             out['alarm'] = m['state']['alarm']
             settling = state == states.QUIET and noise_floor.unlearnt(m['floor'])
-            out['doubts'] |= bits | doubts.present(region, state, v, known, settling)
+            out['doubts'] |= bits | doubts.present(region, state, v, known, settling, other)
 
     return decide
 

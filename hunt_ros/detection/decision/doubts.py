@@ -21,6 +21,8 @@ DECAYING, HYSTERESIS, UNSTABLE = 64, 128, 256
 #: mode shape; only yaw is known, and judged; the motion is outside the range that is tracked.
 FROM_YAW, IN_YAW, TOO_SLOW, TOO_FAST = 512, 1024, 2048, 4096
 OUTSIDE = TOO_SLOW | TOO_FAST
+#: The motion holds, and is not at the frequency of the hunting that the form gives.
+OTHER = 8192
 
 _UNKNOWN, _STABLE, _HYSTERESIS, _UNSTABLE = map(int, Region)
 _ESCAPING, _DECAYING = int(State.ESCAPING), int(State.DECAYING)
@@ -76,8 +78,8 @@ def hold_doubts(
 
 
 @compiled_part
-def present(region: int, state: int, v: float, known: bool, settling: bool) -> int:
-    """Return the doubts that need no memory: about speed, form, estimate, floor and state."""
+def present(region: int, state: int, v: float, known: bool, settling: bool, other: bool) -> int:
+    """Return the doubts that need no memory: speed, form, estimate, floor, state, frequency."""
     bits = 0
     if math.isnan(v):
         bits |= NO_SPEED
@@ -87,6 +89,8 @@ def present(region: int, state: int, v: float, known: bool, settling: bool) -> i
         bits |= NO_ESTIMATE
     elif settling:
         bits |= SETTLING
+    if other and state < _ESCAPING:
+        bits |= OTHER
     if state == _DECAYING:
         bits |= DECAYING
     if region == _HYSTERESIS:

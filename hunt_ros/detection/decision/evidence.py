@@ -52,7 +52,9 @@ class Evidence(NamedTuple):
     arrived : bool
         It is on the stable branch of the form.
     steady : bool
-        It holds, and is more than noise.
+        It holds, and is more than noise, and may be the hunting.
+    other : bool
+        It holds, and is more than noise, and is not at the frequency of the hunting.
     falls : bool
         It falls.
     over : bool
@@ -64,6 +66,7 @@ class Evidence(NamedTuple):
     growing: bool
     arrived: bool
     steady: bool
+    other: bool
     falls: bool
     over: bool
 
@@ -77,6 +80,7 @@ def gather(
     a: float,
     s: float,
     outside: float,
+    of_the_form: bool,
     out: Any,
 ) -> Evidence:
     """
@@ -93,6 +97,8 @@ def gather(
     outside : float
         Amplitude of the motion outside the range that is followed, m; NaN: there is none.
         As large as the hunting was, it is the hunting: nothing says that this has ended.
+    of_the_form : bool
+        Its frequency may be that of the hunting, by the form; True without a form.
     out
         Row of the estimates with noise floor and predictions filled in.
     """
@@ -106,6 +112,7 @@ def gather(
     holds = ratios['hold'] > HOLDING * rules.evidence and not falls
     hunts = excess > rules.evidence and holds
     grows = ratios['growth'] > some
+    steady = hunts and not grows
     # What is left of it is small for sure: an estimate that has just begun anew knows little.
     small = not a + _SURE * s > _SAME * memory['reference']
     over = likelihood.settled(ratios) and excess < some and small and not disturbed
@@ -118,7 +125,8 @@ def gather(
         and excess > some
         and (ratios['growth'] > rules.evidence or (hunts and grows)),
         _arrived(rules, a, disturbed, out),
-        hunts and not grows,
+        steady and of_the_form,
+        steady and not of_the_form,
         falls and seen,
         over and seen,
     )

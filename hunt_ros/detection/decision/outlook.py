@@ -89,7 +89,7 @@ class FormNumbers(NamedTuple):
     Fields
     ------
     known : bool
-    critical_speed, D1, D4, D7, D10, D15, length_scale, time_scale : float
+    critical_speed, D1, D4, D7, D10, D15, length_scale, time_scale, frequency_hz : float
         As in `NormalForm`.
     speed_low, speed_step : float
         First speed of the tables and their spacing, m/s.
@@ -106,6 +106,7 @@ class FormNumbers(NamedTuple):
     D15: float
     length_scale: float
     time_scale: float
+    frequency_hz: float
     speed_low: float
     speed_step: float
     unstable_std: _F
@@ -128,7 +129,7 @@ def form_numbers(identified: IdentifiedNormalForm | None) -> FormNumbers:
     if identified is None:
         none = np.full(2, math.nan)
         no = math.nan
-        return FormNumbers(False, no, no, no, no, no, no, no, no, 0.0, 1.0, none, none)
+        return FormNumbers(False, no, no, no, no, no, no, no, no, no, 0.0, 1.0, none, none)
     form = identified.form
     speeds = np.linspace(0.3, 1.7, _SPEEDS) * form.critical_speed
     with np.errstate(all='ignore'):
@@ -150,6 +151,7 @@ def form_numbers(identified: IdentifiedNormalForm | None) -> FormNumbers:
         form.D15,
         form.length_scale,
         form.time_scale,
+        form.frequency_hz,
         float(speeds[0]),
         float(speeds[1] - speeds[0]),
         np.sqrt((spread**2).sum(axis=0) / count),

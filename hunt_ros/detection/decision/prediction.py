@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled_part
 from hunt_ros.detection.decision.outlook import FormNumbers
+from hunt_ros.samples import NORMAL_95
 
-_NORMAL_95 = 1.959964
 #: Standard deviations beyond which a normal distribution is 0 or 1.
 _SETTLED = 4.0
 #: The time to the limit cycle is that to this part of the stable amplitude,
@@ -24,6 +24,9 @@ _ARRIVED = 0.9
 #: from at least this part of the unstable amplitude, about which time stands still.
 _LEFT = 1.02
 _PIECES = 64
+#: Frequency of worn wheels over that of new ones, or the other way round; and how many standard
+#: deviations make a frequency another one.
+_WORN, _SURE = math.sqrt(2.0), 3.0
 
 
 @compiled_part
@@ -50,6 +53,20 @@ def growth_at(form: FormNumbers, v: float, a: float) -> float:
     return (
         form.D1 * eps + form.D7 * eps**2 + (form.D4 + form.D10 * eps) * r2 + form.D15 * r2**2
     ) / form.time_scale
+
+
+@compiled_part
+def is_hunting_of(form: FormNumbers, v: float, hz: float, std_hz: float) -> bool:
+    """
+    Return False where a motion at the frequency `hz` is for sure not the hunting of the form.
+
+    That may go with the speed (Klingel, 1883), or not at all, and with the root of the conicity,
+    which wear may double.
+    """
+    faster = v / form.critical_speed
+    lowest = form.frequency_hz * min(faster, 1.0) / _WORN
+    highest = form.frequency_hz * max(faster, 1.0) * _WORN
+    return not (hz + _SURE * std_hz < lowest or hz - _SURE * std_hz > highest)
 
 
 @compiled_part
@@ -143,15 +160,15 @@ def judge(
         edge, spread = form.unstable_mean[k], form.unstable_std[k]
     if not math.isnan(edge):
         out['margin'] = edge / a if a > 0.0 else math.inf
-        most, least = a + _NORMAL_95 * s, a - _NORMAL_95 * s
-        out['margin_low'] = max(edge - _NORMAL_95 * spread, 0.0) / most if most > 0.0 else math.inf
-        high = (edge + _NORMAL_95 * spread) / least if least > 0.0 else math.inf
+        most, least = a + NORMAL_95 * s, a - NORMAL_95 * s
+        out['margin_low'] = max(edge - NORMAL_95 * spread, 0.0) / most if most > 0.0 else math.inf
+        high = (edge + NORMAL_95 * spread) / least if least > 0.0 else math.inf
         out['margin_high'] = math.inf if folded else high
     probability = _beyond(outlook['decides'], a, s)
     out['escape_probability'] = probability
     # A mean may lie beyond such an end where the chance is settled but for a thin tail.
-    low = _beyond(outlook['latest'], a - _NORMAL_95 * s, 0.0)
-    high = _beyond(outlook['earliest'], a + _NORMAL_95 * s, 0.0)
+    low = _beyond(outlook['latest'], a - NORMAL_95 * s, 0.0)
+    high = _beyond(outlook['earliest'], a + NORMAL_95 * s, 0.0)
     out['escape_probability_low'] = min(low, probability)
     out['escape_probability_high'] = max(high, probability)
     out['outlook'] = 1.0 - (1.0 - probability) * math.exp(-outlook_s * outlook['rate'])

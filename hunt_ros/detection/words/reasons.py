@@ -22,6 +22,7 @@ _DISAGREE = 'filter and Hilbert envelope disagree on the amplitude'
 _UNSTABLE = 'above the linear critical speed'
 _HYSTERESIS = 'hysteresis region: a disturbance can start hunting'
 _DECAYING = 'hunting is dying out'
+_OTHER = 'steady motion at another frequency than the hunting'
 #: A shorter time to the limit cycle is not told: it is there, as far as one can tell, s.
 _SOON_S = 0.1
 #: Of the doubts that are told with their numbers, the words without.
@@ -30,6 +31,7 @@ _HELD: tuple[tuple[int, str], ...] = (
     (doubts.DISAGREE, _DISAGREE),
     (doubts.FROM_YAW, 'lateral amplitude is that of yaw through the mode shape'),
     (doubts.OUTSIDE, 'motion that is not followed'),
+    (doubts.OTHER, _OTHER),
     (doubts.HYSTERESIS, _HYSTERESIS),
     (doubts.UNSTABLE, _UNSTABLE),
     (doubts.DECAYING, _DECAYING),
@@ -66,6 +68,8 @@ class Basis:
         By its critical speeds; '' where there is none.
     fold_amplitude : float
         Of the limit cycle at v_n, m; NaN where no form gives it.
+    frequency_hz : float
+        Of the hunting, by the form, Hz; NaN without one.
     """
 
     config: DetectorConfig
@@ -73,6 +77,7 @@ class Basis:
     v_c: float = math.nan
     normal_form: str = ''
     fold_amplitude: float = math.nan
+    frequency_hz: float = math.nan
 
 
 def reasons_of(row: np.void, basis: Basis | None = None, decided: str = '') -> tuple[str, ...]:
@@ -121,6 +126,8 @@ def reasons_of(row: np.void, basis: Basis | None = None, decided: str = '') -> t
         )
     if bits & doubts.OUTSIDE:
         found.append(outside_words(row))
+    if bits & doubts.OTHER:
+        found.append(_OTHER + ('' if basis is None else f': {_two_frequencies(row, basis)}'))
     found += [words for bit, words in _DOUBTS if bits & bit]
     if bits & doubts.DECAYING:
         found.append(_DECAYING + why)
@@ -276,6 +283,15 @@ def _two_amplitudes(row: np.void) -> str:
         if math.isfinite(amplitude + envelope):
             found.append(f'{name} {amplitude:.3g} and {envelope:.3g} {unit}')
     return ', '.join(found)
+
+
+def _two_frequencies(row: np.void, basis: Basis) -> str:
+    """Return the frequency of the motion, and that of the hunting by the form."""
+    std = float(row['frequency_hz_std'])
+    return (
+        f'{_measured(float(row["frequency_hz"]), std, "Hz")}, the normal form has'
+        f' {basis.frequency_hz:.3g} Hz'
+    )
 
 
 def reason_counts(rows: NDArray[np.void]) -> Counter[str]:

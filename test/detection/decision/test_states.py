@@ -56,6 +56,7 @@ class Machine:
                 amplitude,
                 1e-6,
                 math.nan,
+                True,
                 row[0],
             )
             states.next_state(
