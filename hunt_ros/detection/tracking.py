@@ -19,19 +19,14 @@ from hunt_ros.dynamics.mode_shape import ModeShape
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.estimation.line_search import LineSearch
 from hunt_ros.estimation.tracker_config import ModePoint, Shaft, TrackerConfig
-from hunt_ros.estimation.turning import TurningAngle
+from hunt_ros.estimation.turning import ASSUMED_ABOVE, SPEED_STD, TurningAngle
 from hunt_ros.sensors import SENSORS
 
 #: Scale of the yaw sensor against that of the lateral one, then and now: what a mode shape
 #: from recordings or from theory cannot know of the sensors at hand.
 SCALE_STD = 0.03
-#: Where only the speed is known the roller's angle is integrated from it, with a scale that is
-#: known to a few parts in a thousand at best: the tachometer's, and the diameter.
-SPEED_STD = 0.01
 #: A wheel turns by its diameter and its creep, whatever is known of the roller.
 CREEP_STD = 0.005
-#: The lines of a roller whose diameter nobody gave lie at least so far above the hunting.
-_ASSUMED_ABOVE = 1.5
 #: The turning of the roller is averaged over this time, s: an encoder counts whole steps.
 _TURNING_S = 1.0
 
@@ -72,14 +67,13 @@ def lines_known(config: DetectorConfig, speed: NDArray[np.float64]) -> NDArray[n
     """
     Return at which speeds, m/s, the lines are known well enough to be taken out.
 
-    They are where encoder or diameter are given. A diameter that is only assumed must not make
-    a line of the hunting itself.
+    They are where encoder or diameter are given; else above `ASSUMED_ABOVE`.
     """
     if 'roller' in config.channels or config.roller_diameter_m > 0.0:
         return np.ones(speed.size, dtype=np.bool_)
     lowest = min((order for order in config.lines if order > 0.0), default=math.inf)
     line = lowest * speed / (math.pi * roller_diameter(config))
-    above: NDArray[np.bool_] = line > _ASSUMED_ABOVE * config.hunting_frequency_hz
+    above: NDArray[np.bool_] = line > ASSUMED_ABOVE * config.hunting_frequency_hz
     return above
 
 

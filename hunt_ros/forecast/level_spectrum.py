@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.estimation.tracker_config import Shaft
+from hunt_ros.estimation.turning import SPEED_STD
 
 #: Columns of a cell: count, sums of y, v and the roller's angle, then sums of cos and sin of each
 #: line that turns with that angle.
 COLUMNS = 4
-#: Relative standard deviation of a line's frequency where the speed alone tells it.
-SPEED_STD = 0.01
 
 #: A signal that varies by less than this part of itself varies by rounding only.
 STUCK = 1e-9

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from hunt_ros.dynamics.parameters import RigParameters
-from hunt_ros.estimation.turning import continuous
+from hunt_ros.estimation.turning import ASSUMED_ABOVE, SPEED_STD, continuous
 from hunt_ros.identification.record.screening import Stretch
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import NANOSECONDS, Record, Series
@@ -25,14 +25,12 @@ _F = NDArray[np.float64]
 #: Cells in which the motion is averaged, and length of the windows of which there is one a
 #: second: the hunting, a hertz and more away from a line, is not seen in them.
 _CELL_S, _WINDOW_S = 0.02, 2.0
-#: Standard deviation, before the record is looked at, of a speed's scale and of a diameter.
-_SLIP_STD, _MOST = 0.01, 0.03
+#: What the scale of a speed and a diameter may be off by, by three deviations.
+_MOST = 3.0 * SPEED_STD
 #: Time over which the scale of the speed is taken to be one, s (standard deviation of the weight).
 _STEADY_S = 8.0
 #: What the record says of itself where the diameter was not given.
 _ASSUMED = 'assumed'
-#: Lines of a roller whose diameter nobody gave lie at least so far above the hunting.
-_ASSUMED_ABOVE = 1.5
 
 
 def with_angle(record: Record, settings: IdentificationSettings) -> Record:
@@ -115,7 +113,7 @@ def follow_lines(time: _F, values: _F, angle: _F, orders: _F) -> _F:
     # Windows one half apart: the angle and the time at their middles.
     middles = np.arange(every, count - every, every)
     turned = np.diff(np.interp((middles + 0.5) * _CELL_S, time - time[0], angle))
-    information = np.full(turned.size, 1.0 / _SLIP_STD**2)
+    information = np.full(turned.size, 1.0 / SPEED_STD**2)
     weighted = np.zeros(turned.size)
     width = _STEADY_S / (every * _CELL_S)
     independent = np.sqrt(np.pi) * width  # windows that overlap by half, under the weight
@@ -155,6 +153,6 @@ def lines_above(stretches: Sequence[Stretch], settings: IdentificationSettings, 
     lowest = min(settings.orders, default=np.inf)
     for one in stretches:
         turns = 0.5 * one.slow * 2.0 / RigParameters.roller_diameter_m
-        if one.assumed and lowest * turns / np.pi < _ASSUMED_ABOVE * hz:
+        if one.assumed and lowest * turns / np.pi < ASSUMED_ABOVE * hz:
             return False
     return True
