@@ -62,6 +62,11 @@ class Rig:
         return replay_journal(HuntingDetector(self.detector.config), record, journal)
 
 
+def rest(seconds: float, rate_hz: float = 200.0) -> np.ndarray:
+    """Return a quiet amplitude, m: what holds as well as a limit cycle passes for one."""
+    return 20e-6 * (1.0 + 0.5 * np.sin(2.0 * np.arange(round(seconds * rate_hz)) / rate_hz))
+
+
 def hunting(seconds: float = 12.0, rate_hz: float = 200.0) -> np.ndarray:
     """Return a second of rest, then growth to the limit cycle, m."""
     t = np.arange(round(seconds * rate_hz)) / rate_hz
@@ -103,9 +108,8 @@ def test_a_clock_set_back_ends_no_hunting() -> None:
 
 def test_without_speed_a_growing_motion_does_not_decay() -> None:
     rig = Rig()
-    t = np.arange(1400) / 200.0
-    amplitude = np.where(t < 6.0, 20e-6, 300e-6 * np.exp(0.5 * (t - 6.0)))
-    rig.feed(motion(amplitude))
+    begun = 300e-6 * np.exp(0.5 * np.arange(200) / 200.0)
+    rig.feed(motion(np.concatenate((rest(6.0), begun))))
     assert rig.detector.status.state is State.ESCAPING
     grown = 300e-6 * np.exp(0.5 * (7.0 + np.arange(600) / 200.0 - 6.0))
     words = rig.feed(motion(grown, start_s=7.0), speed=None)
@@ -285,7 +289,7 @@ def test_an_event_that_a_likelihood_ratio_decided_has_it_with_its_limit() -> Non
 
 def test_the_status_says_why_and_since_when_with_its_numbers() -> None:
     rig = Rig()
-    rig.feed(motion(np.full(600, 20e-6)))
+    rig.feed(motion(rest(3.0)))
     status = rig.detector.status
     assert status.level is Level.WARN
     assert 'the speed 7.200 m/s lies between v_n = 6.406 m/s and v_c' in status.reasons[-1]

@@ -20,14 +20,23 @@ mu it lies about (exp(mu T) - 1) a(t - T), with a Student distribution, because 
   reaches the exponential of `rules.evidence` = ln(marks in the time of one false alarm) no more
   often than was asked for. No increment counts for more than a third of that: a kick alone
   decides nothing. What jumps has not held.
-- *excess*: minus the logarithm of the chance that noise of variance S and damping s has this
-  amplitude, a^2 / (S / (s T)) where S is known, and less where it was estimated from few
-  increments, or where the tracker itself is not sure of the amplitude.
+- *excess*: minus the logarithm of the chance that noise of damping s has this amplitude:
+  (f/2) ln(1 + 2 x / f), which is x for a large f (distribution of Fisher and Snedecor), where
+  x = a^2 / (S / (s T)), or less where the tracker itself is not sure of a, and S comes from f
+  independent values. S is taken from what forgets a kick (the median below, over the longest
+  horizon), and from what knows soon: the mean square, in which nearly all values count and in a
+  median four of ten, over each horizon; a cycle from the first sample is said when f is large
+  enough. The one that tells most decides. That several are tried is made up for by neighbouring
+  marks being one trial: noise that is above x stays there for about 1 / (2 s x),
+  several marks.
 
 S is read off by how much the amplitude at the middle of two horizons misses the geometric mean
-of those at their ends: steady growth does not enter it, and a median forgets a kick. What the
-tracker itself says of its error counts: from one mark to the next the error of an estimate that
-is being found out, s(t - T)^2 - s(t)^2, adds to S (the variance of the step of a Kalman filter).
+of those at their ends: steady growth does not enter it, and a median forgets a kick. In the mean
+square a miss counts for no more than is usual. What the tracker itself says of its error counts:
+from one mark to the next the error of an estimate that is being found out, s(t - T)^2 - s(t)^2,
+adds to S (the variance of the step of a Kalman filter); a miss of variance S + e tells
+(S / (S + e))^2 times as much of S as one of variance S, and has that weight. The first mark is a
+step after the first estimate, which is a guess.
 Called by the kernel of the decisions, row by row.
 """
 
@@ -54,6 +63,8 @@ _MEMORY, _PRIOR = 240.0, 8.0
 _FIRST = 8
 #: An amplitude wanders by this part of itself for other reasons than noise: the speed, the flange.
 _WANDER = 0.005
+#: No miss counts for more than this many times its variance: one in a hundred is larger.
+_RARE = 6.6
 #: Median of chi^2 of one degree of freedom.
 _MEDIAN = 0.455
 #: The mean square of the amplitude moves up by this many S.
@@ -74,9 +85,10 @@ _KEPT = 2 * _LONGEST + 1
 
 #: What is remembered. Since the last gap: rows since the last mark, marks, amplitudes and their
 #: standard deviations (m) at the last ones. Of the noise, by horizon: squared misses of the
-#: middle and the part of the tracker's error in them (m^2), their number, variance of the quiet
-#: motion and variance S now (m^2; 0 before it is known), degrees of freedom. The statistics by
-#: horizon and chain, and their logarithms.
+#: middle and the part of the tracker's error in them (m^2), the last one first, their number,
+#: variance of the quiet motion and variance S now (m^2; 0 before it is known), degrees of freedom;
+#: S by mean square (m^2), and the sum of the weights in it. The statistics by horizon and chain,
+#: and their logarithms.
 LIKELIHOOD: np.dtype[np.void] = np.dtype(
     [
         ('rows', np.int64),
@@ -89,6 +101,8 @@ LIKELIHOOD: np.dtype[np.void] = np.dtype(
         ('quiet', np.float64, (len(HORIZONS),)),
         ('noise', np.float64, (len(HORIZONS),)),
         ('freedom', np.float64, (len(HORIZONS),)),
+        ('moved', np.float64, (len(HORIZONS),)),
+        ('known', np.float64, (len(HORIZONS),)),
         ('grows', np.float64, (len(HORIZONS), _LONGEST, len(RATES))),
         ('falls', np.float64, (len(HORIZONS), _LONGEST, len(RATES))),
         ('holds', np.float64, (len(HORIZONS), _LONGEST)),
@@ -122,18 +136,41 @@ def settled(memory: Any) -> bool:
 @compiled_part
 def excess(rules: Rules, memory: Any) -> float:
     """Return minus the logarithm of the chance that noise alone has the amplitude at the mark."""
-    a = memory['a'][0]
-    for j in range(len(HORIZONS) - 1, -1, -1):
-        seen, noise = memory['seen'][j], memory['noise'][j]
-        if seen > 0 and noise > 0.0:
-            horizon = HORIZONS[j] * rules.step * rules.period_s
-            # What noise alone drives, and what the tracker does not know of it: two components.
-            driven, unknown = noise / (rules.least_damping * horizon), 2.0 * memory['s'][0] ** 2
-            x = a * a / (driven + unknown)
-            # Neighbouring increments overlap: four make up for one that is independent.
-            freedom = 0.25 * min(seen, 2.0 * _MEMORY)
-            return float(0.5 * freedom * math.log1p(2.0 * x / freedom))
-    return 0.0
+    most = 0.0
+    longest = -1
+    for j in range(len(HORIZONS)):
+        most = max(most, _unlikely(rules, memory, j, memory['moved'][j], _independent(memory, j)))
+        if memory['seen'][j] > 0 and memory['noise'][j] > 0.0:
+            longest = j
+    if longest >= 0:
+        # Neighbouring increments overlap: four make up for one that is independent.
+        freedom = 0.25 * min(memory['seen'][longest], 2.0 * _MEMORY)
+        noise = memory['noise'][longest]
+        most = max(most, _unlikely(rules, memory, longest, noise, freedom))
+    return most
+
+
+@compiled_part
+def _unlikely(rules: Rules, memory: Any, j: int, noise: float, freedom: float) -> float:
+    """Return the same for a variance over a horizon that is known from so many increments."""
+    # What noise alone drives, and what the tracker does not know of it: two components.
+    horizon = HORIZONS[j] * rules.step * rules.period_s
+    size = noise / (rules.least_damping * horizon) + 2.0 * memory['s'][0] ** 2
+    if not (size > 0.0 and freedom > 0.0):
+        return 0.0
+    return float(0.5 * freedom * math.log1p(2.0 * memory['a'][0] ** 2 / (size * freedom)))
+
+
+@compiled_part
+def _independent(memory: Any, j: int) -> float:
+    """
+    Return how many independent misses those over a horizon of h marks are worth.
+
+    Of a random walk, misses k marks apart correlate by r = 1 - 1.5 k/h up to h, k/(2 h) - 1 up
+    to 2 h, their squares by r^2; the sum of r^2 over all k is (4 h^2 + 5) / (6 h).
+    """
+    h = HORIZONS[j]
+    return float(memory['known'][j] * 6.0 * h / (4.0 * h * h + 5.0))
 
 
 @compiled_part
@@ -151,7 +188,7 @@ def watch(rules: Rules, memory: Any, a: float, s: float, drift: float) -> None:
         Growth rate of the normal form at this speed and amplitude, 1/s; NaN: not known.
     """
     memory['rows'] += 1
-    if memory['marks'] > 0 and memory['rows'] < rules.step:
+    if memory['rows'] < rules.step:
         return
     memory['rows'] = 0
     for k in range(_KEPT - 1, 0, -1):
@@ -164,12 +201,13 @@ def watch(rules: Rules, memory: Any, a: float, s: float, drift: float) -> None:
     for j in range(len(HORIZONS)):
         if memory['marks'] > 2 * HORIZONS[j]:
             _learn_noise(memory, j, noise_alone)
-    # The filter smooths: over a longer horizon more of the noise shows.
+    # The filter smooths: over a longer horizon more of the noise shows, once there is a value.
     for j in range(len(HORIZONS)):
         for i in range(j + 1, len(HORIZONS)):
-            if memory['seen'][i] > 0:
-                longer = memory['noise'][i] * HORIZONS[j] / HORIZONS[i]
-                memory['noise'][j] = max(memory['noise'][j], longer)
+            if _independent(memory, i) >= 1.0:
+                part = HORIZONS[j] / HORIZONS[i]
+                memory['noise'][j] = max(memory['noise'][j], part * memory['noise'][i])
+                memory['moved'][j] = max(memory['moved'][j], part * memory['moved'][i])
     count = excess(rules, memory) >= SOME * rules.evidence
     for j in range(len(HORIZONS)):
         if memory['marks'] > 2 * HORIZONS[j] and memory['noise'][j] > 0.0:
@@ -186,31 +224,37 @@ def _learn_noise(memory: Any, j: int, noise_alone: bool) -> None:
     """Estimate S over a horizon anew; what is noise alone is learnt as the quiet motion."""
     h = HORIZONS[j]
     a, s = memory['a'], memory['s']
-    length = _RECENT * h
-    place = memory['seen'][j] % length
+    square, error = memory['square'][j], memory['error'][j]
+    for k in range(square.size - 1, 0, -1):
+        square[k] = square[k - 1]
+        error[k] = error[k - 1]
     memory['seen'][j] += 1
-    memory['square'][j, place] = 2.0 * (math.sqrt(a[0] * a[2 * h]) - a[h]) ** 2
+    square[0] = 2.0 * (math.sqrt(a[0] * a[2 * h]) - a[h]) ** 2
     found_out = _found_out(s[h], s[0]) + _found_out(s[2 * h], s[h])
-    memory['error'][j, place] = 0.5 * found_out
-    recent = min(memory['seen'][j], length)
-    square, error = memory['square'][j, :recent], memory['error'][j, :recent]
+    error[0] = 0.5 * found_out
+    square, error = square[: memory['seen'][j]], error[: memory['seen'][j]]
+    recent = min(memory['seen'][j], _RECENT * h)
     first = memory['seen'][j] <= _FIRST * h
     if first:
-        quiet = np.median(square) / _MEDIAN
+        quiet = np.median(square[:recent]) / _MEDIAN
         for _ in range(4):  # the error of the tracker is part of it: solved for the rest
             if quiet > 0.0:
-                quiet *= np.median(square / (quiet + error)) / _MEDIAN
+                quiet *= np.median((square / (quiet + error))[:recent]) / _MEDIAN
         memory['quiet'][j] = quiet
     base = memory['quiet'][j] + (_WANDER * a[0]) ** 2
     if not base > 0.0:
         memory['noise'][j] = 0.0
         return
-    ratio = np.median(square / (base + error)) / _MEDIAN
+    ratio = np.median((square / (base + error))[:recent]) / _MEDIAN
     if noise_alone and not first:
         memory['quiet'][j] *= 1.0 + (min(ratio, 4.0) - 1.0) / _MEMORY
     weight = recent / h
     memory['noise'][j] = base * (_PRIOR + weight * ratio) / (_PRIOR + weight)
     memory['freedom'][j] = _PRIOR + weight
+    share = memory['noise'][j] / (memory['noise'][j] + error)
+    usual = np.minimum(square, _RARE * (memory['noise'][j] + error))
+    memory['known'][j] = np.sum(share**2)
+    memory['moved'][j] = np.sum(share**2 * usual) / max(memory['known'][j], 1e-300)
 
 
 @compiled_part
