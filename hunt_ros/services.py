@@ -30,7 +30,7 @@ class Service(NamedTuple):
     switch : str
         'on' or 'off' where the service is a switch; else ''.
     repeatable : bool
-        True where a second call changes nothing, whoever called something else in between: it only
+        True where a second call does no harm, whoever called something else in between: it only
         reads, or does what is on the safe side. A call whose answer was lost is then repeated.
     """
 

@@ -44,12 +44,13 @@ def run(arguments: argparse.Namespace) -> int:
     from hunt_ros.cli.support.processes import NodeSpec, ask
 
     service = SERVICES[arguments.service]
-    if arguments.words and not service.words_topic:
+    words = ' '.join(arguments.words.split())
+    if words and not service.words_topic:
         raise HuntError(f'{arguments.service}: takes no words, got {arguments.words!r}')
     parameters = {
         'service': service.name,
         'wait_s': float(arguments.wait),
-        'words': arguments.words,
+        'words': words,
         'words_topic': service.words_topic,
         'switch': service.switch,
         'repeatable': service.repeatable,

@@ -29,6 +29,7 @@ from rclpy.clock import ROSClock
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
@@ -38,7 +39,6 @@ from hunt_ros.bag.messages import DIAGNOSTIC_ARRAY, STRING
 from hunt_ros.bag.record_rows import TWIST_STAMPED
 from hunt_ros.bag.recording import Recording, RecordingLimits, RecordingState
 from hunt_ros.errors import BagError
-from hunt_ros.nodes.support.call_words import CallWords
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, steady_clock
 from hunt_ros.nodes.support.estimate_publishers import ESTIMATES
 from hunt_ros.nodes.support.parameter_collector import ParameterCollector
@@ -56,6 +56,9 @@ from hunt_ros.settings import setting
 _MARK_TOPIC = 'recording/mark'
 #: What a mark without words says.
 _WORDLESS = 'mark'
+#: Words that were recorded longer before a call than this are not its words, s: who calls
+#: publishes them just before. One mark too many is better than a moment that nobody marked.
+_WORDS_S = 5.0
 #: Subscribed before their publishers appear, so that their first message is in the bag.
 DESIGN_TOPICS: dict[str, str] = {
     **dict.fromkeys(MOTION, JOINT_STATE),
@@ -157,7 +160,8 @@ class BagRecorderNode(Polling, Node):
         self._last = ('OK', 'no recording')
         self._closed = self.create_publisher(String, OWN_TOPIC, latched())
         self._mark = self.create_publisher(String, _MARK_TOPIC, stream(10))
-        self._words = CallWords(self, _MARK_TOPIC)
+        #: Marks with words in this recording that no call has claimed: when, steady clock, s.
+        self._worded: deque[float] = deque(maxlen=10)
         names = ('start', 'stop', 'split', 'mark')
         answers = {f'recording/{name}': getattr(self, f'_on_{name}') for name in names}
         self._service_thread = ServiceThread(self, answers)
@@ -198,7 +202,7 @@ class BagRecorderNode(Polling, Node):
         notes['started'] = f'{datetime.now().astimezone():%Y-%m-%dT%H:%M:%S%z}'
         notes['namespace'] = self.get_namespace()
         path = self._new_path()
-        self._words.take()  # they are in no recording
+        self._worded.clear()
         compression = self._config.compression.removeprefix('none')
         self._recording = Recording(
             path, RecordingLimits(**limits), notes=notes, compression=compression
@@ -340,6 +344,9 @@ class BagRecorderNode(Polling, Node):
             if name in self._said:
                 self._said[name].append(raw)
             self._take(name, raw, received_ns)
+            if name == self._full(_MARK_TOPIC) and self._recording is not None:
+                words = deserialize_message(raw, String).data.strip()
+                self._worded.extend([time.monotonic()] * (words not in ('', _WORDLESS)))
 
     def _is_new(self, name: str, info: dict[str, Any]) -> bool:
         """Return True if a message has not come by another subscription already."""
@@ -456,17 +463,19 @@ class BagRecorderNode(Polling, Node):
         return 'going on in a new file'
 
     def _on_mark(self) -> str:
-        """Mark this moment; words that came before the call are its mark already."""
+        """Mark this moment; words that were recorded just before the call are its mark already."""
 
-        def mark() -> None:
+        def mark() -> str:
             """Publish a mark unless the caller did."""
-            words = self._words.take(apart_from=_WORDLESS)
+            self._listen()
             self._running()
-            if not words:
-                self._mark.publish(String(data=_WORDLESS))
+            while self._worded:
+                if time.monotonic() - self._worded.popleft() < _WORDS_S:
+                    return 'marked, with words'
+            self._mark.publish(String(data=_WORDLESS))
+            return 'marked'
 
-        self._in_node(mark)
-        return 'marked'
+        return self._in_node(mark)
 
     def _health(self) -> Health:
         if self._recording is None:

@@ -16,7 +16,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-from hunt_ros.nodes.support.asking import ask
+from hunt_ros.nodes.support.asking import INTRODUCED_S, ask
 from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.qos import stream
 from hunt_ros.settings import Settings, setting
@@ -56,6 +56,8 @@ def call(node: Node, config: CallConfig) -> dict[str, object]:
         names = {name for name, _ in node.get_service_names_and_types()} - {full}
         ending = f'/{config.service}'
         return {**answer, 'elsewhere': sorted(name for name in names if name.endswith(ending))}
+    if not config.repeatable:
+        time.sleep(INTRODUCED_S)
     if config.words and not _publish(node, config):
         return {**answer, 'success': False, 'message': f'nobody listens to {config.words_topic}'}
     request = SetBool.Request(data=config.switch == 'on') if config.switch else Trigger.Request()

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from hunt_ros.samples import number_of
-
 _SENTENCES: dict[str, str] = {
     'hysteresis_entered': 'entered the hysteresis region: a bump can now start hunting',
     'hysteresis_left': 'left the hysteresis region',
@@ -63,6 +61,8 @@ def event_line(event: Mapping[str, str], origin_ns: int) -> str:
     name = event.get('event', event.get('name', ''))
     sentence = _SENTENCES.get(name, name.replace('_', ' '))
     reason = event.get('message', '')
+    from hunt_ros.samples import number_of  # numpy: not for a line of help
+
     speed, amplitude = number_of(event, 'speed_mps'), number_of(event, 'amplitude_m')
     text = f'{seconds:8.1f} s  {_speed(speed)}  {length(amplitude):>9}  {sentence}'
     return f'{text} ({reason})' if reason else text

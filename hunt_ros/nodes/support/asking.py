@@ -19,8 +19,9 @@ from rclpy.task import Future
 #: A server that was found is taken to have found its client after this, s: the tests of the
 #: nodes lose no answer with it.
 INTRODUCED_S = 0.3
-#: A request that may be repeated is repeated when no answer has come for so long, s.
-_AGAIN_S = 1.0
+#: A request that may be repeated is repeated when no answer has come for so long, s, and made no
+#: more often: a node that stands still will answer them all when it goes on.
+_AGAIN_S, _MOST = 1.0, 5
 
 
 def ask(
@@ -40,8 +41,8 @@ def ask(
     timeout_s : float
         How long to wait, s.
     repeatable : bool
-        Ask at once, and again until an answer comes; else once, after the time in which the
-        server finds who asks.
+        Ask again where no answer comes; else once: `INTRODUCED_S` after the server was found, if
+        the answer is not to be lost.
 
     Returns
     -------
@@ -55,11 +56,11 @@ def ask(
         if not answer.done():
             answer.set_result(reply.result())
 
-    if not repeatable:
-        time.sleep(INTRODUCED_S)
     deadline_s = time.monotonic() + timeout_s
+    times = _MOST if repeatable else 1
     while not answer.done() and (left_s := deadline_s - time.monotonic()) > 0.0:
         client.call_async(request).add_done_callback(answered)
-        wait_s = min(_AGAIN_S, left_s) if repeatable else left_s
+        times -= 1
+        wait_s = min(_AGAIN_S, left_s) if times else left_s
         rclpy.spin_until_future_complete(node, answer, timeout_sec=wait_s)
     return answer.result() if answer.done() else None

@@ -34,14 +34,9 @@ class CallWords:
     def __init__(self, node: Polling, topic: str) -> None:
         self._subscription = node.create_polled_subscription(String, topic, stream(10))
 
-    def take(self, *, apart_from: str = '') -> str:
+    def take(self) -> str:
         """
         Take what has come since the last call, in the thread of the node.
-
-        Parameters
-        ----------
-        apart_from : str
-            A text that goes with no call.
 
         Returns
         -------
@@ -50,7 +45,7 @@ class CallWords:
         """
         words = ''
         for message, info in waiting(self._subscription):
-            age_s = (time.time_ns() - info['received_timestamp']) / NANOSECONDS
-            if message.data != apart_from:
-                words = ' '.join(message.data.split()) if age_s < _FRESH_S else ''
+            came_ns = info['received_timestamp'] or time.time_ns()  # not all middleware says when
+            age_s = (time.time_ns() - came_ns) / NANOSECONDS
+            words = ' '.join(message.data.split()) if age_s < _FRESH_S else ''
         return words
