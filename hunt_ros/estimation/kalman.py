@@ -96,7 +96,8 @@ class HuntingTracker:
     -----
     Answers to bad input: a value that is not finite, a stamp behind the last one of the
     same or another sensor, a repeated stamp of one sensor, a value that has not changed for
-    `stuck_s` and a single outlier are left out of the estimate and counted in `dropped`.
+    `stuck_s` and samples that are wrong, also in a row, are left out of the estimate and counted
+    in `dropped`.
     Feeding the same samples and output stamps in other blocks gives the same numbers,
     bit for bit, as long as each call holds all samples up to its last output stamp.
     """
@@ -143,7 +144,7 @@ class HuntingTracker:
         place = at.BIAS + len(sensors) * (1 + 2 * f.line_count)
         measured: set[str] = set()
         for own, sensor in zip(f.sensors, sensors, strict=False):
-            own.stepped = -math.inf
+            own.stepped, own.strange_since = -math.inf, math.inf
             own.coordinate = COORDINATES.index(sensor.coordinate)
             own.derivative, own.unit = sensor.derivative, scale**sensor.derivative
             own.scale = -1  # the first one of a coordinate says how large its motion is
@@ -319,7 +320,7 @@ class HuntingTracker:
 
     @property
     def kicks(self) -> int:
-        """Kicks seen since the start."""
+        """Kicks since the start, as it seems now: one may turn out to have been something else."""
         return int(self._filter.kicks)
 
     @property
@@ -329,7 +330,7 @@ class HuntingTracker:
 
     @property
     def dropped(self) -> dict[str, int]:
-        """Samples left out since the start, by reason."""
+        """Samples left out since the start, by reason; glitches as it seems now."""
         return {
             'not_finite': int(self._tracker.not_finite),
             'backwards': int(self._tracker.backwards),

@@ -163,8 +163,8 @@ class TrackerConfig:
         Samples of one sensor are averaged over bins of this length, s, before they
         enter the filter (0: every sample by itself). See `hunt_ros.estimation.tracker.block`.
     surprise : float
-        Innovation, in its standard deviations, that two samples running must exceed
-        to be taken for a kick.
+        Innovation, in its standard deviations, beyond which a sample may be wrong, or the
+        beginning of a kick or of a step of the level.
     noise_time, bandwidth_time : float
         Time constants, s, of the self-tuned sensor noise and process noise.
     stuck_s : float

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -160,6 +161,28 @@ def test_a_steady_motion_that_may_be_the_hunting_of_worn_wheels_is_hunting(hertz
     detector = HuntingDetector(LATERAL, IdentifiedNormalForm(PAPER_NORMAL_FORM))
     output = detect(detector, steady(0.12e-3, hertz, 6.0, 30.0))
     assert 'limit_cycle' in [event.event for event in output.events]
+
+
+def test_a_rig_that_names_its_frequency_needs_none_of_the_form() -> None:
+    config = replace(LATERAL, hunting_frequency_hz=5.0)
+    detector = HuntingDetector(config, IdentifiedNormalForm(PAPER_NORMAL_FORM))
+    output = detect(detector, steady(0.12e-3, 5.0, 6.0, 30.0))
+    assert 'limit_cycle' in [event.event for event in output.events]
+
+
+def test_hunting_that_goes_on_at_another_frequency_is_hunting() -> None:
+    detector = HuntingDetector(LATERAL, IdentifiedNormalForm(PAPER_NORMAL_FORM))
+    t = (np.arange(12000) + 1) / 200.0
+    size = 0.4e-3 * np.exp(-0.6 * np.clip(t - 20.0, 0.0, None))
+    turn = np.where(t < 21.3, np.cos(2.0 * np.pi * 2.84 * t), np.cos(2.0 * np.pi * 4.6 * t))
+    values = np.where(t < 21.3, size, 0.3e-3) * turn
+    values += 5e-6 * np.random.default_rng(0).standard_normal(t.size)
+    stamps = np.round(t * 1e9).astype(np.int64)
+    record = Record(
+        {'lateral': Series(stamps, values), 'speed': Series(stamps, np.full(t.size, 6.0))}
+    )
+    detect(detector, record)
+    assert detector.status.state is State.LIMIT_CYCLE
 
 
 @pytest.mark.skipif(not HITS, reason=f'no recordings in {FOLDER}')

@@ -79,3 +79,16 @@ def test_a_sensor_that_starts_disturbs_no_other(hunting_signal) -> None:
         _, rows, _ = tracked(signal, (0, 1))
         for name in ('lateral_amplitude', 'lateral_amplitude_std'):
             np.testing.assert_allclose(rows[name], alone[name], rtol=1e-9)
+
+
+def test_a_short_gap_and_two_absurd_samples_start_no_sensor_anew(hunting_signal) -> None:
+    for gap_s in (0.03, 0.1, 0.5):
+        signal = hunting_signal(0, duration=8.0, rate=200.0, noise=NOISE, roughness=0.0)
+        seconds = signal.stamps * 1e-9
+        signal.lateral[(seconds > AT_S) & (seconds <= AT_S + gap_s)] = np.nan
+        behind = np.flatnonzero(seconds > AT_S + gap_s)[:2]
+        signal.lateral[behind] += 1.0
+        tracker = HuntingTracker(TrackerConfig())
+        rows, _ = signal.track(tracker, (0,))
+        assert tracker.restarts == 0
+        assert np.isfinite(rows['lateral_amplitude'][100:]).all()

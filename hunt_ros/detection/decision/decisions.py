@@ -137,9 +137,11 @@ def _kernel(source: int) -> Callable[..., None]:
             out['noise_floor'] = noise_floor.floor_of(m['floor'], m['ratios'], s)
             out['noise_intensity'] = m['noise']['intensity']
             if known:
-                of_the_form = not predictable or prediction.is_hunting_of(
-                    form, v, out['frequency_hz'], out['frequency_hz_std']
-                )
+                # What has begun to hunt is the hunting, at whatever frequency it goes on.
+                of_the_form = m['state']['hunting']['word'] != states.NO or not predictable
+                if not of_the_form:
+                    hz, std_hz = out['frequency_hz'], out['frequency_hz_std']
+                    of_the_form = prediction.is_hunting_of(form, rules.nominal_hz, v, hz, std_hz)
                 found = evidence.gather(
                     rules,
                     m['evidence'],

@@ -89,7 +89,7 @@ def present(region: int, state: int, v: float, known: bool, settling: bool, othe
         bits |= NO_ESTIMATE
     elif settling:
         bits |= SETTLING
-    if other and state < _ESCAPING:
+    if other:
         bits |= OTHER
     if state == _DECAYING:
         bits |= DECAYING

@@ -98,7 +98,8 @@ def gather(
         Amplitude of the motion outside the range that is followed, m; NaN: there is none.
         As large as the hunting was, it is the hunting: nothing says that this has ended.
     of_the_form : bool
-        Its frequency may be that of the hunting, by the form; True without a form.
+        Its frequency may be that of the hunting, by the form; True without a form, and while it
+        hunts.
     out
         Row of the estimates with noise floor and predictions filled in.
     """

@@ -26,7 +26,7 @@ _LEFT = 1.02
 _PIECES = 64
 #: Frequency of worn wheels over that of new ones, or the other way round; and how many standard
 #: deviations make a frequency another one.
-_WORN, _SURE = math.sqrt(2.0), 3.0
+_WORN, _SURE = 1.5, 3.0
 
 
 @compiled_part
@@ -56,16 +56,18 @@ def growth_at(form: FormNumbers, v: float, a: float) -> float:
 
 
 @compiled_part
-def is_hunting_of(form: FormNumbers, v: float, hz: float, std_hz: float) -> bool:
+def is_hunting_of(
+    form: FormNumbers, nominal_hz: float, v: float, hz: float, std_hz: float
+) -> bool:
     """
     Return False where a motion at the frequency `hz` is for sure not the hunting of the form.
 
     That may go with the speed (Klingel, 1883), or not at all, and with the root of the conicity,
-    which wear may double.
+    which wear may double. Where the rig says another frequency than the form, either may be.
     """
     faster = v / form.critical_speed
-    lowest = form.frequency_hz * min(faster, 1.0) / _WORN
-    highest = form.frequency_hz * max(faster, 1.0) * _WORN
+    lowest = min(form.frequency_hz, nominal_hz) * min(faster, 1.0) / _WORN
+    highest = max(form.frequency_hz, nominal_hz) * max(faster, 1.0) * _WORN
     return not (hz + _SURE * std_hz < lowest or hz - _SURE * std_hz > highest)
 
 

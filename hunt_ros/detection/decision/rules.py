@@ -49,13 +49,15 @@ class Rules(NamedTuple):
 
     `period_s` is the spacing of the rows, s; `stride` the same in the time of the motion:
     seconds of a rig that hunts at `REFERENCE_HZ`, for which the kernel's times are meant;
-    `faster` is the ratio of the frequencies. `evidence` is the log likelihood ratio that
-    decides: the logarithm of the number of steps in the time of one false alarm.
+    `faster` is the ratio of the frequencies, `nominal_hz` that of this rig. `evidence` is the log
+    likelihood ratio that decides: the logarithm of the number of steps in the time of one false
+    alarm.
     """
 
     period_s: float
     stride: float
     faster: float
+    nominal_hz: float
     v_n: float
     v_c: float
     region_band: float
@@ -107,6 +109,7 @@ def rules_of(config: DetectorConfig, v_n: float, v_c: float) -> Rules:
         period_s=period,
         stride=stride,
         faster=faster,
+        nominal_hz=config.hunting_frequency_hz,
         v_n=v_n,
         v_c=v_c,
         region_band=_REGION_BAND_MPS,

@@ -76,7 +76,7 @@ def take_speed(t: at.Tracker, modes: _F, speed: float) -> None:
 @compiled_part
 def absorb(t: at.Tracker, modes: _F, k: int, time: float, mean: float) -> None:
     """Take the closed bin of sensor k, whose mean stamp is `time`, into all hypotheses."""
-    count, ready = t.inputs[k].bin.count, True
+    count, has_started = t.inputs[k].bin.count, True
     for h in range(at.HYPOTHESES):
         if not t.on_trial[h].alive:
             continue
@@ -91,8 +91,8 @@ def absorb(t: at.Tracker, modes: _F, k: int, time: float, mean: float) -> None:
             gather_start(f, k, time, mean, count)
             ratio_in_force(f)
             sensor.last = time
-            ready = False
-    if not ready:
+            has_started = False
+    if not has_started:
         return
     judge(t, k, mean, count)
     for h in range(at.HYPOTHESES):

@@ -7,9 +7,10 @@ the covariance of the modes opened (`kicks.open_kick`), another one that of the 
 the events that it supposes. The size of an event has a wide prior, so that what opens more must
 explain more: the generalised likelihood ratio of Willsky and Jones (IEEE Trans. Autom. Control
 21, 1976), with the sizes integrated over instead of maximised. The likeliest filter gives the
-estimate meanwhile, with a deviation that holds what the others say (`rows.spread`); one that is
-left far behind is dropped, and after a hunting period all but the best. A step of ten times the
-noise, or more, is told from a kick within a tenth of a second, wrong samples in two or three.
+estimate meanwhile, with a deviation of the amplitude that holds what the others say
+(`rows.spread`); one that is left far behind is dropped, and after a hunting period all but the
+best. A step of ten times the noise, or more, is told from a kick within a tenth of a second, wrong
+samples in two or three.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ from hunt_ros.estimation.tracker.kicks import (
 )
 from hunt_ros.estimation.tracker.tuning import stop_sensor, tune
 
-#: Chance, before anything is seen, that in a bin the rig is kicked, the level of a sensor steps,
+#: Chance, before anything is seen, that in one bin the rig is kicked, the level of a sensor steps,
 #: and that an event of a moment ago goes on. A wheelset that is set aside stands still at first,
 #: as a level does: such a kick must not be taken for a step, the other mistake soon mends itself.
 KICKED, STEPPED, GOES_ON = 3e-5, 1e-12, 0.3
@@ -111,8 +112,8 @@ def suppose(t: at.Tracker, event: int, k: int, mean: float, credit: float) -> No
     prior = math.log(KICKED if event == at.KICK else STEPPED)
     trial = t.on_trial[event]
     likelihood = t.on_trial[0].likelihood + prior + credit
-    if trial.alive and trial.likelihood >= likelihood:
-        return
+    if trial.alive and (credit > 0.0 or trial.likelihood >= likelihood):
+        return  # a burst is one event, while it lasts
     trial.alive = True
     trial.likelihood = likelihood
     t.filters[event] = t.filters[0]
@@ -144,7 +145,6 @@ def leave_out(f: at.Filter, k: int, dt: float) -> float:
     """Leave a bin of sensor k out as wrong; return the logarithm of its likelihood if it is."""
     sensor = f.sensors[k]
     f.glitches += 1
-    sensor.left_out += 1
     share = min(max(sensor.wrong, WRONG_LEAST), WRONG_MOST)
     sensor.wrong += (1.0 - math.exp(-min(dt, 0.05) / WRONG_TIME)) * (1.0 - sensor.wrong)
     wide = OPENED * OPENED * f.innovation * f.innovation
@@ -155,7 +155,6 @@ def leave_out(f: at.Filter, k: int, dt: float) -> float:
 def take(f: at.Filter, k: int, mean: float, count: float, dt: float) -> None:
     """Correct a filter by a bin of sensor k, `dt` seconds after the last one it took."""
     sensor, x = f.sensors[k], f.x
-    sensor.left_out = 0
     sensor.wrong *= math.exp(-min(dt, 0.05) / WRONG_TIME)
     sensor.last = f.time
     correct(f, f.innovation, f.variance)
@@ -174,7 +173,7 @@ def take(f: at.Filter, k: int, mean: float, count: float, dt: float) -> None:
 @compiled_part
 def another_signal(f: at.Filter, k: int) -> bool:
     """
-    Start sensor k anew where its signal is no more the one it was; return True if it is not.
+    Start sensor k anew if its signal is no more the one it was; return True if it was not.
 
     Such is what no event explains, once it has lasted, and noise that is far less than it was.
     """
@@ -183,11 +182,12 @@ def another_signal(f: at.Filter, k: int) -> bool:
         stop_sensor(f, k)
         return True
     if f.innovation * f.innovation <= BEYOND * usual(f, k) * f.variance:
+        sensor.strange_since = math.inf
         return False
-    if sensor.left_out > 0 and f.time - sensor.last > PATIENCE:
-        stop_sensor(f, k)
-    else:
-        leave_out(f, k, f.time - sensor.last)
+    sensor.strange_since = min(sensor.strange_since, f.time)
+    if f.time - sensor.strange_since <= PATIENCE:
+        return False
+    stop_sensor(f, k)
     return True
 
 
@@ -195,16 +195,22 @@ def another_signal(f: at.Filter, k: int) -> bool:
 def judge(t: at.Tracker, k: int, mean: float, count: float) -> None:
     """Take the mean of a bin of sensor k, which every filter faces, into all hypotheses."""
     best = t.filters[t.lead]
-    if supposed(t, best) and surprising(best, k) and not young(best):
+    if rests_on_trial(t, best) and surprising(best, k) and not young(best):
         settle(t)  # what surprises the best of them is another event
-    if another_signal(t.filters[t.lead], k):
+    best = t.filters[t.lead]
+    if another_signal(best, k):
         settle(t)
+        return
+    if best.sensors[k].strange_since < math.inf:  # no event is so large
+        for h in range(at.HYPOTHESES):
+            if t.on_trial[h].alive:
+                leave_out(t.filters[h], k, t.filters[h].time - t.filters[h].sensors[k].last)
         return
     f = t.filters[0]
     surprised = surprising(f, k)
     credit = 0.0 if surprised else gather_burst(f, k, f.time - f.sensors[k].last)
     # Where the first filter supposes an event by now, the others are what it may have been.
-    if (surprised or credit > 0.0) and not goes_on(f, k) and not supposed(t, f):
+    if (surprised or credit > 0.0) and not goes_on(f, k) and not rests_on_trial(t, f):
         if not trying(t):
             t.since = f.time
         suppose(t, at.KICK, k, mean, credit)
@@ -216,8 +222,8 @@ def judge(t: at.Tracker, k: int, mean: float, count: float) -> None:
 
 
 @compiled_part
-def supposed(t: at.Tracker, f: at.Filter) -> bool:
-    """Return True if a filter rests on an event of the trial that goes on."""
+def rests_on_trial(t: at.Tracker, f: at.Filter) -> bool:
+    """Return True if a filter supposes an event of the trial that goes on."""
     return trying(t) and f.opened >= t.since
 
 

@@ -162,8 +162,8 @@ class Sensor:
     before2: float
     before3: float
     stepped: float  # when its level stepped, in the event at hand; minus infinity: it did not
-    left_out: int  # bins in a row, as wrong
-    wrong: float  # recent share of such bins
+    wrong: float  # recent share of bins that were left out as wrong
+    strange_since: float  # since when it gives what is no motion; infinity: it does not
     nis: float  # recent mean of nu^2/S
     residual: float  # recent mean of the squared residual of a sample
     stage_re: float  # innovations demodulated at hunting: first stage, second stage, quick
@@ -214,7 +214,7 @@ class Filter:
     ratio_log: float
     ratio_known: bool  # it is given, or has been learnt
     # what has happened, by this filter
-    event: int  # what its covariance was last opened for: 0 nothing yet, 1 a kick, 2 a step
+    event: int  # what its covariance was last opened for: NOTHING yet, a KICK, a STEP
     opened: float  # when that was
     kick: float  # time of the last kick
     kick_chain: float  # when the chain of kicks it belongs to began
@@ -251,7 +251,7 @@ class Tracker:
     on_trial: Annotated[list[Trial], HYPOTHESES]
     lead: int  # the likeliest of them
     since: float  # when the trial began
-    # samples taken, and left out by reason
+    # samples as they come in
     inputs: Annotated[list[Input], MOST_SENSORS]
     turns_angle: float  # of `turns`
     turns: Annotated[_F, 2 * MOST_LINES]  # cos, sin of each line at the last sample
@@ -260,6 +260,7 @@ class Tracker:
     bin_number: int
     last_stamp: int  # ns
     last_output: int
+    # samples taken, and left out by reason
     used: int
     not_finite: int
     backwards: int

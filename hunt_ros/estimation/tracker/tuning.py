@@ -117,8 +117,8 @@ def stop_sensor(f: at.Filter, k: int) -> None:
     f.restarts += 1
     forget_start(f, k)
     sensor.alive = False
-    sensor.left_out = 0
     sensor.wrong = 0.0
+    sensor.strange_since = math.inf
     sensor.stage_re = sensor.stage_im = sensor.band_re = sensor.band_im = 0.0
     sensor.burst_re = sensor.burst_im = sensor.offset = 0.0
     for j in range(f.line_count):
