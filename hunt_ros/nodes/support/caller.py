@@ -25,6 +25,8 @@ from hunt_ros.services import SERVICES
 #: Who does not answer within this may not have heard, s; closing a recording takes longest.
 _ANSWER_S = 10.0
 _LOOK_S = 0.05
+#: A service that nobody offers is looked for so long, s: who has just started is found soon.
+_FOUND_S = 2.0
 
 Answer = tuple[bool, str]
 
@@ -53,6 +55,8 @@ class Caller:
         }
         self._lock = threading.Lock()
         self._open: list[tuple[float, str, Future[Answer]]] = []
+        #: Calls whose service has not been found yet: until when, word, words.
+        self._sought: list[tuple[float, str, str, Future[Answer]]] = []
         self._worker = Worker(diagnostics, 'caller', self._work)
 
     def call(self, word: str, words: str = '') -> Future[Answer]:
@@ -76,13 +80,17 @@ class Caller:
         if service is None:
             answer.set_result((False, f'{word[:40]!r} is no service'))
             return answer
-        client = self._clients_of[word]
-        if not client.service_is_ready():
-            answer.set_result(
-                (False, f'{service.node} is not running: nobody offers {service.name}')
-            )
-            return answer
         said = ' '.join(words.split())[:200] if service.words_topic else ''
+        if self._clients_of[word].service_is_ready():
+            self._ask(word, said, answer)
+        else:
+            with self._lock:
+                self._sought.append((time.monotonic() + _FOUND_S, word, said, answer))
+        return answer
+
+    def _ask(self, word: str, said: str, answer: Future[Answer]) -> None:
+        """Send the words and the request to a service that was found."""
+        service = SERVICES[word]
         if said:
             self._words[service.words_topic].publish(String(data=said))
 
@@ -93,8 +101,22 @@ class Caller:
             self._open.append((time.monotonic() + _ANSWER_S, service.node, answer))
         switch = service.switch
         request = SetBool.Request(data=switch == 'on') if switch else Trigger.Request()
-        client.call_async(request).add_done_callback(answered)
-        return answer
+        self._clients_of[word].call_async(request).add_done_callback(answered)
+
+    def _look(self) -> None:
+        """Ask the services that have been found meanwhile."""
+        with self._lock:
+            sought, self._sought = self._sought, []
+        for until_s, word, said, answer in sought:
+            service = SERVICES[word]
+            if self._clients_of[word].service_is_ready():
+                self._ask(word, said, answer)
+            elif time.monotonic() > until_s:
+                none = f'{service.node} is not running: nobody offers {service.name}'
+                answer.set_result((False, none))
+            else:
+                with self._lock:
+                    self._sought.append((until_s, word, said, answer))
 
     def close(self) -> None:
         """Take no more calls."""
@@ -114,6 +136,7 @@ class Caller:
         try:
             while not stopping.is_set():
                 executor.spin_once(timeout_sec=_LOOK_S)
+                self._look()
                 now = time.monotonic()
                 late = [each for each in self._open if each[0] < now]
                 for _, node, answer in late:
