@@ -47,11 +47,11 @@ setup(
         'PyYAML>=6.0',
         'rich>=13',
         'matplotlib>=3.6',
-        'mcap>=1.2',  # the bag writer is checked against it; nothing imports it at run time
+        'mcap>=1.2',
         'rosbags>=0.10',
         'lz4>=4.3',
         'zstandard>=0.22',
-        'filterpy>=1.4.5',  # estimation.reference: the textbook form of the tracker
+        'filterpy>=1.4.5',  # the textbook form that the tracker is tested against
     ],
     extras_require={
         'ros': JAZZY,
@@ -64,7 +64,7 @@ setup(
         'serial': ['pyserial>=3.5'],
         'nidaqmx': ['nidaqmx>=1.0'],
         'cluster': ['distributed>=2024.1'],
-        'dashboard': ['bokeh>=3.4', 'tornado>=6.3'],
+        'dashboard': ['tornado>=6.3'],
         'completion': ['shtab>=1.6'],
         'bench': ['pysindy>=2.0'],
         'docs': ['mkdocs-material>=9.5,<10', 'mkdocstrings[python]>=0.27'],
@@ -81,7 +81,11 @@ setup(
         ],
         'colcon': ['colcon-common-extensions', 'colcon-ros', 'setuptools<80'],
     },
-    package_data={f'{NAME}.dashboard': ['static/*']},
+    # The machine code is there once `hunt compile` has run: `make wheel` ships it.
+    package_data={
+        f'{NAME}.dashboard': ['static/*'],
+        NAME: ['machine_code/all.*', f'machine_code/{NAME}.*'],
+    },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
@@ -100,7 +104,6 @@ setup(
             'simulated = hunt_ros.drivers.simulated',
             'modbus = hunt_ros.drivers.modbus',
             'serial_line = hunt_ros.drivers.serial_line',
-            'replay = hunt_ros.drivers.replay',
             'nidaqmx = hunt_ros.drivers.nidaqmx',
             'topic = hunt_ros.nodes.topic_driver',
         ],

@@ -1,113 +1,131 @@
 """
-One switch between numba's compiler and plain Python.
+Kernels: inner loops in Python that numba compiles ahead of time, or that run as they stand.
 
-Inner loops are written once, in the subset of Python that numba compiles, and
-decorated with `compiled`. With the extra ``fast`` installed they run as machine
-code; without it they run as they stand, slower, with the same results to
-rounding.
+A kernel is a function decorated with `compiled`, for Python to call, or with `compiled_part`,
+for other kernels to call. Its annotations are its signature: there is one, and a call with
+other types is a TypeError. With the extra ``fast`` installed a kernel runs as machine code,
+which `hunt compile` makes for every kernel and keeps on disk; without it, it runs as plain
+Python, slower, with the same results to rounding.
+
+Machine code is kept by content: the name of its file holds a hash of all the source it was
+made from, of the versions of Python, numba and numpy, and of the processor. A copy, a wheel or
+a container finds it; a changed kernel does not.
+
+A process that serves a rig never compiles (`serve_live`).
 """
 
 from __future__ import annotations
 
+import getpass
+import hashlib
+import os
+import pickle
+import re
+import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Callable
-from functools import cache, partial
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import cache
+from importlib import import_module
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
-from types import ModuleType
-from typing import Any, TypeVar, cast
+from types import CodeType, FunctionType, ModuleType
+from typing import Annotated, Any, TypeVar, cast, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
 
 _Function = TypeVar('_Function', bound=Callable[..., Any])
 
-#: How long all kernels take, s (87 s of CPU on a busy machine), and how often they are heard of.
-_USUAL_S, _PROGRESS_S = 80, 5.0
+# Arrays in the signature of a kernel: their number of dimensions, in C order. `'A'` behind it:
+# any strides. A dtype behind it: what void stands for.
+F1 = Annotated[NDArray[np.float64], 1]
+F2 = Annotated[NDArray[np.float64], 2]
+F3 = Annotated[NDArray[np.float64], 3]
+I1 = Annotated[NDArray[np.int64], 1]
+B1 = Annotated[NDArray[np.bool_], 1]
+# ... and one that the kernel only reads, so that it takes an array that nobody may write to.
+R1 = Annotated[NDArray[np.float64], 1, 'readonly']
 
-#: True where numba is installed and kernels run as machine code.
-HAVE_COMPILER: bool = find_spec('numba') is not None
+#: Where code for all processors of the last ten years is made, instead of for this one alone.
+_COMMON_CPU = 'x86-64-v3'
+_COMMON_FEATURES = ('avx2', 'bmi', 'bmi2', 'f16c', 'fma', 'lzcnt', 'movbe')
+#: How long all kernels take, s of one core, and how often they are heard of.
+_USUAL_S, _PROGRESS_S = 80, 5.0
+_PACKAGE = Path(__file__).parent
+_NAME = _PACKAGE.name
+_TAG = str(sys.implementation.cache_tag)
+
+
+def _switched_off() -> bool:
+    return os.environ.get('NUMBA_DISABLE_JIT', '0') not in ('', '0')
+
+
+#: True where kernels run as machine code: numba is there, and nobody has switched it off.
+HAVE_COMPILER: bool = find_spec('numba') is not None and not _switched_off()
+
+#: Every kernel that Python calls, by its full name, once its module is imported.
+KERNELS: dict[str, Any] = {}
+
+#: What this process may do with a kernel that is not on disk.
+_may_compile = True
+_say: Callable[[str], None] = lambda text: None  # noqa: E731
 
 
 def compiled(function: _Function) -> _Function:
     """
-    Compile a kernel on first use, and keep the machine code on disk.
+    Make a kernel that Python calls.
 
-    The kernel releases the GIL, and keeps IEEE semantics (no fastmath), so that
-    NaN stays NaN and a block split in two gives the same numbers as the whole.
+    It releases the GIL, and keeps IEEE semantics (no fastmath), so that NaN stays NaN and a
+    block split in two gives the same numbers as the whole.
 
     Parameters
     ----------
     function : callable
-        Numeric code on scalars and numpy arrays, without Python objects.
+        Numeric code without Python objects. Annotations: float, int, bool, `F1` and its like,
+        a class of `records`, a NamedTuple or a tuple of these.
 
     Returns
     -------
     callable
-        The compiled kernel, or `function` itself where numba is missing.
-
-    Notes
-    -----
-    Where nothing can be written, neither beside the source nor in the home folder, the
-    kernel is compiled anew by each process, and a line on stderr says so.
+        The kernel, or `function` itself where there is no compiler.
     """
     if not HAVE_COMPILER:
         return function
-    try:
-        kernel = _numba().njit(cache=True, nogil=True)(function)
-    except RuntimeError as error:
-        if 'cannot cache' not in str(error):
-            raise
-        _tell_uncached()
-        return compiled_part(function)
-    kernel._cache.load_overload = partial(_load, kernel._cache, kernel._cache.load_overload)
+    kernel = _numba().njit(nogil=True)(function)
+    kernel._cache = _OnDisk(kernel)
+    kernel._compile_for_args = lambda *values: _implementation(kernel)
+    KERNELS[f'{function.__module__}.{function.__qualname__}'] = kernel
     return cast(_Function, kernel)
-
-
-def _load(cache: Any, load: Callable[..., Any], signature: Any, target: Any) -> Any:
-    """Load machine code from disk; what an earlier version left there is thrown away."""
-    try:
-        return load(signature, target)
-    except (ImportError, AttributeError):  # it names types that are no longer where they were
-        cache.flush()
-        return None
 
 
 def compiled_part(function: _Function) -> _Function:
     """
-    Compile a function that only kernels in other modules call, and keep nothing on disk.
-
-    What is kept on disk is checked against the file of the kernel itself, not against
-    the files of what it calls: a part kept there would outlive a change of its own
-    parts. The kernel keeps its parts with it, and is told of their changes by
-    `source_stamp`.
+    Make a function that kernels call; called from Python it runs as plain Python.
 
     Parameters
     ----------
     function : callable
-        As for `compiled`.
+        As for `compiled`; what it is called with is its signature.
 
     Returns
     -------
     callable
-        The compiled function, or `function` itself where numba is missing.
+        The part, or `function` itself where there is no compiler.
     """
     if not HAVE_COMPILER:
         return function
-    return cast(_Function, _numba().njit(nogil=True)(function))
-
-
-@cache
-def _tell_uncached() -> None:
-    """Log once that machine code finds no place on disk."""
-    print(
-        'hunt_ros: compiled kernels cannot be kept, neither beside their source nor in the home'
-        ' folder: they are compiled at every start (NUMBA_CACHE_DIR names a place for them)',
-        file=sys.stderr,
-    )
+    part = _numba().njit(nogil=True)(function)
+    part._compile_for_args = lambda *values: function
+    return cast(_Function, part)
 
 
 def on_compilation(say: Callable[[str], None]) -> None:
     """
-    Have it said when kernels are not on disk yet, and how far their compilation is.
+    Have it said when a kernel is not on disk, and how far its compilation is.
 
     Parameters
     ----------
@@ -118,53 +136,364 @@ def on_compilation(say: Callable[[str], None]) -> None:
     _say = say
 
 
-_say: Callable[[str], None] = lambda text: None  # noqa: E731
+def serve_live(say: Callable[[str], None]) -> None:
+    """
+    Never compile in this process; to be called before any kernel is imported.
+
+    Where machine code is missing, every kernel of this process runs as plain Python, and a
+    process of the lowest priority makes the machine code for the next start.
+
+    Parameters
+    ----------
+    say : callable
+        Gets one line where machine code is missing.
+    """
+    global HAVE_COMPILER, _may_compile
+    on_compilation(say)
+    _may_compile = False
+    if not HAVE_COMPILER or is_complete():
+        return
+    HAVE_COMPILER = False
+    say(
+        'the kernels are not compiled: they run as plain Python, slower; `hunt compile` is at'
+        ' work behind it, for the next start'
+    )
+    subprocess.Popen(
+        [sys.executable, '-m', f'{_NAME}.cli.main', 'compile', '--background'],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+
+
+def compile_all(processes: int | None = None) -> int:
+    """
+    Compile every kernel of the package that is not on disk.
+
+    Parameters
+    ----------
+    processes : int, optional
+        How many work side by side; None: one for each core.
+
+    Returns
+    -------
+    int
+        How many were compiled; 0 also where machine code can be kept nowhere, which is said.
+    """
+    from concurrent.futures import ProcessPoolExecutor, as_completed
+    from multiprocessing import get_context
+
+    if not HAVE_COMPILER or is_complete():
+        return 0
+    for module in _kernel_modules():
+        import_module(module)
+    with _only_one():
+        missing = [name for name, kernel in KERNELS.items() if not kernel._cache.found()]
+        try:
+            _write(f'all.{_TAG}.none.complete', b'')  # before minutes of work for nothing
+        except OSError:
+            _say_unkept()
+            return 0
+        # The largest first: with two at work, it decides how long it takes.
+        missing.sort(key=lambda name: -len(_source(KERNELS[name].py_func)))
+        count = min(processes or os.cpu_count() or 1, len(missing))
+        if count > 1:
+            with ProcessPoolExecutor(count, get_context('spawn')) as pool:
+                done = as_completed([pool.submit(_compile_one, name) for name in missing])
+                _report((one.result() for one in done), len(missing))
+        else:
+            _report(map(_compile_one, missing), len(missing))
+        names = [kernel._cache.name() for kernel in KERNELS.values()]
+        _write(f'all.{_TAG}.{_sources()}.complete', '\n'.join(names).encode())
+        for path in (_PACKAGE / 'machine_code').glob(f'{_NAME}.*.{_TAG}.*.code'):
+            if path.name not in names:  # of a kernel that is gone: a wheel would carry it on
+                path.unlink(missing_ok=True)
+    return len(missing)
+
+
+def is_complete() -> bool:
+    """Return True if the machine code of every kernel is on disk for this very source."""
+    path = _find(f'all.{_TAG}.{_sources()}.complete')
+    return path is not None and all(map(_find, path.read_text(encoding='utf-8').split()))
+
+
+def load() -> None:
+    """Load the machine code of every kernel that is imported, so that no first call waits."""
+    for kernel in KERNELS.values():
+        _implementation(kernel)
+
+
+def _report(done: Iterator[str], count: int) -> None:
+    began = told = time.monotonic()
+    if count:
+        _say(f'compiling {count} kernels, once: about {_USUAL_S} s')
+    for k, _ in enumerate(done, 1):
+        if time.monotonic() - told > _PROGRESS_S:
+            told = time.monotonic()
+            _say(f'compiling kernels: {told - began:.0f} s, {k} of {count} done')
+
+
+def _compile_one(name: str) -> str:
+    """Compile a kernel, in a process that may know none yet."""
+    for module in _kernel_modules():
+        if name.startswith(f'{module}.'):
+            import_module(module)
+    _ready(KERNELS[name])
+    return name
+
+
+def _implementation(kernel: Any) -> Callable[..., Any]:
+    """Load or compile a kernel at its first call; return what the dispatcher is to call."""
+    if kernel._can_compile and not (_may_compile or kernel._cache.found()):
+        _say_interpreted(kernel)
+        return cast(Callable[..., Any], kernel.py_func)
+    _ready(kernel)
+    return cast(Callable[..., Any], kernel)
+
+
+def _ready(kernel: Any) -> None:
+    """Give a kernel its signature, from disk or compiled; it takes no other."""
+    if kernel._can_compile:
+        kernel.compile(kernel._cache.signature())
+        kernel.disable_compile()
+
+
+@cache
+def _say_interpreted(kernel: Any) -> None:
+    _say(
+        f'{kernel.py_func.__qualname__}{kernel._cache.signature()} is not compiled: it runs as'
+        ' plain Python (`hunt compile` compiles it)'
+    )
+
+
+class _OnDisk:
+    """The machine code of one kernel on disk, as numba's dispatcher asks for it."""
+
+    cache_path = ''
+
+    def __init__(self, kernel: Any) -> None:
+        self._kernel = kernel
+
+    def signature(self) -> Any:
+        """Return the types of the arguments, from the annotations."""
+        return _signature(self._kernel.py_func)
+
+    def name(self) -> str:
+        """Return the name of the file, which changes with anything that the code hangs on."""
+        function = self._kernel.py_func
+        parts = (_source(function), repr(self.signature()), _build())
+        stamp = hashlib.sha256('\n'.join(parts).encode()).hexdigest()[:24]
+        return f'{function.__module__}.{function.__qualname__}.{_TAG}.{stamp}.code'
+
+    def found(self) -> bool:
+        """Return True if the machine code is there."""
+        return _find(self.name()) is not None
+
+    def load_overload(self, signature: Any, target: Any) -> Any:
+        """Return the machine code, or None where it is not there or damaged."""
+        if signature != self.signature():
+            return None
+        rebuild: Any = import_module('numba.core.compiler').CompileResult._rebuild
+        target.refresh()
+        if path := _find(self.name()):
+            try:
+                return rebuild(target, *pickle.loads(path.read_bytes()))
+            except (OSError, EOFError, ValueError, pickle.UnpicklingError):
+                with suppress(OSError):
+                    path.unlink()
+        _say(f'compiling {self._kernel.py_func.__name__}, once')
+        return None
+
+    def save_overload(self, signature: Any, result: Any) -> None:
+        """Keep machine code; where nothing can be written a line says so once."""
+        dumps: Any = import_module('numba.core.serialize').dumps
+        if signature != self.signature():
+            return
+        try:
+            _write(self.name(), dumps(result._reduce()))
+        except OSError:
+            _say_unkept()
+
+
+@cache
+def _say_unkept() -> None:
+    print(
+        f'{_NAME}: machine code cannot be kept in any of {", ".join(map(str, _folders()))}: it is'
+        ' made at every start (NUMBA_CACHE_DIR names another place)',
+        file=sys.stderr,
+    )
+
+
+def _folders() -> list[Path]:
+    """Return where machine code is looked for, the first that can be written keeps new one."""
+    own = os.environ.get('NUMBA_CACHE_DIR')
+    home = os.environ.get('XDG_CACHE_HOME') or os.path.expanduser('~/.cache')
+    beside = [_PACKAGE / 'machine_code', Path(home) / _NAME]
+    return [Path(own) / _NAME, *beside] if own else beside
+
+
+def _find(name: str) -> Path | None:
+    return next((path for folder in _folders() if (path := folder / name).exists()), None)
+
+
+def _write(name: str, content: bytes) -> None:
+    """Keep a file whole, in the first folder that takes it; what it replaces goes."""
+    for folder in _folders():
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            handle, part = tempfile.mkstemp(prefix='.', dir=folder)
+            with open(handle, 'wb') as file:
+                file.write(content)
+            for old in folder.glob(re.sub(r'\.[^.]*(\.\w+)$', r'.*\1', name)):
+                old.unlink(missing_ok=True)
+            os.replace(part, folder / name)
+            return
+        except OSError:
+            continue
+    raise OSError(f'nothing can be written in {", ".join(map(str, _folders()))}')
+
+
+@contextmanager
+def _only_one() -> Iterator[None]:
+    """Wait until no other process compiles."""
+    with open(Path(tempfile.gettempdir()) / f'{_NAME}-compile-{getpass.getuser()}', 'wb') as file:
+        with suppress(ImportError):  # not on Windows
+            from fcntl import LOCK_EX, flock
+
+            flock(file, LOCK_EX)
+        yield
+
+
+@cache
+def _kernel_modules() -> tuple[str, ...]:
+    """Return the modules that have kernels for Python to call."""
+    names = []
+    for path in sorted(_PACKAGE.rglob('*.py')):
+        text = path.read_text(encoding='utf-8')
+        if '\n@compiled\n' in text:
+            names.append('.'.join(path.relative_to(_PACKAGE.parent).with_suffix('').parts))
+    return tuple(names)
+
+
+@cache
+def _sources() -> str:
+    """Return a hash of all modules that have kernels or parts of them."""
+    stamp = hashlib.sha256(_build().encode())
+    for path in sorted(_PACKAGE.rglob('*.py')):
+        text = path.read_bytes()
+        if b'\n@compiled' in text or path.name in ('compiled.py', 'records.py'):
+            stamp.update(text)
+    return stamp.hexdigest()[:24]
+
+
+@cache
+def _build() -> str:
+    """Return what else machine code hangs on: interpreter, libraries, processor."""
+    llvm: Any = import_module('llvmlite.binding')
+    cpu = os.environ.get('NUMBA_CPU_NAME') or _common_cpu() or llvm.get_host_cpu_name()
+    features = os.environ.get('NUMBA_CPU_FEATURES', '')
+    versions = [version(name) for name in ('numba', 'llvmlite', 'numpy')]
+    return ' '.join(
+        [sys.implementation.cache_tag, llvm.get_process_triple(), cpu, features, *versions]
+    )
+
+
+@cache
+def _common_cpu() -> str:
+    """Return the name of the common kind of processor that this one is of, '' for none."""
+    features = import_module('llvmlite.binding').get_host_cpu_features()
+    return _COMMON_CPU if all(features.get(name) for name in _COMMON_FEATURES) else ''
 
 
 @cache
 def _numba() -> Any:
     """Import the compiler where a kernel needs it: it takes half a second."""
+    if 'NUMBA_CPU_NAME' not in os.environ and _common_cpu():
+        # Code for the common processor is the same on every machine, and can be shipped. Numba
+        # asks for its name at the first kernel; other kernels of this process get it too.
+        config: Any = import_module('numba.core.config')
+        config.CPU_NAME, config.CPU_FEATURES = _common_cpu(), ''
     import numba
-    from numba.core import event
 
-    class Progress(event.Listener):  # type: ignore[misc]
-        """Hears each compilation; those of parts lie within those of their kernels."""
-
-        depth = 0
-        done = 0
-        began = 0.0
-        told = 0.0
-
-        def on_start(self, event: Any) -> None:
-            """Print that the work goes on, now and then."""
-            now = time.monotonic()
-            if self.began == 0.0:
-                self.began = self.told = now
-                _say(f'compiling kernels, once: about {_USUAL_S} s')
-            elif now - self.told >= _PROGRESS_S:
-                self.told = now
-                _say(f'compiling kernels: {now - self.began:.0f} s, {self.done} done')
-            self.depth += 1
-
-        def on_end(self, event: Any) -> None:
-            """Count a kernel when its own compilation is over."""
-            self.depth -= 1
-            self.done += self.depth == 0
-
-    event.register('numba:compile', Progress())  # type: ignore[no-untyped-call]
     return numba
 
 
-def source_stamp(*modules: ModuleType) -> int:
-    """
-    Return a number that changes when the source of one of the modules does.
+@cache
+def _signature(function: FunctionType) -> tuple[Any, ...]:
+    """Return numba's types of the parameters of a kernel."""
+    hints = get_type_hints(function, include_extras=True)
+    hints.pop('return', None)
+    return tuple(_type(hint, f'{function.__qualname__}({name})') for name, hint in hints.items())
 
-    A kernel that closes over it is compiled anew then; 0 where there are no files.
-    """
-    stamp = 0
-    for module in modules:
-        try:
-            stamp = max(stamp, Path(str(module.__file__)).stat().st_mtime_ns)
-        except OSError:
-            return 0
-    return stamp
+
+def _type(hint: Any, where: str) -> Any:
+    """Return numba's type of an annotation."""
+    from hunt_ros.records import dtype_of
+
+    numba = _numba()
+    types, from_dtype = numba.types, numba.from_dtype
+
+    if hint in (float, int, bool):
+        return {float: types.float64, int: types.int64, bool: types.boolean}[hint]
+    if get_origin(hint) is Annotated:
+        array, dimensions, *more = get_args(hint)
+        dtype = next((m for m in more if isinstance(m, np.dtype)), None)
+        dtype = dtype or np.dtype(get_args(get_args(array)[1])[0])
+        return types.Array(
+            from_dtype(dtype),
+            dimensions,
+            'A' if 'A' in more else 'C',
+            readonly='readonly' in more,
+            aligned=dtype.names is None or dtype.isalignedstruct,
+        )
+    if get_origin(hint) is tuple:
+        return types.BaseTuple.from_types([_type(inner, where) for inner in get_args(hint)])
+    if isinstance(hint, type) and issubclass(hint, tuple):
+        fields = get_type_hints(hint, include_extras=True)
+        inner = [_type(hint, where) for hint in fields.values()]
+        return types.BaseTuple.from_types(inner, hint)
+    if isinstance(hint, type) and not issubclass(hint, np.generic | np.ndarray):
+        return from_dtype(dtype_of(hint))
+    raise TypeError(f'{where}: {hint} is no type of a kernel: expected float, int, bool, F1, ...')
+
+
+@cache
+def _source(function: FunctionType) -> str:
+    """Return all that a kernel is made from: its code, its parts' and the constants they name."""
+    seen: dict[str, str] = {}
+    waiting = [function]
+    while waiting:
+        one = waiting.pop()
+        name = f'{one.__module__}.{one.__qualname__}'
+        if name in seen:
+            continue
+        lines = [name]
+        for code in _codes(one.__code__):
+            consts = [c for c in code.co_consts if not isinstance(c, CodeType)]
+            lines.append(f'{code.co_code.hex()} {code.co_names} {consts}')
+            for used in code.co_names:
+                value = one.__globals__.get(used)
+                value = getattr(value, 'py_func', value)
+                if isinstance(value, FunctionType):
+                    if value.__module__.partition('.')[0] not in ('numba', 'numpy'):
+                        waiting.append(value)
+                elif isinstance(value, ModuleType):
+                    if value.__name__.startswith(_NAME):
+                        lines.append(Path(str(value.__file__)).read_text(encoding='utf-8'))
+                elif isinstance(value, np.ndarray):
+                    lines.append(f'{used} {value.dtype} {value.shape} {value.tobytes().hex()}')
+                elif isinstance(value, type):
+                    lines.append(f'{used} {getattr(value, "_fields", value.__name__)}')
+                elif value is not None:
+                    lines.append(f'{used} {value!r}')
+        seen[name] = '\n'.join(lines)
+    return '\n'.join(seen[name] for name in sorted(seen))
+
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    """Yield the code of a function and of those within it."""
+    yield code
+    for inner in code.co_consts:
+        if isinstance(inner, CodeType):
+            yield from _codes(inner)

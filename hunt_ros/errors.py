@@ -16,6 +16,10 @@ class DriverError(HuntError):
     """A sensor or a drive cannot be opened, read or commanded."""
 
 
+class RefusedError(DriverError):
+    """A device is there and will not: it answers so, or what is configured is not what it is."""
+
+
 class BagError(HuntError):
     """A recording is missing, damaged, empty, or has not the channels asked for."""
 
@@ -30,3 +34,15 @@ class ConfigError(HuntError, ValueError):
 
 class IdentificationError(HuntError):
     """The data given cannot support the identification asked for."""
+
+
+#: Libraries that only a part needs: recordings, the page, a check. No package of Ubuntu or of ROS
+#: brings all of a part.
+_BY_PIP = ('rosbags mcap lz4 zstandard', 'tornado', 'filterpy')
+
+
+def not_installed(error: BaseException) -> str:
+    """Return what to say where one of these libraries is missing; '' for any other error."""
+    name = (error.name or '').partition('.')[0] if isinstance(error, ModuleNotFoundError) else ''
+    part = next((part for part in _BY_PIP if name in part.split()), '')
+    return f'{name} is not installed: pip install {part}' if part else ''

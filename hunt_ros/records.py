@@ -2,7 +2,7 @@
 Records: memory with named fields that compiled kernels and plain Python both work on.
 
 A record is declared as a class that has nothing but annotated fields: float, int, bool,
-another such class, ``Annotated[NDArray[np.float64], shape...]``, or
+another such class, ``Annotated[NDArray[...], shape...]`` of np.float64 or np.int64, or
 ``Annotated[list[Other], length]``. A kernel is handed a pointer to one block of memory, and
 writes `f.sensors[k].noise`; plain Python runs the same line on objects. To write
 `t.filters[1] = t.filters[0]` copies all that is in the one to the other.
@@ -54,7 +54,7 @@ def zeros(kind: type[_Kind], compiled: bool) -> _Kind:
     made = kind()
     for name, (inner, shape) in _fields(kind).items():
         if inner in _SCALARS:
-            value = np.zeros(shape) if shape else inner()
+            value = np.zeros(shape, _SCALARS[inner]) if shape else inner()
         else:
             parts: list[Any] = [zeros(inner, False) for _ in range(shape[0])] if shape else []
             value = _Places(parts) if shape else zeros(inner, False)
@@ -92,6 +92,7 @@ def _fields(kind: type) -> dict[str, tuple[type, tuple[int, ...]]]:
         if get_origin(inner) is list:
             inner = get_args(inner)[0]
         elif shape:
-            inner = float
+            (scalar,) = get_args(get_args(inner)[1])
+            inner = int if scalar is np.int64 else float
         found[name] = (inner, shape)
     return found

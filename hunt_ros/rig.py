@@ -15,10 +15,11 @@ Every node takes from that section the parameters that it needs, which its setti
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
 
@@ -27,6 +28,8 @@ from hunt_ros.samples import CHANNELS, USUAL_CHANNELS
 from hunt_ros.sensors import DISPLACEMENTS
 from hunt_ros.settings import Settings, setting, yaml_value
 from hunt_ros.suite import NODES
+
+_Kind = TypeVar('_Kind', bound=Settings)
 
 #: Highest order of a known line, and how many there may be: each costs a tenth of the filter.
 MOST_TURNS, MOST_LINES = 100.0, 8
@@ -189,15 +192,14 @@ class Rig(Settings):
         fixed=True,
     )
     speed_ceiling_mps: float = setting(
-        0.0, 'no set point is above this (0: no ceiling)', unit='m/s', low=0.0, high=100.0
+        math.inf, 'no set point is above this (.inf: no ceiling)', unit='m/s', low=0.0
     )
     safe_speed_mps: float = setting(
-        0.0,
-        'where the interlock takes the roller (0: safe_margin_mps below v_n of the form in force,'
-        ' and to a stop while no v_n is known)',
+        math.inf,
+        'where the interlock takes the roller, or safe_margin_mps below v_n of the form in force'
+        ' where that is lower (.inf: there, and to a stop while no v_n is known)',
         unit='m/s',
         low=0.0,
-        high=100.0,
     )
 
     def __post_init__(self) -> None:
@@ -211,7 +213,7 @@ class Rig(Settings):
         self._check_lines()
         self._check_frequencies()
         self._check_priors()
-        if 0.0 < self.speed_ceiling_mps < self.safe_speed_mps:
+        if self.speed_ceiling_mps < self.safe_speed_mps < math.inf:
             raise ConfigError(
                 f'safe_speed_mps: {self.safe_speed_mps:g} must not be above'
                 f' speed_ceiling_mps ({self.speed_ceiling_mps:g})'
@@ -302,19 +304,7 @@ class Rig(Settings):
         ConfigError
             Naming the file, the section and the key, and what was expected.
         """
-        rig = cls()
-        for source, text in texts:
-            found = parameters_of(node, text, source)
-            told = {
-                name: yaml_value(_FIELDS[name].default, found[name])
-                for name in found
-                if name in _FIELDS
-            }
-            try:
-                rig = replace(rig, **told)
-            except ConfigError as error:
-                raise ConfigError(f'{source}: {error}') from error
-        return rig
+        return told_by(cls(), node, texts)
 
     def refuse_other(self, recorded: str, where: str) -> None:
         """
@@ -353,6 +343,33 @@ def of_rig(name: str) -> Any:
     """
     item = _FIELDS[name]
     return field(default=item.default, metadata=item.metadata)
+
+
+def told_by(settings: _Kind, node: str, texts: Iterable[tuple[str, str]]) -> _Kind:
+    """
+    Return the settings of a node with what ROS parameter files say; a later one wins.
+
+    Parameters
+    ----------
+    settings : Settings
+        What holds where no file says anything.
+    node, texts
+        As `Rig.from_texts` has them.
+
+    Raises
+    ------
+    ConfigError
+        Naming the file, the section and the key, and what was expected.
+    """
+    known = {item.name: item.default for item in fields(settings)}
+    for source, text in texts:
+        found = parameters_of(node, text, source)
+        told = {name: yaml_value(known[name], found[name]) for name in found if name in known}
+        try:
+            settings = replace(settings, **told)
+        except ConfigError as error:
+            raise ConfigError(f'{source}: {error}') from error
+    return settings
 
 
 def parameters_of(node: str, text: str, source: str) -> dict[str, Any]:

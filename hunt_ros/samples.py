@@ -32,6 +32,11 @@ NANOSECONDS = 1_000_000_000
 #: A stamp further back than this is a clock that was set, not a late sample: a network does not
 #: hold samples back for so long while later ones pass, ns.
 CLOCK_RESET_NS = NANOSECONDS
+#: Sensors whose clock is further from that of the detector are not believed: clocks that drift are
+#: nearer, one that is hours away is that of another day.
+CLOCK_OFFSET_NS = 15 * NANOSECONDS
+#: Spacing of two stamps, in usual ones, in which a sample is missing.
+GAP_STEPS = 1.5
 #: Half a 95 % interval of a normal distribution, in standard deviations.
 NORMAL_95 = 1.959964
 
@@ -177,8 +182,8 @@ class Uncertain:
     value, std : float
         Estimate and its standard deviation, in the unit of the quantity.
     low, high : float, optional
-        95 % interval; value -/+ 1.96 std where it is not given (a bootstrap gives
-        its own, which need not be symmetric).
+        95 % interval; value -/+ 1.96 std where it is not given (draws give
+        their own, which need not be symmetric).
     """
 
     value: float
@@ -198,12 +203,25 @@ class Uncertain:
 
     def text(self, between: str) -> str:
         """Return value and deviation with other words between them."""
-        if not (math.isfinite(self.value) and math.isfinite(self.std) and self.std > 0.0):
-            return f'{self.value:.5g}'
-        places = 1 - math.floor(math.log10(self.std))
-        if 0 <= places <= 6:
+        places = self._places
+        if places is not None:
             return f'{self.value:.{places}f}{between}{self.std:.{places}f}'
-        return f'{self.value:.5g}{between}{self.std:.2g}'
+        known_std = math.isfinite(self.value) and math.isfinite(self.std) and self.std > 0.0
+        return f'{self.value:.5g}' + (f'{between}{self.std:.2g}' if known_std else '')
+
+    def with_interval(self, unit: str = '') -> str:
+        """Return value, unit and 95 % interval, e.g. '8.013 m/s (95 %: 7.931 to 8.095)'."""
+        form = '.5g' if self._places is None else f'.{self._places}f'
+        shown = f'{self.value:{form}} {unit}'.rstrip()
+        return f'{shown} (95 %: {self.low:{form}} to {self.high:{form}})'
+
+    @property
+    def _places(self) -> int | None:
+        """Decimals that show two digits of the deviation; None where there are none such."""
+        if not (math.isfinite(self.value) and math.isfinite(self.std) and self.std > 0.0):
+            return None
+        places = 1 - math.floor(math.log10(self.std))
+        return places if 0 <= places <= 6 else None
 
     def to_json(self) -> dict[str, Any] | None:
         """Return {value, std, ci95}, or None where the value is not finite."""
@@ -214,6 +232,26 @@ class Uncertain:
             'std': self.std if math.isfinite(self.std) else None,
             'ci95': [self.low, self.high] if math.isfinite(self.low + self.high) else None,
         }
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """
+    A number that the data do not give; its JSON is null.
+
+    Parameters
+    ----------
+    reason : str
+        Why it is not known, for a person.
+    """
+
+    reason: str
+
+    def __str__(self) -> str:
+        return f'not known: {self.reason}'
+
+    def to_json(self) -> None:
+        """Return None."""
 
 
 def as_text(value: object) -> str:
@@ -227,6 +265,11 @@ def number_of(texts: Mapping[str, str], name: str) -> float:
         return float(texts.get(name, 'nan'))
     except ValueError:
         return math.nan
+
+
+def counted(number: int, thing: str) -> str:
+    """Return e.g. '1 recording', '2 recordings'."""
+    return f'{number} {thing}' if number == 1 else f'{number} {thing}s'
 
 
 def known(value: float | None) -> float | None:

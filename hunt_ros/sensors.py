@@ -126,6 +126,12 @@ def sensors_of(coordinate: str) -> tuple[str, ...]:
 
 #: Their names, in the order of the table.
 MOTION: tuple[str, ...] = tuple(sensor.name for sensor in SENSORS)
+JOINT_STATE, TWIST_STAMPED = 'sensor_msgs/msg/JointState', 'geometry_msgs/msg/TwistStamped'
+#: Type and field of the messages of each channel of a rig.
+CHANNEL_FIELDS: dict[str, tuple[str, str]] = {
+    **dict.fromkeys((*MOTION, 'roller'), (JOINT_STATE, 'position[0]')),
+    'speed': (TWIST_STAMPED, 'twist.linear.x'),
+}
 #: Those that measure a coordinate itself. One of them at least is needed: the second opinion, the
 #: criteria and the forecast work on a displacement, and an acceleration shows what is fast many
 #: times larger.

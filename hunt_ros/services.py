@@ -1,5 +1,5 @@
 """
-The services by which an operator acts on a running rig: what `hunt call` knows, and the README.
+The services by which an operator acts on a running rig: those of `hunt call` and docs/topics.md.
 
 All are `std_srvs/Trigger`, but for a switch, which is a `std_srvs/SetBool`; named below the
 namespace of the rig.
@@ -7,7 +7,11 @@ namespace of the rig.
 
 from __future__ import annotations
 
+import unicodedata
 from typing import NamedTuple
+
+#: Characters that are kept of what a person says with a call.
+_MOST_SAID = 200
 
 
 class Service(NamedTuple):
@@ -43,6 +47,17 @@ class Service(NamedTuple):
     repeatable: bool = False
 
 
+def spoken(words: str) -> str:
+    """
+    Return words of a person, or of any topic, as one line that shows what it holds.
+
+    Control and format characters go: some turn the direction of what follows them, so that one
+    name is read as another, and some move a cursor. The line has at most 200 characters.
+    """
+    seen = (' ' if unicodedata.category(sign)[0] == 'C' else sign for sign in words)
+    return ' '.join(''.join(seen).split())[:_MOST_SAID]
+
+
 #: Key of `hunt run` and `hunt demo` on a terminal -> word of `hunt call`.
 KEYS: dict[str, str] = {
     's': 'start-profile',
@@ -52,6 +67,8 @@ KEYS: dict[str, str] = {
     'a': 'acknowledge',
     'm': 'mark',
 }
+#: Of them, what sets the roller going: it wants a second key, and so does the end while it turns.
+MOVING_KEYS, CONFIRM_KEY = 'sr', 'y'
 #: Ends them, as Ctrl-C does.
 QUIT_KEY = 'q'
 
@@ -113,7 +130,7 @@ SERVICES: dict[str, Service] = {
         'recording/mark',
         'bag_recorder',
         'mark this moment in the recording',
-        'recording/mark',
+        'recording/mark_words',
         'what the mark says',
     ),
     'identify': Service(
@@ -128,6 +145,9 @@ SERVICES: dict[str, Service] = {
         'hunting/revert_normal_form',
         'normal_form_identifier',
         'go back to the normal form before',
+    ),
+    'test-alarm': Service(
+        'alarm/test', 'alarm_outputs', 'have sound, command and relay call for a moment'
     ),
     'kick': Service('simulator/kick', 'rig_simulator', 'kick the simulated wheelset'),
     'pause-replay': Service('replay/pause', 'live_replay', 'hold a live replay', repeatable=True),

@@ -8,6 +8,7 @@ the package installed: `setup.py` makes the executables from it.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection
 
 #: Nodes that only listen: started first, so that no sample is missed.
@@ -36,11 +37,18 @@ PAGE = 'dashboard'
 PAGE_PORT = 8088
 #: Sound, command and relay for an alarm: started where their parameters name any.
 ALARM_OUTPUTS = 'alarm_outputs'
-#: Nodes without which a run goes on: what is missing then.
-OPTIONAL = {
-    PAGE: 'the rig is watched without the page',
-    ALARM_OUTPUTS: 'an alarm calls nobody any more',
-}
+#: They keep the rig safe whatever else dies: started first, and ended by nothing but a wanted end.
+GUARDS = (DRIVE, ALARM_OUTPUTS)
+#: Nodes without which a run goes on where they refuse to start: what is missing then.
+OPTIONAL = {PAGE: 'the rig is watched without the page'}
+#: A start takes no longer than this, s: who waits for a neighbour until then is only starting, and
+#: afterwards in trouble; without a word of the detector somebody is called.
+START_S = float(os.environ.get('HUNT_START_S', '30'))
+
+
+class Awaited(str):
+    """The level of what has never been there yet: during a start it is only waited for."""
+
 
 #: Every node that is an executable of the package.
-NODES = (SIMULATOR, *LISTENERS, *SENSORS.values(), DRIVE, *OPTIONAL)
+NODES = (SIMULATOR, *LISTENERS, *SENSORS.values(), *GUARDS, PAGE)

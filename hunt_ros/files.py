@@ -1,0 +1,39 @@
+"""Files that are written whole or not at all."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+
+from hunt_ros.errors import HuntError
+
+
+def write_whole(path: str | Path, content: str | bytes, what: str = 'file') -> None:
+    """
+    Write a file under another name first: what stood there stays until the new one is complete.
+
+    Parameters
+    ----------
+    path : str or Path
+        What is there is replaced.
+    content : str or bytes
+        A text is written as UTF-8.
+    what : str
+        For the message.
+
+    Raises
+    ------
+    HuntError
+        If the disk refuses; nothing has changed then.
+    """
+    target = Path(path)
+    partial = target.with_name(target.name + '.part')
+    raw = content.encode('utf-8') if isinstance(content, str) else content
+    try:
+        partial.write_bytes(raw)
+        partial.replace(target)
+    except OSError as error:
+        raise HuntError(f'{path}: cannot write the {what} ({error.strerror})') from error
+    finally:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
