@@ -1,4 +1,4 @@
-"""Root of a covariance: what turns standard normal numbers into draws from it."""
+"""A covariance as the inverse of an information, and its root, which makes draws of it."""
 
 from __future__ import annotations
 
@@ -30,3 +30,12 @@ def covariance_root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     root: NDArray[np.float64] = (vectors * np.sqrt(np.clip(values, 0.0, None))) @ vectors.T
     return std[:, None] * root
+
+
+def inverse_of(information: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the inverse, brought to a unit diagonal first; zeros for what was held."""
+    size = np.sqrt(np.diag(information))
+    unit = np.where(size > 0.0, size, 1.0)
+    scaled = np.linalg.pinv(information / np.outer(unit, unit), rcond=1e-13, hermitian=True)
+    inverse: NDArray[np.float64] = scaled / np.outer(unit, unit)
+    return inverse

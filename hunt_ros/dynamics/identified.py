@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -20,7 +19,7 @@ import yaml
 from numpy.typing import NDArray
 
 from hunt_ros.dynamics.covariance_root import covariance_root
-from hunt_ros.dynamics.mode_shape import ModeShape
+from hunt_ros.dynamics.mode_shape import ModeShape, numbers
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, NormalForm
 from hunt_ros.errors import ConfigError
 
@@ -56,6 +55,8 @@ class IdentifiedNormalForm:
     sample : ndarray, shape (n, 6)
         Forms that are as likely, in the order of the covariance: what hangs together there (v_n
         comes of all six) is no normal distribution. Empty where only the covariance is known.
+    rig_name : str
+        The rig that it was identified on; '' where that is not known.
     """
 
     form: NormalForm
@@ -63,6 +64,7 @@ class IdentifiedNormalForm:
     provenance: Mapping[str, str] = field(default_factory=dict)
     mode_shape: ModeShape | None = None
     sample: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 6)))
+    rig_name: str = ''
 
     def __post_init__(self) -> None:
         covariance = np.asarray(self.covariance, dtype=np.float64)
@@ -85,9 +87,24 @@ class IdentifiedNormalForm:
         """Of all its numbers, 64 hexadecimal digits: the same after a parameter file."""
         scales = [float(getattr(self.form, name)) for name in SCALES]
         triangle = self.covariance[np.tril_indices(6)]
-        numbers = np.concatenate([self.vector, scales, triangle, self.sample.ravel()])
+        every = np.concatenate([self.vector, scales, triangle, self.sample.ravel()])
         # Little-endian, and one zero: the same on every machine.
-        return hashlib.sha256((numbers + 0.0).astype('<f8').tobytes()).hexdigest()
+        return hashlib.sha256((every + 0.0).astype('<f8').tobytes()).hexdigest()
+
+    def refuse_other(self, rig_name: str, source: str = 'normal form') -> None:
+        """
+        Refuse the form of another rig: it would call the wrong speeds safe.
+
+        Raises
+        ------
+        ConfigError
+            If both have a name, and not the same.
+        """
+        if self.rig_name and rig_name and self.rig_name != rig_name:
+            raise ConfigError(
+                f'{source}: identified on rig {self.rig_name!r}, expected {rig_name!r} (rig_name'
+                ' of the rig file)'
+            )
 
     @property
     def words(self) -> str:
@@ -138,6 +155,8 @@ class IdentifiedNormalForm:
         group: dict[str, Any] = {'v_c': float(self.form.critical_speed)}
         group |= {name: float(getattr(self.form, name)) for name in COEFFICIENTS + SCALES}
         group['covariance'] = [float(x) for x in self.covariance[np.tril_indices(6)]]
+        if self.rig_name:
+            group['rig_name'] = self.rig_name
         if len(self.sample):
             group['draws'] = [float(x) for x in self.sample.ravel()]
         if self.mode_shape is not None:
@@ -182,18 +201,15 @@ class IdentifiedNormalForm:
         ConfigError
             Naming the key that is missing or impossible.
         """
-        numbers: dict[str, float] = {}
+        given: dict[str, float] = {}
         for name in PARAMETERS + SCALES:
-            if name not in group:
-                if name in SCALES:
-                    continue
+            if name in group:
+                entries = numbers([group[name]], name, source, 'a number')
+                given[name] = float(entries[0])
+            elif name not in SCALES:
                 raise ConfigError(f'{source}: {name} is missing, expected {", ".join(PARAMETERS)}')
-            value = group[name]
-            if isinstance(value, bool) or not isinstance(value, int | float):
-                raise ConfigError(f'{source}: {name} must be a number, got {value!r}')
-            numbers[name] = _finite(value, name, source)
         try:
-            form = NormalForm(critical_speed=numbers.pop('v_c'), **numbers)
+            form = NormalForm(critical_speed=given.pop('v_c'), **given)
         except ConfigError as error:
             raise ConfigError(f'{source}: {error}') from error
         covariance = _unfold(group.get('covariance'), source)
@@ -203,7 +219,8 @@ class IdentifiedNormalForm:
         lines = provenance if isinstance(provenance, list | tuple) else ()
         parts = (str(line).partition(': ') for line in lines if line)
         shape = ModeShape.from_parameters(group, source)
-        return cls(form, covariance, {key: value for key, _, value in parts}, shape, sample)
+        remarks = {key: value for key, _, value in parts}
+        return cls(form, covariance, remarks, shape, sample, str(group.get('rig_name') or ''))
 
     @property
     def recordings(self) -> tuple[str, ...]:
@@ -217,26 +234,13 @@ class IdentifiedNormalForm:
         return math.sqrt(max(0.0, float(self.covariance[index, index])))
 
 
-def _finite(value: int | float, name: str, source: str) -> float:
-    """Return a number of the file as a float, or name the one that is none."""
-    try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf
-    if not math.isfinite(number):
-        raise ConfigError(f'{source}: {name} must be a finite number, got {number}')
-    return number
-
-
 def _unfold(triangle: object, source: str) -> NDArray[np.float64]:
     """Return the covariance, shape (6, 6), of its lower triangle; zeros where there is none."""
-    entries = _numbers(triangle, 'covariance', '21 numbers', source)
-    if not entries:
-        return np.zeros((6, 6))
-    if len(entries) != 21:
+    entries = numbers(triangle, 'covariance', source, '21 numbers')
+    if entries.size not in (0, 21):
         raise ConfigError(f'{source}: covariance must be 21 numbers, got {str(triangle)[:40]!r}')
     lower = np.zeros((6, 6))
-    lower[np.tril_indices(6)] = entries
+    lower[np.tril_indices(6)] = entries if entries.size else 0.0
     covariance: NDArray[np.float64] = lower + np.tril(lower, -1).T
     if np.any(np.diag(covariance) < 0.0):
         raise ConfigError(f'{source}: covariance has a negative variance')
@@ -245,24 +249,10 @@ def _unfold(triangle: object, source: str) -> NDArray[np.float64]:
 
 def _rows(draws: object, source: str) -> NDArray[np.float64]:
     """Return the sample, shape (n, 6), of its numbers; empty where there is none."""
-    entries = _numbers(draws, 'draws', 'six numbers each', source)
-    if len(entries) % len(PARAMETERS):
-        raise ConfigError(f'{source}: draws must be six numbers each, got {len(entries)} in all')
-    return np.array(entries).reshape(-1, len(PARAMETERS))
-
-
-def _numbers(values: object, name: str, expected: str, source: str) -> list[float]:
-    """Return the numbers of a list, none where there is no list."""
-    if values is None:
-        return []
-    # A list from YAML, an array.array from rclpy: any sequence of numbers will do.
-    entries: list[Any] = list(values) if isinstance(values, Sequence | array) else [values]
-    if isinstance(values, str | bytes):
-        raise ConfigError(f'{source}: {name} must be {expected}, got {str(values)[:40]!r}')
-    for entry in entries:
-        if isinstance(entry, bool) or not isinstance(entry, int | float):
-            raise ConfigError(f'{source}: {name} must be {expected}, got {entry!r} in it')
-    return [_finite(entry, name, source) for entry in entries]
+    entries = numbers(draws, 'draws', source, 'six numbers each')
+    if entries.size % len(PARAMETERS):
+        raise ConfigError(f'{source}: draws must be six numbers each, got {entries.size} in all')
+    return entries.reshape(-1, len(PARAMETERS))
 
 
 def _find_group(document: object, source: str) -> Mapping[str, Any]:

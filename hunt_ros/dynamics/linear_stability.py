@@ -149,20 +149,6 @@ def critical_speed(rig: RigParameters, within: tuple[float, float] = (0.0, math.
     return speed
 
 
-def second_pair(rig: RigParameters) -> tuple[complex, complex]:
-    """
-    The other two eigenvalues at v_c, lambda_R +/- i lambda_I of Eqs. (B-2), (B-3), dimensionless.
-
-    Where C^2 > 4 D they are real, and not a pair.
-    """
-    v = critical_speed(rig) / rig.speed_scale
-    total = rig.d11 + rig.d22
-    c = total / v
-    d = rig.d11 * rig.d22 / v**2 + (rig.k11 * rig.d11 + rig.k22 * rig.d22) / total
-    root = complex(np.emath.sqrt(c * c - 4.0 * d))
-    return 0.5 * (-c + root), 0.5 * (-c - root)
-
-
 def speed_derivatives(rig: RigParameters) -> tuple[complex, complex]:
     """
     D1 and D7' as derivatives of the hunting eigenvalue: lambda = i omega + D1 eps + D7' eps^2.

@@ -8,9 +8,10 @@ tracker tell the lateral amplitude from the yaw sensor alone.
 
 from __future__ import annotations
 
+import sys
 from array import array
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -78,40 +79,32 @@ class ModeShape:
 
     def __post_init__(self) -> None:
         n, m = self.speeds.size, self.amplitudes.size
-        for name, shape in (
-            ('speeds', (n,)),
-            ('amplitudes', (m,)),
-            ('frequency_hz', (n,)),
-            ('ratio', (n, m)),
-            ('ratio_std', (n, m)),
-            ('second_frequency_hz', (n,)),
-            ('second_decay', (n,)),
-            ('second_ratio', (n,)),
-            ('second_std', (n,)),
-        ):
-            table = getattr(self, name)
+        shapes = {'amplitudes': (m,), 'ratio': (n, m), 'ratio_std': (n, m)}
+        positive = ('frequency_hz', 'second_frequency_hz', 'second_decay')
+        known = self.second_frequency_hz is not None and self.second_decay is not None
+        for name in (one.name for one in fields(self)):
+            table, shape = getattr(self, name), shapes.get(name, (n,))
             if table is None:
                 continue
+            problem = ''
             if table.shape != shape or not n or not m:
-                raise ConfigError(f'mode shape: {name} is {table.shape}, expected {shape}')
-            if not np.isfinite(table).all():
-                raise ConfigError(f'mode shape: {name} must be finite numbers')
-            if name not in ('ratio', 'second_ratio', 'speeds') and np.any(table < 0.0):
-                raise ConfigError(f'mode shape: {name} must not be negative, got {table.min():g}')
-        for name in ('speeds', 'amplitudes'):
-            if np.any(np.diff(getattr(self, name)) <= 0.0):
-                raise ConfigError(f'mode shape: {name} must increase')
-        for name in ('frequency_hz', 'second_frequency_hz', 'second_decay'):
-            table = getattr(self, name)
-            if table is not None and np.any(table == 0.0):
-                raise ConfigError(f'mode shape: {name} must be positive')
-        if (self.second_frequency_hz is None) != (self.second_decay is None):
-            raise ConfigError('mode shape: the second mode needs frequency and decay')
-        for name in ('second_ratio', 'second_std'):
-            if getattr(self, name) is not None and self.second_decay is None:
-                raise ConfigError(f'mode shape: {name} needs the second mode')
-        if self.second_std is not None and np.any(self.second_std >= 1.0):
-            raise ConfigError('mode shape: second_std must be below 1')
+                problem = f'is {table.shape}, expected {shape}'
+            elif not np.isfinite(table).all():
+                problem = 'must be finite numbers'
+            elif name.startswith('second') and not known:
+                problem = 'needs frequency and decay of the second mode'
+            elif np.iscomplexobj(table):
+                pass
+            elif name in ('speeds', 'amplitudes') and np.any(np.diff(table) <= 0.0):
+                problem = 'must increase'
+            elif name in positive and np.any(table <= 0.0):
+                problem = f'must be positive, got {table.min():g}'
+            elif name != 'speeds' and np.any(table < 0.0):
+                problem = f'must not be negative, got {table.min():g}'
+            elif name == 'second_std' and np.any(table >= 1.0):
+                problem = f'must be below 1, got {table.max():g}'
+            if problem:
+                raise ConfigError(f'mode shape: {name} {problem}')
 
     def at(self, speed: float, amplitude: float) -> complex:
         """Yaw over lateral phasor, rad/m, at a speed (m/s) and lateral amplitude (m)."""
@@ -162,25 +155,27 @@ class ModeShape:
         ConfigError
             Naming the key that is missing or impossible.
         """
-        lists = {name: _numbers(group.get(name), name, source) for name in KEYS}
-        if lists['mode_ratio_real'] is None:
+        lists = {name: numbers(group.get(name), name, source) for name in KEYS}
+        speed, amplitude, frequency, real, imag, std, *second = lists.values()
+        if not real.size:
             return None
         for name in KEYS[:6]:
-            if lists[name] is None:
+            if not lists[name].size:
                 raise ConfigError(f'{source}: {name} is missing beside mode_ratio_real')
-        first, _, _, real, imag, std = (_known(lists[name]) for name in KEYS[:6])
-        second = lists['second_mode_ratio_real'], lists['second_mode_ratio_imag']
+        # Frequency, decay, ratio and deviation of the second mode, each of which may be missing.
+        hz, decay, second_real, second_imag, doubt = second
+        both = second_real.size and second_imag.size
         try:
             return cls(
-                first,
-                _known(lists['mode_amplitude']),
-                _known(lists['mode_frequency_hz']),
-                (real + 1j * imag).reshape(first.size, -1),
-                std.reshape(first.size, -1),
-                lists['second_mode_frequency_hz'],
-                lists['second_mode_decay'],
-                None if second[0] is None or second[1] is None else second[0] + 1j * second[1],
-                lists['second_mode_std'],
+                speed,
+                amplitude,
+                frequency,
+                (real + 1j * imag).reshape(speed.size, -1),
+                std.reshape(speed.size, -1),
+                hz if hz.size else None,
+                decay if decay.size else None,
+                second_real + 1j * second_imag if both else None,
+                doubt if doubt.size else None,
             )
         except ConfigError as error:
             raise ConfigError(f'{source}: {error}') from error
@@ -192,19 +187,30 @@ def _between(x: float, nodes: _F, values: NDArray[np.complex128]) -> complex:
     return complex(np.interp(x, nodes, values.real) + 1j * np.interp(x, nodes, values.imag))
 
 
-def _known(table: _F | None) -> _F:
-    assert table is not None
-    return table
+def numbers(values: object, name: str, source: str, expected: str = 'a list of numbers') -> _F:
+    """
+    Return a list of a parameter file as an array, shape (n,); empty where there is none.
 
+    Parameters
+    ----------
+    values : object
+        A list from YAML, an `array.array` from rclpy, one number, or None.
+    name, source, expected : str
+        Key, file and what should stand there, for the message.
 
-def _numbers(value: object, name: str, source: str) -> _F | None:
-    """Return a list of the file as an array; None where there is none, or an empty one."""
-    if value is None:
-        return None
-    # A list from YAML, an array.array from rclpy: any sequence of numbers will do.
-    entries = list(value) if isinstance(value, Sequence | array) else [value]
-    if isinstance(value, str | bytes) or any(
-        isinstance(entry, bool) or not isinstance(entry, int | float) for entry in entries
-    ):
-        raise ConfigError(f'{source}: {name} must be a list of numbers, got {str(value)[:40]!r}')
-    return np.array(entries, dtype=np.float64) if entries else None
+    Raises
+    ------
+    ConfigError
+        For anything else, and numbers that are not finite.
+    """
+    if values is None:
+        return np.zeros(0)
+    listed = isinstance(values, Sequence | array) and not isinstance(values, str | bytes)
+    entries: list[Any] = list(values) if listed else [values]  # type: ignore[call-overload]
+    for entry in entries:
+        if isinstance(entry, bool) or not isinstance(entry, int | float):
+            raise ConfigError(f'{source}: {name} must be {expected}, got {str(entry)[:40]!r}')
+        # A whole number may be larger than any float.
+        if not -sys.float_info.max <= entry <= sys.float_info.max:
+            raise ConfigError(f'{source}: {name} must be a finite number, got {entry!s:.40}')
+    return np.array(entries, dtype=np.float64)

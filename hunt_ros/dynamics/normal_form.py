@@ -215,51 +215,6 @@ class NormalForm:
         ) / self.time_scale
         return rate
 
-    def time_between(self, speed: float, start: float, end: float) -> float:
-        """
-        Time the amplitude takes from one value to another, without noise.
-
-        The integral of dA / (A s(v, A)), along ln A.
-
-        Parameters
-        ----------
-        speed : float
-            m/s.
-        start, end : float
-            Amplitudes, m, positive.
-
-        Returns
-        -------
-        float
-            s; inf where a steady state lies between (or at an end), or the
-            amplitude moves the other way.
-
-        Raises
-        ------
-        ConfigError
-            For an amplitude that is not positive: nothing grows from zero.
-        """
-        if not (start > 0.0 and end > 0.0):
-            raise ConfigError(f'amplitudes must be positive, got {start} and {end} m')
-        if start == end:
-            return 0.0
-        low, high = sorted((start, end))
-        steady = [x for x in map(float, self.steady_amplitudes(speed)) if low <= x <= high]
-        rate = float(self.growth_rate(speed, 0.5 * (start + end)))
-        if steady or rate * (end - start) <= 0.0:
-            return math.inf
-        from scipy.integrate import quad  # 0.3 s and 20 MB that only this integral needs
-
-        time, _ = quad(
-            lambda log_amplitude: 1.0 / float(self.growth_rate(speed, math.exp(log_amplitude))),
-            math.log(start),
-            math.log(end),
-            epsabs=0.0,
-            epsrel=1e-10,
-            limit=200,
-        )
-        return float(time)
-
     def unstable_amplitude(self, speed: ArrayLike) -> NDArray[np.float64]:
         """Amplitude of the unstable limit cycle, m: the edge of the quiet basin; NaN if none."""
         return self.steady_amplitudes(speed)[0]

@@ -14,6 +14,8 @@ from hunt_ros.dynamics.profile import Leg, Motion, Profile, Scene, Step
 
 #: A profile is asked for its set point so often, s.
 SET_POINT_S = 0.05
+#: A step that does not know its speed asks again after this, s.
+_LOOK_AGAIN_S = 1.0
 #: So many legs in a row that take no time are a loop that the detector does not end.
 _MOST_AT_ONCE = 1000
 
@@ -73,14 +75,14 @@ class ProfileRun:
         passed_s : float
             Not negative, s.
         motion : Motion
-            What the detector sees now.
+            What the detector sees now; where it tells no form, the last one holds.
 
         Returns
         -------
         float
             The set point, m/s.
         """
-        self._scene.motion = motion
+        self._scene.motion = motion = motion.with_form(self._scene.motion)
         left_s, idle = passed_s, 0
         while not self.finished and idle < _MOST_AT_ONCE:
             if self._leg is None:
@@ -110,6 +112,9 @@ class ProfileRun:
             self._legs = self._step.legs(self._scene)
             self.note = getattr(self._step, 'note', '')
             leg = next(self._legs, None)
+        if math.isnan(leg.speed_mps):  # no form was ever in force: stay here, and say so
+            self.note = 'the step has to know v_n and v_c, and no normal form tells them'
+            leg = Leg(self.speed_mps, hold_s=_LOOK_AGAIN_S)
         self._leg, self._in_leg, self._from = leg, 0.0, self.speed_mps
         self._cut = self._step is not None and self._scene.elapsed_s < self._step.longest_s
         self._anchor = math.nan

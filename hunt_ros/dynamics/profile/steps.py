@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
@@ -59,6 +59,15 @@ class Motion:
     v_n: float = math.nan
     v_c: float = math.nan
     fold_amplitude_m: float = math.nan
+
+    def with_form(self, before: Motion) -> Motion:
+        """Return it with the form of another one where it tells none."""
+        kept = {
+            name: getattr(before, name)
+            for name in ('v_n', 'v_c', 'fold_amplitude_m')
+            if math.isnan(getattr(self, name))
+        }
+        return replace(self, **kept) if kept else self
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,12 @@ random numbers itself, so the stream of numbers is the same without it.
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import compiled
+from hunt_ros.compiled import F1, F2, compiled, compiled_part
 
 Array = NDArray[np.float64]
 
@@ -49,7 +50,7 @@ GAIN, OFFSET, NOISE, RESOLUTION, FULL_SCALE, LOSS, LOSS_SAMPLES = range(7)
 LATERAL, YAW, MEASURED_SPEED, ROLLER_ANGLE, TRUE_LATERAL, TRUE_YAW = range(6)
 
 
-@compiled
+@compiled_part
 def _power_terms(y: float, p: float, c: Array) -> float:
     """Cubic and quintic terms; c: 30, 21, 12, 03, 50, 41, 32, 23, 14, 05."""
     p2 = p * p
@@ -59,7 +60,7 @@ def _power_terms(y: float, p: float, c: Array) -> float:
     return total
 
 
-@compiled
+@compiled_part
 def _slope(angle: float, harmonics: Array) -> float:
     """Direction of rolling, rad, at a roller angle; rows: order, slope amplitude, phase."""
     total = 0.0
@@ -68,7 +69,7 @@ def _slope(angle: float, harmonics: Array) -> float:
     return total
 
 
-@compiled
+@compiled_part
 def _accelerations(
     y: float,
     y_rate: float,
@@ -107,7 +108,7 @@ def _accelerations(
     return lateral, yaw
 
 
-@compiled
+@compiled_part
 def _step(
     state: Array,
     target: float,
@@ -151,7 +152,7 @@ def _step(
     return s1
 
 
-@compiled
+@compiled_part
 def _reading(value: float, normal: float, sensor: Array) -> float:
     """One reading of a sensor that is not in a drop-out."""
     reading: float = sensor[GAIN] * value + sensor[OFFSET] + sensor[NOISE] * normal
@@ -163,16 +164,16 @@ def _reading(value: float, normal: float, sensor: Array) -> float:
 
 @compiled
 def advance(
-    state: Array,
-    targets: Array,
-    forcing: Array,
-    noise: Array,
-    losses: Array,
-    model: Array,
-    terms: Array,
-    harmonics: Array,
-    sensors: Array,
-    out: Array,
+    state: F1,
+    targets: F1,
+    forcing: Annotated[Array, 2, 'A'],
+    noise: F2,
+    losses: F2,
+    model: F1,
+    terms: F2,
+    harmonics: F2,
+    sensors: F2,
+    out: F2,
 ) -> None:
     """
     Measure, then advance, once a sample.

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.dynamics.noise.forced_response import direction_response
+from hunt_ros.dynamics.forced_response import direction_response
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.dynamics.simulation import kernel
 from hunt_ros.dynamics.simulation.settings import Roughness, SimulationSettings

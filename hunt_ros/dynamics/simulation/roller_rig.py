@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.dynamics.covariance_root import covariance_root
-from hunt_ros.dynamics.noise.forced_response import direction_response, quiet_covariance
+from hunt_ros.dynamics.forced_response import direction_response, quiet_covariance
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.dynamics.simulation import kernel
 from hunt_ros.dynamics.simulation.model import pack_harmonics, pack_model, pack_sensors
@@ -226,11 +226,16 @@ class RollerRig:
             yaw_stamps_ns=_drifted(stamps, true_ns, self.settings.yaw_sensor.clock_drift),
         )
 
+    @property
+    def _rolling(self) -> float:
+        """Initial speed, m/s, as the creep forces have it: they do not end at standstill."""
+        return max(self.settings.initial_speed, float(self._model[kernel.LOWEST_SPEED]))
+
     def _settled(self, start: np.random.Generator) -> Array:
         """State of the wheelset that has run at the initial speed for long."""
-        speed = self.settings.initial_speed
         state = np.zeros(8)
-        state[kernel.SPEED] = speed
+        state[kernel.SPEED] = self.settings.initial_speed
+        speed = self._rolling
         matrix = Wheelset(self.rig).linear_matrix(speed)
         if np.linalg.eigvals(matrix).real.max() < 0.0:
             if len(self._harmonics):
@@ -248,7 +253,7 @@ class RollerRig:
         for order, slope, phase in self._harmonics:
             # the direction is slope * sin(order * angle + phase)
             phasor = slope * np.exp(1j * (order * angle + phase - math.pi / 2.0))
-            response = direction_response(self.rig, self.settings.initial_speed, order)
+            response = direction_response(self.rig, self._rolling, order)
             total += (response * phasor).real
         return total
 

@@ -147,7 +147,7 @@ class SimulationSettings:
     sample_rate_hz : float
         Of both sensors.
     initial_speed : float
-        m/s.
+        m/s; 0: the roller stands still.
     roughness : Roughness
     broadband : float
         Strength wn of the white yaw forcing in the dimensionless equation (3):
@@ -173,9 +173,10 @@ class SimulationSettings:
     drive_rate_hz: float = 100.0
 
     def __post_init__(self) -> None:
-        for name in ('sample_rate_hz', 'initial_speed', 'drive_rate_hz'):
+        for name in ('sample_rate_hz', 'drive_rate_hz'):
             _above_zero(f'simulation: {name}', getattr(self, name))
-        _at_least_zero('simulation: broadband', self.broadband)
+        for name in ('initial_speed', 'broadband'):
+            _at_least_zero(f'simulation: {name}', getattr(self, name))
 
 
 def _above_zero(name: str, value: float) -> None:

@@ -1,15 +1,11 @@
 """
-How far the quintic normal form can be trusted: against the limit cycles of the full model.
+The quintic normal form nearest to the limit cycles of the full model.
 
-The Taylor form of `center_manifold` is exact at the Hopf point and may be far off at
-the fold. `fitted_form` is the quintic form nearest to the whole branch: what an
-identification from measured amplitudes can hope for.
+The Taylor form of `center_manifold` is exact at the Hopf point and may be far off at the fold.
+The nearest form is what an identification from measured amplitudes can hope for.
 """
 
 from __future__ import annotations
-
-import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,54 +16,6 @@ from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.errors import ConfigError
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Misfit:
-    """
-    Difference of a normal form from the full model.
-
-    Parameters
-    ----------
-    nonlinear_critical_speed : float
-        v_n of the form minus that of the full model, m/s; NaN where one has none.
-    unstable, stable : float
-        Largest relative difference of the amplitude on each branch; NaN where
-        nothing can be compared.
-    """
-
-    nonlinear_critical_speed: float
-    unstable: float
-    stable: float
-
-
-def misfit(form: NormalForm, branch: Branch, speeds: tuple[float, float]) -> Misfit:
-    """
-    Compare a normal form with the full model over a range of speeds.
-
-    Parameters
-    ----------
-    form : NormalForm
-        In the amplitude coordinate.
-    branch : Branch
-        Of the full model.
-    speeds : (float, float)
-        m/s.
-
-    Returns
-    -------
-    Misfit
-    """
-    inside = (branch.speed >= speeds[0]) & (branch.speed <= speeds[1])
-    unstable, stable = form.steady_amplitudes(branch.speed)
-    worst = []
-    for computed, wanted in ((unstable, ~branch.stable), (stable, branch.stable)):
-        use = inside & wanted & np.isfinite(computed)
-        error = np.abs(computed[use] / branch.amplitude[use] - 1.0)
-        worst.append(float(error.max()) if error.size else math.nan)
-    own, full = form.nonlinear_critical_speed, branch.nonlinear_critical_speed
-    shift = math.nan if own is None or full is None else own - full
-    return Misfit(shift, *worst)
 
 
 def fitted_form(
