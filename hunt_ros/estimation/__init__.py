@@ -1,6 +1,5 @@
-"""Streaming estimators: Kalman filter, Hilbert envelope, growth rate."""
+"""Streaming estimators: Kalman filter, Hilbert envelope."""
 
-from hunt_ros.estimation.growth import EnvelopeGrowth, growth_sign
 from hunt_ros.estimation.hilbert import HilbertEnvelope
 from hunt_ros.estimation.kalman import (
     TRACK_DTYPE,
@@ -11,10 +10,8 @@ from hunt_ros.estimation.kalman import (
 
 __all__ = [
     'TRACK_DTYPE',
-    'EnvelopeGrowth',
     'HilbertEnvelope',
     'HuntingTracker',
     'ModePoint',
     'TrackerConfig',
-    'growth_sign',
 ]

@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hunt_ros.compiled import compiled
+from hunt_ros.compiled import F1, F2, compiled
 from hunt_ros.errors import ConfigError
 
 _F = NDArray[np.float64]
@@ -161,7 +161,7 @@ def _analytic_taps(count: int, rate_hz: float, low_hz: float, high_hz: float) ->
 
 
 @compiled
-def _filter_block(values: _F, taps: _F, ring: _F, memory: _F, longest: int, out: _F) -> None:
+def _filter_block(values: F1, taps: F2, ring: F1, memory: F1, longest: int, out: F1) -> None:
     """Fill in the envelope; short gaps are bridged along the slope, at longer ones it is NaN."""
     size = ring.size
     place = int(memory[0])

@@ -35,6 +35,8 @@ _OF_MOTION = (
     'yaw_ratio',
     'yaw_ratio_std',
     'yaw_lag',
+    'yaw_factor',
+    'yaw_contrary',
     'bandwidth',
     'second_mode_amplitude',
     'since_kick',
@@ -58,6 +60,8 @@ _NUMBERS = (
 
 #: One estimate. Amplitudes in the unit of the coordinate (m, rad), what a sensor shows in its own;
 #: rates per second; phase and yaw_lag in rad (y = amplitude cos(phase)); bandwidth in 1/s;
+#: yaw_factor is the ratio of yaw to lateral over the one that is given, yaw_contrary how far it is
+#: from it in standard deviations;
 #: lateral_tied is 1 where the lateral amplitude is that of yaw through the mode shape, 0 where it
 #: is measured. A coordinate is NaN where only the other one is told and no ratio ties the two.
 TRACK_DTYPE: np.dtype[np.void] = np.dtype(
@@ -76,6 +80,9 @@ _RATES = (
     at.O_GROWTH_STD,
     at.O_BANDWIDTH,
 )
+
+#: A sensor whose value does not change for this long is not measuring.
+STUCK_S = 0.05
 
 _NEVER = np.iinfo(np.int64).min // 2
 
@@ -96,7 +103,7 @@ class HuntingTracker:
     -----
     Answers to bad input: a value that is not finite, a stamp behind the last one of the
     same or another sensor, a repeated stamp of one sensor, a value that has not changed for
-    `stuck_s` and samples that are wrong, also in a row, are left out of the estimate and counted
+    `STUCK_S` and samples that are wrong, also in a row, are left out of the estimate and counted
     in `dropped`.
     Feeding the same samples and output stamps in other blocks gives the same numbers,
     bit for bit, as long as each call holds all samples up to its last output stamp.
@@ -155,25 +162,14 @@ class HuntingTracker:
 
     def _set_up(self, cfg: at.Settings) -> None:
         """Write the settings, in units of time that make the nominal frequency 2.84 Hz."""
-        c = self.config
-        scale = c.time_scale
+        c, scale = self.config, self.config.time_scale
         turn = 2.0 * math.pi / scale
-        nominal = turn * c.frequency_hz
         cfg.second = 1e-9 * scale
-        cfg.bin = round(c.bin_s * 1e9) * cfg.second
-        cfg.omega_min = turn * c.frequency_min_hz
-        cfg.omega_max = turn * c.frequency_max_hz
-        cfg.omega_std = c.frequency_std * nominal
-        cfg.omega_drift = c.frequency_drift * nominal / math.sqrt(scale)
-        cfg.growth_std = c.growth_rate_std / scale
-        cfg.growth_drift = c.growth_rate_drift / (scale * math.sqrt(scale))
+        cfg.bin = round(c.bin_s / scale * 1e9) * cfg.second
+        cfg.omega_min, cfg.omega_max = turn * c.frequency_min_hz, turn * c.frequency_max_hz
         cfg.ratio_std = c.yaw_ratio_std
-        cfg.ratio_floor = c.yaw_ratio_floor
-        cfg.gate = c.surprise
-        cfg.noise_time = c.noise_time * scale
-        cfg.bandwidth_time = c.bandwidth_time * scale
-        cfg.stuck = c.stuck_s * scale
-        cfg.gap = c.gap_s * scale
+        # What repeats a value is a sensor, whose rate does not rise with the frequency.
+        cfg.stuck = STUCK_S * max(scale, 1.0)
 
     def update(
         self,
@@ -281,14 +277,9 @@ class HuntingTracker:
         Parameters
         ----------
         modes : sequence of ModePoint
-            As in `TrackerConfig.modes`; empty: the constants of the settings.
+            As in `TrackerConfig.modes`.
         yaw_ratio_std : float, optional
             As in `TrackerConfig`; None: as before.
-
-        Raises
-        ------
-        ConfigError
-            For a table `TrackerConfig` would not take.
         """
         self.config = replace(
             self.config,

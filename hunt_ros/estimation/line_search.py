@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hunt_ros.compiled import compiled
+from hunt_ros.compiled import B1, F1, F2, R1, compiled
 from hunt_ros.errors import ConfigError
 
 _F = NDArray[np.float64]
@@ -87,10 +87,6 @@ class LineSearch:
         self._hold = float(round(_PERIODS * rate_hz / low_hz))
         self._rate = rate_hz
         self._orders = np.array(orders, dtype=np.float64)
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget everything seen."""
         # Of each resonator its state, and the averages of its power and of its turning.
         self._bank = np.zeros((self.frequencies.size, 5))
         self._memory = np.zeros(_N_MEMORY)
@@ -158,19 +154,19 @@ class LineSearch:
 
 @compiled
 def _search(
-    values: _F,
-    known: _F,
-    followed: _F,
-    orders: _F,
-    bank: _F,
-    memory: _F,
-    poles: _F,
-    average: _F,
-    frequencies: _F,
-    inside: NDArray[np.bool_],
+    values: R1,
+    known: R1,
+    followed: R1,
+    orders: R1,
+    bank: F2,
+    memory: F1,
+    poles: F2,
+    average: F1,
+    frequencies: F1,
+    inside: B1,
     slow: float,
     hold: float,
-    found: _F,
+    found: F2,
 ) -> None:
     """Follow the power of each frequency; fill in the line that stands out, at each sample."""
     count = frequencies.size

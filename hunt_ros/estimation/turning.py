@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import compiled, compiled_part
+from hunt_ros.compiled import F1, I1, R1, compiled, compiled_part
 from hunt_ros.samples import Series
 
 _F = NDArray[np.float64]
@@ -62,10 +62,6 @@ class Unwrapping:
     """
 
     def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget every sample."""
         self._memory = np.full(_N_UNWRAP, math.nan)
         self._memory[[_U_ADDED, _U_PAUSE, _U_TURNED, _U_LASTED]] = 0.0
         self._origin_ns: int | None = None
@@ -108,7 +104,7 @@ class Unwrapping:
 
 
 @compiled
-def _unwrap(time: _F, angle: _F, m: _F, found: _F) -> None:
+def _unwrap(time: F1, angle: F1, m: F1, found: F1) -> None:
     """Make an encoder that falls back at each turn continuous."""
     for i in range(angle.size):
         value = angle[i]
@@ -205,10 +201,6 @@ class TurningAngle:
 
     def __init__(self, diameter_m: float) -> None:
         self._ratio = 2.0 / diameter_m
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget every sample."""
         self._memory = np.full(_N_ANGLE, math.nan)
         self._memory[[_A_TURNED, _A_COVERED]] = 0.0
         self._last_ns = np.zeros(1, dtype=np.int64)
@@ -236,14 +228,14 @@ class TurningAngle:
 
 @compiled
 def _turn(
-    stamps: NDArray[np.int64],
-    encoder: _F,
-    within: _F,
-    speed: _F,
+    stamps: I1,
+    encoder: R1,
+    within: R1,
+    speed: R1,
     ratio: float,
-    m: _F,
-    last: NDArray[np.int64],
-    angle: _F,
+    m: F1,
+    last: I1,
+    angle: F1,
 ) -> None:
     """Fill in the angle: the encoder's, and where it is silent what the speed adds to it."""
     for i in range(stamps.size):

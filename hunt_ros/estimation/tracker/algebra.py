@@ -44,73 +44,42 @@ def predict(f: at.Filter, dt: float) -> None:
     scale = math.exp(min(max(growth * dt, -5.0), 5.0))
     c, s = scale * math.cos(omega * dt), scale * math.sin(omega * dt)
     scale2 = math.exp(-f.mode.decay2 * dt)
-    c2, s2 = (
-        scale2 * math.cos(f.mode.omega2 * dt),
-        scale2 * math.sin(f.mode.omega2 * dt),
-    )
+    c2, s2 = scale2 * math.cos(f.mode.omega2 * dt), scale2 * math.sin(f.mode.omega2 * dt)
     keep_omega = keep_growth = math.exp(-dt / REVERSION)
 
     for k in range(2):
-        i = at.Z + 2 * k
-        a, b = x[i], x[i + 1]
-        x[i], x[i + 1] = c * a - s * b, s * a + c * b
-        j = at.W + 2 * k
-        a, b = x[j], x[j + 1]
-        x[j], x[j + 1] = c2 * a - s2 * b, s2 * a + c2 * b
+        i, j = at.Z + 2 * k, at.W + 2 * k
+        x[i], x[i + 1] = c * x[i] - s * x[i + 1], s * x[i] + c * x[i + 1]
+        x[j], x[j + 1] = c2 * x[j] - s2 * x[j + 1], s2 * x[j] + c2 * x[j + 1]
     x[at.OMEGA] = f.mode.omega + keep_omega * (omega - f.mode.omega)
     x[at.GROWTH] = keep_growth * growth
 
     # F P: the rows of everything that moves (all before at.BIAS).
     # A phasor that is not known yet tells nothing of its frequency and growth.
-    lateral = dt * known(f, at.Z)
-    yaw = dt * known(f, at.Z + 2)
-    a0, b0, a1, b1 = (
-        x[at.Z] * lateral,
-        x[at.Z + 1] * lateral,
-        x[at.Z + 2] * yaw,
-        x[at.Z + 3] * yaw,
-    )
+    shares = (dt * known(f, at.Z), dt * known(f, at.Z + 2))
     for j in range(f.states):
-        p0, p1, p2, p3, po, pg = (
-            P[0, j],
-            P[1, j],
-            P[2, j],
-            P[3, j],
-            P[4, j],
-            P[5, j],
-        )
-        P[0, j] = c * p0 - s * p1 - b0 * po + a0 * pg
-        P[1, j] = s * p0 + c * p1 + a0 * po + b0 * pg
-        P[2, j] = c * p2 - s * p3 - b1 * po + a1 * pg
-        P[3, j] = s * p2 + c * p3 + a1 * po + b1 * pg
-        P[4, j] = keep_omega * po
-        P[5, j] = keep_growth * pg
-        p6, p7, p8, p9 = P[6, j], P[7, j], P[8, j], P[9, j]
-        P[6, j] = c2 * p6 - s2 * p7
-        P[7, j] = s2 * p6 + c2 * p7
-        P[8, j] = c2 * p8 - s2 * p9
-        P[9, j] = s2 * p8 + c2 * p9
+        po, pg = P[at.OMEGA, j], P[at.GROWTH, j]
+        for k in range(2):
+            z, w = at.Z + 2 * k, at.W + 2 * k
+            a, b = x[z] * shares[k], x[z + 1] * shares[k]
+            p, q = P[z, j], P[z + 1, j]
+            P[z, j] = c * p - s * q - b * po + a * pg
+            P[z + 1, j] = s * p + c * q + a * po + b * pg
+            p, q = P[w, j], P[w + 1, j]
+            P[w, j], P[w + 1, j] = c2 * p - s2 * q, s2 * p + c2 * q
+        P[at.OMEGA, j], P[at.GROWTH, j] = keep_omega * po, keep_growth * pg
     # (F P) F': the same on columns, where rows and columns both move.
     for i in range(at.BIAS):
-        p0, p1, p2, p3, po, pg = (
-            P[i, 0],
-            P[i, 1],
-            P[i, 2],
-            P[i, 3],
-            P[i, 4],
-            P[i, 5],
-        )
-        P[i, 0] = c * p0 - s * p1 - b0 * po + a0 * pg
-        P[i, 1] = s * p0 + c * p1 + a0 * po + b0 * pg
-        P[i, 2] = c * p2 - s * p3 - b1 * po + a1 * pg
-        P[i, 3] = s * p2 + c * p3 + a1 * po + b1 * pg
-        P[i, 4] = keep_omega * po
-        P[i, 5] = keep_growth * pg
-        p6, p7, p8, p9 = P[i, 6], P[i, 7], P[i, 8], P[i, 9]
-        P[i, 6] = c2 * p6 - s2 * p7
-        P[i, 7] = s2 * p6 + c2 * p7
-        P[i, 8] = c2 * p8 - s2 * p9
-        P[i, 9] = s2 * p8 + c2 * p9
+        po, pg = P[i, at.OMEGA], P[i, at.GROWTH]
+        for k in range(2):
+            z, w = at.Z + 2 * k, at.W + 2 * k
+            a, b = x[z] * shares[k], x[z + 1] * shares[k]
+            p, q = P[i, z], P[i, z + 1]
+            P[i, z] = c * p - s * q - b * po + a * pg
+            P[i, z + 1] = s * p + c * q + a * po + b * pg
+            p, q = P[i, w], P[i, w + 1]
+            P[i, w], P[i, w + 1] = c2 * p - s2 * q, s2 * p + c2 * q
+        P[i, at.OMEGA], P[i, at.GROWTH] = keep_omega * po, keep_growth * pg
     for i in range(at.BIAS):
         for j in range(i + 1, f.states):
             P[j, i] = P[i, j]
@@ -304,12 +273,12 @@ def diffuse(f: at.Filter, dt: float) -> None:
         add_pair(f, at.W, q, f.mode.rho2_re, f.mode.rho2_im, 0.0)
     doubt_second(f, dt)
     # One ratio holds for all amplitudes and speeds only to the floor: let it breathe.
-    drift = f.cfg.ratio_floor**2 * dt * 0.5 * (x[2] * x[2] + x[3] * x[3])
+    drift = at.RATIO_FLOOR**2 * dt * 0.5 * (x[2] * x[2] + x[3] * x[3])
     P[2, 2] += drift
     P[3, 3] += drift
-    P[at.OMEGA, at.OMEGA] += f.cfg.omega_drift**2 * dt
+    P[at.OMEGA, at.OMEGA] += at.OMEGA_DRIFT**2 * dt
     # The growth rate changes with the amplitude, and so the quicker the larger it is.
-    P[at.GROWTH, at.GROWTH] += (f.cfg.growth_drift**2 + 0.25 * x[at.GROWTH] ** 2) * dt
+    P[at.GROWTH, at.GROWTH] += (at.GROWTH_DRIFT**2 + 0.25 * x[at.GROWTH] ** 2) * dt
     for k in range(f.sensor_count):
         sensor = f.sensors[k]
         if sensor.alive:
@@ -343,25 +312,33 @@ def open_modes(f: at.Filter, variance: float) -> None:
     f.coordinates[0].second_left = math.inf
     f.coordinates[1].second_left = math.inf
     # Another amplitude has another growth rate and frequency.
-    P[at.GROWTH, at.GROWTH] = max(P[at.GROWTH, at.GROWTH], f.cfg.growth_std**2)
-    P[at.OMEGA, at.OMEGA] = max(P[at.OMEGA, at.OMEGA], (0.1 * f.cfg.omega_std) ** 2)
+    P[at.GROWTH, at.GROWTH] = max(P[at.GROWTH, at.GROWTH], at.GROWTH_STD**2)
+    P[at.OMEGA, at.OMEGA] = max(P[at.OMEGA, at.OMEGA], (0.1 * at.OMEGA_STD) ** 2)
+
+
+@compiled_part
+def reads(f: at.Filter, place: int, value: float) -> None:
+    """Append an element that is not 0 to the row of H."""
+    f.row.place[f.row.count] = place
+    f.row.value[f.row.count] = value
+    f.row.count += 1
 
 
 @compiled_part
 def aim(f: at.Filter, k: int) -> None:
     """
-    Write into `row` what sensor k reads of the state as it stands.
+    Write into `row`, behind the lines, what sensor k reads of the state as it stands.
 
     Of a phasor z with the eigenvalue v = s + i omega it reads Re(c v^d z), d the derivative that
     it measures and c = 1 + e its scale; e is a state. What is not known yet of z tells nothing of
     its frequency, its growth and the scale.
     """
-    sensor, row, x = f.sensors[k], f.row, f.x
-    row.plain = sensor.derivative == 0 and sensor.scale < 0
-    row.z_re, row.w_re = row.averaged * sensor.unit, sensor.unit
-    if row.plain:
-        return
-    z = at.Z + 2 * sensor.coordinate
+    sensor, x = f.sensors[k], f.x
+    for i in range(2 * f.line_count):
+        f.row.place[i] = line(f, k) + i
+    f.row.count = 2 * f.line_count
+    reads(f, at.BIAS + k, 1.0)
+    z, w = at.Z + 2 * sensor.coordinate, at.W + 2 * sensor.coordinate
     a, b, c, d, u, v = sensor.unit, 0.0, 0.0, 0.0, sensor.unit, 0.0
     growth, omega = x[at.GROWTH], x[at.OMEGA]
     for _ in range(sensor.derivative):
@@ -372,67 +349,48 @@ def aim(f: at.Filter, k: int) -> None:
             -f.mode.decay2 * u - f.mode.omega2 * v,
             f.mode.omega2 * u - f.mode.decay2 * v,
         )
-    row.w_re, row.w_im = u, -v
-    sure = row.averaged * known(f, z)
-    row.scale_re = sure * (a * x[z] - b * x[z + 1])
-    row.scale_im = -sure * (b * x[z] + a * x[z + 1])
+    re, im = a * x[z] - b * x[z + 1], b * x[z] + a * x[z + 1]
     if sensor.scale >= 0:
         size, turn = 1.0 + x[sensor.scale], x[sensor.scale + 1]
         a, b = size * a - turn * b, turn * a + size * b
         c, d = size * c - turn * d, turn * c + size * d
-    row.z_re, row.z_im = row.averaged * a, -row.averaged * b
-    row.growth = sure * (c * x[z] - d * x[z + 1])
-    row.omega = -sure * (d * x[z] + c * x[z + 1])
+    plain = sensor.derivative == 0 and sensor.scale < 0
+    reads(f, z, f.row.averaged * a)
+    reads(f, w, u)
+    if not plain:
+        reads(f, z + 1, -f.row.averaged * b)
+        reads(f, w + 1, -v)
+    f.row.direct = f.row.count
+    sure = f.row.averaged * known(f, z)
+    if not plain:
+        reads(f, at.GROWTH, sure * (c * x[z] - d * x[z + 1]))
+        reads(f, at.OMEGA, -sure * (d * x[z] + c * x[z + 1]))
+    if sensor.scale >= 0:
+        reads(f, sensor.scale, sure * re)
+        reads(f, sensor.scale + 1, -sure * im)
 
 
 @compiled_part
-def project(f: at.Filter, k: int) -> float:
-    """Write P H' into g and return H P H', for sensor k with H in `row`."""
-    P, row, sensor = f.P, f.row, f.sensors[k]
-    z, w = at.Z + 2 * sensor.coordinate, at.W + 2 * sensor.coordinate
-    b, r = at.BIAS + k, line(f, k)
-    for j in range(f.states):
-        f.g[j] = row.z_re * P[z, j] + row.w_re * P[w, j] + P[b, j]
-    for i in range(2 * f.line_count):
+def project(f: at.Filter) -> float:
+    """Write P H' into g and return H P H', with H in `row`."""
+    f.g[: f.states] = 0.0
+    for i in range(f.row.count):
+        place, value = f.row.place[i], f.row.value[i]
         for j in range(f.states):
-            f.g[j] += row.lines[i] * P[r + i, j]
-    if not row.plain:
-        for j in range(f.states):
-            f.g[j] += row.z_im * P[z + 1, j] + row.w_im * P[w + 1, j]
-            f.g[j] += row.omega * P[at.OMEGA, j] + row.growth * P[at.GROWTH, j]
-        if sensor.scale >= 0:
-            e = sensor.scale
-            for j in range(f.states):
-                f.g[j] += row.scale_re * P[e, j] + row.scale_im * P[e + 1, j]
-    variance = row.z_re * f.g[z] + row.w_re * f.g[w] + f.g[b]
-    for i in range(2 * f.line_count):
-        variance += row.lines[i] * f.g[r + i]
-    if not row.plain:
-        variance += row.z_im * f.g[z + 1] + row.w_im * f.g[w + 1]
-        variance += row.omega * f.g[at.OMEGA] + row.growth * f.g[at.GROWTH]
-        if sensor.scale >= 0:
-            variance += row.scale_re * f.g[sensor.scale] + row.scale_im * f.g[sensor.scale + 1]
-    return float(variance)
+            f.g[j] += value * f.P[place, j]
+    variance = 0.0
+    for i in range(f.row.count):
+        variance += f.row.value[i] * f.g[f.row.place[i]]
+    return variance
 
 
 @compiled_part
-def roughness(f: at.Filter, k: int) -> float:
-    """Return what the lines are expected to be in the signal of sensor k."""
-    total, r = 0.0, line(f, k)
-    for i in range(2 * f.line_count):
-        total += f.row.lines[i] * f.x[r + i]
+def expected(f: at.Filter, count: int) -> float:
+    """Return what the first elements of `row` read of the state."""
+    total = 0.0
+    for i in range(count):
+        total += f.row.value[i] * f.x[f.row.place[i]]
     return total
-
-
-@compiled_part
-def expected(f: at.Filter, k: int) -> float:
-    """Return what sensor k is expected to read, with H in `row`."""
-    x, row = f.x, f.row
-    z, w = at.Z + 2 * f.sensors[k].coordinate, at.W + 2 * f.sensors[k].coordinate
-    modes = row.z_re * x[z] + row.w_re * x[w]
-    if not row.plain:
-        modes += row.z_im * x[z + 1] + row.w_im * x[w + 1]
-    return float(modes + x[at.BIAS + k] + roughness(f, k))
 
 
 @compiled_part

@@ -39,10 +39,10 @@ def advance(f: at.Filter, t: float) -> None:
     if dt <= 0.0 or not (started(f, 0) or started(f, 1)):
         return
     f.time = t
-    if dt > f.cfg.gap:
+    if dt > at.GAP:
         lost = 4.0 * (x[0] * x[0] + x[1] * x[1] + P[0, 0] + P[1, 1])
         open_modes(f, lost)
-        dt = f.cfg.gap
+        dt = at.GAP
     predict(f, dt)
     diffuse(f, dt)
     x[at.OMEGA] = min(max(x[at.OMEGA], f.cfg.omega_min), f.cfg.omega_max)
@@ -151,7 +151,7 @@ def set_lines(t: at.Tracker, f: at.Filter, k: int) -> None:
             turned = f.lines[j].order * f.slips[f.lines[j].slip].turned
             more, across = math.cos(turned), math.sin(turned)
             cosine, sine = more * cosine - across * sine, more * sine + across * cosine
-        f.row.lines[2 * j], f.row.lines[2 * j + 1] = cosine, sine
+        f.row.value[2 * j], f.row.value[2 * j + 1] = cosine, sine
     if sensor.spacing == 0.0:
         sensor.spacing = 1e-3
 

@@ -58,13 +58,12 @@ Willsky and Jones, IEEE Trans. AC 21, 1976 (jumps by a likelihood ratio).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import compiled, source_stamp
-from hunt_ros.estimation.tracker import algebra, bins, hypotheses, kicks, ratio, rows, tuning
+from hunt_ros.compiled import F2, F3, I1, R1, compiled
 from hunt_ros.estimation.tracker import layout as at
 from hunt_ros.estimation.tracker.bins import (
     accumulate,
@@ -79,55 +78,45 @@ _F = NDArray[np.float64]
 _I = NDArray[np.int64]
 
 
-def _kernel(source: int) -> Callable[..., None]:
-    """Return `track_block`, closed over the stamp of its parts: new parts, new machine code."""
+@compiled
+def track_block(
+    t: at.Tracker,
+    modes: F3,
+    stamps: I1,
+    sensor: Annotated[NDArray[np.int8], 1],
+    values: R1,
+    angles: R1,
+    speeds: R1,
+    outputs: I1,
+    table: F2,
+) -> None:
+    """
+    Run the tracker over a block: samples sorted by stamp, output stamps sorted.
 
-    @compiled
-    def track_block(
-        t: at.Tracker,
-        modes: _F,
-        stamps: _I,
-        sensor: NDArray[np.int8],
-        values: _F,
-        angles: _F,
-        speeds: _F,
-        outputs: _I,
-        table: _F,
-    ) -> None:
-        """
-        Run the tracker over a block: samples sorted by stamp, output stamps sorted.
-
-        All that is remembered is in `t`, so that a block split in two gives the same
-        numbers as the whole.
-        """
-        if source < 0:  # it never is: what is closed over is part of the key of the cache
-            return
-        written = 0
-        cfg = t.filters[0].cfg
-        bin_ns = max(round(cfg.bin / cfg.second), 1)
-        for i in range(stamps.size + 1):
-            done = i == stamps.size
-            while written < outputs.size and (done or outputs[written] < stamps[i]):
-                close_bin(t, modes)
-                if t.started:
-                    advance_all(t, (outputs[written] - t.origin) * cfg.second)
-                    write_row(t, table[written])
-                t.last_output = outputs[written]
-                written += 1
-            if done:
-                break
-            k, value = int(sensor[i]), values[i]
-            if not measures(t, k, stamps[i], value):
-                continue
-            elapsed = stamps[i] - t.origin
-            place = (elapsed - 1) // bin_ns  # a bin holds its end and not its start
-            if place != t.bin_number or cfg.bin == 0.0:
-                close_bin(t, modes)
-                t.bin_number = place
-            take_speed(t, modes, speeds[i])
-            accumulate(t, k, elapsed * cfg.second - place * cfg.bin, value, angles[i])
-
-    return track_block
-
-
-track_block = _kernel(source_stamp(at, algebra, bins, hypotheses, kicks, ratio, rows, tuning))
+    All that is remembered is in `t`, so that a block split in two gives the same
+    numbers as the whole.
+    """
+    written = 0
+    cfg = t.filters[0].cfg
+    bin_ns = max(round(cfg.bin / cfg.second), 1)
+    for i in range(stamps.size + 1):
+        done = i == stamps.size
+        while written < outputs.size and (done or outputs[written] < stamps[i]):
+            close_bin(t, modes)
+            if t.started:
+                advance_all(t, (outputs[written] - t.origin) * cfg.second)
+                write_row(t, table[written])
+            t.last_output = outputs[written]
+            written += 1
+        if done:
+            break
+        k, value = int(sensor[i]), values[i]
+        if not measures(t, k, stamps[i], value):
+            continue
+        elapsed = stamps[i] - t.origin
+        place = (elapsed - 1) // bin_ns  # a bin holds its end and not its start
+        if place != t.bin_number or cfg.bin == 0.0:
+            close_bin(t, modes)
+            t.bin_number = place
+        take_speed(t, modes, speeds[i])
+        accumulate(t, k, elapsed * cfg.second - place * cfg.bin, value, angles[i])

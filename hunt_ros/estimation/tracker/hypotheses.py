@@ -24,7 +24,6 @@ from hunt_ros.estimation.tracker.algebra import (
     correct,
     expected,
     project,
-    roughness,
     slip,
 )
 from hunt_ros.estimation.tracker.kicks import (
@@ -59,8 +58,8 @@ def face(f: at.Filter, k: int, mean: float, noise: float) -> None:
     """
     aim(f, k)
     f.noise = noise
-    f.innovation = mean - expected(f, k)
-    f.variance = project(f, k) + noise
+    f.innovation = mean - expected(f, f.row.direct)
+    f.variance = project(f) + noise
     if not noise <= f.variance < math.inf:
         # Rounding has eaten the covariance: admit it and start it anew.
         P = f.P
@@ -70,7 +69,7 @@ def face(f: at.Filter, k: int, mean: float, noise: float) -> None:
             for j in range(f.states):
                 P[i, j] = 0.0
             P[i, i] = scale if scale < 1e30 else noise
-        f.variance = project(f, k) + noise
+        f.variance = project(f) + noise
 
 
 @compiled_part
@@ -159,13 +158,13 @@ def take(f: at.Filter, k: int, mean: float, count: float, dt: float) -> None:
     sensor.last = f.time
     correct(f, f.innovation, f.variance)
     x[at.OMEGA] = min(max(x[at.OMEGA], f.cfg.omega_min), f.cfg.omega_max)
-    x[at.GROWTH] = min(max(x[at.GROWTH], -5.0 * f.cfg.growth_std), 5.0 * f.cfg.growth_std)
+    x[at.GROWTH] = min(max(x[at.GROWTH], -5.0 * at.GROWTH_STD), 5.0 * at.GROWTH_STD)
     for number in range(f.slip_count):
         furthest = 3.0 * f.slips[number].deviation
         x[slip(f, number)] = min(max(x[slip(f, number)], -furthest), furthest)
     tune(f, k, dt, count)
     sensor.spacing += 0.02 * (min(dt, 0.1) / count - sensor.spacing)
-    clean = mean - x[at.BIAS + k] - roughness(f, k)
+    clean = mean - x[at.BIAS + k] - expected(f, 2 * f.line_count)
     sensor.clean_sum += count * clean
     sensor.clean_count += count
 

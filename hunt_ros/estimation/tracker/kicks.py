@@ -26,7 +26,7 @@ def usual(f: at.Filter, k: int) -> float:
 @compiled_part
 def surprising(f: at.Filter, k: int) -> bool:
     """Return True if the innovation at hand is beyond what noise gives."""
-    return f.innovation * f.innovation > f.cfg.gate**2 * usual(f, k) * f.variance
+    return f.innovation * f.innovation > at.GATE**2 * usual(f, k) * f.variance
 
 
 @compiled_part
@@ -109,12 +109,12 @@ def open_kick(f: at.Filter, k: int, dt: float) -> None:
         f.log_bandwidth = min(f.log_bandwidth + 0.2, math.log(100.0))
         loosen(f, 4.0)
         # Or the frequency is wrong, and each beat looks like a kick.
-        P[at.OMEGA, at.OMEGA] = max(P[at.OMEGA, at.OMEGA], f.cfg.omega_std**2)
+        P[at.OMEGA, at.OMEGA] = max(P[at.OMEGA, at.OMEGA], at.OMEGA_STD**2)
     power = x[0] * x[0] + x[1] * x[1]
     if scale > 9.0 * power * size:
         # A motion much larger than before: what was learnt from noise is worth little.
         off = x[at.OMEGA] - f.mode.omega
         P[at.OMEGA, at.OMEGA] = max(P[at.OMEGA, at.OMEGA], off * off)
-        x[at.GROWTH] = min(max(x[at.GROWTH], -f.cfg.growth_std), f.cfg.growth_std)
+        x[at.GROWTH] = min(max(x[at.GROWTH], -at.GROWTH_STD), at.GROWTH_STD)
     f.kick = f.time
     begin(f, at.KICK)

@@ -2,20 +2,34 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 from hunt_ros.sensors import SENSORS
 
 _F = NDArray[np.float64]
+_I = NDArray[np.int64]
 
 # The records have room for so many lines, slips and sensors, so that the kernel is compiled once,
 # for any number of them: it works on the part in use.
 MOST_LINES, MOST_SLIPS, MOST_SENSORS = 10, 4, len(SENSORS)
 #: What may have happened: nothing (but wrong samples), a kick, a step of the levels.
 NOTHING, KICK, STEP, HYPOTHESES = range(4)
+
+#: Of the tracker's time, s and rad/s at REFERENCE_HZ. Frequency and growth rate: prior standard
+#: deviation, and random walk per root of a second.
+OMEGA_STD, OMEGA_DRIFT = 0.2 * 2.0 * math.pi * REFERENCE_HZ, 0.015 * 2.0 * math.pi * REFERENCE_HZ
+GROWTH_STD, GROWTH_DRIFT = 1.0, 0.03
+RATIO_FLOOR = 0.03  # relative accuracy of one ratio for all amplitudes and speeds
+#: Innovation, in its standard deviations, beyond which a sample may be wrong, or the beginning of
+#: a kick or of a step of the level.
+GATE = 4.0
+NOISE_TIME, BANDWIDTH_TIME = 2.0, 1.0  # of the self-tuned sensor noise and process noise, s
+GAP = 2.0  # after a longer silence, s, the hunting phasor is known no more
 
 # --- state vector: of 10 + sensors (1 + 2 lines) + 2 scales + slips elements ----------------
 Z = 0  # hunting phasors of the coordinates: lateral 0, 1; yaw 2, 3
@@ -32,17 +46,8 @@ class Settings:
     bin: float
     omega_min: float
     omega_max: float
-    omega_std: float
-    omega_drift: float
-    growth_std: float
-    growth_drift: float
     ratio_std: float
-    ratio_floor: float
-    gate: float
-    noise_time: float
-    bandwidth_time: float
     stuck: float
-    gap: float
     second: float  # units of the tracker's time in a nanosecond
 
 
@@ -75,23 +80,13 @@ class Slip:
 
 
 class Row:
-    """
-    What one sensor reads of the state: a row of H.
-
-    Elements that have no field here are 0, and 1 for the sensor's own bias.
-    """
+    """What one sensor reads of the state: the elements of a row of H that are not 0."""
 
     averaged: float  # what the mean over a bin leaves of hunting
-    plain: bool  # no more than z_re, w_re and the lines
-    z_re: float  # of the hunting phasor of its coordinate, and of the second mode's
-    z_im: float
-    w_re: float
-    w_im: float
-    omega: float
-    growth: float
-    scale_re: float
-    scale_im: float
-    lines: Annotated[_F, 2 * MOST_LINES]  # cos, sin of each
+    direct: int  # the first of them make the reading; the others are of what it depends on
+    count: int
+    place: Annotated[_I, 2 * MOST_LINES + 9]  # in the state; cos, sin of each line first
+    value: Annotated[_F, 2 * MOST_LINES + 9]
 
 
 class Coordinate:
@@ -280,12 +275,14 @@ O_AMPLITUDE, O_STD, O_RATE, O_RATE_STD, N_COORDINATE = range(5)
     O_RATIO,
     O_RATIO_STD,
     O_LAG,
+    O_FACTOR,
+    O_CONTRARY,
     O_BANDWIDTH,
     O_SECOND,
     O_SINCE_KICK,
     O_TIED,
     O_SENSOR,
-) = range(2 * N_COORDINATE, 2 * N_COORDINATE + 14)
+) = range(2 * N_COORDINATE, 2 * N_COORDINATE + 16)
 # Of each sensor, from O_SENSOR on.
 (
     O_ROUGH,

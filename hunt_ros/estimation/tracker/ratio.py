@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled_part
 from hunt_ros.estimation.tracker import layout as at
-from hunt_ros.estimation.tracker.algebra import lateral_density, measured, told
+from hunt_ros.estimation.tracker.algebra import lateral_density, line, measured, told
 
 _F = NDArray[np.float64]
 
@@ -20,6 +20,10 @@ SETTLING = 0.3  # s after a kick in which nothing is tuned
 CARRY_SPEED, CARRY_AMPLITUDE = 0.5, 0.02
 BIASED = 1.5  # times the relative variance of the lateral phasor
 FORCED = 0.3  # relative error of the ratio where all of the motion is made anew in a second
+#: Relative variance of the response to a line per ln(speed): hunting damped by a twentieth of its
+#: frequency has the quality 10, and a line that passes it changes as much.
+RESONANCE = 10.0
+STEEPEST = 0.1  # relative change of the speed in a bin: what is more is a wrong reading
 AGAINST = 3.0  # standard deviations at which a ratio that is given is doubted
 
 
@@ -78,7 +82,7 @@ def learn_ratio(f: at.Filter) -> None:
     # No single second is believed to better than a tenth.
     variance = max(variance / power, (0.01 + FORCED * renewed) * unit) / min(elapsed, 1.0)
     given = not math.isnan(f.mode.rho_re)
-    breath = f.cfg.ratio_floor**2 * unit
+    breath = at.RATIO_FLOOR**2 * unit
     # A phasor that stands little above its noise gives a ratio that is biased, by as much as
     # its relative variance: no number of such seconds makes it better.
     biased = (BIASED * (P[0, 0] + P[1, 1]) / power + FORCED * renewed) ** 2 * unit
@@ -195,7 +199,7 @@ def loosen(f: at.Filter, factor: float) -> None:
 
 @compiled_part
 def look_up(f: at.Filter, modes: _F, speed: float) -> None:
-    """Put the modes at this speed in force, and doubt the growth rate where it has changed."""
+    """Put the modes at this speed in force; doubt growth rate and lines where it has changed."""
     P = f.P
     f.speed = speed
     if math.isnan(f.speed_seen):
@@ -203,12 +207,30 @@ def look_up(f: at.Filter, modes: _F, speed: float) -> None:
     change = abs(speed - f.speed_seen)
     if change > 0.02 * abs(f.speed_seen):
         # Of the order of d(growth rate)/d(ln speed) on a rig that can lose stability.
-        step = 3.0 * f.cfg.growth_std * min(change / max(abs(speed), 1e-9), 1.0)
+        step = 3.0 * at.GROWTH_STD * min(change / max(abs(speed), 1e-9), 1.0)
         P[at.GROWTH, at.GROWTH] = min(
-            P[at.GROWTH, at.GROWTH] + step * step, 4.0 * f.cfg.growth_std**2
+            P[at.GROWTH, at.GROWTH] + step * step, 4.0 * at.GROWTH_STD**2
         )
+        doubt_lines(f, min(change / max(abs(speed), 1e-9), STEEPEST))
         f.speed_seen = speed
     put_in_force(f, modes)
+
+
+@compiled_part
+def doubt_lines(f: at.Filter, change: float) -> None:
+    """
+    Add what a relative change of the speed makes unknown of the lines.
+
+    What the roller does to the wheelset stays the same, the response to it does not: about the
+    hunting frequency it is a resonance.
+    """
+    x, P = f.x, f.P
+    for k in range(f.sensor_count):
+        for j in range(f.line_count):
+            i = line(f, k) + 2 * j
+            power = x[i] ** 2 + x[i + 1] ** 2
+            P[i, i] += 0.5 * RESONANCE * change * power
+            P[i + 1, i + 1] += 0.5 * RESONANCE * change * power
 
 
 @compiled_part

@@ -115,6 +115,10 @@ def write_row(t: at.Tracker, row: _F) -> None:
         row[at.O_RATIO] = size
         row[at.O_RATIO_STD] = math.sqrt(f.rho_var)
         row[at.O_LAG] = math.atan2(f.rho_im, f.rho_re)
+        if not math.isnan(f.mode.rho_re):
+            doubt = f.ratio_var + f.mode.rho_std**2 + f.cfg.ratio_std**2
+            row[at.O_FACTOR] = math.hypot(f.ratio_re, f.ratio_im)
+            row[at.O_CONTRARY] = math.hypot(f.ratio_re - 1.0, f.ratio_im) / math.sqrt(doubt)
     row[at.O_BANDWIDTH] = math.exp(f.log_bandwidth)
     row[at.O_SECOND] = math.hypot(x[at.W], x[at.W + 1])
     row[at.O_SINCE_KICK] = f.time - f.kick

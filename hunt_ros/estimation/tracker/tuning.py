@@ -54,8 +54,8 @@ def start_sensor(f: at.Filter, k: int, t: float) -> None:
     if alone:
         f.time = t
         x[at.GROWTH] = 0.0
-        P[at.OMEGA, at.OMEGA] = f.cfg.omega_std**2
-        P[at.GROWTH, at.GROWTH] = f.cfg.growth_std**2
+        P[at.OMEGA, at.OMEGA] = at.OMEGA_STD**2
+        P[at.GROWTH, at.GROWTH] = at.GROWTH_STD**2
     elif fresh and sensor.started_before:
         loosen(f, 4.0)
     elif fresh and not f.ratio_known:
@@ -176,7 +176,7 @@ def tune(f: at.Filter, k: int, dt: float, count: float) -> None:
     sensor.residual += share * (count * residual * residual - sensor.residual)
     settled = f.time - f.kick > SETTLING
     span = min(
-        f.cfg.noise_time,
+        at.NOISE_TIME,
         max(0.3 * (f.time - sensor.boot.start), 0.1),
     )
     if not 0.5 < sensor.nis < 2.0:
@@ -206,14 +206,14 @@ def tune(f: at.Filter, k: int, dt: float, count: float) -> None:
         f.P[at.BIAS + k, at.BIAS + k] += 10.0 * sensor.offset**2 * S * dt / (2.0 * IN_BAND)
         sensor.offset = 0.0
     for j in range(f.line_count):
-        cosine, sine = f.row.lines[2 * j], f.row.lines[2 * j + 1]
+        cosine, sine = f.row.value[2 * j], f.row.value[2 * j + 1]
         if cosine != 0.0 or sine != 0.0:
             size = step * unit / math.sqrt(cosine * cosine + sine * sine)
             sensor.lines[j].re = decay * sensor.lines[j].re + size * cosine
             sensor.lines[j].im = decay * sensor.lines[j].im + size * sine
     if not settled:
         return
-    rate = 0.5 * dt / f.cfg.bandwidth_time
+    rate = 0.5 * dt / at.BANDWIDTH_TIME
     speaking = 0.0
     for i in range(f.sensor_count):
         speaking += speaks(f, i)
