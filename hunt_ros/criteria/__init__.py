@@ -7,26 +7,14 @@ The railway stability criteria as streaming detectors, to run beside the detecto
 
 from __future__ import annotations
 
-from hunt_ros.criteria.base import (
-    CRITERION_DTYPE,
-    Criterion,
-    CriterionSettings,
-)
-from hunt_ros.criteria.consecutive_peaks import SixPeaks, TenPeaks
+from hunt_ros.criteria.norms import CRITERIA, CRITERION_DTYPE, Criterion, make_criterion
 from hunt_ros.criteria.panel import CriteriaPanel, Verdict
-from hunt_ros.criteria.registry import CRITERIA, make_criterion
-from hunt_ros.criteria.sliding_rms import SlidingRms, TrackSafetyStandards
 
 __all__ = [
     'CRITERIA',
     'CRITERION_DTYPE',
     'CriteriaPanel',
     'Criterion',
-    'CriterionSettings',
-    'SixPeaks',
-    'SlidingRms',
-    'TenPeaks',
-    'TrackSafetyStandards',
     'Verdict',
     'make_criterion',
 ]

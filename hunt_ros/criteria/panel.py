@@ -6,15 +6,13 @@ Each keeps its own state; what comes out is when one begins or ceases to exceed 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hunt_ros.criteria.base import Criterion
-from hunt_ros.criteria.registry import make_criterion
+from hunt_ros.criteria.norms import make_criterion
 
 
 @dataclass(frozen=True)
@@ -49,69 +47,35 @@ class CriteriaPanel:
     ----------
     names : sequence of str
         Keys of `CRITERIA`; none is allowed.
-    rate_hz : float
-        Rate at which they work, Hz.
-    thresholds : mapping of str to mapping, optional
-        For each name its thresholds, as `make_criterion` takes them.
+    rate_hz, scale : float
+        As `Criterion` takes them.
 
     Raises
     ------
     ConfigError
-        For an unknown name or threshold.
+        For an unknown name.
     """
 
-    def __init__(
-        self,
-        names: Sequence[str],
-        rate_hz: float,
-        thresholds: Mapping[str, Mapping[str, Any]] | None = None,
-    ) -> None:
-        given = thresholds or {}
-        self.criteria: dict[str, Criterion] = {
-            name: make_criterion(name, rate_hz, **given.get(name, {})) for name in names
-        }
-        self._above = dict.fromkeys(self.criteria, False)
+    def __init__(self, names: Sequence[str], rate_hz: float, scale: float = 1.0) -> None:
+        self._criteria = [make_criterion(name, rate_hz, scale) for name in names]
 
     def reset(self) -> None:
         """Forget everything: as new."""
-        for criterion in self.criteria.values():
+        for criterion in self._criteria:
             criterion.reset()
-        self._above = dict.fromkeys(self.criteria, False)
-
-    @property
-    def exceeded(self) -> tuple[str, ...]:
-        """Names of the criteria whose limit is exceeded now."""
-        return tuple(name for name, above in self._above.items() if above)
 
     def update(
         self, stamps_ns: ArrayLike, lateral: ArrayLike, speed: ArrayLike = np.nan
     ) -> tuple[Verdict, ...]:
-        """
-        Take displacement samples; give what changed, in the order of the stamps.
-
-        Parameters
-        ----------
-        stamps_ns : array_like of int64, shape (n,)
-            Header stamps.
-        lateral : array_like, shape (n,)
-            y, m.
-        speed : array_like, shape (n,) or scalar
-            Running speed, m/s.
-        """
+        """Take samples as `Criterion.update` does; give what changed, in the order of stamps."""
         verdicts = []
-        for name, criterion in self.criteria.items():
+        for criterion in self._criteria:
+            before = criterion.exceeded
             rows = criterion.update(stamps_ns, lateral, speed)
-            above = np.concatenate([[self._above[name]], rows['exceeded']])
-            for place in np.flatnonzero(above[1:] != above[:-1]).tolist():
-                row = rows[place]
+            above = np.concatenate([[before], rows['exceeded']])
+            for row in rows[above[1:] != above[:-1]]:
+                stamp_ns, index, exceeded = row.item()
                 verdicts.append(
-                    Verdict(
-                        int(row['stamp_ns']),
-                        name,
-                        bool(row['exceeded']),
-                        float(row['index']),
-                        criterion.limit,
-                    )
+                    Verdict(stamp_ns, criterion.name, exceeded, index, criterion.limit)
                 )
-            self._above[name] = bool(above[-1])
         return tuple(sorted(verdicts, key=lambda verdict: verdict.stamp_ns))

@@ -1,7 +1,7 @@
 """
 From samples to region, state and alarm.
 
-A sample goes through `merging` (which samples count, and when), `channels` (are they sound),
+A sample goes through the `door` (which samples count, and when), `channels` (are they sound),
 `estimates` (the tracker and its second opinion), `rows` and `decision` (what they mean), and
 `words` (what is told of it). `detector` is the whole of it, `offline` and `replay` run it.
 """
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from hunt_ros.detection.companions import CompanionConfig, Companions
     from hunt_ros.detection.configuration import DetectorConfig
     from hunt_ros.detection.detector import HuntingDetector
-    from hunt_ros.detection.merging.journal import JournalEntry
+    from hunt_ros.detection.journal import JournalEntry
     from hunt_ros.detection.offline import detect
     from hunt_ros.detection.output import Event, Output
     from hunt_ros.detection.regions import Level, Region, State
@@ -42,7 +42,7 @@ __getattr__ = lazily(
         'Companions': 'companions',
         'DetectorConfig': 'configuration',
         'HuntingDetector': 'detector',
-        'JournalEntry': 'merging.journal',
+        'JournalEntry': 'journal',
         'detect': 'offline',
         'Event': 'output',
         'Output': 'output',

@@ -4,7 +4,7 @@ What runs beside the detector on the same samples: the railway criteria and the 
     companions = Companions.of(CompanionConfig(criteria=('cfr_213_333',)))
     verdicts = companions.update(detect(HuntingDetector(), record))
 
-They are fed with what the detector gives out, after its merging: what is late, silent or
+They are fed with what the detector gives out, after its door: what is late, silent or
 stuck is so for them as well, and a replay of a live run tells them what the run told.
 """
 
@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from hunt_ros.criteria import CRITERIA, CriteriaPanel, Verdict
 from hunt_ros.detection.configuration import DetectorConfig
@@ -22,8 +22,7 @@ from hunt_ros.detection.regions import Level
 from hunt_ros.detection.tracking import roller_diameter, shafts
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.errors import ConfigError
-from hunt_ros.estimation.tracker_config import REFERENCE_HZ
-from hunt_ros.forecast import CriticalSpeedForecast, Forecast, ForecastSettings
+from hunt_ros.forecast import CriticalSpeedForecast, Forecast
 from hunt_ros.settings import Settings, setting
 
 
@@ -117,22 +116,22 @@ class Companions:
         channel = 'lateral' if 'lateral' in channels else 'yaw'
         if names and channel != 'lateral':
             raise ConfigError(f'criteria: {names} need the lateral channel, got {channels}')
-        scales = {name: {'scale': config.criteria_scale} for name in names}
-        panel = CriteriaPanel(names, config.criteria_rate_hz, scales) if names else None
+        rate, scale = config.criteria_rate_hz, config.criteria_scale
+        panel = CriteriaPanel(names, rate, scale) if names else None
         if config.forecast == 'off':
             return cls(panel, None)
         law = (rig or paper_rig()) if config.forecast == 'wheelset' else None
         tuned = with_frequencies(detector)
-        paced = ForecastSettings().paced(tuned.hunting_frequency_hz / REFERENCE_HZ)
-        settings = replace(
-            paced,
-            live=live,
-            channel=channel,
-            lowest_hz=max(min(paced.lowest_hz, tuned.hunting_frequency_min_hz), 0.05),
-            highest_hz=min(max(paced.highest_hz, tuned.hunting_frequency_max_hz), 100.0),
-            roller_diameter_m=law.roller_diameter_m if law else roller_diameter(detector),
+        forecast = CriticalSpeedForecast(
+            law,
+            tuned.hunting_frequency_hz,
+            (tuned.hunting_frequency_min_hz, tuned.hunting_frequency_max_hz),
+            roller_diameter(detector),
+            channel,
+            shafts(detector),
+            live,
         )
-        return cls(panel, CriticalSpeedForecast(settings, law, shafts(detector)))
+        return cls(panel, forecast)
 
     @property
     def idle(self) -> bool:

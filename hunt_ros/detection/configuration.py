@@ -60,7 +60,7 @@ class DetectorConfig(Settings):
     )
 
     sensor_timeout_s: float = setting(
-        0.2,
+        0.3,
         'a channel silent for longer is stale, the speed after 0.5 s at least',
         unit='s',
         low=0.01,

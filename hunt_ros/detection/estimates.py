@@ -17,17 +17,19 @@ from hunt_ros.detection.channels.health import ChannelHealth
 from hunt_ros.detection.channels.speed_check import SpeedCheck
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.decision import doubts
-from hunt_ros.detection.merging.merge import MergedBlock
+from hunt_ros.detection.intake import Block
 from hunt_ros.detection.output import ESTIMATE_DTYPE, TRACKER_FIELDS, Motion
 from hunt_ros.detection.second_opinion import SecondOpinion
 from hunt_ros.detection.tracking import (
     SCALE_STD,
-    Turning,
+    Agreement,
+    line_orders,
     line_search,
     lines_known,
     mode_points,
     tracker_config,
     turning_angle,
+    turning_of,
 )
 from hunt_ros.dynamics.mode_shape import ModeShape
 from hunt_ros.estimation.kalman import HuntingTracker
@@ -48,6 +50,11 @@ class Estimator:
     """
 
     def __init__(self, config: DetectorConfig) -> None:
+        self._shape: ModeShape | None = None
+        self._begin(config)
+
+    def _begin(self, config: DetectorConfig) -> None:
+        """Make all that remembers anything but the mode shape."""
         self.config = config
         self._channels = tuple(name for name in CHANNELS if name in config.channels)
         self._health = {name: channel_health(config, name) for name in self._channels}
@@ -60,17 +67,20 @@ class Estimator:
         self._speed_check = SpeedCheck(config) if len(self._slow) == 2 else None
         self._unwrapping = Unwrapping()
         self._angle = turning_angle(config)
-        self._turning = Turning()
-        self._shape: ModeShape | None = None
+        self._turning = turning_of(config)
+        self._agreement = Agreement(config)
         self._follow(config)
 
     def _follow(self, config: DetectorConfig) -> None:
         """Make what depends on where the hunting frequency is."""
         self._tracker = HuntingTracker(tracker_config(config))
+        orders = line_orders(config)
         self._opinions = {
-            name: SecondOpinion(config) for name in self._motion if name in DISPLACEMENTS
+            name: SecondOpinion(config, orders) for name in self._motion if name in DISPLACEMENTS
         }
         self._lines: dict[str, LineSearch] = {name: line_search(config) for name in self._opinions}
+        shape, self._shape = self._shape, None
+        self.set_mode_shape(shape)
 
     def retune(self, config: DetectorConfig) -> None:
         """Follow other frequencies from the next sample on; the channels are watched on."""
@@ -78,8 +88,6 @@ class Estimator:
         self._follow(config)
         for name, watch in self._health.items():
             watch.follow(channel_health(config, name))
-        shape, self._shape = self._shape, None
-        self.set_mode_shape(shape)
 
     def reconfigure(self, config: DetectorConfig) -> None:
         """Use other settings, but for those that are fixed, from the next sample on."""
@@ -89,20 +97,7 @@ class Estimator:
 
     def reset(self) -> None:
         """Forget every sample; the mode shape is kept."""
-        self._tracker.reset()
-        for slow in self._slow.values():
-            slow.reset()
-        for watch in self._health.values():
-            watch.reset()
-        if self._speed_check is not None:
-            self._speed_check.reset()
-        self._unwrapping.reset()
-        self._angle.reset()
-        self._turning.reset()
-        for opinion in self._opinions.values():
-            opinion.reset()
-        for lines in self._lines.values():
-            lines.reset()
+        self._begin(self.config)
 
     def set_mode_shape(self, shape: ModeShape | None) -> None:
         """Give the tracker another mode shape; what it has learnt by itself it keeps."""
@@ -116,7 +111,7 @@ class Estimator:
             self._tracker.set_modes(mode_points(shape, plain), SCALE_STD)
 
     def run(
-        self, rows_ns: NDArray[np.int64], blocks: dict[str, MergedBlock]
+        self, rows_ns: NDArray[np.int64], blocks: dict[str, Block]
     ) -> tuple[NDArray[np.void], NDArray[np.bool_], Motion]:
         """
         Take samples, and estimate.
@@ -125,7 +120,7 @@ class Estimator:
         ----------
         rows_ns : ndarray of int64, shape (m,)
             Stamps at which estimates are wanted.
-        blocks : dict of str to MergedBlock
+        blocks : dict of str to Block
             All samples since the last call, by channel.
 
         Returns
@@ -141,7 +136,10 @@ class Estimator:
         rows['stamp_ns'] = rows_ns
         usable = {}
         for name, block in blocks.items():
-            wrong, usable[name] = self._health[name].update(block, rows_ns)
+            wrong, usable[name], sizes = self._health[name].update(block, rows_ns)
+            if name in DISPLACEMENTS:
+                blind = (wrong & health.BLIND) != 0
+                rows[f'{name}_step'], rows[f'{name}_measured'] = np.where(blind, math.nan, sizes)
             if name in self.config.optional_channels:
                 wrong = health.excused(wrong)
             rows[f'{name}_wrong'] = wrong
@@ -163,15 +161,19 @@ class Estimator:
         quiet = np.ones(own.size, dtype=np.bool_)
         encoder = slow['roller'][:count]
         motion = Motion(stamp[own], value[own], speed[own], encoder[own], quiet)
-        turning = self._turning.update(rows_ns, slow['angle'][count:])
-        samples = {
-            name: np.diff(np.searchsorted(stamp[sensor == k], rows_ns, side='right'), prepend=0)
+        turning, changed = self._turning.update(rows_ns, slow['angle'][count:])
+        self._agreement.update(rows, track, turning, changed)
+        known = lines_known(self.config, rows['speed'])
+        lines = np.where(known, slow['angle'][count:], math.nan)
+        readings = {
+            name: (stamp[sensor == k], value[sensor == k])
             for k, name in enumerate(self._motion)
+            if name in self._opinions
         }
-        return rows, self._compare(rows, track, turning, samples), motion
+        return rows, self._compare(rows, track, lines, turning, changed, readings), motion
 
     def _in_order(
-        self, blocks: dict[str, MergedBlock], usable: dict[str, NDArray[np.bool_]]
+        self, blocks: dict[str, Block], usable: dict[str, NDArray[np.bool_]]
     ) -> tuple[NDArray[np.int64], NDArray[np.int8], NDArray[np.float64]]:
         """Return stamps, sensors (places in `_motion`) and values that are usable, by stamp."""
         stamps, sensors, values = [], [], []
@@ -187,7 +189,7 @@ class Estimator:
     def _slow_at(
         self,
         wanted: NDArray[np.int64],
-        blocks: dict[str, MergedBlock],
+        blocks: dict[str, Block],
         usable: dict[str, NDArray[np.bool_]],
     ) -> dict[str, NDArray[np.float64]]:
         """
@@ -236,8 +238,10 @@ class Estimator:
         self,
         rows: NDArray[np.void],
         track: NDArray[np.void],
+        lines: NDArray[np.float64],
         turning: NDArray[np.float64],
-        samples: dict[str, NDArray[np.int64]],
+        changed: NDArray[np.bool_],
+        readings: dict[str, tuple[NDArray[np.int64], NDArray[np.float64]]],
     ) -> NDArray[np.bool_]:
         """Ask for the second opinion; return the rows at which the two disagree."""
         disagree = np.zeros(rows.size, dtype=np.bool_)
@@ -247,14 +251,18 @@ class Estimator:
         for name, coordinate in ((s.name, s.coordinate) for s in SENSORS if s.derivative == 0):
             rows[f'{name}_envelope'] = rows[f'outside_{name}'] = math.nan
             if name in self._opinions:
+                both = track[f'{name}_roughness'] + track[f'{name}_roughness_second']
                 rows[f'{name}_envelope'], differs = self._opinions[name].update(
                     rows['stamp_ns'],
-                    track[f'{name}_clean'],
-                    samples[name],
-                    track[f'{name}_noise_std'],
-                    track[f'{coordinate}_amplitude'],
-                    track[f'{coordinate}_amplitude_std'],
-                    track['frequency_hz'],
+                    *readings[name],
+                    lines,
+                    turning,
+                    (
+                        track[f'{coordinate}_amplitude'],
+                        track[f'{coordinate}_amplitude_std'],
+                        track['frequency_hz'],
+                        np.where(changed, np.nan_to_num(both), 0.0),
+                    ),
                 )
                 disagree |= differs
                 followed = track[f'{coordinate}_amplitude']

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import compiled
+from hunt_ros.compiled import F1, I1, compiled
 from hunt_ros.criteria import Verdict
 from hunt_ros.detection.companions import Companions, criterion_event
 from hunt_ros.detection.configuration import DetectorConfig
@@ -102,11 +102,11 @@ class Summary:
 
 @compiled
 def _half_ranges(
-    rows: NDArray[np.int64],
-    stamps: NDArray[np.int64],
-    values: NDArray[np.float64],
+    rows: I1,
+    stamps: I1,
+    values: F1,
     window_ns: int,
-    half: NDArray[np.float64],
+    half: F1,
 ) -> None:
     """Fill in half the range of the values in (row - window, row]; NaN without any."""
     first = 0

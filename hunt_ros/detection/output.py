@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.detection.merging.journal import JournalEntry
+from hunt_ros.detection.journal import JournalEntry
 from hunt_ros.detection.regions import Level, State
 from hunt_ros.estimation.kalman import TRACK_DTYPE
-from hunt_ros.samples import CHANNELS
+from hunt_ros.samples import CHANNELS, NANOSECONDS
 from hunt_ros.sensors import COORDINATES, DISPLACEMENTS, MOTION
 
 #: Columns of the tracker that stay inside: of use to the detector, or to who tunes the filter.
@@ -26,6 +27,8 @@ _INSIDE = {
     'yaw_ratio',
     'yaw_ratio_std',
     'yaw_lag',
+    'yaw_factor',
+    'yaw_contrary',
     'bandwidth',
     'second_mode_amplitude',
     'since_kick',
@@ -35,27 +38,58 @@ _INSIDE = {
 TRACKER_FIELDS: tuple[str, ...] = tuple(
     name for name in TRACK_DTYPE.names or () if name not in _INSIDE
 )
-#: The detector's own.
-_OWN = (
-    'speed',
-    *(f'{name}_envelope' for name in DISPLACEMENTS),
-    'noise_floor',
-    'noise_intensity',
-    'unstable_amplitude',
-    'unstable_amplitude_std',
-    'stable_amplitude',
-    'margin',
-    'margin_low',
-    'margin_high',
-    'escape_probability',
-    'escape_probability_low',
-    'escape_probability_high',
-    'outlook',
-    'time_to_limit_cycle',
-    # Of the test behind the state, NaN where another one decided.
-    'log_likelihood_ratio',
-    'log_likelihood_ratio_limit',
+
+
+class Column(NamedTuple):
+    """A number of the row: its public name, with the unit, and whether it stands with an event."""
+
+    name: str
+    public: str = ''  # in status, events and JSON, where it is another
+    event: bool = False
+
+
+#: The numbers of the tracker that are named anew or stand with events; then the detector's own.
+_TRACKED = (
+    Column('lateral_amplitude', 'amplitude_m', True),
+    Column('lateral_amplitude_std', 'amplitude_std_m', True),
+    Column('lateral_amplitude_rate', 'amplitude_rate_mps'),
+    Column('yaw_amplitude', 'yaw_amplitude_rad', True),
+    Column('yaw_amplitude_std', 'yaw_amplitude_std_rad', True),
+    Column('growth_rate', 'growth_rate_per_s', True),
+    Column('growth_rate_std', 'growth_rate_std_per_s', True),
+    Column('frequency_hz', '', True),
+    Column('lateral_roughness', 'roughness_m'),
 )
+_OWN = (
+    Column('speed', 'speed_mps', True),
+    Column('lateral_envelope', 'envelope_m'),
+    Column('yaw_envelope', 'yaw_envelope_rad'),
+    Column('lateral_measured', 'largest_lateral_m'),
+    Column('yaw_measured', 'largest_yaw_rad'),
+    Column('noise_floor', 'noise_floor_m', True),
+    Column('noise_intensity', '', True),
+    Column('unstable_amplitude', 'unstable_amplitude_m', True),
+    Column('unstable_amplitude_std', 'unstable_amplitude_std_m', True),
+    Column('stable_amplitude', 'stable_amplitude_m', True),
+    Column('margin', '', True),
+    Column('margin_low', '', True),
+    Column('margin_high', '', True),
+    Column('escape_probability', '', True),
+    Column('escape_probability_low', '', True),
+    Column('escape_probability_high', '', True),
+    Column('outlook', 'escape_chance_next_minute'),
+    Column('time_to_limit_cycle', 'time_to_limit_cycle_s', True),
+    # Of the test behind the state, NaN where another one decided.
+    Column('log_likelihood_ratio', '', True),
+    Column('log_likelihood_ratio_limit', '', True),
+)
+#: The numbers of the status, in the order in which they are published.
+NUMBERS: tuple[str, ...] = (*TRACKER_FIELDS, *(column.name for column in _OWN))
+#: Column -> public name; all others keep theirs.
+PUBLIC: dict[str, str] = {c.name: c.public for c in (*_TRACKED, *_OWN) if c.public}
+#: The numbers behind an event, by column and by public name.
+_BEHIND = tuple(column.name for column in (*_TRACKED, *_OWN) if column.event)
+EVENT_NUMBERS: tuple[str, ...] = tuple(PUBLIC.get(name, name) for name in _BEHIND)
 
 #: The strongest motion outside the range that is followed, NaN where there is none: its
 #: frequency, its amplitude in m and rad; and the range, Hz.
@@ -66,13 +100,17 @@ OUTSIDE: tuple[str, ...] = (
     'followed_max_hz',
 )
 
+#: Inside: the smallest steps of the readings, and that of the judged ones; the lateral amplitude
+#: that is judged, m.
+_ASIDE = (*(f'{name}_step' for name in DISPLACEMENTS), 'step', 'judged', 'judged_std')
+
 #: One row of the estimates. Amplitudes in m (yaw: rad), rates per second, unknown as NaN.
 ESTIMATE_DTYPE: np.dtype[np.void] = np.dtype(
     [
         ('stamp_ns', np.int64),
-        *((name, np.float64) for name in (*TRACKER_FIELDS, *_OWN)),
+        *((name, np.float64) for name in NUMBERS),
         # Motion outside the range of frequencies that is followed, and that range.
-        *((name, np.float64) for name in OUTSIDE),
+        *((name, np.float64) for name in (*OUTSIDE, *_ASIDE)),
         ('region', np.int8),
         ('state', np.int8),
         # When region, state and the word on the margin began, and the evidence behind the state.
@@ -92,61 +130,15 @@ ESTIMATE_DTYPE: np.dtype[np.void] = np.dtype(
     ]
 )
 
-#: The numbers of the status, in the order in which they are published.
-NUMBERS: tuple[str, ...] = (*TRACKER_FIELDS, *_OWN)
-
-#: Column -> public name, with its unit, in status, events and JSON; all others keep theirs.
-PUBLIC: dict[str, str] = {
-    'speed': 'speed_mps',
-    'lateral_amplitude': 'amplitude_m',
-    'lateral_amplitude_std': 'amplitude_std_m',
-    'lateral_amplitude_rate': 'amplitude_rate_mps',
-    'yaw_amplitude': 'yaw_amplitude_rad',
-    'yaw_amplitude_std': 'yaw_amplitude_std_rad',
-    'lateral_envelope': 'envelope_m',
-    'yaw_envelope': 'yaw_envelope_rad',
-    'growth_rate': 'growth_rate_per_s',
-    'growth_rate_std': 'growth_rate_std_per_s',
-    'unstable_amplitude': 'unstable_amplitude_m',
-    'unstable_amplitude_std': 'unstable_amplitude_std_m',
-    'stable_amplitude': 'stable_amplitude_m',
-    'lateral_roughness': 'roughness_m',
-    'noise_floor': 'noise_floor_m',
-    'outlook': 'escape_chance_next_minute',
-    'time_to_limit_cycle': 'time_to_limit_cycle_s',
-}
-#: The numbers behind an event, by column.
-_BEHIND = (
-    'speed',
-    'lateral_amplitude',
-    'lateral_amplitude_std',
-    'yaw_amplitude',
-    'yaw_amplitude_std',
-    'growth_rate',
-    'growth_rate_std',
-    'frequency_hz',
-    'unstable_amplitude',
-    'unstable_amplitude_std',
-    'stable_amplitude',
-    'margin',
-    'margin_low',
-    'margin_high',
-    'escape_probability',
-    'escape_probability_low',
-    'escape_probability_high',
-    'time_to_limit_cycle',
-    'noise_floor',
-    'noise_intensity',
-    'log_likelihood_ratio',
-    'log_likelihood_ratio_limit',
-)
-#: The same by public name, in the order in which they are published.
-EVENT_NUMBERS: tuple[str, ...] = tuple(PUBLIC.get(name, name) for name in _BEHIND)
-
 
 def numbers_behind(row: np.void) -> dict[str, float]:
     """Return the numbers of a row (ESTIMATE_DTYPE) that stand with an event; NaN: unknown."""
     return {PUBLIC.get(name, name): float(row[name]) for name in _BEHIND}
+
+
+def seconds_text(stamp_ns: int) -> str:
+    """Return a stamp in seconds, to the millisecond; '' where there is none."""
+    return f'{stamp_ns / NANOSECONDS:.3f}' if stamp_ns else ''
 
 
 @dataclass(frozen=True)
@@ -183,6 +175,19 @@ class Event:
     cause: str
     normal_form: str = ''
     numbers: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def values(self) -> dict[str, object]:
+        """It as it is published in `hunting/events`, with the unit in the key."""
+        return {
+            'event': self.event,
+            'since_s': seconds_text(self.since_ns),
+            'decided_s': seconds_text(self.stamp_ns),
+            'test': self.test,
+            'cause': self.cause,
+            'normal_form': self.normal_form,
+            **self.numbers,
+        }
 
     @property
     def speed_mps(self) -> float:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from hunt_ros.compiled import compiled
+from hunt_ros.compiled import compiled_part
 
 
 class Region(IntEnum):
@@ -59,7 +59,7 @@ class Level(IntEnum):
         return self.name
 
 
-@compiled
+@compiled_part
 def switched(on: bool, value: float, threshold_in: float, threshold_out: float) -> bool:
     """
     Compare with hysteresis: on above `threshold_in`, off below `threshold_out`.
@@ -98,7 +98,7 @@ HELD: np.dtype[np.void] = np.dtype(
 )
 
 
-@compiled
+@compiled_part
 def hold(memory: Any, wanted: int, rows: int, stamp_ns: int) -> bool:
     """
     Take a new word once it has been wanted without a break while so many rows passed.
@@ -139,7 +139,31 @@ def hold(memory: Any, wanted: int, rows: int, stamp_ns: int) -> bool:
     return True
 
 
-@compiled
+@compiled_part
+def latch(memory: Any, lasts: bool) -> None:
+    """
+    Latch an alarm; an acknowledgement counts once its cause is over.
+
+    Parameters
+    ----------
+    memory
+        A record with `alarm` and `acknowledged`, both bool.
+    lasts : bool
+        The cause is there in this row.
+    """
+    if lasts:
+        memory['alarm'] = True
+    elif memory['acknowledged']:
+        memory['alarm'] = memory['acknowledged'] = False
+
+
+def acknowledge(memory: Any, lasts: bool) -> None:
+    """Take the alarm of such a record back: at once, or by `latch` once its cause is over."""
+    if memory['alarm']:
+        memory['acknowledged'] = memory['alarm'] = lasts
+
+
+@compiled_part
 def region_of(
     region: int, speed: float, nonlinear_speed: float, critical_speed: float, band: float
 ) -> int:

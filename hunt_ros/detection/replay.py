@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.detector import HuntingDetector
-from hunt_ros.detection.merging.journal import JournalEntry
-from hunt_ros.detection.merging.merge import LateRun
+from hunt_ros.detection.journal import JournalEntry
 from hunt_ros.detection.output import Output
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.samples import NANOSECONDS, Record, Series
@@ -100,15 +99,15 @@ class Playback:
                 detector.reset(config, first.memory)
             elif repeats:
                 detector.reset()
-            for channel, late in _late_runs(entries):
-                detector.expect_late(channel, late)
+            for late in _late_runs(entries):
+                detector.expect_late(*late)
             for number, entry in enumerate(entries):
                 if entry.kind in _ABOUT_SAMPLES or entry.kind == 'start':
                     continue
                 yield detector.hold_at(entry)
                 yield from self._feed(run, number)
                 yield detector.repeat(entry)
-            yield detector.let_go()
+            yield detector.hold_at(None)
             yield from self._feed(run, len(entries))
         if not repeats:
             yield detector.finish()
@@ -311,17 +310,17 @@ def _runs(record: Record, journal: Sequence[JournalEntry]) -> Iterator[_Run]:
         yield _Run(entries, parts)
 
 
-def _late_runs(entries: Sequence[JournalEntry]) -> Iterator[tuple[str, LateRun]]:
-    """Give the runs of samples that came too late, by channel."""
+def _late_runs(entries: Sequence[JournalEntry]) -> Iterator[tuple[str, int, int, int | None]]:
+    """Give the runs of samples that came too late: channel, epoch, first and last stamp."""
     begun: dict[tuple[str, int], int] = {}
     for entry in entries:
         for channel, stamp in entry.channels.items():
             place = channel, entry.epoch
             if entry.kind == 'late':
-                yield from ((channel, LateRun(entry.epoch, at, at)) for at in entry.stamps)
+                yield from ((channel, entry.epoch, at, at) for at in entry.stamps)
             elif entry.kind == 'late_from' and stamp is not None:
                 begun[place] = stamp
             elif entry.kind == 'late_to' and place in begun:
-                yield channel, LateRun(entry.epoch, begun.pop(place), stamp)
+                yield channel, entry.epoch, begun.pop(place), stamp
     for (channel, epoch), first in begun.items():
-        yield channel, LateRun(epoch, first, None)
+        yield channel, epoch, first, None

@@ -1,7 +1,7 @@
 """
 From merged samples to rows: estimates, decisions, level.
 
-What is done to a stretch of samples once it is complete; the merging before it and
+What is done to a stretch of samples once it is complete; the door before it and
 the events after it are elsewhere.
 """
 
@@ -23,9 +23,9 @@ from hunt_ros.detection.decision.outlook import OutlookTable, form_numbers
 from hunt_ros.detection.decision.rules import rules_of
 from hunt_ros.detection.estimates import Estimator
 from hunt_ros.detection.frequencies import nominal_hz, with_frequencies
-from hunt_ros.detection.merging.merge import MergedBlock
+from hunt_ros.detection.intake import Block
 from hunt_ros.detection.output import Motion
-from hunt_ros.detection.regions import Level, State
+from hunt_ros.detection.regions import Level, State, acknowledge
 from hunt_ros.detection.tracking import JudgedChannel
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import NormalForm
@@ -190,13 +190,11 @@ class RowMaker:
     def acknowledge(self) -> None:
         """Take the alarm back: at once, or once the hunting is over and all limits are kept."""
         self._limits.acknowledge()
-        memory = self.memory['state'][0]
-        if memory['alarm']:
-            hunting = memory['hunting']['word'] in (State.ESCAPING, State.LIMIT_CYCLE)
-            memory['acknowledged'] = memory['alarm'] = hunting
+        state = self.memory['state'][0]
+        acknowledge(state, self.state in (State.ESCAPING, State.LIMIT_CYCLE))
 
     def make(
-        self, after_ns: int | None, until_ns: int, blocks: dict[str, MergedBlock]
+        self, after_ns: int | None, until_ns: int, blocks: dict[str, Block]
     ) -> tuple[NDArray[np.void], Motion]:
         """
         Make the rows in (after_ns, until_ns].
@@ -207,7 +205,7 @@ class RowMaker:
             Last row made; None at the beginning.
         until_ns : int
             A grid stamp.
-        blocks : dict of str to MergedBlock
+        blocks : dict of str to Block
             All samples in that stretch, by channel.
 
         Returns
@@ -262,9 +260,12 @@ class RowMaker:
         disagree: NDArray[np.bool_],
     ) -> None:
         """Run the decisions on one channel, stretch by stretch of one outlook."""
-        amplitude = np.where(trusted, rows[f'{channel}_amplitude'], math.nan)
-        spread = np.ascontiguousarray(rows[f'{channel}_amplitude_std'])
+        size = 'judged' if channel == 'lateral' else 'yaw_amplitude'
+        spread_of = 'judged_std' if channel == 'lateral' else 'yaw_amplitude_std'
+        amplitude = np.where(trusted, rows[size], math.nan)
+        spread = np.ascontiguousarray(rows[spread_of])
         outside = np.ascontiguousarray(rows[f'outside_{channel}'])
+        rows['step'] = np.nan_to_num(rows[f'{channel}_step'], posinf=0.0)
         rules, numbers = self._rules, self._numbers
         if channel == 'yaw':  # the form speaks of metres
             numbers = form_numbers(None)

@@ -1,13 +1,20 @@
-"""The second opinion on the amplitude: the Hilbert envelope against the filter."""
+"""
+The second opinion on the amplitude: the Hilbert envelope of the readings against the filter.
+
+It takes nothing from the filter but the numbers that it judges: the readings are averaged over the
+rows, and known lines are taken out by adaptive noise cancelling (Widrow et al., Proc. IEEE 63,
+1975, 1692-1716), a notch whose phasors follow the angle of the roller.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import compiled, compiled_part
+from hunt_ros.compiled import B1, F1, F2, I1, R1, compiled, compiled_part
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.estimation.hilbert import HilbertEnvelope
 
@@ -16,156 +23,205 @@ _F = NDArray[np.float64]
 #: The two estimates disagree beyond this many standard deviations, and beyond this share of the
 #: amplitude: what the band-pass leaves of a changing amplitude is less.
 _SIGMA, _SHARE = 4.0, 0.15
+#: The phasors of the lines, and the noise, are means over so many periods of the hunting.
+_PERIODS = 10.0
+#: What the hunting left in a phasor at the start is forgotten after so many of these times.
+_SETTLED = 3.0
+#: Where the phasors begin in the memory of the kernels.
+_LINES = 6
 #: Frequencies at which the gain of the envelope is tabulated.
 _FREQUENCIES = 400
 
 
 class SecondOpinion:
     """
-    Envelope of one sensor's roughness-free signal, compared with the filter's amplitude.
+    Envelope of one sensor's readings, compared with the filter's amplitude.
 
-    The envelope is half a filter length late, so it is compared with what the filter said
-    then: with that amplitude as the row means and the band-pass pass it on at that frequency,
-    give or take what they let through of its image at the negative frequency.
+    The envelope is half a filter length late, so it is compared with what the filter said then:
+    with that amplitude as the row means and the band-pass pass it on at that frequency, give or
+    take what they let through of its image at the negative frequency, and what a notch beside it
+    takes from it. While the speed changes the notches lag behind the lines: then it is compared
+    with hunting and lines together.
 
     Parameters
     ----------
     config : DetectorConfig
         Band and rate.
+    orders : sequence of float
+        Of the lines, in turns of the roller.
     """
 
-    def __init__(self, config: DetectorConfig) -> None:
-        rate = 1e9 / config.period_ns
+    def __init__(self, config: DetectorConfig, orders: Sequence[float] = ()) -> None:
+        self._rate = 1e9 / config.period_ns
         # An octave below the nominal frequency; lower would make the filter longer and later.
         low = max(config.hunting_frequency_min_hz, 0.5 * config.hunting_frequency_hz)
-        high = min(config.hunting_frequency_max_hz, 0.45 * rate)
-        self._envelope = HilbertEnvelope(rate, low, high, max(0.8, 1.05 / low))
-        self._config = config
-        self._late = round(self._envelope.delay_s * rate)
-        self._rate = rate
-        grid = np.linspace(0.0, 0.5 * rate, _FREQUENCIES)
+        high = min(config.hunting_frequency_max_hz, 0.45 * self._rate)
+        self._envelope = HilbertEnvelope(self._rate, low, high, max(0.8, 1.05 / low))
+        self._period_ns = config.period_ns
+        self._late = round(self._envelope.delay_s * self._rate)
+        self._orders = np.array([0.0, *orders])
+        self._memory = _PERIODS * self._rate / config.hunting_frequency_hz
+        grid = np.linspace(0.0, 0.5 * self._rate, _FREQUENCIES)
         self._gains = np.stack([self._envelope.gain(grid), self._envelope.gain(-grid)])
-        self._noise_gain = self._envelope.noise_gain
         self.reset()
 
     def reset(self) -> None:
         """Forget every row."""
         self._envelope.reset()
-        # What the filter said in the rows that the envelope is late, in a ring: amplitude,
-        # its deviation, frequency, samples of the row.
-        self._said = np.full((self._late, 4), np.nan)
-        self._place = np.zeros(1, dtype=np.int64)
-        self._next_ns: int | None = None
-
-    @property
-    def delay_s(self) -> float:
-        """How late the envelope is, s."""
-        return self._envelope.delay_s
+        # What was said, and the part that a line may take, in a ring as long as the envelope is
+        # late.
+        self._said = np.full((self._late, 5), np.nan)
+        # Rows that were taken in, mean square of the third difference, the three values before,
+        # the place in the ring; then the phasors of the lines, the first of which is the mean.
+        self._state = np.zeros(_LINES + 2 * self._orders.size)
+        self._state[2:5] = np.nan
+        self._last_ns: int | None = None
 
     def update(
         self,
         rows_ns: NDArray[np.int64],
-        clean: NDArray[np.float64],
-        samples: NDArray[np.int64],
-        noise_std: NDArray[np.float64],
-        amplitude: NDArray[np.float64],
-        amplitude_std: NDArray[np.float64],
-        frequency_hz: NDArray[np.float64],
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        stamps_ns: NDArray[np.int64],
+        values: _F,
+        angle: _F,
+        turning: _F,
+        said: tuple[_F, _F, _F, _F],
+    ) -> tuple[_F, NDArray[np.bool_]]:
         """
-        Take rows of the filter.
+        Take rows of the filter, and the readings that they were made of.
 
         Parameters
         ----------
         rows_ns : ndarray of int64, shape (m,)
             Stamps of the rows.
-        clean : ndarray, shape (m,)
-            Roughness-free signal, mean over the samples of each row, unit of the sensor.
-        samples : ndarray of int64, shape (m,)
-            How many these are.
-        noise_std, amplitude, amplitude_std : ndarray, shape (m,)
-            Standard deviation of the noise of one sample, amplitude and its standard
-            deviation, unit of the sensor.
-        frequency_hz : ndarray, shape (m,)
-            Of the motion, Hz.
+        stamps_ns, values : ndarray, shape (n,)
+            Readings since the last row before, in the unit of the sensor.
+        angle, turning : ndarray, shape (m,)
+            Angle of the roller, rad, and its turns per second; NaN where unknown.
+        said : tuple of ndarray, shape (m,)
+            Amplitude, its standard deviation, frequency (Hz) and, while the speed changes, the
+            amplitude of the lines, by the filter.
 
         Returns
         -------
         envelope : ndarray, shape (m,)
-            Envelope `delay_s` before each row; NaN where unknown.
+            That of the time half a filter length before each row; NaN where unknown.
         disagree : ndarray of bool, shape (m,)
             True where the two differ by more than their uncertainty allows.
         """
-        envelope = np.empty(rows_ns.size)
-        disagree = np.zeros(rows_ns.size, dtype=np.bool_)
-        follows = np.empty(rows_ns.size, dtype=np.int64)
-        follows[1:] = rows_ns[:-1] + self._config.period_ns
-        if rows_ns.size:
-            follows[0] = rows_ns[0] if self._next_ns is None else self._next_ns
-        cuts = np.flatnonzero(rows_ns != follows).tolist()
-        for begin, end in zip([0, *cuts], [*cuts, rows_ns.size], strict=True):
+        size = rows_ns.size
+        envelope, disagree = np.empty(size), np.zeros(size, dtype=np.bool_)
+        if not size:
+            return envelope, disagree
+        count, means, noise = np.zeros(size, dtype=np.int64), np.zeros(size), np.empty(size)
+        rows_ns = np.ascontiguousarray(rows_ns)
+        _mean(rows_ns, stamps_ns, values, count, means)
+        steps = np.diff(rows_ns, prepend=rows_ns[0] if self._last_ns is None else self._last_ns)
+        cuts = np.flatnonzero(steps > self._period_ns).tolist()
+        for begin, end in zip([0, *cuts], [*cuts, size], strict=True):
             if begin in cuts:
                 self.reset()
             part = slice(begin, end)
-            envelope[part] = self._envelope.update(clean[part])
+            tuned = self._orders, self._memory, self._state
+            _take_out(means[part], angle[part], *tuned, noise[part])
+            envelope[part] = self._envelope.update(means[part])
             _compare(
                 envelope[part],
-                np.ascontiguousarray(amplitude[part]),
-                np.ascontiguousarray(amplitude_std[part]),
-                np.ascontiguousarray(frequency_hz[part]),
-                np.ascontiguousarray(noise_std[part]),
-                np.ascontiguousarray(samples[part]),
+                self._envelope.noise_gain * noise[part],
+                count[part],
+                turning[part],
+                np.stack([column[part] for column in said]),
+                *tuned,
                 self._said,
-                self._place,
                 self._gains,
-                self._noise_gain,
                 self._rate,
                 disagree[part],
             )
-        if rows_ns.size:
-            self._next_ns = int(rows_ns[-1]) + self._config.period_ns
+        self._last_ns = int(rows_ns[-1])
         return envelope, disagree
 
 
 @compiled
+def _mean(rows: I1, stamps: I1, values: F1, count: I1, means: F1) -> None:
+    """Average the values up to each row and after the one before; NaN where there is none."""
+    n = 0
+    for i in range(rows.size):
+        while n < stamps.size and stamps[n] <= rows[i]:
+            means[i] += values[n]
+            count[i] += 1
+            n += 1
+        means[i] = means[i] / count[i] if count[i] > 0 else math.nan
+
+
+@compiled
+def _take_out(values: F1, angle: R1, orders: F1, memory: float, state: F1, noise: F1) -> None:
+    """
+    Take mean and lines out of the values of rows, NaN: none; fill in the deviation of their noise.
+
+    White noise of variance s^2 has third differences of 20 s^2, a slow motion has none.
+    """
+    for i in range(values.size):
+        value = values[i]
+        if math.isfinite(value):
+            state[0] = min(state[0] + 1.0, _SETTLED * memory)
+            seen = min(state[0], memory)
+            third = value - 3.0 * state[2] + 3.0 * state[3] - state[4]
+            state[4], state[3], state[2] = state[3], state[2], value
+            if math.isfinite(third):
+                state[1] += (third * third / 20.0 - state[1]) / seen
+            for k in range(orders.size):
+                if orders[k] == 0.0 or math.isfinite(angle[i]):
+                    turn = orders[k] * angle[i] if orders[k] > 0.0 else 0.0
+                    value -= state[_LINES + 2 * k] * math.cos(turn)
+                    value -= state[_LINES + 1 + 2 * k] * math.sin(turn)
+            # As a mean over what there is at first: over a tenth of the memory at least.
+            gain = 2.0 * value / (seen + 0.1 * memory)
+            for k in range(orders.size):
+                if orders[k] == 0.0:
+                    state[_LINES] += 0.5 * gain
+                elif math.isfinite(angle[i]):
+                    state[_LINES + 2 * k] += gain * math.cos(orders[k] * angle[i])
+                    state[_LINES + 1 + 2 * k] += gain * math.sin(orders[k] * angle[i])
+            values[i] = value
+        noise[i] = math.sqrt(state[1]) if state[0] >= _SETTLED * memory else math.nan
+
+
+@compiled
 def _compare(
-    envelope: _F,
-    amplitude: _F,
-    amplitude_std: _F,
-    frequency_hz: _F,
-    noise_std: _F,
-    samples: NDArray[np.int64],
-    said: _F,
-    place: NDArray[np.int64],
-    gains: _F,
-    noise_gain: float,
+    envelope: R1,
+    noise: R1,
+    count: I1,
+    turning: R1,
+    says: F2,
+    orders: F1,
+    memory: float,
+    state: F1,
+    said: F2,
+    gains: F2,
     rate_hz: float,
-    disagree: NDArray[np.bool_],
+    disagree: B1,
 ) -> None:
     """Compare the envelope of each row with what the filter said then."""
+    width = rate_hz / (math.pi * memory)
     for i in range(envelope.size):
-        then, deviation, frequency, count = (
-            said[place[0], 0],
-            said[place[0], 1],
-            said[place[0], 2],
-            said[place[0], 3],
-        )
-        now = max(samples[i], 1)
-        said[place[0], 0] = amplitude[i]
-        said[place[0], 1] = amplitude_std[i]
-        said[place[0], 2] = frequency_hz[i]
-        said[place[0], 3] = now
-        place[0] = (place[0] + 1) % said.shape[0]
+        near = math.inf
+        for k in range(1, orders.size):
+            apart = abs(says[2, i] - orders[k] * turning[i])
+            if apart < near:
+                near = apart
+        old = said[int(state[5])]
+        then, deviation, frequency, beside, taken = old[0], old[1], old[2], old[3], old[4]
+        old[:4] = says[:, i]
+        old[4] = width / max(near, 1e-3 * width)
+        state[5] = (state[5] + 1.0) % said.shape[0]
         # Mean of n samples over a row: sin(x) / (n sin(x / n)), x = pi f T.
-        turn = math.pi * frequency / rate_hz
-        mean = math.sin(turn) / (count * math.sin(turn / count)) if turn > 0.0 else 1.0
+        turn, n = math.pi * frequency / rate_hz, max(count[i], 1)
+        mean = math.sin(turn) / (n * math.sin(turn / n)) if turn > 0.0 else 1.0
         passed = mean * _gain_at(gains[0], frequency, rate_hz)
         image = mean * _gain_at(gains[1], frequency, rate_hz)
-        noise = noise_gain * noise_std[i] / math.sqrt(now)
-        spread = _SIGMA * math.hypot(passed * deviation, noise)
-        away = abs(envelope[i] - passed * then) - image * then
+        away = abs(envelope[i] - passed * then) - image * then - beside
+        spread = _SIGMA * math.hypot(passed * deviation, noise[i])
         # NaN: one of the two says nothing.
-        disagree[i] = away > spread and away > _SHARE * passed * then
+        disagree[i] = away > spread and away > (_SHARE + taken) * passed * then
 
 
 @compiled_part

@@ -1,7 +1,7 @@
 """
 Forecast of the linear critical speed before it is reached, from the damping on the way up.
 
-    forecast = CriticalSpeedForecast(ForecastSettings())
+    forecast = CriticalSpeedForecast()
     forecast.update(stamps_ns, lateral, speed, angle)
     forecast.forecast.critical_speed  # or None, with its reason
 """
@@ -14,7 +14,6 @@ from hunt_ros.forecast.critical_speed import (
     NOT_FALLING,
     CriticalSpeedForecast,
     Forecast,
-    ForecastSettings,
 )
 
 __all__ = [
@@ -23,5 +22,4 @@ __all__ = [
     'NO_EXCITATION',
     'CriticalSpeedForecast',
     'Forecast',
-    'ForecastSettings',
 ]

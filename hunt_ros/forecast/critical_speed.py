@@ -10,22 +10,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hunt_ros.dynamics.parameters import RigParameters
-from hunt_ros.estimation.tracker_config import Shaft
+from hunt_ros.estimation.tracker_config import REFERENCE_HZ, Shaft
 from hunt_ros.forecast.damping_laws import SmoothLaw, WheelsetLaw
 from hunt_ros.forecast.level_spectrum import SpeedLevel
 from hunt_ros.forecast.quiet_levels import QuietLevels
 from hunt_ros.forecast.response_spectrum import ResponseLaw, Spectra
 from hunt_ros.forecast.whittle import WhittleFit, best_fit, critical_interval
 from hunt_ros.samples import NANOSECONDS, Uncertain
-from hunt_ros.settings import Settings, setting
 
+#: What is looked at on a rig of the reference frequency, Hz.
+BAND = (0.8, 8.0)
 #: Why there is no number.
 COLLECTING = 'collecting speed levels'
 NO_EXCITATION = 'not enough excitation'
@@ -33,69 +34,18 @@ NOT_FALLING = 'the damping seen so far does not tell where it vanishes'
 NO_FIT = 'the response does not follow the damping law'
 
 
-@dataclass(frozen=True)
-class ForecastSettings(Settings):
-    """
-    How the forecast of v_c is made.
-
-    Raises
-    ------
-    ConfigError
-        Naming the field that is out of its range.
-    """
-
-    lowest_hz: float = setting(0.8, 'lowest frequency looked at', unit='Hz', low=0.05, high=50.0)
-    highest_hz: float = setting(8.0, 'highest frequency looked at', unit='Hz', low=0.2, high=100.0)
-    channel: str = setting(
-        'lateral', 'which of the two is given to it', choices=('lateral', 'yaw')
-    )
-    speed_tolerance: float = setting(
-        0.015, 'relative change of speed within one level', low=1e-4, high=0.1
-    )
-    shortest_level_s: float = setting(6.0, 'shortest level used', unit='s', low=0.1, high=6e3)
-    longest_level_s: float = setting(
-        60.0, 'a longer hold is cut into levels', unit='s', low=0.2, high=6e3
-    )
-    settle_s: float = setting(2.0, 'left out after a change of speed', unit='s', low=0.0, high=6e2)
-    refresh_s: float = setting(
-        20.0, 'a new forecast after this time at the latest', unit='s', low=1.0, high=3600.0
-    )
-    live: bool = setting(True, 'forecast as the run goes; false: only when asked to finish')
-    fewest_levels: int = setting(3, 'speeds needed before a forecast', low=2, high=100)
-    span: float = setting(
-        0.1, 'how far apart the speeds must be, relative to the highest', low=0.0, high=0.9
-    )
-    widest: float = setting(
-        0.25, 'no number where half the 95 % interval is wider, relative', low=0.01, high=1.0
-    )
-    farthest: float = setting(
-        0.6, 'no number further than this beyond the highest speed, relative', low=0.05, high=3.0
-    )
-    clearance: float = setting(
-        2.0, 'how far the peak must stand above the noise floor (power)', low=0.1, high=1e3
-    )
-    worst_misfit: float = setting(
-        3.0, 'no number where the law fits worse (1 is perfect)', low=1.1, high=100.0
-    )
-    roller_diameter_m: float = setting(0.3, 'roller diameter', unit='m', low=0.01, high=10.0)
-
-    def paced(self, faster: float) -> ForecastSettings:
-        """
-        Return the settings for a rig that hunts faster: the same numbers of periods.
-
-        Parameters
-        ----------
-        faster : float
-            Its hunting frequency over the one that these settings are made for.
-        """
-        return replace(
-            self,
-            lowest_hz=min(max(self.lowest_hz * faster, 0.05), 50.0),
-            highest_hz=min(max(self.highest_hz * faster, 0.2), 100.0),
-            shortest_level_s=self.shortest_level_s / faster,
-            longest_level_s=self.longest_level_s / faster,
-            settle_s=self.settle_s / faster,
-        )
+#: A new forecast after this time at the latest.
+REFRESH_NS = 20 * NANOSECONDS
+#: Levels needed before a forecast, and how far apart their speeds must be, over the highest.
+FEWEST_LEVELS, SPAN = 3, 0.1
+#: No number where half the 95 % interval is wider than this, or where it is further than this
+#: beyond the highest speed, relative.
+WIDEST, FARTHEST = 0.25, 0.6
+#: How far the peak must stand above the noise floor (power), and the law above white noise (ln of
+#: the likelihood ratio, whatever the parameters of the law).
+CLEARANCE, LIKELIER = 2.0, 30.0
+#: No number where the law fits worse (1 is perfect).
+WORST_MISFIT = 3.0
 
 
 @dataclass(frozen=True)
@@ -142,43 +92,44 @@ class CriticalSpeedForecast:
 
     Parameters
     ----------
-    settings : ForecastSettings
     rig : RigParameters, optional
         Geometry and stiffness; its creep coefficients are not trusted.
+    frequency_hz : float
+        Nominal hunting frequency, Hz: times and band are those of a number of its periods.
+    band_hz : (float, float)
+        Where the rig may hunt; it is looked at as well, Hz.
+    roller_diameter_m : float
+        Of Eq. (1), where there is no rig, m.
+    channel : 'lateral' or 'yaw'
+        Which of the two is given to it.
     shafts : sequence of Shaft
         What turns, with its known lines in turns of the roller.
+    live : bool
+        Forecast as the run goes; False: only when asked to `finish`.
     """
 
     def __init__(
         self,
-        settings: ForecastSettings | None = None,
         rig: RigParameters | None = None,
+        frequency_hz: float = REFERENCE_HZ,
+        band_hz: tuple[float, float] = (math.inf, 0.0),
+        roller_diameter_m: float = 0.3,
+        channel: str = 'lateral',
         shafts: Sequence[Shaft] = (Shaft((1.0, 2.0)),),
+        live: bool = True,
     ) -> None:
-        self.settings = ForecastSettings() if settings is None else settings
-        self._laws: list[ResponseLaw] = (
-            [SmoothLaw()]
-            if rig is None
-            else [
-                WheelsetLaw(rig, channel=self.settings.channel),
-                SmoothLaw(),
-            ]
-        )
-        s = self.settings
-        diameter, low, high = s.roller_diameter_m, s.lowest_hz, s.highest_hz
+        self._live = live
+        self._laws: list[ResponseLaw] = [SmoothLaw()]
+        faster = frequency_hz / REFERENCE_HZ
+        bands = [(BAND[0] * faster, BAND[1] * faster), band_hz]
         if rig is not None:
-            diameter = rig.roller_diameter_m
-            own = WheelsetLaw(rig).band(())
-            low, high = min(low, own[0]), max(high, own[1])
+            own = WheelsetLaw(rig, channel=channel)
+            self._laws.insert(0, own)
+            roller_diameter_m = rig.roller_diameter_m
+            bands.append(own.band(()))
+        low, high = min(band[0] for band in bands), max(band[1] for band in bands)
         self._levels = QuietLevels(
-            low,
-            high,
-            s.speed_tolerance,
-            s.shortest_level_s,
-            s.longest_level_s,
-            s.settle_s,
-            diameter,
-            shafts,
+            (max(low, 0.05), min(high, 100.0)), frequency_hz, roller_diameter_m, shafts
         )
         self.reset()
 
@@ -217,7 +168,7 @@ class CriticalSpeedForecast:
         stamps_ns : array_like of int64, shape (n,)
             Header stamps.
         lateral : array_like, shape (n,)
-            y, m, or psi, rad: the channel of the settings.
+            y, m, or psi, rad: the channel that was named.
         speed : array_like, shape (n,) or scalar
             m/s.
         roller_angle : array_like, shape (n,) or scalar
@@ -245,7 +196,7 @@ class CriticalSpeedForecast:
                 continue
             parts = (column[begin:end] for column in columns)
             for block_ns in self._levels.update(stamps[begin:end], *parts):
-                if self.settings.live:
+                if self._live:
                     self._refresh(block_ns)
         return self._forecast
 
@@ -257,9 +208,8 @@ class CriticalSpeedForecast:
     def _refresh(self, stamp_ns: int) -> None:
         """Refit when a level was closed, or when the last forecast is old and more is known."""
         closed, gathered = self._levels.closed_s, self._levels.gathered_s
-        refresh_ns = round(self.settings.refresh_s * NANOSECONDS)
         # Not inside one refresh of the last: later, or the clock was set back.
-        old = not 0 <= stamp_ns - self._fitted_ns < refresh_ns
+        old = not 0 <= stamp_ns - self._fitted_ns < REFRESH_NS
         if closed == self._closed_s and not (old and gathered > 1.03 * self._gathered_s):
             return
         self._fitted_ns, self._closed_s, self._gathered_s = stamp_ns, closed, gathered
@@ -269,8 +219,8 @@ class CriticalSpeedForecast:
         """Fit the laws to the levels, in their order, until one fits."""
         levels = list(self.levels)
         speeds = [level.speed for level in levels]
-        too_near = not speeds or max(speeds) - min(speeds) < self.settings.span * max(speeds)
-        if len(levels) < self.settings.fewest_levels or too_near:
+        too_near = not speeds or max(speeds) - min(speeds) < SPAN * max(speeds)
+        if len(levels) < FEWEST_LEVELS or too_near:
             self._forecast = Forecast(stamp_ns, levels=len(levels))
             return
         for law in self._laws:
@@ -305,17 +255,14 @@ class CriticalSpeedForecast:
         floor = math.exp(fit.theta[-1])
         flat = np.average(spectra.power, weights=spectra.weight)
         flat_cost = float(np.sum(spectra.weight * (math.log(flat) + spectra.power / flat)))
-        clear = np.max(fit.expected) > (1.0 + self.settings.clearance) * floor
-        # 30: the law must be e^30 times likelier than white noise, whatever its parameters.
-        if not clear or flat_cost - fit.cost < 30.0:
+        clear = np.max(fit.expected) > (1.0 + CLEARANCE) * floor
+        if not clear or flat_cost - fit.cost < LIKELIER:
             return NO_EXCITATION, None
-        if fit.misfit > self.settings.worst_misfit:
+        if fit.misfit > WORST_MISFIT:
             return NO_FIT, None
         critical = critical_interval(law, fit, float(np.max(spectra.speed)))
         half = 0.5 * (critical.high - critical.low)
         beyond = critical.value / float(np.max(spectra.speed)) - 1.0
-        if not (
-            half <= self.settings.widest * critical.value and beyond <= self.settings.farthest
-        ):
+        if not (half <= WIDEST * critical.value and beyond <= FARTHEST):
             return NOT_FALLING, None
         return '', critical

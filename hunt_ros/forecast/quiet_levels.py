@@ -16,10 +16,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import compiled
-from hunt_ros.estimation.tracker_config import Shaft
+from hunt_ros.compiled import F1, F2, I1, R1, compiled
+from hunt_ros.estimation.tracker_config import REFERENCE_HZ, Shaft
 from hunt_ros.forecast.level_spectrum import COLUMNS, SpeedLevel, fitted_orders, level_spectrum
-from hunt_ros.samples import CLOCK_RESET_NS, NANOSECONDS
+from hunt_ros.samples import NANOSECONDS
 
 #: A block whose rms exceeds this many times the level's median was disturbed.
 DISTURBED = 4.0
@@ -32,6 +32,12 @@ NEIGHBOUR = 0.1
 #: Levels that are kept; beyond, the shorter of two at nearly the same speed goes.
 MOST_LEVELS = 60
 
+#: How far the speed may stray within a level, relative.
+TOLERANCE = 0.015
+#: Of a rig of the reference frequency, s: a shorter level is not used, a longer hold is cut into
+#: levels, and after a change of speed the response still remembers the speed before.
+SHORTEST_S, LONGEST_S, SETTLE_S = 6.0, 60.0, 2.0
+
 #: Cells in a block, and what part of them must hold data.
 BLOCK = 50
 FILLED = 0.8
@@ -39,28 +45,24 @@ FILLED = 0.8
 
 @compiled
 def _fill_cells(
-    stamps: NDArray[np.int64],
-    values: NDArray[np.float64],
-    speeds: NDArray[np.float64],
-    angles: NDArray[np.float64],
-    orders: NDArray[np.float64],
+    stamps: I1,
+    values: R1,
+    speeds: R1,
+    angles: R1,
+    orders: R1,
     cell_ns: int,
-    reset_ns: int,
-    clock: NDArray[np.int64],
-    cell: NDArray[np.float64],
-    numbers: NDArray[np.int64],
-    cells: NDArray[np.float64],
+    clock: I1,
+    cell: F1,
+    numbers: I1,
+    cells: F2,
 ) -> int:
     """
     Sum samples into cells; return how many cells were completed.
 
-    clock = [number of the open cell, last stamp, running, dropped]. Changed in place.
+    clock = [number of the open cell, last stamp, running]. Changed in place.
     """
     done = 0
     for k in range(stamps.size):
-        if clock[2] and 0 <= clock[1] - stamps[k] <= reset_ns:
-            clock[3] += 1
-            continue
         clock[1] = stamps[k]
         number = stamps[k] // cell_ns
         if clock[2] == 0 or number != clock[0]:
@@ -88,19 +90,14 @@ class QuietLevels:
     Collect the levels of a run as it goes.
 
     Feeding it in any blocks gives the same levels. A sample without a finite value or
-    speed is left out; a stamp that does not advance is dropped and counted; a clock set
-    back by more than a second, or a gap of a block, closes the level.
+    speed is left out; a clock that is set back, or a gap of a block, closes the level.
 
     Parameters
     ----------
-    lowest_hz, highest_hz : float
+    band_hz : (float, float)
         Band in which hunting is looked for, Hz.
-    speed_tolerance : float
-        How far the speed may stray within a level, relative.
-    shortest_s, longest_s : float
-        A level shorter than the first is not used; one that reaches the second closes.
-    settle_s : float
-        Left out at the start of a level: the response still remembers the speed before.
+    frequency_hz : float
+        Nominal hunting frequency, Hz: all times are numbers of its periods.
     roller_diameter_m : float
         D of Eq. (1), m: how fast the roller turns where its angle is not known.
     shafts : sequence of Shaft
@@ -109,23 +106,19 @@ class QuietLevels:
 
     def __init__(
         self,
-        lowest_hz: float,
-        highest_hz: float,
-        speed_tolerance: float = 0.01,
-        shortest_s: float = 8.0,
-        longest_s: float = 60.0,
-        settle_s: float = 2.0,
+        band_hz: tuple[float, float],
+        frequency_hz: float = REFERENCE_HZ,
         roller_diameter_m: float = 0.3,
         shafts: Sequence[Shaft] = (Shaft((1.0, 2.0)),),
     ) -> None:
-        self._band = (lowest_hz, highest_hz)
-        self._cell_ns = round(NANOSECONDS / (6.0 * highest_hz))
+        self._band = band_hz
+        self._cell_ns = round(NANOSECONDS / (6.0 * band_hz[1]))
         self._cell_s = self._cell_ns / NANOSECONDS
-        self._tolerance = speed_tolerance
         self._block_s = BLOCK * self._cell_s
-        self._fewest = max(math.ceil(shortest_s / self._block_s), 4)
-        self._most = max(math.ceil(longest_s / self._block_s), self._fewest)
-        self._settle = math.ceil(settle_s / self._block_s)
+        unit_s = self._block_s * frequency_hz / REFERENCE_HZ
+        self._fewest = max(math.ceil(SHORTEST_S / unit_s), 4)
+        self._most = max(math.ceil(LONGEST_S / unit_s), self._fewest)
+        self._settle = math.ceil(SETTLE_S / unit_s)
         self._diameter, self._shafts = roller_diameter_m, tuple(shafts)
         self._orders = fitted_orders(shafts)
         self._columns = COLUMNS + 2 * self._orders.size
@@ -135,18 +128,13 @@ class QuietLevels:
         """Forget everything."""
         self.levels: list[SpeedLevel] = []
         self.closed_s = 0.0
-        self._clock = np.zeros(4, dtype=np.int64)
+        self._clock = np.zeros(3, dtype=np.int64)
         self._cell = np.zeros(self._columns)
         self._block = np.zeros((BLOCK, self._columns))
         self._block_number: int | None = None
         self._blocks: list[NDArray[np.float64]] = []
         self._speed = 0.0
         self._skip = 0
-
-    @property
-    def dropped(self) -> int:
-        """Samples dropped because their stamp did not advance."""
-        return int(self._clock[3])
 
     @property
     def last_stamp_ns(self) -> int:
@@ -185,7 +173,6 @@ class QuietLevels:
             angles,
             self._orders,
             self._cell_ns,
-            CLOCK_RESET_NS,
             self._clock,
             self._cell,
             numbers,
@@ -227,7 +214,7 @@ class QuietLevels:
         speed = float(self._block[:, 2].sum() / self._block[:, 0].sum())
         first = self._block[: BLOCK // 2]
         before = float(first[:, 2].sum() / max(first[:, 0].sum(), 1.0))
-        limit = self._tolerance * abs(self._speed if self._blocks else speed)
+        limit = TOLERANCE * abs(self._speed if self._blocks else speed)
         steady = abs(before - speed) <= limit  # half the change over the block
         if not steady or (self._blocks and abs(speed - self._speed) > limit):
             self._close()
@@ -257,7 +244,7 @@ class QuietLevels:
             self.levels.remove(neighbour)  # it was not quiet, as shows only now
         self.closed_s += level.duration_s
         for k, other in enumerate(self.levels):
-            near = abs(other.speed - level.speed) <= 0.5 * self._tolerance * level.speed
+            near = abs(other.speed - level.speed) <= 0.5 * TOLERANCE * level.speed
             if near and other.omega.size == level.omega.size:
                 self.levels[k] = other.merged(level)
                 return

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import compiled
+from hunt_ros.compiled import F1, I1, R1, compiled, compiled_part
 
 _Stamps = NDArray[np.int64]
 _Values = NDArray[np.float64]
@@ -104,10 +104,6 @@ class SlowChannel:
     def __init__(self, timeout_ns: int, rising: bool) -> None:
         self._timeout = timeout_ns
         self._rising = rising
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget every sample."""
         self._whole = np.zeros(3, dtype=np.int64)
         self._real = np.array([math.nan, math.nan, 0.0, 0.0])
         self.within = np.zeros(0)
@@ -155,17 +151,17 @@ class SlowChannel:
 
 @compiled
 def _evaluate(
-    wanted: _Stamps,
-    stamps: _Stamps,
-    values: _Values,
+    wanted: I1,
+    stamps: I1,
+    values: R1,
     after_stamp: int,
     after: float,
     timeout: int,
     rising: bool,
-    whole: _Stamps,
-    real: _Values,
-    found: _Values,
-    within: _Values,
+    whole: I1,
+    real: F1,
+    found: F1,
+    within: F1,
 ) -> None:
     """
     Run `SlowChannel.at`.
@@ -199,7 +195,7 @@ def _evaluate(
         n += 1
 
 
-@compiled
+@compiled_part
 def _take(
     stamp: int, value: float, timeout: int, rising: bool, whole: _Stamps, real: _Values
 ) -> None:

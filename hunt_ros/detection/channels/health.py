@@ -7,12 +7,14 @@ what is wrong with it and, for each sample, whether it may be used.
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import compiled
-from hunt_ros.detection.merging import intake
-from hunt_ros.detection.merging.merge import MergedBlock
+from hunt_ros.compiled import B1, F1, F2, I1, R1, compiled, compiled_part
+from hunt_ros.detection import intake
+from hunt_ros.detection.intake import Block
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.sensors import MOTION, SENSORS
 
@@ -100,9 +102,12 @@ _KINDS = {**dict.fromkeys(MOTION, _MOTION), 'roller': _ROLLER, 'speed': _SPEED}
 _I_ANY, _I_VALID, _I_RUN_START, _I_RUN, _I_START, _I_WINDOW, _I_SHORT, _I_SEEN = range(8)
 # Float memory: last value, extremes of this window and of the one before, smallest step,
 # mean length of a run of equal values, extremes of this short window and of the one before,
-# mean time between usable samples, s.
+# mean time between usable samples, s; the value before the last one, largest displacements in this
+# short window and in the one before.
 _F_VALUE, _F_HIGH, _F_LOW, _F_HIGH0, _F_LOW0, _F_STEP, _F_RUN = range(7)
-_F_TOP, _F_BOTTOM, _F_TOP0, _F_BOTTOM0, _F_SPACING, _FLOATS = range(7, 13)
+_F_TOP, _F_BOTTOM, _F_TOP0, _F_BOTTOM0, _F_SPACING, _F_BEFORE, _F_PEAK, _F_PEAK0, _FLOATS = range(
+    7, 16
+)
 # Settings.
 _S_KIND, _S_RANGE, _S_STUCK, _S_HOLD, _S_TIMEOUT, _S_OMEGA, _S_STANDSTILL, _S_SPACING = range(8)
 
@@ -162,30 +167,27 @@ class ChannelHealth:
             ],
             dtype=np.float64,
         )
-        self.reset()
-
-    def follow(self, other: ChannelHealth) -> None:
-        """Use the settings of another watch from now on."""
-        self._settings = other._settings
-
-    def reset(self) -> None:
-        """Forget every sample."""
         self._whole = np.full(_I_SEEN + _BITS, _NEVER, dtype=np.int64)
         self._whole[_I_RUN] = 0
         self._real = np.zeros(_FLOATS)
         self._real[_F_VALUE] = np.nan
         self._real[[_F_HIGH, _F_HIGH0, _F_TOP, _F_TOP0]] = -np.inf
+        self._real[[_F_BEFORE, _F_PEAK, _F_PEAK0]] = np.nan
         self._real[[_F_LOW, _F_LOW0, _F_BOTTOM, _F_BOTTOM0, _F_STEP]] = np.inf
 
+    def follow(self, other: ChannelHealth) -> None:
+        """Use the settings of another watch from now on."""
+        self._settings = other._settings
+
     def update(
-        self, block: MergedBlock, rows_ns: NDArray[np.int64]
-    ) -> tuple[NDArray[np.uint32], NDArray[np.bool_]]:
+        self, block: Block, rows_ns: NDArray[np.int64]
+    ) -> tuple[NDArray[np.uint32], NDArray[np.bool_], _Floats]:
         """
         Watch the samples up to the last row.
 
         Parameters
         ----------
-        block : MergedBlock
+        block : Block
             n samples, none after the last row.
         rows_ns : ndarray of int64, shape (m,)
             Stamps of the rows.
@@ -196,9 +198,13 @@ class ChannelHealth:
             Bits set at each row.
         usable : ndarray of bool, shape (n,)
             Samples that may be used.
+        sizes : ndarray, shape (2, m)
+            Smallest step of the readings so far, and their largest size in the last half to one
+            period, in their unit. Each counts by the median of three: one may be wrong.
         """
         wrong = np.zeros(rows_ns.size, dtype=np.uint32)
         usable = np.zeros(block.stamps_ns.size, dtype=np.bool_)
+        sizes = np.empty((2, rows_ns.size))
         watch(
             block.stamps_ns,
             block.values,
@@ -209,10 +215,11 @@ class ChannelHealth:
             self._real,
             wrong,
             usable,
+            sizes,
         )
         if block.shifted:
             wrong |= np.uint32(CLOCK)
-        return wrong, usable
+        return wrong, usable, sizes
 
 
 def excused(wrong: NDArray[np.uint32]) -> NDArray[np.uint32]:
@@ -225,15 +232,16 @@ def excused(wrong: NDArray[np.uint32]) -> NDArray[np.uint32]:
 
 @compiled
 def watch(
-    stamps: _Ints,
-    values: _Floats,
-    marks: NDArray[np.uint8],
-    rows: _Ints,
-    settings: _Floats,
-    whole: _Ints,
-    real: _Floats,
-    wrong: NDArray[np.uint32],
-    usable: NDArray[np.bool_],
+    stamps: I1,
+    values: R1,
+    marks: Annotated[NDArray[np.uint8], 1],
+    rows: I1,
+    settings: R1,
+    whole: I1,
+    real: F1,
+    wrong: Annotated[NDArray[np.uint32], 1],
+    usable: B1,
+    sizes: F2,
 ) -> None:
     """Run `ChannelHealth.update` with its memory in `whole` and `real`."""
     n = 0
@@ -245,16 +253,21 @@ def watch(
             usable[n] = _sample(stamps[n], values[n], marks[n], settings, whole, real)
             n += 1
         wrong[k] = _row(row, settings, whole, real)
+        sizes[0, k] = real[_F_STEP]
+        sizes[1, k] = np.fmax(real[_F_PEAK], real[_F_PEAK0])
     while n < stamps.size:  # behind the last row only where rows were left out
         usable[n] = _sample(stamps[n], values[n], marks[n], settings, whole, real)
         n += 1
 
 
-@compiled
+@compiled_part
 def _sample(
     stamp: int, value: float, mark: int, settings: _Floats, whole: _Ints, real: _Floats
 ) -> bool:
     """Take one sample; return whether it may be used."""
+    # Where every channel was silent no row has seen it.
+    if whole[_I_ANY] != _NEVER and stamp - whole[_I_ANY] > settings[_S_TIMEOUT]:
+        whole[_I_SEEN + 7] = stamp
     whole[_I_ANY] = stamp
     if mark != 0:
         for bit in range(4):
@@ -271,9 +284,9 @@ def _sample(
         elif value <= settings[_S_STANDSTILL]:
             whole[_I_SEEN + 5] = stamp
         return True
-    if kind == _MOTION and whole[_I_VALID] != _NEVER:
-        # Weighted with the time it lasts; what is longer than the timeout is silence.
-        spacing = 1e-9 * min(stamp - whole[_I_VALID], settings[_S_TIMEOUT])
+    spacing = 1e-9 * (stamp - whole[_I_VALID])
+    if kind == _MOTION and spacing <= 1e-9 * settings[_S_TIMEOUT]:  # beyond, it is silence
+        # Weighted with the time it lasts.
         real[_F_SPACING] += min(spacing / _SPACING_S, 1.0) * (spacing - real[_F_SPACING])
     whole[_I_VALID] = stamp
     if settings[_S_RANGE] > 0.0 and abs(value) >= settings[_S_RANGE]:
@@ -296,6 +309,9 @@ def _sample(
         if step < real[_F_STEP]:
             real[_F_STEP] = step
     before = value if np.isnan(real[_F_VALUE]) else real[_F_VALUE]
+    older = before if whole[_I_RUN] > 1 or np.isnan(real[_F_BEFORE]) else real[_F_BEFORE]
+    real[_F_BEFORE] = before
+    middle = max(min(value, before), min(max(value, before), older))
     whole[_I_RUN] = 1
     whole[_I_RUN_START] = stamp
     real[_F_VALUE] = value
@@ -304,6 +320,9 @@ def _sample(
         real[_F_TOP0] = real[_F_TOP]
         real[_F_BOTTOM0] = real[_F_BOTTOM]
         real[_F_TOP] = real[_F_BOTTOM] = before
+        real[_F_PEAK0] = real[_F_PEAK]
+        real[_F_PEAK] = abs(middle)
+    real[_F_PEAK] = np.fmax(real[_F_PEAK], abs(middle))
     real[_F_TOP] = max(real[_F_TOP], value)
     real[_F_BOTTOM] = min(real[_F_BOTTOM], value)
     if stamp - whole[_I_WINDOW] > _WINDOW_NS:
@@ -317,7 +336,7 @@ def _sample(
     return True
 
 
-@compiled
+@compiled_part
 def _should_move(real: _Floats) -> bool:
     """Return True if the motion seen last is larger than what the steps of the sensor hide."""
     span = max(real[_F_TOP], real[_F_TOP0]) - min(real[_F_BOTTOM], real[_F_BOTTOM0])
@@ -325,7 +344,7 @@ def _should_move(real: _Floats) -> bool:
     return bool(np.isinf(real[_F_STEP]) or span > _REST_STEPS * real[_F_STEP])
 
 
-@compiled
+@compiled_part
 def _clipped(value: float, length: int, settings: _Floats, whole: _Ints, real: _Floats) -> bool:
     """Return True if the top is flatter than rounding makes that of a sine."""
     high = max(real[_F_HIGH], real[_F_HIGH0])
@@ -340,7 +359,7 @@ def _clipped(value: float, length: int, settings: _Floats, whole: _Ints, real: _
     return bool(length > _FLAT_EXCESS * max(rounding, real[_F_RUN]))
 
 
-@compiled
+@compiled_part
 def _row(row: int, settings: _Floats, whole: _Ints, real: _Floats) -> int:
     """Return the bits of one row."""
     timeout = settings[_S_TIMEOUT]

@@ -9,16 +9,16 @@ no diameter need be known.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import compiled
+from hunt_ros.compiled import B1, I1, R1, compiled, compiled_part
 from hunt_ros.detection.channels import health
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.regions import HELD, hold
-from hunt_ros.samples import NANOSECONDS
+from hunt_ros.samples import GAP_STEPS, NANOSECONDS
 
 #: Speed and roller may differ by so much, m/s, and by this share of the speed: a scale that is
 #: off by a few per cent, a filter in the drive and a wheel that slips are no contradiction.
@@ -29,8 +29,6 @@ CONTRADICTED_S = 2.0
 _CELL_NS = NANOSECONDS // 2
 #: Less of a cell than this is not compared, s.
 _COVERED_S = 0.3
-#: A row that follows the one before by more than this many periods tells no rate.
-_GAP_PERIODS = 1.5
 #: A ratio is believed from this many cells.
 _CELLS = 2.0
 #: ... and not to its last digit before some more of them.
@@ -111,10 +109,6 @@ class SpeedCheck:
             2.0 / diameter if diameter > 0.0 else math.nan,
             config.period_ns * 1e-9,
         )
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget every row, and the ratio."""
         self._memory = np.zeros(1, dtype=_MEMORY)
         self._memory['angle'] = self._memory['before'] = math.nan
 
@@ -151,12 +145,12 @@ class SpeedCheck:
 
 @compiled
 def _check(
-    stamps: NDArray[np.int64],
-    angle: NDArray[np.float64],
-    speed: NDArray[np.float64],
+    stamps: I1,
+    angle: R1,
+    speed: Annotated[NDArray[np.float64], 1, 'A'],
     limits: _Limits,
-    memory: NDArray[np.void],
-    found: NDArray[np.bool_],
+    memory: Annotated[NDArray[np.void], 1, _MEMORY],
+    found: B1,
 ) -> None:
     """Run `SpeedCheck.update`."""
     m = memory[0]
@@ -169,7 +163,7 @@ def _check(
             m['still_s'] = m['speed'] = m['rows'] = 0.0
         dt = (stamps[k] - m['stamp']) * 1e-9
         step = angle[k] - m['angle']
-        if np.isfinite(step) and dt <= _GAP_PERIODS * limits.period_s:
+        if np.isfinite(step) and dt <= GAP_STEPS * limits.period_s:
             if step > 0.0:
                 m['forward'] += step
                 m['forward_s'] += dt
@@ -186,7 +180,7 @@ def _check(
         found[k] = m['contradicted']['word'] > 0
 
 
-@compiled
+@compiled_part
 def _rate(m: Any) -> float:
     """Return the roller's rate in the cell, rad/s, without a sign; NaN where unknown."""
     turned, time = m['forward'], m['forward_s']
@@ -201,7 +195,7 @@ def _rate(m: Any) -> float:
     return float(turned / time)
 
 
-@compiled
+@compiled_part
 def _judge(limits: _Limits, m: Any) -> None:
     """Compare the rate and the speed of the cell that is complete."""
     rate, before = _rate(m), m['before']
@@ -234,12 +228,12 @@ def _judge(limits: _Limits, m: Any) -> None:
         _consider(limits, m, v, rate)
 
 
-@compiled
+@compiled_part
 def _tolerance(limits: _Limits, v: float) -> float:
     return limits.speed + limits.fraction * v
 
 
-@compiled
+@compiled_part
 def _known(limits: _Limits, known: Any) -> tuple[float, float]:
     """Return a ratio, rad/m (NaN: unknown), and the speed it was learnt at (0: given)."""
     if not math.isnan(limits.ratio):
@@ -250,7 +244,7 @@ def _known(limits: _Limits, known: Any) -> tuple[float, float]:
     return known['cross'] / known['square'], settled * math.sqrt(known['square'] / known['cells'])
 
 
-@compiled
+@compiled_part
 def _differ(limits: _Limits, v: float, told: float, learnt_at: float, late: float) -> bool:
     """Return True if a speed, m/s, is not that of the roller."""
     larger = max(v, told)
@@ -259,12 +253,12 @@ def _differ(limits: _Limits, v: float, told: float, learnt_at: float, late: floa
     return bool(abs(told - v) > tolerance)
 
 
-@compiled
+@compiled_part
 def _forget(known: Any) -> None:
     known['cross'] = known['square'] = known['cells'] = known['low'] = known['high'] = 0.0
 
 
-@compiled
+@compiled_part
 def _learn(known: Any, v: float, rate: float) -> None:
     """Take a cell into a ratio: least squares, so that high speeds count."""
     if known['cells'] == 0.0:
@@ -276,13 +270,13 @@ def _learn(known: Any, v: float, rate: float) -> None:
     known['cells'] += 1.0
 
 
-@compiled
+@compiled_part
 def _moved(limits: _Limits, known: Any) -> bool:
     """Return True if the ratio has held at two speeds."""
     return bool(known['high'] - known['low'] > _MOVED * _tolerance(limits, known['high']))
 
 
-@compiled
+@compiled_part
 def _consider(limits: _Limits, m: Any, v: float, rate: float) -> None:
     """Give way to the ratio seen since the contradiction, where it alone has held."""
     if _moved(limits, m['ratio']):

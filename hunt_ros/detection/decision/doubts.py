@@ -23,6 +23,8 @@ FROM_YAW, IN_YAW, TOO_SLOW, TOO_FAST = 512, 1024, 2048, 4096
 OUTSIDE = TOO_SLOW | TOO_FAST
 #: The motion holds, and is not at the frequency of the hunting that the form gives.
 OTHER = 8192
+#: The sensors contradict each other; the motion cannot be told from a line of the roller.
+CONTRARY, ON_LINE = 16384, 32768
 
 _UNKNOWN, _STABLE, _HYSTERESIS, _UNSTABLE = map(int, Region)
 _ESCAPING, _DECAYING = int(State.ESCAPING), int(State.DECAYING)

@@ -57,6 +57,8 @@ class Evidence(NamedTuple):
         It holds, and is more than noise, and is not at the frequency of the hunting.
     falls : bool
         It falls.
+    undecided : bool
+        It may be more than noise, and neither falls nor is known to return.
     over : bool
         It is no more than noise, and small beside what it was.
     """
@@ -68,6 +70,7 @@ class Evidence(NamedTuple):
     steady: bool
     other: bool
     falls: bool
+    undecided: bool
     over: bool
 
 
@@ -98,8 +101,8 @@ def gather(
         Amplitude of the motion outside the range that is followed, m; NaN: there is none.
         As large as the hunting was, it is the hunting: nothing says that this has ended.
     of_the_form : bool
-        Its frequency may be that of the hunting, by the form; True without a form, and while it
-        hunts.
+        Its frequency and size may be those of the hunting, by the form; True without a form, and
+        while it hunts.
     out
         Row of the estimates with noise floor and predictions filled in.
     """
@@ -129,6 +132,7 @@ def gather(
         steady and of_the_form,
         steady and not of_the_form,
         falls and seen,
+        excess > likelihood.DOUBT and not falls and math.isnan(out['escape_probability']),
         over and seen,
     )
 

@@ -1,7 +1,9 @@
 """
 Likelihood ratios of the amplitude: does it grow, hold or fall, and is it more than noise?
 
-The amplitude is looked at on marks 3/8 of a period apart, over horizons of 2, 4 and 8 marks.
+The amplitude is looked at on marks 3/8 of a period apart, over horizons of 2, 4 and 8 marks, and
+for the variance of the noise over longer ones as well: what beats moves no further over a longer
+time, and is no noise.
 An increment over a horizon T is
 
     y = a(t) - sqrt(a(t - T)^2 + 2 S),
@@ -23,8 +25,8 @@ mu it lies about (exp(mu T) - 1) a(t - T), with a Student distribution, because 
 - *excess*: minus the logarithm of the chance that noise of damping s has this amplitude:
   (f/2) ln(1 + 2 x / f), which is x for a large f (distribution of Fisher and Snedecor), where
   x = a^2 / (S / (s T)), or less where the tracker itself is not sure of a, and S comes from f
-  independent values. S is taken from what forgets a kick (the median below, over the longest
-  horizon), and from what knows soon: the mean square, in which nearly all values count and in a
+  independent values. S is taken from what forgets a kick (the median below, over the longer
+  horizons), and from what knows soon: the mean square, in which nearly all values count and in a
   median four of ten, over each horizon; a cycle from the first sample is said when f is large
   enough. The one that tells most decides. That several are tried is made up for by neighbouring
   marks being one trial: noise that is above x stays there for about 1 / (2 s x),
@@ -50,9 +52,10 @@ import numpy as np
 from hunt_ros.compiled import compiled_part
 from hunt_ros.detection.decision.rules import Rules
 
-#: Horizons, marks, and the growth rates that are tried, 1/s at 2.84 Hz: from doubling in seven
-#: seconds to doubling within a period.
-HORIZONS = (2, 4, 8)
+#: Horizons, marks; the first ones tell growth, the last of these that the noise is known.
+#: Growth rates that are tried, 1/s at 2.84 Hz: from doubling in seven seconds to within a period.
+HORIZONS = (2, 4, 8, 16, 32, 64)
+_TELLING = 3
 RATES = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
 #: Increments in the variance at hand: this many lengths of their horizon.
 _RECENT = 15
@@ -65,10 +68,17 @@ _FIRST = 8
 _WANDER = 0.005
 #: No miss counts for more than this many times its variance: one in a hundred is larger.
 _RARE = 6.6
+#: A speed that differs by this part, and by more than a roller at rest is read to have (m/s), is
+#: another one: the power of the response to noise, 1 / damping, changes by as much again.
+_ANOTHER_SPEED, _STANDSTILL = 0.1, 0.02
+#: after this time, s: a reading may be wrong for a while.
+_STAYS_S = 3.0
 #: Median of chi^2 of one degree of freedom.
 _MEDIAN = 0.455
 #: The mean square of the amplitude moves up by this many S.
 _RICE = 2.0
+#: Noise alone has an amplitude of this excess once in twenty times: from there on it is doubtful.
+DOUBT = math.log(20.0)
 #: This part of what decides is something: it decides beside other evidence only, and no single
 #: increment counts for more.
 SOME = 1.0 / 3.0
@@ -83,16 +93,19 @@ SURE = 0.1
 _LONGEST = HORIZONS[-1]
 _KEPT = 2 * _LONGEST + 1
 
-#: What is remembered. Since the last gap: rows since the last mark, marks, amplitudes and their
-#: standard deviations (m) at the last ones. Of the noise, by horizon: squared misses of the
-#: middle and the part of the tracker's error in them (m^2), the last one first, their number,
-#: variance of the quiet motion and variance S now (m^2; 0 before it is known), degrees of freedom;
-#: S by mean square (m^2), and the sum of the weights in it. The statistics by horizon and chain,
-#: and their logarithms.
+#: What is remembered. Since the last gap: rows since the last mark, marks; the speed at which the
+#: noise was last begun to be learnt, m/s (0: none), and for how many rows it is another;
+#: amplitudes and their standard deviations (m) at the last marks. Of the noise, by horizon:
+#: squared misses of the middle and the part of the tracker's error in them (m^2), the last one
+#: first, their number, variance of the quiet motion and variance S now (m^2; 0 before it is
+#: known), degrees of freedom; S by mean square (m^2), and the sum of the weights in it. The
+#: statistics by horizon and chain, and their logarithms.
 LIKELIHOOD: np.dtype[np.void] = np.dtype(
     [
         ('rows', np.int64),
         ('marks', np.int64),
+        ('speed', np.float64),
+        ('another', np.int64),
         ('a', np.float64, (_KEPT,)),
         ('s', np.float64, (_KEPT,)),
         ('square', np.float64, (len(HORIZONS), _RECENT * _LONGEST)),
@@ -103,9 +116,9 @@ LIKELIHOOD: np.dtype[np.void] = np.dtype(
         ('freedom', np.float64, (len(HORIZONS),)),
         ('moved', np.float64, (len(HORIZONS),)),
         ('known', np.float64, (len(HORIZONS),)),
-        ('grows', np.float64, (len(HORIZONS), _LONGEST, len(RATES))),
-        ('falls', np.float64, (len(HORIZONS), _LONGEST, len(RATES))),
-        ('holds', np.float64, (len(HORIZONS), _LONGEST)),
+        ('grows', np.float64, (_TELLING, HORIZONS[_TELLING - 1], len(RATES))),
+        ('falls', np.float64, (_TELLING, HORIZONS[_TELLING - 1], len(RATES))),
+        ('holds', np.float64, (_TELLING, HORIZONS[_TELLING - 1])),
         ('growth', np.float64),
         ('fall', np.float64),
         ('hold', np.float64),
@@ -128,25 +141,60 @@ def interrupt(memory: Any) -> None:
 
 
 @compiled_part
+def moved_on(rules: Rules, memory: Any, v: float) -> bool:
+    """
+    Return True where the speed, m/s, has become another one since the noise began to be learnt.
+
+    What drives the motion at one speed does not at another, least of all at standstill.
+    """
+    if not v >= 0.0:
+        return False
+    begun = memory['speed']
+    memory['speed'] = v if begun == 0.0 else begun
+    change = abs(v - memory['speed'])
+    another = change > _ANOTHER_SPEED * v and change > _STANDSTILL
+    memory['another'] = memory['another'] + 1 if another else 0
+    return bool(memory['another'] * rules.stride > _STAYS_S)
+
+
+@compiled_part
+def begin_anew(memory: Any, v: float) -> None:
+    """Forget all that was learnt and seen at another speed than v, m/s."""
+    interrupt(memory)
+    memory['speed'] = max(v, 1e-9)
+    memory['another'] = 0
+    memory['seen'][:] = 0
+    memory['quiet'][:] = 0.0
+    memory['noise'][:] = 0.0
+    memory['freedom'][:] = 0.0
+    memory['moved'][:] = 0.0
+    memory['known'][:] = 0.0
+    memory['grows'][:] = 0.0
+    memory['falls'][:] = 0.0
+    memory['holds'][:] = 0.0
+    memory['growth'] = memory['fall'] = memory['hold'] = math.log(1e-300)
+
+
+@compiled_part
 def settled(memory: Any) -> bool:
-    """Return True once the noise is known over the longest horizon, about."""
-    return bool(memory['seen'][len(HORIZONS) - 1] >= _LONGEST)
+    """Return True once the noise is known over the longest horizon that tells growth, about."""
+    return bool(memory['seen'][_TELLING - 1] >= HORIZONS[_TELLING - 1])
 
 
 @compiled_part
 def excess(rules: Rules, memory: Any) -> float:
     """Return minus the logarithm of the chance that noise alone has the amplitude at the mark."""
     most = 0.0
-    longest = -1
+    longest = 0
     for j in range(len(HORIZONS)):
         most = max(most, _unlikely(rules, memory, j, memory['moved'][j], _independent(memory, j)))
-        if memory['seen'][j] > 0 and memory['noise'][j] > 0.0:
+        if j < _TELLING and memory['seen'][j] > 0 and memory['noise'][j] > 0.0:
             longest = j
-    if longest >= 0:
-        # Neighbouring increments overlap: four make up for one that is independent.
-        freedom = 0.25 * min(memory['seen'][longest], 2.0 * _MEMORY)
-        noise = memory['noise'][longest]
-        most = max(most, _unlikely(rules, memory, longest, noise, freedom))
+    for j in range(longest, len(HORIZONS)):
+        # Neighbouring increments overlap: half a horizon of them makes up for an independent one.
+        freedom = 2.0 / HORIZONS[j] * min(memory['seen'][j], 2.0 * _MEMORY)
+        if memory['noise'][j] > 0.0:
+            most = max(most, _unlikely(rules, memory, j, memory['noise'][j], freedom))
     return most
 
 
@@ -202,18 +250,20 @@ def watch(rules: Rules, memory: Any, a: float, s: float, drift: float) -> None:
         if memory['marks'] > 2 * HORIZONS[j]:
             _learn_noise(memory, j, noise_alone)
     # The filter smooths: over a longer horizon more of the noise shows, once there is a value.
-    for j in range(len(HORIZONS)):
-        for i in range(j + 1, len(HORIZONS)):
+    for j in range(_TELLING):
+        for i in range(j + 1, _TELLING):
             if _independent(memory, i) >= 1.0:
                 part = HORIZONS[j] / HORIZONS[i]
                 memory['noise'][j] = max(memory['noise'][j], part * memory['noise'][i])
                 memory['moved'][j] = max(memory['moved'][j], part * memory['moved'][i])
     count = excess(rules, memory) >= SOME * rules.evidence
-    for j in range(len(HORIZONS)):
+    for j in range(_TELLING):
         if memory['marks'] > 2 * HORIZONS[j] and memory['noise'][j] > 0.0:
             still = _compare(rules, memory, j, drift, count)
             if j == 0 and still < -rules.evidence:
                 count = False  # what jumps does not hold
+                if memory['a'][0] > memory['a'][HORIZONS[0]]:
+                    memory['falls'][:] = 0.0  # nor does it fall on as it did before
     if not count:
         memory['holds'][:] = 0.0
     _sum_up(rules, memory)
@@ -311,7 +361,7 @@ def _sum_up(rules: Rules, memory: Any) -> None:
     """Fill in the logarithms of the mean statistics."""
     grows = falls = holds = 0.0
     chains = 0
-    for j in range(len(HORIZONS)):
+    for j in range(_TELLING):
         for chain in range(HORIZONS[j]):
             chains += 1
             holds += memory['holds'][j, chain]

@@ -2,22 +2,24 @@
 The limits of the lab: WARN and ERROR by how large the motion is, whatever it is.
 
 They need no normal form and no noise floor, and change no state: a level by a limit is its own
-cause. What is compared is the amplitude of the hunting motion, or of a stronger motion outside
-the frequencies that are followed; its acceleration is A (2 pi f)^2 of the lateral motion.
+cause. What is compared is the largest of the amplitude of the hunting motion, that of a stronger
+motion outside the frequencies that are followed, and the displacement as the sensor reads it, its
+mean included; the acceleration is A (2 pi f)^2 of the lateral motion.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import compiled, compiled_part
+from hunt_ros.compiled import B1, F1, compiled, compiled_part
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.regions import HELD, hold
+from hunt_ros.detection.output import ESTIMATE_DTYPE
+from hunt_ros.detection.regions import HELD, acknowledge, hold, latch
 from hunt_ros.samples import Uncertain
 
 
@@ -108,10 +110,7 @@ class AmplitudeLimits:
 
     def acknowledge(self) -> None:
         """Take the alarm back: at once, or once the limit is kept again."""
-        latch = self._latch[0]
-        if latch['alarm']:
-            over = bool(self._over['word'][_COUNT:].any())
-            latch['acknowledged'] = latch['alarm'] = over
+        acknowledge(self._latch[0], bool(self._over['word'][_COUNT:].any()))
 
     def lasting(self) -> dict[str, float]:
         """Return what a pause does not end."""
@@ -160,16 +159,16 @@ def _above(least: float, most: float, limit: float, over: int) -> int:
 
 @compiled
 def _watch(
-    limits: NDArray[np.float64],
+    limits: F1,
     hold_rows: int,
     back_rows: int,
-    over: NDArray[np.void],
-    latch: NDArray[np.void],
-    trusted: NDArray[np.bool_],
-    rows: NDArray[np.void],
+    over: Annotated[NDArray[np.void], 1, HELD],
+    latched: Annotated[NDArray[np.void], 1, _LATCH],
+    trusted: B1,
+    rows: Annotated[NDArray[np.void], 1, ESTIMATE_DTYPE],
 ) -> None:
     """Run `AmplitudeLimits.watch`; limits in SI, hold times in rows."""
-    m = latch[0]
+    m = latched[0]
     least, most = np.empty(_COUNT), np.empty(_COUNT)
     for k in range(rows.size):
         out = rows[k]
@@ -186,11 +185,7 @@ def _watch(
             if held['word'] > 0:
                 bits |= 1 << i
                 alarm = alarm or i >= _COUNT
-        if alarm:
-            m['alarm'] = True
-        elif m['acknowledged']:
-            m['alarm'] = False
-            m['acknowledged'] = False
+        latch(m, alarm)
         out['limits'] = bits
         out['limit_since_ns'] = m['since_ns']
         if m['alarm']:
@@ -210,6 +205,8 @@ def _sizes(out: Any, trusted: bool, least: NDArray[np.float64], most: NDArray[np
         turn = (2.0 * math.pi * out['frequency_hz']) ** 2
         least[2], most[2] = turn * least[0], turn * most[0]
     turn = (2.0 * math.pi * out['outside_hz']) ** 2
+    _widen(least, most, 0, out['lateral_measured'])
+    _widen(least, most, 1, out['yaw_measured'])
     _widen(least, most, 0, out['outside_lateral'])
     _widen(least, most, 1, out['outside_yaw'])
     _widen(least, most, 2, turn * out['outside_lateral'])
@@ -217,7 +214,7 @@ def _sizes(out: Any, trusted: bool, least: NDArray[np.float64], most: NDArray[np
 
 @compiled_part
 def _widen(least: NDArray[np.float64], most: NDArray[np.float64], i: int, outside: float) -> None:
-    """Count a motion outside the range that is followed, where there is one."""
+    """Count a motion that is not followed, or not followed yet, where there is one."""
     if not math.isnan(outside):
         least[i] = outside if math.isnan(least[i]) else max(least[i], outside)
         most[i] = outside if math.isnan(most[i]) else max(most[i], outside)
@@ -246,12 +243,15 @@ def limit_cause(row: np.void, number: int, config: DetectorConfig) -> str:
     if outside > size or math.isnan(size):
         size, std, hz = outside, math.nan, float(row['outside_hz'])
     turn = limit.scale * (1.0 if limit.unit != 'm/s^2' else (2.0 * math.pi * hz) ** 2)
+    what, measured = limit.what, float(row[f'{channel}_measured'])
+    if limit.unit != 'm/s^2' and (measured > size or math.isnan(size)):
+        size, std, what = measured, math.nan, f'measured {channel} displacement'
     told = f'{turn * size:.3g}'
     if std > 0.0:
         told = Uncertain(turn * size, turn * std).text(' +/- ')
     over = int(row['limits']) & (1 << number)
     words = 'is above' if over else f'is below {100.0 * BELOW:g} % of'
     return (
-        f'the {limit.what} {told} {limit.unit} {words} the {limit.severity}'
+        f'the {what} {told} {limit.unit} {words} the {limit.severity}'
         f' limit of {value:g} {limit.unit} ({limit.setting})'
     )

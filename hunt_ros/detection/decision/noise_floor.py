@@ -99,6 +99,14 @@ def floor_of(memory: Any, ratios: Any, s: float) -> float:
 
 
 @compiled_part
+def begin_anew(memory: Any) -> None:
+    """Forget a floor that was learnt at another speed."""
+    memory['square'] = math.nan
+    memory['learnt'] = 0.0
+    memory['rows'] = 0.0
+
+
+@compiled_part
 def unlearnt(memory: Any) -> bool:
     """Return True while no floor has been learnt."""
     return bool(math.isnan(memory['square']))

@@ -6,7 +6,7 @@ uncertainty. Averaged over a cycle the amplitude obeys
 
     dA = (A s(A) + D / A) dt + sqrt(2 D) dW
 
-with s the growth rate of Eq. (24) and D the noise intensity (`hunt_ros.dynamics.noise.escape`).
+with s the growth rate of Eq. (24) and D the noise intensity.
 The chance that it reaches the limit cycle before it is quiet again, the committor, is the ratio
 of two scale functions, with the density exp(-int s A dA / D) / A. It is averaged over draws of
 the form, and of D, and grows with the amplitude from 0 to the share of the draws that have a
@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import compiled
+from hunt_ros.compiled import F1, compiled
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import NormalForm
 
@@ -91,6 +91,8 @@ class FormNumbers(NamedTuple):
     known : bool
     critical_speed, D1, D4, D7, D10, D15, length_scale, time_scale, frequency_hz : float
         As in `NormalForm`.
+    fold_amplitude : float
+        Of the limit cycle at v_n, m; NaN where there is no fold.
     speed_low, speed_step : float
         First speed of the tables and their spacing, m/s.
     unstable_std, unstable_mean : ndarray, shape (n,)
@@ -107,10 +109,11 @@ class FormNumbers(NamedTuple):
     length_scale: float
     time_scale: float
     frequency_hz: float
+    fold_amplitude: float
     speed_low: float
     speed_step: float
-    unstable_std: _F
-    unstable_mean: _F
+    unstable_std: F1
+    unstable_mean: F1
 
 
 def form_numbers(identified: IdentifiedNormalForm | None) -> FormNumbers:
@@ -129,7 +132,7 @@ def form_numbers(identified: IdentifiedNormalForm | None) -> FormNumbers:
     if identified is None:
         none = np.full(2, math.nan)
         no = math.nan
-        return FormNumbers(False, no, no, no, no, no, no, no, no, no, 0.0, 1.0, none, none)
+        return FormNumbers(False, no, no, no, no, no, no, no, no, no, no, 0.0, 1.0, none, none)
     form = identified.form
     speeds = np.linspace(0.3, 1.7, _SPEEDS) * form.critical_speed
     with np.errstate(all='ignore'):
@@ -141,6 +144,7 @@ def form_numbers(identified: IdentifiedNormalForm | None) -> FormNumbers:
     mean = np.where(exists, unstable, 0.0).sum(axis=0) / count
     spread = np.where(exists, unstable - mean, 0.0)
     mean[~exists.any(axis=0)] = math.nan
+    fold = form.saddle_node()
     return FormNumbers(
         True,
         form.critical_speed,
@@ -152,6 +156,7 @@ def form_numbers(identified: IdentifiedNormalForm | None) -> FormNumbers:
         form.length_scale,
         form.time_scale,
         form.frequency_hz,
+        math.nan if fold is None else fold[1],
         float(speeds[0]),
         float(speeds[1] - speeds[0]),
         np.sqrt((spread**2).sum(axis=0) / count),
@@ -349,7 +354,7 @@ def _deciding(risen: _F, grid: _F) -> _F:
 
 @compiled
 def _committors(
-    first: _F, second: _F, third: _F, noise: _F, low: _F, high: _F, grid: _F
+    first: F1, second: F1, third: F1, noise: F1, low: F1, high: F1, grid: F1
 ) -> tuple[_F, _F]:
     """
     Committor, and escapes per second, of each draw.

@@ -24,6 +24,8 @@ _ARRIVED = 0.9
 #: from at least this part of the unstable amplitude, about which time stands still.
 _LEFT = 1.02
 _PIECES = 64
+#: A limit cycle may be smaller than at the fold by this factor: two deviations of a poor form.
+_SMALLEST = 0.5
 #: Frequency of worn wheels over that of new ones, or the other way round; and how many standard
 #: deviations make a frequency another one.
 _WORN, _SURE = 1.5, 3.0
@@ -69,6 +71,17 @@ def is_hunting_of(
     lowest = min(form.frequency_hz, nominal_hz) * min(faster, 1.0) / _WORN
     highest = max(form.frequency_hz, nominal_hz) * max(faster, 1.0) * _WORN
     return not (hz + _SURE * std_hz < lowest or hz - _SURE * std_hz > highest)
+
+
+@compiled_part
+def is_cycle_of(form: FormNumbers, a: float, out: Any) -> bool:
+    """
+    Return True where a steady amplitude, m, may be a limit cycle: by the form, or against it.
+
+    A form may be wrong about the speed; no cycle of a rig with a fold is much smaller than that
+    at the fold.
+    """
+    return bool(not a < _SMALLEST * form.fold_amplitude or out['escape_probability'] > 0.5)
 
 
 @compiled_part

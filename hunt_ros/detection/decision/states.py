@@ -150,6 +150,12 @@ def word_of(memory: Any) -> int:
     return int(hunting if hunting != NO else memory['motion']['word'])
 
 
+@compiled_part
+def hunts(memory: Any) -> bool:
+    """Return True while it escapes or is in the limit cycle: what the alarm is for."""
+    return bool(memory['hunting']['word'] in (ESCAPING, LIMIT_CYCLE))
+
+
 #: The same for kernels: called from Python it would be compiled anew in each process.
 shown = compiled_part(word_of)
 
@@ -174,14 +180,3 @@ def since_ns(memory: Any) -> int:
     motion, hunting = memory['motion']['since_ns'], memory['hunting']['since_ns']
     # When it is quiet again the last to come to an end has made it so.
     return int(hunting if memory['hunting']['word'] != NO else max(motion, hunting))
-
-
-@compiled_part
-def latch(memory: Any) -> None:
-    """Latch the alarm; an acknowledgement counts once the hunting is over."""
-    hunting = memory['hunting']['word']
-    if hunting in (ESCAPING, LIMIT_CYCLE):
-        memory['alarm'] = True
-    elif memory['acknowledged']:
-        memory['alarm'] = False
-        memory['acknowledged'] = False

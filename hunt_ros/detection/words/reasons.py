@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,36 +19,8 @@ from hunt_ros.detection.regions import Region, State
 from hunt_ros.samples import CHANNELS, Uncertain
 
 _HUNTING = {State.ESCAPING: 'escaping from the quiet state', State.LIMIT_CYCLE: 'limit cycle'}
-_DISAGREE = 'filter and Hilbert envelope disagree on the amplitude'
-_UNSTABLE = 'above the linear critical speed'
-_HYSTERESIS = 'hysteresis region: a disturbance can start hunting'
-_DECAYING = 'hunting is dying out'
-_OTHER = 'steady motion at another frequency than the hunting'
 #: A shorter time to the limit cycle is not told: it is there, as far as one can tell, s.
 _SOON_S = 0.1
-#: Of the doubts that are told with their numbers, the words without.
-_HELD: tuple[tuple[int, str], ...] = (
-    (doubts.MARGIN, 'low margin'),
-    (doubts.DISAGREE, _DISAGREE),
-    (doubts.FROM_YAW, 'lateral amplitude is that of yaw through the mode shape'),
-    (doubts.OUTSIDE, 'motion that is not followed'),
-    (doubts.OTHER, _OTHER),
-    (doubts.HYSTERESIS, _HYSTERESIS),
-    (doubts.UNSTABLE, _UNSTABLE),
-    (doubts.DECAYING, _DECAYING),
-)
-_DOUBTS: tuple[tuple[int, str], ...] = (
-    (doubts.NO_ESTIMATE, 'no estimate of the hunting amplitude yet'),
-    (doubts.SETTLING, 'learning the noise floor'),
-    (doubts.NO_SPEED, 'region unknown: no speed'),
-    (doubts.NO_FORM, 'region unknown: no normal form and no critical speeds'),
-    (
-        doubts.IN_YAW,
-        'lateral amplitude unknown: yaw is judged, by what its amplitude does alone',
-    ),
-)
-
-
 _LIMIT_BITS = [
     (1 << number, f'{limit.what} above its {limit.severity} limit')
     for number, limit in enumerate(LIMITS)
@@ -80,7 +53,7 @@ class Basis:
     frequency_hz: float = math.nan
 
 
-def reasons_of(row: np.void, basis: Basis | None = None, decided: str = '') -> tuple[str, ...]:
+def reasons_of(row: np.void, basis: Basis, decided: str = '') -> tuple[str, ...]:
     """
     Put a row of the estimates into words.
 
@@ -88,8 +61,8 @@ def reasons_of(row: np.void, basis: Basis | None = None, decided: str = '') -> t
     ----------
     row : void of ESTIMATE_DTYPE
         One row.
-    basis : Basis, optional
-        What its numbers were compared with; without it they are not told.
+    basis : Basis
+        What its numbers were compared with.
     decided : str
         Why the state was said, with the numbers there were then.
 
@@ -112,28 +85,11 @@ def reasons_of(row: np.void, basis: Basis | None = None, decided: str = '') -> t
         found.append(words)
     for number, (bit, words) in reversed(list(enumerate(_LIMIT_BITS))):  # alarms first
         if int(row['limits']) & bit:
-            told = '' if basis is None else f': {limit_cause(row, number, basis.config)}'
-            found.append(words + told)
-    bits = int(row['doubts'])
-    if bits & doubts.MARGIN:
-        found.append('low margin' + ('' if basis is None else f': {margin_cause(row, basis)}'))
-    if bits & doubts.DISAGREE:
-        found.append(_DISAGREE + ('' if basis is None else f': {_two_amplitudes(row)}'))
-    if bits & doubts.FROM_YAW:
-        spread = 100.0 * float(row['lateral_amplitude_std']) / float(row['lateral_amplitude'])
-        found.append(
-            f'lateral amplitude is that of yaw through the mode shape, +/- {spread:.0f} %'
-        )
-    if bits & doubts.OUTSIDE:
-        found.append(outside_words(row))
-    if bits & doubts.OTHER:
-        found.append(_OTHER + ('' if basis is None else f': {_two_frequencies(row, basis)}'))
-    found += [words for bit, words in _DOUBTS if bits & bit]
-    if bits & doubts.DECAYING:
-        found.append(_DECAYING + why)
-    if bits & (doubts.HYSTERESIS | doubts.UNSTABLE):
-        told = '' if basis is None else f': {region_cause(row, basis)}'
-        found.append((_HYSTERESIS if bits & doubts.HYSTERESIS else _UNSTABLE) + told)
+            found.append(f'{words}: {limit_cause(row, number, basis.config)}')
+    for bit, words, numbers in _DOUBTS:
+        if int(row['doubts']) & bit:
+            told = why if bit == doubts.DECAYING else ''
+            found.append(words + told if numbers is None else f'{words}: {numbers(row, basis)}')
     return (*found, *channel_reasons(row, health.MILD))
 
 
@@ -272,7 +228,7 @@ def margin_cause(row: np.void, basis: Basis) -> str:
     )
 
 
-def _two_amplitudes(row: np.void) -> str:
+def _two_amplitudes(row: np.void, _: Basis) -> str:
     """Return both estimates of the amplitude, for each sensor that has both."""
     found = []
     for name, unit in (('lateral', 'mm'), ('yaw', 'mrad')):
@@ -285,12 +241,18 @@ def _two_amplitudes(row: np.void) -> str:
     return ', '.join(found)
 
 
+def _spread(row: np.void, _: Basis) -> str:
+    spread = float(row['lateral_amplitude_std']) / float(row['lateral_amplitude'])
+    return f'+/- {100.0 * spread:.0f} %'
+
+
 def _two_frequencies(row: np.void, basis: Basis) -> str:
     """Return the frequency of the motion, and that of the hunting by the form."""
     std = float(row['frequency_hz_std'])
     return (
-        f'{_measured(float(row["frequency_hz"]), std, "Hz")}, the normal form has'
+        f'{_size(row)} at {_measured(float(row["frequency_hz"]), std, "Hz")}, the normal form has'
         f' {basis.frequency_hz:.3g} Hz'
+        + (f' and {1e3 * basis.fold_amplitude:.3g} mm' if basis.fold_amplitude > 0.0 else '')
     )
 
 
@@ -308,7 +270,7 @@ def reason_counts(rows: NDArray[np.void]) -> Counter[str]:
     Counter of str
     """
     counts: Counter[str] = Counter()
-    columns = [(rows['doubts'], '', (*_HELD, *_DOUBTS))]
+    columns = [(rows['doubts'], '', tuple((bit, words) for bit, words, _ in _DOUBTS))]
     channel_words = tuple(health.WORDS.items())
     columns.append((rows['limits'], '', tuple(_LIMIT_BITS)))
     columns += [(rows[f'{name}_wrong'], f'{name}: ', channel_words) for name in CHANNELS]
@@ -349,3 +311,27 @@ def channel_reasons(row: np.void, among: int) -> list[str]:
         wrong = int(row[f'{channel}_wrong']) & among
         found += [f'{channel}: {words}' for bit, words in health.WORDS.items() if wrong & bit]
     return found
+
+
+#: What each doubt is called, and what gives its numbers; in the order in which they are told.
+_DOUBTS: tuple[tuple[int, str, Callable[[np.void, Basis], str] | None], ...] = (
+    (doubts.MARGIN, 'low margin', margin_cause),
+    (doubts.DISAGREE, 'filter and Hilbert envelope disagree on the amplitude', _two_amplitudes),
+    (doubts.FROM_YAW, 'lateral amplitude is that of yaw through the mode shape', _spread),
+    (doubts.OUTSIDE, 'motion that is not followed', lambda row, _: outside_words(row)),
+    (doubts.OTHER, 'steady motion that is not the hunting of the normal form', _two_frequencies),
+    (doubts.CONTRARY, 'lateral and yaw sensor contradict each other', None),
+    (doubts.ON_LINE, 'hunting cannot be told from a line of the roller at its frequency', None),
+    (doubts.NO_ESTIMATE, 'no estimate of the hunting amplitude yet', None),
+    (doubts.SETTLING, 'not decided yet whether the motion is more than noise', None),
+    (doubts.NO_SPEED, 'region unknown: no speed', None),
+    (doubts.NO_FORM, 'region unknown: no normal form and no critical speeds', None),
+    (
+        doubts.IN_YAW,
+        'lateral amplitude unknown: yaw is judged, by what its amplitude does alone',
+        None,
+    ),
+    (doubts.DECAYING, 'hunting is dying out', None),
+    (doubts.HYSTERESIS, 'hysteresis region: a disturbance can start hunting', region_cause),
+    (doubts.UNSTABLE, 'above the linear critical speed', region_cause),
+)

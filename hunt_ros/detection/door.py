@@ -1,0 +1,443 @@
+"""
+The door for samples: channels merged in the order of time, all of it journalled.
+
+Each channel may arrive in any blocks and with any delay. A stamp is *complete* once every
+channel has spoken up to it: that is the watermark, and only what lies at or before it is
+processed. A channel that has gone silent would hold it for ever; `Door.tick`, the only way in
+which time enters, lets it go, and takes it back: until then its samples are dropped.
+
+What comes out has been checked, and nobody behind the door checks it again: stamps of a channel
+are whole nanoseconds that increase, each in one block alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hunt_ros.detection.intake import BACKWARD, LATE, Block, Channel
+from hunt_ros.detection.journal import JournalEntry
+from hunt_ros.errors import HuntError
+from hunt_ros.samples import NANOSECONDS
+
+#: A stamp beyond this is taken for this one: differences of two stay within int64. It is later
+#: than any that a header can hold, whose seconds are int32.
+_MOST_NS = 2**61
+#: Most samples of a later epoch that wait while the others do not follow: 50 s at 2 kHz.
+_WAITING = 100_000
+#: Longest stretch worked on at once: bounds the memory an hour of samples takes.
+_CHUNK_NS = 60 * NANOSECONDS
+
+
+class Stretch(NamedTuple):
+    """All samples in (after_ns, until_ns] by channel; `after_ns` None: the first of an epoch."""
+
+    after_ns: int | None
+    until_ns: int
+    blocks: dict[str, Block]
+
+
+class Door:
+    """
+    Takes the samples of all channels in, and gives them out once every channel has spoken.
+
+    Parameters
+    ----------
+    timeouts_ns : mapping of str to int
+        Expected channels, each with the silence after which it is let go.
+    drain_ns : int
+        Where every channel is silent, the stamps this far beyond the newest are
+        complete as well, so that the silence itself is processed.
+    period_ns : int
+        Spacing of the rows, which lie on its multiples.
+
+    Attributes
+    ----------
+    channels : dict of str to Channel
+    position_ns : int or None
+        Stamp up to which samples have been taken in this epoch.
+    epoch : int
+        Number of clock resets so far.
+    """
+
+    def __init__(self, timeouts_ns: Mapping[str, int], drain_ns: int, period_ns: int) -> None:
+        self.channels = {name: Channel(timeout) for name, timeout in timeouts_ns.items()}
+        self.position_ns: int | None = None
+        self.epoch = 0
+        #: Offsets below the first may be transport delay: they are left alone. One that is known
+        #: is followed within the second, so that no step of it leaves a gap that is silence.
+        self._tolerance = min(timeouts_ns.values())
+        self._followed = self._tolerance // 2
+        self._drain_ns = drain_ns
+        self._period_ns = period_ns
+        self._limit: tuple[int, int | None] | None = None
+        self._silence_until_ns: int | None = None
+        self._finished = False
+        self._journal: list[JournalEntry] = []
+
+    def note(self, kind: str, **fields: Any) -> None:
+        """Write an entry into the journal, at the present position."""
+        self._journal.append(JournalEntry(kind, self.position_ns, self.epoch, **fields))
+
+    def take_journal(self) -> tuple[JournalEntry, ...]:
+        """Return what was written since the last call."""
+        journal, self._journal = tuple(self._journal), []
+        return journal
+
+    def received(self, names: Iterable[str]) -> dict[str, Any]:
+        """Return, as fields of an entry, what had come of channels."""
+        found = {name: self.channels[name] for name in sorted(names)}
+        return {
+            'channels': {name: channel.received_ns for name, channel in found.items()},
+            'received': {name: channel.received for name, channel in found.items()},
+        }
+
+    def push(self, name: str, stamps_ns: ArrayLike, values: ArrayLike) -> None:
+        """Take samples of one channel in, see `HuntingDetector.update`."""
+        if name not in self.channels:
+            raise HuntError(f'channel {name!r} is not one of {tuple(self.channels)}')
+        stamps = np.atleast_1d(np.asarray(stamps_ns, dtype=np.int64)).clip(-_MOST_NS, _MOST_NS)
+        numbers = np.atleast_1d(np.asarray(values, dtype=np.float64))
+        if stamps.shape != numbers.shape or stamps.ndim != 1:
+            raise HuntError(
+                f'{name}: {stamps.shape} stamps and {numbers.shape} values,'
+                ' expected one value a stamp'
+            )
+        if not stamps.size:
+            return
+        channel = self.channels[name]
+        if not channel.received:
+            self.note('heard', channels={name: int(stamps[0])})
+        before = {silent: len(self.channels[silent].queues[0]) for silent in self.silent}
+        self._finished = False
+        channel.push(stamps, numbers)
+        if channel.silent:
+            # Of an epoch that the others do not follow into the first and the newest are kept.
+            while len(channel.queues) > 1 and len(channel.queues[-1]) > _WAITING:
+                channel.refused['clock'] += _WAITING // 2
+                channel.queues[-1].drop(1, 1 + _WAITING // 2, BACKWARD)
+        for moved in dict.fromkeys([name, *self._rejoin()]):
+            if moved in before:
+                channel = self.channels[moved]
+                channel.drop(before[moved], len(channel.queues[0]), LATE)
+            else:
+                self._drop_late(moved)
+
+    def _drop_late(self, name: str) -> None:
+        """Drop what lies behind the position; note where such a run begins and ends."""
+        channel = self.channels[name]
+        channel.drop_known(self.epoch)
+        stamps = channel.queues[0].stamps
+        if self.position_ns is not None and stamps.size and stamps[0] <= self.position_ns:
+            count = int(np.searchsorted(stamps, self.position_ns, side='right'))
+            if channel.late_until_ns is None:
+                self.note('late_from', channels={name: int(stamps[0])})
+            channel.late_until_ns = int(stamps[count - 1])
+            channel.drop(0, count, LATE)
+        if len(channel.queues[0]):
+            self._end_late([name])
+
+    def _end_late(self, names: Iterable[str]) -> None:
+        """Note the end of runs of late samples."""
+        for name in sorted(names):
+            channel = self.channels[name]
+            if channel.late_until_ns is not None:
+                self.note('late_to', channels={name: channel.late_until_ns})
+                channel.late_until_ns = None
+
+    def _rejoin(self) -> list[str]:
+        """Take channels back into the present epoch whose clock had leapt; return them."""
+        back = []
+        for name, channel in self.channels.items():
+            while (stamp := channel.returned_ns()) is not None and self._is_time(stamp, channel):
+                channel.rejoin()
+                back.append(name)
+        return back
+
+    def _is_time(self, stamp_ns: int, apart: Channel) -> bool:
+        """Return True if another channel came to a stamp in the present epoch without a leap."""
+        for channel in self.channels.values():
+            queue = channel.queues[0]
+            if channel is apart or queue.run_ns is None or queue.newest_ns is None:
+                continue
+            if queue.run_ns <= stamp_ns <= queue.newest_ns:
+                return True
+        return False
+
+    def tick(self, now_ns: int) -> bool:
+        """Let silent channels go, take them back, follow the clocks; True: a new epoch began."""
+        for channel in self.channels.values():
+            channel.clock.look(now_ns)
+        if overdue := self._overdue(now_ns):
+            self.note('released', now_ns=now_ns, **self.received(overdue))
+            self._release(overdue)
+        if offsets := self._offsets():
+            self.note('offset', now_ns=now_ns, offsets=offsets, **self.received(offsets))
+            self._shift(offsets)
+        if back := self._back():
+            self.note('resumed', now_ns=now_ns, **self.received(back))
+            self._resume(back)
+        if moved := self._clocks_moved():
+            self.note('clock', now_ns=now_ns, **self.received(self.channels))
+            self._next_epoch()
+        return moved
+
+    def repeat(self, entry: JournalEntry) -> bool:
+        """For a replay: do what an entry says; True: a new epoch began."""
+        if entry.kind == 'released':
+            self._release(entry.channels)
+        elif entry.kind == 'offset':
+            self._shift(entry.offsets)
+        elif entry.kind == 'resumed':
+            self._resume(entry.channels)
+        elif entry.kind == 'clock':
+            self._next_epoch()
+            return True
+        return False
+
+    def hold_at(self, entry: JournalEntry | None) -> None:
+        """For a replay: give nothing beyond the position of an entry; None: all of it again."""
+        self._limit = None if entry is None else (entry.epoch, entry.position_ns)
+
+    def finish(self) -> None:
+        """No more samples will come: everything waiting is complete."""
+        for channel in self.channels.values():
+            channel.finish()
+        self._finished = True
+
+    def complete(self) -> Iterator[Stretch | None]:
+        """Give out what is complete, stretch by stretch; None where a new epoch begins."""
+        while True:
+            until_ns = self._next_ns()
+            if until_ns is not None:
+                after_ns, self.position_ns = self.position_ns, until_ns
+                yield Stretch(
+                    after_ns,
+                    until_ns,
+                    {
+                        name: Block(*c.queues[0].take(until_ns), c.clock.shift_ns != 0)
+                        for name, c in self.channels.items()
+                    },
+                )
+            elif self._epoch_ends():
+                if self.silent:  # whether they were is not in the samples
+                    self.note('clock', **self.received(self.channels))
+                self._next_epoch()
+                yield None
+            else:
+                return
+
+    @property
+    def silent(self) -> frozenset[str]:
+        """Channels that were let go and are not back."""
+        return frozenset(name for name, channel in self.channels.items() if channel.silent)
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """Samples refused so far, by 'channel reason'."""
+        return {
+            f'{name} {reason}': count
+            for name, channel in self.channels.items()
+            for reason, count in channel.refused.items()
+            if count
+        }
+
+    @property
+    def clock_offsets_s(self) -> dict[str, float]:
+        """By how much the detector's clock is ahead of those of the channels, where known, s."""
+        clocks = {name: channel.clock for name, channel in self.channels.items()}
+        return {
+            name: 1e-9 * (clock.shift_ns if clock.offset_ns is None else clock.offset_ns)
+            for name, clock in clocks.items()
+            if clock.offset_ns is not None or clock.shift_ns
+        }
+
+    @property
+    def behind(self) -> tuple[str, ...]:
+        """
+        The channels for which the others have waited longer than ticks would let them.
+
+        One sentence each. Without ticks, or where the clock stands still, no channel is ever
+        let go: no rows come, and the last one is not what is now.
+        """
+        known = [c.newest_ns for c in self.channels.values() if c.newest_ns is not None]
+        if not known:
+            return ()
+        front, first = max(known), self._first_ns()
+        since = front if first is None else first
+        found = []
+        for name, channel in self.channels.items():
+            lag = front - (since if channel.newest_ns is None else channel.newest_ns)
+            if lag > self._drain_ns and not channel.silent:
+                found.append(f'{name}: {1e-9 * lag:.1f} s behind the other channels')
+        return tuple(found)
+
+    @property
+    def watermark_ns(self) -> int | None:
+        """Stamp up to which every channel that is not silent has spoken; None before that."""
+        if self._epoch_over():
+            return self._end_of_epoch_ns()
+        awaited = [channel for channel in self.channels.values() if not channel.silent]
+        if not awaited:
+            return self._silence_until_ns
+        known = [c.newest_ns for c in awaited if c.newest_ns is not None]
+        return min(known) if len(known) == len(awaited) else None
+
+    def _next_ns(self) -> int | None:
+        """Last row of the next stretch that is complete, ns; None where no row is."""
+        until, position = self.watermark_ns, self.position_ns
+        if self._limit is not None and self.epoch >= self._limit[0]:
+            epoch, last = self._limit
+            if until is None or last is None or self.epoch > epoch:
+                return None
+            until = min(until, last)
+        if until is None:
+            return None
+        last, begin = self._row_before(until), self._first_ns()
+        if begin is None:
+            begin = last
+        if position is not None:
+            begin = max(begin, position)
+        last = min(last, self._row_before(begin + _CHUNK_NS))
+        return last if position is None or last > position else None
+
+    def _row_before(self, stamp_ns: int) -> int:
+        """Return the last row not after a stamp."""
+        return stamp_ns // self._period_ns * self._period_ns
+
+    def _first_ns(self) -> int | None:
+        """Oldest stamp waiting in the present epoch, ns."""
+        firsts = [channel.queues[0].first_ns for channel in self.channels.values()]
+        return min((first for first in firsts if first is not None), default=None)
+
+    def _epoch_ends(self) -> bool:
+        """True where the next epoch begins: all is said in this one, and more waits."""
+        free = self._limit is None or self.epoch < self._limit[0]
+        return free and self._epoch_over() and self._more_epochs()
+
+    def _epoch_over(self) -> bool:
+        """
+        True where no channel has anything more to say in the present epoch.
+
+        Clocks that are set back are set back together: where one channel was long before
+        the others, its clock has leapt, and may come back.
+        """
+        if self._finished:
+            return True
+        ends = []
+        for channel in self.channels.values():
+            if channel.silent:
+                continue
+            if len(channel.queues) == 1 or channel.newest_ns is None:
+                return False
+            ends.append(channel.newest_ns)
+        if not ends:
+            return self._more_epochs()
+        return max(ends) - min(ends) <= max(c.timeout_ns for c in self.channels.values())
+
+    def _more_epochs(self) -> bool:
+        """True where samples of a later epoch wait."""
+        return any(len(channel.queues) > 1 for channel in self.channels.values())
+
+    def _end_of_epoch_ns(self) -> int | None:
+        """Newest stamp waiting in the present epoch, or the position where nothing waits."""
+        ends = [channel.queues[0].last_ns for channel in self.channels.values()]
+        known = [end for end in (*ends, self.position_ns) if end is not None]
+        return max(known, default=None)
+
+    def _next_epoch(self) -> None:
+        """Leave the present epoch; what still waits in it is given up."""
+        silent = sorted(self.silent)
+        for channel in self.channels.values():
+            if len(channel.queues) > 1:
+                channel.queues.pop(0)
+            else:
+                channel.start_again()
+            channel.silent, channel.late_until_ns = False, None
+        self.position_ns = None
+        self.epoch += 1
+        for channel in self.channels.values():
+            channel.drop_known(self.epoch)
+        if silent:
+            self.note('resumed', channels=dict.fromkeys(silent))
+
+    def _overdue(self, now_ns: int) -> list[str]:
+        """Return the channels that are silent for longer than their timeout since now."""
+        found = []
+        for name, channel in self.channels.items():
+            if len(channel.queues) > 1 and channel.newest_ns is not None:
+                # Its clock was set: nothing more in this epoch.
+                overdue = now_ns - channel.newest_ns > channel.timeout_ns
+            else:
+                clock = channel.clock
+                overdue = clock.late_ns > channel.timeout_ns or not clock.believed
+            if overdue and not channel.silent:
+                found.append(name)
+        return found
+
+    def _release(self, names: Iterable[str]) -> None:
+        """Wait for channels no more."""
+        for name in names:
+            self.channels[name].silent = True
+        known = [c.newest_ns for c in self.channels.values() if c.newest_ns is not None]
+        self._silence_until_ns = max(known) + self._drain_ns if known else None
+        self._end_late(names)
+
+    def _back(self) -> list[str]:
+        """Return the silent channels that deliver again, by less than half their timeout late."""
+        return [
+            name
+            for name, channel in self.channels.items()
+            if channel.silent
+            and channel.clock.fresh
+            and channel.clock.believed
+            and 2 * channel.clock.late_ns <= channel.timeout_ns
+            and len(channel.queues) == 1
+        ]
+
+    def _resume(self, names: Iterable[str]) -> None:
+        for name in names:
+            self.channels[name].silent = False
+
+    def _offsets(self) -> dict[str, int]:
+        """
+        Return the channels to whose stamps another offset is to be added from now on, ns.
+
+        Those whose clock is away from where its shift puts it by more than transport can
+        explain. Channels of one host get one offset, lest their delays part them.
+        """
+        found: dict[str, int] = {}
+        shifts = {name: channel.clock.shift_ns for name, channel in self.channels.items()}
+        for name, channel in self.channels.items():
+            clock, offset = channel.clock, channel.clock.offset_ns
+            if offset is None or not clock.settled or not clock.believed:
+                continue
+            if clock.late_ns > channel.timeout_ns:
+                continue
+            away = abs(offset - shifts[name])
+            if away > (self._followed if shifts[name] else self._tolerance):
+                nearest = min((0, *shifts.values()), key=lambda shift: abs(offset - shift))
+                same = abs(offset - nearest) <= self._followed
+                found[name] = shifts[name] = nearest if same else offset
+        return found
+
+    def _shift(self, offsets: Mapping[str, int]) -> None:
+        """Add these offsets (ns) to the stamps of channels; what waits of them is dropped."""
+        for name, offset in offsets.items():
+            self.channels[name].go_on_from(self.position_ns, offset)
+        self._end_late(offsets)
+
+    def _clocks_moved(self) -> bool:
+        """Return True if a channel whose clock was set back agrees with the detector's."""
+        for channel in self.channels.values():
+            clock = channel.clock
+            if len(channel.queues) == 1 or channel.returned_ns() is not None:
+                continue
+            if clock.offset_ns is None:
+                continue
+            if abs(clock.offset_ns - clock.shift_ns) <= self._tolerance:
+                return True
+        return False

@@ -1,1 +1,0 @@
-"""Which samples count and when: queues, watermark, clocks of the channels, and the journal."""
