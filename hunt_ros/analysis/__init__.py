@@ -1,1 +1,1 @@
-"""Analysis of whole records: spectrum, phase portrait, Poincare section, Lyapunov exponents."""
+"""Analysis of whole records: spectrum, phase portrait, Poincare section."""

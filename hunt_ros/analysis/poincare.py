@@ -4,7 +4,7 @@ Poincare section once a roller revolution, and its classification (Figs. 5, 7).
 Roughness forces the wheelset with the period of the roller. Seen once a revolution,
 a response to it is one point, a hunting wheelset a closed curve: the maps either side
 of v_c. Noise makes the point a cloud and the curve a ring; they are told apart by what holds
-the distance from the centre (`radius_law`): close to v_c the noise itself moves the quiet
+the distance from the centre: close to v_c the noise itself moves the quiet
 wheelset on a slowly changing circle, which a short record cannot tell from a ring by its shape.
 Without a roller there is no forcing to keep time with, and the motion is cut at a phase of
 its own.
@@ -20,14 +20,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hunt_ros.analysis.phase_portrait import PhasePortrait, phase_portrait
-from hunt_ros.analysis.radius_law import FEWEST as LEAST_RADII
-from hunt_ros.analysis.radius_law import Law, radius_law
 from hunt_ros.analysis.spectrum import roughness_frequency
+from hunt_ros.analysis.steady_state import standard_error
 from hunt_ros.analysis.uniform import checked
 from hunt_ros.errors import IdentificationError
 
 Kind = Literal['periodic', 'quasi-periodic', 'noise-driven', 'transient', 'undecided']
 Cut = Literal['revolution', 'hunting']
+#: What holds the radius of a section.
+Law = Literal['noise', 'cycle', 'transient', 'undecided']
 
 _OF_LAW: dict[Law, Kind] = {
     'cycle': 'quasi-periodic',
@@ -49,6 +50,15 @@ MOSTLY_NOISE = 0.7
 AVERAGED = 4
 #: Fewest points that a kind is told from.
 FEWEST = 30
+
+#: Fewest independent radii that tell noise from a limit cycle: the spread is known to a quarter.
+LEAST_RADII = 10
+#: Spread of a radius over its mean where noise drives the motion: sqrt(4 / pi - 1).
+RAYLEIGH = 0.523
+#: A radius that noise makes moves by more than this within a hundredth of its memory.
+STILL = 0.1
+#: Change of ln of the radius that is growth or decay.
+GROWN = 0.5
 
 #: Longest period, in revolutions, of a locked orbit that is told from a closed curve.
 LONGEST_PERIOD = 8
@@ -267,13 +277,28 @@ def _turn(white: NDArray[np.complex128]) -> float:
 
 
 def _law(turning: NDArray[np.complex128]) -> Law:
-    """What holds the radius of points that turn steadily."""
+    """
+    What holds the radius of points that turn steadily.
+
+    The radius of what noise drives has a spread of 0.52 of its mean (Rayleigh), once the record
+    holds several of its independent values; a limit cycle's is smaller, a transient's is a line
+    in its logarithm.
+    """
     if turning.size < FEWEST:
         return 'undecided'
     still = turning * np.exp(-1j * _turn(turning) * np.arange(turning.size))
     size = min(AVERAGED, turning.size // LEAST_RADII)
-    parts = still[: still.size // size * size].reshape(-1, size)
-    return radius_law(parts.mean(axis=1)).law
+    radius = np.abs(still[: still.size // size * size].reshape(-1, size).mean(axis=1))
+    spread = float(np.std(radius) / np.mean(radius))
+    steps, logs = np.arange(radius.size), np.log(np.maximum(radius, 1e-12))
+    line = np.polyfit(steps, logs, 1)
+    change = abs(float(line[0])) * radius.size
+    if change > GROWN and float(np.std(logs - np.polyval(line, steps))) < 0.1 * change:
+        return 'transient'
+    if spread > 0.5 * RAYLEIGH:
+        return 'noise'
+    independent = float(np.var(radius)) / max(standard_error(radius), 1e-300) ** 2
+    return 'cycle' if spread < STILL or independent > LEAST_RADII else 'undecided'
 
 
 def _closing(centred: NDArray[np.float64]) -> int:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.rig import Rig
-from hunt_ros.samples import NANOSECONDS, Record, Series
+from hunt_ros.samples import CLOCK_OFFSET_NS, GAP_STEPS, NANOSECONDS, Record, Series
 from hunt_ros.sensors import MOTION, SENSORS
 
 OK, WARN, FAIL, UNKNOWN = 'ok', 'warn', 'fail', 'unknown'
@@ -29,11 +29,10 @@ _NOMINAL_HZ, _HIGHEST_OF_NOMINAL = 2.84, 2.1
 _IN_A_PERIOD, _SPEED_HZ = 10.0, 5.0
 #: A stamp that is off by dt makes an error of 2 pi f dt of the amplitude: this much is allowed.
 _JITTER_SHARE = 0.01
-#: Intervals longer than this are gaps, and this share of missing samples is allowed.
-_GAP_STEPS, _MISSING_SHARE = 1.5, 1e-3
-#: Stamps this far from the arrival are another clock's, s; further than the second are refused
-#: by the detector.
-_OFFSET_S, _FARTHEST_S = 0.05, 15.0
+#: This share of missing samples is allowed.
+_MISSING_SHARE = 1e-3
+#: Stamps this far from the arrival are another clock's, s.
+_OFFSET_S = 0.05
 #: The tracker follows a roller whose diameter is given with this error; the speed check allows
 #: the second.
 _DIAMETER_SHARE, _DIAMETER_FAILS = 0.01, 0.05
@@ -115,14 +114,28 @@ def check_rig(
     return found
 
 
+def _judged(
+    check: str,
+    channel: str,
+    bad: bool,
+    text: str,
+    advice: str,
+    value: float,
+    unit: str = '',
+    state: str = FAIL,
+) -> Finding:
+    """Return a finding that is ok, with no advice, or bad."""
+    state, advice = (state, advice) if bad else (OK, '')
+    return Finding(check, channel, state, text, advice, value, unit)
+
+
 def _absent(channel: str, count: int, rig: Rig) -> Finding:
-    optional = channel in rig.optional_channels
     advice = (
         f'start what publishes the topic {channel}, or leave {channel} out of "channels" of the'
         ' rig file'
     )
-    text = f'{count} samples' if count else 'no samples'
-    return Finding('rate', channel, WARN if optional else FAIL, text, advice, 0.0, 'Hz')
+    text, state = f'{count or "no"} samples', WARN if channel in rig.optional_channels else FAIL
+    return Finding('rate', channel, state, text, advice, 0.0, 'Hz')
 
 
 def _highest_hz(rig: Rig) -> float:
@@ -136,55 +149,28 @@ def _times(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
     step = float(np.median(steps))
     backward = int(np.count_nonzero(steps <= 0.0))
     if backward or step <= 0.0:
-        yield Finding(
-            'gaps',
-            channel,
-            FAIL,
-            f'{backward} stamps are not after the one before',
-            'stamp each sample once, when it was taken, on a clock that is not set while it runs',
-            float(backward),
-        )
+        text = f'{backward} stamps are not after the one before'
+        advice = 'stamp each sample once, when it was taken, on a clock that is not set'
+        yield Finding('gaps', channel, FAIL, text, f'{advice} while it runs', float(backward))
         return
     least = _IN_A_PERIOD * _highest_hz(rig) if channel in MOTION else _SPEED_HZ
-    slow = 1.0 / step < least
-    yield Finding(
-        'rate',
-        channel,
-        FAIL if slow else OK,
-        f'{1.0 / step:.4g} samples/s',
-        f'sample it at {least:.3g} Hz or more' if slow else '',
-        1.0 / step,
-        'Hz',
-    )
-    regular = steps < _GAP_STEPS * step
+    text, advice = f'{1.0 / step:.4g} samples/s', f'sample it at {least:.3g} Hz or more'
+    yield _judged('rate', channel, 1.0 / step < least, text, advice, 1.0 / step, 'Hz')
+    regular = steps < GAP_STEPS * step
     jitter = float(np.std(steps[regular])) / math.sqrt(2.0)
     most = _JITTER_SHARE / (2.0 * math.pi * _highest_hz(rig))
-    loose = channel in MOTION and jitter > most
-    yield Finding(
-        'jitter',
-        channel,
-        FAIL if loose else OK,
-        f'stamps are off by {1e3 * jitter:.3g} ms (standard deviation)',
+    text = f'stamps are off by {1e3 * jitter:.3g} ms (standard deviation)'
+    advice = (
         'stamp the samples by the clock of the converter, not when a program reads them'
         f' (expected at most {1e3 * most:.2g} ms)'
-        if loose
-        else '',
-        jitter,
-        's',
     )
+    loose = channel in MOTION and jitter > most
+    yield _judged('jitter', channel, loose, text, advice, jitter, 's')
     missing = float(np.sum(np.rint(steps[~regular] / step) - 1.0))
     share = missing / (len(series) + missing)
-    lossy = share > _MISSING_SHARE
-    yield Finding(
-        'gaps',
-        channel,
-        FAIL if lossy else OK,
-        f'{missing:.0f} samples are missing, the longest gap is {float(steps.max()):.3g} s',
-        'look for lost messages: the network, the depth of the queues, the load of the host'
-        if lossy
-        else '',
-        share,
-    )
+    text = f'{missing:.0f} samples are missing, the longest gap is {float(steps.max()):.3g} s'
+    advice = 'look for lost messages: the network, the depth of the queues, the load of the host'
+    yield _judged('gaps', channel, share > _MISSING_SHARE, text, advice, share)
 
 
 def _clock(channel: str, series: Series, arrivals: NDArray[np.int64]) -> Finding:
@@ -193,11 +179,10 @@ def _clock(channel: str, series: Series, arrivals: NDArray[np.int64]) -> Finding
     # What is under way comes late, never early: the quickest message tells the clocks' offset.
     offset = float(np.quantile(late, 0.05))
     text = f'stamps are {abs(offset) * 1e3:.3g} ms {"before" if offset >= 0 else "after"} arrival'
-    state = OK if -1e-3 <= offset <= _OFFSET_S else WARN
-    if abs(offset) > _FARTHEST_S:
-        state = FAIL
-    advice = '' if state == OK else 'synchronise the clocks of the hosts (PTP: docs/lab-pc.md)'
-    return Finding('clock', channel, state, text, advice, offset, 's')
+    advice = 'synchronise the clocks of the hosts (PTP: docs/lab-pc.md)'
+    state = FAIL if abs(offset) > CLOCK_OFFSET_NS / NANOSECONDS else WARN
+    apart = not -1e-3 <= offset <= _OFFSET_S
+    return _judged('clock', channel, apart, text, advice, offset, 's', state)
 
 
 def _readings(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
@@ -205,13 +190,10 @@ def _readings(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
     values = series.values[np.isfinite(series.values)]
     lost = len(series) - values.size
     if lost:
+        state = FAIL if lost > _MISSING_SHARE * len(series) else WARN
+        advice = 'look at the sensor: it reports that it cannot measure'
         yield Finding(
-            'gaps',
-            channel,
-            FAIL if lost > _MISSING_SHARE * len(series) else WARN,
-            f'{lost} readings are no numbers',
-            'look at the sensor: it reports that it cannot measure',
-            float(lost),
+            'gaps', channel, state, f'{lost} readings are no numbers', advice, float(lost)
         )
     if values.size < _FEWEST:
         return
@@ -219,47 +201,30 @@ def _readings(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
     unit = unit or {'roller': 'rad', 'speed': 'm/s'}[channel]
     different = np.unique(values)
     if different.size == 1:
-        moving = channel in MOTION
-        yield Finding(
-            'noise',
-            channel,
-            FAIL if moving else OK,
-            f'every reading is {float(values[0]):.4g} {unit}',
-            'the sensor is stuck or not connected: move it, and look again' if moving else '',
-            0.0,
-            unit,
-        )
+        text = f'every reading is {float(values[0]):.4g} {unit}'
+        advice = 'the sensor is stuck or not connected: move it, and look again'
+        yield _judged('noise', channel, channel in MOTION, text, advice, 0.0, unit)
         return
     noise = _noise(values)
     if channel in MOTION:
-        clearance = rig.flange_clearance_m if channel == 'lateral' else 0.0
-        loud = clearance > 0.0 and noise > _NOISE_SHARE * clearance
-        yield Finding(
-            'noise',
-            channel,
-            FAIL if loud else OK,
-            f'white noise of {noise:.3g} {unit} (standard deviation)',
-            f'expected at most {_NOISE_SHARE * clearance:.2g} {unit}, {_NOISE_SHARE:.0%} of the'
-            ' flange clearance: look at cables, shielding, range of the sensor'
-            if loud
-            else '',
-            noise,
-            unit,
+        most = _NOISE_SHARE * rig.flange_clearance_m if channel == 'lateral' else 0.0
+        text = f'white noise of {noise:.3g} {unit} (standard deviation)'
+        advice = (
+            f'expected at most {most:.2g} {unit}, {_NOISE_SHARE:.0%} of the flange clearance: look'
+            ' at cables, shielding, range of the sensor'
         )
+        yield _judged('noise', channel, 0.0 < most < noise, text, advice, noise, unit)
     if channel != 'roller':
         yield _resolution(channel, different, noise, unit, rig)
     limit = float(getattr(rig, f'{channel}_range_{"rad" if channel == "yaw" else "m"}', 0.0))
-    if limit > 0.0 and float(np.abs(values).max()) >= limit:
-        yield Finding(
-            'range',
-            channel,
-            FAIL,
-            f'readings reach {float(np.abs(values).max()):.4g} {unit}',
+    largest = float(np.abs(values).max())
+    if 0.0 < limit <= largest:
+        text = f'readings reach {largest:.4g} {unit}'
+        advice = (
             f'they are saturated from {limit:.4g} {unit} on: centre the sensor, or take one with'
-            ' a larger range',
-            float(np.abs(values).max()),
-            unit,
+            ' a larger range'
         )
+        yield Finding('range', channel, FAIL, text, advice, largest, unit)
 
 
 def _noise(values: NDArray[np.float64]) -> float:
@@ -300,18 +265,9 @@ def _roller(record: Record, rig: Rig) -> Iterator[Finding]:
     speed, roller = record.get('speed'), record.get('roller')
     if speed is not None and len(speed) >= _FEWEST:
         mean = float(np.nanmean(speed.values))
-        backward = mean < -_TURNING_MPS
-        yield Finding(
-            'speed',
-            'speed',
-            FAIL if backward else OK,
-            f'{mean:.3f} m/s on average',
-            'the running speed is negative: change the sign of the channel (factor -1)'
-            if backward
-            else '',
-            mean,
-            'm/s',
-        )
+        advice = 'the running speed is negative: change the sign of the channel (factor -1)'
+        text = f'{mean:.3f} m/s on average'
+        yield _judged('speed', 'speed', mean < -_TURNING_MPS, text, advice, mean, 'm/s')
     if 'roller' not in rig.channels or roller is None or len(roller) < _FEWEST:
         return
     steps = np.diff(roller.values)
@@ -320,26 +276,15 @@ def _roller(record: Record, rig: Rig) -> Iterator[Finding]:
     span = float(roller.stamps_ns[-1] - roller.stamps_ns[0]) / NANOSECONDS
     rate = turned / span
     if abs(rate) < 0.1:
-        yield Finding(
-            'encoder', 'roller', UNKNOWN, 'the roller does not turn',
-            'let it turn, and look again', rate, 'rad/s',
-        )  # fmt: skip
+        text, advice = 'the roller does not turn', 'let it turn, and look again'
+        yield Finding('encoder', 'roller', UNKNOWN, text, advice, rate, 'rad/s')
         return
     way = 'forwards' if rate > 0.0 else 'backwards'
     wraps = f', and wraps every turn ({int(leaps.sum())} times)' if leaps.any() else ''
     quick = float(np.nanquantile(np.abs(steps[~leaps]), 0.99)) if not leaps.all() else math.inf
-    coarse = quick > 0.5 * _WRAP
-    yield Finding(
-        'encoder',
-        'roller',
-        FAIL if coarse else OK,
-        f'the angle runs {way} at {abs(rate):.4g} rad/s{wraps}',
-        'it turns by more than a quarter from reading to reading: read it more often'
-        if coarse
-        else '',
-        rate,
-        'rad/s',
-    )
+    text = f'the angle runs {way} at {abs(rate):.4g} rad/s{wraps}'
+    advice = 'it turns by more than a quarter from reading to reading: read it more often'
+    yield _judged('encoder', 'roller', quick > 0.5 * _WRAP, text, advice, rate, 'rad/s')
     if speed is None or len(speed) < _FEWEST:
         return
     yield _diameter(float(np.nanmean(np.abs(speed.values))), abs(rate), rig)
@@ -348,10 +293,9 @@ def _roller(record: Record, rig: Rig) -> Iterator[Finding]:
 def _diameter(speed: float, rate: float, rig: Rig) -> Finding:
     """Return the diameter that speed and turning tell, 2 v / omega."""
     if speed < _TURNING_MPS:
-        return Finding(
-            'diameter', 'roller', UNKNOWN, f'{speed:.2f} m/s are too slow to tell the diameter',
-            'let the roller turn faster, and look again',
-        )  # fmt: skip
+        text = f'{speed:.2f} m/s are too slow to tell the diameter'
+        advice = 'let the roller turn faster, and look again'
+        return Finding('diameter', 'roller', UNKNOWN, text, advice)
     measured = 2.0 * speed / rate
     text = f'speed and encoder tell a roller of {measured:.4f} m'
     given = rig.roller_diameter_m
@@ -361,9 +305,10 @@ def _diameter(speed: float, rate: float, rig: Rig) -> Finding:
         )
         return Finding('diameter', 'roller', WARN, text, advice, measured, 'm')
     off = abs(measured / given - 1.0)
-    state = OK if off <= _DIAMETER_SHARE else WARN if off <= _DIAMETER_FAILS else FAIL
+    state = WARN if off <= _DIAMETER_FAILS else FAIL
     advice = (
         f'the rig file says {given:.4g} m, {off:.1%} apart: one of diameter, scale of the speed'
         ' and counts of the encoder is wrong'
     )
-    return Finding('diameter', 'roller', state, text, '' if state == OK else advice, measured, 'm')
+    wrong = off > _DIAMETER_SHARE
+    return _judged('diameter', 'roller', wrong, text, advice, measured, 'm', state)
