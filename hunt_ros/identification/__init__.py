@@ -2,9 +2,9 @@
 The normal form from recordings, with intervals.
 
 `identifying` is the order of the work: `recordings` (what they say together) and `preparation`
-(what each says alone, wherever the `work` is done), `record` (what a recording consists of), `fit`
-and what it needs (the growth law), `uncertainty` and `posterior`, `verdict` (what may be said),
-`result`.
+(what each says alone, in whatever process: `executors`), `record` (what a recording consists of),
+`fit` and what it needs (the growth law), `uncertainty` and `posterior`, `verdict` (what may be
+said), `result`.
 """
 
 from typing import TYPE_CHECKING

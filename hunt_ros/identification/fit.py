@@ -133,23 +133,6 @@ def _weighed(fitted: Sequence[FittedLaw]) -> list[FittedLaw]:
     return sorted(laws, key=lambda one: ((one.departure == 0.0) != paper, -one.weight))
 
 
-def refit(
-    fitted: FittedLaw,
-    settings: IdentificationSettings,
-    cluster_weight: NDArray[np.float64],
-    iterations: int = 12,
-) -> TrajectoryFit:
-    """Fit the law again with other weights of the clusters: one bootstrap replication."""
-    return fit_path(
-        fitted.path,
-        fitted.fit.theta,
-        fitted.prior,
-        priors_of(fitted.law.scales, settings),
-        cluster_weight,
-        iterations,
-    )
-
-
 def _evidence(fit: TrajectoryFit, prior: LawPrior) -> float:
     """Laplace's approximation to the log evidence, up to a constant; it needs a maximum."""
     if not (fit.converged and math.isfinite(fit.log_likelihood)):
@@ -184,8 +167,7 @@ def _fit_paper(
     noise = np.concatenate([[0.0, 0.0], np.maximum(noise, _BROAD)])
     laws = [integral_start(path, floor, scales.fastest_rate), *_templates(path, scales, v_c)]
     starts = [
-        fit_path(path, np.concatenate([lawful(law), noise]), prior, priors, None, 8)
-        for law in laws
+        fit_path(path, np.concatenate([lawful(law), noise]), prior, priors, 8) for law in laws
     ]
     best = max(starts, key=lambda one: one.log_likelihood)
     fit = fit_path(path, best.theta, prior, priors)

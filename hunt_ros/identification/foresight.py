@@ -17,7 +17,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import compiled
+from hunt_ros.compiled import F1, F2, F3, I1, compiled
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.posterior import Posterior
 
@@ -266,15 +266,15 @@ def _central(rows: Array) -> NDArray[np.bool_]:
 
 @compiled
 def _follow(
-    legs: Array,
-    growth: Array,
-    folds: Array,
-    intensity: Array,
-    laws: NDArray[np.int64],
-    grid: Array,
-    normal: Array,
-    told: Array,
-    ends: Array,
+    legs: F2,
+    growth: F3,
+    folds: F1,
+    intensity: F1,
+    laws: I1,
+    grid: F1,
+    normal: F3,
+    told: F2,
+    ends: F2,
 ) -> None:
     """
     Follow the paths; adds the information of each cell to `told`, and puts the ends in place.

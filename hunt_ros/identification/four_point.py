@@ -52,13 +52,7 @@ class FourPoint:
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry `four_point`."""
-        return {
-            'D4': self.D4,
-            'D7': self.D7,
-            'D10': self.D10,
-            'D15': self.D15,
-            'condition_number': self.condition_number,
-        }
+        return {name: value for name, value in vars(self).items() if name != 'warnings'}
 
 
 def at_detunings(

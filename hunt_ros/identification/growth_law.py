@@ -277,10 +277,12 @@ class GrowthLaw:
         Returns
         -------
         unstable, stable : ndarray, shape (n,)
-            m; NaN where there is none. Where rest is stable the unstable one bounds its basin,
-            and the stable one is the first above it; where rest is unstable the stable one is
-            the first that growth from rest meets. An unstable one with no stable one above it
-            is where a law runs away, outside what it was fitted to: no state of a rig.
+            m; NaN where there is none. The stable one is the smallest amplitude at which growth
+            turns into decay: what growth from rest meets, and the first state beyond the basin
+            of rest. The unstable one lies below it, where decay turns into growth. An unstable
+            one with no stable one above it is where a law runs away, outside what it was fitted
+            to: no state of a rig. Neither asks for the sign of the growth from rest, which at
+            v_c is a matter of rounding.
         """
         u = np.atleast_1d(self.detuning(speed))
         rest, first, second, third = (np.broadcast_to(c, u.shape) for c in self._in_w(u, line))
@@ -288,11 +290,9 @@ class GrowthLaw:
         with np.errstate(invalid='ignore', over='ignore'):
             slope = first + (2.0 * second + 3.0 * third * w) * w
             exists = (w > 0.0) & (w < _LARGEST)
-            barrier = exists & (slope > 0.0) & ~(rest > 0.0)
+            stable = np.min(np.where(exists & (slope < 0.0), w, np.inf), axis=0)
+            barrier = exists & (slope > 0.0) & (w < stable) & np.isfinite(stable)
             unstable = np.min(np.where(barrier, w, np.inf), axis=0)
-            above = exists & (slope < 0.0) & ((w > unstable) | ~np.isfinite(unstable))
-        stable = np.min(np.where(above, w, np.inf), axis=0)
-        unstable = np.where(np.isfinite(stable), unstable, np.inf)
         size = self.scales.amplitude
         return size * _root(unstable), size * _root(stable)
 

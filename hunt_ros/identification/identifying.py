@@ -12,6 +12,8 @@ from scipy.ndimage import median_filter
 
 from hunt_ros.analysis.steady_state import hunting_threshold, observed_critical_speeds
 from hunt_ros.errors import IdentificationError
+from hunt_ros.identification.bracket import bracket_of
+from hunt_ros.identification.executors import Tell, executor
 from hunt_ros.identification.fit import fit_laws
 from hunt_ros.identification.growth_law import GrowthScales
 from hunt_ros.identification.likelihood.path import Path
@@ -23,20 +25,24 @@ from hunt_ros.identification.record.envelope import (
     WINDOW_VARIANCE,
     Envelope,
 )
-from hunt_ros.identification.recordings import Recordings
+from hunt_ros.identification.recordings import (
+    hunting_frequency,
+    mode_shape_of,
+    records_of,
+    runs_of,
+    usable,
+)
 from hunt_ros.identification.result import Identification
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.uncertainty import ENOUGH_RUNS
 from hunt_ros.identification.verdict.conclusions import Evidence, conclude
-from hunt_ros.identification.work.kept import remembering
-from hunt_ros.identification.work.places import Tell, cluster
-from hunt_ros.samples import Record
+from hunt_ros.samples import Record, counted
 
 #: Length of the blocks of a run that stand in for runs, s.
 _BLOCK_S = 15.0
 #: Share of the work that is done when all is read, when the envelopes are seen, and when the fit
-#: stands and the intervals begin.
-_READ, _SEEN, _FITTED = 0.1, 0.2, 0.5
+#: stands.
+_READ, _SEEN, _FITTED = 0.3, 0.6, 0.8
 #: Amplitude of the fit's unit, of the largest one: however little of the time a rig hunts.
 _NEAR_TOP = 0.9
 #: Instants over which the power of the roller's lines is taken to be one.
@@ -77,23 +83,27 @@ def identify(
     settings = settings or IdentificationSettings()
     tell = progress or (lambda fraction: None)
     warnings: list[str] = []
-    with cluster(settings.cluster) as workers:
-        recordings = Recordings(
-            sources,
-            settings,
-            remembering(workers, settings.work_folder),
+    with executor(settings.cluster) as pool:
+        recordings = usable(sources, settings, pool, warnings, lambda part: tell(_READ * part))
+        frequency, bare = hunting_frequency(recordings, settings, pool, warnings)
+        runs = runs_of(
+            recordings,
+            frequency,
+            bare,
+            settings.flange_clearance_m,
+            pool,
             warnings,
-            lambda part: tell(_READ * part),
+            lambda part: tell(_READ + (_SEEN - _READ) * part),
         )
-        frequency = recordings.frequency()
-        runs = recordings.runs(frequency, lambda part: tell(_READ + (_SEEN - _READ) * part))
         if len(runs) < ENOUGH_RUNS:
             warnings.append(
-                f'{len(runs)} independent runs, fewer than {ENOUGH_RUNS}: the intervals rest on'
-                f' blocks of {_BLOCK_S:g} s and are widened'
+                f'{counted(len(runs), "independent run")}, fewer than {ENOUGH_RUNS}:'
+                f' the intervals rest on blocks of {_BLOCK_S:g} s'
             )
         states = [state for run in runs for state in run.states]
-        observed = observed_critical_speeds(states, [k for run in runs for k in run.kicks])
+        bracket = bracket_of([run.seen for run in runs], [run.kicked for run in runs])
+        kicks = [*bracket.kicks, *(kick for run in runs for kick in run.kicks)]
+        observed = observed_critical_speeds(states, kicks)
         if observed.threshold is None:
             amplitude = np.concatenate([run.envelope.amplitude for run in runs])
             observed = replace(observed, threshold=hunting_threshold(amplitude))
@@ -104,20 +114,17 @@ def identify(
             laws=laws,
             scales=scales,
             states=states,
+            bracket=bracket,
             observed=observed,
             segments=[segment for run in runs for segment in run.segments],
             envelopes=[run.envelope for run in runs],
-            records=recordings.records(),
-            days=recordings.days,
+            records=records_of(recordings),
         )
-        result = conclude(
-            evidence, settings, warnings, lambda part: tell(_FITTED + (1.0 - _FITTED) * part)
-        )
+        result = conclude(evidence, settings, warnings)
         if result.normal_form is not None:
             found = result.normal_form
-            shape = recordings.mode_shape(found.form, frequency)
-            form = replace(found, mode_shape=shape)
-            result = replace(result, normal_form=form)
+            shape = mode_shape_of(recordings, found.form, frequency, bare, pool)
+            result = replace(result, normal_form=replace(found, mode_shape=shape))
     tell(1.0)
     return result
 

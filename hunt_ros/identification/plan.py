@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from hunt_ros.dynamics.profile import Hold, Profile, Ramp, Sweep
 from hunt_ros.errors import ConfigError, IdentificationError
 from hunt_ros.identification.foresight import QUIET, Ensemble, Foresight, Stretch
-from hunt_ros.identification.plan_result import Action, Plan, PlanSettings, Prediction, Rated
+from hunt_ros.identification.plan_result import Action, Plan, Prediction, Rated
+from hunt_ros.identification.plan_settings import PlanSettings
 from hunt_ros.identification.posterior import Posterior
 from hunt_ros.identification.result import Identification
 
@@ -43,6 +44,8 @@ _WATCH_S, _WAIT_S, _PATIENCE_S = 12.0, 15.0, 40.0
 _GROWN, _FALLEN, _QUIET_AGAIN, _HUNTING = (0.3, 1.2), (0.7, 0.4), 0.1, 1.15
 #: Sizes of kicks in the unstable amplitude.
 _KICKS = (0.8, 1.0)
+#: Share by which the deviation of a quantity must fall, for the run to teach anything.
+_LEARNT = 0.01
 #: A gain of the logarithms of the deviations in a minute that is not worth running the rig for.
 _NOTHING = 1e-3
 
@@ -83,6 +86,11 @@ def plan(known: Identification, settings: PlanSettings | None = None) -> Plan:
             f'plan: speed_ceiling_mps must be above the slowest speed, {slowest:g} m/s,'
             f' got {ceiling:g}'
         )
+    if settings.start_speed_mps and settings.start_speed_mps > ceiling:
+        raise ConfigError(
+            f'plan: start_speed_mps must not be above the ceiling, {ceiling:g} m/s,'
+            f' got {settings.start_speed_mps:g}'
+        )
     v_c, v_n, posterior = known.v_c, known.v_n, known.posterior
     if posterior is None or v_c is None or v_n is None:
         unknown = [name for name in ('v_c', 'v_n') if getattr(known, name) is None]
@@ -110,6 +118,12 @@ def _first_sweep(
         f' planned: a sweep to {ceiling:.3g} m/s shows where hunting begins and ends'
         + (f' ({said})' if said else '')
     )
+    rest = known.bracket.v_c
+    if rest is not None and ceiling <= rest:
+        reason = (
+            f'rest was seen up to {rest:.3g} m/s already: a sweep to {ceiling:.3g} m/s shows the'
+            ' damping below, not where hunting begins'
+        )
     return Plan(profile, reason, profile.duration_s, profile.duration_s)
 
 
@@ -171,7 +185,8 @@ class _Planner:
             best, state, told = found
             information = information + told
             taken.append(best)
-        if not taken:
+        quantities = self._predicted(information)
+        if not any(one.std_after < (1.0 - _LEARNT) * one.std for one in quantities):
             raise IdentificationError(
                 f'plan: nothing within {settings.budget_s:g} s, {self._ceiling:g} m/s and a chance'
                 f' of {settings.max_escape:g} of unwanted hunting teaches anything'
@@ -180,7 +195,6 @@ class _Planner:
         begin = Ramp(_rounded(self._start), _RATE)
         steps = [step for one in taken for step in one.action.steps]
         profile = Profile((begin, *steps, home), 'plan')
-        quantities = self._predicted(information)
         return Plan(
             profile,
             self._reason(taken, quantities),
@@ -237,7 +251,8 @@ class _Planner:
         width = v_c - v_n
         tops = [v for v in (v_c + 0.1 * width, v_c + 0.25 * width) if v <= self._ceiling]
         tops = tops or ([self._ceiling] if self._ceiling > v_c else [])
-        bottoms = [max(v, 0.1 * v_n) for v in (v_n - 0.06 * width, v_n - 0.25 * width)]
+        lows = (v_n - 0.06 * width, v_n - 0.25 * width)
+        bottoms = [min(max(v, 0.1 * v_n), self._ceiling) for v in lows]
         places = self._places
         falls = [self._fall(low, share * fold) for low in bottoms for share in _FALLEN]
         rises = [self._rise(top, share * fold) for top in tops for share in _GROWN]

@@ -1,71 +1,13 @@
-"""What a plan hands back: the profile, why, what it would teach and risk; and what it may cost."""
+"""What a plan hands back: the profile, why, what it would teach and risk."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from hunt_ros.dynamics.profile import Profile, Step
-from hunt_ros.errors import ConfigError
 from hunt_ros.identification.foresight import Stretch
-
-
-@dataclass(frozen=True)
-class PlanSettings:
-    """
-    What the plan may cost.
-
-    Parameters
-    ----------
-    budget_s : float
-        Time of the profile, s.
-    max_escape : float
-        Largest chance that hunting begins where that is not what the profile is for.
-    speed_ceiling_mps : float
-        Fastest speed, m/s; 0: the fastest of the recordings.
-    speeds_mps : tuple of float
-        Where the unstable amplitude is wanted, m/s; none: at 36 % and 74 % of the way from
-        v_n to v_c.
-    kicks : bool
-        Whether somebody stands by to kick the wheelset.
-    rearm_s : float
-        Time that a kick costs, s.
-    start_speed_mps, start_amplitude_m : float
-        Where the rig is, m/s and m; 0: quiet at the slowest speed of the recordings.
-    seed : int
-        Of everything random.
-
-    Raises
-    ------
-    ConfigError
-        For a value out of its range.
-    """
-
-    budget_s: float = 600.0
-    max_escape: float = 0.05
-    speed_ceiling_mps: float = 0.0
-    speeds_mps: tuple[float, ...] = ()
-    kicks: bool = False
-    rearm_s: float = 10.0
-    start_speed_mps: float = 0.0
-    start_amplitude_m: float = 0.0
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        _require('budget_s', self.budget_s, 10.0 <= self.budget_s <= 86_400.0, '10 to 86400 s')
-        _require('max_escape', self.max_escape, 0.0 <= self.max_escape <= 1.0, 'within 0..1')
-        for name in ('speed_ceiling_mps', 'rearm_s', 'start_speed_mps', 'start_amplitude_m'):
-            value = getattr(self, name)
-            _require(name, value, 0.0 <= value < math.inf, 'zero or more')
-        for speed in self.speeds_mps:
-            _require('speeds_mps', speed, 0.0 < speed < math.inf, 'positive')
-
-
-def _require(name: str, value: object, fine: bool, expected: str) -> None:
-    if not fine:
-        raise ConfigError(f'plan: {name} must be {expected}, got {value}')
 
 
 @dataclass(frozen=True)
@@ -142,13 +84,7 @@ class Prediction:
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry of `quantities`."""
-        return {
-            'name': self.name,
-            'unit': self.unit,
-            'value': self.value,
-            'std': self.std,
-            'std_after': self.std_after,
-        }
+        return dict(vars(self))
 
 
 @dataclass(frozen=True)

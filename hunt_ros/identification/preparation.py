@@ -1,16 +1,18 @@
 """
 One recording on its way into the fit: the work that needs no other recording.
 
-Everything here may be done by another process: the samples stay where they were read, and only
+Everything here may be done by another process: the samples stay where they are read, and only
 what the functions return goes on.
 """
 
 from __future__ import annotations
 
 import hashlib
+import pickle
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from functools import cached_property, lru_cache
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +22,6 @@ from hunt_ros.errors import IdentificationError
 from hunt_ros.estimation.mode_measurement import measure_ratio
 from hunt_ros.estimation.record_lines import ForcedLine, Motion, turns_per_metre
 from hunt_ros.estimation.response_windows import measure_response
-from hunt_ros.identification.days import day_of
 from hunt_ros.identification.record.beat import without_beat
 from hunt_ros.identification.record.channels import Channels
 from hunt_ros.identification.record.envelope import Envelope
@@ -33,7 +34,13 @@ from hunt_ros.identification.record.hunting_frequency import (
 )
 from hunt_ros.identification.record.mode import Motions
 from hunt_ros.identification.record.plateaus import analyse_record
-from hunt_ros.identification.record.screening import Stretch, free_of_contact, moving
+from hunt_ros.identification.record.screening import (
+    Digest,
+    Stretch,
+    free_of_contact,
+    moving,
+    without_contact,
+)
 from hunt_ros.identification.record.segments import Segment
 from hunt_ros.identification.record.stops import ignoring, measuring
 from hunt_ros.identification.record.turning import is_assumed, with_angle
@@ -44,44 +51,52 @@ from hunt_ros.samples import Record
 Source: TypeAlias = Record | Callable[[], Record]
 
 
-@dataclass(frozen=True)
-class Digest:
+class Recording:
     """
-    What is known of a recording without its samples.
+    A recording by what reads it, and what is asked of it; it is read where its samples are needed.
 
     Parameters
     ----------
-    source, day, rig : str
-        What it is called, its day, and its rig ('' for none).
-    problems : str
-        What opening it showed to be wrong.
-    fingerprint : str
-        Hash of lateral samples and speed, by which a repeated recording is known.
-    ignored : tuple of int
-        Samples that each of the intervals of `ignore` leaves out.
-    said : tuple of str
-        What was taken out of it, and why.
-    refused : str
-        Why it cannot be used; '' if it can.
-    measures : bool
-        Whether the lateral sensor measures at all.
-    turns_per_metre : float
-        Of the roller, 1/m; NaN where not known.
-    stretches : tuple of Stretch
-        In which the rig runs.
+    source : Record or callable
+        What is called is called once in each process that works on it.
+    number : int
+        1 for the first.
+    settings : IdentificationSettings
+        What the user tells of it.
     """
 
-    source: str
-    day: str
-    rig: str
-    problems: str
-    fingerprint: str
-    ignored: tuple[int, ...]
-    said: tuple[str, ...]
-    refused: str
-    measures: bool
-    turns_per_metre: float
-    stretches: tuple[Stretch, ...]
+    #: What it is called among all recordings.
+    name = ''
+
+    def __init__(self, source: Source, number: int, settings: IdentificationSettings) -> None:
+        self._given = source, number, settings
+        self.source, self.settings = source, settings
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _held, (pickle.dumps(self._given),)
+
+    @cached_property
+    def prepared(self) -> Prepared:
+        """All its samples, ready for the fit."""
+        return prepare(*self._given)
+
+    @cached_property
+    def digest(self) -> Digest:
+        """What is known of it without its samples."""
+        return self.prepared.digest
+
+    def stretches(self, bare: bool) -> list[Channels]:
+        """Return the stretches in which the rig runs; `bare` without an angle nobody gave."""
+        return [
+            replace(one, roller=np.zeros(0)) if bare and one.assumed else one
+            for one in self.prepared.channels
+        ]
+
+
+@lru_cache(maxsize=4)
+def _held(given: bytes) -> Recording:
+    """A process that is asked for several things of a recording reads it once."""
+    return Recording(*pickle.loads(given))
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,18 +120,12 @@ class Prepared:
     channels: tuple[Channels, ...]
     digest: Digest
 
-    def stretches(self, bare: bool) -> list[Channels]:
-        """Return the channels; with `bare` without an angle that nobody gave."""
-        return [
-            replace(one, roller=np.zeros(0)) if bare and one.assumed else one
-            for one in self.channels
-        ]
-
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One stretch of a recording as it enters the fit."""
+    """One stretch of a recording: all that was `seen`, and what of it enters the fit."""
 
+    seen: Envelope
     envelope: Envelope
     corrected: Envelope
     segments: Sequence[Segment]
@@ -139,18 +148,7 @@ class Run:
 
 
 def prepare(source: Source, number: int, settings: IdentificationSettings) -> Prepared:
-    """
-    Read a recording and bring it onto its lateral samples.
-
-    Parameters
-    ----------
-    source : Record or callable
-        What is called is called once.
-    number : int
-        1 for the first.
-    settings : IdentificationSettings
-        What the user tells of the recordings.
-    """
+    """Read a recording and bring it onto its lateral samples."""
     record = source if isinstance(source, Record) else source()
     fingerprint = _fingerprint(record)
     record, ignored = ignoring(record, number, settings)
@@ -167,7 +165,6 @@ def prepare(source: Source, number: int, settings: IdentificationSettings) -> Pr
         refused = str(error)
     digest = Digest(
         source=record.source or 'record',
-        day=day_of(record),
         rig=record.notes.get('rig', '').strip(),
         problems=record.notes.get('problems', ''),
         fingerprint=fingerprint,
@@ -191,65 +188,53 @@ def _fingerprint(record: Record) -> str:
     return digest.hexdigest()
 
 
-def digest_of(prepared: Prepared) -> Digest:
+def digest_of(recording: Recording) -> Digest:
     """Return what is known of it without its samples."""
-    return prepared.digest
+    return recording.digest
 
 
-def record_of(prepared: Prepared, name: str) -> Record:
-    """Return its samples, under its name among all recordings."""
-    record = prepared.record
-    return record if name == prepared.digest.source else replace(record, source=name)
-
-
-def motion_in(prepared: Prepared, stretch: int) -> Motion | None:
+def motion_in(recording: Recording, stretch: int) -> Motion | None:
     """Return the displacement in one of its stretches, in which lines are looked for."""
-    return motion_of_channels(prepared.channels[stretch])
+    channels = recording.prepared.channels[stretch]
+    return motion_of_channels(without_contact(channels, recording.settings))
 
 
-def frequency_in(
-    prepared: Prepared, stretch: int, settings: IdentificationSettings
-) -> float | None:
+def frequency_in(recording: Recording, stretch: int) -> float | None:
     """Return the hunting frequency of one of its stretches alone, Hz; None if it shows none."""
     try:
-        return find_frequency(prepared.channels[stretch], settings)
+        channels, settings = recording.prepared.channels[stretch], recording.settings
+        return find_frequency(without_contact(channels, settings), settings)
     except IdentificationError:
         return None  # too short or too broken to say; it is dealt with where it is fitted
 
 
 def powers_in(
-    prepared: Prepared,
-    bare: bool,
-    grid: NDArray[np.float64],
-    forced: Sequence[ForcedLine],
-    settings: IdentificationSettings,
+    recording: Recording, bare: bool, grid: NDArray[np.float64], forced: Sequence[ForcedLine]
 ) -> list[Power]:
     """Return the power on a grid of frequencies, of each of its stretches."""
-    return [power_on(one, grid, forced, settings) for one in prepared.stretches(bare)]
+    settings = recording.settings
+    stretches = (without_contact(one, settings) for one in recording.stretches(bare))
+    return [power_on(one, grid, forced, settings) for one in stretches]
 
 
 def runs_in(
-    prepared: Prepared,
-    name: str,
-    bare: bool,
-    frequency_hz: float,
-    settings: IdentificationSettings,
+    recording: Recording, name: str, bare: bool, frequency_hz: float, clearance_m: float
 ) -> tuple[list[Run], list[str]]:
     """
     Return envelope, segments and steady amplitudes of each of its stretches.
 
     Parameters
     ----------
-    prepared : Prepared
-        The recording.
+    recording : Recording
+        From which they are taken.
     name : str
-        Of the recording among all.
+        What it is called among all.
     bare : bool
         Whether an angle of the roller that nobody gave is left out.
     frequency_hz : float
         Of the hunting.
-    settings : IdentificationSettings
-        What the user tells of it.
+    clearance_m : float
+        Amplitude at which a flange touches; 0: not known.
 
     Returns
     -------
@@ -257,27 +242,26 @@ def runs_in(
     said : list of str
         What was left out, and why.
     """
+    settings = recording.settings
     runs: list[Run] = []
     said: list[str] = []
-    for channels in prepared.stretches(bare):
+    for channels in recording.stretches(bare):
         channels = replace(channels, source=name)
-        envelope = tracked_envelope(channels, frequency_hz, settings)
-        envelope = free_of_contact(envelope, settings.flange_clearance_m, said)
+        seen = tracked_envelope(channels, frequency_hz, settings)
+        envelope = free_of_contact(seen, clearance_m, said)
         if np.isfinite(envelope.amplitude).sum() < 4:
             said.append(f'left out: {name}: no stretch is free of drop-outs')
             continue
         corrected = without_beat(envelope)
         segments, states = analyse_record(channels, envelope, corrected, settings)
-        runs.append(Run(envelope, corrected, segments, states))
+        runs.append(Run(seen, envelope, corrected, segments, states))
     return runs, said
 
 
-def motions_in(
-    prepared: Prepared, bare: bool, frequency_hz: float, settings: IdentificationSettings
-) -> Motions:
+def motions_in(recording: Recording, bare: bool, frequency_hz: float) -> Motions:
     """Return what it shows of yaw and lateral motion together, where it holds both."""
-    assumed = bare and is_assumed(prepared.turning)
-    record, orders = prepared.record if assumed else prepared.turning, settings.orders.tolist()
+    one, orders = recording.prepared, recording.settings.orders.tolist()
+    record = one.record if bare and is_assumed(one.turning) else one.turning
     return Motions(
         measure_ratio(record, frequency_hz, orders),
         measure_response(record, frequency_hz, orders),

@@ -1,11 +1,12 @@
-"""All recordings of an identification: what each is asked for, and what they say together."""
+"""All recordings of an identification: which can be used, and what they say together."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import replace
-from typing import Any, TypeVar
+from functools import partial
 
 import numpy as np
 
@@ -15,8 +16,18 @@ from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import IdentificationError
 from hunt_ros.estimation.record_lines import RecordLines
-from hunt_ros.identification import preparation
-from hunt_ros.identification.preparation import Digest, Run, Source
+from hunt_ros.identification.executors import Tell, collected
+from hunt_ros.identification.preparation import (
+    Recording,
+    Run,
+    Source,
+    digest_of,
+    frequency_in,
+    motion_in,
+    motions_in,
+    powers_in,
+    runs_in,
+)
 from hunt_ros.identification.record.hunting_frequency import frequency_grid, looked_at, strongest
 from hunt_ros.identification.record.mode import measured_shape
 from hunt_ros.identification.record.screening import (
@@ -31,15 +42,18 @@ from hunt_ros.identification.record.screening import (
 from hunt_ros.identification.record.stops import nothing_ignored
 from hunt_ros.identification.record.turning import lines_above
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.identification.work.places import Tell, Workers
 from hunt_ros.samples import Record
 
-_T = TypeVar('_T')
 
-
-class Recordings:
+def usable(
+    sources: Sequence[Source],
+    settings: IdentificationSettings,
+    pool: Executor,
+    warnings: list[str],
+    tell: Tell,
+) -> list[Recording]:
     """
-    The recordings that can be used, wherever their samples are.
+    Read the recordings, and return those that count.
 
     Parameters
     ----------
@@ -47,8 +61,8 @@ class Recordings:
         Recordings, or what reads them.
     settings : IdentificationSettings
         What the user tells of them.
-    workers : Workers
-        Read and prepare them.
+    pool : Executor
+        Reads and prepares them.
     warnings : list of str
         Grows by what was left out, and by what looks wrong.
     tell : callable
@@ -59,203 +73,101 @@ class Recordings:
     IdentificationError
         If none can be used, or they are of different rigs.
     """
-
-    def __init__(
-        self,
-        sources: Sequence[Source],
-        settings: IdentificationSettings,
-        workers: Workers,
-        warnings: list[str],
-        tell: Tell,
-    ) -> None:
-        settings = settings.of_recording()
-        self._settings, self._workers, self._warnings = settings, workers, warnings
-        for _, _, number in settings.ignore:
-            if number > len(sources):
-                raise IdentificationError(
-                    f'ignore: recording {number} of {len(sources)} has no interval to leave out'
-                )
-        count = len(sources)
-        # Where no interval is one recording's own, the place of a recording means nothing.
-        numbered = any(number for _, _, number in settings.ignore)
-        numbers = range(1, count + 1) if numbered else [1] * count
-        prepared = workers.map(preparation.prepare, sources, numbers, [settings] * count)
-        digests: list[Digest] = workers.collect(workers.map(preparation.digest_of, prepared), tell)
-        warnings += nothing_ignored([one.ignored for one in digests], settings)
-        kept = distinct(digests, warnings)
-        self._read_here = [isinstance(sources[k], Record) for k, _ in kept]
-        self._prepared = [prepared[k] for k, _ in kept]
-        self._digests = [digests[k] for k, _ in kept]
-        self._names = [name for _, name in kept]
-        self._bare = False
-        self._leave_out()
-
-    def _leave_out(self) -> None:
-        """Leave out what cannot be used; say why, and what looks wrong of the others."""
-        warnings, settings = self._warnings, self._settings
-        warnings += [line for one in self._digests for line in one.said]
-        refused = [one.refused for one in self._digests if one.refused]
-        if refused and len(self._digests) == 1:
-            raise IdentificationError(refused[0])
-        warnings += [f'left out: {reason}' for reason in refused]
-        if len(refused) == len(self._digests):
-            reason = f' (the first: {warnings[0]})' if warnings else ''
-            raise IdentificationError(f'none of {len(self._digests)} records can be used{reason}')
-        stretches = self._stretches
-        warnings += doubts(stretches, settings)
-        hunting = maybe_other_rig(stretches, settings)
-        places = [self._places[k] for k in hunting]
-        frequencies = self._ask(
-            preparation.frequency_in,
-            [self._prepared[record] for record, _ in places],
-            [stretch for _, stretch in places],
-        )
-        known = [
-            (frequency, stretches[k])
-            for k, frequency in zip(hunting, frequencies, strict=True)
-            if frequency is not None
-        ]
-        warnings += other_rig(known)
-
-    def _ask(
-        self, work: Callable[..., _T], *arguments: Sequence[Any], tell: Tell | None = None
-    ) -> list[_T]:
-        """Let the workers do something with the settings, and collect the results."""
-        count = len(arguments[0])
-        handles = self._workers.map(work, *arguments, [self._settings] * count)
-        return self._workers.collect(handles, tell)
-
-    @property
-    def _stretches(self) -> list[Stretch]:
-        """All stretches in which the rig runs."""
-        return [stretch for one in self._digests for stretch in one.stretches]
-
-    @property
-    def _places(self) -> list[tuple[int, int]]:
-        """Of each stretch the number of its recording, and its own in that."""
-        return [
-            (record, stretch)
-            for record, one in enumerate(self._digests)
-            for stretch in range(len(one.stretches))
-        ]
-
-    @property
-    def days(self) -> dict[str, str]:
-        """The day of each recording whose sensor measures, by its name."""
-        pairs = zip(self._names, self._digests, strict=True)
-        return {name: digest.day for name, digest in pairs if digest.measures}
-
-    def records(self) -> list[Record]:
-        """Return those that were given as records; what was read elsewhere stays there."""
-        chosen = [
-            k for k, digest in enumerate(self._digests) if self._read_here[k] and digest.measures
-        ]
-        handles = self._workers.map(
-            preparation.record_of,
-            [self._prepared[k] for k in chosen],
-            [self._names[k] for k in chosen],
-        )
-        found: list[Record] = self._workers.collect(handles)
-        return found
-
-    def frequency(self) -> float:
-        """
-        Find the frequency of the hunting, Hz; say which lines are forced.
-
-        An angle of the roller that rests on a diameter nobody gave is left out from here on
-        where its lines would be near the hunting.
-        """
-        lines = self._lines()
-        turns = [one.turns_per_metre for one in self._digests if one.measures]
-        self._warnings += _forced(lines, turns, self._settings)
-        frequency = self._frequency(lines, bare=False)
-        stretches = self._stretches
-        if any(stretch.assumed for stretch in stretches):
-            plain = self._frequency(lines, bare=True)
-            diameter = RigParameters.roller_diameter_m
-            assumed = f'no roller angle, and a roller of {diameter:g} m assumed'
-            if lines_above(stretches, self._settings, min(frequency, plain)):
-                self._warnings.append(f'{assumed}: its lines are removed where the speed has them')
-            else:  # a line of a roller that nobody named must not be the hunting itself
-                self._warnings.append(
-                    f'{assumed}: its lines would be near the hunting, none is removed'
-                )
-                self._bare, frequency = True, plain
-        return frequency
-
-    def _lines(self) -> RecordLines:
-        """Look for the lines of the lateral displacement, in all recordings together."""
-        places = [self._places[k] for k in looked_at(self._stretches)]
-        handles = self._workers.map(
-            preparation.motion_in,
-            [self._prepared[record] for record, _ in places],
-            [stretch for _, stretch in places],
-        )
-        motions = self._workers.collect(handles)
-        return RecordLines(motions, self._settings.frequency_range_hz)
-
-    def _frequency(self, lines: RecordLines, bare: bool) -> float:
-        if self._settings.frequency_hz is not None:
-            return self._settings.frequency_hz
-        grid, count = frequency_grid(lines, self._settings), len(self._prepared)
-        powers = self._ask(
-            preparation.powers_in,
-            self._prepared,
-            [bare] * count,
-            [grid] * count,
-            [lines.forced()] * count,
-        )
-        return strongest(grid, [power for some in powers for power in some])
-
-    def runs(self, frequency_hz: float, tell: Tell) -> list[Run]:
-        """
-        Return envelopes, segments and steady amplitudes of all stretches.
-
-        Raises
-        ------
-        IdentificationError
-            If none is long enough, or there is nothing but noise.
-        """
-        runs, said = self._runs(frequency_hz, tell)
-        if runs and not self._settings.flange_clearance_m:
-            amplitude = np.concatenate([run.envelope.amplitude for run in runs])
-            states = [state for run in runs for state in run.states]
-            held, reason = held_amplitude(states, hunting_threshold(amplitude))
-            if held:
-                self._warnings.append(reason)
-                self._settings = replace(self._settings, flange_clearance_m=held)
-                runs, said = self._runs(frequency_hz, lambda part: None)
-        self._warnings += said
-        if not runs:
+    count, settings = len(sources), settings.of_recording()
+    for _, _, number in settings.ignore:
+        if number > count:
             raise IdentificationError(
-                f'none of {len(self._stretches)} records has a stretch free of drop-outs'
+                f'ignore: recording {number} of {count} has no interval to leave out'
             )
-        above_noise([run.envelope for run in runs])
-        return runs
+    given = [Recording(source, k, settings) for k, source in enumerate(sources, start=1)]
+    digests = collected(pool.map(digest_of, given), count, tell)
+    warnings += nothing_ignored([one.ignored for one in digests], settings)
+    recordings = []
+    for k, name in distinct(digests, warnings):
+        given[k].name, given[k].digest = name, digests[k]
+        recordings.append(given[k])
+    warnings += [line for one in recordings for line in one.digest.said]
+    refused = [one.digest.refused for one in recordings if one.digest.refused]
+    if refused and len(recordings) == 1:
+        raise IdentificationError(refused[0])
+    warnings += [f'left out: {reason}' for reason in refused]
+    if len(refused) == len(recordings):
+        reason = f' (the first: {warnings[0]})' if warnings else ''
+        raise IdentificationError(f'none of {len(recordings)} records can be used{reason}')
+    places = _places(recordings)
+    stretches = [stretch for _, _, stretch in places]
+    warnings += doubts(stretches, settings)
+    chosen = [places[k] for k in maybe_other_rig(stretches, settings)]
+    found = pool.map(frequency_in, [one for one, _, _ in chosen], [k for _, k, _ in chosen])
+    pairs = zip(found, [stretch for _, _, stretch in chosen], strict=True)
+    warnings += other_rig([(hz, stretch) for hz, stretch in pairs if hz is not None])
+    return recordings
 
-    def _runs(self, frequency_hz: float, tell: Tell) -> tuple[list[Run], list[str]]:
-        """Return the stretches as they enter the fit, and what is said of them."""
-        count = len(self._prepared)
-        found = self._ask(
-            preparation.runs_in,
-            self._prepared,
-            self._names,
-            [self._bare] * count,
-            [frequency_hz] * count,
-            tell=tell,
-        )
-        runs = [run for some, _ in found for run in some]
-        return runs, [line for _, said in found for line in said]
 
-    def mode_shape(self, form: NormalForm, frequency_hz: float) -> ModeShape | None:
-        """Measure both modes wherever what can be used holds both sensors; else None."""
-        pairs = zip(self._prepared, self._digests, strict=True)
-        measuring = [one for one, digest in pairs if digest.measures and not digest.refused]
-        count = len(measuring)
-        motions = self._ask(
-            preparation.motions_in, measuring, [self._bare] * count, [frequency_hz] * count
-        )
-        return measured_shape(motions, form, frequency_hz)
+def _places(recordings: Sequence[Recording]) -> list[tuple[Recording, int, Stretch]]:
+    """All stretches in which the rig runs, each with its recording and its number there."""
+    return [(one, k, part) for one in recordings for k, part in enumerate(one.digest.stretches)]
+
+
+def records_of(recordings: Sequence[Recording]) -> list[Record]:
+    """Return those that were given as records; what a callable read stays where it was read."""
+    given = [one for one in recordings if isinstance(one.source, Record) and one.digest.measures]
+    return [replace(one.prepared.record, source=one.name) for one in given]
+
+
+def hunting_frequency(
+    recordings: Sequence[Recording],
+    settings: IdentificationSettings,
+    pool: Executor,
+    warnings: list[str],
+) -> tuple[float, bool]:
+    """
+    Find the frequency of the hunting; say which lines are forced.
+
+    Returns
+    -------
+    frequency : float
+        Hz.
+    bare : bool
+        Whether an angle of the roller that rests on a diameter nobody gave is left out, because
+        its lines would be near the hunting.
+    """
+    places = _places(recordings)
+    stretches = [stretch for _, _, stretch in places]
+    chosen = [places[k] for k in looked_at(stretches)]
+    motions = pool.map(motion_in, [one for one, _, _ in chosen], [k for _, k, _ in chosen])
+    lines = RecordLines(list(motions), settings.frequency_range_hz)
+    turns = [one.digest.turns_per_metre for one in recordings if one.digest.measures]
+    warnings += _forced(lines, turns, settings)
+    frequency = _strongest(recordings, lines, False, settings, pool)
+    if not any(stretch.assumed for stretch in stretches):
+        return frequency, False
+    plain = _strongest(recordings, lines, True, settings, pool)
+    assumed = (
+        f'no roller angle, and a roller of {RigParameters.roller_diameter_m:g} m assumed: its'
+        ' lines'
+    )
+    if lines_above(stretches, settings, min(frequency, plain)):
+        warnings.append(f'{assumed} are removed where the speed has them')
+        return frequency, False
+    # A line of a roller that nobody named must not be the hunting itself.
+    warnings.append(f'{assumed} would be near the hunting, none is removed')
+    return plain, True
+
+
+def _strongest(
+    recordings: Sequence[Recording],
+    lines: RecordLines,
+    bare: bool,
+    settings: IdentificationSettings,
+    pool: Executor,
+) -> float:
+    if settings.frequency_hz is not None:
+        return settings.frequency_hz
+    grid = frequency_grid(lines, settings)
+    work = partial(powers_in, bare=bare, grid=grid, forced=lines.forced())
+    powers = pool.map(work, recordings)
+    return strongest(grid, [power for some in powers for power in some])
 
 
 def _forced(
@@ -266,3 +178,56 @@ def _forced(
     roller = float(np.median(known)) if known else math.nan
     orders = [order * roller for order in settings.orders.tolist() if known]
     return [line.words(roller) for line in lines.forced(orders)]
+
+
+def runs_of(
+    recordings: Sequence[Recording],
+    frequency_hz: float,
+    bare: bool,
+    clearance_m: float,
+    pool: Executor,
+    warnings: list[str],
+    tell: Tell,
+) -> list[Run]:
+    """
+    Return envelopes, segments and steady amplitudes of all stretches.
+
+    Raises
+    ------
+    IdentificationError
+        If none is long enough, or there is nothing but noise.
+    """
+
+    def all_runs(clearance_m: float, tell: Tell | None) -> tuple[list[Run], list[str]]:
+        names = [one.name for one in recordings]
+        work = partial(runs_in, bare=bare, frequency_hz=frequency_hz, clearance_m=clearance_m)
+        found = collected(pool.map(work, recordings, names), len(names), tell)
+        return [run for some, _ in found for run in some], [x for _, said in found for x in said]
+
+    runs, said = all_runs(clearance_m, tell)
+    if runs and not clearance_m:
+        amplitude = np.concatenate([run.envelope.amplitude for run in runs])
+        states = [state for run in runs for state in run.states]
+        held, reason = held_amplitude(states, hunting_threshold(amplitude))
+        if held:
+            warnings.append(reason)
+            runs, said = all_runs(held, None)
+    warnings += said
+    if not runs:
+        count = len(_places(recordings))
+        raise IdentificationError(f'none of {count} records has a stretch free of drop-outs')
+    above_noise([run.envelope for run in runs])
+    return runs
+
+
+def mode_shape_of(
+    recordings: Sequence[Recording],
+    form: NormalForm,
+    frequency_hz: float,
+    bare: bool,
+    pool: Executor,
+) -> ModeShape | None:
+    """Measure both modes wherever what can be used holds both sensors; else None."""
+    measuring = [one for one in recordings if one.digest.measures and not one.digest.refused]
+    work = partial(motions_in, bare=bare, frequency_hz=frequency_hz)
+    return measured_shape(list(pool.map(work, measuring)), form, frequency_hz)

@@ -16,18 +16,21 @@ from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds, SteadyState
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, Criticality
 from hunt_ros.errors import IdentificationError
-from hunt_ros.identification.days import Days
+from hunt_ros.identification.bracket import Bracket
 from hunt_ros.identification.four_point import FourPoint
 from hunt_ros.identification.posterior import QUANTITIES, BranchName, Posterior
 from hunt_ros.identification.record.envelope import Envelope
 from hunt_ros.identification.record.segments import Segment
 from hunt_ros.identification.silence import lines_of, reason_in
-from hunt_ros.samples import Record, Uncertain, known
+from hunt_ros.samples import Record, Uncertain, Unknown, counted, known
 
 Array = NDArray[np.float64]
 
 #: Where a scale comes from, as `scales_from` says it.
 GIVEN, PAPERS = 'given', 'rig of the paper'
+
+#: Quantities whose key in the JSON names their unit.
+_KEYS = {'fold_amplitude': 'fold_amplitude_m', 'disturbance': 'disturbance_m'}
 
 #: Coefficients that hold for the speeds and amplitudes measured; the others are Taylor's.
 EFFECTIVE = ('D7', 'D10', 'D15')
@@ -161,8 +164,6 @@ class Identification:
         What it was identified from, where that was given as records.
     frequency_hz : Uncertain or None
         Hunting frequency: mean over the motion, weighted by its power.
-    days : Days or None
-        The same rig on different days: branches, free motion, and their spread.
     fold_amplitude : Uncertain or None
         Amplitude at v_n, where the two limit cycles meet, m.
     notices : sequence of str
@@ -171,6 +172,8 @@ class Identification:
         Key of the JSON that is null -> why it is not known.
     posterior : Posterior or None
         Draws of the law behind all intervals, also where no number is given.
+    bracket : Bracket
+        What was seen, and the bounds that it gives without a model.
     """
 
     normal_form: IdentifiedNormalForm | None
@@ -193,11 +196,11 @@ class Identification:
     envelopes: Sequence[Envelope] = ()
     records: Sequence[Record] = field(default=(), repr=False)
     frequency_hz: Uncertain | None = None
-    days: Days | None = None
     fold_amplitude: Uncertain | None = None
     notices: Sequence[str] = ()
     unknown: Mapping[str, str] = field(default_factory=dict)
     posterior: Posterior | None = field(default=None, repr=False)
+    bracket: Bracket = field(default_factory=Bracket)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -280,7 +283,7 @@ class Identification:
         -------
         matplotlib.figure.Figure
         """
-        from hunt_ros.report.figures.normal_form_diagram import identified_diagram
+        from hunt_ros.report.figures.bifurcation import identified_diagram
 
         return identified_diagram(self)
 
@@ -290,28 +293,28 @@ class Identification:
         return (
             f'<Identification v_c {_shown(self.v_c)}, v_n {_shown(self.v_n)} m/s,'
             f' {self.criticality or "criticality not known"},'
-            f' from {len(self.envelopes)} recordings at {low:.3g} to {high:.3g} m/s>'
+            f' from {counted(len(self.envelopes), "recording")} at {low:.3g} to {high:.3g} m/s>'
         )
 
     def _repr_html_(self) -> str:
         """Table of what was found, with the reason of what was not, for a notebook."""
-        numbers: dict[str, Uncertain | None] = {
-            'v_c (m/s)': self.v_c,
-            'v_n (m/s)': self.v_n,
-            **{name: self.coefficients.get(name) for name in COEFFICIENTS},
-        }
+        names = {'v_c': 'v_c (m/s)', 'v_n': 'v_n (m/s)', **{name: name for name in COEFFICIENTS}}
         rows = ''.join(
-            f'<tr><th>{name}</th><td>{escape(self._cell(name, number))}</td></tr>'
-            for name, number in numbers.items()
+            f'<tr><th>{words}</th><td>{escape(_cell(self.quantity(name)))}</td></tr>'
+            for name, words in names.items()
         )
         return f'<table><caption>{self.criticality or "not known"}</caption>{rows}</table>'
 
-    def _cell(self, name: str, number: Uncertain | None) -> str:
-        """Return a number with its interval, or why it is not known."""
-        if number is not None:
-            return f'{number} (95 %: {number.low:.5g} to {number.high:.5g})'
-        key = f'coefficients.{name}' if name in COEFFICIENTS else name.partition(' ')[0]
-        return f'not known: {reason_in(self.unknown, key)}'
+    def why(self, key: str) -> Unknown:
+        """Return the reason for which the entry of the JSON at `key` is null."""
+        return Unknown(reason_in(self.unknown, key) or 'the identification gave no reason')
+
+    def quantity(self, name: str) -> Uncertain | Unknown:
+        """Return v_c, v_n, hysteresis_width, a coefficient, ... or why it is not known."""
+        if name in COEFFICIENTS:
+            return self.coefficients.get(name) or self.why(f'coefficients.{name}')
+        found: Uncertain | None = getattr(self, name)
+        return found or self.why(_KEYS.get(name, name))
 
     def to_json(self) -> dict[str, Any]:
         """
@@ -323,6 +326,7 @@ class Identification:
             With the keys of `hunt identify --json`.
         """
         return {
+            'bracket': self.bracket.to_json(),
             'v_c': _number(self.v_c),
             'v_n': _number(self.v_n),
             'hysteresis_width': _number(self.hysteresis_width),
@@ -335,21 +339,20 @@ class Identification:
             'coordinate': 'amplitude',
             'frequency_hz': _number(self.frequency_hz),
             'fold_amplitude_m': _number(self.fold_amplitude),
-            'correlations': self._correlations(),
+            'correlations': self.correlations(),
             'branches': [point.to_json() for point in self.branches],
             'steady_states': [state.to_json() for state in self.steady_states],
             'observed': self.observed.to_json(),
             'disturbance_m': _number(self.disturbance),
             'four_point': None if self.four_point is None else self.four_point.to_json(),
             'fit': self.fit.to_json(),
-            'days': None if self.days is None else self.days.to_json(),
             'segments': [segment.to_json() for segment in self.segments],
             'unknown': dict(self.unknown),
             'warnings': list(self.warnings),
         }
 
-    def _correlations(self) -> dict[str, Any] | None:
-        """Return the entry `correlations`: those of the draws, of what is known."""
+    def correlations(self) -> dict[str, Any] | None:
+        """Return the entry `correlations` of the JSON: those of the draws, of what is known."""
         if self.posterior is None or self.normal_form is None:
             return None
         matrix = self.posterior.correlations()
@@ -358,6 +361,12 @@ class Identification:
             'of': [QUANTITIES[k] for k in finite],
             'matrix': [[known(float(matrix[i, j])) for j in finite] for i in finite],
         }
+
+
+def _cell(number: Uncertain | Unknown) -> str:
+    if isinstance(number, Unknown):
+        return str(number)
+    return f'{number} (95 %: {number.low:.5g} to {number.high:.5g})'
 
 
 def _number(value: Uncertain | None) -> dict[str, Any] | None:

@@ -13,9 +13,6 @@ from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.errors import ConfigError
 from hunt_ros.rig import Rig
 
-#: Replications whose lowest and highest are the ends of a 95 % interval.
-FEWEST_REPLICATIONS = 40
-
 
 @dataclass(frozen=True)
 class IdentificationSettings:
@@ -55,20 +52,11 @@ class IdentificationSettings:
         Amplitude at which a flange touches: motion there is said and not fitted; 0: not known.
     minimum_hold_s : float
         Shortest stretch at one speed that counts as a plateau.
-    bootstrap : int
-        Replications for the intervals, 40 or more: the ends of a 95 % interval are quantiles
-        of them; 0 takes the linearised cluster-robust ones.
     seed : int
-        Of the bootstrap and of the draws.
-    jobs : int
-        Processes for the bootstrap; 0 for as many as there are cores.
+        Of the draws.
     cluster : str
-        Address of a Dask scheduler whose workers read and prepare the recordings and run the
-        bootstrap ('' for none).
-    work_folder : str
-        Folder in which is kept what was worked out of each recording that is given as what reads
-        it: identified again, with others beside it, it is not read again ('' for none). The
-        content of the folder is trusted: one that others may write is refused.
+        Address of a Dask scheduler whose workers read and prepare the recordings
+        ('' for none).
 
     Raises
     ------
@@ -91,19 +79,14 @@ class IdentificationSettings:
     lateral_range_m: float = 0.0
     flange_clearance_m: float = 0.0
     minimum_hold_s: float = 8.0
-    bootstrap: int = 0
     seed: int = 0
-    jobs: int = 0
     cluster: str = ''
-    work_folder: str = ''
 
     def __post_init__(self) -> None:
         for name in ('length_scale', 'time_scale', 'minimum_hold_s'):
             value = getattr(self, name)
             _require(name, value, value is None or value > 0.0, 'a positive number')
-        drawn = self.bootstrap == 0 or self.bootstrap >= FEWEST_REPLICATIONS
-        _require('bootstrap', self.bootstrap, drawn, f'0 or at least {FEWEST_REPLICATIONS}')
-        for name in ('speed_resolution', 'speed_scale_std', 'bootstrap', 'seed', 'jobs'):
+        for name in ('speed_resolution', 'speed_scale_std', 'seed'):
             _require(name, getattr(self, name), getattr(self, name) >= 0, 'zero or more')
         low, high = self.frequency_range_hz
         _require('frequency_range_hz', self.frequency_range_hz, 0.0 < low < high, '0 < low < high')
@@ -168,7 +151,7 @@ class IdentificationSettings:
 
     def of_recording(self) -> IdentificationSettings:
         """Return them without what only the fit to all recordings takes."""
-        fit = ('prior_v_c', 'prior_D1', 'bootstrap', 'seed', 'jobs', 'cluster', 'work_folder')
+        fit = ('prior_v_c', 'prior_D1', 'seed', 'cluster')
         return replace(self, **{name: getattr(type(self), name) for name in fit})
 
     @property

@@ -19,7 +19,6 @@ _ALWAYS: Mapping[str, str] = {
     'steady_states.amplitude_std_m': 'some steady states are too short for a deviation',
     'steady_states': 'the mean of the maxima is taken on plateaus only, over two cycles or more',
     'segments': 'a growth rate is read where a free transient is small for long enough',
-    'days.hits': 'some of the free motion was small for too short a time',
     'fit.lack_of_fit_p': 'fewer than eight hunting states at several speeds: no test of the fit',
     'fit': 'the information of the fit is singular',
     'frequency_hz': 'no line stands out',
@@ -104,10 +103,3 @@ def reason_in(unknown: Mapping[str, str], path: str) -> str:
     parts = [part for part in path.split('.') if not part.isdecimal()]
     starts = ('.'.join(parts[:count]) for count in range(len(parts), 0, -1))
     return next((unknown[start] for start in starts if start in unknown), '')
-
-
-def worth_saying(unknown: Mapping[str, str]) -> list[str]:
-    """Return the lines of `lines_of`, without those that concern entries of tables only."""
-    tables = ('branches.', 'steady_states.', 'segments.', 'days.')
-    telling = {reason for key, reason in unknown.items() if not key.startswith(tables)}
-    return lines_of({key: reason for key, reason in unknown.items() if reason in telling})

@@ -17,38 +17,36 @@ from typing import Any
 
 import numpy as np
 
-from hunt_ros.analysis.day_spread import DayBranches, Hit
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds, SteadyState
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.mode_shape import ModeShape
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.errors import HuntError, IdentificationError
-from hunt_ros.identification.days import Days, DaySummary
+from hunt_ros.identification.bracket import Bracket
 from hunt_ros.identification.four_point import FourPoint
 from hunt_ros.identification.growth_law import GrowthLaw, GrowthScales
 from hunt_ros.identification.posterior import Posterior
 from hunt_ros.identification.record.envelope import Envelope
+from hunt_ros.identification.record.events import Event
 from hunt_ros.identification.record.segments import Segment
 from hunt_ros.identification.result import BranchPoint, FitSummary, Identification
 from hunt_ros.samples import Uncertain
 
 #: Version of the file: another one is refused.
-VERSION = 1
+VERSION = 3
 _UNITS = 'SI: m, m/s, s, 1/s, Hz, rad; noise intensity m^2/s; stamps in ns'
 
 _CLASSES: Mapping[str, type] = {
     one.__name__: one
     for one in (
+        Bracket,
         BranchPoint,
-        DayBranches,
-        DaySummary,
-        Days,
         Envelope,
+        Event,
         FitSummary,
         FourPoint,
         GrowthLaw,
         GrowthScales,
-        Hit,
         Identification,
         IdentifiedNormalForm,
         ModeShape,

@@ -15,18 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from hunt_ros.dynamics.covariance_root import covariance_root
-from hunt_ros.identification.bootstrap import bootstrap
+from hunt_ros.dynamics.covariance_root import covariance_root, inverse_of
 from hunt_ros.identification.fit import FittedLaw
 from hunt_ros.identification.growth_law import PAPER_TERMS, TERMS, GrowthLaw
-from hunt_ros.identification.likelihood.trajectory_fit import TrajectoryFit, inverse_of
+from hunt_ros.identification.likelihood.trajectory_fit import TrajectoryFit
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import NORMAL_95, Uncertain
 
-#: With fewer independent runs than this the intervals are widened, and say so.
+#: With fewer independent runs than this blocks of a run stand in for runs, and it is said.
 ENOUGH_RUNS = 8
-#: Draws behind the intervals where no bootstrap is asked for.
+#: Draws behind the intervals.
 _DRAWS = 400
+#: Draws that are tried for one that is kept, at most.
+_TRIES = 8
 #: Laws with less than this share of the evidence do not enter the intervals.
 _NEGLIGIBLE = 0.02
 
@@ -65,7 +66,7 @@ def robust_covariance(fit: TrajectoryFit, runs: int) -> Covariance:
         With its scores by cluster.
     runs : int
         Independent runs among the clusters; with fewer than `ENOUGH_RUNS` the blocks of
-        a run stand in for runs and the variances are widened.
+        a run stand in for runs.
 
     Returns
     -------
@@ -89,7 +90,6 @@ def robust_covariance(fit: TrajectoryFit, runs: int) -> Covariance:
         covariance = _no_less(np.asarray((inverse @ meat @ inverse)[:TERMS, :TERMS]), covariance)
     degrees = float(max(count - 1, 2))
     if runs < ENOUGH_RUNS:
-        covariance = covariance * widening(runs) ** 2
         degrees = min(degrees, 12.0)
     paper = fit.information[:PAPER_TERMS, :PAPER_TERMS]
     diagonal = np.sqrt(np.maximum(np.diag(paper), 1e-300))
@@ -138,18 +138,13 @@ def critical_speed_bound(fitted: FittedLaw) -> float:
     return math.sqrt(max(float(way @ inverse @ way), 0.0))
 
 
-def widening(runs: int) -> float:
-    """Factor on deviations that rest on blocks of few runs: days differ more than blocks do."""
-    return math.sqrt(1.0 + 0.5 / max(runs, 1)) if runs < ENOUGH_RUNS else 1.0
-
-
 def draw_laws(
     laws: Sequence[FittedLaw],
     settings: IdentificationSettings,
     runs: int,
     stretch: float = 1.0,
-    progress: Callable[[float], None] | None = None,
-) -> list[GrowthLaw]:
+    admissible: Callable[[GrowthLaw], bool] | None = None,
+) -> tuple[list[GrowthLaw], float]:
     """
     Draw laws as the data leave them open: of each scale of departure by its share.
 
@@ -158,34 +153,39 @@ def draw_laws(
     laws : sequence of FittedLaw
         With their weights.
     settings : IdentificationSettings
-        Linearised draws, or replications of a bootstrap.
+        For the seed.
     runs : int
         Independent runs.
     stretch : float
         Further factor on all deviations, for a law that does not fit.
-    progress : callable, optional
-        Told which fraction is done.
+    admissible : callable, optional
+        Whether a law can be one of a rig, and of this one by what was seen.
 
     Returns
     -------
-    list of GrowthLaw
+    laws : list of GrowthLaw
+    rejected : float
+        Share of the draws that was rejected.
     """
-    count = settings.bootstrap or _DRAWS
     kept = [one for one in laws if one.weight >= _NEGLIGIBLE]
     total = sum(one.weight for one in kept)
     drawn: list[GrowthLaw] = []
+    tried = 0
+    may_be = admissible or (lambda law: True)
     for number, one in enumerate(kept):
-        share = max(round(count * one.weight / total), 1)
-        if settings.bootstrap:
-            sample = bootstrap(one, settings, share, progress)
-            sample = sample[np.isfinite(sample).all(axis=1)]
-            centre = one.law.p
-            sample = centre + (sample - centre) * widening(runs) * stretch
-        else:
-            covariance = robust_covariance(one.fit, runs)
-            sample = _student(one.law.p, covariance, share, [settings.seed, number], stretch)
-        drawn += [replace(one.law, p=p) for p in sample]
-    return drawn
+        share = max(round(_DRAWS * one.weight / total), 1)
+        found: list[GrowthLaw] = []
+        covariance = robust_covariance(one.fit, runs)
+        seed = [settings.seed, number]
+        for p in _student(one.law.p, covariance, _TRIES * share, seed, stretch):
+            law = replace(one.law, p=p)
+            tried += 1
+            if may_be(law):
+                found.append(law)
+                if len(found) == share:
+                    break
+        drawn += found
+    return drawn, 1.0 - len(drawn) / max(tried, 1)
 
 
 def _student(

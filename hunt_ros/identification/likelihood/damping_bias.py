@@ -14,7 +14,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import compiled
+from hunt_ros.compiled import B1, F1, compiled
+from hunt_ros.dynamics.covariance_root import inverse_of
 from hunt_ros.identification.growth_law import LINEAR, LINEAR_POWERS, TERMS
 from hunt_ros.identification.likelihood.path import Path
 
@@ -24,12 +25,12 @@ _QUIET = 0.2
 
 @compiled
 def _memory(
-    growth: NDArray[np.float64],
-    forcing: NDArray[np.float64],
-    step: NDArray[np.float64],
-    restart: NDArray[np.bool_],
-    power: NDArray[np.float64],
-    out: NDArray[np.float64],
+    growth: F1,
+    forcing: F1,
+    step: F1,
+    restart: B1,
+    power: F1,
+    out: F1,
 ) -> None:
     """Fill out = d ln E|z|^2 / d(growth rate), s, times the share of the motion that is forced."""
     expected = 0.0
@@ -92,13 +93,8 @@ def damping_correction(
     pull = np.zeros(TERMS)
     if not (np.isfinite(information).all() and np.isfinite(derivative).all()):
         return pull
-    # With the noise held: it is known from all of the record. Brought to a unit diagonal:
-    # coefficients that nothing depends on must not blur the rest.
-    block = information[:TERMS, :TERMS]
-    size = np.sqrt(np.diag(block))
-    size = np.where(size > 0.0, size, 1.0)
-    inverse = np.linalg.pinv(block / np.outer(size, size), rcond=1e-13, hermitian=True)
-    inverse /= np.outer(size, size)
+    # With the noise held: it is known from all of the record.
+    inverse = inverse_of(information[:TERMS, :TERMS])
     power = np.abs(path.phasor) ** 2
     quiet = np.nan_to_num(power, nan=np.inf) < _QUIET**2
     columns = np.stack([path.u**power_of_u for power_of_u in LINEAR_POWERS])
@@ -112,6 +108,8 @@ def damping_correction(
     rows = derivative[:TERMS]
     leverage = np.einsum('jnc,jk,knc->n', rows, inverse, rows, optimize=True)
     weight = np.where(quiet, leverage * memory, 0.0)
+    if not np.isfinite(weight).all():
+        return pull
     pull[list(LINEAR)] = columns @ weight
     correction: NDArray[np.float64] = inverse @ pull
     # First order is only that: never more than one deviation.

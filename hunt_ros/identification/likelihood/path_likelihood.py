@@ -14,16 +14,12 @@ by its outcome. The derivatives by law and noise are carried along.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import compiled, compiled_part, source_stamp
-from hunt_ros.identification import growth_law
+from hunt_ros.compiled import B1, F1, F2, F3, I1, compiled, compiled_part
 from hunt_ros.identification.growth_law import TERMS
-from hunt_ros.identification.likelihood import amplitude_step
 from hunt_ros.identification.likelihood.amplitude_step import blurred, propagate
 from hunt_ros.identification.likelihood.path import Path
 
@@ -44,19 +40,19 @@ def _mean_exp(x: float) -> tuple[float, float]:
     return mean, (power - mean) / x
 
 
-@compiled_part
+@compiled
 def _walk(
-    theta: NDArray[np.float64],
-    time: NDArray[np.float64],
-    u: NDArray[np.float64],
-    real: NDArray[np.float64],
-    imag: NDArray[np.float64],
-    line: NDArray[np.float64],
-    starts: NDArray[np.bool_],
-    window: NDArray[np.float64],
-    lanes: NDArray[np.int64],
-    out: NDArray[np.float64],
-    by: NDArray[np.float64],
+    theta: F1,
+    time: F1,
+    u: F1,
+    real: F1,
+    imag: F1,
+    line: F1,
+    starts: B1,
+    window: F1,
+    lanes: I1,
+    out: F2,
+    by: F3,
 ) -> None:
     """
     Fill out[k] = whitened radial and tangential innovation, and the log of their variances.
@@ -158,6 +154,9 @@ def _walk(
         low_t = s_t < floor_t
         s_r = max(s_r, floor_r)
         s_t = max(s_t, floor_t)
+        if not (s_r > 0.0 and s_t > 0.0):  # no law of a rig: it has no likelihood
+            out[k:, :] = math.nan
+            return
         root_r = math.sqrt(s_r)
         root_t = math.sqrt(s_t)
         out[k, 0] = i_r / root_r
@@ -264,22 +263,6 @@ def _walk(
         last = k
 
 
-def _kernel(source: int) -> Callable[..., None]:
-    """Return the kernel, closed over the stamp of its parts: a new law, new machine code."""
-
-    @compiled
-    def follow(*data: NDArray[Any]) -> None:
-        """Run the filter along a path; the arguments are those of `_walk`."""
-        if source < 0:  # it never is: what is closed over is part of the key of the cache
-            return
-        _walk(*data)
-
-    return follow
-
-
-_innovations = _kernel(source_stamp(growth_law, amplitude_step))
-
-
 def innovations(theta: NDArray[np.float64], path: Path) -> NDArray[np.float64]:
     """
     Whitened innovations and log variances along a path.
@@ -334,7 +317,7 @@ def _run(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     out = np.empty((path.time.size, 4))
     by = np.empty((lanes.size, path.time.size, 4))
-    _innovations(
+    _walk(
         np.ascontiguousarray(theta),
         path.time,
         path.u,

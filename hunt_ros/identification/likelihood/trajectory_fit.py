@@ -2,8 +2,7 @@
 The fit: maximum likelihood of the measured paths, by Fisher scoring.
 
 With negligible process noise it is the trajectory fit by nonlinear least squares. Score
-and information are kept for each cluster, so that robust variances and bootstrap
-replications come from the same numbers.
+and information are kept for each cluster, so that robust variances come from the same numbers.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.dynamics.covariance_root import inverse_of
 from hunt_ros.identification.growth_law import FELT, PAPER_TERMS, TERMS, LawPrior
 from hunt_ros.identification.likelihood.damping_bias import damping_correction
 from hunt_ros.identification.likelihood.path import Path
@@ -104,7 +104,6 @@ class _Problem:
     """What is maximised: the likelihood of a path with what is known beforehand."""
 
     path: Path
-    weight: NDArray[np.float64]
     mean: NDArray[np.float64]
     std: NDArray[np.float64]
     priors: Sequence[Prior]
@@ -128,7 +127,7 @@ class _Problem:
 
     def value(self, theta: NDArray[np.float64], out: NDArray[np.float64]) -> float:
         """Negative log posterior of innovations found at theta, and never NaN."""
-        value = 0.5 * float(np.sum(self.weight[:, None] * (out[:, :2] ** 2 + out[:, 2:])))
+        value = 0.5 * float(np.sum(out[:, :2] ** 2 + out[:, 2:]))
         value += 0.5 * float(np.sum(self.away(theta) ** 2))
         for function, mean, std in self.priors:
             value += 0.5 * ((function(theta[:TERMS]) - mean) / std) ** 2
@@ -144,10 +143,9 @@ class _Problem:
         e, d_e, d_l = base[:, :2], derivative[:, :, :2], derivative[:, :, 2:]
         point = -np.einsum('jnc,nc->nj', d_e, e) - 0.5 * d_l.sum(axis=2).T
         scores = np.zeros((self.path.clusters, theta.size))
-        np.add.at(scores, self.path.cluster, self.weight[:, None] * point)
-        root = np.sqrt(self.weight)[None, :, None]
-        mean = ((d_e + 0.5 * e[None] * d_l) * root).reshape(theta.size, -1)
-        spread = (d_l * root).reshape(theta.size, -1)
+        np.add.at(scores, self.path.cluster, point)
+        mean = (d_e + 0.5 * e[None] * d_l).reshape(theta.size, -1)
+        spread = d_l.reshape(theta.size, -1)
         information = mean @ mean.T + 0.5 * spread @ spread.T
         gradient = scores.sum(axis=0)
         k = self.told
@@ -166,15 +164,6 @@ class _Problem:
                 gradient -= slope * (function(law) - expected) / std**2
                 information += np.outer(slope, slope) / std**2
         return _Expansion(self.value(theta, base), gradient, information, scores, base, d_e)
-
-
-def inverse_of(information: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the inverse, brought to a unit diagonal first; zeros for what was held."""
-    size = np.sqrt(np.diag(information))
-    unit = np.where(size > 0.0, size, 1.0)
-    scaled = np.linalg.pinv(information / np.outer(unit, unit), rcond=1e-13, hermitian=True)
-    inverse: NDArray[np.float64] = scaled / np.outer(unit, unit)
-    return inverse
 
 
 def _remaining(theta: NDArray[np.float64], at: _Expansion) -> float:
@@ -214,7 +203,6 @@ def fit_path(
     start: NDArray[np.float64],
     prior: LawPrior,
     priors: Sequence[Prior] = (),
-    cluster_weight: NDArray[np.float64] | None = None,
     iterations: int = 100,
 ) -> TrajectoryFit:
     """
@@ -230,8 +218,6 @@ def fit_path(
         What is known of the coefficients beforehand; those with no deviation are held.
     priors : sequence of Prior
         What is known from elsewhere.
-    cluster_weight : ndarray, shape (clusters,), optional
-        Weight of each cluster: how often the bootstrap drew it.
     iterations : int
         At most.
 
@@ -244,12 +230,8 @@ def fit_path(
     Fisher scoring with Levenberg's damping; the likelihood is that of the extended Kalman
     filter (Ljung, L., System Identification, 1999, Sect. 7.4).
     """
-    weight = np.ones(path.time.size)
-    if cluster_weight is not None:
-        weight = cluster_weight[path.cluster].astype(np.float64)
     problem = _Problem(
         path,
-        weight,
         np.concatenate([prior.mean, np.zeros(_SLOPES.size)]),
         np.concatenate([prior.std, _SLOPES]),
         priors,

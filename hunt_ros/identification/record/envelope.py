@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import compiled
+from hunt_ros.compiled import F2, R1, compiled
 from hunt_ros.identification.record.channels import Channels
 from hunt_ros.identification.settings import IdentificationSettings
 
@@ -95,14 +95,14 @@ class Envelope:
 
 @compiled
 def _local_phasors(
-    time: NDArray[np.float64],
-    values: NDArray[np.float64],
-    phase: NDArray[np.float64],
-    roller: NDArray[np.float64],
-    orders: NDArray[np.float64],
-    centres: NDArray[np.float64],
+    time: R1,
+    values: R1,
+    phase: R1,
+    roller: R1,
+    orders: R1,
+    centres: R1,
     half: float,
-    out: NDArray[np.float64],
+    out: F2,
 ) -> None:
     """Fit each window; out rows: re, im, roughness, noise, weight, residual, line power."""
     harmonics = orders.size
@@ -225,7 +225,9 @@ def envelope_of(
     orders = settings.orders if channels.roller.size else np.zeros(0)
     roller = channels.roller if orders.size else np.zeros(1)
     out = np.empty((centres.size, 7))
-    _local_phasors(time, channels.lateral, phase, roller, orders, centres, half, out)
+    # A thinned record is a view, and the kernel takes arrays in one piece.
+    instants, lateral, angle = map(np.ascontiguousarray, (time, channels.lateral, roller))
+    _local_phasors(instants, lateral, phase, angle, orders, centres, half, out)
     # Weight of a full window, by the nominal rate: what is missing is missing from this.
     full = 0.42 * 2.0 * half * channels.rate_hz
     out[out[:, 4] < LEAST_WEIGHT * full] = np.nan

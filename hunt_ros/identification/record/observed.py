@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds
 from hunt_ros.dynamics.normal_form import Criticality
@@ -11,24 +11,9 @@ from hunt_ros.dynamics.normal_form import Criticality
 _ONE_STEP = 1.25
 
 
-@dataclass(frozen=True)
-class Observed:
-    """
-    Critical speeds as read off the jumps, with the reason for what is not given.
-
-    Parameters
-    ----------
-    speeds : ObservedCriticalSpeeds
-    reason : str
-        Why v_n and the width are not given although the amplitude fell; '' where they are,
-        or where it did not fall.
-    """
-
-    speeds: ObservedCriticalSpeeds
-    reason: str = ''
-
-
-def resolved(seen: ObservedCriticalSpeeds, criticality: Criticality | None) -> Observed:
+def resolved(
+    seen: ObservedCriticalSpeeds, criticality: Criticality | None
+) -> tuple[ObservedCriticalSpeeds, str]:
     """
     Withhold a hysteresis that the steps of the speed do not show.
 
@@ -44,46 +29,27 @@ def resolved(seen: ObservedCriticalSpeeds, criticality: Criticality | None) -> O
 
     Returns
     -------
-    Observed
+    speeds : ObservedCriticalSpeeds
+    reason : str
+        Why v_n and the width are not given although the amplitude fell; '' where they are,
+        or where it did not fall.
     """
     if seen.v_n is None:
-        return Observed(seen)
+        return seen, ''
     width, step = seen.hysteresis_width, seen.step
     reason = ''
     if criticality == 'supercritical':
         reason = 'the rig is supercritical: its amplitude falls without a jump'
+    elif width is not None and step is not None and width < -_ONE_STEP * step:
+        reason = (
+            f'the amplitude fell at a higher speed than it rose ({-width:.2g} m/s): no hysteresis'
+            ' does that'
+        )
     elif width is not None and step is not None and width <= _ONE_STEP * step:
         reason = (
             f'the amplitude rose and fell at speeds {width:.2g} m/s apart, no more than one step'
             f' of the speed ({step:.2g} m/s): no hysteresis is resolved'
         )
     if not reason:
-        return Observed(seen)
-    return Observed(replace(seen, v_n=None, v_n_between=(None, None)), reason)
-
-
-def bounded(
-    seen: ObservedCriticalSpeeds, free: tuple[float | None, float | None]
-) -> ObservedCriticalSpeeds:
-    """
-    Bound v_c by free motion where no jump shows it.
-
-    Parameters
-    ----------
-    seen : ObservedCriticalSpeeds
-        As read off the jumps.
-    free : (float or None, float or None)
-        Highest speed at which free motion decayed, and lowest at which it grew, m/s.
-
-    Returns
-    -------
-    ObservedCriticalSpeeds
-        v_c lies above any decay. Growth bounds it where all decays were slower: large motion
-        grows below v_c too.
-    """
-    if seen.v_c is not None:
-        return seen
-    decay, growth = free
-    if decay is not None and growth is not None and growth <= decay:
-        growth = None
-    return replace(seen, v_c_between=(decay, growth))
+        return seen, ''
+    return replace(seen, v_n=None, v_n_between=(None, None)), reason

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 from scipy.stats import linregress
 
 from hunt_ros.analysis.steady_state import SteadyState
@@ -80,33 +80,52 @@ class Stretch:
         )
 
 
-class Named(Protocol):
-    """A recording by what it says of itself."""
+@dataclass(frozen=True)
+class Digest:
+    """
+    What is known of a recording without its samples.
 
-    @property
-    def source(self) -> str:
-        """What it is called."""
+    Parameters
+    ----------
+    source, rig : str
+        What it is called, and its rig ('' for none).
+    problems : str
+        What opening it showed to be wrong.
+    fingerprint : str
+        Hash of lateral samples and speed, by which a repeated recording is known.
+    ignored : tuple of int
+        Samples that each of the intervals of `ignore` leaves out.
+    said : tuple of str
+        What was taken out of it, and why.
+    refused : str
+        Why it cannot be used; '' if it can.
+    measures : bool
+        Whether the lateral sensor measures at all.
+    turns_per_metre : float
+        Of the roller, 1/m; NaN where not known.
+    stretches : tuple of Stretch
+        In which the rig runs.
+    """
 
-    @property
-    def rig(self) -> str:
-        """Its rig; '' where it says none."""
+    source: str
+    rig: str
+    problems: str
+    fingerprint: str
+    ignored: tuple[int, ...]
+    said: tuple[str, ...]
+    refused: str
+    measures: bool
+    turns_per_metre: float
+    stretches: tuple[Stretch, ...]
 
-    @property
-    def problems(self) -> str:
-        """What opening it showed to be wrong; '' for nothing."""
 
-    @property
-    def fingerprint(self) -> str:
-        """Equal where the samples are."""
-
-
-def distinct(recordings: Sequence[Named], warnings: list[str]) -> list[tuple[int, str]]:
+def distinct(recordings: Sequence[Digest], warnings: list[str]) -> list[tuple[int, str]]:
     """
     Leave out what was given twice, and give each recording a name of its own.
 
     Parameters
     ----------
-    recordings : sequence of Named
+    recordings : sequence of Digest
         As given by the user.
     warnings : list of str
         Grows by what was left out, and by what opening showed to be wrong.
@@ -137,7 +156,7 @@ def distinct(recordings: Sequence[Named], warnings: list[str]) -> list[tuple[int
     return kept
 
 
-def _one_rig(recordings: Sequence[Named]) -> None:
+def _one_rig(recordings: Sequence[Digest]) -> None:
     """Refuse recordings of which two name different rigs."""
     rigs: dict[str, str] = {}
     for one in recordings:
@@ -297,6 +316,23 @@ def other_rig(known: Sequence[tuple[float, Stretch]]) -> list[str]:
                     ' one speed: are they of one rig?'
                 ]
     return []
+
+
+def without_contact(channels: Channels, settings: IdentificationSettings) -> Channels:
+    """
+    Leave out the samples of motion that a flange turns back: it is faster than hunting.
+
+    Half a period of the slowest hunting on both sides of each contact goes with it; what touches
+    throughout stays as it is.
+    """
+    if not settings.flange_clearance_m:
+        return channels
+    away = np.abs(channels.lateral - np.nanmedian(channels.lateral))
+    touching = away >= _TOUCHES * settings.flange_clearance_m
+    reach = round(0.5 * channels.rate_hz / settings.frequency_range_hz[0])
+    near = maximum_filter1d(touching, 2 * reach + 1)
+    free = np.where(near, np.nan, channels.lateral)
+    return replace(channels, lateral=free) if np.isfinite(free).any() else channels
 
 
 def free_of_contact(envelope: Envelope, clearance: float, warnings: list[str]) -> Envelope:

@@ -22,8 +22,9 @@ from hunt_ros.identification.record.envelope import WINDOW_CYCLES, Envelope
 Kind = Literal['plateau', 'ramp', 'kick', 'transient', 'gap']
 
 #: A kick leaves a jump in its window: a residual this many times the usual one, and this
-#: share of the amplitude.
-_JUMP_NOISE = 3.0
+#: share of the amplitude. It only spares the other windows the likelihoods, which decide: that of
+#: some hundred samples is off by a tenth, and a step that is told at all stands out more.
+_JUMP_NOISE = 1.5
 _JUMP_SHARE = 0.04
 #: Powers of time that smooth growth of the phasor has in a window, at most: a limit cycle reached
 #: from a third of it within one window has four. And places where a step is looked for.

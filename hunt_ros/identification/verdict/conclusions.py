@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,13 +13,13 @@ from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds, SteadyState
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import COEFFICIENTS
 from hunt_ros.errors import IdentificationError
-from hunt_ros.identification.days import by_day
+from hunt_ros.identification.bracket import Bracket, contradicts, refutations
 from hunt_ros.identification.fit import FittedLaw
 from hunt_ros.identification.four_point import FourPoint, at_detunings, four_point
-from hunt_ros.identification.growth_law import GrowthScales
+from hunt_ros.identification.growth_law import GrowthLaw, GrowthScales
 from hunt_ros.identification.posterior import Posterior
 from hunt_ros.identification.record.envelope import Envelope
-from hunt_ros.identification.record.observed import bounded, resolved
+from hunt_ros.identification.record.observed import resolved
 from hunt_ros.identification.record.segments import Segment
 from hunt_ros.identification.result import GIVEN, PAPERS, FitSummary, Identification
 from hunt_ros.identification.settings import IdentificationSettings
@@ -40,6 +40,8 @@ from hunt_ros.samples import Record, Uncertain
 _UNSEEN = -30.0
 #: Largest deviation of the logarithm of a noise intensity that is drawn: a factor of three.
 _VAGUE_NOISE = 1.1
+#: Share of draws rejected from which it is said.
+_MANY = 0.5
 #: RMS misfit of the limit cycle from which a law is no normal form of the rig.
 _FAR_OFF = 0.05
 
@@ -51,11 +53,11 @@ class Evidence:
     laws: Sequence[FittedLaw]
     scales: GrowthScales
     states: Sequence[SteadyState]
+    bracket: Bracket
     observed: ObservedCriticalSpeeds
     segments: Sequence[Segment]
     envelopes: Sequence[Envelope]
     records: Sequence[Record]
-    days: Mapping[str, str]
 
     @property
     def speeds(self) -> tuple[float, float]:
@@ -76,7 +78,6 @@ def conclude(
     evidence: Evidence,
     settings: IdentificationSettings,
     warnings: list[str],
-    progress: Callable[[float], None] | None = None,
 ) -> Identification:
     """
     Draw the conclusions of a fit.
@@ -86,11 +87,9 @@ def conclude(
     evidence : Evidence
         Fitted laws and what was seen in the records.
     settings : IdentificationSettings
-        For scales, speed errors and the bootstrap.
+        For scales, speed errors and the seed.
     warnings : list of str
         What was said so far; grows.
-    progress : callable, optional
-        Told which fraction is done.
 
     Returns
     -------
@@ -100,12 +99,19 @@ def conclude(
     laws = evidence.laws
     best = laws[0]
     trust = _trust(best, evidence, warnings)
-    drawn = draw_laws(laws, settings, len(evidence.envelopes), trust.stretch, progress)
+    drawn, rejected = draw_laws(
+        laws, settings, len(evidence.envelopes), trust.stretch, _admissible(evidence)
+    )
+    if rejected > _MANY:
+        warnings.append(
+            f'{100.0 * rejected:.0f} % of the laws around the fit are of no rig, or contradict'
+            ' what was seen: the intervals are those of the others'
+        )
     posterior = Posterior.of(
         best.law, drawn, evidence.speeds, _intensity(best, len(drawn), settings.seed)
     )
     numbers = Quantities(posterior, settings)
-    support = support_of(best, numbers.forms, evidence.segments, evidence.envelopes, settings)
+    support = support_of(best, posterior, evidence.segments, evidence.envelopes, settings)
     warnings += support.reasons
     fold = support.nonlinear and not trust.no_fold
     identified = numbers.identified(best.law.name) if support.complete else None
@@ -116,16 +122,13 @@ def conclude(
     four, no_recipe = _recipe(identified, evidence, warnings)
     unknown: dict[str, Uncertain | None] = dict.fromkeys(COEFFICIENTS)
     criticality = best.law.criticality if support.cubic and not trust.astray else None
-    observed = resolved(evidence.observed, criticality)
-    days = by_day(
-        evidence.days,
-        evidence.states,
-        evidence.segments,
-        evidence.envelopes,
-        evidence.observed.threshold,
-        settings.seed,
-        criticality,
-    )
+    bracket = evidence.bracket
+    if criticality == 'supercritical' and bracket.coexistence is not None:
+        # Rest was no longer than the slow growth of a law that fits: it shows no coexistence.
+        bracket = replace(bracket, coexistence=None)
+    elif bracket.coexistence is not None:
+        criticality = 'subcritical'
+    observed, no_hysteresis = resolved(evidence.observed, criticality)
     result = Identification(
         normal_form=identified,
         v_c=numbers.critical_speed() if support.critical and not trust.astray else None,
@@ -142,7 +145,7 @@ def conclude(
         speeds=evidence.speeds,
         branches=numbers.branches() if cubic else (),
         steady_states=tuple(evidence.states),
-        observed=bounded(observed.speeds, days.bracket()),
+        observed=observed,
         disturbance=numbers.disturbance(evidence.observed) if fold else None,
         four_point=four,
         fit=_summary(laws, evidence, trust),
@@ -150,16 +153,32 @@ def conclude(
         envelopes=tuple(evidence.envelopes),
         records=tuple(evidence.records),
         frequency_hz=_frequency(evidence),
-        days=days,
         fold_amplitude=numbers.fold_amplitude() if fold else None,
         posterior=posterior,
+        bracket=bracket,
     )
-    why = reasons_of(result, support, trust.no_fold, no_recipe, observed.reason)
+    why = reasons_of(result, support, trust.no_fold, no_recipe, no_hysteresis)
     return replace(
         result,
         notices=tuple(line for line in warnings if line not in why.values()),
         unknown=unknown_of(result.to_json(), why),
     )
+
+
+def _admissible(evidence: Evidence) -> Callable[[GrowthLaw], bool] | None:
+    """
+    Whether a law drawn can be this rig's: None where not even the one chosen can.
+
+    Growth from rest rises with the speed over the data, and what was seen stands.
+    """
+    chosen, seen = evidence.laws[0].law, tuple(evidence.bracket.why.values())
+    speeds = chosen.detuning(np.linspace(*evidence.speeds, 9))
+
+    def admissible(law: GrowthLaw) -> bool:
+        rises = all(law.linear_slope(u) > 0.0 for u in speeds.tolist())
+        return rises and not any(contradicts(law, event) for event in seen)
+
+    return admissible if admissible(chosen) else None
 
 
 def _intensity(best: FittedLaw, count: int, seed: int) -> NDArray[np.float64]:
@@ -214,6 +233,7 @@ def _trust(best: FittedLaw, evidence: Evidence, warnings: list[str]) -> _Trust:
     """Judge the law by limit cycles, transients and runs that contradict each other."""
     name = best.law.name
     misfit = misfit_of(best, evidence.hunting)
+    refuted = refutations(best.law, evidence.bracket)
     missed, transients = missed_transients(best, evidence.segments, evidence.envelopes)
     astray = ''
     if not best.fit.converged:
@@ -227,6 +247,9 @@ def _trust(best: FittedLaw, evidence: Evidence, warnings: list[str]) -> _Trust:
             f'{missed} of {transients} free transients go another way than the {name} law says'
         )
         warnings.append(f'lack of fit: {astray}; no fold is claimed')
+    if not astray and refuted:
+        astray = f'the {name} law contradicts what was seen: {refuted[0]}'
+        warnings.append(f'lack of fit: {astray}; what was seen stands alone')
     # Growth that ends again inside the data is a parabola's, and no rig's.
     other, (low, high) = best.law.other_root, evidence.speeds
     if not astray and other is not None and low < other < high:

@@ -16,8 +16,9 @@ import numpy as np
 
 from hunt_ros.analysis.steady_state import hunting_threshold
 from hunt_ros.dynamics.normal_form import NormalForm
-from hunt_ros.identification.days import free_motion, highest_decay
 from hunt_ros.identification.fit import FittedLaw
+from hunt_ros.identification.growth_law import GrowthLaw
+from hunt_ros.identification.posterior import Posterior
 from hunt_ros.identification.record.envelope import Envelope
 from hunt_ros.identification.record.segments import Segment
 from hunt_ros.identification.settings import IdentificationSettings
@@ -31,6 +32,8 @@ _VAGUE_SPEED = 0.1
 _VAGUE = 0.5
 #: A limit cycle so many times larger than what was measured was not seen.
 _BEYOND = 1.1
+#: Share of the laws that the data allow in which a thing must be so, to be said.
+SURE = 0.8
 #: Cycles of free motion below which a record is too short for anything.
 _FEWEST_STEPS = 12
 
@@ -73,7 +76,7 @@ class Support:
 
 def support_of(
     best: FittedLaw,
-    forms: Sequence[NormalForm | None],
+    posterior: Posterior,
     segments: Sequence[Segment],
     envelopes: Sequence[Envelope],
     settings: IdentificationSettings,
@@ -85,8 +88,8 @@ def support_of(
     ----------
     best : FittedLaw
         The law with the most evidence.
-    forms : sequence of NormalForm or None
-        Of the draws.
+    posterior : Posterior
+        The laws that the data leave open.
     segments, envelopes : sequences
         What was seen.
     settings : IdentificationSettings
@@ -97,6 +100,7 @@ def support_of(
     Support
     """
     reasons: list[str] = []
+    forms = posterior.forms
     speed = np.concatenate([envelope.speed for envelope in envelopes])
     amplitude = np.concatenate([envelope.amplitude for envelope in envelopes])
     low, high = float(speed.min()), float(speed.max())
@@ -110,13 +114,7 @@ def support_of(
     enough = int(np.isfinite(amplitude).sum()) >= _FEWEST_STEPS
     if not enough:
         reasons.append('too short: fewer than a few dozen hunting cycles')
-    decay = highest_decay(free_motion(segments, envelopes, hunting_threshold(amplitude)))
-    critical = (
-        several
-        and enough
-        and _critical(best, forms, (low, high), settings, reasons)
-        and not _decays_above(forms, decay, reasons)
-    )
+    critical = several and enough and _critical(best, forms, (low, high), settings, reasons)
     why: dict[str, str] = {}
     if not critical:
         why['critical'] = reasons[-1]
@@ -144,7 +142,7 @@ def support_of(
     elif cubic and not moved:
         why['nonlinear'] = 'no free transient: none passed by the unstable branch'
     top = float(np.nanmax(amplitude))
-    limited = _limited(best, (low, high), top, reasons) if cubic else False
+    limited = _limited(posterior, (low, high), top, reasons) if cubic else False
     if cubic and not limited:
         why['complete'] = reasons[-1]
     if cubic:
@@ -157,7 +155,7 @@ def support_of(
 def _share(forms: Sequence[NormalForm | None], name: str) -> tuple[float, float]:
     """Median and half the central 68 % of one attribute over the draws that have it."""
     values = [getattr(form, name) for form in forms if form is not None]
-    if len(values) < 0.8 * len(forms) or not values:
+    if len(values) < SURE * len(forms) or not values:
         return math.nan, math.inf
     low, middle, high = np.percentile(values, [15.87, 50.0, 84.13])
     return float(middle), 0.5 * float(high - low)
@@ -207,23 +205,6 @@ def _critical(
     return True
 
 
-def _decays_above(
-    forms: Sequence[NormalForm | None], decay: float | None, reasons: list[str]
-) -> bool:
-    """Whether free motion decayed at a speed that is above v_c for sure, by the law."""
-    values = [form.critical_speed for form in forms if form is not None]
-    if decay is None or not values:
-        return False
-    middle, high = np.percentile(values, [50.0, 97.5])
-    if high > decay:
-        return False
-    reasons.append(
-        f'v_c would be {middle:.3g} m/s by the law, at most {high:.3g} m/s, and free motion'
-        f' decayed at {decay:.3g} m/s: it is not given'
-    )
-    return True
-
-
 def _quiet_motion(forms: Sequence[NormalForm | None]) -> bool:
     """Whether the random motion of the quiet state alone shows how fast it is damped."""
     middle, std = _share(forms, 'D1')
@@ -234,29 +215,40 @@ def _cubic(forms: Sequence[NormalForm | None], reasons: list[str]) -> bool:
     """Whether the sign of the cubic coefficient is known."""
     middle, std = _share(forms, 'D4')
     if not std < _VAGUE * abs(middle):
-        reasons.append(
-            'D4 is not determined by these data: neither sub- nor supercritical can be said'
-        )
+        reasons.append('the fit does not determine D4, not even its sign')
         return False
     return True
 
 
-def _limited(best: FittedLaw, speeds: tuple[float, float], top: float, reasons: list[str]) -> bool:
-    """Whether the form is one that ends its own growth, inside the range of the data."""
-    if best.law.criticality == 'supercritical':
+def _limited(
+    posterior: Posterior, speeds: tuple[float, float], top: float, reasons: list[str]
+) -> bool:
+    """Whether the growth ends by itself, inside the range of the data: in the laws drawn."""
+    law = posterior.law
+    if law.criticality == 'supercritical':
         return True
-    v_c = best.law.critical_speed
-    at = np.array([min(v_c, speeds[1])]) if v_c is not None else np.array([speeds[1]])
-    _, stable = best.law.steady_amplitudes(at)
-    if not np.isfinite(stable[0]):
-        reasons.append('no restoring quintic term (D15 < 0) was found: no normal form is given')
-        return False
-    if stable[0] > _BEYOND * top:
+    size, sizes = _limit(law, speeds), np.array([_limit(x, speeds) for x in posterior.drawn])
+    share = float(np.isfinite(sizes).mean())
+    if size > _BEYOND * top:
         reasons.append(
-            f'the limit cycle ({stable[0]:.2g} m at {at[0]:.3g} m/s) is a forecast: no amplitude'
-            f' above {top:.2g} m was measured'
+            f'the limit cycle ({size:.2g} m at v_c) is a forecast: no amplitude above {top:.2g} m'
+            ' was measured'
         )
+    if not math.isfinite(size) or share < SURE:
+        reasons.append(
+            f'nothing ends the growth at v_c in {100.0 * (1.0 - share):.0f} % of the laws that the'
+            f' data allow{"" if math.isfinite(size) else ", the likeliest among them"}: no normal'
+            ' form is given'
+        )
+        return False
     return True
+
+
+def _limit(law: GrowthLaw, speeds: tuple[float, float]) -> float:
+    """Amplitude of the stable limit cycle at v_c, or where the data end before, m; or NaN."""
+    v_c = law.critical_speed
+    at = speeds[1] if v_c is None else min(v_c, speeds[1])
+    return float(law.steady_amplitudes(at)[1][0])
 
 
 def _second_hopf(best: FittedLaw, speeds: tuple[float, float], reasons: list[str]) -> None:

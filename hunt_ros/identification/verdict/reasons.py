@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from hunt_ros.dynamics.normal_form import COEFFICIENTS
-from hunt_ros.identification.days import Days
 from hunt_ros.identification.result import Identification
 from hunt_ros.identification.verdict.guards import Support
 
@@ -45,7 +44,7 @@ def reasons_of(
         fold = whole
     fold = fold or f'no fold of the law lies near the speeds of the data, or {_FEW_DRAWS}'
     why = {
-        'v_c': _bounded(linear or no_fold or _FEW_DRAWS, result.days),
+        'v_c': linear or no_fold or _FEW_DRAWS,
         'v_n': fold,
         'hysteresis_width': fold,
         'fold_amplitude_m': fold,
@@ -56,7 +55,7 @@ def reasons_of(
         'disturbance_m': _no_disturbance(result, fold),
         'steady_states': 'no stretch holds its amplitude for long enough',
         **_unobserved(result, no_hysteresis),
-        **_undated(result.days, no_hysteresis),
+        **_unseen(result),
     }
     if not result.branches:
         # Not at some speeds: nowhere.
@@ -70,26 +69,6 @@ def reasons_of(
         lack = support.reason(*names) or no_fold
         why[f'coefficients.{name}'] = lack or f'the law has no normal form, or {_FEW_DRAWS}'
     return {key: reason for key, reason in why.items() if reason}
-
-
-def _bounded(reason: str, days: Days | None) -> str:
-    """Add what free motion says of v_c all the same: it is above any speed of a decay."""
-    if days is None:
-        return reason
-    decay, growth = days.bracket()
-    if decay is not None and growth is not None:
-        return (
-            f'{reason}; free motion still decayed at {decay:.3g} m/s, so that v_c is higher than'
-            f' that, and grew from {growth:.3g} m/s on, by its size and the day'
-        )
-    if decay is not None:
-        return f'{reason}; free motion still decayed at {decay:.3g} m/s: v_c is higher than that'
-    if growth is not None:
-        return (
-            f'{reason}; free motion grew from {growth:.3g} m/s on, which large motion does'
-            ' below v_c too'
-        )
-    return reason
 
 
 def _no_disturbance(result: Identification, fold: str) -> str:
@@ -113,46 +92,26 @@ def _unobserved(result: Identification, no_hysteresis: str) -> dict[str, str]:
         'observed.v_c': up,
         'observed.v_n': down,
         'observed.hysteresis_width': up if observed.v_c is None else down,
-        'observed.v_c_between_mps': _unbounded(result.days, up),
+        'observed.v_c_between_mps': up,
         'observed.v_n_between_mps': down,
         'observed.step_mps': 'no jump was observed',
     }
 
 
-def _unbounded(days: Days | None, no_jump: str) -> str:
-    """Reason why v_c has no bound on one side, or on both."""
-    decay, growth = (None, None) if days is None else days.bracket()
-    if decay is None and growth is None:
-        return f'{no_jump}, and no free motion at one speed was seen'
-    if decay is None:
-        return f'{no_jump}, and no free motion at one speed decayed'
-    if growth is None:
-        return f'{no_jump}, and no free motion at one speed grew'
-    return (
-        f'free motion grew from {growth:.3g} m/s on, no faster than {decay:.3g} m/s where it'
-        ' still decayed: by its size or the day'
-    )
-
-
-def _undated(days: Days | None, no_hysteresis: str) -> dict[str, str]:
-    """Reasons for what the days do not show."""
-    if days is None:
-        return {'days': 'the recordings were not sorted by day'}
-    several = len(days.summaries) > 1
-    apart = (
-        'no two days have measured the limit cycle at the same speeds'
-        if several
-        else 'all recordings are of one day'
-    )
-    decayed = 'no free motion at one speed decayed, on some day or on any'
-    grew = 'no free motion at one speed grew, on some day or on any'
+def _unseen(result: Identification) -> dict[str, str]:
+    """Return why what is seen without a model bounds a quantity on one side only, or not."""
+    if not result.bracket.events:
+        none = 'all amplitudes are of one kind: rest and a limit cycle cannot be told apart'
+        return {'bracket': none}
+    apart = 'rest and a limit cycle were not seen at one speed'
+    none_stayed = 'no motion as large as a limit cycle died, or none stayed'
     return {
-        'days.day_std_m': apart,
-        'days.summary.shift_m': apart,
-        'days.summary.observed_v_c': 'a day without a jump up, speed rising',
-        'days.summary.observed_v_n': no_hysteresis or 'a day without a jump down, speed falling',
-        'days.summary.highest_decay_mps': decayed,
-        'days.summary.lowest_growth_mps': grew,
-        'days.highest_decay_mps': decayed,
-        'days.lowest_growth_mps': grew,
+        'bracket.criticality': apart,
+        'bracket.coexistence_mps': apart,
+        'bracket.v_n_between_mps': none_stayed if result.bracket.coexistence else apart,
+        'bracket.cycle_ends_between_mps': none_stayed,
+        'bracket.v_c_above_mps': 'rest was not seen for long at one speed',
+        'bracket.began_mps': 'nothing grew out of rest unkicked, and stayed',
+        'bracket.unstable_amplitude': 'kicks bound it on one side, or on none',
+        'bracket.events': 'not every motion was kicked',
     }

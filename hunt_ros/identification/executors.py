@@ -1,0 +1,69 @@
+"""Where work is done: in this process, or by a Dask cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+from hunt_ros.errors import IdentificationError
+
+_T = TypeVar('_T')
+#: Told which fraction of the work is done.
+Tell = Callable[[float], None]
+#: A scheduler that does not answer within this is not there.
+_ANSWER_S = 10
+
+
+class _Here(Executor):
+    """The process itself: each piece of work is done when its result is asked for."""
+
+    def map(self, fn: Callable[..., _T], *iterables: Iterable[Any], **_: Any) -> Iterator[_T]:
+        return map(fn, *iterables)
+
+
+@contextmanager
+def executor(cluster: str = '') -> Iterator[Executor]:
+    """
+    Open an executor; its `map` gives the results in the order of the arguments.
+
+    Parameters
+    ----------
+    cluster : str
+        Address of a Dask scheduler, tcp://host:8786; '' for this process.
+
+    Raises
+    ------
+    IdentificationError
+        If the scheduler cannot be reached, or its library is not installed.
+    """
+    if not cluster:
+        yield _Here()
+        return
+    try:
+        import distributed
+    except ImportError:
+        raise IdentificationError(
+            'a cluster needs the library distributed: pip install hunt_ros[cluster]'
+        ) from None
+    try:
+        client: Any = distributed.Client(  # type: ignore[no-untyped-call]
+            cluster, timeout=_ANSWER_S, set_as_default=False
+        )
+    except (OSError, ValueError) as error:
+        raise IdentificationError(
+            f'cluster: no Dask scheduler answers at {cluster} ({error})'
+        ) from error
+    with client, client.get_executor(pure=False) as pool:
+        yield pool
+
+
+def collected(results: Iterable[_T], count: int, tell: Tell | None = None) -> list[_T]:
+    """Return what an executor's `map` gives, and say after each which share of `count` is done."""
+    found = []
+    for done, result in enumerate(results, start=1):
+        found.append(result)
+        if tell:
+            tell(done / count)
+    return found

@@ -1,0 +1,285 @@
+"""
+Events in an envelope: rest, and motion out of it that stayed, died, or grew by itself.
+
+The envelope is parted into rest and motion out of it. A motion that began faster than the rest
+before it can have grown was kicked.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from hunt_ros.identification.record.envelope import WINDOW_CYCLES, Envelope
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Kind = Literal['rest', 'stayed', 'died', 'grew']
+
+#: Cycles that rest, and a limit cycle, are seen at least: what passes by the place where the two
+#: limit cycles have just vanished lingers there for some tens of cycles.
+_REST_CYCLES, STAY_CYCLES = 12.0, 40.0
+#: Speeds that count as one, relative.
+ONE_SPEED = 0.01
+#: Scatter of ln A of a limit cycle at one speed, at most: half of that of noise (Rayleigh's).
+_SCATTER = 0.32
+#: A fold is hardly smaller than so much of the largest limit cycle: what is, is noise next to v_c.
+#: With growth a + b A^2 - c A^4 that is 4 a c < (15^2 - 1) b^2.
+SMALLEST = 0.25
+#: Growth out of rest may be so many times faster than the rest before it allows, by its nonlinear
+#: part; what is faster was kicked.
+_FASTER = 4.0
+#: Amplitude, of the median of rest, that noise does not reach (Rayleigh's: once in 10^7).
+ABOVE_NOISE = 5.0
+#: Where growth rises in proportion to v - v_c, it took twice the time that its last rate says to
+#: come out of the noise; a half more for the noise itself.
+_GREW_SINCE = 3.0
+
+
+@dataclass(frozen=True)
+class Event:
+    """
+    Something that was seen, once.
+
+    Parameters
+    ----------
+    kind : 'rest', 'stayed', 'died' or 'grew'
+        Rest; motion that remained; motion that returned to rest; growth out of rest, unkicked.
+    source : str
+    start_ns, end_ns : int
+    speed_low, speed_high : float
+        Speeds it was seen at, m/s; of what stayed and then died with the speed falling only
+        those at which it stayed.
+    amplitude : float
+        Median of rest, last of what stayed, largest of what died, m.
+    kick : float
+        Amplitude right after the kick that began it, m; NaN for none.
+    spread : (float, float)
+        Smallest and largest amplitude meanwhile, m.
+    """
+
+    kind: Kind
+    source: str
+    start_ns: int
+    end_ns: int
+    speed_low: float
+    speed_high: float
+    amplitude: float
+    kick: float = math.nan
+    spread: tuple[float, float] = (math.nan, math.nan)
+
+    @property
+    def seconds(self) -> float:
+        """How long it was seen."""
+        return (self.end_ns - self.start_ns) / 1e9
+
+    @property
+    def speed(self) -> float:
+        """Middle of its speeds, m/s."""
+        return 0.5 * (self.speed_low + self.speed_high)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the entry of `bracket.events`."""
+        return {
+            'kind': self.kind,
+            'source': self.source,
+            'start_ns': self.start_ns,
+            'end_ns': self.end_ns,
+            'speed_mps': [self.speed_low, self.speed_high],
+            'amplitude_m': self.amplitude,
+            'kick_m': self.kick if math.isfinite(self.kick) else None,
+        }
+
+
+def _is_one(speed: Array) -> bool:
+    """Whether all speeds are one."""
+    return bool(np.ptp(speed) < ONE_SPEED * speed[0])
+
+
+def _since(speed: Array) -> int:
+    """Return the first instant from which on the speed was what it is at the end."""
+    other = np.flatnonzero(np.abs(speed / speed[-1] - 1.0) >= ONE_SPEED)
+    return int(other[-1]) + 1 if other.size else 0
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """A stretch of an envelope without a gap: amplitude (m) and speed at its instants."""
+
+    source: str
+    stamp: NDArray[np.int64]
+    time: Array
+    amplitude: Array
+    speed: Array
+    struck: Mask
+    period: float
+
+    def event(self, kind: Kind, a: int, b: int, size: float, kick: float = math.nan) -> Event:
+        """Return what was seen from instant a to instant b."""
+        v, seen = self.speed[a : b + 1], self.amplitude[a : b + 1]
+        spread = float(seen.min()), float(seen.max())
+        low, high = float(v.min()), float(v.max())
+        begun, ended = int(self.stamp[a]), int(self.stamp[b])
+        return Event(kind, self.source, begun, ended, low, high, size, kick, spread)
+
+    def was_kicked(self, settled: int, begin: int, top: int) -> bool:
+        """Whether a motion out of rest began faster than the rest before it can have grown."""
+        if self.struck[begin : top + 1].any():
+            return True
+        since = max(_since(self.speed[: begin + 1]), settled)
+        rested = float(self.time[begin] - self.time[since])
+        if rested < _REST_CYCLES * self.period / 3.0:
+            return False
+        quiet = float(np.median(self.amplitude[since : begin + 1]))
+        allowed = math.log(self.amplitude[top] / quiet) / rested
+        took = max(self.time[top] - self.time[begin], self.period)
+        rise = math.log(self.amplitude[top] / self.amplitude[begin]) / took
+        # A step of what noise does from one instant to the next is no kick.
+        return bool(self.amplitude[top] > ABOVE_NOISE * quiet and rise > _FASTER * allowed)
+
+    def rests(self, a: int, last: int) -> list[Event]:
+        """Return rest, speed by speed: where it was seen for long enough at one of them."""
+        found = []
+        while a <= last:
+            inside = np.abs(self.speed[a : last + 1] / self.speed[a] - 1.0) < ONE_SPEED
+            b = a + (int(np.argmin(inside)) if not inside.all() else inside.size) - 1
+            half = (a + b + 1) // 2
+            if self.time[b] - self.time[a] >= (_REST_CYCLES - WINDOW_CYCLES) * self.period:
+                # Rest that swells is growth that has not come far: a ratio of two mean powers,
+                # of which one window in four is independent, for the mode remembers some cycles.
+                powers = [
+                    float(np.mean(x**2))
+                    for x in (self.amplitude[a:half], self.amplitude[half : b + 1])
+                ]
+                freedom = 0.5 * (b + 1 - half), 0.5 * (half - a)
+                if stats.f.sf(powers[1] / powers[0], *freedom) >= 0.01:
+                    size = float(np.median(self.amplitude[a : b + 1]))
+                    found.append(self.event('rest', a, b, size))
+            a = b + 1
+        return found
+
+    def motion(self, begin: int, end: int, kick: float) -> list[Event]:
+        """Return whether a motion died, stayed, or stayed until the speed had fallen."""
+        died = end < self.amplitude.size - 1
+        alive = self.amplitude[begin : end + 1]
+        fall = end
+        if died:
+            # Where the fall began: the last instant at half of what the motion was before.
+            fall = begin + int(np.flatnonzero(alive >= 0.5 * float(np.median(alive)))[-1])
+        # What was there for long after an instant, at no higher speed, stayed at that speed.
+        first = begin + int(np.argmax(alive >= 0.5 * float(np.median(alive))))
+        far = np.searchsorted(self.time, self.time[first : fall + 1] + STAY_CYCLES * self.period)
+        stays = [
+            (k, int(m))
+            for k, m in zip(range(first, fall + 1), far, strict=True)
+            if m <= fall and self.speed[k : m + 1].max() <= (1.0 + 0.5 * ONE_SPEED) * self.speed[k]
+        ]
+        if died and _is_one(self.speed[begin : end + 1]):
+            return [self.event('died', begin, end, float(alive.max()), kick)]
+        found: list[Event] = []
+        if died:
+            # What died at a speed did not stay there.
+            least = (1.0 + ONE_SPEED) * float(self.speed[fall : end + 1].max())
+            stays = [pair for pair in stays if self.speed[pair[0]] > least]
+        if stays:
+            lowest, until = min(stays, key=lambda ends: (self.speed[ends[0]], -ends[0]))
+            there = self.amplitude[lowest : until + 1]
+            if float(np.std(np.log(there))) > _SCATTER:
+                return []
+            size = float(np.median(there))
+            stayed = self.event('stayed', stays[0][0], stays[-1][0], size, kick)
+            whole = self.event('stayed', lowest, stays[-1][1], size)
+            found.append(replace(stayed, end_ns=whole.end_ns, spread=whole.spread))
+            if died:
+                # What was a limit cycle, and died as the speed fell, left it where it ends.
+                found.append(self.event('died', fall, end, size))
+        return found
+
+
+def events_of(envelope: Envelope, struck: Mask, levels: tuple[float, float, float]) -> list[Event]:
+    """
+    Return what an envelope shows: motion out of rest, and the rest between.
+
+    Parameters
+    ----------
+    envelope : Envelope
+        Of one recording.
+    struck : ndarray of bool, shape (n,)
+        Instants whose windows hold a kick.
+    levels : (float, float, float)
+        Amplitudes, m: median of rest, smallest motion out of it, largest that lasts.
+    """
+    return [
+        event for piece in _pieces(envelope) for event in _events(envelope, struck, piece, levels)
+    ]
+
+
+def _pieces(envelope: Envelope) -> list[NDArray[np.intp]]:
+    """Instants of the stretches without a gap longer than two windows."""
+    known = np.flatnonzero(np.isfinite(envelope.amplitude))
+    if known.size < 2:
+        return []
+    longest = 2.0 * WINDOW_CYCLES / float(np.median(envelope.frequency))
+    cuts = np.flatnonzero(np.diff(envelope.time[known]) > longest) + 1
+    return [piece for piece in np.split(known, cuts) if piece.size > 1]
+
+
+def _events(
+    envelope: Envelope,
+    struck: Mask,
+    piece: NDArray[np.intp],
+    levels: tuple[float, float, float],
+) -> list[Event]:
+    """Return what one stretch shows: motion out of rest, and the rest between."""
+    rest, large, top = levels
+    small = math.sqrt(rest * large)
+    amplitude, time, speed = envelope.amplitude[piece], envelope.time[piece], envelope.speed[piece]
+    other = np.nan_to_num(envelope.residual[piece])
+    amplitude = np.where((amplitude <= large) & (other > SMALLEST * top), other, amplitude)
+    period = 1.0 / float(np.median(envelope.frequency))
+    stamp = envelope.start_ns + np.round(1e9 * time).astype(np.int64)
+    seen = _Piece(envelope.source, stamp, time, amplitude, speed, struck[piece], period)
+    found: list[Event] = []
+    settled = 0
+    for begin, end in _excursions(amplitude, small, large):
+        last, kick = begin - 1, math.nan
+        if begin > 0:
+            top = begin + int(np.argmax(amplitude[begin : end + 1] > large))
+            # No law grows out of rest and returns to it at one speed.
+            pushed = end < amplitude.size - 1 and _is_one(speed[begin : end + 1])
+            if pushed or seen.was_kicked(settled, begin, top):
+                kick = float(amplitude[top : min(top + 1, end) + 1].max())
+            else:
+                rate = math.log(amplitude[top] / amplitude[begin]) / (time[top] - time[begin])
+                since = _GREW_SINCE * math.log(large / rest) / max(rate, 1e-9)
+                last = int(np.searchsorted(time, time[top] - since)) - 1
+                last = min(last, _since(speed[: begin + 1]) - 1)
+                found.append(seen.event('grew', begin, top, float(amplitude[top])))
+        found += seen.rests(settled, last)
+        found += seen.motion(begin, end, kick)
+        settled = end + 1
+    return found + seen.rests(settled, amplitude.size - 1)
+
+
+def _excursions(amplitude: Array, small: float, large: float) -> list[tuple[int, int]]:
+    """First and last instant of each motion beyond `large`, from and down to `small`."""
+    found: list[tuple[int, int]] = []
+    k = 0
+    while k < amplitude.size:
+        if not amplitude[k] > large:
+            k += 1
+            continue
+        begin = k
+        while begin > 0 and amplitude[begin] > small:
+            begin -= 1
+        end = k
+        while end < amplitude.size - 1 and amplitude[end] > small:
+            end += 1
+        found.append((begin, end))
+        k = end + 1
+    return found
