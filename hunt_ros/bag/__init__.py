@@ -7,11 +7,12 @@ which hands out `blocks`; `columns` and `messages` take numbers and texts out of
 `bag_writer` (a folder) and `mcap.writer` (a file). `interchange` reads and writes what is no bag.
 """
 
+from hunt_ros.bag.bag_writer import BagWriter
 from hunt_ros.bag.channels import ChannelSource, channel_map, read_channel_file
 from hunt_ros.bag.columns import read_columns, read_record
 from hunt_ros.bag.plausible import check_units
 from hunt_ros.bag.reader import Bag
-from hunt_ros.bag.record_writer import BagWriter, write_record
+from hunt_ros.bag.record_writer import write_record
 
 __all__ = [
     'Bag',

@@ -9,15 +9,21 @@ from __future__ import annotations
 import os
 import shutil
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import NamedTuple
 
 from hunt_ros.bag.cdr.message_types import definition_text
 from hunt_ros.bag.mcap.writer import CHUNK_BYTES, McapWriter, Rows
-from hunt_ros.bag.metadata import FileEntry, TopicEntry, folder_metadata, quality_of_service
-from hunt_ros.bag.reader import ACTIVE, NOTES
+from hunt_ros.bag.metadata import (
+    NOTES,
+    FileEntry,
+    TopicEntry,
+    folder_metadata,
+    quality_of_service,
+)
+from hunt_ros.bag.reader import ACTIVE
 from hunt_ros.errors import BagError
 
 
@@ -28,7 +34,7 @@ class _Topic(NamedTuple):
     type: str
     definition: str
     type_hash: str
-    latched: bool
+    qos: str
 
 
 class BagWriter:
@@ -75,11 +81,9 @@ class BagWriter:
         for name in (self.path, self.active):
             if name.exists():
                 raise BagError(f'{name}: exists already, expected a name for a new recording')
-        try:
+        with self._writing():
             self.active.mkdir(parents=True)
             self._file = self._open()
-        except OSError as error:
-            raise self._refused(error) from error
 
     def _open(self) -> McapWriter:
         name = f'{self.path.name}_{len(self._files)}.mcap'
@@ -93,7 +97,7 @@ class BagWriter:
 
     def _describe(self, file: McapWriter, key: int, topic: _Topic) -> None:
         strings = {
-            'offered_qos_profiles': quality_of_service(topic.latched),
+            'offered_qos_profiles': topic.qos,
             'topic_type_hash': topic.type_hash,
         }
         file.add_topic(key, topic.name, topic.type, topic.definition, strings)
@@ -135,41 +139,22 @@ class BagWriter:
             return self._keys[name]
         text, type_hash = definition_text(message_type)
         key = len(self._topics) + 1
-        topic = _Topic(name, message_type, definition or text, type_hash, latched)
-        try:
+        qos = quality_of_service(latched)
+        topic = _Topic(name, message_type, definition or text, type_hash, qos)
+        with self._writing():
             self._describe(self._file, key, topic)
-        except OSError as error:
-            raise self._refused(error) from error
         self._topics[key], self._keys[name] = topic, key
         return key
 
     def write(self, topic: int, log_ns: int, message: bytes | memoryview) -> None:
-        """
-        Write one message as it was on the wire (CDR with its encapsulation).
-
-        Raises
-        ------
-        BagError
-            If the disk refuses.
-        """
-        try:
+        """Write one message as it was on the wire (CDR with its encapsulation)."""
+        with self._writing():
             self._file.add(topic, log_ns, bytes(message))
-        except OSError as error:
-            raise self._refused(error) from error
 
     def write_rows(self, several: list[Rows]) -> None:
-        """
-        Write messages of several topics as one chunk, in the order of their log times.
-
-        Raises
-        ------
-        BagError
-            If the disk refuses.
-        """
-        try:
+        """Write messages of several topics as one chunk, in the order of their log times."""
+        with self._writing():
             self._file.add_rows(several)
-        except OSError as error:
-            raise self._refused(error) from error
 
     def note(self, name: str, strings: Mapping[str, str]) -> None:
         """
@@ -177,48 +162,24 @@ class BagWriter:
 
         The name 'hunt_ros' adds to `notes`.
 
-        Raises
-        ------
-        BagError
-            If the disk refuses.
         """
         merged = {**self._metadata.get(name, {}), **strings}
         self._metadata[name] = merged
         if name == NOTES:
             self.notes = merged
-        try:
+        with self._writing():
             self._file.add_metadata(name, merged)
-        except OSError as error:
-            raise self._refused(error) from error
 
     def flush(self) -> None:
-        """
-        Hand everything written so far to the operating system: it survives a kill.
-
-        Raises
-        ------
-        BagError
-            If the disk refuses.
-        """
-        try:
+        """Hand everything written so far to the operating system: it survives a kill."""
+        with self._writing():
             self._file.flush()
-        except OSError as error:
-            raise self._refused(error) from error
 
     def split(self) -> None:
-        """
-        Close the file at hand and go on in the next one.
-
-        Raises
-        ------
-        BagError
-            If the disk refuses.
-        """
-        try:
+        """Close the file at hand and go on in the next one."""
+        with self._writing():
             self._finish_file()
             self._file = self._open()
-        except OSError as error:
-            raise self._refused(error) from error
 
     def _finish_file(self) -> None:
         file = self._file
@@ -233,18 +194,9 @@ class BagWriter:
         return self._file.size + self._file.pending_bytes
 
     def sync(self) -> None:
-        """
-        See what was flushed on the disk itself: it survives a power cut.
-
-        Raises
-        ------
-        BagError
-            If the disk refuses.
-        """
-        try:
+        """See what was flushed on the disk itself: it survives a power cut."""
+        with self._writing():
             self._file.sync()
-        except OSError as error:
-            raise self._refused(error) from error
 
     @property
     def file_ns(self) -> int:
@@ -270,7 +222,7 @@ class BagWriter:
         BagError
             If the disk refuses; what is written stays under the `.active` name.
         """
-        try:
+        with self._writing():
             self._finish_file()
             text = self.metadata_text()
             target = self.active / 'metadata.yaml'
@@ -279,14 +231,12 @@ class BagWriter:
                 out.flush()
                 os.fsync(out.fileno())
             self.active.rename(self.path)
-        except OSError as error:
-            raise self._refused(error) from error
         return self.path
 
     def metadata_text(self) -> str:
         """Return the description of what is finished, as metadata.yaml has it."""
         topics = [
-            TopicEntry(topic.name, topic.type, topic.type_hash, topic.latched, self._counts[key])
+            TopicEntry(topic.name, topic.type, topic.type_hash, topic.qos, self._counts[key])
             for key, topic in self._topics.items()
         ]
         return folder_metadata(topics, self._files, self.notes)
@@ -298,17 +248,18 @@ class BagWriter:
     def __enter__(self) -> BagWriter:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
         if kind is None:
             self.close()
         else:
             self.abandon()
             shutil.rmtree(self.active, ignore_errors=True)
 
-    def _refused(self, error: OSError) -> BagError:
-        return BagError(f'{self.active}: cannot write the recording ({error.strerror or error})')
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Say in one line what the disk refuses."""
+        try:
+            yield
+        except OSError as error:
+            reason = error.strerror or error
+            raise BagError(f'{self.active}: cannot write the recording ({reason})') from error

@@ -8,14 +8,14 @@ out of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag.compression import LARGEST_CHUNK, expand_zstd
+from hunt_ros.bag.compression import LARGEST_CHUNK, expand_zstd, is_compressed
 from hunt_ros.errors import BagError
 
 
@@ -24,7 +24,8 @@ class Topic(NamedTuple):
     One topic in one file.
 
     `encoding` is that of the messages ('cdr'), `definition` the text of the message
-    type in `definition_encoding` ('ros2msg', 'ros2idl' or '' for none).
+    type in `definition_encoding` ('ros2msg', 'ros2idl' or '' for none), `qos` what its
+    publisher offered and `type_hash` that of the type, as the recorder wrote them.
     """
 
     id: int
@@ -33,6 +34,8 @@ class Topic(NamedTuple):
     encoding: str
     definition_encoding: str
     definition: str
+    qos: str = ''
+    type_hash: str = ''
 
 
 class Places(NamedTuple):
@@ -41,6 +44,11 @@ class Places(NamedTuple):
     log_ns: NDArray[np.int64]
     starts: NDArray[np.int64]
     lengths: NDArray[np.int64]
+
+    def possible(self) -> Places:
+        """Return those whose log time is one: from 2^63 ns on (negative here) it is not."""
+        sound = self.log_ns >= 0
+        return self if sound.all() else Places(*(part[sound] for part in self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +74,7 @@ class Storage(Protocol):
     path: str
     topics: list[Topic]
     problems: list[str]
-    remarks: list[str]
+    remarks: list[tuple[str, str]]
     counts: dict[int, int]
     metadata: list[tuple[str, dict[str, str]]]
 
@@ -120,14 +128,18 @@ def pack_messages(messages: dict[int, list[tuple[int, bytes]]]) -> Block:
     return Block(np.frombuffer(b''.join(data), dtype=np.uint8), places)
 
 
-def expand_messages(block: Block, path: str) -> Block:
+def expand_messages(block: Block, topics: Mapping[int, Topic], path: str) -> Block:
     """
     Expand messages that were compressed one by one (rosbag2 compression mode MESSAGE).
+
+    They say so themselves: a message in CDR does not begin as a zstd frame does.
 
     Parameters
     ----------
     block : Block
         As the file holds it.
+    topics : mapping of int to Topic
+        What the ids in the block mean.
     path : str
         Of the file, for messages.
 
@@ -136,15 +148,25 @@ def expand_messages(block: Block, path: str) -> Block:
     BagError
         If a message cannot be expanded.
     """
+    packed = {
+        key
+        for key, places in block.places.items()
+        if places.starts.size and topics[key].encoding == 'cdr'
+        if is_compressed(block.data[places.starts[0] : places.starts[0] + 4].tobytes())
+    }
+    if not packed:
+        return block
     messages: dict[int, list[tuple[int, bytes]]] = {}
     budget = LARGEST_CHUNK
     for topic, places in block.places.items():
         rows: list[tuple[int, bytes]] = []
         for stamp, start, length in zip(*(part.tolist() for part in places), strict=True):
-            try:
-                raw = expand_zstd(block.data[start : start + length].tobytes(), budget)
-            except ValueError as error:
-                raise BagError(f'{path}: a message at {stamp} ns: {error}') from error
+            raw = block.data[start : start + length].tobytes()
+            if topic in packed:
+                try:
+                    raw = expand_zstd(raw, budget)
+                except ValueError as error:
+                    raise BagError(f'{path}: a message at {stamp} ns: {error}') from error
             budget -= len(raw)
             rows.append((stamp, raw))
         messages[topic] = rows

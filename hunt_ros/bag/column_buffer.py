@@ -20,8 +20,15 @@ class ColumnBuffer:
     expected : int
         Messages expected; 0 where that is not known.
     with_log : bool
-        Keep the log times as well, to sort by them or to stand in for empty headers.
-        A first pass does without, and `needs_log` says whether that was enough.
+        Keep the log times as well, to sort by them. A first pass does without, and
+        `needs_log` says whether that was enough.
+
+    Attributes
+    ----------
+    joints : set of str
+        Names of the joints that were taken.
+    others : set of str
+        Joints of messages that were passed over.
     """
 
     def __init__(self, expected: int = 0, with_log: bool = False) -> None:
@@ -34,12 +41,16 @@ class ColumnBuffer:
         self._size = 0
         self._last_ns = -(1 << 63)
         self._sorted = True
-        self._stamped = False
+        self.joints: set[str] = set()
+        self.others: set[str] = set()
 
     @property
     def needs_log(self) -> bool:
         """Whether the log times are needed and were not kept."""
-        return bool(self._size) and not self._with_log and not (self._sorted and self._stamped)
+        return not self._with_log and not self._sorted
+
+    def __len__(self) -> int:
+        return self._size
 
     def extend(
         self, log_ns: NDArray[np.int64], stamps: NDArray[np.int64], values: NDArray[np.float64]
@@ -51,7 +62,9 @@ class ColumnBuffer:
         in_order = log_ns[0] >= self._last_ns and bool((log_ns[1:] >= log_ns[:-1]).all())
         self._sorted = self._sorted and bool(in_order)
         self._last_ns = int(log_ns[-1])
-        self._stamped = self._stamped or bool(stamps.any())
+        if not stamps.all():
+            # A header that nobody filled says nothing: the log time stands in.
+            stamps = np.where(stamps == 0, log_ns, stamps)
         end = self._size + count
         if end > self._values.size:
             self._grow(max(end, 2 * self._values.size))
@@ -73,8 +86,6 @@ class ColumnBuffer:
         stamps, values = self._stamps[: self._size], self._values[: self._size]
         if self._with_log:
             log_ns = self._log[: self._size]
-            # Headers that nobody filled say nothing: the log time stands in.
-            stamps = stamps if self._stamped else log_ns
             if not self._sorted:
                 order = np.argsort(log_ns, kind='stable')
                 stamps, values = stamps[order], values[order]

@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.bag.cdr.gather import Wanted, gather
+from hunt_ros.bag.cdr.layout import joint_of
 from hunt_ros.bag.channels import Channels, ChannelSource, channel_map
 from hunt_ros.bag.column_buffer import ColumnBuffer
 from hunt_ros.bag.reader import Bag
+from hunt_ros.bag.replay_schedule import FASTEST
 from hunt_ros.bag.topic_fields import find_topic, listed, wanted_field
 from hunt_ros.errors import BagError, MessageError
 from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series
@@ -24,6 +26,9 @@ from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series
 #: Which stamp a column has: that in the message's header (log time where it has none
 #: or left it zero), or the time it was recorded at.
 Stamps = Literal['header', 'log']
+
+#: How much later than it was stamped a message may be recorded, ns.
+_LATE_NS = 3600 * NANOSECONDS
 
 #: Spacing of the samples that stand for a constant channel, ns.
 CONSTANT_STEP_NS = NANOSECONDS // 100
@@ -71,8 +76,18 @@ def read_columns(
             return read_columns(opened, sources, start_ns=start_ns, end_ns=end_ns, stamps=stamps)
     fields = {name: source for name, source in sources.items() if source.constant is None}
     buffers = _read_fields(bag, fields, start_ns, end_ns, stamps)
-    if any(buffer.needs_log for buffer in buffers.values()):
-        buffers = _read_fields(bag, fields, start_ns, end_ns, stamps, with_log=True)
+    with_log = any(buffer.needs_log for buffer in buffers.values())
+    # Joints of several publishers on one topic: the one that is named as the channel is meant.
+    shared = {name for name, buffer in buffers.items() if len(buffer.joints) > 1}
+    if with_log or shared:
+        buffers = _read_fields(bag, fields, start_ns, end_ns, stamps, with_log, shared)
+    for name, buffer in buffers.items():
+        if buffer.others and not len(buffer):
+            wanted = (joint_of(fields[name].field) or ('', name))[1]
+            raise MessageError(
+                f'{bag.path}: topic {find_topic(bag, fields[name])}: there is no joint {wanted!r},'
+                f' it has {", ".join(sorted(buffer.others))}'
+            )
     columns = {
         name: buffer.series(fields[name].scale, fields[name].offset)
         for name, buffer in buffers.items()
@@ -87,8 +102,9 @@ def _read_fields(
     end_ns: int | None,
     stamps: Stamps,
     with_log: bool = False,
+    shared: Collection[str] = (),
 ) -> dict[str, ColumnBuffer]:
-    """Gather the fields; see `ColumnBuffer` for `with_log`."""
+    """Gather the fields; see `ColumnBuffer` for `with_log`, `wanted_field` for `shared`."""
     topics = {name: find_topic(bag, source) for name, source in fields.items()}
     sliced = start_ns is not None or end_ns is not None
     columns = {
@@ -102,13 +118,16 @@ def _read_fields(
             for name in (name for name, wanted in topics.items() if wanted == topic.name):
                 plan_key = (name, topic.type, topic.definition_encoding, topic.definition)
                 if plan_key not in plans:
-                    plans[plan_key] = wanted_field(topic, fields[name], bag)
+                    alone = name not in shared
+                    plans[plan_key] = wanted_field(topic, fields[name], bag, alone)
                 try:
                     found = gather(block, places, plans[plan_key])
                 except ValueError as error:
                     raise MessageError(f'{bag.path}: topic {topic.name}: {error}') from error
-                chosen = places.log_ns if stamps == 'log' else found.stamps_ns
-                columns[name].extend(places.log_ns, chosen, found.values)
+                chosen = found.log_ns if stamps == 'log' else found.stamps_ns
+                columns[name].extend(found.log_ns, chosen, found.values)
+                columns[name].joints |= found.joints
+                columns[name].others |= found.others
     return columns
 
 
@@ -168,6 +187,7 @@ def read_record(
             f' or a mapping such as --channel lateral=/topic.field; it has {listed(path)}'
         )
     columns = read_columns(path, sources, start_ns=start_ns, end_ns=end_ns)
+    _check_span(path, {name: columns[name] for name in measured if len(columns[name])})
     filled = {name: columns[name] for name in CHANNELS if name in columns and len(columns[name])}
     for name in require:
         if name in columns and name not in filled:
@@ -181,6 +201,24 @@ def read_record(
         raise BagError(f'{path.path}: its topics {", ".join(measured)} hold no messages')
     record = Record(filled, str(path.path), _notes(path))
     return _sampled(record, sources)
+
+
+def _check_span(bag: Bag, columns: Mapping[str, Series]) -> None:
+    """Refuse stamps that are no times: the record would last for years, nearly all of it empty."""
+    first, last = bag.span_ns or (0, 0)
+    # A replay runs so much faster than the clock of its recorder at most.
+    longest = FASTEST * (last - first) + _LATE_NS
+    ends = [(int(end), name) for name, one in columns.items()
+            for end in (one.stamps_ns.min(), one.stamps_ns.max())]  # fmt: skip
+    if not ends or max(ends)[0] - min(ends)[0] <= longest:
+        return
+    middle = float(np.median(np.concatenate([one.stamps_ns for one in columns.values()])))
+    odd, name = max(ends, key=lambda end: abs(end[0] - middle))
+    raise MessageError(
+        f'{bag.path}: {name}: a stamp of {odd / NANOSECONDS:.10g} s,'
+        f' {abs(odd - middle) / NANOSECONDS:.3g} s from the others, in a recording that took'
+        f' {(last - first) / NANOSECONDS:.4g} s: its clock was not set'
+    )
 
 
 def _constants(

@@ -15,6 +15,11 @@ import zstandard
 LARGEST_CHUNK = 1 << 30
 
 
+def is_compressed(data: bytes) -> bool:
+    """Return True for what begins as a zstd frame (RFC 8878, 3.1.1), and so not as CDR."""
+    return data[:4] == zstandard.FRAME_HEADER
+
+
 def compress(data: bytes, compression: str) -> bytes:
     """Compress a chunk; '' leaves it as it is."""
     if compression == 'zstd':
@@ -67,37 +72,6 @@ def expand_zstd(data: bytes | memoryview, limit: int = LARGEST_CHUNK) -> bytes:
         return zstandard.ZstdDecompressor().decompress(data, max_output_size=max(bound, 1))
     except (zstandard.ZstdError, MemoryError) as error:
         raise ValueError(f'zstd cannot expand it ({error})') from error
-
-
-def expand_partial(data: bytes | memoryview, compression: str, limit: int) -> bytes:
-    """
-    Decompress the beginning of a chunk whose end is missing.
-
-    Returns
-    -------
-    bytes
-        What the compressed bytes at hand expand to, at most `limit`; it may be empty.
-    """
-    if compression == '':
-        return bytes(data[:limit])
-    parts: list[bytes] = []
-    total = 0
-    machine = (
-        zstandard.ZstdDecompressor().decompressobj()
-        if compression == 'zstd'
-        else lz4.frame.LZ4FrameDecompressor()
-    )
-    step = 1 << 14
-    try:
-        for start in range(0, len(data), step):
-            part = machine.decompress(bytes(data[start : start + step]))
-            parts.append(part)
-            total += len(part)
-            if total >= limit or getattr(machine, 'eof', False):
-                break
-    except (zstandard.ZstdError, RuntimeError, MemoryError, EOFError):
-        pass  # what came before the damage is whole; the damage ends the search
-    return b''.join(parts)[:limit]
 
 
 def _expand_lz4(data: bytes | memoryview, size: int) -> bytes:

@@ -12,10 +12,22 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import yaml
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import ReaderError
+from rosbags.rosbag2.metadata import dump_qos_v8, parse_qos
 
 VERSION = 8
+#: MCAP metadata record and metadata.yaml key under which rig, operator and notes stand.
+NOTES = 'hunt_ros'
 #: "For ever", as rosbag2 writes it.
-_FOREVER = {'sec': 9223372036, 'nsec': 854775807}
+_FOREVER = QosTime(9223372036, 854775807)
 
 
 class TopicEntry(NamedTuple):
@@ -24,8 +36,9 @@ class TopicEntry(NamedTuple):
     name: str
     type: str
     type_hash: str
-    latched: bool
+    qos: str
     messages: int
+    encoding: str = 'cdr'
 
 
 class FileEntry(NamedTuple):
@@ -39,19 +52,30 @@ class FileEntry(NamedTuple):
 
 def quality_of_service(latched: bool) -> str:
     """Return the offered QoS of a topic as rosbag2 stores it: reliable, volatile or latched."""
-    profile = {
-        'history': 1,
-        'depth': 1 if latched else 1000,
-        'reliability': 1,
-        'durability': 1 if latched else 2,
-        'deadline': _FOREVER,
-        'lifespan': _FOREVER,
-        'liveliness': 1,
-        'liveliness_lease_duration': _FOREVER,
-        'avoid_ros_namespace_conventions': False,
-    }
-    text: str = yaml.dump([profile], Dumper=_PlainDumper, sort_keys=False)
-    return text.strip()
+    profile = Qos(
+        QosHistory.KEEP_LAST,
+        1 if latched else 1000,
+        QosReliability.RELIABLE,
+        QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+        _FOREVER,
+        _FOREVER,
+        QosLiveliness.AUTOMATIC,
+        _FOREVER,
+        False,
+    )
+    return dump_qos_v8([profile])
+
+
+def offered_qos(text: str) -> str:
+    """
+    Return an offered QoS as version 8 has it, whatever version wrote it.
+
+    One that is missing or cannot be read becomes that of a stream.
+    """
+    try:
+        return dump_qos_v8(parse_qos(text)) or quality_of_service(False)
+    except (ReaderError, AttributeError, KeyError, TypeError, ValueError):
+        return quality_of_service(False)
 
 
 class _PlainDumper(yaml.SafeDumper):  # type: ignore[misc]
@@ -103,8 +127,8 @@ def _topic(entry: TopicEntry) -> dict[str, Any]:
         'topic_metadata': {
             'name': entry.name,
             'type': entry.type,
-            'serialization_format': 'cdr',
-            'offered_qos_profiles': quality_of_service(entry.latched),
+            'serialization_format': entry.encoding,
+            'offered_qos_profiles': entry.qos,
             'type_description_hash': entry.type_hash,
         },
         'message_count': entry.messages,

@@ -12,19 +12,17 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
-from types import TracebackType
 from typing import Any, NamedTuple
 
 import yaml
 
 from hunt_ros.bag.blocks import Block, Storage, Topic, expand_messages
+from hunt_ros.bag.metadata import NOTES
 from hunt_ros.bag.storage_files import folder_files, open_storage
 from hunt_ros.errors import BagError
 
 #: A recording has this ending until it is closed properly.
 ACTIVE = '.active'
-#: MCAP metadata record and metadata.yaml key under which rig, operator and notes stand.
-NOTES = 'hunt_ros'
 NEWEST_VERSION = 9
 
 _LARGEST_METADATA = 1 << 24
@@ -71,7 +69,6 @@ class Bag:
         self.files: list[Storage] = []
         self.problems: list[str] = []
         self.metadata: dict[str, Any] = {}
-        self._messages_compressed = False
         self._scratch: tempfile.TemporaryDirectory[str] | None = None
         try:
             self._open()
@@ -91,6 +88,10 @@ class Bag:
             self.problems += [f'{name.name}: {problem}' for problem in file.problems]
         if not self.files:
             raise BagError(f'{self.path}: no recording in it, expected .mcap or .db3 files')
+        claimed = self.metadata.get('message_count')
+        there = sum(sum(file.counts.values()) for file in self.files)
+        if isinstance(claimed, int) and claimed != there and not self.problems:
+            self.problems.append(f'{there} messages are in it, {claimed} by its metadata.yaml')
 
     def _open_folder(self) -> list[Path]:
         """Return the files of a recording, by metadata.yaml where it can be used."""
@@ -115,21 +116,25 @@ class Bag:
 
     def _listed(self) -> list[Path]:
         """Return the files that metadata.yaml names."""
-        mode = str(self.metadata.get('compression_mode') or '').lower()
-        self._messages_compressed = mode == 'message'
-        if mode in ('file', 'message'):
+        if str(self.metadata.get('compression_mode') or '').lower() in ('file', 'message'):
             form = str(self.metadata.get('compression_format') or '')
             if form != 'zstd':
                 raise BagError(f'{self.path}: compression {form!r} is not known, expected zstd')
         names = self.metadata.get('relative_file_paths')
         if not isinstance(names, list) or not names:
             raise BagError(f'{self.path}/metadata.yaml: relative_file_paths is missing')
-        # Versions before 4 put the folder's name in front: the last part always holds.
-        listed = [self.path / Path(str(name)).name for name in names]
+        listed = [self._place(Path(str(name))) for name in names]
         missing = [name.name for name in listed if not name.exists()]
         if missing:
             raise BagError(f'{self.path}: {missing[0]} is named in metadata.yaml and missing')
         return listed
+
+    def _place(self, name: Path) -> Path:
+        """Return where a file that metadata.yaml names is, in the folder or below it."""
+        # Versions before 4 put the folder's name in front: there the last part holds.
+        below = self.path / name
+        inside = '..' not in name.parts and not name.is_absolute()
+        return below if inside and below.exists() else self.path / name.name
 
     def _open_file(self, name: Path) -> Storage | None:
         """Open one file; None for an empty one of a recording that was killed."""
@@ -153,6 +158,7 @@ class Bag:
             for name, strings in file.metadata:
                 if name == NOTES:
                     notes |= strings
+        notes.pop('problems', None)  # of the recording that this one was made of
         return notes
 
     def _collect_topics(self) -> dict[str, TopicSummary]:
@@ -221,9 +227,7 @@ class Bag:
             if not topics:
                 continue
             for block in file.blocks(topics.keys(), start_ns, end_ns, damaged):
-                if self._messages_compressed:
-                    block = expand_messages(block, file.path)
-                yield topics, block
+                yield topics, expand_messages(block, topics, file.path)
 
     def close(self) -> None:
         """Let go of the files."""
@@ -236,12 +240,7 @@ class Bag:
     def __enter__(self) -> Bag:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
 
@@ -280,14 +279,15 @@ def _existing(path: Path) -> Path:
 
 def _recordings_below(folder: Path) -> str:
     """Return '; it holds ...' with the names of recordings in a folder of such; '' without."""
-    names = sorted(path.name for path in folder.iterdir() if _is_recording(path))
+    names = sorted(path.name for path in folder.iterdir() if is_recording(path))
     if not names:
         return ''
     more = f' and {len(names) - 3} more' if len(names) > 3 else ''
     return f'; it holds {", ".join(names[:3])}{more}: name them one by one'
 
 
-def _is_recording(path: Path) -> bool:
+def is_recording(path: Path) -> bool:
+    """Return True for a folder with the files of a recording."""
     try:
         return path.is_dir() and bool(folder_files(path))
     except BagError:  # it cannot be read

@@ -1,21 +1,25 @@
 """
-Writing a whole record as a recording, and texts beside it.
+Writing a whole record as a recording.
 
-`BagWriter` itself, for writing message by message, lives in `bag_writer`.
+One message of each topic is serialised by rosbags; all others differ from it in
+stamp and value only, and are made by putting these into copies of it, a whole column at once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
-from hunt_ros.bag.bag_writer import BagWriter
-from hunt_ros.bag.mcap.writer import CHUNK_BYTES
-from hunt_ros.bag.record_rows import record_rows
-from hunt_ros.errors import BagError
-from hunt_ros.samples import Record
+import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ['BagWriter', 'absolute', 'write_record', 'write_texts']
+from hunt_ros.bag.bag_writer import BagWriter
+from hunt_ros.bag.cdr.layout import locate, parse_path
+from hunt_ros.bag.cdr.message_types import definitions_of, standard_types, topic_of_type
+from hunt_ros.bag.mcap.writer import CHUNK_BYTES, Rows
+from hunt_ros.errors import BagError
+from hunt_ros.samples import NANOSECONDS, Record, Series
+from hunt_ros.sensors import CHANNEL_FIELDS, JOINT_STATE
 
 
 def write_record(
@@ -24,7 +28,6 @@ def write_record(
     *,
     namespace: str = 'rig',
     notes: Mapping[str, str] | None = None,
-    texts: Mapping[str, str] | None = None,
     compression: str = 'zstd',
     chunk_bytes: int = CHUNK_BYTES,
 ) -> Path:
@@ -44,9 +47,6 @@ def write_record(
         Of the topics; '' for none.
     notes : mapping of str to str, optional
         Added to the record's own.
-    texts : mapping of str to str, optional
-        std_msgs/String messages by relative topic ('hunting/normal_form'), latched,
-        at the first stamp.
     compression : str
         '', 'lz4' or 'zstd'.
     chunk_bytes : int
@@ -67,31 +67,100 @@ def write_record(
     if record.start_ns < 0:
         raise BagError(f'{path}: a stamp of {record.start_ns} ns, expected none before 1970')
     together = {**record.notes, **(notes or {})}
+    if problems := together.pop('problems', ''):  # those of another recording, not of this one
+        together['source_problems'] = problems
     with BagWriter(path, notes=together, compression=compression) as bag:
-        write_texts(bag, texts or {}, record.start_ns, namespace)
         for several in record_rows(record, bag.topic, namespace, chunk_bytes):
             bag.write_rows(several)
     return Path(path)
 
 
-def write_texts(
-    bag: BagWriter, texts: Mapping[str, str], stamp_ns: int, namespace: str = 'rig'
-) -> None:
+def record_rows(
+    record: Record,
+    topic: Callable[[str, str], int],
+    namespace: str,
+    chunk_bytes: int = CHUNK_BYTES,
+) -> Iterator[list[Rows]]:
     """
-    Write latched std_msgs/String messages, one a topic.
+    Yield a record chunk by chunk.
 
-    Raises
-    ------
-    BagError
-        If the disk refuses.
+    Parameters
+    ----------
+    record : Record
+        In SI.
+    topic : callable
+        Gives the number of a topic from its name and type.
+    namespace : str
+        In front of the topics' names.
+    chunk_bytes : int
+        About the size of a chunk.
     """
-    for name, text in texts.items():
-        topic = bag.topic(absolute(namespace, name), 'std_msgs/msg/String', latched=True)
-        raw = text.encode('utf-8')
-        length = (len(raw) + 1).to_bytes(4, 'little')
-        bag.write(topic, stamp_ns, b'\x00\x01\x00\x00' + length + raw + b'\x00')
+    prefix = f'/{namespace.strip("/")}' if namespace.strip('/') else ''
+    series = {name: record[name] for name in CHANNEL_FIELDS if name in record}
+    keys = {name: topic(f'{prefix}/{name}', CHANNEL_FIELDS[name][0]) for name in series}
+    total = sum(len(part) for part in series.values())
+    sizes = {name: 31 + len(_template(name)) for name in series}
+    volume = sum(len(part) * sizes[name] for name, part in series.items())
+    if not total:
+        return
+    # Chunks of equal time, of about chunk_bytes.
+    count = -(-volume // chunk_bytes)
+    edges = np.linspace(record.start_ns, record.end_ns + 1, count + 1).astype(np.int64)
+    edges[0], edges[-1] = record.start_ns, record.end_ns + 1
+    for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        rows = []
+        for name, whole in series.items():
+            part = _between(whole, first, last)
+            rows.append(Rows(keys[name], part.stamps_ns, serialise(name, part)))
+        yield rows
 
 
-def absolute(namespace: str, name: str) -> str:
-    """Return a relative topic name under a namespace."""
-    return '/' + '/'.join(part.strip('/') for part in (namespace, name) if part.strip('/'))
+def serialise(channel: str, series: Series) -> NDArray[np.uint8]:
+    """
+    Serialise every sample of a channel.
+
+    Returns
+    -------
+    ndarray of uint8, shape (n, bytes)
+        Messages of equal length.
+    """
+    kind, field = CHANNEL_FIELDS[channel]
+    template = _template(channel)
+    rows = np.tile(np.frombuffer(template, dtype=np.uint8), (len(series), 1))
+    definitions = definitions_of(topic_of_type(kind))
+    seconds, rest = np.divmod(series.stamps_ns, NANOSECONDS)
+    columns = {'header.stamp.sec': seconds, 'header.stamp.nanosec': rest, field: series.values}
+    for path, values in columns.items():
+        place = locate(definitions, kind, template, parse_path(path))
+        raw = values.astype(place.kind).view(np.uint8).reshape(-1, place.size)
+        rows[:, place.offset : place.offset + place.size] = raw
+    return rows
+
+
+def _template(channel: str) -> bytes:
+    """Return the message of a channel with zeros in it, serialised."""
+    kind, _ = CHANNEL_FIELDS[channel]
+    store = standard_types()
+    types = store.types
+    stamp = types['builtin_interfaces/msg/Time'](sec=0, nanosec=0)
+    header = types['std_msgs/msg/Header'](stamp=stamp, frame_id='')
+    if kind == JOINT_STATE:
+        one, none = np.zeros(1), np.zeros(0)
+        message = types[kind](
+            header=header, name=[channel], position=one, velocity=none, effort=none
+        )
+    else:
+        vector = types['geometry_msgs/msg/Vector3']
+        twist = types['geometry_msgs/msg/Twist'](
+            linear=vector(x=0.0, y=0.0, z=0.0), angular=vector(x=0.0, y=0.0, z=0.0)
+        )
+        message = types[kind](header=header, twist=twist)
+    return bytes(store.serialize_cdr(message, kind, little_endian=True))
+
+
+def _between(series: Series, first: int, last: int) -> Series:
+    stamps = series.stamps_ns
+    if (stamps[1:] >= stamps[:-1]).all():
+        begin, end = np.searchsorted(stamps, [first, last])
+        return Series(stamps[begin:end], series.values[begin:end])
+    return series.between(first, last)

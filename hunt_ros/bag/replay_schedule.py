@@ -1,13 +1,11 @@
 """
-When each message of a recording is due in a live replay: rate, pause, seek, loop.
+When each message of a recording is due in a live replay: rate, pause, loop.
 
 Pure: the time is given with every call, in nanoseconds of any clock that does not
 jump. The node around it publishes what is due, and the replay's own clock.
 """
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,18 +14,6 @@ from hunt_ros.errors import ConfigError
 from hunt_ros.samples import NANOSECONDS
 
 SLOWEST, FASTEST = 0.1, 50.0
-
-
-class Due(NamedTuple):
-    """
-    Messages to publish now: those numbered begin <= i < end.
-
-    `restarted` says that the replay has begun anew before them: time has jumped back.
-    """
-
-    begin: int
-    end: int
-    restarted: bool
 
 
 class ReplaySchedule:
@@ -67,7 +53,6 @@ class ReplaySchedule:
             raise ConfigError('replay: the stamps go backwards, expected them sorted')
         origin, last = int(stamps[0]), int(stamps[-1])
         self._stamps = stamps
-        self._origin = origin
         self._begin_ns = origin + round(from_s * NANOSECONDS)
         self._end_ns = last if to_s is None else min(last, origin + round(to_s * NANOSECONDS))
         length_s = (last - origin) / NANOSECONDS
@@ -86,8 +71,6 @@ class ReplaySchedule:
         self._next = self._first
         self._anchor_ns: int | None = None  # of the caller's clock; None while it stands
         self._position_ns = self._begin_ns
-        self._restarted = False
-        self.loops = 0
 
     @property
     def rate(self) -> float:
@@ -129,26 +112,6 @@ class ReplaySchedule:
             self._anchor_ns = now_ns
         self._rate = rate
 
-    def seek(self, now_ns: int, position_s: float) -> None:
-        """
-        Go to a place; the messages between are not played.
-
-        Parameters
-        ----------
-        now_ns : int
-            Now.
-        position_s : float
-            In s since the first stamp; brought into the part that is played.
-        """
-        wanted = self._origin + round(position_s * NANOSECONDS)
-        before = self.time_ns(now_ns)
-        self._position_ns = min(max(wanted, self._begin_ns), self._end_ns)
-        self._restarted |= self._position_ns < before
-        if self._anchor_ns is not None:
-            self._anchor_ns = now_ns
-        place = int(np.searchsorted(self._stamps, self._position_ns, 'left'))
-        self._next = min(max(place, self._first), self._last)
-
     def time_ns(self, now_ns: int) -> int:
         """Recorded time that the replay has reached, ns: what `/clock` says."""
         if self._anchor_ns is None:
@@ -156,35 +119,26 @@ class ReplaySchedule:
         passed = int((now_ns - self._anchor_ns) * self._rate)
         return min(self._position_ns + max(0, passed), self._end_ns)
 
-    def due(self, now_ns: int) -> Due:
+    def due(self, now_ns: int) -> range:
         """
-        Return what is due and was not yet; at the end of a loop, the rest first.
+        Return the numbers of the messages that are due and were not yet; a round's rest first.
 
         Parameters
         ----------
         now_ns : int
             Now; not before the last call's.
         """
-        restarted = self._restarted
-        if self._loop and self._next >= self._last and self._anchor_ns is not None:
+        if self._anchor_ns is None:
+            return range(self._next, self._next)
+        if self._loop and self._next >= self._last:
             # The next round begins when this one ended, however late the call comes.
-            took = round((self._end_ns - self._position_ns) / self._rate)
-            self._anchor_ns += took
+            self._anchor_ns += round((self._end_ns - self._position_ns) / self._rate)
             self._position_ns, self._next = self._begin_ns, self._first
-            self.loops += 1
-            restarted = True
         begin = self._next
-        reached = self.time_ns(now_ns)
-        if self._anchor_ns is not None:
-            end = int(np.searchsorted(self._stamps, reached, 'right'))
+        if now_ns >= self._anchor_ns:
+            end = int(np.searchsorted(self._stamps, self.time_ns(now_ns), 'right'))
             self._next = min(max(end, begin), self._last)
-            if now_ns < self._anchor_ns:
-                self._next = begin
-        if self._next > begin:
-            self._restarted = False
-            return Due(begin, self._next, restarted)
-        self._restarted = restarted
-        return Due(begin, begin, False)
+        return range(begin, self._next)
 
     def wait_ns(self, now_ns: int) -> int | None:
         """

@@ -22,6 +22,9 @@ from hunt_ros.errors import BagError
 _ROWS = 20_000
 _BYTES = 1 << 22
 
+#: Times from 1970 on; one message of another time is passed over.
+_IN_TIME = "typeof(timestamp) = 'integer' AND timestamp >= 0"
+
 #: What a message about a damaged file ends with; SQLite knows no checksum.
 SALVAGE_HINT = '; "hunt info --repair OUT" saves what stands before the damage'
 
@@ -46,7 +49,7 @@ class SqliteFile:
     def __init__(self, path: str | Path, *, cut_short: bool = False) -> None:
         self.path = str(path)
         self.problems: list[str] = []
-        self.remarks: list[str] = []
+        self.remarks: list[tuple[str, str]] = []
         self.metadata: list[tuple[str, dict[str, str]]] = []
         if not Path(path).is_file():
             raise BagError(f'{path}: no such file, expected a .db3 recording')
@@ -65,6 +68,7 @@ class SqliteFile:
             raise error if isinstance(error, BagError) else self._damage(error) from error
         try:
             self.counts = self._read_counts()
+            self._compare()
         except (sqlite3.Error, TypeError, ValueError) as error:
             # The topics are known: what can be read of the messages, the reading shows.
             self.counts = {}
@@ -80,23 +84,35 @@ class SqliteFile:
             for name, encoding, text in self._base.execute(f'{query} FROM message_definitions'):
                 texts[str(name)] = (str(encoding), str(text))
         topics = []
-        query = 'SELECT id, name, type, serialization_format FROM topics'
-        for key, name, kind, encoding in self._base.execute(query):
-            definition_encoding, text = texts.get(str(kind), ('', ''))
-            topics.append(
-                Topic(int(key), str(name), str(kind), str(encoding), definition_encoding, text)
-            )
+        columns = {row[1] for row in self._base.execute('PRAGMA table_info(topics)')}
+        qos = 'offered_qos_profiles' if 'offered_qos_profiles' in columns else "''"
+        query = f'SELECT id, name, type, serialization_format, {qos} FROM topics'
+        for key, name, kind, encoding, offered in self._base.execute(query):
+            about = (*texts.get(str(kind), ('', '')), str(offered))
+            topics.append(Topic(int(key), str(name), str(kind), str(encoding), *about))
         return topics
 
     def _read_counts(self) -> dict[int, int]:
-        query = 'SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id'
+        query = f'SELECT topic_id, COUNT(*) FROM messages WHERE {_IN_TIME} GROUP BY topic_id'
         return {int(key): int(count) for key, count in self._base.execute(query)}
+
+    def _compare(self) -> None:
+        """Say of how many messages neither the topic nor the time is known."""
+        known = {topic.id for topic in self.topics}
+        homeless = sum(count for key, count in self.counts.items() if key not in known)
+        if homeless:
+            self.problems.append(f'{homeless} messages are of topics described nowhere')
+        (count,) = self._base.execute(
+            f'SELECT COUNT(*) FROM messages WHERE NOT ({_IN_TIME})'
+        ).fetchone()
+        if count:
+            self.problems.append(f'{count} messages of an impossible time')
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
         """First and last log time, ns; None for a file with no message."""
         try:
-            query = 'SELECT MIN(timestamp), MAX(timestamp) FROM messages'
+            query = f'SELECT MIN(timestamp), MAX(timestamp) FROM messages WHERE {_IN_TIME}'
             first, last = self._base.execute(query).fetchone()
             return None if first is None else (int(first), int(last))
         except (sqlite3.Error, TypeError, ValueError):
@@ -126,7 +142,8 @@ class SqliteFile:
             If the file is damaged.
         """
         marks = ','.join('?' * len(wanted))
-        query = f'SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})'
+        query = 'SELECT topic_id, timestamp, data FROM messages'
+        query = f'{query} WHERE topic_id IN ({marks}) AND {_IN_TIME}'
         values: list[int] = list(wanted)
         if start_ns is not None:
             query, values = f'{query} AND timestamp >= ?', [*values, start_ns]
@@ -140,7 +157,7 @@ class SqliteFile:
             try:
                 cursor = cursor or self._base.execute(f'{query} ORDER BY {order}', values)
                 while count < _ROWS and size < _BYTES and (row := cursor.fetchone()) is not None:
-                    key, stamp, raw = int(row[0]), _stamp(row[1]), _message(row[2])
+                    key, stamp, raw = int(row[0]), int(row[1]), _message(row[2])
                     messages.setdefault(key, []).append((stamp, raw))
                     count, size = count + 1, size + len(raw)
             except (sqlite3.Error, TypeError, ValueError, OverflowError) as error:
@@ -157,12 +174,6 @@ class SqliteFile:
         reason = ' '.join(str(error).split())
         hint = '' if 'not a database' in reason else SALVAGE_HINT
         return BagError(f'{self.path}: not a sound SQLite recording ({reason:.120}){hint}')
-
-
-def _stamp(value: object) -> int:
-    if not isinstance(value, int) or value < 0:
-        raise ValueError(f'{value!r} is not a time')
-    return value
 
 
 def _message(value: object) -> bytes:

@@ -27,7 +27,9 @@ def storage_kind(name: Path) -> str:
 def folder_files(folder: Path) -> list[Path]:
     """Return the recorded files of a folder, in the order in which they were begun."""
     try:
-        found = [name for name in folder.iterdir() if storage_kind(name) in STORAGES]
+        found = [
+            name for name in folder.iterdir() if storage_kind(name) in STORAGES and name.is_file()
+        ]
     except OSError as error:
         raise BagError(f'{folder}: cannot be read ({error.strerror})') from error
     return sorted(found, key=_natural)
@@ -51,7 +53,12 @@ def open_storage(name: Path, scratch: Path) -> Storage:
     """
     kind = storage_kind(name)
     if kind not in STORAGES:
-        raise BagError(f'{name}: not a recording, expected a folder, .mcap or .db3')
+        raise BagError(
+            f'{name}: not a recording, expected a folder, .mcap or .db3; "hunt import" makes one'
+            ' of a CSV, MATLAB, NumPy, TDMS or Parquet file'
+        )
+    if not name.is_file():  # a pipe would be waited for without end
+        raise BagError(f'{name}: not a file, expected a recording')
     if name.suffix != '.zstd':
         return STORAGES[kind](name)
     opened = STORAGES[kind](expand_file(name, scratch))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from hunt_ros.bag.blocks import Topic
 from hunt_ros.bag.cdr.gather import Wanted
 from hunt_ros.bag.cdr.layout import (
-    JOINT_STATE,
     USUAL_FIELDS,
     check_path,
     joint_of,
@@ -16,6 +15,7 @@ from hunt_ros.bag.cdr.message_types import definitions_of
 from hunt_ros.bag.channels import ChannelSource
 from hunt_ros.bag.reader import Bag
 from hunt_ros.errors import BagError
+from hunt_ros.sensors import JOINT_STATE
 
 
 def find_topic(bag: Bag, source: ChannelSource, namespace: str | None = None) -> str:
@@ -49,9 +49,11 @@ def find_topic(bag: Bag, source: ChannelSource, namespace: str | None = None) ->
     )
 
 
-def wanted_field(topic: Topic, source: ChannelSource, bag: Bag) -> Wanted:
+def wanted_field(topic: Topic, source: ChannelSource, bag: Bag, alone: bool = True) -> Wanted:
     """
     Find the field that a source means in messages of a topic.
+
+    `alone`: where no field is named, the only joint of a message is taken, whatever its name.
 
     Raises
     ------
@@ -67,7 +69,7 @@ def wanted_field(topic: Topic, source: ChannelSource, bag: Bag) -> Wanted:
     try:
         if joint is not None and topic.type == JOINT_STATE:
             path = parse_path(joint[0])
-            alone = not source.field
+            alone = alone and not source.field
             return Wanted(definitions, topic.type, path, stamp, joint[1], alone)
         path = parse_path(text)
         check_path(definitions, topic.type, path)

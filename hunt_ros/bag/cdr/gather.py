@@ -27,8 +27,8 @@ class Wanted(NamedTuple):
     Which field of which type, and where its stamp is (None: the log time).
 
     With a `joint`, `field` is that of a JointState ('position'), and its element the one
-    that has the joint's name in each message; `alone` takes the only element, whatever
-    its name.
+    that has the joint's name; messages without it are passed over: several publishers may
+    share a topic. `alone` takes the only element, whatever its name.
     """
 
     definitions: Definitions
@@ -40,10 +40,17 @@ class Wanted(NamedTuple):
 
 
 class Gathered(NamedTuple):
-    """Header stamps (ns) and values, shape (n,), in the order of the places."""
+    """
+    Log times, header stamps (ns) and values, shape (n,), in the order of the places.
 
+    `joints` are the names of those taken, `others` those in messages that were passed over.
+    """
+
+    log_ns: NDArray[np.int64]
     stamps_ns: NDArray[np.int64]
     values: NDArray[np.float64]
+    joints: frozenset[str] = frozenset()
+    others: frozenset[str] = frozenset()
 
 
 def gather(block: Block, places: Places, wanted: Wanted) -> Gathered:
@@ -67,38 +74,58 @@ def gather(block: Block, places: Places, wanted: Wanted) -> Gathered:
     count = places.starts.size
     stamps = places.log_ns.copy()
     values = np.empty(count)
+    layouts: list[_Layout] = []
+    without: list[NDArray[np.int64]] = []
     # While every message has fitted, all are addressed as they are, without selecting.
     left: NDArray[np.int64] | None = None
+
+    def take(layout: _Layout, starts: NDArray[np.int64], rows: NDArray[np.int64] | None) -> None:
+        layouts.append(layout)
+        if layout.field is None:
+            without.append(np.arange(count) if rows is None else rows)
+        else:
+            _take(
+                block.data, starts, layout, slice(None) if rows is None else rows, stamps, values
+            )
+
     for _ in range(MOST_LAYOUTS):
         starts = places.starts if left is None else places.starts[left]
         lengths = places.lengths if left is None else places.lengths[left]
         if not starts.size:
-            return Gathered(stamps, values)
+            break
         layout = _layout(_message(block, int(starts[0]), int(lengths[0])), wanted)
         fits = _fits(block.data, starts, lengths, layout)
         if fits is None:
-            rows: NDArray[np.int64] | slice = slice(None) if left is None else left
-            _take(block.data, starts, layout, rows, stamps, values)
-            return Gathered(stamps, values)
-        rows = np.flatnonzero(fits) if left is None else left[fits]
-        _take(block.data, starts[fits], layout, rows, stamps, values)
+            take(layout, starts, left)
+            left = np.zeros(0, dtype=np.int64)
+            break
+        take(layout, starts[fits], np.flatnonzero(fits) if left is None else left[fits])
         left = np.flatnonzero(~fits) if left is None else left[~fits]
-    assert left is not None
-    for row in left.tolist():
+    for row in [] if left is None else left.tolist():
         start, length = int(places.starts[row]), int(places.lengths[row])
-        layout = _layout(_message(block, start, length), wanted)
         one = np.array([row], dtype=np.int64)
-        _take(block.data, places.starts[one], layout, one, stamps, values)
-    return Gathered(stamps, values)
+        take(_layout(_message(block, start, length), wanted), places.starts[one], one)
+    joints = frozenset(layout.joint for layout in layouts if layout.field is not None)
+    if not without:
+        return Gathered(places.log_ns, stamps, values, joints)
+    kept = np.ones(count, dtype=bool)
+    kept[np.concatenate(without)] = False
+    others = frozenset(layout.joint for layout in layouts if layout.field is None)
+    return Gathered(places.log_ns[kept], stamps[kept], values[kept], joints, others)
 
 
 class _Layout(NamedTuple):
-    """Where the field and the stamp lie, and the bytes that tell a message of this layout."""
+    """
+    Where the field and the stamp lie, and the bytes that tell a message of this layout.
 
-    field: FieldPlace
+    Without the joint that is wanted, `field` is None; `joint` names those there are.
+    """
+
+    field: FieldPlace | None
     stamp: tuple[FieldPlace, FieldPlace] | None
     end: int
     checks: list[tuple[int, str, int]]
+    joint: str = ''
 
 
 def _message(block: Block, start: int, length: int) -> bytes:
@@ -107,25 +134,32 @@ def _message(block: Block, start: int, length: int) -> bytes:
 
 def _layout(message: bytes, wanted: Wanted) -> _Layout:
     """Find the wanted field in one message, and what a message has to begin with to be like it."""
-    name, path = None, wanted.field
+    path, joint = wanted.field, ''
+    # "CDR" and its byte order, and every length on the way: what fixes the field's place.
+    expected = {0: message[:2]}
     if wanted.joint:
-        index, name = _joint(message, wanted)
-        path = (*path, index)
+        names, lengths = locate_texts(wanted.definitions, wanted.type, message, 'name')
+        expected |= {at: message[at : at + 4] for at, _ in lengths} | dict(names)
+        texts = [text.rstrip(b'\0').decode('utf-8', 'replace') for _, text in names]
+        alone = wanted.alone and len(texts) < 2
+        if not alone and wanted.joint not in texts:
+            more = f' and {len(texts) - 12} more' if len(texts) > 12 else ''
+            shown = f'{", ".join(texts[:12]) or "none"}{more}'
+            end = max(at + len(raw) for at, raw in expected.items())
+            return _Layout(None, None, end, _checks(expected), shown)
+        path = (*path, 0 if alone else texts.index(wanted.joint))
+        joint = wanted.joint if not alone else ''.join(texts)
     field = locate(wanted.definitions, wanted.type, message, path)
-    end = field.offset + field.size
-    lengths = set(field.lengths)
-    stamp = None
+    places, stamp = [field], None
     if wanted.stamp is not None:
         seconds = locate(wanted.definitions, wanted.type, message, (*wanted.stamp, 'sec'))
         rest = locate(wanted.definitions, wanted.type, message, (*wanted.stamp, 'nanosec'))
         stamp = (seconds, rest)
-        lengths |= set(rest.lengths)
-        end = max(end, rest.offset + rest.size)
-    # "CDR" and its byte order, and every length on the way: what fixes the field's place.
-    expected = {0: message[:2]} | {at: message[at : at + 4] for at, _ in lengths}
-    if name is not None:
-        expected[name[0]] = name[1]
-    return _Layout(field, stamp, end, _checks(expected))
+        places.append(rest)
+    for place in places:
+        expected |= {at: message[at : at + 4] for at, _ in place.lengths}
+    end = max(place.offset + place.size for place in places)
+    return _Layout(field, stamp, end, _checks(expected), joint)
 
 
 def _checks(expected: dict[int, bytes]) -> list[tuple[int, str, int]]:
@@ -150,19 +184,6 @@ def _checks(expected: dict[int, bytes]) -> list[tuple[int, str, int]]:
             checks.append((offset, f'<u{size}', int.from_bytes(raw[:size], 'little')))
             offset, raw = offset + size, raw[size:]
     return checks
-
-
-def _joint(message: bytes, wanted: Wanted) -> tuple[int, tuple[int, bytes] | None]:
-    """Find the element that has the joint's name, and where the name stands."""
-    names = locate_texts(wanted.definitions, wanted.type, message, 'name')
-    for index, (offset, text) in enumerate(names):
-        if text == wanted.joint.encode() + b'\0':
-            return index, (offset, text)
-    if wanted.alone and len(names) < 2:
-        return 0, None
-    shown = ', '.join(text.rstrip(b'\0').decode('utf-8', 'replace') for _, text in names[:12])
-    more = f' and {len(names) - 12} more' if len(names) > 12 else ''
-    raise ValueError(f'there is no joint {wanted.joint!r}, it has {shown or "none"}{more}')
 
 
 def _fits(
@@ -190,6 +211,7 @@ def _take(
     values: NDArray[np.float64],
 ) -> None:
     """Copy the field, and the stamp, of messages of one layout into their rows."""
+    assert layout.field is not None
     values[rows] = strided(data, layout.field.kind, layout.field.offset)[starts]
     if layout.stamp is not None:
         seconds, rest = layout.stamp

@@ -20,14 +20,13 @@ from rosbags.interfaces import Nodetype
 
 from hunt_ros.bag.cdr.message_types import Definitions
 from hunt_ros.bag.cdr.walker import KINDS, CdrWalker, FieldPath, FieldPlace, Node
-
-JOINT_STATE = 'sensor_msgs/msg/JointState'
+from hunt_ros.sensors import JOINT_STATE, TWIST_STAMPED
 
 #: The field meant when a mapping names only a topic; of a JointState, first the joint that
 #: is named as the channel.
 USUAL_FIELDS: dict[str, str] = {
     JOINT_STATE: 'position[0]',
-    'geometry_msgs/msg/TwistStamped': 'twist.linear.x',
+    TWIST_STAMPED: 'twist.linear.x',
     'geometry_msgs/msg/Twist': 'linear.x',
     'geometry_msgs/msg/Vector3Stamped': 'vector.x',
     'geometry_msgs/msg/Vector3': 'x',
@@ -147,9 +146,11 @@ def locate(
 
 def locate_texts(
     definitions: Definitions, message_type: str, message: bytes, field: str
-) -> list[tuple[int, bytes]]:
+) -> tuple[list[tuple[int, bytes]], list[tuple[int, int]]]:
     """
     Return where the strings of a top-level sequence stand, and what they are.
+
+    Beside them stands every length on the way, as in `FieldPlace`.
 
     Raises
     ------
@@ -160,7 +161,7 @@ def locate_texts(
     try:
         for name, (kind, detail) in definitions[message_type]:
             if name == field and kind == Nodetype.SEQUENCE:
-                return walker.texts(detail[0])
+                return walker.texts(detail[0]), walker.lengths
             walker.skip((kind, detail), 1)
     except (struct.error, KeyError) as error:
         raise ValueError('the message is shorter than its type') from error

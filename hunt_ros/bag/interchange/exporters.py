@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -9,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag.channels import Channels
+from hunt_ros.bag.channels import Channels, channel_map
 from hunt_ros.bag.columns import read_columns, read_record
 from hunt_ros.bag.reader import Bag
 from hunt_ros.errors import BagError
@@ -22,6 +23,8 @@ COLUMN_NAMES: dict[str, str] = {
     'roller': 'roller_rad',
     'speed': 'speed_mps',
 }
+#: Column of the stamps.
+_STAMPS = 'stamp_ns'
 _ROWS = 100_000
 
 #: Values where there are some; masked where a channel has no sample.
@@ -75,6 +78,8 @@ def export_file(
         raise BagError(f'{out}: exists already, expected the name of a new file')
     series: Mapping[str, Series]
     if channels:
+        if _STAMPS in channel_map(channels, allowed=None):
+            raise BagError(f'{out}: {_STAMPS} is the column of the stamps, expected another name')
         series = read_columns(path, channels, start_ns=start_ns, end_ns=end_ns)
     else:
         record = read_record(path, start_ns=start_ns, end_ns=end_ns)
@@ -138,7 +143,7 @@ def _repeats(stamps: NDArray[np.int64]) -> NDArray[Any]:
 
 def _write_csv(path: Path, stamps: NDArray[np.int64], columns: Mapping[str, Column]) -> None:
     with open(path, 'w', encoding='utf-8', newline='') as file:
-        file.write(','.join(['stamp_ns', *map(_quoted, columns)]) + '\n')
+        file.write(','.join([_STAMPS, *map(_quoted, columns)]) + '\n')
         for begin in range(0, stamps.size, _ROWS):
             part = slice(begin, begin + _ROWS)
             cells = [list(map(str, stamps[part].tolist()))]
@@ -158,16 +163,18 @@ def _write_parquet(path: Path, stamps: NDArray[np.int64], columns: Mapping[str, 
     import pyarrow
     from pyarrow import parquet
 
-    data = {'stamp_ns': pyarrow.array(stamps)}
+    data = {_STAMPS: pyarrow.array(stamps)}
     for name, column in columns.items():
         data[name] = pyarrow.array(column.data, mask=np.ma.getmaskarray(column))
     parquet.write_table(pyarrow.table(data), path)
 
 
 def _write_numpy(path: Path, stamps: NDArray[np.int64], columns: Mapping[str, Column]) -> None:
-    with open(path, 'wb') as file:
-        arrays: dict[str, Any] = {name: column.filled() for name, column in columns.items()}
-        np.savez_compressed(file, stamp_ns=stamps, **arrays)
+    # Not np.savez: its own arguments are names that a column may have.
+    with zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED) as archive:
+        for name, array in ((_STAMPS, stamps), *((n, c.filled()) for n, c in columns.items())):
+            with archive.open(f'{name}.npy', 'w', force_zip64=True) as file:
+                np.lib.format.write_array(file, array, allow_pickle=False)
 
 
 _WRITERS: dict[str, Callable[[Path, NDArray[np.int64], Mapping[str, Column]], None]] = {

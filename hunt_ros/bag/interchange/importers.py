@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,6 @@ from numpy.typing import NDArray
 from hunt_ros.bag.channels import Channels, ChannelSource, channel_map
 from hunt_ros.bag.columns import constant_stamps, read_record
 from hunt_ros.bag.interchange.tables import Table, load_table, select
-from hunt_ros.bag.record_writer import write_record
 from hunt_ros.bag.storage_files import STORAGES, storage_kind
 from hunt_ros.errors import BagError
 from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series
@@ -23,50 +23,19 @@ UNITS: dict[str, Mapping[str, float]] = {
     'roller': ANGLES,
     'speed': {'mps': 1.0, 'kmh': 1.0 / 3.6},
 }
-#: Column names that mean the time, and their unit in seconds.
+#: Column names that mean the time, and their unit in seconds, where the file does not tell it.
 TIMES: dict[str, float] = {
     'stamp_ns': 1e-9, 'time_ns': 1e-9, 't_ns': 1e-9, 'time_us': 1e-6, 't_us': 1e-6,
     'time_ms': 1e-3, 't_ms': 1e-3, 'time_s': 1.0, 't_s': 1.0, 'time': 1.0, 't': 1.0,
     'timestamp': 1.0, 'seconds': 1.0,
 }  # fmt: skip
 
+#: Units of a time, s.
+TIME_UNITS: dict[str, float] = {'ns': 1e-9, 'us': 1e-6, 'ms': 1e-3, 's': 1.0, 'min': 60.0}
+#: Between two runs of an array of structures, s.
+RUN_GAP_S = 3.0
 #: Times beyond this do not fit into whole nanoseconds of 64 bits, s.
 LATEST_S = 9e9
-
-
-def import_file(
-    path: str | Path,
-    out: str | Path,
-    channels: Channels = (),
-    *,
-    rate_hz: float | None = None,
-    time: str | None = None,
-    namespace: str = 'rig',
-    notes: Mapping[str, str] | None = None,
-) -> Path:
-    """
-    Turn a file into a bag with the topics of a live rig.
-
-    Parameters
-    ----------
-    path : str or Path
-        CSV, MATLAB, NumPy, TDMS, Parquet, or a bag that somebody else recorded.
-    out : str or Path
-        Folder to make.
-    channels, rate_hz, time
-        As `load_record`.
-    namespace : str
-        Of the topics.
-    notes : mapping of str to str, optional
-        Rig, operator, remarks.
-
-    Raises
-    ------
-    BagError
-        If the file does not hold what is asked for, or `out` exists.
-    """
-    record = load_record(path, channels, rate_hz=rate_hz, time=time)
-    return write_record(out, record, namespace=namespace, notes=notes)
 
 
 def load_record(
@@ -84,15 +53,18 @@ def load_record(
     path : str or Path
         The file.
     channels : mapping or sequence
-        `{'yaw': 'data[0]', 'lateral': 'data[1]*0.47', 'speed': 16.3}`. Without any, columns
-        named lateral, yaw, roller, speed are taken, with a unit behind (`lateral_mm`,
-        `speed_kmh`) or in SI.
+        `{'yaw': 'data[0]', 'lateral': 'data[1]*0.47', 'speed': 16.3}`. The others are found
+        by name: lateral, yaw, roller, speed, with a unit behind (`lateral_mm`, `speed_kmh`),
+        with the unit that the file tells, or in SI. `runs[:].plunge` takes all runs of an
+        array of structures, one behind the other; one number of each, as the speed, holds
+        for its run.
     rate_hz : float, optional
         Sample rate of a file without times; its first stamp is 1 s.
     time : str, optional
-        Column of the times, `t_ms*0.001`, in seconds. Without it and without a rate, a
-        column named as one of `TIMES` is taken. A file that begins before 1 s is moved
-        to begin there: a stamp of zero means "no time" in ROS.
+        Column of the times, `t_ms*0.001`, in seconds. Without it and without a rate, the
+        channel's own times (a waveform), a column named as one of `TIMES` or one of dates is
+        taken. A file that begins before 1 s is moved to begin there: a stamp of zero means
+        "no time" in ROS.
 
     Raises
     ------
@@ -105,13 +77,30 @@ def load_record(
         return read_record(path, mapping)
     if rate_hz is not None and not 0.0 < rate_hz < 1e9:
         raise BagError(f'rate {rate_hz!r}: expected samples a second, greater than 0')
+    if rate_hz is not None and time is not None:
+        raise BagError(f'{path}: either the sample rate or the column of times, not both')
     table = load_table(path)
-    mapping = mapping or _named(table, path)
-    stamps = None if rate_hz is not None else _stamps(table, time, path)
+    constants = {name for name, source in mapping.items() if source.constant is not None}
+    mapping = {**_named(table, path, mapping), **mapping}
+    sources = {name: source for name, source in mapping.items() if name not in constants}
+    for name, source in sources.items():
+        _check_unit(table, name, source, path)
+    runs = {name: select(table, source.source, path) for name, source in sources.items()}
+    own = {
+        name: [table.stamps_ns[source.source]]
+        for name, source in sources.items()
+        if rate_hz is None and time is None and source.source in table.stamps_ns
+    }
+    if own:
+        first = min(int(stamps[0].min()) for stamps in own.values())
+        shift = NANOSECONDS - first if first < NANOSECONDS else 0
+        own = {name: [stamps[0] + shift] for name, stamps in own.items()}
+    clock: list[NDArray[np.int64]] = []
+    if own.keys() != runs.keys():
+        clock = _clock(table, runs, rate_hz, time, path)
     series = {
-        name: _series(table, source, rate_hz, stamps, path)
-        for name, source in mapping.items()
-        if source.constant is None
+        name: _series(path, sources[name], several, own.get(name, clock))
+        for name, several in runs.items()
     }
     if not series:
         raise BagError(f'{path}: only constants are asked for, expected a channel of the file')
@@ -124,93 +113,180 @@ def load_record(
 
 
 def _series(
-    table: Table,
-    source: ChannelSource,
-    rate_hz: float | None,
-    stamps: NDArray[np.int64] | None,
     path: str | Path,
+    source: ChannelSource,
+    runs: list[NDArray[Any]],
+    clock: list[NDArray[np.int64]],
 ) -> Series:
-    """Return the samples of a channel; the stamps are made of the rate where there are none."""
-    values = select(table, source.source, path)
-    # An empty cell is no sample; one that says "nan" is a sample that failed.
-    absent = np.ma.getmaskarray(values)
+    """Return the samples of a channel over all runs."""
+    if len(runs) != len(clock):
+        raise BagError(f'{path}: {source.source} has {len(runs)} runs, the times {len(clock)}')
+    stamps_of, values_of = [], []
+    for values, stamps in zip(runs, clock, strict=True):
+        if values.dtype.kind == 'M':
+            raise BagError(f'{path}: {source.source} holds times, expected numbers')
+        if values.size == 1 and len(runs) > 1:
+            values = np.full(stamps.size, values[0])
+        if stamps.size != values.size:
+            raise BagError(
+                f'{path}: {source.source} has {values.size} values for {stamps.size} times'
+            )
+        # An empty cell is no sample; one that says "nan" is a sample that failed.
+        there = ~np.ma.getmaskarray(values)
+        stamps_of.append(stamps[there])
+        values_of.append(np.ma.getdata(values)[there].astype(np.float64))
+    stamps, values = np.concatenate(stamps_of), np.concatenate(values_of)
     if not np.isfinite(values).any():
         raise BagError(f'{path}: {source.source} holds no finite number')
-    if stamps is None:
-        assert rate_hz is not None
-        step = np.arange(values.size) / rate_hz
-        stamps = NANOSECONDS + np.rint(step * NANOSECONDS).astype(np.int64)
-    if stamps.size != values.size:
-        raise BagError(f'{path}: {source.source} has {values.size} values for {stamps.size} times')
-    there, stamps = np.ma.getdata(values)[~absent], stamps[~absent]
     times = np.unique(stamps).size
-    if 2 * times <= there.size and times < there.size:
+    if 2 * times <= values.size and times < values.size:
         raise BagError(
-            f'{path}: {source.source} has {there.size} values at {times} different times, expected'
-            ' times with more digits, or the sample rate (--rate)'
+            f'{path}: {source.source} has {values.size} values at {times} different times,'
+            ' expected times with more digits, or the sample rate (--rate)'
         )
-    return Series(stamps, there * source.scale + source.offset)
+    return Series(stamps, values * source.scale + source.offset)
 
 
-def _stamps(table: Table, time: str | None, path: str | Path) -> NDArray[np.int64]:
-    """Return the stamps of a table, ns; they begin at 1 s where the times begin near zero."""
+def _clock(
+    table: Table,
+    runs: Mapping[str, list[NDArray[Any]]],
+    rate_hz: float | None,
+    time: str | None,
+    path: str | Path,
+) -> list[NDArray[np.int64]]:
+    """Return the stamps of each run, ns; they begin at 1 s where the times begin near zero."""
+    if rate_hz is not None:
+        lengths = [max(one.size for one in part) for part in zip(*runs.values(), strict=False)]
+        clock = [
+            NANOSECONDS + np.rint(np.arange(n) / rate_hz * NANOSECONDS).astype(np.int64)
+            for n in lengths
+        ]
+    else:
+        source = _time_source(table, time, path)
+        clock = [_to_ns(column, source, path) for column in select(table, source.source, path)]
+    if len(clock) == 1:
+        (stamps,) = clock
+        if stamps.size and stamps[0] < NANOSECONDS:
+            stamps = stamps - stamps[0] + NANOSECONDS
+        return [stamps]
+    begin_ns, found = NANOSECONDS, []
+    for stamps in clock:
+        moved = stamps - stamps[0] + begin_ns if stamps.size else stamps
+        found.append(moved)
+        begin_ns = int(moved[-1] if moved.size else begin_ns) + round(RUN_GAP_S * NANOSECONDS)
+    return found
+
+
+def _time_source(table: Table, time: str | None, path: str | Path) -> ChannelSource:
+    """Return the column of the times; its scale makes seconds of it."""
     if time is not None:
         source = ChannelSource.of('time', time)
         if source.constant is not None:
             raise BagError(f'{path}: the time is a constant, expected a column')
+        return source
+    names = {str(name).lower(): str(name) for name in table}
+    usual = next((name for name in TIMES if name in names), '')
+    dates = [name for name, column in table.items() if getattr(column, 'dtype', None) is not None
+             and column.dtype.kind == 'M']  # fmt: skip
+    if not usual and not dates:
+        raise BagError(
+            f'{path}: no column of times ({", ".join(TIMES)}), expected one, or the'
+            ' sample rate (--rate), or --time COLUMN'
+        )
+    if not usual:
+        return ChannelSource('time', dates[0])
+    name = names[usual]
+    unit = _plain(table.units.get(name, ''))
+    if unit and unit not in TIME_UNITS:
+        raise BagError(f'{path}: column {name}: unknown unit {unit!r} of a time, expected --time')
+    told = TIMES[usual]
+    if unit and '_' in usual and TIME_UNITS[unit] != told:
+        raise BagError(f'{path}: column {name} is in {unit} by the line of units: expected --time')
+    return ChannelSource('time', name, TIME_UNITS.get(unit, told))
+
+
+def _to_ns(column: NDArray[Any], source: ChannelSource, path: str | Path) -> NDArray[np.int64]:
+    """Return times as whole nanoseconds, and whole ones as they are: float64 has no room."""
+    if column.dtype.kind == 'M':
+        bad = np.isnat(column)
+        stamps = column.astype('datetime64[ns]').astype(np.int64)
+        stamps = stamps + round(source.offset * NANOSECONDS)
     else:
-        found = next((name for name in TIMES if name in table), None)
-        if found is None:
+        raw: NDArray[np.float64] = np.ma.filled(column.astype(np.float64), np.nan)
+        bad = ~np.isfinite(raw)
+        seconds = np.where(bad, 0.0, raw) * source.scale + source.offset
+        if (np.abs(seconds) > LATEST_S).any():
             raise BagError(
-                f'{path}: no column of times ({", ".join(TIMES)}), expected one, or the'
-                ' sample rate (--rate), or --time COLUMN'
+                f'{path}: {source.source} reaches beyond {LATEST_S:g} s, expected seconds'
             )
-        source = ChannelSource('time', found, TIMES[found])
-    raw: NDArray[np.float64] = np.ma.filled(select(table, source.source, path), np.nan)
-    if not np.isfinite(raw).all():
-        row = int(np.flatnonzero(~np.isfinite(raw))[0])
-        raise BagError(f'{path}: {source.source} is not finite in row {row}')
-    if (np.abs(raw * source.scale + source.offset) > LATEST_S).any():
-        raise BagError(f'{path}: {source.source} reaches beyond {LATEST_S:g} s, expected seconds')
-    stamps = _to_ns(table, source, raw)
+        stamps = np.rint(seconds * NANOSECONDS).astype(np.int64)
+        if source.scale == 1e-9 and not source.offset:
+            exact = column if column.dtype.kind in 'iu' else np.rint(raw)
+            stamps = np.asarray(exact).astype(np.int64)
+    if bad.any():
+        raise BagError(f'{path}: {source.source} is not finite in row {np.flatnonzero(bad)[0]}')
     backwards = np.flatnonzero(np.diff(stamps) < 0)
     if backwards.size:
-        row = int(backwards[0]) + 1
-        raise BagError(f'{path}: {source.source} goes backwards in row {row}')
-    if stamps.size and stamps[0] < NANOSECONDS:
-        stamps = stamps - stamps[0] + NANOSECONDS
+        raise BagError(f'{path}: {source.source} goes backwards in row {backwards[0] + 1}')
     return stamps
 
 
-def _to_ns(table: Table, source: ChannelSource, raw: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Whole nanoseconds stay whole: float64 has no room for today's."""
-    column = table.get(source.source)
-    if source.scale == 1e-9 and not source.offset and isinstance(column, np.ndarray):
-        if column.dtype.kind in 'iu':
-            return column.astype(np.int64).ravel()
-        return np.rint(raw).astype(np.int64)
-    return np.rint((raw * source.scale + source.offset) * NANOSECONDS).astype(np.int64)
+def _plain(unit: str) -> str:
+    """Return a unit as names end in it: `km/h` and `kmh`, `m/s^2` and `mps2`."""
+    text = unit.strip().replace('\u00b0', 'deg').replace('\u00b5', 'u').replace('\u03bc', 'u')
+    text = text.replace('^', '').replace('\u00b2', '2').replace('km/h', 'kmh')
+    return text.replace('sec', 's').replace('/', 'p')
 
 
-def _named(table: Table, path: str | Path) -> dict[str, ChannelSource]:
+def _check_unit(table: Table, channel: str, source: ChannelSource, path: str | Path) -> None:
+    """Refuse a column that is taken as it is, and is not in SI by what the file says."""
+    unit = _plain(table.units.get(source.source, ''))
+    factor = UNITS[channel].get(unit, 1.0)
+    if source.scale == 1.0 and factor != 1.0:
+        raise BagError(
+            f'{path}: column {source.source} is in {unit}, expected a factor:'
+            f' {channel}={source.source}*{factor:.7g}'
+        )
+
+
+def _named(
+    table: Table, path: str | Path, given: Mapping[str, ChannelSource]
+) -> dict[str, ChannelSource]:
     """Find the channels by the names of the columns, `lateral_mm` or `lateral`."""
     found: dict[str, ChannelSource] = {}
     for channel in CHANNELS:
-        names = [str(name) for name in table if f'{name}_'.startswith(f'{channel}_')]
+        names = [str(name) for name in table if f'{name}_'.lower().startswith(f'{channel}_')]
+        if channel in given or not names:
+            continue
         units = UNITS[channel]
-        for name in names:
-            unit = name[len(channel) + 1 :]
-            if not unit or unit in units:
-                found[channel] = ChannelSource(channel, name, units.get(unit, 1.0))
-        if names and channel not in found:
+        told = {name: _unit_of(table, channel, name, path) for name in names}
+        known = {name: unit for name, unit in told.items() if not unit or unit in units}
+        if not known and given:
+            continue  # a further column with a name like it, as speed_setpoint
+        if not known:
             expected = ', '.join(f'{channel}_{unit}' for unit in units)
             raise BagError(
                 f'{path}: column {names[0]}: unknown unit of {channel}, expected {expected}, or'
                 f' --channel {channel}=...'
             )
-    if not found:
+        if len(known) > 1:
+            raise BagError(
+                f'{path}: {" and ".join(known)} are both {channel}, expected one, or'
+                f' --channel {channel}=...'
+            )
+        ((name, unit),) = known.items()
+        found[channel] = ChannelSource(channel, name, units.get(unit, 1.0))
+    if not found and not given:
         raise BagError(
             f'{path}: no column named {", ".join(CHANNELS)}, expected one or'
             f' --channel lateral=...; it has {", ".join(map(str, list(table)[:12]))}'
         )
     return found
+
+
+def _unit_of(table: Table, channel: str, name: str, path: str | Path) -> str:
+    """Return the unit of a column by its name or by what the file says; '' for SI."""
+    ending, told = name[len(channel) + 1 :].lower(), _plain(table.units.get(name, ''))
+    if told and ending and ending in UNITS[channel] and told != ending:
+        raise BagError(f'{path}: column {name} is in {told} by the line of units: which is it?')
+    return ending or told

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -18,11 +19,30 @@ from numpy.typing import NDArray
 
 from hunt_ros.errors import BagError
 
-#: Name -> array of any shape, or a mapping again (a MATLAB struct).
-Table = Mapping[str, Any]
 
-_INDEX = re.compile(r'\[([^\[\]]*)\]')
-_NAME = re.compile(r'^[^\[\]]+')
+class Table(dict[str, Any]):
+    """
+    Name -> array of any shape, or a mapping or a list again (a MATLAB structure).
+
+    Attributes
+    ----------
+    units : dict of str to str
+        Of the columns whose unit the file tells.
+    stamps_ns : dict of str to ndarray of int64
+        Of the columns that have times of their own (a waveform).
+    """
+
+    def __init__(self, content: Mapping[str, Any] | None = None) -> None:
+        super().__init__(content or {})
+        self.units: dict[str, str] = {}
+        self.stamps_ns: dict[str, NDArray[np.int64]] = {}
+
+
+_STEP = re.compile(r'\.?([^.\[\]]+)|\[([^\[\]]*)\]')
+#: Lines of a text file by which its columns are told.
+_LOOKED_AT = 200
+#: A name with its unit behind: `lateral [mm]`, `speed (km/h)`.
+_NAME_UNIT = re.compile(r'^(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))$')
 
 
 def load_table(path: str | Path) -> Table:
@@ -54,19 +74,21 @@ def load_table(path: str | Path) -> Table:
         raise BagError(f'{path}: cannot be read as {file.suffix} ({reason:.120})') from error
     if not table:
         raise BagError(f'{path}: holds no numbers')
-    return table
+    return table if isinstance(table, Table) else Table(table)
 
 
-def select(table: Table, source: str, path: str | Path) -> NDArray[np.float64]:
+def select(table: Mapping[str, Any], source: str, path: str | Path) -> list[NDArray[Any]]:
     """
-    Pick one series out of a table: `y`, `data[1]`, `data[:,2]`, `run.force[0]`.
+    Pick a series out of a table: `y`, `data[1]`, `data[:,2]`, `runs[6].force`, `runs[:].force`.
 
-    Indices count from zero, rows before columns.
+    Indices count from zero, rows before columns. `[:]` of an array of structures, or of
+    cells, takes all of them: several series, whose lengths may differ.
 
     Returns
     -------
-    ndarray of float64, shape (n,)
-        A masked array where the file has empty cells.
+    list of ndarray, shape (n,)
+        Numbers or times; a masked array where the file has empty cells. One number alone
+        has shape (1,).
 
     Raises
     ------
@@ -74,44 +96,90 @@ def select(table: Table, source: str, path: str | Path) -> NDArray[np.float64]:
         If there is no such series, or it is not one-dimensional or not numeric.
     """
     value = table[source] if source in table else _follow(table, source, path)
+    runs = value.parts if isinstance(value, _All) else [value]
+    return [_series(run, source, path, alone=isinstance(value, _All)) for run in runs]
+
+
+class _All:
+    """All of an array of structures or cells."""
+
+    def __init__(self, parts: list[Any]) -> None:
+        self.parts = parts
+
+
+def _series(value: Any, source: str, path: str | Path, alone: bool) -> NDArray[Any]:
     if isinstance(value, Mapping):
         raise BagError(f'{path}: {source} is a structure, expected one of {_shown(value)}')
+    if _is_list(value):
+        raise BagError(
+            f'{path}: {source} is an array of {len(value)} structures, expected one such as'
+            f' {source}[0].{_shown(value[0]) or "..."}, or all of them, {source}[:]'
+        )
     array = np.asanyarray(value)
-    if array.dtype.kind not in 'biuf':
+    if array.dtype.kind not in 'biufM':
         raise BagError(f'{path}: {source} is of type {array.dtype}, expected numbers')
     if array.ndim > 1 and 1 in array.shape:
         array = array.squeeze()
+    if array.ndim == 0 and alone:
+        array = array.reshape(1)
     if array.ndim != 1:
         shape = ' x '.join(map(str, array.shape)) or 'a single number'
         raise BagError(
             f'{path}: {source} is {shape}, expected a series such as {source}[0] or {source}[:,0]'
         )
-    numbers: NDArray[np.float64] = array.astype(np.float64)
-    return numbers
+    series: NDArray[Any] = array if array.dtype.kind in 'iuM' else array.astype(np.float64)
+    return series
 
 
-def _follow(table: Table, source: str, path: str | Path) -> Any:
+def _is_list(value: Any) -> bool:
+    """Return True for an array of structures or of cells."""
+    if isinstance(value, np.ndarray):
+        return value.dtype == object and value.ndim == 1
+    return isinstance(value, list) and any(isinstance(one, Mapping | list) for one in value[:1])
+
+
+def _follow(table: Mapping[str, Any], source: str, path: str | Path) -> Any:
     """Return what a path such as `run.y[:,0]` stands for."""
-    name = _NAME.match(source)
-    value: Any = table
-    if name is None:
+    base = source.partition('[')[0].strip()
+    value: Any = table[base] if base and base in table else table
+    position = source.index(base) + len(base) if value is not table else 0
+    if not base:
         raise BagError(f'{path}: {source!r} names nothing, expected one of {_shown(table)}')
-    base, rest = name[0].strip(), source[name.end() :]
-    for step in [base] if base in table else base.split('.'):
-        if not isinstance(value, Mapping) or step not in value:
-            known = _shown(value) if isinstance(value, Mapping) else 'no parts'
-            raise BagError(f'{path}: there is no {step!r} for {source!r}, it has {known}')
-        value = value[step]
-    if _INDEX.sub('', rest).strip():
-        raise BagError(f'{path}: {source!r}: expected an index such as [0] or [:,0]')
-    for inside in _INDEX.findall(rest):
-        try:
-            index = tuple(_index(part) for part in inside.split(','))
-            value = np.asarray(value)[index]
-        except (IndexError, ValueError) as error:
-            shape = ' x '.join(map(str, np.shape(value)))
-            raise BagError(f'{path}: {source!r}: no [{inside}] in {shape} numbers') from error
+    while position < len(source.rstrip()):
+        match = _STEP.match(source, position)
+        if match is None:
+            raise BagError(f'{path}: {source!r}: expected an index such as [0] or [:,0]')
+        value = _take(value, match[1], match[2], source, path)
+        position = match.end()
     return value
+
+
+def _take(value: Any, name: str | None, inside: str | None, source: str, path: str | Path) -> Any:
+    """Return a part of a value by its name or its index."""
+    if isinstance(value, _All):
+        return _All([_take(one, name, inside, source, path) for one in value.parts])
+    if name is not None:
+        name = name.strip()
+        if not isinstance(value, Mapping) or name not in value:
+            known = _shown(value) if isinstance(value, Mapping) else 'no parts'
+            if _is_list(value):
+                known = f'{len(value)} structures: [0] to [{len(value) - 1}], or [:] for all'
+            raise BagError(f'{path}: there is no {name!r} for {source!r}, it has {known}')
+        return value[name]
+    if isinstance(value, Mapping):  # one structure, or in version 7.3 the lists of several
+        lists = [part for part in value.values() if isinstance(part, list)]
+        count = len(lists[0]) if lists else 1
+        value = [{key: part[i] if lists else part for key, part in value.items()}
+                 for i in range(count)]  # fmt: skip
+    try:
+        index = tuple(_index(part) for part in (inside or '').split(','))
+        if _is_list(value) and len(index) == 1:
+            one = index[0]
+            return _All(list(value)) if isinstance(one, slice) else value[one]
+        return np.asarray(value)[index]
+    except (IndexError, ValueError) as error:
+        shape = ' x '.join(map(str, np.shape(value) if not _is_list(value) else (len(value),)))
+        raise BagError(f'{path}: {source!r}: no [{inside}] in {shape} numbers') from error
 
 
 def _index(text: str) -> int | slice:
@@ -119,27 +187,36 @@ def _index(text: str) -> int | slice:
     return slice(None) if text == ':' else int(text)
 
 
-def _shown(table: Mapping[str, Any]) -> str:
-    names = [str(name) for name in table]
+def _shown(table: Any) -> str:
+    names = [str(name) for name in table] if isinstance(table, Mapping) else []
     return ', '.join(names[:12]) + (f' and {len(names) - 12} more' if len(names) > 12 else '')
 
 
 def _read_csv(path: Path) -> Table:
     """Read the columns of a text file by their names, or as c0, c1 ..."""
-    lines = path.read_text(encoding='utf-8-sig').splitlines()
-    first = next((i for i, line in enumerate(lines) if line.strip() and line[0] not in '#%'), None)
-    if first is None:
+    lines = _decoded(path.read_bytes()).splitlines()
+    told = [i for i, line in enumerate(lines[:_LOOKED_AT]) if line.strip() and line[0] not in '#%']
+    if not told:
         raise BagError(f'{path}: has no lines of numbers')
-    delimiter = _delimiter(lines[first])
+    delimiter = Counter(_delimiter(lines[i]) for i in told).most_common(1)[0][0]
+    widths = {i: len(_cells(lines[i], delimiter)) for i in told}
+    # Lines in front that have another number of cells say something about the file.
+    usual = Counter(widths.values()).most_common(1)[0][0]
+    first = next(i for i in told if widths[i] == usual)
     cells = _cells(lines[first], delimiter)
-    names = [f'c{number}' for number in range(len(cells))]
+    names, units = [f'c{number}' for number in range(len(cells))], [''] * len(cells)
     if not all(_is_number(cell) for cell in cells):
-        names, first = _unique([cell.strip() for cell in cells], path), first + 1
-        # A line of units under the names.
-        if first < len(lines) and not any(map(_is_number, _cells(lines[first], delimiter))):
+        pairs = [_name_and_unit(cell.strip()) for cell in cells]
+        names, units = _unique([name for name, _ in pairs], path), [unit for _, unit in pairs]
+        first += 1
+        below = _cells(lines[first], delimiter) if first < len(lines) else []
+        # A line of units under the names, in brackets or not.
+        if below and not any(cell.strip() and _is_number(cell) for cell in below):
+            units = [a or b.strip(' []()"') for a, b in zip(units, below, strict=False)]
             first += 1
     columns = _columns(lines, first, delimiter, len(names), path)
-    table = dict(zip(names, columns, strict=True))
+    table = Table(dict(zip(names, columns, strict=True)))
+    table.units = {name: unit for name, unit in zip(names, units, strict=False) if unit}
     for number, name in enumerate(names):
         # Whole nanoseconds since 1970 do not fit into a float64.
         if name.endswith('_ns'):
@@ -150,6 +227,21 @@ def _read_csv(path: Path) -> Table:
                 )  # fmt: skip
                 table[name] = whole
     return table
+
+
+def _decoded(raw: bytes) -> str:
+    """Return a text in one of the encodings that loggers write."""
+    if raw[:2] in (b'\xff\xfe', b'\xfe\xff'):
+        return raw.decode('utf-16')
+    try:
+        return raw.decode('utf-8-sig')
+    except UnicodeDecodeError:
+        return raw.decode('latin-1')
+
+
+def _name_and_unit(cell: str) -> tuple[str, str]:
+    match = _NAME_UNIT.match(cell)
+    return (match[1], (match[2] or match[3] or '').strip()) if match else (cell, '')
 
 
 def _unique(names: list[str], path: Path) -> list[str]:
@@ -180,7 +272,7 @@ def _is_number(cell: str) -> bool:
 
 def _columns(
     lines: list[str], first: int, delimiter: str | None, count: int, path: Path
-) -> list[NDArray[np.float64]]:
+) -> list[Any]:
     """Read the numbers; an empty cell is masked, and a fault is told with its line."""
     rows = lines[first:]
     if not any(row.strip() for row in rows):
@@ -191,17 +283,33 @@ def _columns(
             return list(table.T)
     except ValueError:
         pass  # an empty cell, a decimal comma, or a fault: read cell by cell, and say where
-    numbers: list[list[float | None]] = []
+    rows_of_cells: list[list[str]] = []
+    places: list[int] = []
     for number, row in enumerate(rows, first + 1):
         if not row.strip() or row[0] in '#%':
             continue
         cells = _cells(row, delimiter)
         if len(cells) != count:
             raise BagError(f'{path}: line {number} has {len(cells)} cells, expected {count}')
-        numbers.append([_number(cell, delimiter, number, path) for cell in cells])
-    values = np.array(numbers, dtype=np.float64)  # None becomes NaN
-    absent = np.array([[cell is None for cell in row] for row in numbers])
-    return list(np.ma.MaskedArray(values, absent).T)
+        rows_of_cells.append(cells)
+        places.append(number)
+    return [
+        _column(list(column), places, delimiter, path)
+        for column in zip(*rows_of_cells, strict=True)
+    ]
+
+
+def _column(cells: list[str], places: list[int], delimiter: str | None, path: Path) -> Any:
+    """Return numbers, masked where a cell is empty, or times, where all cells are such."""
+    if cells and ('T' in cells[0] or ':' in cells[0]):
+        with suppress(ValueError):
+            return np.array([cell.strip().rstrip('Z') for cell in cells], dtype='datetime64[ns]')
+    numbers = [
+        _number(cell, delimiter, line, path) for cell, line in zip(cells, places, strict=True)
+    ]
+    # None becomes NaN.
+    values = np.array(numbers, dtype=np.float64)
+    return np.ma.MaskedArray(values, [number is None for number in numbers])
 
 
 def _number(cell: str, delimiter: str | None, line: int, path: Path) -> float | None:
@@ -215,7 +323,7 @@ def _number(cell: str, delimiter: str | None, line: int, path: Path) -> float | 
         raise BagError(f'{path}: line {line}: {cell!r} is not a number') from error
 
 
-def _read_matlab(path: Path) -> Table:
+def _read_matlab(path: Path) -> Mapping[str, Any]:
     from scipy.io import loadmat
 
     try:
@@ -231,7 +339,7 @@ def _read_matlab(path: Path) -> Table:
     }
 
 
-def _read_numpy(path: Path) -> Table:
+def _read_numpy(path: Path) -> Mapping[str, Any]:
     content = np.load(path, allow_pickle=False)
     if isinstance(content, np.ndarray):
         if content.dtype.names:
@@ -244,21 +352,25 @@ def _read_numpy(path: Path) -> Table:
 def _read_tdms(path: Path) -> Table:
     from nptdms import TdmsFile
 
-    table: dict[str, Any] = {}
+    table = Table()
     with TdmsFile.read(path) as file:
-        for group in file.groups():
-            for channel in group.channels():
-                table[f'{group.name}/{channel.name}'] = channel[:]
-        # A channel whose name is unique needs no group.
-        names = [name.partition('/')[2] for name in table]
-        for full, values in list(table.items()):
-            short = full.partition('/')[2]
-            if names.count(short) == 1:
-                table.setdefault(short, values)
+        channels = [channel for group in file.groups() for channel in group.channels()]
+        names = [channel.name for channel in channels]
+        for channel in channels:
+            # A channel whose name is unique needs no group.
+            short = [channel.name] if names.count(channel.name) == 1 else []
+            about = channel.properties
+            for name in [f'{channel.group_name}/{channel.name}', *short]:
+                table[name] = channel[:]
+                table.units[name] = str(about.get('unit_string', ''))
+                if (step := about.get('wf_increment', 0.0)) > 0.0:
+                    begin = np.datetime64(about.get('wf_start_time', 0), 'ns').astype(np.int64)
+                    offset = about.get('wf_start_offset', 0.0) + step * np.arange(len(channel))
+                    table.stamps_ns[name] = begin + np.rint(offset * 1e9).astype(np.int64)
     return table
 
 
-def _read_parquet(path: Path) -> Table:
+def _read_parquet(path: Path) -> Mapping[str, Any]:
     from pyarrow import parquet
 
     table = parquet.read_table(path)
@@ -271,7 +383,7 @@ def _read_parquet(path: Path) -> Table:
     return columns
 
 
-_READERS: dict[str, Callable[[Path], Table]] = {
+_READERS: dict[str, Callable[[Path], Mapping[str, Any]]] = {
     '.csv': _read_csv,
     '.txt': _read_csv,
     '.tsv': _read_csv,

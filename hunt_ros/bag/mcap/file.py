@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import itertools
 import mmap
-import zlib
 from collections.abc import Callable, Collection, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -20,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.bag.blocks import Block, Places, within
-from hunt_ros.bag.compression import expand
-from hunt_ros.bag.mcap import format as fmt
+from hunt_ros.bag.mcap import records as rec
 from hunt_ros.bag.mcap.places import indexed_chunk, walked_places
 from hunt_ros.bag.mcap.walk import NotIndexedError, Walk, read_summary, walk_file
 from hunt_ros.errors import BagError
@@ -33,7 +31,7 @@ BLOCK_BYTES = 1 << 22
 class _Opened(NamedTuple):
     """A chunk, expanded and checked, and where its messages lie in it."""
 
-    chunk: fmt.Chunk
+    chunk: rec.Chunk
     data: NDArray[np.uint8]
     places: dict[int, Places]
 
@@ -55,7 +53,7 @@ class McapFile:
     metadata : list of (name, strings)
     problems : list of str
         What is wrong with the file as far as opening it shows; empty for a sound file.
-    remarks : list of str
+    remarks : list of (kind, text)
         What reading it has shown since, without harm to what was read.
 
     Raises
@@ -73,11 +71,11 @@ class McapFile:
             raise BagError(f'{path}: the file is empty, expected an MCAP recording') from error
         except OSError as error:
             raise BagError(f'{path}: cannot open it ({error.strerror})') from error
-        if self._map[: len(fmt.MAGIC)] != fmt.MAGIC:
+        if self._map[: len(rec.MAGIC)] != rec.MAGIC:
             self._map.close()
             raise BagError(f'{path}: not an MCAP file, it does not begin with its magic bytes')
         self.problems: list[str] = []
-        self.remarks: list[str] = []
+        self.remarks: list[tuple[str, str]] = []
         try:
             self._layout = self._open()
         except BaseException:
@@ -85,7 +83,7 @@ class McapFile:
             raise
         self.topics = self._layout.topics()
         self.counts = dict(self._layout.counts)
-        self.metadata = self._layout.metadata
+        self.metadata = [(part.name, part.metadata) for part in self._layout.metadata]
 
     def _open(self) -> Walk:
         """Read the summary, or walk through the file where it has none that can be trusted."""
@@ -102,6 +100,10 @@ class McapFile:
         elif written is not None and written != dict(layout.counts):
             there, claimed = sum(layout.counts.values()), sum(written.values())
             self.problems.append(f'{there} messages are in it, {claimed} by its summary')
+        if layout.homeless:
+            self.problems.append(f'{layout.homeless} messages are of topics described nowhere')
+        if layout.impossible:
+            self.problems.append(f'{layout.impossible} messages of an impossible time')
         return layout
 
     @property
@@ -159,7 +161,7 @@ class McapFile:
             yield Block(whole, parts)
 
     def _concerns(
-        self, chunk: fmt.Chunk, topics: set[int], start_ns: int | None, end_ns: int | None
+        self, chunk: rec.Chunk, topics: set[int], start_ns: int | None, end_ns: int | None
     ) -> bool:
         """Return True if a chunk may hold messages of these topics in this time."""
         if start_ns is not None and chunk.last_ns < start_ns:
@@ -169,31 +171,33 @@ class McapFile:
         index = self._layout.indexes.get(chunk.offset)
         return index is None or not topics.isdisjoint(index)
 
-    def _opened(self, whole: NDArray[np.uint8], chunk: fmt.Chunk, topics: set[int]) -> _Opened:
+    def _opened(self, whole: NDArray[np.uint8], chunk: rec.Chunk, topics: set[int]) -> _Opened:
         """Expand a chunk, check its CRC, and find the messages in it."""
-        stored = whole[chunk.data : chunk.end]
         try:
-            raw = expand(stored.data, chunk.compression, chunk.size)
-            if chunk.crc and zlib.crc32(raw) != chunk.crc:
-                raise ValueError('its CRC does not fit its bytes')
-            data = np.frombuffer(raw, dtype=np.uint8)
+            data = np.frombuffer(rec.expand_chunk(whole.data, chunk), dtype=np.uint8)
             index = self._layout.indexes.get(chunk.offset)
             places = None if index is None else indexed_chunk(data, index, whole, topics)
             if places is None:
                 self._remark(chunk, index is None)
                 places = walked_places(data, topics)
-            return _Opened(chunk, data, places)
         except ValueError as error:
             raise self._damage(chunk, str(error)) from error
+        possible = {key: found.possible() for key, found in places.items()}
+        lost = sum(places[key].log_ns.size - found.log_ns.size for key, found in possible.items())
+        if lost:
+            text = f'chunk at byte {chunk.offset}: {lost} messages of an impossible time'
+            self.remarks.append(('damaged_message', text))
+        return _Opened(chunk, data, possible)
 
-    def _remark(self, chunk: fmt.Chunk, absent: bool) -> None:
+    def _remark(self, chunk: rec.Chunk, absent: bool) -> None:
         # In a file that was cut, the index of the last chunk is not trusted, whole or not;
         # a file without any was written so.
         if not (absent and (self.problems or not self._layout.indexes)):
             state = 'no message index' if absent else 'a message index that does not fit'
-            self.remarks.append(f'chunk at byte {chunk.offset} has {state}: it was walked through')
+            text = f'chunk at byte {chunk.offset} has {state}: it was walked through'
+            self.remarks.append(('bad_index', text))
 
-    def _damage(self, chunk: fmt.Chunk, reason: str) -> BagError:
+    def _damage(self, chunk: rec.Chunk, reason: str) -> BagError:
         return BagError(
             f'{self.path}: chunk at byte {chunk.offset}: {reason};'
             ' "hunt info --repair OUT" saves what is sound'

@@ -6,12 +6,14 @@ Functions on bytes; what does not fit raises `ValueError`.
 
 from __future__ import annotations
 
+from array import array
+
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.bag.blocks import Places, strided
-from hunt_ros.bag.mcap import format as fmt
-from hunt_ros.bag.mcap.walk import ENTRY_BYTES, IndexPlace, records
+from hunt_ros.bag.mcap import records as rec
+from hunt_ros.bag.mcap.walk import ENTRY_BYTES, IndexPlace
 
 
 def indexed_chunk(
@@ -63,22 +65,21 @@ def indexed_places(
     """
     if offsets.size == 0:
         return Places(*(np.zeros(0, np.int64) for _ in range(3)))
-    last = data.size - fmt.MESSAGE_PREFIX
+    last = data.size - rec.MESSAGE_PREFIX
     if last < 0 or int(offsets.max()) > last:
         return None
     places = offsets.astype(np.int64)
     # Opcode and the low bytes of the length; the rest of it, and the channel.
     head = strided(data, '<u8', 0)[places]
     rest = strided(data, '<u4', 8)[places]
-    lengths = (head >> np.uint64(8)).view(np.int64) - fmt.MESSAGE_HEAD.size
-    starts = places + fmt.MESSAGE_PREFIX
+    lengths = (head >> np.uint64(8)).view(np.int64) - rec.MESSAGE_HEAD.size
+    starts = places + rec.MESSAGE_PREFIX
     log_ns = strided(data, '<u8', 15)[places]
     sound = (
-        ((head & np.uint64(0xFF)) == fmt.MESSAGE).all()
+        ((head & np.uint64(0xFF)) == rec.MESSAGE).all()
         and ((rest & np.uint32(0xFFFFFF)) == channel << 8).all()
         and (lengths >= 0).all()
         and (lengths <= data.size - starts).all()
-        and int(log_ns.max()) < 1 << 63
     )
     return Places(log_ns.view(np.int64), starts, lengths) if sound else None
 
@@ -92,20 +93,12 @@ def walked_places(data: NDArray[np.uint8], wanted: set[int]) -> dict[int, Places
     ValueError
         If it is no sequence of records.
     """
-    raw = memoryview(data.data)
-    rows: dict[int, list[tuple[int, int, int]]] = {}
-    for opcode, offset, length in records(raw, 0, len(raw)):
-        if opcode != fmt.MESSAGE:
-            continue
-        if length < fmt.MESSAGE_HEAD.size:
-            raise ValueError(f'the message at byte {offset} of the chunk has no head')
-        channel, _, log_ns, _ = fmt.MESSAGE_HEAD.unpack_from(raw, offset + 9)
-        if log_ns >= 1 << 63:
-            raise ValueError(f'the message at byte {offset} of the chunk has an impossible time')
+    rows: dict[int, array[int]] = {}
+    for channel, log_ns, offset, length in rec.message_records(data.data):
         if channel in wanted:
-            place = (log_ns, offset + fmt.MESSAGE_PREFIX, length - fmt.MESSAGE_HEAD.size)
-            rows.setdefault(channel, []).append(place)
+            place = log_ns, offset + rec.MESSAGE_PREFIX, length - rec.MESSAGE_HEAD.size
+            rows.setdefault(channel, array('Q')).extend(place)
     return {
-        key: Places(*(np.array(part, dtype=np.int64) for part in zip(*several, strict=True)))
+        key: Places(*np.frombuffer(several, dtype=np.int64).reshape(-1, 3).T.copy())
         for key, several in rows.items()
     }

@@ -6,23 +6,25 @@ Functions on the bytes of a file; what does not fit raises `ValueError`.
 
 from __future__ import annotations
 
-import zlib
+from array import array
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
+from mcap import records as peer
+from mcap.opcode import Opcode
 
-from hunt_ros.bag.blocks import Places, Topic
+from hunt_ros.bag.blocks import Places, Topic, strided
 from hunt_ros.bag.compression import expand
-from hunt_ros.bag.mcap import format as fmt
+from hunt_ros.bag.mcap import records as rec
+from hunt_ros.bag.mcap.records import Chunk
 
 #: Where the (log time, offset) pairs of a topic stand in the file, and how many they are.
 IndexPlace: TypeAlias = tuple[int, int]
 
-#: Bytes of one entry of a message index.
-ENTRY_BYTES = 16
+#: Bytes of a message index in front of its entries, and of one entry.
+INDEX_HEAD, ENTRY_BYTES = 15, 16
 
 
 class NotIndexedError(ValueError):
@@ -54,79 +56,76 @@ class Walk:
         is walked when it is read.
     loose : dict of int to Places
         Messages that stand outside of chunks, by topic id.
-    metadata_places : list of (offset, bytes, name)
-        Of the metadata records; where a file was walked.
+    metadata : list of Metadata
+    counts : Counter of int
+        Messages by topic id, also of a topic that nothing describes.
+    impossible : int
+        Loose messages that were passed over: their times are no times.
     end : int
         File offset behind the last complete record.
     problem : str
         Why a walk ended before the end of the file; '' where it did not.
     """
 
-    schemas: dict[int, fmt.Schema] = field(default_factory=dict)
-    channels: dict[int, fmt.Channel] = field(default_factory=dict)
-    chunks: list[fmt.Chunk] = field(default_factory=list)
+    schemas: dict[int, peer.Schema] = field(default_factory=dict)
+    channels: dict[int, peer.Channel] = field(default_factory=dict)
+    chunks: list[Chunk] = field(default_factory=list)
     indexes: dict[int, dict[int, IndexPlace]] = field(default_factory=dict)
     loose: dict[int, Places] = field(default_factory=dict)
-    metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
-    metadata_places: list[tuple[int, int, str]] = field(default_factory=list)
+    metadata: list[peer.Metadata] = field(default_factory=list)
     counts: Counter[int] = field(default_factory=Counter)
+    impossible: int = 0
     end: int = 0
     problem: str = ''
 
     def topics(self) -> list[Topic]:
         """Return the channels with their schemas, as topics."""
-        none = fmt.Schema(0, '', '', '')
+        none = peer.Schema(0, b'', '', '')
         result = []
         for channel in self.channels.values():
-            schema = self.schemas.get(channel.schema, none)
+            schema = self.schemas.get(channel.schema_id, none)
+            text = schema.data.decode('utf-8', 'replace')
             result.append(
                 Topic(
-                    channel.id,
-                    channel.topic,
-                    schema.name,
-                    channel.encoding,
-                    schema.encoding,
-                    schema.text,
+                    channel.id, channel.topic, schema.name, channel.message_encoding,
+                    schema.encoding, text, channel.metadata.get('offered_qos_profiles', ''),
+                    channel.metadata.get('topic_type_hash', ''),
                 )
-            )
+            )  # fmt: skip
         return result
+
+    @property
+    def homeless(self) -> int:
+        """Messages of topics that are described nowhere."""
+        return sum(count for key, count in self.counts.items() if key not in self.channels)
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
         """First and last log time over chunks and loose messages, ns."""
-        filled = [chunk for chunk in self.chunks if chunk.size]
-        firsts = [chunk.first_ns for chunk in filled]
-        lasts = [chunk.last_ns for chunk in filled]
+        # A chunk without a message says 0; a time that is none is passed over.
+        times = [
+            time_ns
+            for chunk in self.chunks
+            if chunk.size and (chunk.first_ns or chunk.last_ns)
+            for time_ns in (chunk.first_ns, chunk.last_ns)
+            if time_ns < rec.IMPOSSIBLE_NS
+        ]
         for places in self.loose.values():
-            firsts.append(int(places.log_ns.min()))
-            lasts.append(int(places.log_ns.max()))
-        return (min(firsts), max(lasts)) if firsts and sum(self.counts.values()) else None
+            if places.log_ns.size:
+                times += [int(places.log_ns.min()), int(places.log_ns.max())]
+        return (min(times), max(times)) if times and sum(self.counts.values()) else None
+
+    def describe(self, opcode: int, payload: bytes | memoryview) -> None:
+        """Take a schema or a channel; another record is passed over."""
+        if opcode == Opcode.SCHEMA:
+            schema = rec.unpack_schema(payload)
+            self.schemas[schema.id] = schema
+        elif opcode == Opcode.CHANNEL:
+            channel = rec.unpack(peer.Channel, payload)
+            self.channels[channel.id] = channel
 
 
-def records(data: bytes | memoryview, start: int, end: int) -> Iterator[tuple[int, int, int]]:
-    """
-    Yield (opcode, offset, payload length) of each complete record in [start, end).
-
-    Raises
-    ------
-    ValueError
-        At a record that reaches behind `end`.
-    """
-    position = start
-    while position < end:
-        if position + 9 > end:
-            raise ValueError(f'{end - position} bytes at byte {position} are no record')
-        opcode, length = fmt.RECORD.unpack_from(data, position)
-        if position + 9 + length > end:
-            raise ValueError(
-                f'cut short: the record at byte {position} claims {length} bytes,'
-                f' {end - position - 9} are there'
-            )
-        yield opcode, position, length
-        position += 9 + length
-
-
-def read_summary(data: bytes | memoryview) -> Walk:
+def read_summary(data: memoryview) -> Walk:
     """
     Read the summary section, and check that it agrees with the chunks it names.
 
@@ -137,114 +136,96 @@ def read_summary(data: bytes | memoryview) -> Walk:
     ValueError
         If it is damaged.
     """
-    size = len(data)
-    footer = size - fmt.FOOTER_SIZE
-    if footer < len(fmt.MAGIC) or data[size - 8 : size] != fmt.MAGIC:
-        raise ValueError('the file does not end as a complete MCAP file does')
-    opcode, length = fmt.RECORD.unpack_from(data, footer)
-    fields = fmt.Fields(data[footer + 9 : size - 8])
-    start, _, crc = fields.u64(), fields.u64(), fields.u32()
-    if opcode != fmt.FOOTER or length != 20:
-        raise ValueError('the footer is damaged')
-    if start == 0:
+    walk = Walk(end=len(data))
+    statistics: peer.Statistics | None = None
+    named: list[tuple[int, int, int]] = []
+    found = rec.summary_records(data)
+    if found is None:
         raise NotIndexedError('it has no summary section')
-    if not len(fmt.MAGIC) <= start < footer:
-        raise ValueError(f'the summary is said to be at byte {start}, behind the end')
-    # The CRC covers the summary and the footer up to the CRC itself.
-    if crc and zlib.crc32(data[start : size - 12]) != crc:
-        raise ValueError('the CRC of the summary does not fit')
-    walk = Walk(end=size)
-    statistics: fmt.Statistics | None = None
-    try:
-        for opcode, offset, length in records(data, start, footer):
-            payload = memoryview(data)[offset + 9 : offset + 9 + length]
-            if opcode == fmt.STATISTICS:
-                statistics = fmt.parse_statistics(payload)
-            elif opcode == fmt.CHUNK_INDEX:
-                _add_indexed_chunk(walk, data, fmt.parse_chunk_index(payload))
-            elif opcode == fmt.METADATA_INDEX:
-                _add_indexed_metadata(walk, data, payload)
-            else:
-                _add_description(walk, opcode, payload)
-    except UnicodeDecodeError as error:
-        raise ValueError('a name in the summary is not UTF-8') from error
+    for opcode, payload in found:
+        if opcode == Opcode.STATISTICS:
+            statistics = rec.unpack(peer.Statistics, payload)
+        elif opcode == Opcode.CHUNK_INDEX:
+            chunk, offsets = _indexed_chunk(data, rec.unpack(peer.ChunkIndex, payload))
+            walk.chunks.append(chunk)
+            walk.indexes[chunk.offset] = {}
+            named += ((chunk.offset, key, offset) for key, offset in offsets.items())
+        elif opcode == Opcode.METADATA_INDEX:
+            _add_indexed_metadata(walk, data, rec.unpack(peer.MetadataIndex, payload).offset)
+        else:
+            walk.describe(opcode, payload)
+    _add_indexes(walk, data, named)
     _check_summary(walk, statistics)
     return walk
 
 
-def _check_summary(walk: Walk, statistics: fmt.Statistics | None) -> None:
+def _check_summary(walk: Walk, statistics: peer.Statistics | None) -> None:
     """Refuse a summary that does not name every chunk, message and topic."""
-    indexed: Counter[int] = Counter()
     for places in walk.indexes.values():
         for channel, (_, count) in places.items():
-            indexed[channel] += count
+            walk.counts[channel] += count
     if statistics is None:
         raise NotIndexedError('the summary has no statistics')
-    counted = {key: count for key, count in statistics.per_channel.items() if count}
+    counted = {key: count for key, count in statistics.channel_message_counts.items() if count}
     reason = ''
-    if statistics.chunks != len(walk.chunks):
-        reason = f'the summary names {len(walk.chunks)} of {statistics.chunks} chunks'
-    elif counted != dict(indexed):
+    if statistics.chunk_count != len(walk.chunks):
+        reason = f'the summary names {len(walk.chunks)} of {statistics.chunk_count} chunks'
+    elif counted != {key: count for key, count in walk.counts.items() if count}:
         reason = 'the message indexes do not hold as many messages as were written'
-    elif not set(indexed) <= set(walk.channels):
+    elif walk.homeless:
         reason = 'the summary does not describe every topic'
     if reason:
         raise NotIndexedError(reason, counted)
-    walk.counts = indexed
     walk.chunks.sort(key=lambda chunk: chunk.offset)
 
 
-def _add_indexed_chunk(walk: Walk, data: bytes | memoryview, index: fmt.ChunkIndex) -> None:
-    """Take a chunk from the summary; what stands at its place must be that chunk."""
-    if index.offset + index.length + index.index_length > len(data) or index.length < 9:
-        raise ValueError(f'a chunk is said to be at byte {index.offset}, behind the end')
-    opcode, length = fmt.RECORD.unpack_from(data, index.offset)
-    if opcode != fmt.CHUNK or length + 9 != index.length:
-        raise ValueError(f'there is no chunk at byte {index.offset}')
-    head = data[index.offset + 9 : index.offset + 9 + min(length, 64)]
-    chunk = fmt.parse_chunk(head, index.offset, length)
+def _indexed_chunk(data: memoryview, index: peer.ChunkIndex) -> tuple[Chunk, dict[int, int]]:
+    """Return a chunk of the summary; what stands at its place must be that chunk."""
+    offset, size = index.chunk_start_offset, index.chunk_length
+    if offset + size + index.message_index_length > len(data) or size < 9:
+        raise ValueError(f'a chunk is said to be at byte {offset}, behind the end')
+    opcode, length = rec.RECORD.unpack_from(data, offset)
+    if opcode != Opcode.CHUNK or length + 9 != size:
+        raise ValueError(f'there is no chunk at byte {offset}')
+    chunk = rec.unpack_chunk(data, offset, length)
     # The summary and the chunk must tell one story: the summary alone is not trusted.
-    if (chunk.first_ns, chunk.last_ns, chunk.size) != (index.first_ns, index.last_ns, index.size):
-        raise ValueError(f'the summary contradicts the chunk at byte {index.offset}')
-    if chunk.last_ns >= 1 << 63:
-        raise ValueError(f'the chunk at byte {index.offset} has an impossible time')
-    walk.chunks.append(chunk)
-    walk.indexes[chunk.offset] = {
-        channel: _index_place(data, offset, channel)
-        for channel, offset in index.index_offsets.items()
-    }
+    told = index.message_start_time, index.message_end_time, index.uncompressed_size
+    if (chunk.first_ns, chunk.last_ns, chunk.size) != told:
+        raise ValueError(f'the summary contradicts the chunk at byte {offset}')
+    return chunk, index.message_index_offsets
 
 
-def _index_place(data: bytes | memoryview, offset: int, channel: int) -> IndexPlace:
-    """Return where the entries of a message index begin, byte, and how many there are."""
-    if offset + 15 > len(data):
-        raise ValueError(f'a message index is said to be at byte {offset}, behind the end')
-    opcode, length = fmt.RECORD.unpack_from(data, offset)
-    if opcode != fmt.MESSAGE_INDEX or length < 6 or offset + 9 + length > len(data):
-        raise ValueError(f'there is no message index at byte {offset}')
-    fields = fmt.Fields(data[offset + 9 : offset + 15])
-    found, size = fields.u16(), fields.u32()
-    if found != channel or size != length - 6 or size % ENTRY_BYTES:
-        raise ValueError(f'the message index at byte {offset} is damaged')
-    return offset + 15, size // ENTRY_BYTES
+def _add_indexes(walk: Walk, data: memoryview, named: list[tuple[int, int, int]]) -> None:
+    """Check the message indexes that a summary names, all at once, and note their entries."""
+    if not named:
+        return
+    if max(offset for _, _, offset in named) + INDEX_HEAD > len(data):
+        raise ValueError('a message index is said to be behind the end')
+    whole = np.frombuffer(data, dtype=np.uint8)
+    _, channels, offsets = np.array(named, dtype=np.int64).T
+    lengths = strided(whole, '<u8', 1)[offsets]
+    sizes = strided(whole, '<u4', 11)[offsets]
+    sound = (
+        (whole[offsets] == Opcode.MESSAGE_INDEX)
+        & (strided(whole, '<u2', 9)[offsets] == channels)
+        & (lengths == sizes + np.uint64(6))
+        & (sizes % ENTRY_BYTES == 0)
+        & (sizes <= len(data) - INDEX_HEAD - offsets)
+    )
+    if not sound.all():
+        raise ValueError(f'the message index at byte {offsets[~sound][0]} is damaged')
+    counts = (sizes // ENTRY_BYTES).tolist()
+    for (chunk, channel, offset), count in zip(named, counts, strict=True):
+        walk.indexes[chunk][channel] = (offset + INDEX_HEAD, count)
 
 
-def _add_indexed_metadata(walk: Walk, data: bytes | memoryview, payload: memoryview) -> None:
-    offset = fmt.Fields(payload).u64()
+def _add_indexed_metadata(walk: Walk, data: memoryview, offset: int) -> None:
     if offset + 9 > len(data):
         raise ValueError(f'metadata is said to be at byte {offset}, behind the end')
-    opcode, length = fmt.RECORD.unpack_from(data, offset)
-    if opcode == fmt.METADATA and offset + 9 + length <= len(data):
-        walk.metadata.append(fmt.parse_metadata(data[offset + 9 : offset + 9 + length]))
-
-
-def _add_description(walk: Walk, opcode: int, payload: bytes | memoryview) -> None:
-    if opcode == fmt.SCHEMA:
-        schema = fmt.parse_schema(payload)
-        walk.schemas[schema.id] = schema
-    elif opcode == fmt.CHANNEL:
-        channel = fmt.parse_channel(payload)
-        walk.channels[channel.id] = channel
+    opcode, length = rec.RECORD.unpack_from(data, offset)
+    if opcode == Opcode.METADATA and offset + 9 + length <= len(data):
+        payload = data[offset + 9 : offset + 9 + length]
+        walk.metadata.append(rec.unpack(peer.Metadata, payload))
 
 
 def walk_file(data: bytes | memoryview) -> Walk:
@@ -254,77 +235,84 @@ def walk_file(data: bytes | memoryview) -> Walk:
     Chunks are opened only where their topics are not known from elsewhere. The last
     chunk of a file that was cut is not among them: see `hunt_ros.bag.repair`.
     """
-    walk = Walk(end=len(fmt.MAGIC))
-    loose: dict[int, list[tuple[int, int, int]]] = {}
+    walk = Walk(end=len(rec.MAGIC))
+    loose: dict[int, array[int]] = {}
     view = memoryview(data)
-    last: fmt.Chunk | None = None
+    last: Chunk | None = None
+    ended = False
     try:
-        for opcode, offset, length in records(data, walk.end, len(data)):
+        for opcode, offset, length in rec.records(data, walk.end, len(data)):
             payload = view[offset + 9 : offset + 9 + length]
-            if opcode == fmt.CHUNK:
-                last = _add_walked_chunk(walk, payload, offset, length)
-            elif opcode == fmt.MESSAGE_INDEX and last is not None:
-                _add_walked_index(walk, last, payload, offset)
-            elif opcode == fmt.MESSAGE:
-                if length < fmt.MESSAGE_HEAD.size:
+            if opcode == Opcode.MESSAGE:
+                if length < rec.MESSAGE_HEAD.size:
                     raise ValueError(f'the message at byte {offset} has no head')
-                channel, _, log_ns, _ = fmt.MESSAGE_HEAD.unpack_from(payload)
-                place = (log_ns, offset + fmt.MESSAGE_PREFIX, length - fmt.MESSAGE_HEAD.size)
-                loose.setdefault(channel, []).append(place)
-            elif opcode == fmt.METADATA:
-                walk.metadata.append(fmt.parse_metadata(payload))
-                walk.metadata_places.append((offset, 9 + length, walk.metadata[-1][0]))
-            elif opcode in (fmt.DATA_END, fmt.FOOTER):
+                channel, _, log_ns, _ = rec.MESSAGE_HEAD.unpack_from(payload)
+                place = log_ns, offset + rec.MESSAGE_PREFIX, length - rec.MESSAGE_HEAD.size
+                loose.setdefault(channel, array('Q')).extend(place)
+            elif opcode == Opcode.CHUNK:
+                last = rec.unpack_chunk(data, offset, length)
+                walk.chunks.append(last)
+            elif opcode == Opcode.MESSAGE_INDEX and last is not None:
+                _add_walked_index(walk, last, payload, offset)
+            elif opcode == Opcode.METADATA:
+                walk.metadata.append(rec.unpack(peer.Metadata, payload))
+            elif opcode in (Opcode.DATA_END, Opcode.FOOTER):
+                ended = True
                 break
             else:
-                _add_description(walk, opcode, payload)
+                walk.describe(opcode, payload)
             walk.end = offset + 9 + length
     except ValueError as error:
         walk.problem = str(error)
-    _settle(walk, view, loose)
+    if walk.chunks and not ended:  # the indexes of the last one may have been cut away in part
+        walk.indexes.pop(walk.chunks[-1].offset, None)
+    _settle(walk, view)
+    for key, rows in loose.items():
+        places = Places(*np.frombuffer(rows, dtype=np.int64).reshape(-1, 3).T.copy())
+        walk.loose[key] = places.possible()
+        walk.impossible += places.log_ns.size - walk.loose[key].log_ns.size
+        walk.counts[key] += walk.loose[key].log_ns.size
     return walk
 
 
-def _add_walked_chunk(walk: Walk, payload: memoryview, offset: int, length: int) -> fmt.Chunk:
-    chunk = fmt.parse_chunk(payload[:64], offset, length)
-    if chunk.last_ns >= 1 << 63:
-        raise ValueError(f'the chunk at byte {offset} has an impossible time')
-    walk.chunks.append(chunk)
-    return chunk
-
-
-def _add_walked_index(walk: Walk, chunk: fmt.Chunk, payload: memoryview, offset: int) -> None:
+def _add_walked_index(walk: Walk, chunk: Chunk, payload: memoryview, offset: int) -> None:
     """Take the message index that stands behind its chunk."""
-    fields = fmt.Fields(payload)
-    channel, size = fields.u16(), fields.u32()
+    if len(payload) < 6:
+        raise ValueError(f'the message index at byte {offset} is damaged')
+    channel = int.from_bytes(payload[:2], 'little')
+    size = int.from_bytes(payload[2:6], 'little')
     if size != len(payload) - 6 or size % ENTRY_BYTES:
         raise ValueError(f'the message index at byte {offset} is damaged')
     if size:
-        walk.indexes.setdefault(chunk.offset, {})[channel] = (offset + 15, size // ENTRY_BYTES)
+        place = (offset + INDEX_HEAD, size // ENTRY_BYTES)
+        walk.indexes.setdefault(chunk.offset, {})[channel] = place
 
 
-def _settle(walk: Walk, view: memoryview, loose: dict[int, list[tuple[int, int, int]]]) -> None:
+def _settle(walk: Walk, view: memoryview) -> None:
     """Count the messages, and open the chunks that alone know their topics."""
-    for number, chunk in enumerate(list(walk.chunks)):
+    for chunk in walk.chunks:
         index = walk.indexes.get(chunk.offset)
-        # The last chunk's indexes may have been cut away in part.
-        trusted = index is not None and (number + 1 < len(walk.chunks) or not walk.problem)
-        if trusted and index is not None and set(index) <= set(walk.channels):
-            walk.counts.update({key: count for key, (_, count) in index.items()})
-            continue
-        walk.indexes.pop(chunk.offset, None)
-        try:
-            inner = expand(view[chunk.data : chunk.end], chunk.compression, chunk.size)
-            for opcode, offset, length in records(inner, 0, len(inner)):
-                payload = memoryview(inner)[offset + 9 : offset + 9 + length]
-                if opcode == fmt.MESSAGE:
-                    walk.counts[fmt.Fields(payload).u16()] += 1
-                else:
-                    _add_description(walk, opcode, payload)
-        except ValueError as error:
-            # Reading it will say the same with its place; opening the file goes on.
-            walk.problem = walk.problem or f'chunk at byte {chunk.offset}: {error}'
-    for key, rows in loose.items():
-        table = np.array(rows, dtype=np.uint64).astype(np.int64).reshape(-1, 3)
-        walk.loose[key] = Places(table[:, 0], table[:, 1], table[:, 2])
-        walk.counts[key] += len(rows)
+        if index is None or not index.keys() <= walk.channels.keys():
+            try:
+                found = _look_inside(walk, view, chunk)
+            except ValueError as error:
+                # Reading it will say the same with its place; opening the file goes on.
+                walk.problem = walk.problem or f'chunk at byte {chunk.offset}: {error}'
+                continue
+            if index is None:
+                walk.counts.update(found)
+                continue
+        walk.counts.update({key: count for key, (_, count) in index.items()})
+
+
+def _look_inside(walk: Walk, view: memoryview, chunk: Chunk) -> Counter[int]:
+    """Take the descriptions in a chunk, and count its messages."""
+    inner = memoryview(expand(view[chunk.data : chunk.end], chunk.compression, chunk.size))
+    found: Counter[int] = Counter()
+    for opcode, offset, length in rec.records(inner, 0, len(inner)):
+        payload = inner[offset + 9 : offset + 9 + length]
+        if opcode == Opcode.MESSAGE:
+            found[int.from_bytes(payload[:2], 'little')] += 1
+        else:
+            walk.describe(opcode, payload)
+    return found

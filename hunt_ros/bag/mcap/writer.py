@@ -20,18 +20,23 @@ from pathlib import Path
 from typing import IO, NamedTuple
 
 import numpy as np
+from mcap import records as peer
+from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from hunt_ros.bag.compression import compress
-from hunt_ros.bag.mcap import format as fmt
-from hunt_ros.bag.mcap.walk import Walk
+from hunt_ros.bag.mcap import records as rec
 
 #: Chunks are closed at this many bytes, before compression.
 CHUNK_BYTES = 1 << 20
 
 _ENTRY = struct.Struct('<QQ')
-#: Bytes of a message index in front of its entries.
-_INDEX_HEAD = 15
+
+
+_INDEXES = {
+    peer.AttachmentIndex: Opcode.ATTACHMENT_INDEX,
+    peer.MetadataIndex: Opcode.METADATA_INDEX,
+}
 
 
 class Rows(NamedTuple):
@@ -68,11 +73,6 @@ class McapWriter:
     def __init__(
         self, path: str | Path, compression: str = 'zstd', chunk_bytes: int = CHUNK_BYTES
     ) -> None:
-        self._begin(path, 'xb', compression, chunk_bytes)
-        self._put(fmt.MAGIC + fmt.record(fmt.HEADER, fmt.text('ros2'), fmt.text('hunt_ros')))
-
-    def _begin(self, path: str | Path, mode: str, compression: str, chunk_bytes: int) -> None:
-        """Open the file, lock it, and start with nothing in it."""
         self.path = Path(path)
         self.compression = compression
         self.chunk_bytes = chunk_bytes
@@ -80,7 +80,7 @@ class McapWriter:
         self.counts: Counter[int] = Counter()
         self.first_ns: int | None = None
         self.last_ns = 0
-        self._file = open(self.path, mode, buffering=0)  # noqa: SIM115 - closed by close()
+        self._file = open(self.path, 'xb', buffering=0)  # noqa: SIM115 - closed by close()
         # Held while the file is written, and let go by the system when the process dies:
         # so a later start can tell what a dead recorder left from what a live one writes.
         try:
@@ -89,57 +89,18 @@ class McapWriter:
             raise
         except OSError:
             pass  # a file system without locks
-        self._schemas: dict[str, fmt.Schema] = {}
-        self._channels: dict[int, fmt.Channel] = {}
+        self.schemas: dict[int, peer.Schema] = {}
+        self.channels: dict[int, peer.Channel] = {}
         # As it goes into the summary, on the same disk, without a name: in memory it would grow
         # by 4 MB and more an hour, and to read it back from the chunks takes seconds.
         self._chunk_index = tempfile.TemporaryFile(buffering=0, dir=self.path.parent)  # noqa: SIM115
         self._chunk_count = 0
-        self._metadata: list[tuple[int, int, str]] = []
+        self._beside: list[peer.MetadataIndex | peer.AttachmentIndex] = []
         self._parts: list[bytes] = []
         self._filled = 0
         self._entries: dict[int, list[bytes]] = {}
         self._span: tuple[int, int] | None = None
-
-    @classmethod
-    def resume(cls, path: Path, walk: Walk, size: int) -> McapWriter:
-        """
-        Go on where a writer was killed.
-
-        Parameters
-        ----------
-        path : Path
-            Its file.
-        walk : Walk
-            What is in the first `size` bytes; every chunk with its message indexes.
-        size : int
-            The file is cut off here; the end of a record.
-        """
-        writer = cls.__new__(cls)
-        writer._begin(
-            path, 'r+b', walk.chunks[-1].compression if walk.chunks else 'zstd', CHUNK_BYTES
-        )
-        writer._schemas = {schema.name: schema for schema in walk.schemas.values()}
-        writer._channels = dict(walk.channels)
-        for chunk in walk.chunks:
-            places = walk.indexes[chunk.offset]
-            writer._add_chunk(
-                fmt.ChunkIndex(
-                    chunk.first_ns, chunk.last_ns, chunk.offset, chunk.end - chunk.offset,
-                    {key: start - _INDEX_HEAD for key, (start, _) in places.items()},
-                    sum(_INDEX_HEAD + count * _ENTRY.size for _, count in places.values()),
-                    chunk.compression, chunk.stored, chunk.size,
-                )
-            )  # fmt: skip
-        writer._chunk_count = len(walk.chunks)
-        writer._metadata = list(walk.metadata_places)
-        writer.counts = Counter(walk.counts)
-        if walk.span_ns is not None:
-            writer.first_ns, writer.last_ns = walk.span_ns
-        writer.size = size
-        writer._file.truncate(size)
-        writer._file.seek(size)
-        return writer
+        self._put(rec.MAGIC + rec.pack(peer.Header('ros2', 'hunt_ros')))
 
     def add_topic(
         self,
@@ -153,29 +114,44 @@ class McapWriter:
         definition_encoding: str = 'ros2msg',
     ) -> None:
         """Describe a topic, before its first message; `key` is its number in this file."""
-        head = b''
-        if message_type not in self._schemas:
-            form = definition_encoding if definition else ''
-            schema = fmt.Schema(len(self._schemas) + 1, message_type, form, definition)
-            self._schemas[message_type] = schema
-            head = fmt.schema_record(schema)
-        schema = self._schemas[message_type]
-        channel = fmt.Channel(key, schema.id, topic, encoding, dict(metadata))
-        self._channels[key] = channel
-        self._put(head + fmt.channel_record(channel))
+        form = definition_encoding if definition else ''
+        told = message_type, form, definition.encode()
+        known = {(one.name, one.encoding, one.data): key for key, one in self.schemas.items()}
+        if told not in known and any(told):
+            name, form, data = told
+            known[told] = max(self.schemas, default=0) + 1
+            self.describe(peer.Schema(known[told], data, form, name))
+        schema = known.get(told, 0)
+        self.describe(peer.Channel(key, topic, encoding, dict(metadata), schema))
+
+    def describe(self, record: peer.Schema | peer.Channel) -> None:
+        """Write a schema or a channel, as it is; it is repeated in the summary."""
+        if isinstance(record, peer.Schema):
+            self.schemas[record.id] = record
+        else:
+            self.channels[record.id] = record
+        self._put(rec.pack(record))
 
     def add_metadata(self, name: str, strings: Mapping[str, str]) -> None:
         """Write named strings, such as notes, at once."""
-        raw = fmt.record(fmt.METADATA, fmt.text(name), fmt.text_map(strings))
-        self._metadata.append((self.size, len(raw), name))
+        self.add_beside(Opcode.METADATA, rec.pack(peer.Metadata(name, dict(strings))))
+
+    def add_beside(self, opcode: int, raw: bytes) -> None:
+        """Write a metadata or an attachment record, as it is."""
+        index = _index_of(opcode, raw[rec.RECORD.size :], self.size)
         self._put(raw)
+        self._beside.append(index)
 
     def add(self, topic: int, log_ns: int, message: bytes) -> None:
         """Add one message to the chunk at hand; a full chunk is written out."""
-        head = fmt.RECORD.pack(fmt.MESSAGE, len(message) + fmt.MESSAGE_HEAD.size)
         sequence = (self.counts[topic] + len(self._entries.get(topic, ()))) & 0xFFFFFFFF
-        head += fmt.MESSAGE_HEAD.pack(topic, sequence, log_ns, log_ns)
+        self.add_record(rec.MESSAGE_HEAD.pack(topic, sequence, log_ns, log_ns), message)
+
+    def add_record(self, head: bytes, message: bytes) -> None:
+        """Add one message by its head (channel, sequence, times), as MCAP has it."""
+        topic, _, log_ns, _ = rec.MESSAGE_HEAD.unpack(head)
         self._entries.setdefault(topic, []).append(_ENTRY.pack(log_ns, self._filled))
+        head = rec.RECORD.pack(rec.MESSAGE, len(head) + len(message)) + head
         self._parts += (head, message)
         self._filled += len(head) + len(message)
         self._extend(log_ns, log_ns)
@@ -194,7 +170,7 @@ class McapWriter:
             return
         self.flush()
         log_ns = np.concatenate([rows.log_ns for rows in several])
-        sizes = [rows.messages.shape[1] + fmt.MESSAGE_PREFIX for rows in several]
+        sizes = [rows.messages.shape[1] + rec.MESSAGE_PREFIX for rows in several]
         counts = [rows.log_ns.size for rows in several]
         order = np.argsort(log_ns, kind='stable')
         offsets = np.empty(log_ns.size, dtype=np.int64)
@@ -221,7 +197,7 @@ class McapWriter:
              ('log', '<u8'), ('publish', '<u8'), ('message', 'u1', rows.messages.shape[1:])]
         )  # fmt: skip
         table = np.empty(rows.log_ns.size, dtype=kind)
-        table['op'], table['length'], table['topic'] = fmt.MESSAGE, size - 9, rows.topic
+        table['op'], table['length'], table['topic'] = rec.MESSAGE, size - 9, rows.topic
         first = self.counts[rows.topic]
         table['sequence'] = (first + np.arange(rows.log_ns.size)) & 0xFFFFFFFF
         table['log'] = table['publish'] = rows.log_ns
@@ -239,44 +215,63 @@ class McapWriter:
         raw = b''.join(self._parts)
         stored = compress(raw, self.compression)
         first, last = self._span
-        head = (
-            fmt.CHUNK_HEAD.pack(first, last, len(raw), zlib.crc32(raw), len(self.compression))
-            + self.compression.encode()
+        chunk = rec.pack(
+            peer.Chunk(self.compression, stored, last, first, zlib.crc32(raw), len(raw))
         )
-        chunk = fmt.record(fmt.CHUNK, head, struct.pack('<Q', len(stored)), stored)
+        entries = {topic: b''.join(several) for topic, several in self._entries.items()}
+        self._put_chunk(chunk, entries)
+        self._parts, self._filled, self._entries, self._span = [], 0, {}, None
+
+    def add_chunk(self, raw: bytes, entries: Mapping[int, bytes]) -> None:
+        """
+        Write a chunk record as it is.
+
+        Parameters
+        ----------
+        raw : bytes
+            The record; what it holds is sound.
+        entries : mapping of int to bytes
+            By topic: (log time, offset) of each message in it, 8 bytes each.
+        """
+        self.flush()
+        self._put_chunk(raw, entries)
+
+    def _put_chunk(self, raw: bytes, entries: Mapping[int, bytes]) -> None:
+        """Write a chunk with its message indexes, or nothing of it."""
         offsets: dict[int, int] = {}
         indexes: list[bytes] = []
-        position = self.size + len(chunk)
-        for topic, entries in self._entries.items():
-            body = b''.join(entries)
-            index = fmt.record(fmt.MESSAGE_INDEX, struct.pack('<HI', topic, len(body)), body)
+        position = self.size + len(raw)
+        for topic, body in entries.items():
+            head = rec.RECORD.pack(Opcode.MESSAGE_INDEX, 6 + len(body))
+            indexes.append(head + struct.pack('<HI', topic, len(body)) + body)
             offsets[topic] = position
-            indexes.append(index)
-            position += len(index)
+            position += len(indexes[-1])
+        chunk = rec.unpack_chunk(raw, 0, len(raw) - rec.RECORD.size)
+        index = peer.ChunkIndex(
+            chunk_length=len(raw),
+            chunk_start_offset=self.size,
+            compression=chunk.compression,
+            compressed_size=chunk.stored,
+            message_end_time=chunk.last_ns,
+            message_index_length=position - self.size - len(raw),
+            message_index_offsets=offsets,
+            message_start_time=chunk.first_ns,
+            uncompressed_size=chunk.size,
+        )
         before = self._chunk_index.tell()
-        self._add_chunk(
-            fmt.ChunkIndex(
-                first, last, self.size, len(chunk), offsets, position - self.size - len(chunk),
-                self.compression, len(stored), len(raw),
-            )
-        )  # fmt: skip
+        _write(self._chunk_index, rec.pack(index), before)
         try:
-            self._put(chunk + b''.join(indexes))
+            self._put(raw + b''.join(indexes))
         except OSError:
             self._chunk_index.truncate(before)
             self._chunk_index.seek(before)
             raise
         self._chunk_count += 1
-        for topic, entries in self._entries.items():
-            self.counts[topic] += sum(len(part) for part in entries) // _ENTRY.size
+        for topic, body in entries.items():
+            self.counts[topic] += len(body) // _ENTRY.size
+        first, last = chunk.first_ns, chunk.last_ns
         self.first_ns = first if self.first_ns is None else min(self.first_ns, first)
         self.last_ns = max(self.last_ns, last)
-        self._parts, self._filled, self._entries, self._span = [], 0, {}, None
-
-    def _add_chunk(self, chunk: fmt.ChunkIndex) -> None:
-        """Note a chunk for the summary; where the disk refuses, nothing of it."""
-        before = self._chunk_index.tell()
-        _write(self._chunk_index, fmt.chunk_index_record(chunk), before)
 
     @property
     def pending_bytes(self) -> int:
@@ -297,41 +292,45 @@ class McapWriter:
     def close(self) -> None:
         """Write what is left, the summary and the footer, and see them on the disk."""
         self.flush()
-        self._put(fmt.record(fmt.DATA_END, struct.pack('<I', 0)))
+        self._put(rec.pack(peer.DataEnd(0)))
         start = self.size
         self._chunk_index.seek(0)
+        kinds = {type(one) for one in self._beside}
         groups = [
-            (fmt.SCHEMA, [fmt.schema_record(schema) for schema in self._schemas.values()]),
-            (fmt.CHANNEL, [fmt.channel_record(channel) for channel in self._channels.values()]),
-            (fmt.STATISTICS, [fmt.statistics_record(self._statistics())]),
-            (fmt.CHUNK_INDEX, [self._chunk_index.read()]),
-            (fmt.METADATA_INDEX, [_metadata_index(*place) for place in self._metadata]),
+            (Opcode.SCHEMA, rec.pack(*self.schemas.values())),
+            (Opcode.CHANNEL, rec.pack(*self.channels.values())),
+            (Opcode.STATISTICS, rec.pack(self._statistics())),
+            (Opcode.CHUNK_INDEX, self._chunk_index.read()),
+            *(
+                (_INDEXES[kind], rec.pack(*(one for one in self._beside if type(one) is kind)))
+                for kind in sorted(kinds, key=_INDEXES.__getitem__)
+            ),
         ]
         summary, offsets = b'', b''
-        for opcode, records in groups:
-            body = b''.join(records)
+        for opcode, body in groups:
             if body:
-                place = struct.pack('<BQQ', opcode, start + len(summary), len(body))
-                offsets += fmt.record(fmt.SUMMARY_OFFSET, place)
+                place = peer.SummaryOffset(opcode, start + len(summary), len(body))
+                offsets += rec.pack(place)
             summary += body
         offset_start = start + len(summary)
-        summary += offsets + fmt.RECORD.pack(fmt.FOOTER, 20)
+        summary += offsets + rec.RECORD.pack(Opcode.FOOTER, 20)
         summary += struct.pack('<QQ', start, offset_start)
-        self._put(summary + struct.pack('<I', zlib.crc32(summary)) + fmt.MAGIC)
+        self._put(summary + struct.pack('<I', zlib.crc32(summary)) + rec.MAGIC)
         os.fsync(self._file.fileno())
         self.abandon()
 
-    def _statistics(self) -> fmt.Statistics:
-        return fmt.Statistics(
-            sum(self.counts.values()),
-            len(self._schemas),
-            len(self._channels),
-            0,
-            len(self._metadata),
-            self._chunk_count,
-            self.first_ns or 0,
-            self.last_ns,
-            {key: self.counts[key] for key in sorted(self._channels)},
+    def _statistics(self) -> peer.Statistics:
+        attached = sum(isinstance(one, peer.AttachmentIndex) for one in self._beside)
+        return peer.Statistics(
+            attachment_count=attached,
+            channel_count=len(self.channels),
+            channel_message_counts={key: self.counts[key] for key in sorted(self.channels)},
+            chunk_count=self._chunk_count,
+            message_count=sum(self.counts.values()),
+            message_end_time=self.last_ns,
+            message_start_time=self.first_ns or 0,
+            metadata_count=len(self._beside) - attached,
+            schema_count=len(self.schemas),
         )
 
     def abandon(self) -> None:
@@ -357,5 +356,15 @@ def _write(file: IO[bytes] | FileIO, raw: bytes, end: int) -> None:
         raise
 
 
-def _metadata_index(offset: int, length: int, name: str) -> bytes:
-    return fmt.record(fmt.METADATA_INDEX, struct.pack('<QQ', offset, length), fmt.text(name))
+def _index_of(
+    opcode: int, payload: bytes, offset: int
+) -> peer.MetadataIndex | peer.AttachmentIndex:
+    """Return what the summary says of a metadata or an attachment record."""
+    length = rec.RECORD.size + len(payload)
+    if opcode == Opcode.METADATA:
+        return peer.MetadataIndex(offset, length, rec.unpack(peer.Metadata, payload).name)
+    found = rec.unpack(peer.Attachment, payload)
+    return peer.AttachmentIndex(
+        offset, length, found.log_time, found.create_time, len(found.data), found.name,
+        found.media_type,
+    )  # fmt: skip
