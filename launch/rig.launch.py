@@ -14,9 +14,10 @@ from launch import LaunchDescription
 from launch_ros.actions import Node
 
 from hunt_ros.drivers.alarm_output import AlarmSettings
+from hunt_ros.drivers.safety_state import state_file
 from hunt_ros.nodes.support.launching import SWITCH, description
 from hunt_ros.rig import Rig
-from hunt_ros.suite import ALARM_OUTPUTS, LISTENERS, PAGE, SIMULATOR, SUITE, sources_of
+from hunt_ros.suite import ALARM_OUTPUTS, DRIVE, LISTENERS, PAGE, SIMULATOR, SUITE, sources_of
 
 #: Name: default, values (any where there are none), description.
 ARGUMENTS = {
@@ -30,7 +31,11 @@ ARGUMENTS = {
     'simulated': ('true', SWITCH, 'Start the rig simulator'),
     'sensors': ('true', SWITCH, 'Start the nodes that talk to the rig; false: yours do'),
     'page': ('false', SWITCH, 'Serve the page of the operator at http://127.0.0.1:8088/'),
-    'one_process': ('false', SWITCH, 'All nodes in one process; one that fails ends all'),
+    'one_process': (
+        'false',
+        SWITCH,
+        'All but the guards in one process; they fail together',
+    ),
     'use_sim_time': ('', ['', *SWITCH], 'Follow /clock; empty: as the parameter file says'),
     'respawn': ('false', SWITCH, 'Start a process again when it ends by itself'),
     'log_level': (
@@ -40,6 +45,8 @@ ARGUMENTS = {
     ),
 }
 _RESPAWN_DELAY_S = 2.0
+#: What a simulated rig does after the end is nobody's concern; a real one gets so long.
+_WAY_DOWN_S = '130'
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -66,23 +73,29 @@ def _nodes(given: Mapping[str, str]) -> list[Node]:
     }
     level = ['--ros-args', '--log-level', given['log_level']]
     where = given['namespace'].strip('/')
-    # Listeners first, and in one process ended last.
-    names = [*LISTENERS]
-    if given['sensors'] == 'true':
-        names += [SIMULATOR] * (given['simulated'] == 'true') + [*sources_of(rig.channels)]
-    alarms = AlarmSettings.from_texts([_read(file)]).named
-    optional = [PAGE] * (given['page'] == 'true') + [ALARM_OUTPUTS] * bool(alarms)
+    simulated = given['sensors'] == given['simulated'] == 'true'
+    sources = sources_of(rig.channels) if given['sensors'] == 'true' else ()
+    alarms = AlarmSettings.told([_read(file)])
+    # Guards first; of the others the listeners, and in one process they are ended last.
+    guards = [DRIVE] * (DRIVE in sources) + [ALARM_OUTPUTS] * bool(alarms)
+    names = [*LISTENERS, *[SIMULATOR] * simulated, *(each for each in sources if each != DRIVE)]
+    page = [PAGE] * (given['page'] == 'true')
+
+    def alone(name: str) -> Node:
+        """Return a node in a process of its own: under SROS2 it has the key of its enclave."""
+        own = dict(common)
+        if name == DRIVE:  # the way down to the safe speed takes its time
+            own |= dict.fromkeys(('sigterm_timeout', 'sigkill_timeout'), _WAY_DOWN_S)
+            # A simulated rig is a new one each time: nothing of the one before is in force.
+            kept = {'state_file': str(state_file(Path('recordings'), where))}
+            own['parameters'] = [*parameters, {'slow_down_at_end': False} if simulated else kept]
+        return Node(executable=name, arguments=[*level, '--enclave', f'/{where}/{name}'], **own)
+
     if given['one_process'] == 'true':
-        suite = [Node(executable=SUITE, arguments=[*names, *level], **common)]
-        names = []
+        workers = [Node(executable=SUITE, arguments=[*names, *level], **common)]
     else:
-        suite = []
-    # Under SROS2 each process has the key of its own enclave, else it is only a name.
-    alone = (
-        Node(executable=name, arguments=[*level, '--enclave', f'/{where}/{name}'], **common)
-        for name in (*names, *optional)
-    )
-    return [*suite, *alone]
+        workers = [alone(name) for name in names]
+    return [*map(alone, guards), *workers, *map(alone, page)]
 
 
 def _rig_file(path: str) -> str:

@@ -9,25 +9,27 @@ from __future__ import annotations
 import shlex
 import shutil
 import subprocess
-import sys
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from enum import Enum
 
 from hunt_ros.drivers.modbus_link import ModbusBus, ModbusLink
 from hunt_ros.errors import ConfigError, DriverError
-from hunt_ros.rig import parameters_of
-from hunt_ros.settings import Settings, setting, yaml_value
+from hunt_ros.rig import told_by
+from hunt_ros.settings import Settings, setting
 from hunt_ros.suite import ALARM_OUTPUTS
+
+#: A sound is played so often; one that is longer than this hangs, and so does a command, s.
+_SOUND_EVERY_S, _LONGEST_SOUND_S, _LONGEST_COMMAND_S = 2.0, 120.0, 10.0
 
 
 class Condition(Enum):
     """
     What the outputs show.
 
-    WAITING: nothing has been heard of the detector yet. WELL: no alarm. ALARM: hunting, or an
-    alarm that nobody has acknowledged. DOUBT: silence, or inputs that cannot be trusted.
+    WAITING: the suite is starting. WELL: no alarm. ALARM: hunting, or an alarm that nobody has
+    acknowledged. DOUBT: silence, or inputs that cannot be trusted.
     """
 
     WAITING = 'waiting'
@@ -42,17 +44,12 @@ class Condition(Enum):
 
 
 class AlarmOutput(ABC):
-    """
-    One way to call somebody.
+    """One way to call somebody."""
 
-    Parameters
-    ----------
-    repeat_s : float or None
-        `show` is called again after so long while the condition holds; None: once.
-    """
-
-    def __init__(self, repeat_s: float | None) -> None:
-        self.repeat_s = repeat_s
+    #: `show` is called again after so long while the condition holds; None: once.
+    repeat_s: float | None = None
+    #: It is silent once somebody has acknowledged what it calls for.
+    horn = False
 
     @abstractmethod
     def show(self, condition: Condition, cause: str) -> None:
@@ -65,9 +62,11 @@ class AlarmOutput(ABC):
             If it cannot be shown.
         """
 
-    @abstractmethod
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 - most hold nothing
         """Show nothing any more; raises DriverError where that fails."""
+
+    def let_go(self) -> None:  # noqa: B027 - most hold nothing
+        """Leave the line to others; what is shown stays."""
 
 
 class Command(AlarmOutput):
@@ -78,7 +77,7 @@ class Command(AlarmOutput):
     ----------
     text : str
         As on a command line; no shell reads it.
-    timeout_s : float
+    longest_s : float
         It is ended after so long.
 
     Raises
@@ -87,16 +86,13 @@ class Command(AlarmOutput):
         If there is no such program.
     """
 
-    def __init__(self, text: str, timeout_s: float) -> None:
-        super().__init__(None)
-        self._words, self._timeout_s = _words(text), timeout_s
+    def __init__(self, text: str, longest_s: float = _LONGEST_COMMAND_S) -> None:
+        self._words, self._longest_s = _words(text), longest_s
 
     def show(self, condition: Condition, cause: str) -> None:
         """Run it; raises DriverError where it fails or takes too long."""
-        _run([*self._words, condition.value, cause], self._timeout_s)
-
-    def close(self) -> None:
-        """Nothing is held."""
+        if condition is not Condition.WAITING:
+            _run([*self._words, condition.value, cause], self._longest_s)
 
 
 class Sound(AlarmOutput):
@@ -106,9 +102,7 @@ class Sound(AlarmOutput):
     Parameters
     ----------
     text : str
-        'bell', the bell of the terminal, or a command that plays a sound: 'aplay alarm.wav'.
-    every_s : float
-        How often.
+        A command that plays a sound: 'aplay alarm.wav'.
 
     Raises
     ------
@@ -116,21 +110,16 @@ class Sound(AlarmOutput):
         If there is no such program.
     """
 
-    def __init__(self, text: str, every_s: float) -> None:
-        super().__init__(every_s)
-        self._words = [] if text == 'bell' else _words(text)
+    repeat_s = _SOUND_EVERY_S
+    horn = True
+
+    def __init__(self, text: str) -> None:
+        self._words = _words(text)
 
     def show(self, condition: Condition, cause: str) -> None:
         """Sound once; raises DriverError where that fails."""
-        if not condition.calls:
-            return
-        if self._words:
-            _run(self._words, max(10.0, self.repeat_s or 0.0))
-        else:
-            print('\a', end='', file=sys.stderr, flush=True)
-
-    def close(self) -> None:
-        """Nothing is held."""
+        if condition.calls:
+            _run(self._words, _LONGEST_SOUND_S)
 
 
 class Relay(AlarmOutput):
@@ -147,22 +136,32 @@ class Relay(AlarmOutput):
         The coil is on while all is well: a cut wire, or a node that is gone, calls too.
     """
 
+    repeat_s = 1.0
+
     def __init__(self, bus: ModbusBus, coil: int, inverted: bool) -> None:
-        super().__init__(1.0)
         self._bus, self._coil, self._inverted = bus, coil, inverted
         self._link: ModbusLink | None = None
 
     def show(self, condition: Condition, cause: str) -> None:
         """Switch it; raises DriverError where it does not answer."""
-        self._write(condition is Condition.WELL if self._inverted else condition.calls)
+        waiting = condition is Condition.WAITING
+        if self._inverted:  # whoever wrote "all is well" before may have been killed
+            self._write(not (waiting or condition.calls))
+        elif not waiting:  # nor is an alarm of before taken back
+            self._write(condition.calls)
 
     def close(self) -> None:
         """Switch it off."""
         try:
             self._write(False)
         finally:
-            if self._link is not None:
-                self._link.close()
+            self.let_go()
+
+    def let_go(self) -> None:
+        """Close the line; the coil stays as it is."""
+        link, self._link = self._link, None
+        if link is not None:
+            link.close()
 
     def _write(self, on: bool) -> None:
         link = self._link or ModbusLink(self._bus)
@@ -182,18 +181,12 @@ class AlarmSettings(Settings):
     """Who is called, and for what; the node declares its parameters from these fields."""
 
     sound: str = setting(
-        '', "'bell' of the terminal, or a command: 'aplay alarm.wav'; empty: none.", fixed=True
-    )
-    sound_every_s: float = setting(
-        2.0, 'How often it sounds.', unit='s', low=0.2, high=3600.0, fixed=True
+        '', "A command that plays a sound: 'aplay alarm.wav'; empty: none.", fixed=True
     )
     command: str = setting(
         '',
         'Run at each change; last arguments: well, alarm or doubt, and the cause; empty: none.',
         fixed=True,
-    )
-    command_timeout_s: float = setting(
-        10.0, 'The command is ended after so long.', unit='s', low=0.1, high=3600.0, fixed=True
     )
     relay_coil: int = setting(
         -1, 'Modbus coil of a relay; -1: none.', low=-1, high=65535, fixed=True
@@ -204,42 +197,30 @@ class AlarmSettings(Settings):
     silence_s: float = setting(
         1.0, 'No status for so long is doubt.', unit='s', low=0.2, high=3600.0, fixed=True
     )
-    call_on_doubt: bool = setting(
-        True, 'Call for silence and level STALE too, not only for an alarm.', fixed=True
-    )
 
-    @classmethod
-    def from_texts(cls, texts: Iterable[tuple[str, str]]) -> AlarmSettings:
+    @staticmethod
+    def told(texts: Iterable[tuple[str, str]]) -> dict[str, AlarmOutput]:
         """
-        Read what ROS parameter files say to the node; a later one wins.
+        Return the outputs that ROS parameter files name; none of them acts yet.
 
         Parameters
         ----------
         texts : iterable of (str, str)
-            Where each file comes from, for messages, and what stands in it.
+            Where each file comes from, for messages, and what stands in it; a later one wins.
 
         Raises
         ------
         ConfigError
-            Naming the file, the key and what was expected.
+            Naming the file, the key and what was expected; also for a program that is not there.
         """
-        alarm = cls()
-        known = {item.name: item.default for item in fields(cls)}
-        for source, text in texts:
-            told = parameters_of(ALARM_OUTPUTS, text, source)
-            values = {name: yaml_value(known[name], told[name]) for name in known if name in told}
-            try:
-                alarm = replace(alarm, **values)
-                alarm.outputs(ModbusBus())  # a program that is not there is found now
-            except ConfigError as error:
-                raise ConfigError(f'{source}: {ALARM_OUTPUTS}: {error}') from error
-        return alarm
-
-    @property
-    def named(self) -> tuple[str, ...]:
-        """The outputs that are wanted."""
-        wanted = {'sound': self.sound, 'command': self.command, 'relay': self.relay_coil >= 0}
-        return tuple(name for name, given in wanted.items() if given)
+        known = list(texts)
+        alarm = told_by(AlarmSettings(), ALARM_OUTPUTS, known)
+        bus = told_by(ModbusBus(), ALARM_OUTPUTS, known)
+        try:
+            return alarm.outputs(bus)
+        except ConfigError as error:
+            sources = ', '.join(source for source, _ in known)
+            raise ConfigError(f'{sources}: {ALARM_OUTPUTS}: {error}') from error
 
     def outputs(self, bus: ModbusBus) -> dict[str, AlarmOutput]:
         """
@@ -255,12 +236,14 @@ class AlarmSettings(Settings):
         ConfigError
             Where there is no such program.
         """
-        made: dict[str, Callable[[], AlarmOutput]] = {
-            'sound': lambda: Sound(self.sound, self.sound_every_s),
-            'command': lambda: Command(self.command, self.command_timeout_s),
-            'relay': lambda: Relay(bus, self.relay_coil, self.relay_inverted),
-        }
-        return {name: made[name]() for name in self.named}
+        outputs: dict[str, AlarmOutput] = {}
+        if self.sound:
+            outputs['sound'] = Sound(self.sound)
+        if self.command:
+            outputs['command'] = Command(self.command)
+        if self.relay_coil >= 0:
+            outputs['relay'] = Relay(bus, self.relay_coil, self.relay_inverted)
+        return outputs
 
 
 def _words(text: str) -> list[str]:

@@ -7,8 +7,8 @@ these two base classes and nothing else of the hardware. Stamps are taken where 
 taken, in the driver, never where it is published.
 
 One thread makes a driver, opens it, reads it and closes it; when the connection is lost it makes
-another one. Only `close`, which ends a read under way, and `Drive.set_speed` are called from other
-threads.
+another one; it also sends a drive its set points. Only `close`, which ends a read under way, is
+called from other threads.
 """
 
 from __future__ import annotations
@@ -67,23 +67,55 @@ class DriveBlock:
         Continuous roller angle; NaN where there is no encoder.
     speed_mps : ndarray of float64, shape (n,)
         Running speed.
+    foreign_mps : float
+        A set point that the drive holds and was not given by this driver; NaN: none is known.
     """
 
     stamps_ns: NDArray[np.int64] = field(default_factory=_no_stamps)
     angle_rad: NDArray[np.float64] = field(default_factory=_no_values)
     speed_mps: NDArray[np.float64] = field(default_factory=_no_values)
+    foreign_mps: float = math.nan
 
 
-class SensorDriver(ABC):
+class Driver(ABC):
+    """What sensor and drive drivers have in common; making one touches no hardware."""
+
+    #: Kind of the driver's own settings: the node declares its fields as parameters.
+    Settings: ClassVar[type[_Settings]] = _Settings
+
+    def __init__(self, settings: Any) -> None:
+        self.settings = settings
+
+    @abstractmethod
+    def open(self) -> None:
+        """
+        Connect to the hardware.
+
+        Raises
+        ------
+        RefusedError
+            If it is there and will not, or is not what the settings say.
+        DriverError
+            Naming what cannot be reached (it may be starting yet), and where.
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        """Let go of the hardware. Closing twice, or what is not open, does nothing."""
+
+    def __str__(self) -> str:
+        """Return the driver and where its hardware is, for messages."""
+        return type(self).__module__.rpartition('.')[2]
+
+
+class SensorDriver(Driver):
     """
     A source of samples of one quantity.
-
-    Making one touches no hardware.
 
     Parameters
     ----------
     settings : Settings
-        Of the class's own kind, `Settings`: the node declares its fields as parameters.
+        Of the class's own kind, `Settings`.
     channel : str
         What is measured: 'lateral', 'yaw', ...
     rate_hz : float
@@ -101,8 +133,6 @@ class SensorDriver(ABC):
         For a channel that the driver cannot measure.
     """
 
-    #: Kind of the driver's own settings.
-    Settings: ClassVar[type[_Settings]] = _Settings
     #: Channels that it can measure; empty: any.
     channels: ClassVar[tuple[str, ...]] = ()
 
@@ -112,21 +142,10 @@ class SensorDriver(ABC):
             name = type(self).__module__.rpartition('.')[2]
             known = ', '.join(self.channels)
             raise ConfigError(f'driver {name}: no channel {channel!r}, it has {known}')
-        self.settings = settings
+        super().__init__(settings)
         self.channel = channel
         self.rate_hz = rate_hz
         self.range: tuple[float, float] = (-math.inf, math.inf)
-
-    @abstractmethod
-    def open(self) -> None:
-        """
-        Connect to the hardware.
-
-        Raises
-        ------
-        DriverError
-            Naming what cannot be reached, and where.
-        """
 
     @abstractmethod
     def read(self, timeout_s: float) -> SensorBlock:
@@ -139,20 +158,10 @@ class SensorDriver(ABC):
             If the connection is lost.
         """
 
-    @abstractmethod
-    def close(self) -> None:
-        """Let go of the hardware. Closing twice, or what is not open, does nothing."""
 
-    def __str__(self) -> str:
-        """Return the driver and where its hardware is, for messages."""
-        return type(self).__module__.rpartition('.')[2]
-
-
-class DriveDriver(ABC):
+class DriveDriver(Driver):
     """
     The roller's drive: its encoder and its set point.
-
-    Making one touches no hardware.
 
     Parameters
     ----------
@@ -162,23 +171,9 @@ class DriveDriver(ABC):
         For a drive that is commanded in turns: v = rate D / 2.
     """
 
-    #: Kind of the driver's own settings.
-    Settings: ClassVar[type[_Settings]] = _Settings
-
     def __init__(self, settings: Any, roller_diameter_m: float) -> None:
-        self.settings = settings
+        super().__init__(settings)
         self.roller_diameter_m = roller_diameter_m
-
-    @abstractmethod
-    def open(self) -> None:
-        """
-        Connect to the drive.
-
-        Raises
-        ------
-        DriverError
-            Naming what cannot be reached, and where.
-        """
 
     @abstractmethod
     def read(self, timeout_s: float) -> DriveBlock:
@@ -194,18 +189,10 @@ class DriveDriver(ABC):
     @abstractmethod
     def set_speed(self, speed_mps: float) -> None:
         """
-        Command a running speed, m/s; also while another thread waits in `read`.
+        Command a running speed, m/s; within half a second, taken or not.
 
         Raises
         ------
         DriverError
             If the drive did not take it.
         """
-
-    @abstractmethod
-    def close(self) -> None:
-        """Let go of the drive. Closing twice, or what is not open, does nothing."""
-
-    def __str__(self) -> str:
-        """Return the driver and where its hardware is, for messages."""
-        return type(self).__module__.rpartition('.')[2]

@@ -53,11 +53,6 @@ class DriveLimits(Settings):
         fixed=True,
     )
 
-    @property
-    def ceiling_mps(self) -> float:
-        """Highest set point, m/s; inf: none."""
-        return self.speed_ceiling_mps or math.inf
-
 
 @dataclass(frozen=True)
 class _Forced:
@@ -119,6 +114,11 @@ class RollerCommand:
         return self._forced is not None
 
     @property
+    def forced_mps(self) -> float:
+        """Set point of an emergency stop or the interlock, m/s; inf where there is none."""
+        return math.inf if self._forced is None else self._forced.speed_mps
+
+    @property
     def state(self) -> str:
         """Of the profile: idle, running, paused or finished."""
         if self._state == 'running' and self._run is not None and self._run.finished:
@@ -148,15 +148,7 @@ class RollerCommand:
         return '' if self._run is None else self._run.note
 
     def load(self, profile: Profile) -> None:
-        """
-        Take another profile.
-
-        Raises
-        ------
-        ConfigError
-            Where it would be faster than the ceiling; the one before stays.
-        """
-        profile.check(self.limits.ceiling_mps)
+        """Take another profile; set points stay below the ceiling whatever it asks for."""
         self._profile, self._run, self._state = profile, None, 'idle'
         if self._held is None and not math.isnan(self._last):
             self._held = self._last
@@ -324,10 +316,10 @@ class RollerCommand:
                 after, rate = wanted, 0.0
             speed = after
         self._pending_rate = rate
-        return self._within(speed)
+        return max(0.0, speed)
 
     def _within(self, speed_mps: float) -> float:
-        return min(max(speed_mps, 0.0), self.limits.ceiling_mps)
+        return min(max(speed_mps, 0.0), self.limits.speed_ceiling_mps)
 
     def taken(self, speed_mps: float) -> None:
         """Note that the drive took a set point: only now has its time passed."""

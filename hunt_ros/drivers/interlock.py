@@ -1,14 +1,19 @@
 """
 The software interlock: from what the detector says, and does not say, to `armed` or `tripped`.
 
+A trip is a control loop: a tripped interlock goes on judging. Where the motion does not die out at
+the speed that the normal form calls safe, the form is refuted, and the roller goes lower for as
+long as the motion lasts, to a stop if need be.
+
 No clock is read here: stamps are arguments, on a clock that no one can set. It is no safety
-function in the sense of any standard; docs and README say what it is for.
+function in the sense of any standard; docs/interlock.md says what it is for.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 from hunt_ros.dynamics.profile import Motion
 from hunt_ros.rig import of_rig
@@ -16,7 +21,7 @@ from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 
 #: The detector answers, but no row has been added for so long: it waits at most
-#: `sensor_timeout_s` (0.2 s) for a silent sensor, and rows come at `output_rate_hz`.
+#: `sensor_timeout_s` (0.3 s) for a silent sensor, and rows come at `output_rate_hz`.
 _STALLED_S = 1.0
 #: Statuses that fall behind by so much are those of another moment, s.
 _LATE_S = 0.5
@@ -24,6 +29,57 @@ _LATE_S = 0.5
 _CLOCK_STEP_S = 0.4
 #: A lag that grows more slowly than `_LATE_S` in this time is drift of the clocks, s.
 _DRIFT_S = 30.0
+#: A start, in which every process loads its libraries, is over when all has been well for so
+#: long without a break, s: ten times what a silence may last.
+_SETTLED_S = 3.0
+#: The roller is at the safe speed when it is no faster than it by this, m/s.
+_THERE_MPS = 0.05
+#: Below v_n the motion falls. Where it has not fallen by this share in so long, s (8 periods of
+#: 2.84 Hz, three times the deviation of an estimate), and is no end of hunting either, the form
+#: is refuted.
+_DIES_S, _FALLS = 3.0, 0.1
+#: The set point leads the roller by so much on its way down from a refuted safe speed, m/s.
+_LEAD_MPS = 0.5
+
+#: Code of a cause -> (modes in which it trips, what it means, what to do). docs/alarm.md has it.
+CAUSES: dict[str, tuple[str, str, str]] = {
+    'speed': (
+        'protect, measure',
+        'the measured speed is above the ceiling, does not follow the set point, contradicts the'
+        ' encoder, or another master commands the drive; the set point goes to 0',
+        'use the hard-wired stop; then look at the drive and its scale',
+    ),
+    'detector': (
+        'protect, measure',
+        'the detector is silent, judges nothing new, or comes late',
+        'look whether its process runs and the machine keeps up',
+    ),
+    'inputs': (
+        'protect, measure',
+        'the detector cannot trust its inputs (STALE)',
+        'look for the sensor that the cause names',
+    ),
+    'drive': (
+        'protect, measure',
+        'the drive is gone, sends nothing, or refuses set points',
+        'use the hard-wired stop while the roller turns; then look at the line to the drive',
+    ),
+    'displacement': (
+        'protect, measure',
+        'the lateral sensor itself shows more than the limit',
+        'wait until the motion has died out; look at the zero of the sensor where it has not',
+    ),
+    'amplitude': (
+        'protect, measure',
+        'an estimate of the amplitude is above the limit',
+        'wait until the motion has died out',
+    ),
+    'hunting': (
+        'protect',
+        'the wheelset hunts, or will for sure (ERROR)',
+        'wait until the motion has died out',
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -32,29 +88,38 @@ class InterlockSettings(Settings):
 
     interlock: str = setting(
         'protect',
-        'protect: also hunting trips it; measure: only what makes the detector blind, and the'
-        ' amplitude limit; off: nothing.',
+        'protect: also hunting trips it; measure: only what makes the detector blind, the drive,'
+        ' and the amplitude limit; off: nothing.',
         choices=('protect', 'measure', 'off'),
     )
+    #: Six statuses in a row: three of them a busy machine swallows. Hunting needs 0.35 s for one
+    #: period at 2.84 Hz; up to v_c it grows by less than 0.64 1/s, by a fifth in this time.
     status_timeout_s: float = setting(
-        0.15,
+        0.3,
         'A detector that is silent for longer trips the interlock; its status comes every 0.05 s.',
         unit='s',
         low=0.06,
         high=60.0,
     )
     amplitude_limit_m: float = setting(
-        0.0,
-        'A larger amplitude trips the interlock in protect and measure (0: flange_clearance_m).',
+        math.inf,
+        'A larger amplitude, estimated or of the lateral sensor itself, trips the interlock in'
+        ' protect and measure (.inf: flange_clearance_m).',
         unit='m',
-        low=0.0,
-        high=1.0,
+        low=1e-6,
     )
     flange_clearance_m: float = of_rig('flange_clearance_m')
     safe_speed_mps: float = of_rig('safe_speed_mps')
     safe_margin_mps: float = setting(
         0.5, 'The safe speed is so far below v_n.', unit='m/s', low=0.0, high=100.0
     )
+
+    @property
+    def limit_m(self) -> float:
+        """Largest amplitude and displacement, m; inf: none."""
+        if math.isfinite(self.amplitude_limit_m):
+            return self.amplitude_limit_m
+        return self.flange_clearance_m or math.inf
 
 
 @dataclass(frozen=True)
@@ -76,6 +141,8 @@ class Heard:
         The second estimate of the amplitude; NaN: unknown.
     motion : Motion
         Amplitude, critical speeds.
+    alarm : bool
+        Its alarm is latched: nobody has acknowledged it.
     """
 
     level: str = 'STALE'
@@ -84,6 +151,7 @@ class Heard:
     words: str = ''
     envelope_m: float = math.nan
     motion: Motion = field(default_factory=Motion)
+    alarm: bool = False
 
 
 @dataclass(frozen=True)
@@ -106,13 +174,26 @@ class Change:
     since_ns: int
 
 
+class Trouble(NamedTuple):
+    """
+    What would trip the interlock; one without words is none.
+
+    `code` is one of `CAUSES`; `since_ns` when it began, steady clock.
+    """
+
+    code: str = ''
+    words: str = ''
+    since_ns: int = 0
+
+
 class Interlock:
     """
-    Watches the detector, and trips once.
+    Watches the detector, the drive and the lateral sensor; trips, and slows the roller down.
 
-    What is seen trips it at once: hunting, in protect, and an amplitude above the limit. What
-    is not seen trips it from the moment on when all has been well for the first time, because
-    what was never there cannot fail: a detector that starts later than the drive is no fault.
+    What is seen trips it at once: hunting, in protect, a displacement above the limit, and a
+    roller that does what nobody told it. What is not seen trips it once all has been well for
+    3 s, because what was never there cannot fail: a detector that starts later than the drive
+    is no fault. Armed again by a person, it is awake at once.
 
     Parameters
     ----------
@@ -128,6 +209,10 @@ class Interlock:
         Why it is so.
     heard : Heard
         What the detector said last.
+    goal_mps : float
+        While tripped: no faster than this; inf otherwise.
+    displacement_m : float
+        Of the lateral sensor itself; NaN: not known. Set it as it comes.
     """
 
     def __init__(self, settings: InterlockSettings, real_time: bool = True) -> None:
@@ -138,7 +223,15 @@ class Interlock:
         self._moved_ns = 0  # when `sequence` changed last
         self._late_s = 0.0
         self._drive = 'the drive has not sent anything yet'
+        self._roller = ''
+        self.displacement_m = math.nan
         self._watching = False
+        self._unwell_ns = 0  # when all was not well last, before it watched
+        self._moving = False  # hunting was seen, and its end was not
+        #: At the safe speed, moving: since when, and with which amplitude.
+        self._there: tuple[int, float] | None = None
+        self._refuted = False
+        self.goal_mps = math.inf
         off = settings.interlock == 'off'
         self.state = 'disarmed' if off else 'armed'
         self.cause = 'the parameter interlock is off' if off else 'since the start'
@@ -155,102 +248,191 @@ class Interlock:
             self._moved_ns = now_ns
         self.heard, self._heard_ns = heard, now_ns
 
-    def drive(self, lost: str) -> None:
-        """Take note of the drive: '' where it answers, or what is wrong with it."""
-        self._drive = lost
+    def drive(self, lost: str, roller: str = '') -> None:
+        """
+        Take note of the drive and its roller.
+
+        Parameters
+        ----------
+        lost : str
+            '' where the drive answers, or what is wrong with it.
+        roller : str
+            '' or what the roller does that nobody told it.
+        """
+        self._drive, self._roller = lost, roller
 
     def motion(self, now_ns: int) -> Motion:
-        """Return what the detector sees; nothing where it is silent."""
-        return Motion() if self._silence(now_ns) else self.heard.motion
+        """Return what the detector sees; of one that is silent the form in force alone."""
+        motion = self.heard.motion
+        return replace(motion, amplitude_m=math.nan) if self._silence(now_ns).words else motion
 
-    def trouble(self, now_ns: int) -> tuple[str, int]:
+    def trouble(self, now_ns: int) -> Trouble:
+        """Return what would trip the interlock now (steady clock), the gravest first."""
+        if self.settings.interlock == 'off':
+            return Trouble()
+        if self._roller:
+            return Trouble('speed', self._roller, now_ns)
+        shown = self._beyond(now_ns, 'displacement', self.displacement_m)
+        if shown.words:
+            return shown
+        blind = self._blind(now_ns)
+        return blind if blind.words else self._seen(now_ns)
+
+    def _blind(self, now_ns: int) -> Trouble:
+        """Return why the motion cannot be judged."""
+        silence = self._silence(now_ns)
+        if silence.words:
+            return silence
+        if self.heard.level == 'STALE':
+            words = f'the detector cannot trust its inputs: {self.heard.words}'
+            return Trouble('inputs', words, now_ns)
+        return Trouble('drive', self._drive, now_ns) if self._drive else Trouble()
+
+    def _seen(self, now_ns: int, whatever_mode: bool = False) -> Trouble:
+        """Return what is wrong with the motion, as sensor or detector show it."""
+        heard = self.heard
+        for found in (
+            self._beyond(now_ns, 'displacement', self.displacement_m),
+            self._beyond(now_ns, 'amplitude', heard.motion.amplitude_m, heard.envelope_m),
+        ):
+            if found.words:
+                return found
+        if heard.level == 'ERROR' and (whatever_mode or self.settings.interlock == 'protect'):
+            return Trouble('hunting', f'the detector says ERROR: {heard.words}', now_ns)
+        return Trouble()
+
+    def _beyond(self, now_ns: int, what: str, *values_m: float) -> Trouble:
+        """Return that the largest of these is above the limit."""
+        limit = self.settings.limit_m
+        largest = max((x for x in values_m if not math.isnan(x)), default=0.0)
+        if not largest > limit:
+            return Trouble()
+        words = f'{what} {1e3 * largest:.3f} mm above the limit, {1e3 * limit:.3f} mm'
+        return Trouble(what, words, now_ns)
+
+    def _silence(self, now_ns: int) -> Trouble:
+        """Return how the detector is not to be heard."""
+        if self._heard_ns is None:
+            return Trouble('detector', 'the detector has not been heard yet', now_ns)
+        words, limit = '', self.settings.status_timeout_s
+        silent_s = (now_ns - self._heard_ns) / NANOSECONDS
+        stalled_s = (now_ns - self._moved_ns) / NANOSECONDS
+        if silent_s > limit:
+            words = f'the detector is silent for {silent_s:.2f} s, more than {limit:g} s'
+        elif stalled_s > max(_STALLED_S, limit):
+            words = f'the detector has judged nothing new for {stalled_s:.1f} s'
+        elif self._real_time and self._late_s > max(_LATE_S, limit):
+            words = f'what the detector says comes {self._late_s:.1f} s late'
+        return Trouble('detector', words, self._heard_ns) if words else Trouble()
+
+    def judge(self, now_ns: int, speed_mps: float = math.nan) -> Change | None:
         """
-        Return what would trip the interlock now, and since when; '' where all is well.
+        Trip where there is a reason to, and go lower where that does not help.
 
         Parameters
         ----------
         now_ns : int
-            Steady clock.
+            Steady clock; to be called again and again.
+        speed_mps : float
+            Of the roller; NaN: not known.
         """
-        if self.settings.interlock == 'off':
-            return '', now_ns
-        blind, since_ns = self._blind(now_ns)
-        return (blind, since_ns) if blind else (self._seen(), now_ns)
-
-    def _blind(self, now_ns: int) -> tuple[str, int]:
-        """Return why the motion cannot be judged, and since when; '' where it can."""
-        if silence := self._silence(now_ns):
-            return silence, self._heard_ns or now_ns
-        if self.heard.level == 'STALE':
-            return f'the detector cannot trust its inputs: {self.heard.words}', now_ns
-        return self._drive, now_ns
-
-    def _seen(self) -> str:
-        """Return what is wrong with the motion; '' where nothing is."""
-        settings, heard = self.settings, self.heard
-        limit = settings.amplitude_limit_m or settings.flange_clearance_m or math.inf
-        known = (x for x in (heard.motion.amplitude_m, heard.envelope_m) if not math.isnan(x))
-        largest = max(known, default=0.0)
-        if largest > limit:
-            return f'amplitude {1e3 * largest:.3f} mm above the limit, {1e3 * limit:.3f} mm'
-        if heard.level == 'ERROR' and settings.interlock == 'protect':
-            return f'the detector says ERROR: {heard.words}'
-        return ''
-
-    def _silence(self, now_ns: int) -> str:
-        """Return '' or how the detector is not to be heard."""
-        if self._heard_ns is None:
-            return 'the detector has not been heard yet'
-        silent_s = (now_ns - self._heard_ns) / NANOSECONDS
-        if silent_s > self.settings.status_timeout_s:
-            limit = self.settings.status_timeout_s
-            return f'the detector is silent for {silent_s:.2f} s, more than {limit:g} s'
-        stalled_s = (now_ns - self._moved_ns) / NANOSECONDS
-        if stalled_s > max(_STALLED_S, self.settings.status_timeout_s):
-            return f'the detector has judged nothing new for {stalled_s:.1f} s'
-        if self._real_time and self._late_s > max(_LATE_S, self.settings.status_timeout_s):
-            return f'what the detector says comes {self._late_s:.1f} s late'
-        return ''
-
-    def judge(self, now_ns: int) -> Change | None:
-        """Trip where there is a reason to; to be called again and again."""
+        trouble, blind = self.trouble(now_ns), self._blind(now_ns)
+        # Silence ends no hunting: what was seen lasts until its end is seen.
+        if seen := self._seen(now_ns, whatever_mode=True).words:
+            self._moving = True
+        elif not blind.words:
+            self._moving = False
+        if self.state == 'tripped':
+            return self._slow_down(now_ns, speed_mps, trouble, seen)
         if self.state != 'armed':
             return None
-        trouble, since_ns = self.trouble(now_ns)
-        blind, _ = self._blind(now_ns)
-        if trouble and (self._watching or not blind):
-            return self._to('tripped', trouble, since_ns)
-        if trouble:
-            self.cause = f'waits until all is well: {trouble}'
-        elif not self._watching:
+        if trouble.words and (self._watching or trouble != blind):
+            self.goal_mps = self.safe_speed_mps()
+            change = self._to('tripped', trouble.words, trouble.since_ns)
+            self._slow_down(now_ns, speed_mps, trouble, seen)
+            # Hunting at a speed that the form calls safe: it has nothing to say any more.
+            self._refuted = bool(seen) and speed_mps <= self.goal_mps + _THERE_MPS
+            return change
+        if trouble.words:
+            self.cause = f'waits until all is well: {trouble.words}'
+            self._unwell_ns = now_ns
+        elif not self._watching and now_ns - self._unwell_ns >= _SETTLED_S * NANOSECONDS:
             self._watching, self.cause = True, 'no reason to trip'
         return None
+
+    def _slow_down(
+        self, now_ns: int, speed_mps: float, trouble: Trouble, seen: str
+    ) -> Change | None:
+        """Lower the goal of a tripped interlock; return that its model is refuted, once."""
+        if not math.isnan(self.heard.motion.v_n):
+            self.goal_mps = min(self.goal_mps, self.safe_speed_mps())
+        if trouble.code == 'speed':
+            self.goal_mps = 0.0  # the only set point that means the same to every scale
+        if not self._moving:
+            self._there = None
+            return None
+        if self._refuted:
+            lower = (0.0 if math.isnan(speed_mps) else speed_mps) - _LEAD_MPS
+            self.goal_mps = max(0.0, min(self.goal_mps, lower))
+            return None
+        if speed_mps > self.goal_mps + _THERE_MPS:
+            return None
+        amplitude = self._amplitude(now_ns)
+        if self._there is None or amplitude < (1.0 - _FALLS) * self._there[1]:
+            self._there = now_ns, amplitude
+        since_ns = self._there[0]
+        if (now_ns - since_ns) / NANOSECONDS < _DIES_S:
+            return None
+        self._refuted = True
+        cause = (
+            f'the motion does not die out at {self.goal_mps:.2f} m/s, where the roller was safe:'
+            f' it goes lower ({seen or "its end has not been seen"})'
+        )
+        return self._to('tripped', cause, since_ns)
+
+    def _amplitude(self, now_ns: int) -> float:
+        """Return the amplitude: of a detector that is blind that of the sensor; NaN: unknown."""
+        if self._blind(now_ns).words:
+            return self.displacement_m
+        known = (self.heard.motion.amplitude_m, self.heard.envelope_m)
+        return max((x for x in known if not math.isnan(x)), default=math.nan)
 
     def refusal(self, now_ns: int) -> str:
         """Return '' or why no profile may be started or resumed."""
         if self.state == 'tripped':
             return f'the interlock has tripped ({self.cause}): call speed/rearm first'
-        trouble, _ = self.trouble(now_ns) if self.state == 'armed' else ('', 0)
-        return f'interlock ({self.settings.interlock}): {trouble}' if trouble else ''
+        words = self.trouble(now_ns).words if self.state == 'armed' else ''
+        return f'interlock ({self.settings.interlock}): {words}' if words else ''
 
     def safe_speed_mps(self) -> float:
         """Return where the roller is to go when it trips, m/s, as far as is known now."""
-        if self.settings.safe_speed_mps:
-            return self.settings.safe_speed_mps
-        v_n = self.heard.motion.v_n
-        return 0.0 if math.isnan(v_n) else max(0.0, v_n - self.settings.safe_margin_mps)
+        v_n, given = self.heard.motion.v_n, self.settings.safe_speed_mps
+        if math.isnan(v_n):
+            return given if math.isfinite(given) else 0.0
+        return min(given, max(0.0, v_n - self.settings.safe_margin_mps))
+
+    def unsafe(self) -> str:
+        """Return '' or that the safe speed of the rig is none by the form in force."""
+        v_n, given = self.heard.motion.v_n, self.settings.safe_speed_mps
+        if not v_n <= given < math.inf:
+            return ''
+        return (
+            f'safe_speed_mps, {given:g} m/s, is not below v_n, {v_n:.3f} m/s:'
+            f' {self.safe_speed_mps():.2f} m/s is used'
+        )
 
     def rearm(self, now_ns: int) -> tuple[Change | None, str]:
         """Arm a tripped interlock again; return the transition, and '' or why not."""
         if self.state != 'tripped':
             return None, ''
-        trouble, _ = self.trouble(now_ns)
-        if trouble:
+        words = self.trouble(now_ns).words
+        if words:
             return None, (
-                f'the interlock stays tripped, its cause is not over: {trouble};'
+                f'the interlock stays tripped, its cause is not over: {words};'
                 ' to go on without it, disarm it (speed/arm_interlock false)'
             )
-        return self._to('armed', 'armed again by a person', now_ns), ''
+        state = 'disarmed' if self.settings.interlock == 'off' else 'armed'
+        return self._to(state, f'{state} again by a person', now_ns), ''
 
     def arm(self, now_ns: int, armed: bool) -> tuple[Change | None, str]:
         """Arm or disarm; return the transition, and '' or why not."""
@@ -274,7 +456,14 @@ class Interlock:
             return self._to('disarmed', words, now_ns)
         return self._to('armed', words, now_ns) if before.interlock == 'off' else None
 
+    def restore(self, state: str, cause: str, goal_mps: float) -> None:
+        """Be tripped or disarmed again, as before the process ended."""
+        self._to(state, cause, 0)
+        self.goal_mps = goal_mps if state == 'tripped' else math.inf
+
     def _to(self, state: str, cause: str, since_ns: int) -> Change:
+        if state != 'tripped':
+            self.goal_mps, self._refuted, self._there = math.inf, False, None
         self.state, self.cause = state, cause
         self._watching = state == 'armed'
         return Change(f'interlock_{state}', cause, since_ns)

@@ -2,8 +2,7 @@
 Modbus devices: an analog input or an encoder counter as a sensor, a drive with its registers.
 
 A device is polled on a grid of the steady clock. It samples when it answers: a sample's stamp is
-the time of the request and half the shortest recent round trip, whenever the answer was read;
-where the device has a clock of its own in a register, the stamp follows that clock.
+the time of the request and half the shortest recent round trip, whenever the answer was read.
 """
 
 from __future__ import annotations
@@ -17,18 +16,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from hunt_ros.drivers.base import DriveBlock, DriveDriver, SensorBlock, SensorDriver
-from hunt_ros.drivers.modbus_link import FORMATS, ModbusBus, ModbusLink, Register
-from hunt_ros.drivers.sample_clock import Counter, SampleClock, host_less_steady_ns
-from hunt_ros.errors import ConfigError
+from hunt_ros.drivers.modbus_link import (
+    FORMATS,
+    ModbusBus,
+    ModbusLink,
+    Register,
+)
+from hunt_ros.drivers.sample_clock import Counter, host_less_steady_ns
+from hunt_ros.errors import ConfigError, RefusedError
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import setting
 
 _WORD_ORDER = 'Which word of a number of 32 bits comes first: that of higher value or of lower.'
 _NONE = -1
-#: Registers in one request (Modbus Application Protocol V1.1b3, section 6.3).
-_MOST_WORDS = 125
 #: Round trips among which the shortest is looked for.
 _ROUND_TRIPS = 64
+#: The set point is read back so often, s; another one so often in a row is that of another master.
+#: A drive may show one of the last ones (20 are a second).
+_LOOK_S, _CONTRARY, _WRITTEN = 0.1, 2, 20
 #: The speed is the slope of the angle over so long, s.
 _SLOPE_S = 0.1
 
@@ -53,20 +58,20 @@ class ModbusSensor(ModbusBus):
     counter: bool = setting(
         False, 'The register is a counter (an encoder): it wraps around.', fixed=True
     )
-    clock_register: int = setting(
-        _NONE, 'Address of the clock of the device; -1: none.', low=-1, high=65535, fixed=True
-    )
-    clock_format: str = setting(
-        'uint32', 'Format of that clock.', choices=('uint16', 'uint32'), fixed=True
-    )
-    clock_tick_s: float = setting(
-        1e-3, 'Length of a tick of that clock.', unit='s', low=1e-9, high=1.0, fixed=True
-    )
 
 
 @dataclass(frozen=True)
 class ModbusDrive(ModbusBus):
     """A drive with a set point and readings in registers."""
+
+    timeout_s: float = setting(
+        0.1,
+        'An answer that takes longer is none; up to 0.1 s the question is repeated once.',
+        unit='s',
+        low=0.01,
+        high=0.5,
+        fixed=True,
+    )
 
     speed_register: int = setting(
         0, 'Holding register of the set point.', low=0, high=65535, fixed=True
@@ -139,30 +144,20 @@ class _Pace:
 
 
 class _Poll:
-    """
-    Reads numbers of a device, and says when it took them.
+    """Reads a number of a device whose link is open, and says when it took it."""
 
-    Parameters
-    ----------
-    link : ModbusLink
-        Open.
-    registers : sequence of Register
-        Of one kind; read in one request.
-    """
-
-    def __init__(self, link: ModbusLink, *registers: Register) -> None:
-        self._link = link
-        self._registers = registers
+    def __init__(self, link: ModbusLink, register: Register) -> None:
+        self._link, self._register = link, register
         self._trips_ns: deque[int] = deque(maxlen=_ROUND_TRIPS)
-        self.answered_ns = 0  # steady clock
+        self.sampled_ns = 0  # steady clock
 
-    def __call__(self) -> tuple[int, list[float]]:
-        """Return (stamp in ns on the host's clock, numbers)."""
+    def __call__(self) -> tuple[int, float]:
+        """Return stamp, ns on the host's clock, and number."""
         asked_ns = time.monotonic_ns()
-        numbers = self._link.read_numbers(*self._registers)
-        self.answered_ns = time.monotonic_ns()
-        self._trips_ns.append(self.answered_ns - asked_ns)
-        return asked_ns + min(self._trips_ns) // 2 + host_less_steady_ns(), numbers
+        number = self._link.read_number(self._register)
+        self._trips_ns.append(time.monotonic_ns() - asked_ns)
+        self.sampled_ns = asked_ns + min(self._trips_ns) // 2
+        return self.sampled_ns + host_less_steady_ns(), number
 
 
 class Sensor(SensorDriver):
@@ -174,15 +169,7 @@ class Sensor(SensorDriver):
     def __init__(self, settings: ModbusSensor, channel: str, rate_hz: float) -> None:
         super().__init__(settings, channel, rate_hz)
         kind, order = settings.register_kind, settings.word_order
-        self._registers = [Register(settings.register, kind, settings.register_format, order)]
-        if settings.clock_register != _NONE:
-            clock = Register(settings.clock_register, kind, settings.clock_format, order)
-            self._registers.append(clock)
-            if abs(clock.address - settings.register) > _MOST_WORDS - 2:
-                raise ConfigError(
-                    f'{settings}: clock_register {clock.address} is more than {_MOST_WORDS}'
-                    f' registers from register {settings.register}: expected both in one request'
-                )
+        self._reading = Register(settings.register, kind, settings.register_format, order)
         if settings.counter and settings.register_format == 'float32':
             raise ConfigError(f'{settings}: register_format: a counter is no float32')
         _check_scale(settings, 'scale', settings.scale)
@@ -191,13 +178,9 @@ class Sensor(SensorDriver):
 
     def open(self) -> None:
         """Connect, and read once; raises DriverError where that fails."""
-        reading = self._registers[0]
         self._link.open()
-        self._poll = _Poll(self._link, *self._registers)
-        self._counter = Counter(16 * reading.words) if self.settings.counter else None
-        self._ticks = Counter(16 * self._registers[-1].words)
-        self._clock = SampleClock(self.settings.clock_tick_s)
-        self._tick: int | None = None
+        self._poll = _Poll(self._link, self._reading)
+        self._counter = Counter(16 * self._reading.words) if self.settings.counter else None
         self._poll()
         self._pace = _Pace(self.rate_hz)
 
@@ -206,17 +189,10 @@ class Sensor(SensorDriver):
         missed = self._pace.wait(timeout_s)
         if missed is None:
             return SensorBlock()
-        stamp_ns, (number, *clock) = self._poll()
-        stamps_ns = np.array([stamp_ns])
-        if clock:
-            tick = int(self._ticks.unwrap([round(clock[0])])[0])
-            if tick == self._tick:
-                return SensorBlock()  # the device has sampled nothing since
-            self._tick = tick
-            stamps_ns = self._clock.stamps([tick], self._poll.answered_ns)
+        stamp_ns, number = self._poll()
         if self._counter is not None:
             number = float(self._counter.unwrap([round(number)])[0])
-        return SensorBlock(stamps_ns, np.array([number * self.settings.scale]), missed)
+        return SensorBlock(np.array([stamp_ns]), np.array([number * self.settings.scale]), missed)
 
     def close(self) -> None:
         """Disconnect."""
@@ -260,6 +236,8 @@ class Drive(DriveDriver):
         self._polls = {r: _Poll(self._link, r) for r in registers if r.address != _NONE}
         self._counter = Counter(16 * self._encoder.words)
         self._angles: deque[tuple[int, float]] = deque()
+        self._written: deque[list[int]] = deque(maxlen=_WRITTEN)
+        self._looked_s, self._contrary, self._foreign_mps = -math.inf, 0, math.nan
         for poll in self._polls.values():
             poll()
         self._pace = _Pace(self.settings.poll_hz)
@@ -270,21 +248,43 @@ class Drive(DriveDriver):
             return DriveBlock()
         stamp_ns, angle_rad, speed_mps = 0, math.nan, math.nan
         if self._actual in self._polls:
-            stamp_ns, (number,) = self._polls[self._actual]()
+            stamp_ns, number = self._polls[self._actual]()
             speed_mps = number * self.settings.actual_scale_mps
         if self._encoder in self._polls:
-            stamp_ns, (number,) = self._polls[self._encoder]()
+            stamp_ns, number = self._polls[self._encoder]()
             turns = self._counter.unwrap([round(number)])[0]
             angle_rad = 2.0 * math.pi * float(turns) / self.settings.encoder_counts_per_turn
             if self._actual not in self._polls:
-                speed_mps = self._speed_mps(stamp_ns, angle_rad)
+                # On the steady clock: that of the host may be set.
+                sampled_ns = self._polls[self._encoder].sampled_ns
+                speed_mps = self._speed_mps(sampled_ns, angle_rad)
                 if math.isnan(speed_mps):
                     return DriveBlock()
-        return DriveBlock(np.array([stamp_ns]), np.array([angle_rad]), np.array([speed_mps]))
+        self._read_back()
+        return DriveBlock(
+            np.array([stamp_ns]), np.array([angle_rad]), np.array([speed_mps]), self._foreign_mps
+        )
 
     def set_speed(self, speed_mps: float) -> None:
         """Write the set point; raises DriverError if it does not fit or is not taken."""
-        self._link.write_number(self._target, speed_mps / self.settings.speed_scale_mps)
+        number = speed_mps / self.settings.speed_scale_mps
+        self._written.append(self._target.encode(number))  # also one that is not answered
+        self._link.write_number(self._target, number)
+
+    def _read_back(self) -> None:
+        """Look now and then whether the drive holds the set point that was written last."""
+        now_s = time.monotonic()
+        if not self._written or now_s - self._looked_s < _LOOK_S:
+            return
+        self._looked_s = now_s
+        try:
+            held = self._link.read('holding', self._target.address, self._target.words)
+        except RefusedError:  # a register that can only be written
+            self._written = deque(maxlen=0)
+            return
+        self._contrary = 0 if held in self._written else self._contrary + 1
+        number = self._target.decode(held) * self.settings.speed_scale_mps
+        self._foreign_mps = number if self._contrary >= _CONTRARY else math.nan
 
     def close(self) -> None:
         """Disconnect."""

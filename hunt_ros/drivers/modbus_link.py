@@ -1,7 +1,8 @@
 """
 One Modbus device: its bus, TCP or RTU, and numbers in its registers (pymodbus, extra `modbus`).
 
-One transaction at a time: whoever calls from another thread waits for the one under way.
+One transaction at a time: whoever calls from another thread waits for the one under way. A device
+that is busy, and an answer that is lost, are asked for again on the open connection.
 """
 
 from __future__ import annotations
@@ -10,10 +11,11 @@ import logging
 import math
 import struct
 import threading
+import time
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from hunt_ros.errors import ConfigError, DriverError
+from hunt_ros.errors import ConfigError, DriverError, RefusedError
 from hunt_ros.settings import Settings, setting
 
 #: Format of a number -> (code of `struct`, registers).
@@ -36,6 +38,21 @@ _REFUSALS = {
     10: 'gateway has no path',
     11: 'no answer behind the gateway',
 }
+#: Call of pymodbus -> function of the protocol.
+_FUNCTIONS = {
+    'read_holding_registers': 3,
+    'read_input_registers': 4,
+    'write_coil': 5,
+    'write_register': 6,
+    'write_registers': 16,
+}
+#: Refusals after which the same question is asked again.
+_BUSY = (5, 6)
+#: For so long a device may be busy, and so long may a repeated question take, s: a gap of 0.3 s is
+#: silence to the detector. It is asked again so often, s.
+_BUDGET_S, _AGAIN_S = 0.1, 0.01
+#: Time to connect, s.
+_CONNECT_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -54,7 +71,12 @@ class ModbusBus(Settings):
     parity: str = setting('E', 'Parity (rtu).', choices=('N', 'E', 'O'), fixed=True)
     device_id: int = setting(1, 'Number of the device on the bus.', low=0, high=247, fixed=True)
     timeout_s: float = setting(
-        0.3, 'An answer that takes longer is none.', unit='s', low=0.01, high=10.0, fixed=True
+        0.1,
+        'An answer that takes longer is none; up to 0.1 s the question is repeated once.',
+        unit='s',
+        low=0.01,
+        high=10.0,
+        fixed=True,
     )
 
     def __str__(self) -> str:
@@ -126,6 +148,7 @@ class ModbusLink:
         self._bus = bus
         self._client: Any = None
         self._lock = threading.Lock()
+        self._clear_s = 0.0  # before this an answer to an earlier question may come (rtu)
 
     def open(self) -> None:
         """
@@ -149,7 +172,8 @@ class ModbusLink:
         bus = self._bus
         client: Any
         if bus.bus == 'tcp':
-            client = ModbusTcpClient(bus.host, port=bus.port, timeout=bus.timeout_s, retries=0)
+            patience_s = max(_CONNECT_S, bus.timeout_s)
+            client = ModbusTcpClient(bus.host, port=bus.port, timeout=patience_s, retries=0)
         else:
             client = ModbusSerialClient(
                 bus.serial_port,
@@ -161,7 +185,8 @@ class ModbusLink:
         with self._lock:
             if not client.connect():
                 raise DriverError(f'{bus}: cannot connect')
-            self._client = client
+            client.comm_params.timeout_connect = bus.timeout_s  # from now on that of an answer
+            self._client, self._clear_s = client, 0.0
 
     def close(self) -> None:
         """Disconnect; a transaction under way in another thread ends first."""
@@ -181,22 +206,11 @@ class ModbusLink:
         """
         call = f'read_{kind}_registers'
         response = self._transact(call, f'{kind} register {address}', address, count=count)
-        words = list(response.registers)
-        if len(words) < count:
-            raise DriverError(
-                f'{self._bus}: {kind} register {address}: {len(words)} words, expected {count}'
-            )
-        return words
+        return list(response.registers)
 
-    def read_numbers(self, *registers: Register) -> list[float]:
-        """Read numbers of one kind in one request: they belong together. Raises as `read`."""
-        first = min(register.address for register in registers)
-        end = max(register.address + register.words for register in registers)
-        words = self.read(registers[0].kind, first, end - first)
-        return [
-            register.decode(words[register.address - first :][: register.words])
-            for register in registers
-        ]
+    def read_number(self, register: Register) -> float:
+        """Read a number. Raises as `read`."""
+        return register.decode(self.read(register.kind, register.address, register.words))
 
     def write_number(self, register: Register, value: float) -> None:
         """
@@ -226,22 +240,53 @@ class ModbusLink:
         self._transact('write_coil', f'coil {address}', address, on)
 
     def _transact(self, call: str, what: str, *arguments: Any, **options: Any) -> Any:
-        from pymodbus.exceptions import ModbusException
+        from pymodbus.exceptions import ModbusException, ModbusIOException
 
+        bus, began_s, missed = self._bus, time.monotonic(), False
         with self._lock:
-            if self._client is None:
-                raise DriverError(f'{self._bus}: not open')
-            try:
-                response = getattr(self._client, call)(
-                    *arguments, **options, device_id=self._bus.device_id
-                )
-            except (ModbusException, OSError) as error:
-                text = ' '.join(str(error).split())
-                raise DriverError(f'{self._bus}: {what}: no answer ({text})') from error
-        if response.isError():
-            code = getattr(response, 'exception_code', 0)
-            reason = _REFUSALS.get(code, f'exception {code}')
-            raise DriverError(f'{self._bus}: {what}: {reason}')
+            while True:
+                if self._client is None:
+                    raise DriverError(f'{bus}: not open')
+                try:
+                    response = self._ask(missed, call, *arguments, **options)
+                except (ModbusException, OSError) as error:
+                    lost = isinstance(error, ModbusIOException)
+                    self._clear_s = time.monotonic() + bus.timeout_s
+                    if lost and not missed and bus.timeout_s <= _BUDGET_S:
+                        missed = True
+                        continue
+                    text = ' '.join(str(error).split())
+                    raise DriverError(f'{bus}: {what}: no answer ({text})') from error
+                if not response.isError():
+                    return response
+                code = getattr(response, 'exception_code', 0)
+                if code not in _BUSY or time.monotonic() - began_s > _BUDGET_S:
+                    reason = _REFUSALS.get(code, f'exception {code}')
+                    raise RefusedError(f'{bus}: {what}: {reason}')
+                time.sleep(_AGAIN_S)
+
+    def _ask(self, again: bool, call: str, *arguments: Any, **options: Any) -> Any:
+        """
+        Send one question, and return the answer to it and no other.
+
+        Frames on a serial bus have no number: what comes late is the answer to an earlier one.
+        To the same question it is as good; before another one the line has to be clear.
+        """
+        from pymodbus.exceptions import ModbusIOException
+
+        if self._bus.bus == 'rtu':
+            if not again:
+                time.sleep(max(0.0, self._clear_s - time.monotonic()))
+            if self._client.socket is not None:
+                self._client.socket.reset_input_buffer()
+        response = getattr(self._client, call)(
+            *arguments, **options, device_id=self._bus.device_id
+        )
+        code = _FUNCTIONS[call]
+        count = options.get('count')
+        other = response.function_code & 0x7F != code
+        if other or (count and not response.isError() and len(response.registers) != count):
+            raise ModbusIOException(f'an answer to another question, function {code} expected')
         return response
 
     def __str__(self) -> str:

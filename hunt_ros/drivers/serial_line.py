@@ -8,6 +8,7 @@ Where nothing but such lines comes, the driver gives up and says what one looks 
 
 from __future__ import annotations
 
+import errno
 import math
 import time
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ import numpy as np
 
 from hunt_ros.drivers.base import SensorBlock, SensorDriver
 from hunt_ros.drivers.sample_clock import SampleClock
-from hunt_ros.errors import ConfigError, DriverError
+from hunt_ros.errors import ConfigError, DriverError, RefusedError
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 
@@ -98,7 +99,9 @@ class Sensor(SensorDriver):
             self._port = serial.Serial(settings.serial_port, settings.baud_rate, exclusive=True)
         except (OSError, ValueError) as error:
             reason = getattr(error, 'strerror', None) or ' '.join(str(error).split())
-            raise DriverError(f'{self}: cannot open it ({reason})') from error
+            absent = getattr(error, 'errno', None) == errno.ENOENT  # not plugged in yet
+            kind = DriverError if absent else RefusedError
+            raise kind(f'{self}: cannot open it ({reason})') from error
         self._pending = b''
         self._begun = False  # the end of a line has been seen
         self._bad = 0  # lines one after the other
@@ -177,6 +180,8 @@ class Sensor(SensorDriver):
 
     def _tick_of(self, clock: int, now_ns: int) -> int | None:
         """Return the clock without wrap-around; None where it is torn: far from what is due."""
+        if not 0 <= clock < 1 << self.settings.clock_bits:
+            return None
         if self._tick is None:
             return clock
         ahead = (clock - self._tick) % (1 << self.settings.clock_bits)

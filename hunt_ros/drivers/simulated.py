@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hunt_ros.drivers.base import DriveBlock, DriveDriver, SensorBlock, SensorDriver
+from hunt_ros.drivers.base import DriveBlock, DriveDriver, Driver, SensorBlock, SensorDriver
 from hunt_ros.drivers.simulator_protocol import Channel, Decoder, Frame, Kind, encode
 from hunt_ros.errors import DriverError
 from hunt_ros.settings import Settings, setting
@@ -92,19 +92,32 @@ class _Connection:
         return f'rig simulator {self._channel.name.lower()} at {host}:{port}'
 
 
-class Sensor(SensorDriver):
-    """A sensor of the simulated rig."""
+class _Simulated(Driver):
+    """What both have: a connection."""
 
     Settings = SimulatorAddress
+    _connection: _Connection
+
+    def open(self) -> None:
+        """Connect; raises DriverError where nobody answers."""
+        self._connection.open()
+
+    def close(self) -> None:
+        """Disconnect."""
+        self._connection.close()
+
+    def __str__(self) -> str:
+        return str(self._connection)
+
+
+class Sensor(_Simulated, SensorDriver):
+    """A sensor of the simulated rig."""
+
     channels = ('lateral', 'yaw')
 
     def __init__(self, settings: SimulatorAddress, channel: str, rate_hz: float) -> None:
         super().__init__(settings, channel, rate_hz)
         self._connection = _Connection(settings, Channel[channel.upper()])
-
-    def open(self) -> None:
-        """Connect; raises DriverError where nobody answers."""
-        self._connection.open()
 
     def read(self, timeout_s: float) -> SensorBlock:
         """Wait for samples; raises DriverError when the connection is lost."""
@@ -115,26 +128,13 @@ class Sensor(SensorDriver):
         lost = sum(lost for _, lost in received)
         return SensorBlock(records['stamp_ns'], records['value'], lost)
 
-    def close(self) -> None:
-        """Disconnect."""
-        self._connection.close()
 
-    def __str__(self) -> str:
-        return str(self._connection)
-
-
-class Drive(DriveDriver):
+class Drive(_Simulated, DriveDriver):
     """The drive of the simulated rig."""
-
-    Settings = SimulatorAddress
 
     def __init__(self, settings: SimulatorAddress, roller_diameter_m: float) -> None:
         super().__init__(settings, roller_diameter_m)
         self._connection = _Connection(settings, Channel.DRIVE)
-
-    def open(self) -> None:
-        """Connect; raises DriverError where nobody answers."""
-        self._connection.open()
 
     def read(self, timeout_s: float) -> DriveBlock:
         """Wait for readings; raises DriverError when the connection is lost."""
@@ -147,10 +147,3 @@ class Drive(DriveDriver):
     def set_speed(self, speed_mps: float) -> None:
         """Command a running speed, m/s; raises DriverError when the connection is lost."""
         self._connection.send(encode(Kind.SET_SPEED, 0, speed_mps))
-
-    def close(self) -> None:
-        """Disconnect."""
-        self._connection.close()
-
-    def __str__(self) -> str:
-        return str(self._connection)

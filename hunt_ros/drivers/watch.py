@@ -13,10 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.samples import NANOSECONDS
+from hunt_ros.samples import GAP_STEPS, NANOSECONDS
 
-#: Spacing of two stamps, in periods, in which a sample is missing.
-_GAP = 1.5
 #: Deviation of the spacing, in periods: 0.5 ms at 500 Hz is 1.5 % of an amplitude at 5 Hz.
 _JITTER = 0.25
 #: The rate is away by more than this fraction of what is expected.
@@ -107,7 +105,7 @@ class SourceWatch:
     def report(self) -> SourceReport:
         """Return what the samples since the last report were like."""
         spacings = np.concatenate(self._spacings) if self._spacings else np.zeros(0)
-        gaps = spacings > _GAP * self._period_ns
+        gaps = spacings > GAP_STEPS * self._period_ns
         whole = spacings[~gaps]
         total_s = float(spacings.sum()) / NANOSECONDS
         rate_hz = spacings.size / total_s if total_s > 0.0 else math.nan

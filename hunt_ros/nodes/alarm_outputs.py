@@ -11,22 +11,32 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, wait
+from datetime import datetime
 from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
-from hunt_ros.drivers.alarm_output import AlarmOutput, AlarmSettings, Condition
+from hunt_ros.drivers.alarm_output import AlarmSettings, Condition
 from hunt_ros.drivers.modbus_link import ModbusBus
-from hunt_ros.errors import ConfigError
+from hunt_ros.errors import ConfigError, DriverError
 from hunt_ros.nodes.support.conversions import read_diagnostic
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, one_line, steady_clock
 from hunt_ros.nodes.support.parameters import declare, warn_unknown
-from hunt_ros.nodes.support.qos import STATUS
+from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched
 from hunt_ros.nodes.support.sole import hold_name
-from hunt_ros.nodes.support.worker import Worker
+from hunt_ros.nodes.support.worker import Worker, answer_aside
+from hunt_ros.suite import START_S, Awaited
 
 _LOOK_S = 0.05
+#: What failed is tried again after this, after twice as long, and so on, s.
+_AGAIN_S, _AGAIN_MOST_S = 5.0, 60.0
+#: A test sounds, and holds a relay, for so long, s; it is given up after the second.
+_TEST_S, _TEST_MOST_S = 2.0, 60.0
+_TEST = 'test of the alarm, asked for by a person'
+#: What sounds again after an acknowledgement: the events with which an alarm begins.
+_BEGINS = ('escaping', 'limit_cycle', 'limit_exceeded', 'interlock_tripped')
 
 
 class AlarmOutputsNode(Node):
@@ -43,18 +53,29 @@ class AlarmOutputsNode(Node):
         if not self._outputs:
             raise ConfigError('alarm_outputs: none of sound, command and relay_coil is given')
         self._condition, self._cause = Condition.WAITING, 'no status heard yet'
+        self._began_s = time.monotonic()
         self._heard_s = -float('inf')
+        self._status: dict[str, str] = {}
+        self._kept = ''  # what the speed node keeps until a person ends it
+        self._acknowledged = False  # what is called for now
+        self._judged = False  # the detector has had sound inputs once
         self._problems: dict[str, str] = {}
+        #: Outputs that are being tested, and what came of it.
+        self._tests: dict[str, Future[str]] = {}
+        self._tested = 'never'
         self._changed = {name: threading.Event() for name in self._outputs}
         self._diagnostics = Diagnostics(self, self._health)
         self.create_subscription(DiagnosticArray, 'hunting/status', self._on_status, STATUS)
+        self.create_subscription(DiagnosticArray, 'speed/status', self._on_drive, latched())
+        self.create_subscription(DiagnosticArray, 'hunting/events', self._on_event, EVENTS)
         self.create_timer(_LOOK_S, self._look, clock=steady_clock())
-        self._workers = [
-            Worker(self._diagnostics, name, partial(self._work, name)) for name in self._outputs
-        ]
+        failed = self._diagnostics.failed
+        self._answers = answer_aside(self, failed, {'alarm/test': self._on_test})
+        self._workers = [Worker(failed, name, partial(self._work, name)) for name in self._outputs]
 
     def close(self) -> None:
         """End the outputs; a relay is switched off."""
+        self._answers.close(0.0)
         for worker in self._workers:
             worker.stopping.set()
         for changed in self._changed.values():
@@ -63,52 +84,68 @@ class AlarmOutputsNode(Node):
             worker.stop()
 
     def _on_status(self, message: DiagnosticArray) -> None:
-        """Show what a status of the detector says."""
-        status = read_diagnostic(message)
-        if not status:
-            return
-        self._heard_s = time.monotonic()
-        cause = f'{status["level"]}: {status["message"]}'
-        if status['level'] == 'ERROR' or status.get('alarm') == 'True':
-            self._show(Condition.ALARM, cause)
-        elif status['level'] == 'STALE' and self._config.call_on_doubt:
-            self._show(Condition.DOUBT, cause)
-        else:
-            self._show(Condition.WELL, cause)
+        """Take a status of the detector."""
+        if status := read_diagnostic(message):
+            self._status, self._heard_s = status, time.monotonic()
+            self._judged |= status['level'] != 'STALE'
+            self._look()
+
+    def _on_drive(self, message: DiagnosticArray) -> None:
+        """Take what the speed node says: of an alarm that outlived its detector, and of a trip."""
+        said = read_diagnostic(message)
+        tripped = said.get('interlock_state') == 'tripped'
+        self._kept = said.get('alarm_kept') or (said['interlock_cause'] if tripped else '')
+
+    def _on_event(self, message: DiagnosticArray) -> None:
+        """Silence the horn for what was acknowledged; an alarm that follows sounds again."""
+        event = read_diagnostic(message).get('event')
+        if event in ('acknowledged', *_BEGINS):
+            self._acknowledged = event == 'acknowledged'
 
     def _look(self) -> None:
-        """Find silence, once something has been heard."""
-        silent_s = time.monotonic() - self._heard_s
-        if self._condition is Condition.WAITING or silent_s < self._config.silence_s:
-            return
-        if self._config.call_on_doubt and self._condition is not Condition.ALARM:
-            self._show(Condition.DOUBT, f'no status for {self._config.silence_s:g} s')
-
-    def _show(self, condition: Condition, cause: str) -> None:
         """Have every output show a condition that is new."""
-        before, self._condition = self._condition, condition
-        if condition is before:
-            return
-        self._cause = cause
-        self.get_logger().info(f'{condition.value}: {cause}')
-        for changed in self._changed.values():
-            changed.set()
+        before = self._condition
+        self._condition, cause = self._judge()
+        if self._condition is not before:
+            self._cause, self._acknowledged = cause, False
+            self.get_logger().info(f'{self._condition.value}: {cause}')
+            for changed in self._changed.values():
+                changed.set()
+
+    def _judge(self) -> tuple[Condition, str]:
+        """Return what is to be shown now, and why: what was an alarm is one while it is silent."""
+        status, silence_s = self._status, self._config.silence_s
+        words = f'{status["level"]}: {status["message"]}' if status else 'no status heard yet'
+        if self._kept:
+            return Condition.ALARM, self._kept
+        if status and (status['level'] == 'ERROR' or status.get('alarm') == 'True'):
+            return Condition.ALARM, words
+        if not self._judged and time.monotonic() - self._began_s < START_S:
+            return Condition.WAITING, words
+        if not status:
+            return Condition.DOUBT, f'no status since the start, for more than {START_S:g} s'
+        if time.monotonic() - self._heard_s > silence_s:
+            return Condition.DOUBT, f'no status for {silence_s:g} s'
+        return (Condition.DOUBT if status['level'] == 'STALE' else Condition.WELL), words
 
     def _work(self, name: str, stopping: threading.Event) -> None:
-        """Keep one output at the present condition; what it raises is told, and tried again."""
+        """Keep one output at the present condition; what fails is told, and tried again."""
         output, changed = self._outputs[name], self._changed[name]
+        again_s = _AGAIN_S
         while not stopping.is_set():
-            self._try(name, partial(self._show_on, output))
-            changed.wait(output.repeat_s)
+            if (test := self._tests.pop(name, None)) is not None:
+                test.set_result(self._try(name, partial(output.show, Condition.ALARM, _TEST)))
+                stopping.wait(_TEST_S)
+            shown = partial(output.show, self._condition, self._cause)
+            silent = output.horn and self._acknowledged
+            failed = '' if silent else self._try(name, shown)
+            changed.wait(again_s if failed else output.repeat_s)
             changed.clear()
+            again_s = min(2.0 * again_s, _AGAIN_MOST_S) if failed else _AGAIN_S
         self._try(name, output.close)
 
-    def _show_on(self, output: AlarmOutput) -> None:
-        if self._condition is not Condition.WAITING:
-            output.show(self._condition, self._cause)
-
-    def _try(self, name: str, act: Callable[[], object]) -> None:
-        """Do what an output does; what fails is logged once, and told in the diagnostics."""
+    def _try(self, name: str, act: Callable[[], object]) -> str:
+        """Do what an output does; return '' or what failed, logged once and in the diagnostics."""
         try:
             act()
         except Exception as error:  # whatever a library of the hardware raises
@@ -117,14 +154,39 @@ class AlarmOutputsNode(Node):
             self._problems[name] = one_line(error)
         else:
             self._problems.pop(name, None)
+        return self._problems.get(name, '')
+
+    def _on_test(self) -> str:
+        """Have every output call for a moment, as a status of the detector would."""
+        if time.monotonic() - self._heard_s > self._config.silence_s:
+            raise DriverError('the detector is not heard: an alarm of it would call nobody')
+        asked: dict[str, Future[str]] = {name: Future() for name in self._outputs}
+        self._tests |= asked
+        for changed in self._changed.values():
+            changed.set()
+        wait(asked.values(), _TEST_MOST_S)
+        said = {
+            name: test.result() if test.done() else f'no answer for {_TEST_MOST_S:g} s'
+            for name, test in asked.items()
+        }
+        if failed := '; '.join(f'{name}: {why}' for name, why in said.items() if why):
+            raise DriverError(failed)
+        before, self._tested = self._tested, f'{datetime.now():%Y-%m-%d %H:%M:%S}'
+        names = ' and '.join(self._outputs)
+        return f'{names} called, and the detector is heard; last test before: {before}'
 
     def _health(self) -> Health:
-        values = {'condition': self._condition.value, 'cause': self._cause}
+        values = {
+            'condition': self._condition.value,
+            'cause': self._cause,
+            'acknowledged': self._acknowledged,
+            'tested': self._tested,
+        }
         problems = [f'{name}: {problem}' for name, problem in list(self._problems.items())]
         if problems:
             return 'ERROR', '; '.join(problems), values
         if self._condition is Condition.WAITING:
-            return 'WARN', self._cause, values
+            return Awaited('WARN'), self._cause, values
         return 'OK', self._condition.value, values
 
 

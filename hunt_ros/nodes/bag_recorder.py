@@ -11,6 +11,7 @@ can crash on what is gone (ros2/rclpy #1644).
 
 from __future__ import annotations
 
+import shutil
 import threading
 import time
 from collections import deque
@@ -29,41 +30,33 @@ from rclpy.clock import ROSClock
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
-from hunt_ros.bag.cdr.layout import JOINT_STATE
-from hunt_ros.bag.leftover import finalise_left
 from hunt_ros.bag.messages import DIAGNOSTIC_ARRAY, STRING
-from hunt_ros.bag.record_rows import TWIST_STAMPED
 from hunt_ros.bag.recording import Recording, RecordingLimits, RecordingState
+from hunt_ros.bag.repair import finalise_left
 from hunt_ros.errors import BagError
+from hunt_ros.nodes.support.call_words import CallWords
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, steady_clock
 from hunt_ros.nodes.support.estimate_publishers import ESTIMATES
 from hunt_ros.nodes.support.parameter_collector import ParameterCollector
 from hunt_ros.nodes.support.parameters import declare, warn_unknown
 from hunt_ros.nodes.support.polled import Missed, Polling, waiting
 from hunt_ros.nodes.support.qos import JOURNAL, MEASUREMENTS, latched, stream
-from hunt_ros.nodes.support.service_thread import ServiceThread
 from hunt_ros.nodes.support.sole import hold_name
-from hunt_ros.nodes.support.worker import Worker
+from hunt_ros.nodes.support.worker import Worker, answer_aside
 from hunt_ros.rig import of_rig
-from hunt_ros.sensors import MOTION
+from hunt_ros.sensors import CHANNEL_FIELDS, TWIST_STAMPED
+from hunt_ros.services import SERVICES
 from hunt_ros.settings import setting
+from hunt_ros.suite import Awaited
 
 #: What the operator wrote; the service of this name marks the moment of its call.
 _MARK_TOPIC = 'recording/mark'
-#: What a mark without words says.
-_WORDLESS = 'mark'
-#: Words that were recorded longer before a call than this are not its words, s: who calls
-#: publishes them just before. One mark too many is better than a moment that nobody marked.
-_WORDS_S = 5.0
 #: Subscribed before their publishers appear, so that their first message is in the bag.
 DESIGN_TOPICS: dict[str, str] = {
-    **dict.fromkeys(MOTION, JOINT_STATE),
-    'roller': JOINT_STATE,
-    'speed': TWIST_STAMPED,
+    **{channel: kind for channel, (kind, _) in CHANNEL_FIELDS.items()},
     'speed/target': TWIST_STAMPED,
     'hunting/events': DIAGNOSTIC_ARRAY,
     'hunting/status': DIAGNOSTIC_ARRAY,
@@ -80,8 +73,9 @@ LATCHED_TOPICS: dict[str, str] = {
 }
 #: Of the whole graph, recorded beside the namespace of the rig.
 GLOBAL_TOPICS = ('/diagnostics', '/parameter_events', '/rosout')
-#: Not recorded: it would name the recording in itself.
 OWN_TOPIC = 'recording/closed'
+#: Not recorded: it would name the recording in itself; and words, which the mark says.
+_LEFT_OUT = (OWN_TOPIC, SERVICES['mark'].words_topic)
 
 _WITHOUT_CLOCK = 2000
 #: How many messages of a latched topic its publisher keeps for who comes late; of the log the
@@ -97,6 +91,8 @@ _RESENT_S = 3.5
 #: The longest wait for what was published before a stop, s: clocks of hosts may differ.
 _LATE_S = 6.0
 _ROUND_S = 0.05
+#: A recording that cannot be is tried again after this, s.
+_AGAIN_S = 5.0
 
 _Result = TypeVar('_Result')
 #: When a message came and when it was published, ns.
@@ -146,7 +142,8 @@ class BagRecorderNode(Polling, Node):
         self._listened_s = 0.0
         #: By topic: when its newest message was published, system clock, ns, and `_listened_s`.
         self._newest: dict[str, tuple[int, float]] = {}
-        self._once: dict[str, _Once] = {}
+        #: Of topics that are subscribed in two ways: the last messages.
+        self._twice: dict[str, dict[_Mark, None]] = {}
         self._missed: dict[str, Missed] = {}
         #: Ways in which a topic is subscribed: (reliable, latched).
         self._subscribed: dict[str, set[tuple[bool, bool]]] = {}
@@ -160,26 +157,25 @@ class BagRecorderNode(Polling, Node):
         self._last = ('OK', 'no recording')
         self._closed = self.create_publisher(String, OWN_TOPIC, latched())
         self._mark = self.create_publisher(String, _MARK_TOPIC, stream(10))
-        #: Marks with words in this recording that no call has claimed: when, steady clock, s.
-        self._worded: deque[float] = deque(maxlen=10)
+        self._words = CallWords(self, SERVICES['mark'].words_topic)
         names = ('start', 'stop', 'split', 'mark')
         answers = {f'recording/{name}': getattr(self, f'_on_{name}') for name in names}
-        self._service_thread = ServiceThread(self, answers)
         self.create_timer(_ROUND_S, self._round, clock=steady_clock())
         self._diagnostics = Diagnostics(self, self._health)
+        failed = self._diagnostics.failed
+        self._answers = answer_aside(self, failed, answers)
         self.create_timer(0.25, self._look_around, clock=steady_clock())
         # A long repair of an earlier recording must not keep this one from beginning.
-        Worker(self._diagnostics, 'closing earlier recordings', self._finalise)
-        self._collector = ParameterCollector(
-            self.get_namespace(), self._note_parameters, self._diagnostics
-        )
-        if self._config.autostart:
-            self._begin()
+        Worker(failed, 'closing earlier recordings', self._finalise)
+        self._collector = ParameterCollector(self, failed, self._note_parameters)
+        #: A recording is wanted, and tried again at this time where it cannot be, steady clock.
+        self._wanted, self._again_s = self._config.autostart, 0.0
+        self._begin_if_wanted()
 
     def close(self) -> None:
         """Take what has arrived, and close the recording."""
         self._collector.close()
-        self._service_thread.close()
+        self._answers.close(0.0)
         self._listen()
         try:
             if self._recording is not None:
@@ -194,6 +190,18 @@ class BagRecorderNode(Polling, Node):
         """Take new settings, for the next recording."""
         self._config = config
 
+    def _begin_if_wanted(self) -> None:
+        """Begin the recording that is wanted; where it cannot be, say so and try again later."""
+        if self._recording is not None or not self._wanted or time.monotonic() < self._again_s:
+            return
+        try:
+            self._begin()
+        except BagError as error:
+            self._again_s = time.monotonic() + _AGAIN_S
+            if self._last != ('ERROR', str(error)):
+                self.get_logger().error(f'nothing is recorded: {error}; trying again')
+            self._last = ('ERROR', str(error))
+
     def _begin(self) -> Path:
         """Start a recording; what latched topics have said stands at its beginning."""
         limits = {item.name: getattr(self._config, item.name) for item in fields(RecordingLimits)}
@@ -202,7 +210,6 @@ class BagRecorderNode(Polling, Node):
         notes['started'] = f'{datetime.now().astimezone():%Y-%m-%dT%H:%M:%S%z}'
         notes['namespace'] = self.get_namespace()
         path = self._new_path()
-        self._worded.clear()
         compression = self._config.compression.removeprefix('none')
         self._recording = Recording(
             path, RecordingLimits(**limits), notes=notes, compression=compression
@@ -219,14 +226,13 @@ class BagRecorderNode(Polling, Node):
             for name, kind in names.items():
                 self._subscribe(self._full(name), kind, reliable=True, is_latched=is_latched)
         self._look_around()
+        self._began_s = time.monotonic()
         self.get_logger().info(f'recording {path}')
         return path
 
     def _take_away(self) -> Recording:
         """Let no more messages into the recording."""
-        if self._recording is None:
-            raise BagError('no recording is running')
-        self._finishing, self._recording = self._recording, None
+        self._finishing, self._recording = self._running(), None
         self._early.clear()
         return self._finishing
 
@@ -260,7 +266,7 @@ class BagRecorderNode(Polling, Node):
 
     def _wants(self, name: str) -> bool:
         """Return True if a topic is to be recorded."""
-        if name == self._full(OWN_TOPIC):
+        if name in map(self._full, _LEFT_OUT):
             return False
         estimated = any(name == self._full(topic.name) for topic in ESTIMATES)
         if estimated and not self._config.record_estimates:
@@ -275,7 +281,8 @@ class BagRecorderNode(Polling, Node):
         )
 
     def _look_around(self) -> None:
-        """Pick up new topics."""
+        """Pick up new topics; begin the recording again that could not be."""
+        self._begin_if_wanted()
         if self._recording is None or self._has_ended():
             return
         for name, kinds in self.get_topic_names_and_types():
@@ -300,6 +307,7 @@ class BagRecorderNode(Polling, Node):
         except BagError as error:
             self.get_logger().error(str(error))
         self._last = ('ERROR', problem)
+        self._again_s = time.monotonic() + _AGAIN_S
         return True
 
     def _subscribe(self, name: str, kind: str, *, reliable: bool, is_latched: bool) -> None:
@@ -326,7 +334,7 @@ class BagRecorderNode(Polling, Node):
             self._kinds[name] = (kind, is_latched)
             self._keys[name] = recording.topic(name, kind, latched=is_latched)
         if len(ways) == 2:
-            self._once[name] = _Once()
+            self._twice[name] = {}
 
         subscription = self.create_polled_subscription(message_class, name, qos, raw=True)
         self._heard.append((name, subscription))
@@ -344,18 +352,14 @@ class BagRecorderNode(Polling, Node):
             if name in self._said:
                 self._said[name].append(raw)
             self._take(name, raw, received_ns)
-            if name == self._full(_MARK_TOPIC) and self._recording is not None:
-                words = deserialize_message(raw, String).data.strip()
-                self._worded.extend([time.monotonic()] * (words not in ('', _WORDLESS)))
 
     def _is_new(self, name: str, info: dict[str, Any]) -> bool:
         """Return True if a message has not come by another subscription already."""
-        once = self._once.get(name)
-        if once is None:
+        known = self._twice.get(name)
+        if known is None:
             self._count_missed(name, info)
             return True
-        mark = info['source_timestamp'], info['publication_sequence_number']
-        return once.is_new(mark)
+        return _first(known, (info['source_timestamp'], info['publication_sequence_number']))
 
     def _count_missed(self, name: str, info: dict[str, Any]) -> None:
         """Count what never came; of a latched topic only the newest is meant for everybody."""
@@ -425,6 +429,7 @@ class BagRecorderNode(Polling, Node):
 
     def _on_start(self) -> str:
         def start() -> Path:
+            self._wanted = True
             if self._recording is not None:
                 raise BagError(f'already recording {self._recording.path}')
             try:
@@ -438,6 +443,7 @@ class BagRecorderNode(Polling, Node):
     def _on_stop(self) -> str:
         """Close the recording when all that was published before is in it."""
         asked_ns, asked = time.time_ns(), time.monotonic()
+        self._wanted = False
         self._in_node(self._running)
         while late := self._in_node(lambda: self._may_be_late(asked_ns)):
             if time.monotonic() - asked > _LATE_S:
@@ -463,17 +469,14 @@ class BagRecorderNode(Polling, Node):
         return 'going on in a new file'
 
     def _on_mark(self) -> str:
-        """Mark this moment; words that were recorded just before the call are its mark already."""
+        """Mark this moment, with the words that came just before the call."""
 
         def mark() -> str:
-            """Publish a mark unless the caller did."""
-            self._listen()
+            """Publish the mark."""
             self._running()
-            while self._worded:
-                if time.monotonic() - self._worded.popleft() < _WORDS_S:
-                    return 'marked, with words'
-            self._mark.publish(String(data=_WORDLESS))
-            return 'marked'
+            words = self._words.take()
+            self._mark.publish(String(data=words or 'mark'))
+            return f'marked{", with words" if words else ""}'
 
         return self._in_node(mark)
 
@@ -487,12 +490,23 @@ class BagRecorderNode(Polling, Node):
             'bytes': state.bytes,
             'files': state.files,
             'waiting_bytes': state.waiting_bytes,
+            'recorded_s': time.monotonic() - self._began_s,
+            'free_bytes': _free_bytes(state.path),
             'dropped': state.dropped_count,
             'topics': len(self._subscribed),
         }
         if not self.get_clock().now().nanoseconds:
-            return 'STALE', 'use_sim_time is set, and no /clock comes: nothing is recorded', values
+            waits = 'use_sim_time is set, and no /clock comes: nothing is recorded'
+            return Awaited('STALE'), waits, values
         return *_judged(state), values
+
+
+def _free_bytes(path: Path) -> int | str:
+    """Return the room on the disk of a recording; '' where nobody knows."""
+    try:
+        return shutil.disk_usage(path.parent).free
+    except OSError:
+        return ''
 
 
 def _judged(state: RecordingState) -> tuple[str, str]:
@@ -507,22 +521,14 @@ def _judged(state: RecordingState) -> tuple[str, str]:
     return 'OK', f'recording {state.path.name}: {state.messages} messages'
 
 
-class _Once:
-    """Knows the last messages of a topic that is subscribed in two ways."""
-
-    def __init__(self) -> None:
-        self._order: deque[_Mark] = deque()
-        self._known: set[_Mark] = set()
-
-    def is_new(self, mark: _Mark) -> bool:
-        """Return True if a message has not come the other way already."""
-        if mark in self._known:
-            return False
-        self._known.add(mark)
-        self._order.append(mark)
-        if len(self._order) > MEASUREMENTS:
-            self._known.discard(self._order.popleft())
-        return True
+def _first(known: dict[_Mark, None], mark: _Mark) -> bool:
+    """Return True, and keep it among the last ones, if a message has not come already."""
+    if mark in known:
+        return False
+    known[mark] = None
+    if len(known) > MEASUREMENTS:
+        del known[next(iter(known))]  # the oldest
+    return True
 
 
 def _message_class(kind: str) -> type | None:

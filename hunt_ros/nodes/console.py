@@ -2,7 +2,7 @@
 What the command line sees of a running rig: lines of JSON out, commands in.
 
 Every line on standard output is one object with the key `topic`; every line on
-standard input is the name of a Trigger service to call. So the command line
+standard input is a word of `hunt_ros.services`, which is called. So the command line
 itself needs no ROS.
 """
 
@@ -12,25 +12,18 @@ import json
 import sys
 import threading
 import time
-from contextlib import suppress
+from concurrent.futures import Future
 from functools import partial
-from queue import Empty, SimpleQueue
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.client import Client
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.task import Future
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
+from hunt_ros.nodes.support.caller import Answer, Caller
 from hunt_ros.nodes.support.conversions import read_diagnostic, to_ns
-from hunt_ros.nodes.support.hidden_node import hidden_node
 from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched
 from hunt_ros.services import KEYS, SERVICES
 
-#: Orders are looked for so often, and the services that they name for so long, s.
-_ROUND_S, _SOUGHT_S = 0.02, 5.0
 #: A status is printed so often at most, unless what is in force changes, s.
 _STATUS_S = 0.1
 #: Answers come in another thread than what is heard, and two lines in one are none.
@@ -54,7 +47,17 @@ class ConsoleNode(Node):
             self.create_subscription(DiagnosticArray, topic, partial(take, topic), quality)
         for topic in ('hunting/normal_form', 'recording/closed'):
             self.create_subscription(String, topic, partial(_print_text, topic), latched())
-        Caller(self.get_namespace())
+        self._caller = Caller(self, self._failed, KEYS.values())
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def _failed(self, task: str, error: Exception) -> None:
+        self.get_logger().error(f'{task}: {error}')
+
+    def _read(self) -> None:
+        for line in sys.stdin:
+            if (word := line.strip()) in SERVICES:
+                answer = self._caller.call(word)
+                answer.add_done_callback(partial(_answered, SERVICES[word].name))
 
     def _print_at_times(self, topic: str, message: DiagnosticArray) -> None:
         """Print a status unless one that says the same was printed just now."""
@@ -74,74 +77,8 @@ def _print_text(topic: str, message: String) -> None:
     _write({'topic': topic, 'data': message.data})
 
 
-class Caller:
-    """
-    Calls the Trigger services that standard input names, and prints the answers.
-
-    In a thread, with the plain executor: clients do not get on with the EventsExecutor. The
-    services of the operator's keys are looked for at once, so that an emergency stop does not wait
-    for its discovery, and no call waits for the answer of another one.
-
-    Parameters
-    ----------
-    namespace : str
-        Of the rig.
-    """
-
-    def __init__(self, namespace: str) -> None:
-        self._node = hidden_node('console_calls', namespace)
-        self._clients: dict[str, Client] = {}
-        self._orders: SimpleQueue[str] = SimpleQueue()
-        #: Service, and until when it is looked for.
-        self._sought: list[tuple[str, float]] = []
-        for word in KEYS.values():
-            self._client(SERVICES[word].name)
-        threading.Thread(target=self._read, daemon=True).start()
-        threading.Thread(target=self._work, daemon=True).start()
-
-    def _client(self, name: str) -> Client:
-        if name not in self._clients:
-            self._clients[name] = self._node.create_client(Trigger, name)
-        return self._clients[name]
-
-    def _read(self) -> None:
-        for line in sys.stdin:
-            if name := line.strip():
-                self._orders.put(name)
-
-    def _work(self) -> None:
-        executor = SingleThreadedExecutor()
-        executor.add_node(self._node)
-        try:
-            while True:
-                executor.spin_once(timeout_sec=_ROUND_S)
-                self._round()
-        except ExternalShutdownException:
-            pass
-
-    def _round(self) -> None:
-        """Send what is ordered to the services that are there."""
-        with suppress(Empty):
-            while True:
-                self._sought.append((self._orders.get_nowait(), time.monotonic() + _SOUGHT_S))
-        left = []
-        for name, until in self._sought:
-            client = self._client(name)
-            if client.service_is_ready():
-                asked = client.call_async(Trigger.Request())
-                asked.add_done_callback(partial(_answered, name))
-            elif time.monotonic() < until:
-                left.append((name, until))
-            else:
-                _answer(name, False, 'no such service')
-        self._sought = left
-
-
-def _answered(name: str, future: Future) -> None:
-    _answer(name, future.result().success, future.result().message)
-
-
-def _answer(name: str, ok: bool, message: str) -> None:
+def _answered(name: str, answer: Future[Answer]) -> None:
+    ok, message, _ = answer.result()
     _write({'topic': 'answer', 'service': name, 'ok': ok, 'message': message})
 
 

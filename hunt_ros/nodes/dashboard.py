@@ -25,8 +25,9 @@ from hunt_ros.nodes.support.detector_inbox import DetectorInbox
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, steady_clock
 from hunt_ros.nodes.support.parameters import declare, declare_normal_form, warn_unknown
 from hunt_ros.nodes.support.polled import Polling, waiting
-from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched
+from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched, stream
 from hunt_ros.nodes.support.sole import hold_name
+from hunt_ros.samples import counted
 from hunt_ros.sensors import DISPLACEMENTS
 from hunt_ros.settings import Settings, setting
 from hunt_ros.suite import PAGE_PORT
@@ -83,7 +84,7 @@ class DashboardNode(Polling, Node):
             Recordings(Path(config.directory).expanduser().absolute()),
             3600.0 * config.session_hours,
         )
-        self._model = PageModel(settings, form)
+        self._model = PageModel(settings, form, self.get_namespace())
         self._diagnostics = Diagnostics(self, self._health)
         self._inbox = DetectorInbox(self, DISPLACEMENTS)
         self._heard = [
@@ -95,10 +96,10 @@ class DashboardNode(Polling, Node):
                 (DiagnosticArray, 'speed/status', latched(), self._on_speed_status),
                 (String, 'hunting/alarms', latched(), self._on_alarms),
                 (String, 'hunting/normal_form', latched(), self._on_form),
-                (String, 'recording/closed', latched(), self._on_recording),
+                (String, 'recording/mark', stream(10), self._on_mark),
             )
         ]
-        self._caller = Caller(self, self._diagnostics)
+        self._caller = Caller(self, self._diagnostics.failed)
         host = f'[{config.address}]' if ':' in config.address else config.address
         self._url = f'http://{host}:{self._server.site.port}/'
         self.get_logger().info(f'the page is at {self._url}')
@@ -116,6 +117,7 @@ class DashboardNode(Polling, Node):
         for subscription, take in self._heard:
             for message, _ in waiting(subscription):
                 take(message)
+        self._model.take_viewers(len(self._server.site.live.viewers))
         self._server.publish(self._model.view(time.monotonic()))
 
     def _on_status(self, message: DiagnosticArray) -> None:
@@ -140,8 +142,8 @@ class DashboardNode(Polling, Node):
         if problem:
             self.get_logger().error(problem)
 
-    def _on_recording(self, message: String) -> None:
-        self._model.take_recording(message.data)
+    def _on_mark(self, message: String) -> None:
+        self._model.take_mark(message.data)
 
     def _health(self) -> Health:
         values = {
@@ -153,7 +155,7 @@ class DashboardNode(Polling, Node):
         if problem := self._inbox.problem():
             return 'WARN', problem, values
         count = len(self._server.site.live.viewers)
-        return 'OK', f'{count} {"viewer" if count == 1 else "viewers"} at {self._url}', values
+        return 'OK', f'{counted(count, "viewer")} at {self._url}', values
 
 
 make_node = DashboardNode

@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import sys
 import traceback
+from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 from itertools import takewhile
-from typing import NoReturn
+from typing import Any, NoReturn
 
+from hunt_ros.errors import not_installed
 from hunt_ros.nodes.support.ending import Ending
-from hunt_ros.suite import NODES, SUITE
+from hunt_ros.suite import NODES, SENSORS, SUITE
 
 
 def start(*nodes: str) -> NoReturn:
@@ -25,19 +27,32 @@ def start(*nodes: str) -> NoReturn:
     Parameters
     ----------
     *nodes : str
-        Their modules in `hunt_ros.nodes`, which have `make_node`, in the order in which they
-        start; they end in the opposite one.
+        Sensors, or modules in `hunt_ros.nodes`, which have `make_node`, in the order in which
+        they start; they end in the opposite one.
     """
     ending = Ending(nodes[0] if len(nodes) == 1 else SUITE)
     ending.say('starting')
     code = 1
     try:
+        import_module('hunt_ros.compiled').serve_live(ending.say)
         run = import_module('hunt_ros.nodes.support.runtime').run
-        makers = [import_module(f'hunt_ros.nodes.{node}').make_node for node in nodes]
-        code = run(makers, ending)
-    except Exception:
-        traceback.print_exc()
+        code = run([_maker(node) for node in nodes], ending)
+    except Exception as error:
+        if said := not_installed(error):
+            ending.say(said)
+            code = 2
+        else:
+            traceback.print_exc()
     ending.leave(code)
+
+
+def _maker(node: str) -> Callable[[], Any]:
+    """Return what makes a node: the sensors are one kind, one a channel."""
+    for channel, name in SENSORS.items():
+        if name == node:
+            return partial(import_module('hunt_ros.nodes.support.sensor').SensorNode, channel)
+    maker: Callable[[], Any] = import_module(f'hunt_ros.nodes.{node}').make_node
+    return maker
 
 
 #: What the executables of `setup.py` import: a function for each node.

@@ -1,7 +1,7 @@
 """
 The detector node: measurements in, estimates, status, events and alarm out.
 
-Once in `hand_over_s` what the channels have said is taken and handed to the `HuntingDetector`,
+Once in 20 ms what the channels have said is taken and handed to the `HuntingDetector`,
 and what it says is published. Silence enters through its `tick`, on the node's clock.
 """
 
@@ -10,36 +10,39 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.lifecycle import LifecycleNode, State, TransitionCallbackReturn
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
+from hunt_ros.compiled import load
 from hunt_ros.criteria import Verdict
 from hunt_ros.detection.acceptance import objections
 from hunt_ros.detection.companions import CompanionConfig, criterion_event
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.detector import HuntingDetector
-from hunt_ros.detection.output import EVENT_NUMBERS, PUBLIC, Event, Output
-from hunt_ros.detection.words import published
+from hunt_ros.detection.output import EVENT_NUMBERS, Event, Output
+from hunt_ros.detection.regions import Level
+from hunt_ros.detection.words.status import DetectorStatus
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.support.call_words import CallWords
 from hunt_ros.nodes.support.companion_worker import CompanionWorker
 from hunt_ros.nodes.support.conversions import diagnostic
 from hunt_ros.nodes.support.detector_inbox import DetectorInbox
-from hunt_ros.nodes.support.detector_messages import event_message, status_message
-from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, NewSince, steady_clock
+from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, NewSince, log, steady_clock
 from hunt_ros.nodes.support.estimate_publishers import EstimatePublishers
 from hunt_ros.nodes.support.parameters import declare, declare_normal_form, warn_unknown
 from hunt_ros.nodes.support.polled import Polling
 from hunt_ros.nodes.support.qos import EVENTS, JOURNAL, STATUS, latched
 from hunt_ros.nodes.support.sole import hold_name
 from hunt_ros.nodes.support.transitions import says_why
-from hunt_ros.samples import NANOSECONDS
+from hunt_ros.nodes.support.worker import offer
+from hunt_ros.rig import of_rig
 from hunt_ros.settings import Settings, setting
+from hunt_ros.suite import Awaited
 
+#: Samples are handed over so often, s: less often costs less, and estimates are as much later.
+_HAND_OVER_S = 0.02
 _TICK_S = 0.05
 _STATUS_S = 0.05
 
@@ -50,15 +53,7 @@ class DetectorNodeConfig(Settings):
 
     frame_id: str = setting('roller_rig', 'frame_id of the messages.', fixed=True)
     autostart: bool = setting(True, 'Configure and activate without being told.', fixed=True)
-    hand_over_s: float = setting(
-        0.02,
-        'Samples are handed to the detector once in this time: longer costs less CPU, and every'
-        ' estimate is as much later.',
-        unit='s',
-        low=0.001,
-        high=0.1,
-        fixed=True,
-    )
+    rig_name: str = of_rig('rig_name')
 
 
 class HuntingDetectorNode(Polling, LifecycleNode):
@@ -70,15 +65,16 @@ class HuntingDetectorNode(Polling, LifecycleNode):
         self.failure = ''
         self._settings = declare(self, DetectorNodeConfig)
         self._config = declare(self, DetectorConfig, self._reconfigure)
-        self._form = declare_normal_form(self)
+        self._form = declare_normal_form(self, self._settings.rig_name)
         self._beside = declare(self, CompanionConfig)
         self._waiting: IdentifiedNormalForm | None = None
         warn_unknown(self)
         self._rig = self.get_namespace().strip('/')
+        self._was_well = False
         self._diagnostics = Diagnostics(self, self._health)
         self._diagnostics.judge('hunting_alarm', self._alarm, self._rig)
         self._new = NewSince()
-        self._compile_kernels()
+        load()  # no first sample waits for its machine code
         self._detector = HuntingDetector(self._config, self._form)
         self._configured = self._active = False
         self._alarms_said = ''
@@ -92,11 +88,11 @@ class HuntingDetectorNode(Polling, LifecycleNode):
         self.create_subscription(String, 'hunting/normal_form', self._on_form, latched())
         self._alarms = self.create_publisher(String, 'hunting/alarms', latched())
         self._name = CallWords(self, 'hunting/acknowledged_by')
-        self.create_service(Trigger, 'hunting/acknowledge_alarm', self._on_acknowledge)
-        self.create_service(Trigger, 'hunting/alarm_history', self._on_history)
-        self.create_service(Trigger, 'hunting/accept_normal_form', self._on_accept)
+        offer(self, 'hunting/acknowledge_alarm', self._acknowledge)
+        offer(self, 'hunting/alarm_history', lambda: self._detector.history.to_text())
+        offer(self, 'hunting/accept_normal_form', self._accept)
         # A clock that is set back, or stands still, would hold a timer of its own up.
-        self.create_timer(self._settings.hand_over_s, self._drain, clock=steady_clock())
+        self.create_timer(_HAND_OVER_S, self._drain, clock=steady_clock())
         self.create_timer(_TICK_S, self._tick, clock=steady_clock())
         self.create_timer(_STATUS_S, self._publish_status, clock=steady_clock())
 
@@ -123,26 +119,16 @@ class HuntingDetectorNode(Polling, LifecycleNode):
         self._active = False
         return super().on_deactivate(state)
 
-    def _compile_kernels(self) -> None:
-        """Run a second of noise through a detector of no consequence, before anything is live."""
-        rehearsal = HuntingDetector(self._config, self._form)
-        stamps_ns = NANOSECONDS + np.arange(500) * 2_000_000
-        noise = 1e-6 * np.random.default_rng(0).standard_normal(stamps_ns.size)
-        for channel in self._config.channels:
-            values = {'roller': 20e-9 * stamps_ns, 'speed': np.full(stamps_ns.size, 6.0)}
-            rehearsal.update(channel, stamps_ns, values.get(channel, noise))
-        rehearsal.finish()
-
     def _drain(self) -> None:
         """Hand what has come to the detector, and publish what it says."""
-        if not self._active:
+        if not (self._active and self._inbox.begun()):
             return
         for channel, stamps_ns, values in self._inbox.take():
             self._publish(self._detector.update(channel, stamps_ns, values))
 
     def _tick(self) -> None:
         """Let the detector know what time it is: channels may be silent."""
-        if not self._active:
+        if not (self._active and self._inbox.begun()):
             return
         # No backlog may be mistaken for silence; and the clock is read after the samples: on a
         # busy machine some would come from the future otherwise.
@@ -169,17 +155,12 @@ class HuntingDetectorNode(Polling, LifecycleNode):
             self._journal.publish(String(data='\n'.join(lines)))
 
     def _tell(self, event: Event) -> None:
-        """Publish a transition, and log it: rclpy wants each severity on a line of its own."""
+        """Publish a transition, and log it."""
         self._events.publish(event_message(event, self._rig))
         self._diagnostics.told = True
         text = f'{event.event} at {event.speed_mps:.2f} m/s, {1e3 * event.amplitude_m:.3f} mm: '
         text += event.cause
-        if event.level.label == 'ERROR':
-            self.get_logger().error(text)
-        elif event.level.label == 'OK':
-            self.get_logger().info(text)
-        else:
-            self.get_logger().warning(text)
+        log(self, event.level.label, text)
 
     def _publish_status(self) -> None:
         if self._active:
@@ -197,8 +178,7 @@ class HuntingDetectorNode(Polling, LifecycleNode):
         message = diagnostic(verdict.stamp_ns, verdict.criterion, level, '', values, self._rig)
         self._verdicts.publish(message)
         status = self._detector.status
-        numbers = {PUBLIC.get(name, name): value for name, value in status.numbers.items()}
-        known = {name: numbers.get(name, math.nan) for name in EVENT_NUMBERS}
+        known = {name: status.number(name) for name in EVENT_NUMBERS}
         self._tell(criterion_event(verdict, status.stamp_ns, status.level, known))
 
     def _critical_speed(self) -> dict[str, float]:
@@ -221,6 +201,7 @@ class HuntingDetectorNode(Polling, LifecycleNode):
         """Take a new normal form over, or let it wait where it would alarm later."""
         try:
             form = IdentifiedNormalForm.from_yaml(message.data, 'hunting/normal_form')
+            form.refuse_other(self._settings.rig_name, 'hunting/normal_form')
         except ConfigError as error:
             self.get_logger().error(f'{error}; the form in force stays')
             return
@@ -243,29 +224,17 @@ class HuntingDetectorNode(Polling, LifecycleNode):
         if not output.events:  # before the first row it is none
             self.get_logger().info('a new normal form is in force')
 
-    def _on_accept(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = self._waiting is not None
+    def _accept(self) -> str:
         if self._waiting is None:
-            response.message = 'no normal form is waiting'
-        else:
-            self._take_over(self._waiting)
-        return response
+            raise ConfigError('no normal form is waiting')
+        self._take_over(self._waiting)
+        return ''
 
-    def _on_acknowledge(
-        self, request: Trigger.Request, response: Trigger.Response
-    ) -> Trigger.Response:
+    def _acknowledge(self) -> str:
         by = self._name.take()
         self._drain()
         self._publish(self._detector.acknowledge(self.get_clock().now().nanoseconds, by))
-        response.success = True
-        return response
-
-    def _on_history(
-        self, request: Trigger.Request, response: Trigger.Response
-    ) -> Trigger.Response:
-        response.success = True
-        response.message = self._detector.history.to_text()
-        return response
+        return ''
 
     def _health(self) -> Health:
         if not self._active:
@@ -304,7 +273,23 @@ class HuntingDetectorNode(Polling, LifecycleNode):
             return 'STALE', 'the detector is inactive', {}
         text = f'{status.state.label}, region {status.region.label}'
         said = '; '.join([text, *status.reasons, *status.absent])
-        return status.level.label, said, published.status_values(status)
+        self._was_well |= status.level is Level.OK
+        # Nothing judged yet, or not yet whether what is there is more than noise.
+        awaited = not status.stamp_ns or (status.level is Level.WARN and not self._was_well)
+        level = Awaited(status.level.label) if awaited else status.level.label
+        return level, said, status.values
+
+
+def event_message(event: Event, rig: str) -> DiagnosticArray:
+    """Return a transition: its word is the name of the status, its cause the message."""
+    level, cause = event.level.label, event.cause
+    return diagnostic(event.stamp_ns, event.event, level, cause, event.values, rig)
+
+
+def status_message(status: DetectorStatus, rig: str) -> DiagnosticArray:
+    """Return the present status: the reasons in its message, every number as a value."""
+    level, text = status.level.label, '; '.join(status.reasons)
+    return diagnostic(status.stamp_ns, 'hunting', level, text, status.values, rig)
 
 
 make_node = HuntingDetectorNode

@@ -13,30 +13,31 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
-from geometry_msgs.msg import TwistStamped
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 
 from hunt_ros.bag import ChannelSource, read_record
 from hunt_ros.bag.replay_schedule import ReplaySchedule
 from hunt_ros.errors import BagError, ConfigError
-from hunt_ros.nodes.support.conversions import joint_layout, to_time, twist_layout
+from hunt_ros.nodes.support.conversions import channel_writer, to_time
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health
 from hunt_ros.nodes.support.parameters import declare, warn_unknown
 from hunt_ros.nodes.support.qos import MEASUREMENTS, stream
 from hunt_ros.nodes.support.sole import hold_name
-from hunt_ros.nodes.support.worker import Worker
+from hunt_ros.nodes.support.worker import Worker, offer
 from hunt_ros.samples import CHANNELS, NANOSECONDS
 from hunt_ros.sensors import DISPLACEMENTS, MOTION
 from hunt_ros.settings import Settings, setting
+from hunt_ros.suite import PAGE
 
 _CLOCK_S = 0.01
 _DISCOVERY_S = 2.0
 _LISTENERS_S = 20.0
+#: They show and keep what is there, and judge nothing: a replay does not begin for them.
+_ONLOOKERS = (PAGE, 'bag_recorder')
 #: A longer gap between two looks at the clock is a process that was stopped.
 _PAUSE_NS = NANOSECONDS
 
@@ -55,17 +56,7 @@ class ReplayConfig(Settings):
         math.inf, 'Where to end; inf: at the end.', unit='s', low=0.0, fixed=True
     )
     loop: bool = setting(False, 'Begin anew at the end.', fixed=True)
-    wait_for_listener: bool = setting(
-        True, 'Wait until somebody listens before playing.', fixed=True
-    )
     frame_id: str = setting('roller_rig', 'frame_id of the messages.', fixed=True)
-
-
-@dataclass(frozen=True)
-class ReplayPlace(Settings):
-    """Where the replay is sent."""
-
-    seek_s: float = setting(0.0, 'Set it to go there, seconds from the start.', unit='s', low=0.0)
 
 
 class LiveReplayNode(Node):
@@ -75,7 +66,6 @@ class LiveReplayNode(Node):
         super().__init__('live_replay')
         hold_name(self)
         self._config = declare(self, ReplayConfig, self._set_rate)
-        declare(self, ReplayPlace, self._seek)
         warn_unknown(self)
         if not self._config.bag:
             raise ConfigError('live_replay: the parameter bag names no recording')
@@ -95,10 +85,10 @@ class LiveReplayNode(Node):
         self.finished = False
         self.failed = ''
         self._heard = False
-        for name in ('pause', 'resume'):
-            self.create_service(Trigger, f'replay/{name}', getattr(self, f'_on_{name}'))
+        offer(self, 'replay/pause', self._pause)
+        offer(self, 'replay/resume', self._resume)
         self._diagnostics = Diagnostics(self, self._health)
-        self._worker = Worker(self._diagnostics, 'replay', self._work)
+        self._worker = Worker(self._diagnostics.failed, 'replay', self._work)
 
     def close(self) -> None:
         """Stop playing."""
@@ -142,27 +132,29 @@ class LiveReplayNode(Node):
 
     def _output(self, name: str) -> Callable[[int, float], None]:
         """Return a function that publishes (stamp, value) of a channel."""
-        if name == 'speed':
-            publisher = self.create_publisher(TwistStamped, name, stream(MEASUREMENTS))
-            layout = twist_layout(self._config.frame_id)
-        else:
-            publisher = self.create_publisher(JointState, name, stream(MEASUREMENTS))
-            layout = joint_layout([name], self._config.frame_id)
-        rest = (0.0,) * (5 if name == 'speed' else 0)
-        return lambda stamp_ns, value: publisher.publish(layout.encode(stamp_ns, value, *rest))
+        kind, written = channel_writer(name, self._config.frame_id)
+        publisher = self.create_publisher(kind, name, stream(MEASUREMENTS))
+        return lambda stamp_ns, value: publisher.publish(written(stamp_ns, value))
+
+    def _somebody_listens(self) -> bool:
+        """Return True if a node takes the motion for more than to show or to keep it."""
+        return any(
+            info.node_name not in _ONLOOKERS
+            for name in MOTION
+            for info in self.get_subscriptions_info_by_topic(name)
+        )
 
     def _work(self, stopping: threading.Event) -> None:
         """Wait for listeners, then publish each message when it is due."""
         deadline = time.monotonic() + _LISTENERS_S
-        while self._config.wait_for_listener and not stopping.is_set():
-            if any(self.count_subscribers(name) for name in MOTION):
-                break
+        while not (self._somebody_listens() or stopping.is_set()):
             if time.monotonic() > deadline:
                 self.get_logger().warning('nobody listens; playing all the same')
                 break
             time.sleep(0.1)
         self._heard = True
-        self._clock_publisher.publish(Clock(clock=to_time(int(self._stamps[0]) - 1)))
+        self._diagnostics.publish()  # who shows the first sample knows that it is a replay
+        self._clock_publisher.publish(Clock(clock=to_time(max(0, int(self._stamps[0]) - 1))))
         time.sleep(0.5)  # clocks of the listeners take the first time before the first sample
         with self._lock:
             self._schedule.play(time.monotonic_ns())
@@ -185,7 +177,7 @@ class LiveReplayNode(Node):
                 due = self._schedule.due(now_ns)
                 reached_ns = self._schedule.time_ns(now_ns)
                 wait_ns = self._schedule.wait_ns(now_ns)
-            for i in range(due.begin, due.end):
+            for i in due:
                 self._outputs[self._which[i]](stamps[i], self._values[i])
             self._clock_publisher.publish(Clock(clock=to_time(reached_ns)))
             pause_s = _CLOCK_S if wait_ns is None else min(_CLOCK_S, wait_ns / NANOSECONDS)
@@ -193,38 +185,37 @@ class LiveReplayNode(Node):
         self.finished = True
         self.get_logger().info('the recording has been played')
 
-    def _on_pause(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _pause(self) -> str:
         with self._lock:
             self._schedule.pause(time.monotonic_ns())
-        response.success = True
-        return response
+        return ''
 
-    def _on_resume(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _resume(self) -> str:
         with self._lock:
             self._schedule.play(time.monotonic_ns())
-        response.success = True
-        return response
+        return ''
 
     def _set_rate(self, config: ReplayConfig) -> None:
         with self._lock:
             self._schedule.set_rate(time.monotonic_ns(), config.rate)
 
-    def _seek(self, place: ReplayPlace) -> None:
-        with self._lock:
-            self._schedule.seek(time.monotonic_ns(), place.seek_s)
-
     def _health(self) -> Health:
+        values: dict[str, object] = {
+            'bag': Path(self._config.bag).name,
+            'length_s': float(self._stamps[-1] - self._stamps[0]) / NANOSECONDS,
+            'finished': self.finished,
+        }
         if self.finished:
-            return 'OK', 'finished', {'finished': True}
+            return 'OK', 'finished', values | {'position_s': values['length_s']}
         if not self._heard:
-            return 'OK', 'waiting for a listener', {'listening': False}
+            return 'OK', 'waiting for a listener', values | {'listening': False}
         with self._lock:
-            playing = self._schedule.playing
+            playing, rate = self._schedule.playing, self._schedule.rate
             at_s = (
                 self._schedule.time_ns(time.monotonic_ns()) - int(self._stamps[0])
             ) / NANOSECONDS
         text = f'at {at_s:.1f} s' if playing else f'paused at {at_s:.1f} s'
-        return 'OK', text, {'finished': False, 'position_s': at_s}
+        return 'OK', text, values | {'position_s': at_s, 'playing': playing, 'rate': rate}
 
 
 make_node = LiveReplayNode

@@ -16,13 +16,12 @@ import threading
 import time
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from queue import Empty, SimpleQueue
 
 from rclpy.node import Node
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import HuntError
@@ -33,8 +32,9 @@ from hunt_ros.nodes.support.parameters import declare, declare_normal_form, warn
 from hunt_ros.nodes.support.qos import latched
 from hunt_ros.nodes.support.refit import refit
 from hunt_ros.nodes.support.sole import hold_name
-from hunt_ros.nodes.support.worker import Worker
+from hunt_ros.nodes.support.worker import Worker, offer
 from hunt_ros.rig import Rig, of_rig
+from hunt_ros.samples import counted
 from hunt_ros.settings import Settings, setting
 
 _TASK = 'identification'
@@ -45,6 +45,7 @@ class IdentifierConfig(Settings):
     """Parameters of the identifier."""
 
     directory: str = setting('./recordings', 'Where the parameter files go.', fixed=True)
+    rig_name: str = of_rig('rig_name')
     on_close: bool = setting(True, 'Identify whenever a recording is closed.')
     history: int = setting(
         8, 'Use so many of the last recordings together.', low=1, high=1000, fixed=True
@@ -94,16 +95,18 @@ class NormalFormIdentifierNode(Node):
         self._forms = 0
         self._publisher = self.create_publisher(String, 'hunting/normal_form', latched())
         self.create_subscription(String, 'recording/closed', self._on_closed, latched())
-        self.create_service(Trigger, 'identify', self._on_identify)
-        self.create_service(Trigger, 'hunting/revert_normal_form', self._on_revert)
+        offer(self, 'identify', self._on_identify)
+        offer(self, 'hunting/revert_normal_form', self._on_revert)
         self._diagnostics = Diagnostics(self, self._health)
-        self._take_up(declare_normal_form(self))
-        self._worker = Worker(self._diagnostics, _TASK, self._work)
+        self._take_up(declare_normal_form(self, self._config.rig_name))
+        self._worker = Worker(self._diagnostics.failed, _TASK, self._work)
 
     def _take_up(self, given: IdentifiedNormalForm | None) -> None:
         """Go on from the form that was given, which is in force, or publish the kept one."""
         try:
             form = given or self._files.kept()
+            if form is not None:
+                form.refuse_other(self._config.rig_name, str(self._files.newest))
         except HuntError as error:
             self.get_logger().error(str(error))
             return
@@ -111,7 +114,7 @@ class NormalFormIdentifierNode(Node):
         if form is None:
             return
         self._base = recordings_of(form)
-        self._state = ('OK', f'normal form from {len(self._base)} recordings')
+        self._state = ('OK', f'normal form from {counted(len(self._base), "recording")}')
         if given is None:
             self._publisher.publish(String(data=form.to_yaml()))
 
@@ -132,40 +135,29 @@ class NormalFormIdentifierNode(Node):
         if self._config.on_close:
             self._orders.put(None)
 
-    def _on_identify(
-        self, request: Trigger.Request, response: Trigger.Response
-    ) -> Trigger.Response:
+    def _on_identify(self) -> str:
         """Begin an identification; no success where there is nothing, or the last one failed."""
         if not self._seen:
-            response.success, response.message = False, 'no recording was closed yet'
-            return response
+            raise HuntError('no recording was closed yet')
         self._orders.put(None)
-        response.success = not self._failure
-        response.message = f'identifying from {self._recordings} recordings'
+        said = f'identifying from {counted(self._recordings, "recording")}'
         if self._failure:
-            response.message += f'; the last identification failed: {self._failure}'
-        return response
+            raise HuntError(f'{said}; the last identification failed: {self._failure}')
+        return said
 
-    def _on_revert(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_revert(self) -> str:
         """Go back to the form before the newest; it is the operator who wants it so."""
         with self._lock:
-            try:
-                text = self._files.go_back()
-            except HuntError as error:
-                response.success, response.message = False, str(error)
-                return response
+            text = self._files.go_back()
             # What came since the earlier form is what led away from it: it stays out.
             self._reverts += 1
             self._waiting.clear()
             self._base = recordings_of(IdentifiedNormalForm.from_yaml(text))
             self._publisher.publish(String(data=text))
             self._state = ('OK', 'back to the normal form before, by the operator')
-        response.success, response.message = (
-            True,
-            f'{self._files.newest} is the earlier form again',
-        )
-        self.get_logger().warning(response.message)
-        return response
+        said = f'{self._files.newest} is the earlier form again'
+        self.get_logger().warning(said)
+        return said
 
     @property
     def _recordings(self) -> int:
@@ -197,16 +189,16 @@ class NormalFormIdentifierNode(Node):
         """Fit the recordings that are kept and the new ones, and publish the form."""
         with self._lock:
             new, base, reverts = tuple(self._waiting), self._base, self._reverts
-            self._state = ('OK', f'identifying from {self._recordings} recordings')
+            self._state = ('OK', f'identifying from {counted(self._recordings, "recording")}')
         begin = time.monotonic()
         with tempfile.TemporaryDirectory() as folder:
             whole = Path(folder) / 'whole.npz'
             paths = (*base, *new)[-self._config.history :]
             found = refit(paths, self._config.identification(), whole, stopping)
             self._forget(found.unreadable)
-            if found.problem:
-                raise HuntError(found.problem)
             if not found.recordings:
+                if found.problem:
+                    raise HuntError(found.problem)
                 return
             for warning in found.warnings:
                 self.get_logger().warning(warning)
@@ -217,17 +209,21 @@ class NormalFormIdentifierNode(Node):
                 self._waiting = [path for path in self._waiting if path not in new]
                 self._base = tuple(map(Path, found.recordings))
                 if not found.form:
-                    self._state = ('WARN', 'the recordings do not determine a normal form')
-                    return
+                    raise HuntError(
+                        f'the recordings do not determine a normal form: {found.problem}'
+                    )
                 form = IdentifiedNormalForm.from_yaml(found.form)
+                form = replace(form, rig_name=self._config.rig_name)
                 text = with_recordings(form, self._base).to_yaml()
                 path = self._files.keep(text, whole)
                 self._forms += 1
                 self._publisher.publish(String(data=text))
                 count = len(self._base)
-                self._state = ('OK', f'{path} from {count} recordings')
+                self._state = ('OK', f'{path} from {counted(count, "recording")}')
         took_s = time.monotonic() - begin
-        self.get_logger().info(f'normal form from {count} recordings in {took_s:.1f} s: {path}')
+        self.get_logger().info(
+            f'normal form from {counted(count, "recording")} in {took_s:.1f} s: {path}'
+        )
 
     def _forget(self, unreadable: Mapping[str, str]) -> None:
         """Leave out recordings that cannot be read, and say why."""

@@ -12,12 +12,10 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
-from geometry_msgs.msg import TwistStamped
 from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
-from sensor_msgs.msg import JointState
 
-from hunt_ros.nodes.support.conversions import JointReader, SpeedReader
+from hunt_ros.nodes.support.conversions import channel_reader
 from hunt_ros.nodes.support.diagnostics import steady_clock
 from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.polled import Polling, waiting
@@ -25,6 +23,8 @@ from hunt_ros.nodes.support.qos import MEASUREMENTS, stream
 from hunt_ros.rig import of_rig
 from hunt_ros.settings import Settings, setting
 
+#: It finds the publishers in this time first, s.
+_SETTLE_S = 2.0
 _ROUND_S = 0.1
 
 
@@ -35,9 +35,6 @@ class ListenerConfig(Settings):
     channels: tuple[str, ...] = of_rig('channels')
     seconds: float = setting(
         10.0, 'How long it listens.', unit='s', low=0.1, high=3600.0, fixed=True
-    )
-    settle_s: float = setting(
-        2.0, 'It finds the publishers in this time first.', unit='s', low=0.0, fixed=True
     )
 
 
@@ -52,14 +49,13 @@ class RigListenerNode(Polling, Node):
         self._inputs = {}
         self._heard: dict[str, dict[str, list[Any]]] = {}
         for channel in config.channels:
-            kind = TwistStamped if channel == 'speed' else JointState
-            reader = SpeedReader() if channel == 'speed' else JointReader(channel)
+            kind, reader = channel_reader(channel)
             qos = stream(MEASUREMENTS)
             qos.reliability = ReliabilityPolicy.BEST_EFFORT
             subscription = self.create_polled_subscription(kind, channel, qos, raw=True)
             self._inputs[channel] = subscription, reader
             self._heard[channel] = {'stamps_ns': [], 'arrivals_ns': [], 'values': []}
-        self._begins = time.monotonic() + config.settle_s
+        self._begins = time.monotonic() + _SETTLE_S
         self._ends = self._begins + config.seconds
         self.create_timer(_ROUND_S, self._round, clock=steady_clock())
 

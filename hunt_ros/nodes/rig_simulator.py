@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
-from std_srvs.srv import Trigger
 
 from hunt_ros.drivers.simulator_protocol import Channel
 from hunt_ros.drivers.simulator_server import SimulatorServer
@@ -28,7 +27,7 @@ from hunt_ros.nodes.support.pace import Pace
 from hunt_ros.nodes.support.parameters import declare, read_wheelset, warn_unknown
 from hunt_ros.nodes.support.qos import stream
 from hunt_ros.nodes.support.sole import hold_name
-from hunt_ros.nodes.support.worker import Worker
+from hunt_ros.nodes.support.worker import Worker, offer
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 
@@ -123,9 +122,9 @@ class RigSimulatorNode(Node):
         self._samples = 0
         self._behind_s = 0.0
         self._pending_kicks: list[float] = []
-        self.create_service(Trigger, 'simulator/kick', self._on_kick)
+        offer(self, 'simulator/kick', self._on_kick)
         self._diagnostics = Diagnostics(self, self._health)
-        self._worker = Worker(self._diagnostics, 'simulation', self._work)
+        self._worker = Worker(self._diagnostics.failed, 'simulation', self._work)
 
     def close(self) -> None:
         """Stop simulating and disconnect the drivers."""
@@ -222,10 +221,9 @@ class RigSimulatorNode(Node):
         while self._pending_kicks:
             self._rig.kick(self._pending_kicks.pop(0))
 
-    def _on_kick(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_kick(self) -> str:
         self._pending_kicks.append(self._config.kick_m)
-        response.success, response.message = True, 'the wheelset was hit'
-        return response
+        return 'the wheelset was hit'
 
     def _health(self) -> Health:
         values = {
@@ -233,6 +231,7 @@ class RigSimulatorNode(Node):
             'drivers': self._server.readers,
             'samples': self._samples,
             'behind_s': round(self._behind_s, 4),
+            'speed_mps': round(self._rig.speed, 4),
         }
         if self._behind_s > 0.1:
             return 'WARN', f'{self._behind_s:.2f} s behind real time', values

@@ -24,9 +24,9 @@ from rclpy.signals import SignalHandlerOptions
 from hunt_ros.bag import ChannelSource
 from hunt_ros.bag.cdr.layout import USUAL_FIELDS, joint_of, parse_path
 from hunt_ros.drivers.base import SensorBlock, SensorDriver
-from hunt_ros.errors import BagError, ConfigError, DriverError
+from hunt_ros.errors import BagError, ConfigError, DriverError, RefusedError
 from hunt_ros.nodes.support.conversions import to_ns
-from hunt_ros.nodes.support.hidden_node import hidden_node
+from hunt_ros.nodes.support.worker import hidden_node
 from hunt_ros.settings import Settings, setting
 
 _LOOK_S = 0.05
@@ -78,7 +78,7 @@ class Sensor(SensorDriver):
         try:
             kind = getattr(import_module(f'{package}.msg'), name)
         except (ImportError, AttributeError) as error:
-            raise DriverError(f'{self}: its type {kind_name} is not installed here') from error
+            raise RefusedError(f'{self}: its type {kind_name} is not installed here') from error
         self._value = _reader(self._source, kind_name)
         # A best-effort subscription hears publishers of either kind.
         profile = QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -152,7 +152,7 @@ def _reader(source: ChannelSource, kind_name: str) -> Callable[[Any], float]:
 
         return of_joint
     if not text:
-        raise DriverError(
+        raise RefusedError(
             f'topic {source.source}: {kind_name} has no usual field, expected /topic.field'
         )
     steps = parse_path(text)

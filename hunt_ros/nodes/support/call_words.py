@@ -14,6 +14,7 @@ from std_msgs.msg import String
 from hunt_ros.nodes.support.polled import Polling, waiting
 from hunt_ros.nodes.support.qos import stream
 from hunt_ros.samples import NANOSECONDS
+from hunt_ros.services import spoken
 
 #: Words that came longer ago than this do not belong to a call that comes now, s.
 _FRESH_S = 5.0
@@ -47,5 +48,5 @@ class CallWords:
         for message, info in waiting(self._subscription):
             came_ns = info['received_timestamp'] or time.time_ns()  # not all middleware says when
             age_s = (time.time_ns() - came_ns) / NANOSECONDS
-            words = ' '.join(message.data.split()) if age_s < _FRESH_S else ''
+            words = spoken(message.data) if age_s < _FRESH_S else ''
         return words

@@ -50,7 +50,7 @@ class CompanionWorker:
         self._queue: SimpleQueue[Motion | None] = SimpleQueue()
         self._worker: Worker | None = None
         if not self._companions.idle:
-            self._worker = Worker(diagnostics, _TASK, self._work)
+            self._worker = Worker(diagnostics.failed, _TASK, self._work)
 
     @property
     def forecast(self) -> Forecast | None:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import TwistStamped
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
 from hunt_ros.samples import NANOSECONDS, as_text
+from hunt_ros.sensors import CHANNEL_FIELDS, TWIST_STAMPED
 
 #: Level of the design -> level of diagnostic_msgs.
 LEVELS: dict[str, bytes] = {
@@ -83,35 +84,16 @@ class FixedLayout:
         return seconds * NANOSECONDS + nanoseconds, values
 
 
-class _Wire:
-    """Builds the CDR bytes of a message with a header, field by field."""
+def _mark(number: int) -> float:
+    """Return a value that stands for one of a layout until its place is known."""
+    return -1.2345678901234567e-299 * (number + 1)
 
-    def __init__(self, frame: str) -> None:
-        self.data = bytearray(b'\x00\x01\x00\x00' + bytes(8))
-        self.offsets: list[int] = []
-        self.text(frame)
 
-    def number(self, value: int) -> None:
-        self._align(4)
-        self.data += struct.pack('<I', value)
-
-    def text(self, value: str) -> None:
-        raw = value.encode() + b'\x00'
-        self.number(len(raw))
-        self.data += raw
-
-    def floats(self, count: int) -> None:
-        for _ in range(count):
-            self._align(8)
-            self.offsets.append(len(self.data))
-            self.data += bytes(8)
-
-    def layout(self) -> FixedLayout:
-        return FixedLayout(bytes(self.data), self.offsets)
-
-    def _align(self, size: int) -> None:
-        """Pad to a multiple of `size`; the 4-byte prefix does not count."""
-        self.data += bytes(-(len(self.data) - 4) % size)
+def _layout(message: JointState | TwistStamped, count: int) -> FixedLayout:
+    """Return the layout of a message in which the first `count` marks stand."""
+    wire = serialize_message(message)
+    places = [wire.index(struct.pack('<d', _mark(number))) for number in range(count)]
+    return FixedLayout(wire, places)
 
 
 def joint_layout(
@@ -129,21 +111,23 @@ def joint_layout(
     velocity, effort : bool
         Whether it carries them.
     """
-    wire = _Wire(frame)
-    wire.number(len(names))
-    for name in names:
-        wire.text(name)
-    for count in (len(names), len(names) * velocity, len(names) * effort):
-        wire.number(count)
-        wire.floats(count)
-    return wire.layout()
+    count = len(names)
+    marks = [_mark(number) for number in range(count * (1 + velocity + effort))]
+    message = JointState(name=list(names), position=marks[:count])
+    message.velocity = marks[count : count * (1 + velocity)]
+    message.effort = marks[count * (1 + velocity) :]
+    message.header.frame_id = frame
+    return _layout(message, len(marks))
 
 
 def twist_layout(frame: str) -> FixedLayout:
     """Layout of a TwistStamped (6 values, linear before angular)."""
-    wire = _Wire(frame)
-    wire.floats(6)
-    return wire.layout()
+    message = TwistStamped()
+    message.header.frame_id = frame
+    for number, axis in enumerate('xyz'):
+        setattr(message.twist.linear, axis, _mark(number))
+        setattr(message.twist.angular, axis, _mark(number + 3))
+    return _layout(message, 6)
 
 
 class JointReader:
@@ -202,6 +186,21 @@ class SpeedReader:
         message = deserialize_message(wire, TwistStamped)
         self._layout = twist_layout(message.header.frame_id)
         return to_ns(message.header.stamp), message.twist.linear.x
+
+
+def channel_reader(channel: str) -> tuple[type, JointReader | SpeedReader]:
+    """Return the class of the messages of a channel, and what reads one."""
+    if CHANNEL_FIELDS[channel][0] == TWIST_STAMPED:
+        return TwistStamped, SpeedReader()
+    return JointState, JointReader(channel)
+
+
+def channel_writer(channel: str, frame: str) -> tuple[type, Callable[[int, float], bytes]]:
+    """Return the class of the messages of a channel, and what makes one of stamp and value."""
+    if CHANNEL_FIELDS[channel][0] == TWIST_STAMPED:
+        layout = twist_layout(frame)
+        return TwistStamped, lambda stamp_ns, value: layout.encode(stamp_ns, value, *(5 * [0.0]))
+    return JointState, joint_layout([channel], frame).encode
 
 
 def twist(stamp_ns: int, speed_mps: float, frame: str = '') -> TwistStamped:

@@ -21,14 +21,19 @@ from rclpy.publisher import Publisher
 
 from hunt_ros.drivers.base import DriveDriver, SensorDriver
 from hunt_ros.drivers.registry import driver_class
-from hunt_ros.errors import ConfigError
+from hunt_ros.errors import ConfigError, DriverError, RefusedError
 from hunt_ros.nodes.support.diagnostics import Diagnostics, one_line
 from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.sole import hold_name
 from hunt_ros.nodes.support.transitions import says_why
 from hunt_ros.nodes.support.worker import Worker
+from hunt_ros.suite import Awaited
 
-_READ_S = 0.2
+#: A read waits so long at most, s: a set point waits for it.
+_READ_S = 0.05
+#: A node that has decided nothing for so long leaves its device alone, s: a drive with a
+#: watchdog of its own shall find out.
+_UNATTENDED_S = 0.3
 #: Hardware that is not there is tried again after so long, after twice as long, and so on, s.
 _REOPEN_S, _REOPEN_MOST_S = 0.25, 2.0
 #: A read that brings no more than this found no backlog.
@@ -71,7 +76,11 @@ class DriverNode(LifecycleNode, ABC, Generic[_D]):
         self._active = threading.Event()
         self._connecting = False  # for the first time
         self._trouble = ''  # of the connection
+        self._found = False  # what it connects to has been there once
         self._heard_s = -float('inf')  # when the driver last brought a sample, steady clock
+        self._settled = False  # everybody who listens has been waited for
+        #: When the node last decided anything, steady clock; inf where it decides nothing.
+        self._decided_s = float('inf')
 
     def _use_driver(self, name: str, role: Literal['Sensor', 'Drive'], *rest: Any) -> str:
         """
@@ -118,7 +127,7 @@ class DriverNode(LifecycleNode, ABC, Generic[_D]):
         if not self._advertised:
             self._announced, self._advertised = self._advertise(), True
         self._connecting = True
-        self._worker = Worker(self._diagnostics, 'driver', self._work)
+        self._worker = Worker(self._diagnostics.failed, 'driver', self._work)
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: State) -> TransitionCallbackReturn:
@@ -149,9 +158,16 @@ class DriverNode(LifecycleNode, ABC, Generic[_D]):
             worker.stopping.set()
             driver = self._driver
             if driver is not None:
-                driver.close()  # ends a read under way
+                self._let_go_of(driver)  # ends a read under way
             worker.stop()
         self._connecting, self._trouble = False, ''
+
+    def _let_go_of(self, driver: _D) -> None:
+        """Close a driver; one that fails at it is gone all the same."""
+        try:
+            driver.close()
+        except Exception as error:  # NI tasks and USB adapters that were unplugged
+            self.get_logger().warning(f'closing the driver: {one_line(error)}')
 
     def _work(self, stopping: threading.Event) -> None:
         """Own a driver: open it, read it, open another when it fails."""
@@ -166,20 +182,25 @@ class DriverNode(LifecycleNode, ABC, Generic[_D]):
             driver = self._make_driver()
             try:
                 driver.open()
-                self._driver = driver
+                if not self._found:  # it was only waited for: no trouble of what is there now
+                    self._trouble = ''
+                self._driver, self._found = driver, True
                 self._read_on(driver, stopping)
             except Exception as error:  # whatever a library of the hardware raises
                 if not stopping.is_set():
+                    # What never answered may be starting yet; who refuses is there.
+                    absent = isinstance(error, DriverError) and not isinstance(error, RefusedError)
+                    self._found |= not absent
                     self._complain(one_line(error))
             finally:
                 if self._driver is driver:
                     self._driver = None
-                driver.close()
+                self._let_go_of(driver)
             wait_s = _REOPEN_S if self._heard_s > opened_s else min(2.0 * wait_s, _REOPEN_MOST_S)
             stopping.wait(wait_s)
 
     def _complain(self, trouble: str) -> None:
-        if not self._trouble:
+        if self._found and not self._trouble:
             self.get_logger().error(f'{trouble}; trying again')
         self._connecting, self._trouble = False, trouble
 
@@ -188,16 +209,22 @@ class DriverNode(LifecycleNode, ABC, Generic[_D]):
         published = False
         read_s = time.monotonic()
         while not stopping.is_set():
+            self._attend(driver)
+            if time.monotonic() - self._decided_s > _UNATTENDED_S:
+                stopping.wait(_READ_S)
+                continue
             if self._active.is_set() and not published:
-                self._settle(stopping)
+                if not self._settled:
+                    self._settle(driver, stopping)
+                    self._settled = True
                 self._skip_backlog(driver, stopping)
                 read_s = time.monotonic()
             published = self._active.is_set()
             block = driver.read(_READ_S)
             before_s, read_s = read_s, time.monotonic()
-            self._connecting, self._trouble = False, ''
+            self._connecting = False
             if len(block.stamps_ns):
-                self._heard_s = read_s
+                self._heard_s, self._trouble = read_s, ''
             if read_s - before_s > _READ_S + _PAUSE_S:
                 lost = len(block.stamps_ns) + self._skip_backlog(driver, stopping)
                 read_s = time.monotonic()
@@ -216,7 +243,7 @@ class DriverNode(LifecycleNode, ABC, Generic[_D]):
                 break
         return skipped
 
-    def _settle(self, stopping: threading.Event) -> None:
+    def _settle(self, driver: _D, stopping: threading.Event) -> None:
         """
         Wait until everybody who listens to the samples has been discovered.
 
@@ -230,6 +257,7 @@ class DriverNode(LifecycleNode, ABC, Generic[_D]):
             and time.monotonic() - changed < _SETTLED_S
             and not stopping.wait(0.02)
         ):
+            self._attend(driver)
             now = self._announced.get_subscription_count()
             if now != count:
                 count, changed = now, time.monotonic()
@@ -237,8 +265,11 @@ class DriverNode(LifecycleNode, ABC, Generic[_D]):
     def _link(self) -> tuple[str, str] | None:
         """Return level and text of what is wrong with the connection; None where nothing is."""
         if self._trouble:
-            return 'ERROR', self._trouble
-        return ('WARN', 'connecting') if self._connecting else None
+            return 'ERROR' if self._found else Awaited('ERROR'), self._trouble
+        return (Awaited('WARN'), 'connecting') if self._connecting else None
+
+    def _attend(self, driver: _D) -> None:
+        """Do what else the device needs; called by its thread before each read."""
 
     @abstractmethod
     def _advertise(self) -> Publisher:

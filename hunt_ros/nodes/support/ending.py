@@ -11,6 +11,7 @@ main thread does not come to it.
 from __future__ import annotations
 
 import os
+import select
 import signal
 import sys
 import threading
@@ -22,6 +23,8 @@ _NOTICE_S = 1.0
 #: What a node then has to close what it holds, s, unless it says another time.
 CLOSING_S = 0.7
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+#: Who signals again after this, s, does not want to wait; a group and its leader get one together.
+_AGAIN_S = 1.0
 
 
 class Ending:
@@ -45,8 +48,8 @@ class Ending:
         self.asked = threading.Event()
         self.doing = 'starting'
         self._name = name
-        self._closing = threading.Event()
-        self._closing_s = CLOSING_S
+        self._patient = True
+        self._until_s = 0.0
         self._pipe, wakeup = os.pipe()
         os.set_blocking(wakeup, False)
         signal.set_wakeup_fd(wakeup, warn_on_full_buffer=False)
@@ -60,10 +63,21 @@ class Ending:
         """Say to the operator what the node is doing."""
         print(f'{self._name}: {text}', file=sys.stderr, flush=True)
 
-    def close(self, within_s: float) -> None:
-        """Take note that the main thread now closes what the node holds, and its time limit."""
-        self.doing, self._closing_s = 'closing', within_s
-        self._closing.set()
+    def grant(self, doing: str, within_s: float, patient: bool = True) -> None:
+        """
+        Take note of what the main thread does before the end, and its time limit.
+
+        Parameters
+        ----------
+        doing : str
+            For the operator.
+        within_s : float
+            The process ends after so long, s.
+        patient : bool
+            False: another signal ends it at once.
+        """
+        self.doing, self._patient = doing, patient
+        self._until_s = time.monotonic() + within_s
 
     def leave(self, code: int) -> NoReturn:
         """End the process without waiting for threads of the middleware and of compilers."""
@@ -73,8 +87,13 @@ class Ending:
 
     def _listen(self) -> None:
         os.read(self._pipe, 1)
+        asked_s = time.monotonic()
+        self._until_s = asked_s + _NOTICE_S
         self.asked.set()
-        if self._closing.wait(_NOTICE_S):
-            time.sleep(self._closing_s)
+        while (left_s := self._until_s - time.monotonic()) > 0.0:
+            again = select.select([self._pipe], [], [], min(left_s, 0.2))[0]
+            late = time.monotonic() - asked_s > _AGAIN_S
+            if again and os.read(self._pipe, 64) and late and not self._patient:
+                break
         self.say(f'ended while {self.doing}')
         self.leave(0)

@@ -2,7 +2,7 @@
 The estimate topics: what they are called, what each field of them holds, and how often.
 
 `ESTIMATES` is the one table: the publishers, the recorder (which leaves these topics out,
-because a replay makes them again) and the README follow from it.
+because a replay makes them again) and docs/topics.md follow from it.
 """
 
 from __future__ import annotations
@@ -20,9 +20,6 @@ from hunt_ros.nodes.support.conversions import FixedLayout, joint_layout
 from hunt_ros.nodes.support.qos import stream
 from hunt_ros.samples import NORMAL_95
 
-#: A column of the detector's rows, what is made of one, or a name in `EstimatePublishers.beside`.
-_Column = str | Callable[[np.ndarray], np.ndarray]
-
 #: Topics are looked at this often for somebody who listens, s.
 _LOOK_S = 0.2
 #: Spacing of the slow topics, ns.
@@ -39,108 +36,88 @@ class EstimateTopic:
     name : str
         Relative name.
     joints : tuple of str
-        Their names are never those of a measurement: a 3D view would move the wheelset by them.
-    position, velocity, effort : tuple of columns
-        Of each joint the value, its rate of change, its standard deviation; empty: not told.
-    fast : bool
-        Published with every row (parameter `output_rate_hz`); else 20 times a second.
+        Columns of the detector's rows, or of `_MADE`. They are never the names of a measurement: a
+        3D view would move the wheelset by them.
     content : str
         What the fields hold, with units.
+    rate, std : bool
+        Whether `velocity` has the rate of change, the column `..._rate`, and `effort` the standard
+        deviation, the column `..._std`.
+    fast : bool
+        Published with every row (parameter `output_rate_hz`); else 20 times a second.
     """
 
     name: str
     joints: tuple[str, ...]
-    position: tuple[_Column, ...]
-    velocity: tuple[_Column, ...] = ()
-    effort: tuple[_Column, ...] = ()
+    content: str
+    rate: bool = False
+    std: bool = True
     fast: bool = False
-    content: str = ''
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of all that is published, in the order of the message."""
+        endings = ('', *(['_rate'] if self.rate else []), *(['_std'] if self.std else []))
+        return [f'{joint}{ending}' for ending in endings for joint in self.joints]
 
 
-def _angular_frequency(rows: np.ndarray) -> np.ndarray:
-    """Return 2 pi f, rad/s."""
-    return 2.0 * np.pi * rows['frequency_hz']
-
-
-def _margin_std(rows: np.ndarray) -> np.ndarray:
-    """Return the standard deviation that a normal 95 % interval of this width would have."""
-    return (rows['margin_high'] - rows['margin_low']) / (2.0 * NORMAL_95)
-
-
-_AMPLITUDES = ('lateral_amplitude', 'yaw_amplitude')
-_ENVELOPES = ('lateral_envelope', 'yaw_envelope')
-_ROUGHNESS = ('lateral_roughness', 'yaw_roughness')
+#: Columns that are made of others.
+_MADE: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    'hunting_phase': lambda rows: rows['phase'],
+    'hunting_phase_rate': lambda rows: 2.0 * np.pi * rows['frequency_hz'],
+    'hunting_phase_std': lambda rows: rows['phase_std'],
+    # That of a normal 95 % interval of this width.
+    'margin_std': lambda rows: (rows['margin_high'] - rows['margin_low']) / (2.0 * NORMAL_95),
+}
 
 ESTIMATES: tuple[EstimateTopic, ...] = (
     EstimateTopic(
         'hunting/amplitude',
-        _AMPLITUDES,
-        position=_AMPLITUDES,
-        velocity=('lateral_amplitude_rate', 'yaw_amplitude_rate'),
-        effort=('lateral_amplitude_std', 'yaw_amplitude_std'),
+        ('lateral_amplitude', 'yaw_amplitude'),
+        'amplitude of the hunting component (m, rad); `velocity` its rate',
+        rate=True,
         fast=True,
-        content='amplitude of the hunting component (m, rad); `velocity` its rate',
     ),
     EstimateTopic(
         'hunting/envelope',
-        _ENVELOPES,
-        position=_ENVELOPES,
+        ('lateral_envelope', 'yaw_envelope'),
+        'Hilbert envelope, the second estimate of it (m, rad)',
+        std=False,
         fast=True,
-        content='Hilbert envelope, the second estimate of it (m, rad)',
     ),
     EstimateTopic(
         'hunting/phase',
         ('hunting_phase',),
-        position=('phase',),
-        velocity=(_angular_frequency,),
-        effort=('phase_std',),
+        'phase (rad); `velocity` the angular frequency (rad/s)',
+        rate=True,
         fast=True,
-        content='phase (rad); `velocity` the angular frequency (rad/s)',
     ),
     EstimateTopic(
         'hunting/roughness',
-        _ROUGHNESS,
-        position=_ROUGHNESS,
-        effort=('lateral_roughness_std', 'yaw_roughness_std'),
-        content='amplitude of the first known line (m, rad)',
+        ('lateral_roughness', 'yaw_roughness'),
+        'amplitude of the first known line (m, rad)',
     ),
-    EstimateTopic(
-        'hunting/growth_rate',
-        ('growth_rate',),
-        position=('growth_rate',),
-        effort=('growth_rate_std',),
-        content='growth rate of the amplitude (1/s)',
-    ),
-    EstimateTopic(
-        'hunting/margin',
-        ('margin',),
-        position=('margin',),
-        effort=(_margin_std,),
-        content='unstable amplitude over amplitude (1)',
-    ),
+    EstimateTopic('hunting/growth_rate', ('growth_rate',), 'growth rate of the amplitude (1/s)'),
+    EstimateTopic('hunting/margin', ('margin',), 'unstable amplitude over amplitude (1)'),
     EstimateTopic(
         'hunting/unstable_amplitude',
         ('unstable_amplitude',),
-        position=('unstable_amplitude',),
-        effort=('unstable_amplitude_std',),
-        content='amplitude beyond which the motion grows (m)',
+        'amplitude beyond which the motion grows (m)',
     ),
     EstimateTopic(
         'hunting/critical_speed',
         ('critical_speed',),
-        position=('critical_speed',),
-        effort=('critical_speed_std',),
-        content='v_c of the normal form, of the parameters, or of the forecast (m/s)',
+        'v_c of the normal form, of the parameters, or of the forecast (m/s)',
     ),
 )
 
 
-def readme_table() -> str:
-    """Return the lines of the table of topics in the README."""
+def topics_table() -> str:
+    """Return the lines of the table in docs/topics.md."""
     lines = []
     for topic in ESTIMATES:
         often = '`output_rate_hz`' if topic.fast else f'{1e9 / _SLOW_NS:.0f} Hz'
-        std = '; `effort` its standard deviation' if topic.effort else ''
+        std = '; `effort` its standard deviation' if topic.std else ''
         lines.append(
             f'| `{topic.name}` | sensor_msgs/JointState | {topic.content}{std}; {often} |'
         )
@@ -184,7 +161,7 @@ class EstimatePublishers:
             _Output(
                 topic,
                 node.create_publisher(JointState, topic.name, qos),
-                joint_layout(topic.joints, frame, bool(topic.velocity), bool(topic.effort)),
+                joint_layout(topic.joints, frame, topic.rate, topic.std),
             )
             for topic in ESTIMATES
         ]
@@ -206,15 +183,13 @@ class EstimatePublishers:
             self._write(out, rows if out.topic.fast else slow)
 
     def _write(self, out: _Output, rows: np.ndarray) -> None:
-        topic = out.topic
-        columns = (*topic.position, *topic.velocity, *topic.effort)
-        values = [self._values(rows, column) for column in columns]
+        values = [self._values(rows, column) for column in out.topic.columns]
         for stamp_ns, *numbers in zip(rows['stamp_ns'].tolist(), *values, strict=True):
             out.publisher.publish(out.layout.encode(stamp_ns, *numbers))
 
-    def _values(self, rows: np.ndarray, column: _Column) -> list[float]:
-        if not isinstance(column, str):
-            return column(rows).tolist()
+    def _values(self, rows: np.ndarray, column: str) -> list[float]:
+        if column in _MADE:
+            return _MADE[column](rows).tolist()
         if column in self.beside:
             return [self.beside[column]] * len(rows)
         return rows[column].tolist()

@@ -3,7 +3,8 @@ How far simulated time may run ahead of those who follow it.
 
 A machine that is slow, or has other work, cannot follow a rig at any multiple of real time:
 samples would be lost between processes, and the run would show silence and faults that no rig
-had. Simulated time therefore waits for the detector, which is the last of the chain.
+had. Simulated time therefore waits for the detector, which is the last of the chain. It never
+stands still: the detector may wait in its turn for samples that come only as time goes on.
 """
 
 from __future__ import annotations
@@ -21,9 +22,10 @@ from hunt_ros.samples import NANOSECONDS
 #: Below the time after which the detector calls a sensor silent where time runs fast: a pause of
 #: the machine is then a longer one of the rig (`hunt demo` sets its `..._timeout_s` to 3 s).
 _LEAD_NS = NANOSECONDS
-#: A detector that makes no headway for so long, because a sensor is dead or it is itself, is
-#: not waited for, s of real time.
-_PATIENCE_S = 5.0
+#: A detector that makes no headway for so long is dead, s of real time: a busy machine may take a
+#: minute for its turn. Until then time goes on by this share of real time: in that minute by the
+#: 2 s that are left of the 3 s.
+_DEAD_S, _CREEP = 60.0, 1.0 / 30.0
 
 
 class Pace:
@@ -61,9 +63,9 @@ class Pace:
             return False
         if not self._judged_ns:
             self._judged_ns, self._progress_s = now_ns, self._clock()
-        if now_ns - self._judged_ns < _LEAD_NS:
-            return False
-        return self._clock() - self._progress_s < _PATIENCE_S
+        waited_s = self._clock() - self._progress_s
+        ahead_ns = _LEAD_NS + _CREEP * waited_s * NANOSECONDS
+        return waited_s < _DEAD_S and now_ns - self._judged_ns >= ahead_ns
 
     def _on_status(self, message: DiagnosticArray) -> None:
         self.heard = True

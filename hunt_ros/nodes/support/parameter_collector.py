@@ -1,25 +1,19 @@
-"""
-The parameters of every node in the graph, asked for beside the recorder.
-
-It asks from a node and a thread of its own, with the plain executor: service
-clients that come and go crash the EventsExecutor of these wheels now and then.
-"""
+"""The parameters of every node in the graph, asked for beside the recorder."""
 
 from __future__ import annotations
 
-import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
-import rclpy
+import yaml
+from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import GetParameters, GetParameterTypes, ListParameters
 from rclpy.client import Client
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
 
-from hunt_ros.nodes.support.diagnostics import Diagnostics
-from hunt_ros.nodes.support.parameter_text import parameter_text
-from hunt_ros.nodes.support.worker import Worker
+from hunt_ros.nodes.support.worker import Aside, Failed
 
 _LOOK_S = 0.5
 #: A node that is still starting has not declared all: it is asked again after this time, s, and
@@ -33,48 +27,39 @@ class ParameterCollector:
 
     Parameters
     ----------
-    namespace : str
-        Of the node that asks; it and nodes whose names begin with '_' are not asked.
+    node : Node
+        Beside which it asks; nodes whose names begin with '_' are not asked.
+    failed : callable
+        Told when asking fails.
     tell : callable
         Gets (full node name, parameter file as text) where it has changed, in the
         collector's thread.
-    diagnostics : Diagnostics
-        Told when asking fails.
     """
 
-    def __init__(
-        self, namespace: str, tell: Callable[[str, str], None], diagnostics: Diagnostics
-    ) -> None:
-        self._node = rclpy.create_node('_parameter_collector', namespace=namespace)
+    def __init__(self, node: Node, failed: Failed, tell: Callable[[str, str], None]) -> None:
         self._tell = tell
         self._clients: dict[str, tuple[Client, ...]] = {}
         self.ask_again()
-        self._worker = Worker(diagnostics, 'parameters', self._work)
+        self._aside = Aside(node, failed, 'parameters', _LOOK_S, self._round)
 
     def ask_again(self) -> None:
         """Ask every node anew: another recording has begun."""
         self._next: dict[str, tuple[float, float]] = {}  # when to ask, steady clock; wait after
         self._told: dict[str, str] = {}
+        self._looked_s = 0.0
 
     def close(self) -> None:
         """Stop asking."""
-        self._worker.stop()
-        self._node.destroy_node()
+        self._aside.close()
 
-    def _work(self, stopping: threading.Event) -> None:
-        """Ask every node that there is, again and again."""
-        executor = SingleThreadedExecutor()
-        executor.add_node(self._node)
-        try:
-            while not stopping.is_set():
-                for name, namespace in self._node.get_node_names_and_namespaces():
-                    if not name.startswith('_'):
-                        self._ask(f'{namespace.rstrip("/")}/{name}')
-                _spin(executor, _LOOK_S)
-        except ExternalShutdownException:
-            pass
-        finally:
-            executor.shutdown()
+    def _round(self) -> None:
+        """Ask every node that there is."""
+        if time.monotonic() - self._looked_s < _LOOK_S:
+            return  # an answer came
+        self._looked_s = time.monotonic()
+        for name, namespace in self._aside.node.get_node_names_and_namespaces():
+            if not name.startswith('_'):
+                self._ask(f'{namespace.rstrip("/")}/{name}')
 
     def _ask(self, node: str) -> None:
         """Ask a node for its parameters where it is due: names, types, then values."""
@@ -83,10 +68,11 @@ class ParameterCollector:
         if now < due:
             return
         if node not in self._clients:
+            client = self._aside.node.create_client
             self._clients[node] = (
-                self._node.create_client(ListParameters, f'{node}/list_parameters'),
-                self._node.create_client(GetParameterTypes, f'{node}/get_parameter_types'),
-                self._node.create_client(GetParameters, f'{node}/get_parameters'),
+                client(ListParameters, f'{node}/list_parameters'),
+                client(GetParameterTypes, f'{node}/get_parameter_types'),
+                client(GetParameters, f'{node}/get_parameters'),
             )
         clients = lister, typer, getter = self._clients[node]
         if not all(client.service_is_ready() for client in clients):
@@ -114,7 +100,7 @@ class ParameterCollector:
             values = future.result().values
             if len(values) < len(names):
                 return
-            text = parameter_text(node, names, values)
+            text = _parameter_text(node, names, values)
             if self._told.get(node) != text:
                 self._told[node] = text
                 self._tell(node, text)
@@ -122,8 +108,11 @@ class ParameterCollector:
         lister.call_async(ListParameters.Request()).add_done_callback(listed)
 
 
-def _spin(executor: SingleThreadedExecutor, seconds: float) -> None:
-    """Take the answers that come within a time."""
-    deadline = time.monotonic() + seconds
-    while (left_s := deadline - time.monotonic()) > 0.0:
-        executor.spin_once(timeout_sec=left_s)
+def _parameter_text(node: str, names: Sequence[str], values: Sequence[ParameterValue]) -> str:
+    """Return a parameter file that gives a node the values it has."""
+    found = {
+        name: parameter_value_to_python(value) for name, value in zip(names, values, strict=True)
+    }
+    parameters = {name: value for name, value in found.items() if value is not None}
+    document = {node: {'ros__parameters': parameters}}
+    return yaml.safe_dump(document, default_flow_style=None, width=99)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -33,13 +33,15 @@ _ARRAYS = {
     'tuple[int, ...]': Parameter.Type.INTEGER_ARRAY,
 }
 _FIXED = 'set at the start only'
+#: Gets the settings by their class as they would be, those that do not change among them.
+Check = Callable[[Mapping[type, Any]], None]
 
 
 def declare(
     node: Node,
     kind: type[_Config],
     follow: Callable[[_Config], None] | None = None,
-    check: Callable[[_Config], None] | None = None,
+    check: Check | None = None,
 ) -> _Config:
     """
     Declare one parameter for each field of a settings class, and read them.
@@ -58,7 +60,8 @@ def declare(
         Takes new settings into use. It is called when nothing can refuse them any more,
         and so must not fail.
     check : callable, optional
-        Raises ConfigError where valid settings cannot be taken now; changes nothing.
+        Gets all settings of the node by class, as they would be; raises ConfigError where they
+        cannot be taken now; changes nothing.
 
     Returns
     -------
@@ -95,7 +98,7 @@ class _Group:
 
     config: Any
     follow: Callable[[Any], None]
-    check: Callable[[Any], None] | None
+    check: Check | None
 
     def renewed(self, parameters: Sequence[Parameter]) -> Any:
         """Return the settings with new values; None where none of them is meant."""
@@ -115,9 +118,9 @@ class _Changes:
         try:
             renewed = [(group, group.renewed(parameters)) for group in self.groups]
             changed = [(group, config) for group, config in renewed if config is not None]
-            for group, config in changed:
-                if group.check is not None:
-                    group.check(config)
+            configs = {type(g.config): config or g.config for g, config in renewed}
+            for check in {group.check for group, _ in changed if group.check is not None}:
+                check(configs)
         except ConfigError as error:
             return SetParametersResult(successful=False, reason=str(error))
         for group, config in changed:
@@ -190,7 +193,7 @@ def _descriptor(item: Field[Any], live: bool) -> ParameterDescriptor:
     return descriptor
 
 
-def declare_normal_form(node: Node) -> IdentifiedNormalForm | None:
+def declare_normal_form(node: Node, rig_name: str = '') -> IdentifiedNormalForm | None:
     """
     Declare the parameters `normal_form.*`, and read the normal form given in them.
 
@@ -198,6 +201,8 @@ def declare_normal_form(node: Node) -> IdentifiedNormalForm | None:
     ----------
     node : Node
         Started with a parameter file of `hunt identify --out`, or without one.
+    rig_name : str
+        Of the rig: a form of another one is refused; '': none is.
 
     Returns
     -------
@@ -207,13 +212,13 @@ def declare_normal_form(node: Node) -> IdentifiedNormalForm | None:
     Raises
     ------
     ConfigError
-        Naming the value that is missing or impossible.
+        Naming the value that is missing or impossible, or the other rig.
     """
     given: dict[str, Any] = {}
     kinds = dict.fromkeys((*PARAMETERS, *SCALES), Parameter.Type.DOUBLE)
     kinds |= dict.fromkeys(('covariance', 'draws'), Parameter.Type.DOUBLE_ARRAY)
     kinds |= dict.fromkeys(MODE_SHAPE, Parameter.Type.DOUBLE_ARRAY)
-    kinds['provenance'] = Parameter.Type.STRING_ARRAY
+    kinds |= {'provenance': Parameter.Type.STRING_ARRAY, 'rig_name': Parameter.Type.STRING}
     for name, kind in kinds.items():
         full = f'normal_form.{name}'
         descriptor = ParameterDescriptor(
@@ -227,4 +232,6 @@ def declare_normal_form(node: Node) -> IdentifiedNormalForm | None:
             given[name] = _frozen(value)
     if 'v_c' not in given:
         return None
-    return IdentifiedNormalForm.from_parameters(given, 'parameters normal_form')
+    form = IdentifiedNormalForm.from_parameters(given, 'parameters normal_form')
+    form.refuse_other(rig_name, 'parameters normal_form')
+    return form

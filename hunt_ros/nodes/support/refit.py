@@ -3,14 +3,14 @@ An identification in a process of its own, for the node that asks for it.
 
 What it takes of memory it gives back, a library that crashes ends nothing else, and the one
 interpreter of the node, which may be that of the detector and of the interlock too, stays free.
-The order comes as JSON on standard input, and the answer goes as the last line of standard output;
-standard error is that of the node.
+The order comes on standard input, and the answer goes to standard output; standard error is that
+of the node.
 """
 
 from __future__ import annotations
 
-import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -19,14 +19,14 @@ import time
 import traceback
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from hunt_ros.bag.columns import read_record
 from hunt_ros.compiled import on_compilation
 from hunt_ros.errors import HuntError
 from hunt_ros.identification.settings import IdentificationSettings
+from hunt_ros.samples import Unknown
 
 _LOOK_S = 0.2
 #: Alarm and interlock come first on a machine that has other work.
@@ -48,9 +48,7 @@ class Refit:
         Recordings that cannot be read, and why.
     warnings : sequence of str
     problem : str
-        Why nothing can be identified; '' where it can.
-    failure : str
-        An error that nobody expected, on a line; '' for none.
+        Why nothing can be identified, or no normal form; '' where there is one.
     """
 
     form: str = ''
@@ -58,7 +56,6 @@ class Refit:
     unreadable: dict[str, str] = field(default_factory=dict)
     warnings: Sequence[str] = ()
     problem: str = ''
-    failure: str = ''
 
 
 def refit(
@@ -86,27 +83,20 @@ def refit(
     RuntimeError
         If the process ends without an answer, or with an error that nobody expected.
     """
-    order = {
-        'recordings': [str(path) for path in recordings],
-        'settings': asdict(settings),
-        'whole': str(whole),
-        'parent': os.getpid(),
-    }
+    order = pickle.dumps((os.getpid(), list(recordings), settings, whole))
     words = [sys.executable, '-m', 'hunt_ros.nodes.support.refit']
     pipe = subprocess.PIPE
     # A session of its own: Ctrl-C is for the node, which ends this.
-    with subprocess.Popen(
-        words, stdin=pipe, stdout=pipe, text=True, start_new_session=True
-    ) as child:
+    with subprocess.Popen(words, stdin=pipe, stdout=pipe, start_new_session=True) as child:
         with suppress(OSError):  # it has ended already
             os.setpriority(os.PRIO_PROCESS, child.pid, os.nice(0) + _NICENESS)
-        text: str | None = json.dumps(order)
+        sent: bytes | None = order
         while True:
             try:
-                answer, _ = child.communicate(text, timeout=_LOOK_S)
+                answer, _ = child.communicate(sent, timeout=_LOOK_S)
                 break
             except subprocess.TimeoutExpired:
-                text = None  # it has been sent
+                sent = None
                 if stopping.is_set():
                     child.kill()
     if stopping.is_set():
@@ -115,41 +105,40 @@ def refit(
         raise RuntimeError(f'its process was ended by {signal.Signals(-child.returncode).name}')
     if child.returncode:
         raise RuntimeError(f'its process has ended with {child.returncode}')
-    found = Refit(**json.loads(answer.splitlines()[-1]))
-    if found.failure:
-        raise RuntimeError(found.failure)
+    found = pickle.loads(answer)
+    if isinstance(found, str):
+        raise RuntimeError(found)
+    assert isinstance(found, Refit)
     return found
 
 
-def _answer(order: dict[str, Any]) -> Refit:
+def _identified(
+    recordings: Sequence[Path], settings: IdentificationSettings, whole: Path
+) -> Refit:
     """Do the work of an order."""
+    from hunt_ros.dynamics.normal_form import COEFFICIENTS
     from hunt_ros.identification import identify
 
     records, unreadable = {}, {}
-    for path in order['recordings']:
+    for path in map(str, recordings):
         try:
             records[path] = read_record(path)
         except HuntError as error:
             unreadable[path] = str(error)
     if not records:
         return Refit(unreadable=unreadable)
-    given = {name: _tuple(value) for name, value in order['settings'].items()}
     try:
-        result = identify(list(records.values()), IdentificationSettings(**given))
+        result = identify(list(records.values()), settings)
         if result.normal_form is not None:
-            result.save(order['whole'])
+            result.save(whole)
     except HuntError as error:
         return Refit(unreadable=unreadable, problem=str(error))
-    except Exception as error:  # any: numbers of a rig that nobody has seen
-        traceback.print_exc()
-        return Refit(unreadable=unreadable, failure=f'{type(error).__name__}: {error}')
-    form = '' if result.normal_form is None else result.normal_form.to_yaml()
-    return Refit(form, tuple(records), unreadable, tuple(result.warnings))
-
-
-def _tuple(value: Any) -> Any:
-    """Return lists as the tuples that they were before they were JSON."""
-    return tuple(map(_tuple, value)) if isinstance(value, list) else value
+    found = Refit('', tuple(records), unreadable, tuple(result.warnings))
+    if result.normal_form is not None:
+        return replace(found, form=result.normal_form.to_yaml())
+    missing = [each for each in map(result.quantity, COEFFICIENTS) if isinstance(each, Unknown)]
+    reasons = dict.fromkeys(each.reason for each in missing) or result.notices
+    return replace(found, problem='; '.join(reasons))
 
 
 def _end_without(parent: int) -> None:
@@ -160,12 +149,23 @@ def _end_without(parent: int) -> None:
 
 
 def main() -> None:
-    """Take an order, and answer it."""
-    order = json.load(sys.stdin)
-    threading.Thread(target=_end_without, args=(order['parent'],), daemon=True).start()
+    """Take an order, and answer it: with a text where an error came that nobody expected."""
+    answer = os.fdopen(os.dup(1), 'wb')
+    os.dup2(2, 1)  # what a library prints is no answer
+    parent, *order = pickle.load(sys.stdin.buffer)
+    threading.Thread(target=_end_without, args=(parent,), daemon=True).start()
     on_compilation(lambda text: print(f'identification: {text}', file=sys.stderr, flush=True))
-    print(json.dumps(asdict(_answer(order))))
+    try:
+        found: Refit | str = _identified(*order)
+    except Exception as error:  # any: numbers of a rig that nobody has seen
+        traceback.print_exc()
+        found = f'{type(error).__name__}: {error}'
+    with answer:
+        pickle.dump(found, answer)
 
 
 if __name__ == '__main__':
-    main()
+    # By its own name, not __main__: an answer is read by another process.
+    from hunt_ros.nodes.support import refit as here
+
+    here.main()

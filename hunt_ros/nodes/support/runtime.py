@@ -14,6 +14,7 @@ import os
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import rclpy
 from rclpy.context import Context
@@ -24,7 +25,6 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from hunt_ros.compiled import on_compilation
 from hunt_ros.errors import HuntError
 from hunt_ros.nodes.support.ending import CLOSING_S, Ending
 
@@ -69,7 +69,9 @@ def run(
     A lifecycle node with the parameter `autostart` is configured and activated.
     A node may have a method `close()`, called before its publishers are gone, and the
     attributes `closing_s`, the time that this may take; `failed`, a line on what ended it,
-    printed before exit code 2; and `done`, True where its work is done.
+    printed before exit code 2; and `done`, True where its work is done. A guard has a method
+    `wind_down()`, called while the node runs on after it was asked to end, until it returns True,
+    and `winding_s`, the longest that this may take.
 
     Parameters
     ----------
@@ -86,7 +88,6 @@ def run(
     int
         0 after a clean end, 2 for bad parameters or hardware that is not there.
     """
-    on_compilation(ending.say)
     if 'HOME' not in os.environ:  # ROS would find no place for its log, and not start
         os.environ.setdefault('ROS_LOG_DIR', tempfile.gettempdir())
     words = None if arguments is None else list(arguments)
@@ -105,18 +106,24 @@ def run(
         # spin() of the EventsExecutor in these wheels burns a core and runs nothing.
         while rclpy.ok() and not ending.asked.is_set():
             executor.spin_once(timeout_sec=_SPIN_S)
-            for node in nodes:
-                if failed := getattr(node, 'failed', ''):
-                    raise HuntError(failed)
+            _raise_failures(nodes)
             if all(getattr(node, 'done', False) for node in nodes):
-                break
+                return 0
+        guards: list[Any] = [node for node in nodes if hasattr(node, 'wind_down')]
+        if guards:
+            most_s = max(guard.winding_s for guard in guards)
+            ending.grant('taking the rig to where it is safe', most_s, patient=False)
+        while rclpy.ok() and not all(guard.wind_down() for guard in guards):
+            executor.spin_once(timeout_sec=_SPIN_S)
+        _raise_failures(nodes)
     except (HuntError, InvalidParameterValueException, ParameterException) as error:
         ending.say(' '.join(str(error).split()))
         return 2
     except ExternalShutdownException:
         pass
     finally:
-        ending.close(sum(getattr(node, 'closing_s', CLOSING_S) for node in nodes) or CLOSING_S)
+        closing_s = sum(getattr(node, 'closing_s', CLOSING_S) for node in nodes)
+        ending.grant('closing', closing_s or CLOSING_S)
         executor.shutdown()  # before anything it holds is destroyed
         for node in reversed(nodes):
             if hasattr(node, 'close'):
@@ -126,6 +133,13 @@ def run(
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def _raise_failures(nodes: Sequence[Node]) -> None:
+    """Raise what a node says has ended it."""
+    for node in nodes:
+        if failed := getattr(node, 'failed', ''):
+            raise HuntError(failed)
 
 
 def _deliver(node: Node) -> None:

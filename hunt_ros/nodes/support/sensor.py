@@ -23,6 +23,7 @@ from hunt_ros.nodes.support.driver_node import DriverNode
 from hunt_ros.nodes.support.parameters import declare, warn_unknown
 from hunt_ros.nodes.support.qos import MEASUREMENTS, stream
 from hunt_ros.settings import Settings, setting
+from hunt_ros.suite import Awaited
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class SensorConfig(Settings):
         500.0,
         'Expected rate: WARN when it is missed by 5 %, STALE when nothing comes.',
         unit='Hz',
-        low=10.0,  # the detector calls a channel silent after 0.2 s
+        low=10.0,  # the detector calls a channel silent after 0.3 s
         high=2000.0,
         fixed=True,
     )
@@ -133,7 +134,8 @@ class SensorNode(DriverNode[SensorDriver]):
             return 'OK', 'inactive', values
         said = [f'{lost} samples lost'] if lost else []
         if not source.count:
-            return 'STALE', ', '.join(['no samples', *said]), values
+            level = 'STALE' if self._published else Awaited('STALE')
+            return level, ', '.join(['no samples', *said]), values
         said += source.problems
         if bad >= source.count:
             return 'STALE', '; '.join(['no valid sample', *said]), values

@@ -19,23 +19,7 @@ from rclpy.node import Node
 
 from hunt_ros.errors import ConfigError
 
-
-class _Holder:
-    """Holds a name until the ROS context is shut down."""
-
-    def __init__(self, name: str) -> None:
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        try:
-            self._socket.bind(name)
-        except OSError:
-            self._socket.close()
-            raise
-
-    def release(self) -> None:
-        self._socket.close()
-
-
-_HELD: WeakKeyDictionary[Node, _Holder] = WeakKeyDictionary()
+_HELD: WeakKeyDictionary[Node, socket.socket] = WeakKeyDictionary()
 
 
 def hold_name(node: Node) -> None:
@@ -51,11 +35,14 @@ def hold_name(node: Node) -> None:
         return
     name, domain = node.get_fully_qualified_name(), node.context.get_domain_id()
     key = hashlib.sha256(f'{domain} {name}'.encode()).hexdigest()
+    held = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     try:
-        _HELD[node] = _Holder(f'\0hunt_ros/{key}')
+        held.bind(f'\0hunt_ros/{key}')
     except OSError as error:
+        held.close()
         raise ConfigError(
             f'{name} runs already on this machine in ROS domain {domain}:'
             ' choose another namespace or ROS_DOMAIN_ID'
         ) from error
-    node.context.on_shutdown(_HELD[node].release)
+    _HELD[node] = held
+    node.context.on_shutdown(held.close)

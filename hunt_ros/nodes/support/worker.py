@@ -1,16 +1,27 @@
 """
-A thread of a node that does not end in silence.
+The threads of a node: none ends in silence, and what waits for a service is beside the node.
 
-An error that nobody expected is logged with its traceback and stands on
-`/diagnostics` from then on: a node whose thread is gone must not look well.
+An error that nobody expected is logged with its traceback and stands on `/diagnostics` from then
+on: a node whose thread is gone must not look well.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Generic, TypeVar
 
-from hunt_ros.nodes.support.diagnostics import Diagnostics
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from hunt_ros.errors import HuntError
+
+_T = TypeVar('_T')
+#: Gets the name of a task and the error that ended it: `Diagnostics.failed`.
+Failed = Callable[[str, Exception], None]
 
 
 class Worker:
@@ -19,7 +30,7 @@ class Worker:
 
     Parameters
     ----------
-    diagnostics : Diagnostics
+    failed : callable
         Told when the function raises.
     name : str
         Of the thread.
@@ -28,12 +39,8 @@ class Worker:
         was too slow to end in time can never be taken for its successor.
     """
 
-    def __init__(
-        self, diagnostics: Diagnostics, name: str, work: Callable[[threading.Event], None]
-    ) -> None:
-        self._diagnostics = diagnostics
-        self._name = name
-        self._work = work
+    def __init__(self, failed: Failed, name: str, work: Callable[[threading.Event], None]) -> None:
+        self._failed, self._name, self._work = failed, name, work
         self.stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
@@ -48,4 +55,126 @@ class Worker:
             self._work(self.stopping)
         except Exception as error:
             if not self.stopping.is_set():  # else: what it used is gone already
-                self._diagnostics.failed(self._name, error)
+                self._failed(self._name, error)
+
+
+class Aside:
+    """
+    A node beside the node, in a thread of its own with the plain executor.
+
+    Service clients crash the EventsExecutor of these wheels now and then, and a service that takes
+    long holds up every message: both belong to another node.
+
+    Parameters
+    ----------
+    node : Node
+        Whose namespace it has, and its name with `name` behind.
+    failed : callable
+        Told when the thread ends with an error.
+    name : str
+        What it is for.
+    every_s, work : float and callable
+        What it does so often beside its services.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        failed: Failed,
+        name: str,
+        every_s: float = 0.2,
+        work: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.node = hidden_node(f'_{node.get_name()}_{name}', node.get_namespace())
+        self._every_s, self._round = every_s, work
+        self._worker = Worker(failed, name, self._work)
+
+    def close(self, timeout_s: float = 2.0) -> None:
+        """End the thread; one that is busy is left to itself after so long."""
+        self._worker.stop(timeout_s)
+
+    def _work(self, stopping: threading.Event) -> None:
+        executor = SingleThreadedExecutor()
+        executor.add_node(self.node)
+        try:
+            while not stopping.is_set():
+                executor.spin_once(timeout_sec=self._every_s)
+                self._round()
+        except ExternalShutdownException:
+            pass
+        finally:
+            executor.shutdown()
+
+
+def offer(node: Node, name: str, answer: Callable[[], str], of: Node | None = None) -> None:
+    """
+    Offer a Trigger service.
+
+    Parameters
+    ----------
+    node : Node
+        Which offers it.
+    name : str
+        Relative.
+    answer : callable
+        Does the work and returns the message of the answer; an error is the answer of a service
+        that failed.
+    of : Node, optional
+        Whose log is told of an error that nobody expected.
+    """
+    log = (of or node).get_logger()
+
+    def answered(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Fill in the answer; what fails is the answer too."""
+        try:
+            response.success, response.message = True, answer()
+        except HuntError as error:
+            response.success, response.message = False, str(error)
+        except Exception as error:  # any other would end the thread, and every service
+            response.success, response.message = False, f'{type(error).__name__}: {error}'
+            log.error(f'{name}: {response.message}')
+        return response
+
+    node.create_service(Trigger, name, answered)
+
+
+def answer_aside(node: Node, failed: Failed, answers: Mapping[str, Callable[[], str]]) -> Aside:
+    """Offer Trigger services beside the node, see `offer`; they are answered one by one."""
+    beside = Aside(node, failed, 'services')
+    for name, answer in answers.items():
+        offer(beside.node, name, answer, node)
+    return beside
+
+
+def hidden_node(name: str, namespace: str = '', context: Context | None = None) -> Node:
+    """Return a node without parameters of its own and without a log topic; `_` hides its name."""
+    return rclpy.create_node(
+        name,
+        context=context,
+        namespace=namespace,
+        use_global_arguments=False,
+        enable_rosout=False,
+        start_parameter_services=False,
+    )
+
+
+class Newest(Generic[_T]):
+    """A mailbox of one between two threads: who posts never waits, who takes gets the newest."""
+
+    def __init__(self) -> None:
+        self._arrived = threading.Condition()
+        self._waiting: _T | None = None
+
+    def post(self, value: _T) -> None:
+        """Leave a value, in place of one that waits."""
+        with self._arrived:
+            self._waiting = value
+            self._arrived.notify()
+
+    def take(self, timeout_s: float = 0.0) -> _T | None:
+        """Return what waits, or comes within a time; None where nothing does."""
+        with self._arrived:
+            if self._waiting is None and timeout_s > 0.0:
+                self._arrived.wait(timeout_s)
+            value, self._waiting = self._waiting, None
+            return value

@@ -1,0 +1,111 @@
+"""
+What must outlive the process that guards the roller: one small file beside the recordings.
+
+An emergency stop, a trip, a disarmed interlock and an alarm that nobody has acknowledged are in
+force again when the speed node starts again, until a person ends them.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from hunt_ros.errors import ConfigError
+
+_MOST_LINES = 200
+
+
+@dataclass
+class SafetyState:
+    """
+    What is in force, and how it came.
+
+    Parameters
+    ----------
+    emergency_stop, trip, disarmed, alarm : str
+        Why it is in force; '' where it is not.
+    forced_mps : float
+        Set point of the stop or the trip.
+    safe_mps : float
+        Where the interlock would take the roller.
+    running : bool
+        The node guards, and has not ended by itself.
+    history : list of dict
+        What happened: `at` (UTC), `what`, `why`; the oldest first, the last 200.
+    """
+
+    emergency_stop: str = ''
+    trip: str = ''
+    disarmed: str = ''
+    alarm: str = ''
+    forced_mps: float = 0.0
+    safe_mps: float = 0.0
+    running: bool = False
+    history: list[dict[str, str]] = field(default_factory=list)
+
+    def note(self, at: str, what: str, why: str) -> None:
+        """Add a line to the history."""
+        self.history = [*self.history[1 - _MOST_LINES :], {'at': at, 'what': what, 'why': why}]
+
+    def to_json(self) -> str:
+        """Return it as the text of the file."""
+        return json.dumps(asdict(self), indent=1, allow_nan=False) + '\n'
+
+
+def state_file(directory: Path, namespace: str) -> Path:
+    """Return where the state of the rig of a namespace stands, beside its recordings."""
+    return (directory / f'.{namespace.strip("/").replace("/", "_")}_speed_state.json').absolute()
+
+
+def read(path: Path) -> SafetyState | None:
+    """
+    Return what a file says; None where there is none.
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be read, or is none.
+    """
+    try:
+        told: Any = json.loads(path.read_text(encoding='utf-8'))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        raise ConfigError(f'{path}: cannot read the safety state ({error})') from error
+    state = SafetyState()
+    for item in fields(SafetyState):
+        value = told.get(item.name) if isinstance(told, Mapping) else None
+        kind = type(getattr(state, item.name))
+        value = float(value) if kind is float and type(value) is int else value
+        if type(value) is not kind or (isinstance(value, float) and not math.isfinite(value)):
+            raise ConfigError(f'{path}: {item.name}: {value!r} is no safety state')
+        setattr(state, item.name, value)
+    return state
+
+
+def write(path: Path, text: str) -> None:
+    """
+    Write the file whole or not at all, and onto the disk.
+
+    Raises
+    ------
+    OSError
+        Where the folder or the disk refuses it.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(path.name + '.part')
+    with partial.open('w', encoding='utf-8') as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    partial.replace(path)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)  # or the new name is lost with the power
+    finally:
+        os.close(folder)

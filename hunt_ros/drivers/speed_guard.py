@@ -1,0 +1,333 @@
+"""
+What the speed node decides: the set point that the drive gets, when it trips, what is said.
+
+Profile, interlock, the readings of roller and sensor, and the state that outlives the process
+come together here. No clock is read, no hardware waited for, and nothing known of ROS: the node
+hands in what came and when, and sends what is decided.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+from datetime import datetime, timezone
+
+from hunt_ros.drivers.command import DriveLimits, RollerCommand
+from hunt_ros.drivers.interlock import Change, Heard, Interlock, InterlockSettings
+from hunt_ros.drivers.readings import Displacement, RollerReadings
+from hunt_ros.drivers.safety_state import SafetyState
+from hunt_ros.suite import Awaited
+
+#: The roller stands below this, m/s.
+_STANDS_MPS = 0.05
+#: An emergency stop has to show on the encoder by this much, m/s.
+_SLOWED_MPS = 0.03
+#: Readings are compared with what they should be so often, s.
+_COMPARED_S = 0.1
+
+
+class SpeedGuard:
+    """
+    Decides for one roller. Every method may be called from any thread.
+
+    Parameters
+    ----------
+    limits : DriveLimits
+    settings : InterlockSettings
+    diameter_m : float
+        Of the roller; 0: not known.
+    state : SafetyState
+        Of before; what is in force there is in force again.
+    damaged : str
+        '' or why that state is not known: then the interlock is tripped.
+    autostart : bool
+        Start the profile as soon as nothing speaks against it, if nothing is in force.
+    real_time : bool
+        False for a rig whose time is not that of the clocks.
+    longest_step_s : float
+        See `RollerCommand`.
+
+    Attributes
+    ----------
+    autostart : bool
+        The profile starts by itself yet; any stop ends that.
+    """
+
+    def __init__(
+        self,
+        limits: DriveLimits,
+        settings: InterlockSettings,
+        diameter_m: float,
+        state: SafetyState,
+        damaged: str = '',
+        autostart: bool = False,
+        real_time: bool = True,
+        longest_step_s: float = math.inf,
+    ) -> None:
+        self.command = RollerCommand(limits, longest_step_s)
+        self.interlock = Interlock(settings, real_time)
+        self.readings = RollerReadings(diameter_m if real_time else 0.0)
+        self.displacement = Displacement()
+        self.deciding = threading.RLock()
+        self.waits = ''  # why the profile does not start by itself
+        self.state = state
+        self._alarmed = False  # the detector that is heard now has said so
+        self._unsaved = True
+        self._fault, self._compared_s = '', -math.inf
+        self._restore(damaged)
+        self.autostart = autostart and not self.command.forced
+
+    def _restore(self, damaged: str) -> None:
+        """Put in force again what was in force when the process before ended."""
+        state = self.state
+        if state.emergency_stop:
+            self.command.emergency_stop(state.forced_mps, math.nan)
+        if state.running and not state.trip:
+            damaged = damaged or 'the speed node ended without being asked'
+        if state.trip or damaged:
+            cause = state.trip or damaged
+            goal = state.forced_mps if state.trip else state.safe_mps
+            self.interlock.restore('tripped', cause, goal)
+            self.command.trip(goal, math.nan)
+        elif state.disarmed and self.interlock.state == 'armed':
+            self.interlock.restore('disarmed', state.disarmed, 0.0)
+        self.remember('started', damaged)
+
+    def hear(self, now_ns: int, heard: Heard) -> None:
+        """Take a status of the detector, steady clock."""
+        with self.deciding:
+            if heard.sequence < self.interlock.heard.sequence:
+                self._alarmed = False  # started again: it has forgotten, and nobody acknowledged
+            if heard.alarm and not self._alarmed:
+                self.state.alarm = heard.words or 'an alarm of the detector'
+                self.remember('alarm', self.state.alarm)
+            elif self._alarmed and not heard.alarm:
+                self._acknowledge('acknowledged')
+            self._alarmed = heard.alarm
+            self.interlock.hear(now_ns, heard)
+
+    def _acknowledge(self, what: str) -> None:
+        if self.state.alarm:
+            self.state.alarm = ''
+            self.remember(what, '')
+
+    def watch(
+        self, now_ns: int, lost: str, target_mps: float, measured_mps: float
+    ) -> Change | None:
+        """
+        Judge; return a transition of the interlock.
+
+        Parameters
+        ----------
+        now_ns : int
+            Steady clock; to be called every 20 ms.
+        lost : str
+            '' or what is wrong with the connection to the drive.
+        target_mps : float
+            What the drive took last; NaN: it is left alone.
+        measured_mps : float
+            Speed of the roller; NaN: not known.
+        """
+        with self.deciding:
+            now_s = now_ns * 1e-9
+            if now_s - self._compared_s >= _COMPARED_S:
+                self._compared_s = now_s
+                ceiling = self.command.limits.speed_ceiling_mps
+                self._fault = self.readings.fault(now_s, target_mps, ceiling)
+                self.interlock.displacement_m = self.displacement.largest_m(now_s)
+            self.interlock.drive(lost, self._fault)
+            change = self.interlock.judge(now_ns, measured_mps)
+            goal = self.interlock.goal_mps
+            if self.interlock.state == 'tripped' and goal < self.command.forced_mps:
+                self.autostart = False
+                self.command.trip(goal, measured_mps)
+                self._unsaved = True
+            if change is not None:
+                self.remember(change.event, change.cause)
+            return change
+
+    def set_point(
+        self, now_ns: int, passed_s: float, measured_mps: float, active: bool, busy: bool
+    ) -> float | None:
+        """
+        Return the set point that is due; None where the drive is left alone.
+
+        Parameters
+        ----------
+        now_ns : int
+            Steady clock.
+        passed_s : float
+            On the clock of the profile, since the last call that was not `busy`.
+        measured_mps : float
+            Speed of the roller; NaN: not known.
+        active, busy : bool
+            The node is active; the drive has not answered to the last one.
+        """
+        with self.deciding:
+            if busy and not self.command.forced:
+                return None
+            if self.autostart and active:
+                self.waits = self._begin(now_ns, '')
+                self.autostart = bool(self.waits)
+            if not (active or self.command.forced):
+                self.command.let_go()
+                return None
+            return self.command.next(passed_s, measured_mps, self.interlock.motion(now_ns))
+
+    def _begin(self, now_ns: int, against: str) -> str:
+        against = against or self.interlock.refusal(now_ns)
+        return self.command.start(self.interlock.motion(now_ns), against)
+
+    def start(self, now_ns: int, against: str) -> str:
+        """Start the profile; return '' or why not, `against` among it."""
+        with self.deciding:
+            self.autostart, self.waits = False, ''
+            return self._begin(now_ns, against)
+
+    def resume(self, now_ns: int, against: str) -> str:
+        """Go on with the profile; return '' or why not."""
+        with self.deciding:
+            return self.command.resume(against or self.interlock.refusal(now_ns))
+
+    def stop(self) -> str:
+        """Hold the speed of this moment; only a person starts anything after it."""
+        with self.deciding:
+            self.autostart, self.waits = False, ''
+            return self.command.stop()
+
+    def let_go(self) -> None:
+        """Leave the drive alone, but for what is forced."""
+        with self.deciding:
+            self.autostart, self.waits = False, ''
+            self.command.let_go()
+
+    def emergency_stop(self, speed_mps: float, measured_mps: float) -> tuple[float, float]:
+        """Stop until `rearm`; return the set point, and the speed that shows that it slows."""
+        with self.deciding:
+            self.autostart, self.waits = False, ''
+            before = self.readings.lowest_mps()
+            set_point = self.command.emergency_stop(speed_mps, measured_mps)
+            self.remember('emergency_stop', 'asked for')
+            return set_point, max(set_point + _SLOWED_MPS, before - _SLOWED_MPS)
+
+    def end(self, measured_mps: float) -> float:
+        """Take the roller to the safe speed, which is returned; no trip, but nothing starts."""
+        with self.deciding:
+            self.autostart, self.waits = False, ''
+            safe_mps = self.interlock.safe_speed_mps()
+            self.command.trip(safe_mps, measured_mps)
+            return safe_mps
+
+    def rearm(self, now_ns: int) -> tuple[Change | None, str]:
+        """End stop and trip where the cause is over; return the transition, and '' or why not."""
+        with self.deciding:
+            change, refusal = self.interlock.rearm(now_ns)
+            if not refusal:
+                self.command.rearm()
+                self._acknowledge('acknowledged')
+                self.remember('rearmed', '')
+            return change, refusal
+
+    def arm(self, now_ns: int, armed: bool) -> tuple[Change | None, str]:
+        """Arm or disarm; return the transition, and '' or why not."""
+        return self._noted(lambda: self.interlock.arm(now_ns, armed))
+
+    def reconfigure(self, now_ns: int, settings: InterlockSettings) -> Change | None:
+        """Use other settings of the interlock."""
+        change, _ = self._noted(lambda: (self.interlock.reconfigure(now_ns, settings), ''))
+        return change
+
+    def _noted(self, act: Callable[[], tuple[Change | None, str]]) -> tuple[Change | None, str]:
+        with self.deciding:
+            change, refusal = act()
+            if change is not None:
+                self.remember(change.event, change.cause)
+            return change, refusal
+
+    def remember(self, what: str, why: str) -> None:
+        """Note what happened, and what is in force now."""
+        state, interlock, command = self.state, self.interlock, self.command
+        stopped = state.emergency_stop or 'asked for' if command.stopped else ''
+        state.emergency_stop = stopped
+        state.trip = interlock.cause if interlock.state == 'tripped' else ''
+        state.disarmed = interlock.cause if interlock.state == 'disarmed' else ''
+        state.note(datetime.now(timezone.utc).isoformat(timespec='milliseconds'), what, why)
+        self._unsaved = True
+
+    def unsaved(self, running: bool) -> str:
+        """Return '' or what the file has to hold now."""
+        with self.deciding:
+            state, safe = self.state, self.interlock.safe_speed_mps()
+            forced = self.command.forced_mps
+            forced = 0.0 if math.isinf(forced) else forced
+            if running != state.running or safe != state.safe_mps or forced != state.forced_mps:
+                state.running, state.safe_mps, state.forced_mps = running, safe, forced
+                self._unsaved = True
+            text, self._unsaved = state.to_json() if self._unsaved else '', False
+            return text
+
+    def present(
+        self, active: bool, trouble: tuple[str, str], measured_mps: float
+    ) -> tuple[str, str]:
+        """
+        Return level and one line: the gravest first.
+
+        Parameters
+        ----------
+        active : bool
+            The node is active.
+        trouble : tuple of str
+            Level and words of what is wrong with the drive; ('OK', '') where nothing is.
+        measured_mps : float
+            Speed of the roller; NaN: not known.
+        """
+        with self.deciding:
+            interlock, command = self.interlock, self.command
+            level, words = trouble
+            lost = f'; {self._fault}' if self._fault and self._fault != interlock.cause else ''
+            if words:
+                why = '' if words == interlock.cause else f' ({words})'
+                lost = f'; the safe set point is sent again and again{why}'
+            if command.stopped:
+                return 'ERROR', f'emergency stop is in force until speed/rearm{lost}'
+            if command.forced:
+                return 'ERROR', f'interlock tripped: {interlock.cause}{lost}'
+            if not active:
+                if measured_mps > _STANDS_MPS:
+                    return 'ERROR', f'nobody guards: inactive at {measured_mps:.2f} m/s'
+                return ('OK', 'inactive') if not words else (level, words)
+            if words:
+                return level, words
+            if self._fault:
+                return 'ERROR', self._fault
+            if interlock.state == 'disarmed':
+                return 'WARN', f'interlock is disarmed: {interlock.cause}'
+            if unsafe := interlock.unsafe():
+                return 'WARN', unsafe
+            if self.waits:
+                return Awaited('WARN'), f'the profile waits: {self.waits}'
+            return 'OK', command.note or interlock.cause
+
+    def values(self, active: bool) -> dict[str, object]:
+        """Return what `speed/status` tells of profile and interlock."""
+        with self.deciding:
+            command, interlock = self.command, self.interlock
+            profile = command.profile
+            off = not active and not command.forced
+            return {
+                'profile': ''
+                if profile is None
+                else profile.name or f'{len(profile.steps)} steps',
+                'profile_state': command.state,
+                'profile_elapsed_s': float(command.elapsed_s),
+                'profile_remaining_s': float(command.remaining_s),
+                'interlock': interlock.settings.interlock,
+                'interlock_state': 'off' if off else interlock.state,
+                'interlock_cause': 'the node is inactive' if off else interlock.cause,
+                'emergency_stop': str(command.stopped).lower(),
+                'alarm_kept': '' if self._alarmed else self.state.alarm,
+                'safe_speed_mps': float(interlock.safe_speed_mps()),
+                'speed_ceiling_mps': command.limits.speed_ceiling_mps,
+                'displacement_m': interlock.displacement_m,
+            }
