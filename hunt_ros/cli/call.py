@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 from hunt_ros.cli.support import options
 from hunt_ros.errors import HuntError
@@ -47,31 +46,12 @@ def run(arguments: argparse.Namespace) -> int:
     words = ' '.join(arguments.words.split())
     if words and not service.words_topic:
         raise HuntError(f'{arguments.service}: takes no words, got {arguments.words!r}')
-    parameters = {
-        'service': service.name,
-        'wait_s': float(arguments.wait),
-        'words': words,
-        'words_topic': service.words_topic,
-        'switch': service.switch,
-        'repeatable': service.repeatable,
-    }
-    spec = NodeSpec('service_call', parameters)
-    answer = ask(spec, arguments.namespace)
-    if 'success' not in answer:
-        raise HuntError(_nobody(answer, arguments.namespace.strip('/'), service.node))
+    parameters = {'word': arguments.service, 'wait_s': float(arguments.wait), 'words': words}
+    answer = ask(NodeSpec('service_call', parameters), arguments.namespace)
+    if answer['success'] is None:
+        raise HuntError(f'{answer["service"]}: {answer["message"]}')
     if arguments.json != '-':
         print(answer['message'] or ('done' if answer['success'] else 'refused'))
     if arguments.json:
         write_json(answer, arguments.json)
     return 0 if answer['success'] else 1
-
-
-def _nobody(answer: dict[str, Any], namespace: str, node: str) -> str:
-    """Say that nobody offers the service, and where else it is offered."""
-    if answer.get('silent'):
-        return f'{answer["service"]}: {node} does not answer'
-    others = [name.removesuffix(answer['relative']).strip('/') for name in answer['elsewhere']]
-    hint = f'; it is there under {", ".join(f"--namespace {name}" for name in others)}'
-    return f'{answer["service"]}: nobody offers it, expected {node} to run under /{namespace}' + (
-        hint if others else ''
-    )

@@ -35,14 +35,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('bag', nargs='?', type=Path, help='recording (default: the live topics)')
     options.add_rig(parser)
     options.add_channels(parser)
-    options.add_namespace(parser)
+    options.add_namespace(parser, None)
     parser.add_argument(
         '--duration',
         type=options.number(0.0, 3600.0, 's', above=True),
         metavar='S',
         help='listen for S seconds (default: 10)',
     )
-    options.add_directory(parser)
+    options.add_directory(parser, None)
     options.add_json(parser, 'the findings')
 
 
@@ -56,25 +56,31 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.bag is not None:
         if arguments.duration is not None:
             raise ConfigError('--duration: only for live topics, a recording is read as a whole')
+        for option in ('namespace', 'directory'):
+            if getattr(arguments, option) is not None:
+                raise ConfigError(f'--{option}: only for live topics, the recording is checked')
         rig, record, arrivals = _recorded(arguments, rig)
         findings = check_rig(record, arrivals, rig)
     else:
         heard = _listen(arguments, rig)
         record, arrivals = _live(heard)
         findings = [*_publishers(heard, rig), *check_rig(record, arrivals, rig)]
-        findings += [_disk(record, arguments.directory), _alarm(arguments)]
+        findings += [_disk(record, arguments.directory or options.RECORDINGS), _alarm(arguments)]
     findings += _units(record)
     failed = sum(finding.state == FAIL for finding in findings)
     if arguments.json:
         document = {
-            'source': str(arguments.bag) if arguments.bag else f'/{arguments.namespace}',
+            'source': str(arguments.bag) if arguments.bag else f'/{arguments.namespace or "rig"}',
             'rig_name': rig.rig_name,
             'failed': failed,
             'checks': [one.to_json() | {'value': known(one.value)} for one in findings],
         }
         write_json(document, arguments.json)
     if arguments.json != '-':
-        _tell(findings)
+        try:
+            _tell(findings)
+        except SystemExit as ended:  # rich makes this of a pipe that was closed
+            raise BrokenPipeError from ended
     return 1 if failed else 0
 
 
@@ -111,7 +117,7 @@ def _listen(arguments: argparse.Namespace, rig: Rig) -> dict[str, Any]:
     seconds = 10.0 if arguments.duration is None else arguments.duration
     parameters = {'channels': rig.channels, 'seconds': float(seconds)}
     with progress(f'listening for {seconds:g} s'):
-        return ask(NodeSpec('rig_listener', parameters), arguments.namespace)
+        return ask(NodeSpec('rig_listener', parameters), arguments.namespace or 'rig')
 
 
 def _live(heard: Mapping[str, Any]) -> tuple[Record, dict[str, NDArray[np.int64]]]:

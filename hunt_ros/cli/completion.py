@@ -11,7 +11,7 @@ EXAMPLE = 'hunt completion bash'
 
 SHELLS = ('bash', 'zsh', 'tcsh')
 #: Values that are files or folders, by what stands for them in the help.
-_FILES = ('FILE', 'BAG', 'DIR', 'PNG', 'OUT', 'PATH|-', 'FILE.csv')
+_FILES = ('FILE', 'BAG', 'DIR', 'PNG', 'OUT', 'PATH|-')
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

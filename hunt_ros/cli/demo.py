@@ -12,7 +12,7 @@ from hunt_ros.cli.support.narration import STYLES
 
 if TYPE_CHECKING:
     from hunt_ros.cli.support.key_commands import KeyCommands
-    from hunt_ros.cli.support.processes import Processes
+    from hunt_ros.cli.support.supervisor import Supervisor
     from hunt_ros.cli.support.view import View
 
 SUMMARY = 'sweep the simulated rig through hunting and back, live, and refit it (3 minutes)'
@@ -47,10 +47,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the demo from the start to the picture."""
+    from hunt_ros.cli.support.console_link import ConsoleLink
     from hunt_ros.cli.support.demo_report import show_results
     from hunt_ros.cli.support.key_commands import KeyCommands
-    from hunt_ros.cli.support.processes import Processes
-    from hunt_ros.cli.support.suite import start_console
+    from hunt_ros.cli.support.supervisor import Supervisor
     from hunt_ros.cli.support.view import View
     from hunt_ros.dynamics.identified import IdentifiedNormalForm
     from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
@@ -65,10 +65,10 @@ def run(arguments: argparse.Namespace) -> int:
     with View() as view:
         try:
             with (
-                Processes('rig', folder / 'logs', private=True) as processes,
-                KeyCommands(start_console(processes), view, (*LISTENERS, *SOURCES)) as commands,
+                Supervisor('rig', folder / 'logs', private=True) as supervisor,
+                KeyCommands(ConsoleLink(supervisor), view, (*LISTENERS, *SOURCES)) as commands,
             ):
-                _start(processes, commands, view, arguments, folder, form)
+                _start(supervisor, commands, view, arguments, folder, form)
                 _sweep(commands, view)
                 bag = _close(commands, view)
                 if arguments.keep:
@@ -78,14 +78,15 @@ def run(arguments: argparse.Namespace) -> int:
             return 130
     refitted = folder / 'normal_form.yaml'
     if bag is None or not refitted.exists():
-        view.say(f'no refitted normal form: see {folder}/logs', 'bold red')
+        again = f'; hunt identify {bag} says what is missing' if bag else ''
+        view.say(f'no refitted normal form: see {folder}/logs{again}', 'bold red')
         return 1
     show_results(bag, refitted, folder, view)
     return 0
 
 
 def _start(
-    processes: Processes,
+    supervisor: Supervisor,
     commands: KeyCommands,
     view: View,
     arguments: argparse.Namespace,
@@ -105,15 +106,16 @@ def _start(
         page = suite.free_port()
     view.say('Starting seven ROS 2 nodes on this machine (Ctrl-C ends them all) ...')
     common = suite.follow_clock(arguments.pace)
-    suite.start_nodes(processes, LISTENERS, common, parameters, [form])
-    suite.wait_until_up(commands, LISTENERS, view.show)
+    suite.start_nodes(supervisor, LISTENERS, common, parameters, [form])
+    suite.wait_until_up(commands, LISTENERS)
     if page is not None:
         own = {PAGE: {'port': page, 'directory': str(folder)}}
-        suite.start_nodes(processes, [PAGE], common, own, [form])
-        suite.wait_until_up(commands, [PAGE], view.show)
+        suite.start_nodes(supervisor, [PAGE], common, own, [form])
+        suite.wait_until_up(commands, [PAGE])
         view.say(f'The page of the operator: http://127.0.0.1:{page}/')
-    suite.start_nodes(processes, [SIMULATOR], {}, parameters)
-    suite.start_nodes(processes, SOURCES, common, parameters)
+    suite.start_nodes(supervisor, [SIMULATOR], {}, parameters)
+    suite.wait_until_up(commands, [SIMULATOR])
+    suite.start_nodes(supervisor, SOURCES, common, parameters)
     view.say(
         f'Sweeping {_LOW_MPS:g} -> {_HIGH_MPS:g} -> {_LOW_MPS:g} m/s in'
         f' {_TIMES_S[-1]:.0f} s, {arguments.pace:g} times as fast as real time.'
@@ -143,12 +145,13 @@ def _sweep(commands: KeyCommands, view: View) -> None:
                 return
             if line['emergency_stop'] == 'true' or line['interlock_state'] == 'tripped':
                 view.say(f'The sweep has ended early: {line["message"]}', STYLES['WARN'])
+                view.say('What was recorded is kept. On a busy machine try: hunt demo --pace 1')
                 return
 
 
 def _close(commands: KeyCommands, view: View) -> Path | None:
     """Close the recording and wait for the identifier's word on it."""
-    commands.call('recording/stop')
+    commands.call('stop-recording')
     for line in commands.lines(_CLOSING_S):
         view.show(line)
         if line['topic'] == 'recording/closed':

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from hunt_ros.cli.support import options
+from hunt_ros.errors import ConfigError
 
 SUMMARY = 'write channels of a recording as CSV, Parquet or NumPy arrays'
 EXAMPLE = "hunt export bags/kick_escapes run.csv --channel y='/rig/lateral.position[0]' --to 20"
@@ -31,7 +32,12 @@ def run(arguments: argparse.Namespace) -> int:
     options.check_stretch(arguments)
     limits: list[int | None] = [None, None]
     if arguments.start is not None or arguments.end is not None:
-        origin, _ = log_span(arguments.bag)
+        origin, last = log_span(arguments.bag)
+        if arguments.start is not None and arguments.start * 1e9 > last - origin:
+            raise ConfigError(
+                f'--from: {arguments.start:g} s is behind the end of {arguments.bag}, which'
+                f' lasts {(last - origin) / 1e9:.3f} s'
+            )
         for place, seconds in enumerate((arguments.start, arguments.end)):
             if seconds is not None:
                 limits[place] = origin + round(seconds * 1e9)

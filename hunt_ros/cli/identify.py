@@ -3,46 +3,39 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.identification import (
-    add_keep,
     add_settings,
     settings_of,
     sources_of,
     whole_of,
 )
-from hunt_ros.errors import HuntError
+from hunt_ros.files import write_whole
 
 if TYPE_CHECKING:
     from hunt_ros.dynamics.identified import IdentifiedNormalForm
     from hunt_ros.identification import Identification
-    from hunt_ros.identification.days import Days
     from hunt_ros.samples import Uncertain
 
 SUMMARY = 'identify the normal form, with intervals, from recordings'
 EXAMPLE = 'hunt identify bags/hysteresis_loop --out normal_form.yaml --json -'
+#: Of these a person is told why they are not known; the JSON says it of everything.
+_ASKED = ('v_c', 'v_n', 'hysteresis_width', 'coefficients', 'criticality')
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
     add_settings(parser)
-    add_keep(parser)
     parser.add_argument(
         '--out',
         type=_parameter_file,
         metavar='FILE',
         help='write the ROS parameter file here, and beside it the whole identification, as .npz',
-    )
-    parser.add_argument(
-        '--branches',
-        type=Path,
-        metavar='FILE.csv',
-        help='write both branches with their 95 %% bands here',
     )
     options.add_json(parser, 'the whole result')
 
@@ -63,12 +56,12 @@ def run(arguments: argparse.Namespace) -> int:
                 f'hunt identify: {arguments.out} is not written: no normal form', file=sys.stderr
             )
         else:
-            _write(arguments.out, result.normal_form.to_yaml())
-            result.save(whole_of(arguments.out))
-    if arguments.branches and not result.branches:
-        print(f'hunt identify: {arguments.branches} is not written: no branches', file=sys.stderr)
-    elif arguments.branches:
-        _write(arguments.branches, branches_csv(result), 'branches')
+            rig_name = options.rig_of(arguments).rig_name
+            form = replace(result.normal_form, rig_name=rig_name)
+            write_whole(arguments.out, form.to_yaml(), 'parameter file')
+            partial = whole_of(arguments.out).with_suffix('.npz.part')
+            result.save(partial)
+            partial.replace(whole_of(arguments.out))
     if arguments.json:
         write_json(result.to_json(), arguments.json)
     if arguments.json != '-':
@@ -77,49 +70,21 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _parameter_file(text: str) -> Path:
-    path = Path(text)
-    if not path.name or whole_of(path) == path:
+    path = options.new_file()(text)
+    if whole_of(path) == path:
         raise argparse.ArgumentTypeError(f'expected the name of a YAML file, got {text}')
     return path
-
-
-def branches_csv(result: Identification) -> str:
-    """Return both branches as a table, SI units; empty where there is none."""
-    names = [
-        f'{name}{part}_m' for name in ('stable', 'unstable') for part in ('', '_low', '_high')
-    ]
-    lines = [','.join(['speed_mps', *names])]
-    for point in result.branches:
-        cells = [repr(point.speed)]
-        for one in (point.stable, point.unstable):
-            known = () if one is None else (one.value, one.low, one.high)
-            cells += [repr(float(x)) for x in known] or [''] * 3
-        lines.append(','.join(cells))
-    return '\n'.join(lines) + '\n'
-
-
-def _write(path: Path, text: str, what: str = 'parameter file') -> None:
-    try:
-        path.write_text(text, encoding='utf-8')
-    except OSError as error:
-        raise HuntError(f'{path}: cannot write the {what} ({error.strerror})') from error
 
 
 def describe(result: Identification) -> str:
     """Return the result as a few lines for a person."""
     from hunt_ros.identification.result import EFFECTIVE
-    from hunt_ros.identification.silence import worth_saying
+    from hunt_ros.identification.silence import lines_of
 
-    lines = []
+    lines = result.bracket.lines()
 
     def line(name: str, number: Uncertain | None, unit: str) -> None:
-        if number is None:
-            lines.append(f'{name:18s}not known')
-        else:
-            lines.append(
-                f'{name:18s}{number.value:.5g} {unit}'
-                f'  (95 %: {number.low:.5g} .. {number.high:.5g})'
-            )
+        lines.append(f'{name:18s}{number.with_interval(unit) if number else "not known"}')
 
     line('v_c', result.v_c, 'm/s')
     line('v_n', result.v_n, 'm/s')
@@ -140,8 +105,8 @@ def describe(result: Identification) -> str:
     lines += _observed('v_c', observed.v_c, observed.v_c_between)
     lines += _observed('v_n', observed.v_n, observed.v_n_between)
     lines += _second_mode(result.normal_form)
-    lines += _days(result.days)
-    lines += [f'warning: {line}' for line in (*result.notices, *worth_saying(result.unknown))]
+    asked = {key: why for key, why in result.unknown.items() if key.split('.')[0] in _ASKED}
+    lines += [f'warning: {line}' for line in (*result.notices, *lines_of(asked))]
     return '\n'.join(lines)
 
 
@@ -174,16 +139,3 @@ def _second_mode(found: IdentifiedNormalForm | None) -> list[str]:
         f' {shape.second_decay[place]:.3g} 1/s at {shape.speeds[place]:.3g} m/s,'
         f' +/- {100.0 * doubt[place]:.2g} %'
     ]
-
-
-def _days(days: Days | None) -> list[str]:
-    """Say how far the days are apart; nothing of a single day."""
-    if days is None or len(days.summaries) < 2:
-        return []
-    lines = []
-    for one in days.summaries:
-        shift = f', {1e3 * one.shift:+.3g} mm' if math.isfinite(one.shift) else ''
-        lines.append(f'day {one.day}: {one.recordings} recordings{shift}')
-    if math.isfinite(days.day_std):
-        lines.append(f'limit cycle, day to day: {1e3 * days.day_std:.3g} mm (standard deviation)')
-    return lines

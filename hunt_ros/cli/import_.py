@@ -49,6 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     if arguments.out.exists():
         raise BagError(f'{arguments.out}: exists already, expected the name of a new folder')
+    options.refuse_place(arguments.out, 'the recording')
     mapping = options.channels_of(arguments, CHANNELS)
     record = check_units(
         load_record(arguments.file, mapping, rate_hz=arguments.rate, time=arguments.time)

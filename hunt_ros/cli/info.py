@@ -20,7 +20,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument('bag', type=Path, help='folder, .mcap or .db3; also one not closed')
     parser.add_argument(
-        '--repair', type=Path, metavar='OUT', help='write what can be saved to this new folder'
+        '--repair',
+        type=options.new_folder,
+        metavar='OUT',
+        help='write what can be saved to this new folder',
     )
     options.add_json(parser, 'the findings')
 
@@ -53,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
             document['repair'] = _repair_json(repaired)
         write_json(document, arguments.json)
     if repaired is not None:
-        return 0
+        return 1 if repaired.left_out else 0
     return 1 if found is not None and found.problems else 0
 
 
@@ -69,6 +72,7 @@ def _repair_json(repaired: Repair) -> dict[str, object]:
         'lost_bytes': repaired.lost_bytes,
         'lost_chunks_s': [(last - first) / 1e9 for first, last in repaired.lost_spans_ns],
         'problems': repaired.problems,
+        'left_out': repaired.left_out,
     }
 
 
@@ -84,10 +88,12 @@ def _print(found: Inspection | None, repaired: Repair | None, unreadable: str) -
 
 
 def _print_found(found: Inspection) -> None:
+    from hunt_ros.samples import counted
+
     size = found.size_bytes / 1e6
     print(
         f'{found.path}: {found.duration_s:.3f} s, {found.messages} messages, {size:.2f} MB'
-        f' in {len(found.files)} file{"s" if len(found.files) != 1 else ""}'
+        f' in {counted(len(found.files), "file")}'
     )
     for name, text in found.notes.items():
         if text:

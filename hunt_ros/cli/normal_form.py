@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hunt_ros.cli.support import options
-from hunt_ros.errors import ConfigError, HuntError
+from hunt_ros.errors import ConfigError
+from hunt_ros.files import write_whole
 
 if TYPE_CHECKING:
     from hunt_ros.dynamics.center_manifold import ComplexNormalForm
@@ -39,7 +40,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help='v_c (m/s) and D1 as measured: the creep coefficients are those that give them',
     )
     options.add_json(parser)
-    parser.add_argument('--plot', type=Path, metavar='PNG', help='bifurcation diagram')
+    parser.add_argument(
+        '--plot',
+        type=options.new_file('.png', '.svg'),
+        metavar='PNG',
+        help='bifurcation diagram',
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -142,28 +148,31 @@ def _creep_lines(creep: Sequence[CreepSolution]) -> list[str]:
 
 def _plot(form: ComplexNormalForm, branch: Branch | None, path: Path) -> None:
     """Draw the normal form, and with a branch the full model and the form fitted to it."""
-    from hunt_ros.dynamics.model_misfit import fitted_form
+    from hunt_ros.dynamics.branch_form import fitted_form
     from hunt_ros.report.figures import style
-    from hunt_ros.report.figures.bifurcation import bifurcation_diagram, branch_curve, form_curve
+    from hunt_ros.report.figures.diagram import (
+        MODEL_COLOURS,
+        bifurcation_diagram,
+        branch_curve,
+        form_curve,
+    )
 
     low, high = (share * form.critical_speed for share in _SHOWN)
     curves, highest = [], None
     if branch is not None:
-        curves.append(branch_curve(branch, 'full model'))
+        curves.append(branch_curve(branch, 'full model', colour=MODEL_COLOURS[0]))
         inside = (branch.speed >= low) & (branch.speed <= high)
         highest = 1.25 * float(branch.amplitude[inside].max())
         try:
             fitted = fitted_form(form, branch, (low, high))
-            curves.append(form_curve(fitted, low, high, 'quintic form fitted to it'))
+            curves.append(
+                form_curve(fitted, low, high, 'quintic form fitted to it', colour=MODEL_COLOURS[1])
+            )
         except ConfigError:
             pass  # too short a branch in the picture: nothing to fit
     real = form.amplitude_coordinate
-    curves.append(form_curve(real, low, high, 'normal form at the Hopf point'))
-    figure = bifurcation_diagram(
-        curves, low, high, critical_speed=form.critical_speed, highest=highest
-    )
-    try:
-        with style.journal_style():
-            figure.savefig(path, dpi=200, facecolor='white')
-    except (OSError, ValueError) as error:
-        raise HuntError(f'{path}: cannot write the picture ({error})') from error
+    label = 'normal form at the Hopf point'
+    curves.append(form_curve(real, low, high, label, colour=MODEL_COLOURS[2]))
+    figure = bifurcation_diagram(curves, low, high, highest=highest)
+    vector = path.suffix == '.svg'
+    write_whole(path, style.svg(figure) if vector else style.png(figure, 200), 'picture')

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import math
 import re
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hunt_ros.cli.support import options
-from hunt_ros.errors import HuntError
+from hunt_ros.errors import ConfigError
+from hunt_ros.files import write_whole
 
 if TYPE_CHECKING:
     from hunt_ros.identification.plan import Plan
@@ -17,54 +18,38 @@ SUMMARY = 'say what to measure next: the profile that teaches the most a minute'
 EXAMPLE = 'hunt plan bags/hysteresis_loop --budget 2min --out next.yaml'
 
 _UNITS = {'': 1.0, 's': 1.0, 'min': 60.0, 'h': 3600.0}
+#: Option -> setting of the plan.
+_OPTIONS = {
+    '--max-escape': 'max_escape',
+    '--speed-ceiling': 'speed_ceiling_mps',
+    '--start': 'start_speed_mps',
+    '--kicks': 'kicks',
+    '--rearm': 'rearm_s',
+}
 #: Actions that are shown.
 _SHOWN = 6
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
-    from hunt_ros.cli.support.identification import add_keep, add_settings
+    from hunt_ros.cli.support.identification import add_settings
+    from hunt_ros.identification.plan_settings import PlanSettings
 
     parser.add_argument(
-        '--budget', type=_time, default=600.0, metavar='TIME', help='600, 600s, 10min (10min)'
+        '--budget', type=_time, dest='budget_s', metavar='TIME', help='600, 600s, 10min (10min)'
     )
-    parser.add_argument(
-        '--max-escape',
-        type=options.number(0.0, 1.0),
-        default=0.05,
-        metavar='P',
-        help='largest chance that hunting begins where it is not meant to (%(default)s)',
-    )
-    speed = options.number(0.0, 1e3, 'm/s', above=True)
-    parser.add_argument(
-        '--speed-ceiling',
-        type=speed,
-        metavar='MPS',
-        help='default: that of --rig, or the fastest recorded',
-    )
+    options.add_settings(parser, PlanSettings, _OPTIONS)
     parser.add_argument(
         '--at',
         type=_speeds,
-        default=(),
+        dest='speeds_mps',
         metavar='V,...',
         help='speeds at which the unstable amplitude is wanted, m/s',
     )
     parser.add_argument(
-        '--start', type=speed, metavar='MPS', help='speed of the rig now (the slowest recorded)'
+        '--out', type=options.new_file(), metavar='FILE', help='write the profile here'
     )
-    parser.add_argument(
-        '--kicks', action='store_true', help='somebody stands by to kick the wheelset'
-    )
-    parser.add_argument(
-        '--rearm',
-        type=options.number(0.0, 1e4, 's'),
-        default=10.0,
-        metavar='S',
-        help='time that a kick costs (%(default)s)',
-    )
-    parser.add_argument('--out', type=Path, metavar='FILE', help='write the profile here')
     add_settings(parser, 'recordings, or the parameter file of hunt identify --out')
-    add_keep(parser)
     options.add_json(parser, 'the plan')
 
 
@@ -72,24 +57,26 @@ def run(arguments: argparse.Namespace) -> int:
     """Identify, plan, write the profile, say why."""
     from hunt_ros.cli.support.identification import identification_of
     from hunt_ros.cli.support.output import progress, write_json
-    from hunt_ros.identification.plan import PlanSettings, plan
+    from hunt_ros.identification.plan import plan
+    from hunt_ros.identification.plan_settings import PlanSettings
 
-    settings = PlanSettings(
-        budget_s=arguments.budget,
-        max_escape=arguments.max_escape,
-        speed_ceiling_mps=arguments.speed_ceiling or options.rig_of(arguments).speed_ceiling_mps,
-        speeds_mps=arguments.at,
-        kicks=arguments.kicks,
-        rearm_s=arguments.rearm,
-        start_speed_mps=arguments.start or 0.0,
-        seed=arguments.seed or 0,
-    )
+    names = (*_OPTIONS.values(), 'budget_s', 'speeds_mps', 'seed')
+    given = {name: getattr(arguments, name) for name in names}
+    if not given['speed_ceiling_mps']:
+        ceiling_mps = options.rig_of(arguments).speed_ceiling_mps
+        given['speed_ceiling_mps'] = ceiling_mps if math.isfinite(ceiling_mps) else None
+    settings = PlanSettings(**{name: one for name, one in given.items() if one is not None})
+    ceiling = settings.speed_ceiling_mps
+    if ceiling and settings.start_speed_mps > ceiling:
+        raise ConfigError(
+            f'--start: {settings.start_speed_mps:g} m/s is above the ceiling, {ceiling:g} m/s'
+        )
     known = identification_of(arguments)
     with progress('planning') as advance:
         found = plan(known, settings)
         advance(1.0)
     if arguments.out:
-        _write(arguments.out, found.profile.to_yaml())
+        write_whole(arguments.out, found.profile.to_yaml(), 'profile')
     if arguments.json:
         write_json(found.to_json(), arguments.json)
     if arguments.json != '-':
@@ -114,11 +101,16 @@ def describe(found: Plan) -> str:
             else f'; chance of unwanted hunting {100.0 * found.escape:.2g} %'
         )
     )
+    if found.steps:
+        lines.append('the profile, and how long each part lasts on average:')
     lines += [f'  {one.duration_s:5.0f} s  {one.action.words}' for one in found.steps]
     if found.actions:
-        lines.append('from here, the best actions (drop of the log deviations a minute):')
+        lines.append(
+            'the best actions from here, by what a minute teaches (drop of the logarithms of the'
+            ' deviations above, 1/min):'
+        )
     lines += [
-        f'  {one.gain_per_minute:7.2f}  {one.action.words}' for one in found.actions[:_SHOWN]
+        f'  {one.gain_per_minute:7.2f} 1/min  {one.action.words}' for one in found.actions[:_SHOWN]
     ]
     return '\n'.join(lines)
 
@@ -139,10 +131,3 @@ def _time(text: str) -> float:
 def _speeds(text: str) -> tuple[float, ...]:
     speed = options.number(0.0, 1e3, 'm/s', above=True)
     return tuple(speed(word) for word in text.split(','))
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.write_text(text, encoding='utf-8')
-    except OSError as error:
-        raise HuntError(f'{path}: cannot write the profile ({error.strerror})') from error

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from hunt_ros.cli.support import options
 from hunt_ros.errors import ConfigError
+from hunt_ros.suite import PAGE_PORT
 
 if TYPE_CHECKING:
     from hunt_ros.detection import CompanionConfig, Companions, DetectorConfig
@@ -44,6 +45,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     options.add_stretch(live)
     live.add_argument('--loop', action='store_true', help='begin anew at the end')
     options.add_namespace(live, None)
+    options.add_page(live, str(PAGE_PORT))
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -100,7 +102,13 @@ def _check(arguments: argparse.Namespace) -> None:
     options.check_stretch(arguments)
     if arguments.live:
         return
-    names = {'pace': '--pace', 'start': '--from', 'end': '--to', 'namespace': '--namespace'}
+    names = {
+        'pace': '--pace',
+        'start': '--from',
+        'end': '--to',
+        'namespace': '--namespace',
+        'page': '--page',
+    }
     without = [option for name, option in names.items() if getattr(arguments, name) is not None]
     without += ['--loop'] if arguments.loop else []
     if without:

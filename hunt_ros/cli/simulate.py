@@ -74,6 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     if arguments.out.exists():
         raise ConfigError(f'{arguments.out}: exists already, expected the name of a new folder')
+    options.refuse_place(arguments.out, 'the recording')
     rig, settings = _rig(arguments.wheelset), _settings(arguments)
     profile = Profile.read(arguments.profile)
     duration_s = profile.duration_s if arguments.duration is None else arguments.duration

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM
 
 if TYPE_CHECKING:
+    from hunt_ros.analysis.steady_state import SteadyState
     from hunt_ros.cli.support.view import View
     from hunt_ros.dynamics.identified import IdentifiedNormalForm
     from hunt_ros.dynamics.limit_cycle import Branch
 
 #: Speeds of the amplitude table, m/s.
 _SPEEDS = (6.8, 7.2, 8.0, 8.8)
+#: Ends of the picture's, m/s.
+_DRAWN = (5.9, 8.9)
 
 
 def show_results(bag: Path, refitted: Path, folder: Path, view: View) -> None:
@@ -36,8 +41,8 @@ def show_results(bag: Path, refitted: Path, folder: Path, view: View) -> None:
     from hunt_ros.dynamics.identified import IdentifiedNormalForm
     from hunt_ros.dynamics.limit_cycle import limit_cycles
     from hunt_ros.dynamics.parameters import paper_rig
+    from hunt_ros.files import write_whole
     from hunt_ros.identification import identify
-    from hunt_ros.report.figures.demo_diagram import draw_demo_diagram
 
     identified = IdentifiedNormalForm.from_yaml(
         refitted.read_text(encoding='utf-8'), str(refitted)
@@ -47,11 +52,36 @@ def show_results(bag: Path, refitted: Path, folder: Path, view: View) -> None:
         view.say(row)
     picture = folder / 'bifurcation.png'
     states = identify([read_record(bag)]).steady_states
-    draw_demo_diagram(identified, states, truth, picture)
+    write_whole(picture, _picture(identified, states, truth), 'picture')
     view.say('')
     for what, path in (('recording', bag), ('normal form', refitted), ('diagram', picture)):
         view.say(f'  {what:12} {path}')
     view.say(f'\nNext: hunt info {bag}\n      hunt report {bag} --out report.html')
+
+
+def _picture(
+    identified: IdentifiedNormalForm, states: Sequence[SteadyState], truth: Branch
+) -> bytes:
+    """Draw the refitted branches over the measured amplitudes, the truth and the paper's."""
+    from hunt_ros.report.figures import style
+    from hunt_ros.report.figures.diagram import (
+        bands_of_draws,
+        bifurcation_diagram,
+        branch_curve,
+        form_curve,
+    )
+
+    low, high = _DRAWN
+    refitted = form_curve(identified.form, low, high, bands=bands_of_draws(identified, low, high))
+    dots = {'linestyle': (0, (1, 1.2)), 'linewidth': 0.8}
+    dashes = {'linestyle': '-.', 'linewidth': 0.7}
+    paper = form_curve(PAPER_NORMAL_FORM, low, high, 'coefficients (33) of the paper')
+    curves = [
+        refitted,
+        branch_curve(truth, 'truth of the simulated rig', colour=style.INK, look=dots),
+        replace(paper, quiet_unstable=None, colour=style.MUTED, look=dashes),
+    ]
+    return style.png(bifurcation_diagram(curves, low, high, {'': states}, columns=4), 200)
 
 
 def _coefficient_rows(identified: IdentifiedNormalForm) -> list[str]:

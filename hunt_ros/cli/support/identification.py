@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hunt_ros.cli.support import options
-from hunt_ros.errors import HuntError
+from hunt_ros.errors import ConfigError, HuntError
 
 if TYPE_CHECKING:
     from hunt_ros.bag import ChannelSource
@@ -21,28 +20,40 @@ if TYPE_CHECKING:
 
 #: Whose section of a parameter file is read as well: it does the same in a running suite.
 NODE = 'normal_form_identifier'
+#: Option -> setting of the rig, in place of that in the files of `--rig`.
+_OF_RIG = {
+    '--length-scale': 'length_scale_m',
+    '--time-scale': 'time_scale_s',
+    '--sensor-range': 'lateral_range_m',
+    '--clearance': 'flange_clearance_m',
+    '--roller-diameter': 'roller_diameter_m',
+    '--wheel-diameter': 'wheel_diameter_m',
+    '--frequency': 'hunting_frequency_hz',
+    '--speed-resolution': 'speed_resolution_mps',
+    '--speed-scale-std': 'speed_scale_std',
+}
+#: Settings of the identification that are options by themselves.
+_GIVEN = (
+    'prior_v_c', 'prior_D1', 'lines', 'frequency_range_hz', 'ignore', 'minimum_hold_s',
+    'seed', 'cluster',
+)  # fmt: skip
 
 
-def add_settings(parser: argparse.ArgumentParser, what: str = 'recordings: runs, days') -> None:
+def add_settings(parser: argparse.ArgumentParser, what: str = 'recordings') -> None:
     """Add what to read and how to identify: what `report` and `plan` share with `identify`."""
+    from hunt_ros.rig import Rig
+
     parser.add_argument('bags', nargs='+', metavar='BAG', help=what)
     options.add_channels(parser)
-    parser.add_argument(
-        '--day',
-        metavar='PATTERN',
-        help="regular expression: its first group in a bag's path is its day (else the date)",
-    )
     options.add_rig(parser)
-    for name, metavar, share, said in (
-        ('v-c', 'V[:STD]', 0.01, 'known v_c, m/s (STD: 1 %%)'),
-        ('D1', 'D[:STD]', 0.1, 'known D1 (STD: 10 %%)'),
+    options.add_settings(parser, Rig, _OF_RIG)
+    for name, share, what in (
+        ('v-c', 0.01, 'v_c, m/s (STD: 1 %%)'),
+        ('D1', 0.1, 'D1 (STD: 10 %%)'),
     ):
-        parser.add_argument(f'--prior-{name}', type=_prior(share), metavar=metavar, help=said)
-    positive = options.number(0.0, 1e6, above=True)
-    parser.add_argument('--length-scale', type=positive, metavar='M', help='d0, m (0.0485)')
-    parser.add_argument(
-        '--time-scale', type=positive, metavar='S', help='1/omega_psi, s (1/25.91)'
-    )
+        parser.add_argument(
+            f'--prior-{name}', type=_prior(share), metavar='X[:STD]', help=f'known {what}'
+        )
     parser.add_argument(
         '--lines',
         type=_orders,
@@ -50,72 +61,31 @@ def add_settings(parser: argparse.ArgumentParser, what: str = 'recordings: runs,
         help='orders of the known lines, in turns of the roller (1,2); "": none',
     )
     parser.add_argument(
+        '--frequency-range',
+        dest='frequency_range_hz',
+        type=_range,
+        metavar='LOW:HIGH',
+        help='of the hunting, Hz (0.5:20)',
+    )
+    parser.add_argument(
         '--ignore',
         type=_interval,
         action='append',
-        default=[],
         metavar='[N:]FROM:TO',
         help='leave out these s since the start of each recording, or of the Nth; repeatable',
     )
     parser.add_argument(
-        '--minimum-hold', type=positive, metavar='S', help='shortest hold of the speed (8)'
-    )
-    parser.add_argument(
-        '--frequency-range', type=_range, metavar='LOW:HIGH', help='of the hunting, Hz (0.5:20)'
-    )
-    length = options.number(0.0, 10.0, 'm', above=True)
-    parser.add_argument(
-        '--sensor-range', type=length, metavar='M', help='the lateral sensor reads no more'
-    )
-    parser.add_argument(
-        '--clearance', type=length, metavar='M', help='amplitude at which a flange touches'
-    )
-    parser.add_argument(
-        '--roller-diameter',
-        type=length,
-        metavar='M',
-        help='where the roller angle was not recorded, it follows from this and the speed',
-    )
-    parser.add_argument(
-        '--wheel-diameter', type=length, metavar='M', help="to remove the wheel's own line too"
-    )
-    parser.add_argument('--frequency', type=positive, metavar='HZ', help='hunting frequency')
-    parser.add_argument(
-        '--speed-resolution',
-        type=options.number(0.0, 1e3),
-        metavar='MPS',
-        help='smallest step of the speed reading',
-    )
-    parser.add_argument(
-        '--speed-scale-std',
-        type=options.number(0.0, 1.0),
-        metavar='SHARE',
-        help='scale error of the speed reading',
-    )
-    parser.add_argument(
-        '--bootstrap',
-        type=options.whole(0, 1_000_000),
-        metavar='N',
-        help='intervals from N replications (0: linearised)',
+        '--minimum-hold',
+        dest='minimum_hold_s',
+        type=options.number(0.0, 1e6, 's', above=True),
+        metavar='S',
+        help='shortest hold of the speed (8)',
     )
     options.add_seed(parser, None)
-    parser.add_argument(
-        '--jobs', type=options.whole(0, 4096), metavar='N', help='processes (0: one a core)'
-    )
     parser.add_argument(
         '--cluster',
         metavar='ADDRESS',
         help='Dask scheduler, tcp://host:8786; its workers read the recordings by the same paths',
-    )
-
-
-def add_keep(parser: argparse.ArgumentParser) -> None:
-    """Add where the work is kept, for verbs that need no samples of what is known."""
-    parser.add_argument(
-        '--work-folder',
-        metavar='FOLDER',
-        help='a folder of your own: what is worked out of each recording is kept there, and with'
-        ' others beside it that recording is not read again',
     )
 
 
@@ -137,6 +107,11 @@ def identification_of(arguments: argparse.Namespace) -> Identification:
     if len(arguments.bags) == 1 and Path(arguments.bags[0]).suffix == '.yaml':
         path = Path(arguments.bags[0])
         text = options.read_text(path, 'parameter file')
+        if not whole_of(path).exists():
+            raise ConfigError(
+                f'{path}: {whole_of(path).name}, the whole identification, is not beside it:'
+                f' "hunt identify RECORDINGS --out {path}" writes both; or name the recordings'
+            )
         return Identification.load(whole_of(path), IdentifiedNormalForm.from_yaml(text, str(path)))
     settings = settings_of(arguments)
     with progress('reading') as advance:
@@ -151,7 +126,7 @@ def whole_of(parameter_file: Path) -> Path:
 
 
 def records_of(arguments: argparse.Namespace, advance: Advance) -> list[Record]:
-    """Read the recordings, each with its day where the user says how to find it."""
+    """Read the recordings."""
     records = []
     for count, reading in enumerate(_readings(arguments), start=1):
         records.append(reading())
@@ -160,9 +135,8 @@ def records_of(arguments: argparse.Namespace, advance: Advance) -> list[Record]:
 
 
 def sources_of(arguments: argparse.Namespace, advance: Advance) -> Sequence[Source]:
-    """Return the recordings; with `--cluster` or `--work-folder` what reads those it has to."""
-    later = arguments.cluster or arguments.work_folder
-    return _readings(arguments) if later else records_of(arguments, advance)
+    """Return the recordings; with `--cluster` what reads them."""
+    return _readings(arguments) if arguments.cluster else records_of(arguments, advance)
 
 
 @dataclass(frozen=True)
@@ -173,7 +147,6 @@ class _Reading:
     place: str  # the same from any folder
     channels: Mapping[str, ChannelSource]
     rig: Rig
-    pattern: re.Pattern[str] | None
 
     def __call__(self) -> Record:
         """
@@ -182,73 +155,37 @@ class _Reading:
         Raises
         ------
         HuntError
-            If it cannot be read, is of another rig, or says no day.
+            If it cannot be read, or is of another rig.
         """
         from hunt_ros.bag import check_units, read_record
 
         record = read_record(self.place, self.channels, require=('lateral', 'speed'))
         record = check_units(replace(record, source=self.path))
         self.rig.refuse_other(record.notes.get('rig', ''), self.path)
-        if self.pattern is None:
-            return record
-        found = self.pattern.search(self.path)
-        if found is None:
-            raise HuntError(f'--day: {self.pattern.pattern!r} is not found in {self.path}')
-        return replace(record, notes={**record.notes, 'day': found.group(1)})
+        return record
 
 
 def _readings(arguments: argparse.Namespace) -> list[_Reading]:
     from hunt_ros.samples import CHANNELS
 
     channels, rig = options.channels_of(arguments, CHANNELS), options.rig_of(arguments, NODE)
-    pattern = _pattern(arguments.day)
     return [
-        _Reading(str(path), str(Path(path).absolute()), channels, rig, pattern)
-        for path in arguments.bags
+        _Reading(str(path), str(Path(path).absolute()), channels, rig) for path in arguments.bags
     ]
-
-
-def _pattern(text: str | None) -> re.Pattern[str] | None:
-    if text is None:
-        return None
-    try:
-        pattern = re.compile(text)
-    except re.error as error:
-        raise HuntError(f'--day: {text!r} is no regular expression ({error})') from error
-    if pattern.groups < 1:
-        raise HuntError(f'--day: expected a group in parentheses, got {text!r}')
-    return pattern
 
 
 def settings_of(arguments: argparse.Namespace) -> IdentificationSettings:
     """Return the settings that the options of `add_settings` ask for."""
     from hunt_ros.identification import IdentificationSettings
 
-    given = {
-        'length_scale': arguments.length_scale,
-        'time_scale': arguments.time_scale,
-        'frequency_hz': arguments.frequency,
-        'speed_resolution': arguments.speed_resolution,
-        'speed_scale_std': arguments.speed_scale_std,
-        'bootstrap': arguments.bootstrap,
-        'seed': arguments.seed,
-        'jobs': arguments.jobs,
-        'cluster': arguments.cluster,
-        'work_folder': getattr(arguments, 'work_folder', None),  # not of every verb
-        'lines': arguments.lines,
-        'roller_diameter_m': arguments.roller_diameter,
-        'wheel_diameter_m': arguments.wheel_diameter,
-        'ignore': tuple(arguments.ignore) or None,
-        'minimum_hold_s': arguments.minimum_hold,
-        'frequency_range_hz': arguments.frequency_range,
-        'lateral_range_m': arguments.sensor_range,
-        'flange_clearance_m': arguments.clearance,
-        'prior_v_c': arguments.prior_v_c,
-        'prior_D1': arguments.prior_D1,
-    }
     if arguments.cluster is not None:
         _reach(arguments.cluster)
-    return IdentificationSettings.of_rig(options.rig_of(arguments, NODE), **given)
+    rig = options.rig_of(arguments, NODE)
+    told = {name: getattr(arguments, name) for name in _OF_RIG.values()}
+    rig = replace(rig, **{name: value for name, value in told.items() if value is not None})
+    given = {name: getattr(arguments, name) for name in _GIVEN}
+    given['ignore'] = tuple(arguments.ignore or ())
+    return IdentificationSettings.of_rig(rig, **given)
 
 
 def _prior(share: float) -> Callable[[str], tuple[float, float]]:

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Collection, Iterator
-from types import TracebackType
 
 from hunt_ros.cli.support.console_link import ConsoleLink, Line
 from hunt_ros.cli.support.keys import Keys
+from hunt_ros.cli.support.narration import STYLES
 from hunt_ros.cli.support.view import View
-from hunt_ros.services import KEYS, QUIT_KEY, SERVICES
+from hunt_ros.services import CONFIRM_KEY, KEYS, MOVING_KEYS, QUIT_KEY, SERVICES
 
 #: Keys are looked for so often, s.
 _LOOK_S = 0.05
+#: So long a key waits for its second one, s.
+_CONFIRM_S = 5.0
 
 
 class KeyCommands:
@@ -29,15 +31,17 @@ class KeyCommands:
         Says what each key does.
     names : collection of str
         The nodes of the run: a key whose service none of them offers does nothing.
+
+    What sets the roller going, or ends the run while it turns, wants a second key.
     """
 
     def __init__(self, link: ConsoleLink, view: View, names: Collection[str]) -> None:
         self._link = link
         self._view = view
-        self._services = {
-            key: SERVICES[word] for key, word in KEYS.items() if SERVICES[word].node in names
-        }
+        self._services = {key: word for key, word in KEYS.items() if SERVICES[word].node in names}
         self._keys = Keys()
+        #: The key that waits for its second one, and until when.
+        self._unconfirmed, self._until_s = '', 0.0
 
     def __enter__(self) -> KeyCommands:
         self._keys.__enter__()
@@ -45,13 +49,8 @@ class KeyCommands:
             self._offer()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._keys.__exit__(kind, error, trace)
+    def __exit__(self, *error: object) -> None:
+        self._keys.__exit__(*error)
 
     def lines(self, timeout_s: float) -> Iterator[Line]:
         """
@@ -72,19 +71,41 @@ class KeyCommands:
                 return
             yield from self._link.lines(min(left_s, _LOOK_S) if self._keys.active else left_s)
 
-    def call(self, service: str) -> None:
+    def call(self, word: str) -> None:
         """Ask for a service, see `ConsoleLink.call`."""
-        self._link.call(service)
+        self._link.call(word)
 
     def _obey(self) -> None:
-        """Do what the keys ask for that were pressed since."""
-        for key in self._keys.pressed().lower():
-            if key == QUIT_KEY:
-                raise KeyboardInterrupt
-            if key in self._services:
-                self.call(self._services[key].name)
-            else:
-                self._offer()
+        """Do what the key asks for that was pressed since."""
+        key = self._keys.pressed()
+        if not key:
+            return
+        waits = self._unconfirmed if time.monotonic() < self._until_s else ''
+        self._unconfirmed = ''
+        if waits and key == CONFIRM_KEY:
+            self._do(waits)
+        elif key in self._services or key == QUIT_KEY:
+            if not (does := self._weighty(key)):
+                self._do(key)
+                return
+            self._unconfirmed, self._until_s = key, time.monotonic() + _CONFIRM_S
+            self._view.say(f'press {CONFIRM_KEY} to {does}', STYLES['WARN'])
+        elif waits:
+            self._view.say('nothing is done')
+        else:
+            self._offer()
+
+    def _weighty(self, key: str) -> str:
+        """Return what a key does that wants a second one; '' for others."""
+        turns = self._view.drive.get('speed_mps')
+        if key == QUIT_KEY and turns:
+            return f'end the run: the roller turns at {turns:.2f} m/s'
+        return KEYS[key].replace('-', ' the ') if key in MOVING_KEYS else ''
+
+    def _do(self, key: str) -> None:
+        if key == QUIT_KEY:
+            raise KeyboardInterrupt
+        self.call(self._services[key])
 
     def _offer(self) -> None:
         """Say what each key does."""

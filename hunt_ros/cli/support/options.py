@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,10 +19,14 @@ from hunt_ros.errors import ConfigError
 
 if TYPE_CHECKING:
     from hunt_ros.bag import ChannelSource
+    from hunt_ros.drivers.alarm_output import AlarmOutput
     from hunt_ros.rig import Rig
+    from hunt_ros.settings import Settings
 
 #: Longest run or recording, s: ten days.
 LONGEST_S = 864_000.0
+#: Where recordings go.
+RECORDINGS = Path('recordings')
 
 
 def number(
@@ -82,7 +87,65 @@ def _range(low: float, high: float, unit: str, above: bool) -> str:
 
 def add_json(parser: argparse.ArgumentParser, what: str = 'the result') -> None:
     """`--json`: what every verb that finds something has."""
-    parser.add_argument('--json', metavar='PATH|-', help=f"{what} as JSON; '-': stdout")
+    parser.add_argument(
+        '--json', type=_json_target, metavar='PATH|-', help=f"{what} as JSON; '-': stdout"
+    )
+
+
+def _json_target(text: str) -> str:
+    return text if text == '-' else str(new_file()(text))
+
+
+def new_file(*endings: str) -> Callable[[str], Path]:
+    """
+    Return the type of an option that names a file to write.
+
+    Where it cannot be written is found before the work, not behind it.
+
+    Parameters
+    ----------
+    endings : str
+        Of the name, one of these; any without.
+    """
+
+    def parse(text: str) -> Path:
+        path = Path(text)
+        if not path.name or path.is_dir() or not path.absolute().parent.is_dir():
+            raise argparse.ArgumentTypeError(
+                f'expected a file in a folder that is there, got {text!r}'
+            )
+        if not os.access(path if path.exists() else path.absolute().parent, os.W_OK):
+            raise argparse.ArgumentTypeError(f'{text} may not be written')
+        if endings and path.suffix not in endings:
+            raise argparse.ArgumentTypeError(
+                f'expected a name that ends in {" or ".join(endings)}, got {text}'
+            )
+        return path
+
+    return parse
+
+
+def new_folder(text: str) -> Path:
+    """Return the folder that a word names; it is made by who writes it."""
+    if not Path(text).name:
+        raise argparse.ArgumentTypeError(f'expected the name of a new folder, got {text!r}')
+    return Path(text)
+
+
+def refuse_place(folder: Path, what: str) -> None:
+    """
+    Refuse a folder that cannot be made, before the work and without making it.
+
+    Raises
+    ------
+    ConfigError
+        Naming it.
+    """
+    place = folder.absolute()
+    while not place.exists():
+        place = place.parent
+    if not place.is_dir() or not os.access(place, os.W_OK):
+        raise ConfigError(f'{folder}: cannot write {what} there')
 
 
 def add_channels(parser: argparse.ArgumentParser, what: str = '') -> None:
@@ -145,6 +208,45 @@ def add_rig(parser: argparse._ActionsContainer) -> None:
     )
 
 
+def add_settings(
+    parser: argparse.ArgumentParser, kind: type[Settings], names: Mapping[str, str]
+) -> None:
+    """
+    Add options in place of settings; help, unit and range are those of the setting.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        What is not given is None.
+    kind : type of Settings
+        Which settings.
+    names : mapping of str to str
+        Option -> setting, a number or a bool; also the name of the argument.
+    """
+    from dataclasses import fields
+
+    described = {item.name: item for item in fields(kind)}
+    for option, name in names.items():
+        about, default = described[name].metadata, described[name].default
+        help_ = about['description'].replace('%', '%%')
+        if isinstance(default, bool):
+            parser.add_argument(option, dest=name, action='store_true', default=None, help=help_)
+            continue
+        unit = about['unit']
+        low, high = (
+            end if about[key] is None else about[key]
+            for key, end in (('low', -math.inf), ('high', math.inf))
+        )
+        shown = f' ({default:g})' if default else ''
+        parser.add_argument(
+            option,
+            dest=name,
+            type=number(low, high, unit),
+            metavar=(unit or 'x').upper(),
+            help=help_ + shown,
+        )
+
+
 def rig_of(arguments: argparse.Namespace, node: str = '') -> Rig:
     """
     Return the rig of `--rig`, or the usual one.
@@ -166,9 +268,9 @@ def rig_of(arguments: argparse.Namespace, node: str = '') -> Rig:
     return Rig.from_texts(_rig_texts(arguments), node)
 
 
-def alarm_outputs_of(arguments: argparse.Namespace) -> tuple[str, ...]:
+def alarm_outputs_of(arguments: argparse.Namespace) -> dict[str, AlarmOutput]:
     """
-    Return which alarm outputs the files of `--rig` name: sound, command, relay.
+    Return the alarm outputs that the files of `--rig` name: sound, command, relay.
 
     Parameters
     ----------
@@ -182,11 +284,18 @@ def alarm_outputs_of(arguments: argparse.Namespace) -> tuple[str, ...]:
     """
     from hunt_ros.drivers.alarm_output import AlarmSettings
 
-    return AlarmSettings.from_texts(_rig_texts(arguments)).named
+    return AlarmSettings.told(_rig_texts(arguments))
 
 
 def _rig_texts(arguments: argparse.Namespace) -> list[tuple[str, str]]:
-    return [(str(path), read_text(path, 'parameter file')) for path in arguments.rig]
+    from hunt_ros.rig import parameters_of
+
+    texts = [(str(path), read_text(path, 'parameter file')) for path in arguments.rig]
+    for source, text in texts:
+        names = {name.partition('.')[0] for name in parameters_of('', text, source)}
+        if names == {'normal_form'}:
+            raise ConfigError(f'--rig {source}: is a normal form, expected --normal-form {source}')
+    return texts
 
 
 def add_namespace(parser: argparse._ActionsContainer, default: str | None = 'rig') -> None:
@@ -205,14 +314,14 @@ def _namespace(text: str) -> str:
     return text.strip('/')
 
 
-def add_directory(parser: argparse._ActionsContainer) -> None:
+def add_directory(parser: argparse._ActionsContainer, default: Path | None = RECORDINGS) -> None:
     """`--directory`: where recordings go."""
     parser.add_argument(
         '--directory',
         type=Path,
-        default=Path('recordings'),
+        default=default,
         metavar='DIR',
-        help='recordings (default: %(default)s)',
+        help=f'recordings (default: {RECORDINGS})',
     )
 
 

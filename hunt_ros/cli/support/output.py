@@ -6,10 +6,9 @@ import json
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any, Protocol
 
-from hunt_ros.errors import HuntError
+from hunt_ros.files import write_whole
 
 
 class Advance(Protocol):
@@ -42,10 +41,7 @@ def write_json(document: Mapping[str, Any], target: str) -> None:
         sys.stdout.write(text)
         sys.stdout.flush()
         return
-    try:
-        Path(target).write_text(text, encoding='utf-8')
-    except OSError as error:
-        raise HuntError(f'{target}: cannot write the result ({error.strerror})') from error
+    write_whole(target, text, 'result')
 
 
 def _plain(value: Any) -> Any:

@@ -11,7 +11,7 @@ from hunt_ros.detection.offline import Findings
 from hunt_ros.detection.output import EVENT_NUMBERS
 from hunt_ros.detection.regions import Level, Region
 from hunt_ros.forecast import Forecast
-from hunt_ros.samples import Record, known
+from hunt_ros.samples import Record, counted, known
 
 
 def document(
@@ -105,10 +105,10 @@ def _forecast(forecast: Forecast | None) -> dict[str, Any] | None:
     if forecast is None:
         return None
     critical = forecast.critical_speed
+    told = (critical and critical.to_json()) or {'value': None, 'std': None, 'ci95': None}
     return {
-        'v_c_mps': None if critical is None else known(critical.value),
-        'std': None if critical is None else known(critical.std),
-        'ci95': None if critical is None else [critical.low, critical.high],
+        'v_c_mps': told.pop('value'),
+        **told,
         'reason': forecast.reason,
         'law': forecast.law,
         'levels': forecast.levels,
@@ -119,7 +119,5 @@ def _forecast_line(forecast: Forecast) -> str:
     critical = forecast.critical_speed
     if critical is None:
         return f'v_c from the quiet response: unknown ({forecast.reason})'
-    return (
-        f'v_c from the quiet response: {critical.value:.2f} m/s'
-        f' (95 %: {critical.low:.2f} to {critical.high:.2f}), {forecast.levels} speed levels'
-    )
+    levels = counted(forecast.levels, 'speed level')
+    return f'v_c from the quiet response: {critical.with_interval("m/s")}, {levels}'

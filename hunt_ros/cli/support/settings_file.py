@@ -61,6 +61,8 @@ def read_settings(
                 values[name] = yaml.safe_load(text)
             except yaml.YAMLError:
                 raise ConfigError(f'--set {word}: the value is not YAML') from None
+            if values[name] is None:  # lines= is a list without a line
+                values[name] = () if isinstance(known[name], tuple) else ''
     return kind(**{name: yaml_value(known[name], value) for name, value in values.items()})
 
 

@@ -4,23 +4,25 @@ from __future__ import annotations
 
 import json
 import socket
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hunt_ros.cli.support.console_link import ConsoleLink, Line
-from hunt_ros.cli.support.processes import NodeSpec, Processes
+from hunt_ros.cli.support.console_link import ConsoleLink
+from hunt_ros.cli.support.processes import NodeSpec
+from hunt_ros.cli.support.supervisor import Supervisor
+from hunt_ros.compiled import compile_all
 from hunt_ros.errors import HuntError
-from hunt_ros.suite import SIMULATOR, SOURCES, SUITE
+from hunt_ros.suite import GUARDS, SIMULATOR, SOURCES, SUITE
 
 if TYPE_CHECKING:
     from hunt_ros.cli.support.key_commands import KeyCommands
     from hunt_ros.dynamics.profile import Profile
 
 _READY_S = 60.0
-#: In fast simulated time a pause of the machine looks that much longer: the most that a channel,
-#: or the detector, may be silent, s.
-_PATIENCE_S = 3.0
+#: In fast simulated time a pause of the machine looks that much longer: the most that a channel
+#: may be silent, s of the rig, and the detector, s: simulated time waits for it so long.
+_SENSOR_PATIENCE_S, _DETECTOR_PATIENCE_S = 3.0, 60.0
 
 Parameters = Mapping[str, Mapping[str, object]]
 
@@ -30,11 +32,6 @@ def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(('127.0.0.1', 0))
         return int(probe.getsockname()[1])
-
-
-def start_console(processes: Processes) -> ConsoleLink:
-    """Start the console node, and return our end of it."""
-    return ConsoleLink(processes.start(NodeSpec('console', piped=True)), processes)
 
 
 def follow_clock(pace: float) -> dict[str, object]:
@@ -93,12 +90,13 @@ def simulated_run(
             'profile_autostart': True,
             # A limit cycle is what the sweep is for.
             'interlock': 'measure',
-            'status_timeout_s': _PATIENCE_S,
+            'status_timeout_s': _DETECTOR_PATIENCE_S,
+            'slow_down_at_end': False,  # the rig ends with it
         },
         # Fewer estimates a simulated second keep the machine free.
         'hunting_detector': {
             'output_rate_hz': 20.0,
-            **{f'{channel}_timeout_s': _PATIENCE_S for channel in ('sensor', 'roller', 'speed')},
+            'sensor_timeout_s': _SENSOR_PATIENCE_S,
         },
         'bag_recorder': {'directory': str(folder), 'rig_name': 'simulated'},
         'normal_form_identifier': {'directory': str(folder)},
@@ -106,20 +104,19 @@ def simulated_run(
 
 
 def start_nodes(
-    processes: Processes,
+    supervisor: Supervisor,
     names: Sequence[str],
     common: Mapping[str, object],
     parameters: Parameters,
     files: Sequence[Path] = (),
     one_process: bool = False,
-    needed: bool = True,
 ) -> None:
     """
     Start nodes by name.
 
     Parameters
     ----------
-    processes : Processes
+    supervisor : Supervisor
         The run.
     names : sequence of str
         Executables.
@@ -130,39 +127,32 @@ def start_nodes(
     files : sequence of Path
         ROS parameter files for all of them.
     one_process : bool
-        True for all of them in one process, which takes less memory and less CPU; one that
-        fails ends all.
-    needed : bool
-        False where the run goes on when one of them ends.
+        True for all but the guards in one process, which takes less memory and less CPU.
     """
-    if one_process:
+    compile_all()  # here, where somebody may wait: a node compiles nothing
+    alone = [name for name in names if name in GUARDS] if one_process else names
+    for name in alone:
+        values = {**common, **parameters.get(name, {})}
+        supervisor.start(NodeSpec(name, values, files))
+    together = [name for name in names if name not in alone]
+    if together:
         # A command line cannot name a parameter of one node under a namespace: a file can.
-        own = processes.logs / f'{SUITE}.yaml'
+        own = supervisor.logs / f'{SUITE}.yaml'
         own.write_text(
             json.dumps(
                 {
                     f'/**/{name}': {'ros__parameters': {**common, **parameters.get(name, {})}}
-                    for name in names
+                    for name in together
                 }
             ),
             encoding='utf-8',
         )
-        processes.start(NodeSpec(SUITE, {}, [*files, own], nodes=names))
-        return
-    for name in names:
-        values = {**common, **parameters.get(name, {})}
-        processes.start(NodeSpec(name, values, files, needed=needed))
+        supervisor.start(NodeSpec(SUITE, {}, [*files, own], nodes=together))
 
 
-def wait_until_up(
-    link: ConsoleLink | KeyCommands,
-    names: Sequence[str],
-    show: Callable[[Line], None] = lambda line: None,
-) -> None:
+def wait_until_up(link: ConsoleLink | KeyCommands, names: Sequence[str]) -> None:
     """
-    Wait until each node has reported its health; one that is compiling has time.
-
-    `show` gets what nodes say of their compilation.
+    Wait until each node has reported its health.
 
     Raises
     ------
@@ -170,14 +160,9 @@ def wait_until_up(
         Naming the nodes that did not come up, or the one that ended.
     """
     missing = set(names)
-    while missing:
-        for line in link.lines(_READY_S):
-            if line['topic'] == '/diagnostics':
-                missing.discard(str(line['name']).rsplit('/', 1)[-1])
-            if line['topic'] == 'progress':
-                show(line)
-                break
-            if not missing:
-                break
-        else:
-            raise HuntError(f'not up after {_READY_S:.0f} s: {", ".join(sorted(missing))}')
+    for line in link.lines(_READY_S):
+        if line['topic'] == '/diagnostics':
+            missing.discard(str(line['name']).rsplit('/', 1)[-1])
+        if not missing:
+            return
+    raise HuntError(f'not up after {_READY_S:.0f} s: {", ".join(sorted(missing))}')

@@ -6,9 +6,8 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from types import TracebackType
 from typing import Any
 
 from rich.console import Console
@@ -32,12 +31,17 @@ class View:
     On a terminal the rig is drawn on all of it, over and over: silence is seen although nothing
     comes. At the end the terminal shows what it showed before, and below it the newest lines of
     what has happened. Elsewhere these lines are printed when they come, and nothing else.
+
+    Parameters
+    ----------
+    namespace : str
+        Of the rig: what other rigs of the ROS domain say of themselves is not shown.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, namespace: str = 'rig') -> None:
         self._console = Console(file=sys.stdout, highlight=False, soft_wrap=True)
         self._live: Live | None = None
-        self._told = Told()
+        self._told = Told(namespace)
         self._log: deque[tuple[str, str]] = deque(maxlen=_KEPT)
         self._lines = 0
         self._keys: tuple[str, ...] = ('Ctrl-C: quit',)
@@ -59,12 +63,7 @@ class View:
             self._live.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         live, self._live = self._live, None
         if live is None:
             return
@@ -86,8 +85,8 @@ class View:
             self._origin(line)
         elif topic == '/diagnostics':
             self._say_health()
-        elif topic == 'progress':
-            self.say(line['data'])
+        elif topic == 'process':
+            self.say(line['data'], STYLES['ERROR'])
         elif topic == 'recording/closed':
             self.say(f'recorded {line["data"]}')
         elif topic == 'hunting/normal_form':
@@ -104,6 +103,13 @@ class View:
         with self._lock:
             self._log.append((text, style))
             self._lines += 1
+
+    @property
+    def drive(self) -> Mapping[str, Any]:
+        """What the drive says; nothing where it is silent."""
+        with self._lock:
+            drive = self._told.sections(time.monotonic())['drive'] or {}
+        return {} if drive.get('silent') else drive
 
     def offer(self, keys: Sequence[str]) -> None:
         """Say what each key does: at the foot of the terminal, as long as the view lasts."""

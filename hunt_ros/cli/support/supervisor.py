@@ -1,0 +1,389 @@
+"""
+The supervisor: starts the nodes, starts again what dies, and ends all of them where it is safe.
+
+A guard keeps the rig safe, and only a wanted end ends it: first of all it takes the roller to the
+safe speed, while everything else still runs. Every process is started again when it ends by
+itself or stands still; to the guards the loss of another is what silence is. Each has a session
+of its own, so that Ctrl-C on the terminal reaches only this program, and is interrupted where
+this program dies. Where the alarm outputs are gone, this program calls by the same outputs.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from datetime import datetime
+from functools import cached_property
+from pathlib import Path
+from queue import Queue
+from types import FrameType, MappingProxyType
+from typing import IO, Any
+
+from hunt_ros.cli.support.processes import NodeSpec, claim_domain, require_ros
+from hunt_ros.drivers.alarm_output import AlarmOutput, Condition
+from hunt_ros.errors import HuntError
+from hunt_ros.suite import ALARM_OUTPUTS, DRIVE, GUARDS, OPTIONAL, SIMULATOR, START_S, SUITE
+
+_PR_SET_PDEATHSIG = 1
+#: What ends a run; all of them let it take the roller down and close its recording.
+_ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+#: What the nodes themselves listen for, see `hunt_ros.nodes.support.ending`.
+_HELD_BACK = (signal.SIGINT, signal.SIGTERM)
+_GRACE_S = {signal.SIGINT: 8.0, signal.SIGTERM: 2.0, signal.SIGKILL: 2.0}
+#: Writing what waits takes as long as the disk takes.
+_RECORDER, _CLOSING_S = 'bag_recorder', 60.0
+_RECORDS = {_RECORDER, SUITE}
+#: A process that has spoken stands still where two nodes beside it have told their health, which
+#: each does once a second, so often since.
+_SILENT = 10
+#: What ends again and again is started again after this, after twice as long, and so on, s.
+_AGAIN_S, _AGAIN_MOST_S = 0.5, 30.0
+#: Exit code of a node that refuses its settings, or cannot have what it needs.
+_REFUSED = 2
+#: Ctrl-C that comes sooner after the end was asked for is the same one, s.
+_SAME_S = 0.5
+
+
+class _Child:
+    """A process that is kept running."""
+
+    def __init__(self, spec: NodeSpec, attach: Callable[[subprocess.Popen[str]], None]) -> None:
+        self.spec = spec
+        self.attach = attach
+        self.process: subprocess.Popen[str] | None = None
+        self.began_s = self.due_s = 0.0
+        self.failures = 0
+        #: How often each other node has told its health since this one did; None: it never has.
+        self.others: Counter[str] | None = None
+
+    def put_off(self) -> None:
+        """Have it started again: at once, and after longer each time that it has not lasted."""
+        wait_s = _AGAIN_S * (2.0 ** min(self.failures, 10) - 1.0)
+        self.due_s = time.monotonic() + min(wait_s, _AGAIN_MOST_S)
+        self.failures += 1
+
+    @property
+    def stands_still(self) -> bool:
+        """
+        True where it is stopped, or the others speak and it does not.
+
+        Silence of all is that of the console.
+        """
+        if sys.platform == 'linux' and self.process is not None and self.runs:
+            stopped = os.WSTOPPED | os.WNOHANG | os.WNOWAIT
+            if os.waitid(os.P_PID, self.process.pid, stopped) is not None:
+                return True
+        return sum(count >= _SILENT for count in (self.others or {}).values()) >= 2
+
+    def ended(self) -> int | None:
+        """Return the exit code of one that has ended since it was started; else None."""
+        return None if self.process is None else self.process.poll()
+
+    @property
+    def runs(self) -> bool:
+        """True while its process has not ended."""
+        return self.process is not None and self.process.poll() is None
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait until its process has ended, but no longer."""
+        if self.process is not None:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self.process.wait(timeout_s)
+
+    @property
+    def age_s(self) -> float:
+        """Time since it was started last, s."""
+        return time.monotonic() - self.began_s
+
+    def pass_on(self, number: int) -> None:
+        """Send its whole session a signal, where it still runs."""
+        if self.process is not None and self.runs:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self.process.pid, number)
+
+
+class Supervisor:
+    """
+    The processes of one run; a context manager that leaves none behind.
+
+    Parameters
+    ----------
+    namespace : str
+        ROS namespace of all nodes.
+    log_directory : Path
+        Gets a folder for this run, with a file for each node's output.
+    private : bool
+        True for a ROS graph of this run alone, on this machine only (a demo must not
+        meet a real rig); False to use the user's ROS environment as it is.
+    keep : bool
+        Start again what ends by itself; False for a measurement: its end ends the run.
+    alarms : mapping of str to AlarmOutput
+        By which somebody is called when the process that does so has ended; by name.
+
+    Raises
+    ------
+    HuntError
+        If ROS is not installed.
+    """
+
+    def __init__(
+        self,
+        namespace: str,
+        log_directory: Path,
+        private: bool,
+        keep: bool = True,
+        alarms: Mapping[str, AlarmOutput] = MappingProxyType({}),
+    ) -> None:
+        require_ros()
+        self._namespace = namespace
+        self._log_directory = log_directory
+        self._keep = keep
+        self._alarms = alarms
+        self._told: Queue[str] = Queue()  # what came of calls
+        self.environment = dict(os.environ)
+        if private:
+            self._claim = socket.socket(socket.AF_UNIX)
+            self.environment['ROS_DOMAIN_ID'] = str(claim_domain(self._claim))
+            self.environment['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+            if os.environ.get('ROS_DISTRO') == 'humble':
+                self.environment['ROS_LOCALHOST_ONLY'] = '1'  # newer ones warn about it
+        self._children: dict[str, _Child] = {}
+        self._handlers: dict[signal.Signals, Any] = {}
+        self._asked_s: float | None = None  # when the end was asked for
+        self._hurry = self._winding = False
+
+    @cached_property
+    def logs(self) -> Path:
+        """Folder with the logs of this run; those of other runs stay."""
+        path = base = self._log_directory / f'{datetime.now():%Y%m%d_%H%M%S}'
+        number = 0
+        while True:
+            try:
+                path.mkdir(parents=True)
+                return path
+            except FileExistsError:
+                number += 1
+                path = base.with_name(f'{base.name}_{number}')
+
+    def start(
+        self,
+        spec: NodeSpec,
+        attach: Callable[[subprocess.Popen[str]], None] = lambda process: None,
+    ) -> None:
+        """
+        Start a node, and keep it running; its output goes to a log file unless it is piped.
+
+        Parameters
+        ----------
+        spec : NodeSpec
+            Its name is new in this run.
+        attach : callable
+            Gets the process, each time that it is started.
+        """
+        child = self._children[spec.module] = _Child(spec, attach)
+        self._launch(child)
+
+    def _launch(self, child: _Child) -> None:
+        spec = child.spec
+        with self._log(spec.module) as log:
+            child.process = subprocess.Popen(
+                spec.command(self._namespace),
+                stdin=subprocess.PIPE if spec.piped else subprocess.DEVNULL,
+                stdout=subprocess.PIPE if spec.piped else log,
+                stderr=log,
+                text=True,
+                env=self.environment,
+                start_new_session=True,
+                preexec_fn=_in_child,
+            )
+        child.began_s, child.others = time.monotonic(), None
+        child.attach(child.process)
+
+    def _log(self, name: str) -> IO[str]:
+        """Open the log of a node; a folder that is gone, or a full disk, holds no start up."""
+        path = self.logs / f'{name}.log'
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            return path.open('a')
+        except OSError:
+            return open(os.devnull, 'a')
+
+    def pids(self) -> dict[str, int]:
+        """Return the process id of each node that runs."""
+        running = {name: child.process for name, child in self._children.items()}
+        return {name: process.pid for name, process in running.items() if process is not None}
+
+    def look(self) -> list[str]:
+        """
+        Start again what has ended; return what has happened, in lines.
+
+        Raises
+        ------
+        HuntError
+            If a node refused its settings at its first start, or ended where nothing is kept.
+        """
+        lines = [self._told.get() for _ in range(self._told.qsize())]
+        for name, child in list(self._children.items()):
+            if self._winding and name in GUARDS:
+                continue
+            if child.stands_still and self._keep and not self._winding:
+                child.others = None
+                child.pass_on(signal.SIGKILL)
+                lines.append(f'{name} stands still: it is ended')
+            now_s, code = time.monotonic(), child.ended()
+            lasted = child.process is not None and child.age_s > START_S
+            if code is not None:
+                child.process = None
+                line = f'{name} ended with exit code {code}: {self._last_line(name)}'
+                refused = code == _REFUSED and not child.failures and not lasted
+                if (refused or not self._keep) and name in OPTIONAL:
+                    del self._children[name]
+                    lines.append(f'{line}; {OPTIONAL[name]}')
+                    continue
+                if refused or not self._keep:
+                    raise HuntError(line)
+                child.put_off()
+                lines.append(f'{line}; it is started again')
+                if name == ALARM_OUTPUTS:
+                    self._call(line)
+            elif lasted:
+                child.failures = 0
+            elif child.process is None and now_s >= child.due_s:
+                try:
+                    self._launch(child)
+                except OSError as error:  # no memory, no process more
+                    child.put_off()
+                    lines.append(f'{name} cannot be started: {error}; it is tried again')
+        return lines
+
+    def _call(self, cause: str) -> None:
+        """Call somebody; an output that hangs holds up nothing else."""
+        for name, output in self._alarms.items():
+            threading.Thread(target=self._show, args=(name, output, cause), daemon=True).start()
+
+    def _show(self, name: str, output: AlarmOutput, cause: str) -> None:
+        try:
+            output.show(Condition.DOUBT, cause)
+        except Exception as error:  # whatever a library of the hardware raises
+            self._told.put(f'{name}: {error}')
+        finally:
+            output.let_go()
+
+    def heard(self, node: str) -> None:
+        """Take note that a node, with its full name, has told its health."""
+        namespace, _, name = node.rpartition('/')
+        if namespace.strip('/') != self._namespace.strip('/'):
+            return
+        for module, child in self._children.items():
+            if name in (child.spec.nodes or (module,)):
+                child.others = Counter()
+            elif child.others is not None:
+                child.others[name] += 1
+
+    def _last_line(self, name: str) -> str:
+        path = self.logs / f'{name}.log'
+        lines = path.read_text(errors='replace').strip().splitlines() if path.exists() else []
+        return lines[-1] if lines else f'(see {path})'
+
+    def stop(self, name: str) -> None:
+        """End one node, and wait for it."""
+        child = self._children.pop(name, None)
+        if child is not None:
+            _end([child])
+
+    def wind_down(self, meanwhile: Callable[[], object] = lambda: time.sleep(0.1)) -> str:
+        """
+        Let the guard take the roller to the safe speed; return '' or why it is not there.
+
+        From now on signals end nothing, but a second Ctrl-C: it ends the guard at once.
+
+        Parameters
+        ----------
+        meanwhile : callable
+            Called again and again until then; it says how far the roller is. What it raises of a
+            terminal that is gone, or a full disk, holds nothing up.
+        """
+        if self._asked_s is None:
+            self._asked_s = time.monotonic()
+        guard = self._children.get(DRIVE)
+        if guard is None or (guard.process is None and not guard.failures):
+            return ''  # it was never there
+        if not self._winding:
+            self._winding = True
+            self.look()
+            guard.pass_on(signal.SIGINT)
+        if guard.process is None:
+            return 'the speed node has just ended by itself'
+        while guard.runs and not self._hurry:
+            with contextlib.suppress(OSError, HuntError):
+                meanwhile()
+            time.sleep(0.02)
+        if guard.runs:
+            guard.pass_on(signal.SIGKILL)
+            guard.wait(_GRACE_S[signal.SIGKILL])
+            return 'ended at once'
+        words = self._last_line(DRIVE)
+        again = guard.failures and 'ended while starting' in words  # it never came to it
+        return '' if guard.ended() in (0, -signal.SIGKILL) and not again else words
+
+    def close(self) -> None:
+        """End every node: the guards first, for all is safe; the recorder last, it hears them."""
+        last = (SIMULATOR, _RECORDER)
+        rest = tuple(name for name in self._children if name not in (*GUARDS, *last))
+        for names in (GUARDS, rest, (SIMULATOR,), (_RECORDER,)):
+            _end([self._children.pop(name) for name in names if name in self._children])
+
+    def __enter__(self) -> Supervisor:
+        if threading.current_thread() is threading.main_thread():
+            for number in _ENDINGS:
+                ignored = signal.getsignal(number) is signal.SIG_IGN
+                if not (number == signal.SIGHUP and ignored):  # as nohup leaves it
+                    self._handlers[number] = signal.signal(number, self._on_signal)
+        return self
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        """Take every signal that ends a run as Ctrl-C is taken; a second Ctrl-C is in a hurry."""
+        now_s = time.monotonic()
+        if self._asked_s is None:
+            self._asked_s = now_s
+            raise KeyboardInterrupt
+        if number == signal.SIGINT and now_s - self._asked_s > _SAME_S:
+            self._hurry = True
+
+    def __exit__(self, *error: object) -> None:
+        self._asked_s = self._asked_s or time.monotonic()  # no signal interrupts the end
+        try:
+            self.wind_down()
+        finally:
+            self.close()
+            for number, handler in self._handlers.items():
+                signal.signal(number, handler)
+
+
+def _end(children: Sequence[_Child]) -> None:
+    """Escalate the stop signals until every process has ended."""
+    for number, grace_s in _GRACE_S.items():
+        waiting = [child for child in children if child.runs]
+        for child in waiting:
+            child.pass_on(number)
+        if number == signal.SIGINT and {child.spec.module for child in waiting} & _RECORDS:
+            grace_s = _CLOSING_S
+        deadline = time.monotonic() + grace_s
+        for child in waiting:
+            child.wait(max(0.0, deadline - time.monotonic()))
+
+
+def _in_child() -> None:
+    """Hold signals back until the node listens, and be interrupted when the parent dies."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, _HELD_BACK)
+    if sys.platform == 'linux':
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
