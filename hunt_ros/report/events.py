@@ -7,18 +7,20 @@ the sharper alarm to the run it was learnt from, and says so.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.report.figures.overview import RunEvent
-from hunt_ros.samples import NANOSECONDS, Record, known
+from hunt_ros.samples import Record
+
+if TYPE_CHECKING:
+    from hunt_ros.detection import Event
 
 
 def events_of(
     record: Record,
     normal_form: IdentifiedNormalForm | None,
-    progress: Callable[[float], None] = lambda fraction: None,
-) -> list[RunEvent]:
+) -> Sequence[Event]:
     """
     Run the detector over a record.
 
@@ -28,13 +30,11 @@ def events_of(
         With `speed`, and `lateral` or `yaw`.
     normal_form : IdentifiedNormalForm or None
         The form in force; None: the detector knows nothing of the rig.
-    progress : callable
-        Told which fraction is done.
 
     Returns
     -------
-    list of RunEvent
-        In the order of time, from the first stamp of the record.
+    sequence of Event
+        In the order of time.
     """
     from hunt_ros.detection import DetectorConfig, HuntingDetector
     from hunt_ros.detection.offline import collect, config_for, watch
@@ -44,17 +44,4 @@ def events_of(
     config, _ = config_for(record, DetectorConfig())
     if normal_form is None:
         config, _ = frequency_for(record, config)
-    events = collect(watch(record, HuntingDetector(config, normal_form), progress)).events
-    return [
-        RunEvent(
-            seconds=(event.stamp_ns - record.start_ns) / NANOSECONDS,
-            event=event.event,
-            level=event.level.label,
-            speed=known(event.speed_mps),
-            amplitude=known(event.amplitude_m),
-            growth_rate=known(event.growth_rate_per_s),
-            source=record.source,
-            cause=event.cause,
-        )
-        for event in events
-    ]
+    return collect(watch(record, HuntingDetector(config, normal_form))).events

@@ -1,5 +1,5 @@
 """
-Numbers as a paper prints them: rounded to their uncertainty, in text and in HTML.
+Numbers as a paper prints them: rounded to their uncertainty, in HTML.
 
 The uncertainty keeps two significant digits (GUM, JCGM 100:2008, 7.2.6) and the
 value ends at the same place. Rounding is decimal and half to even, so that what
@@ -9,12 +9,10 @@ is printed never depends on how a number happens to be stored in binary.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
 from decimal import ROUND_HALF_EVEN, Decimal
-from typing import Any
+from html import escape
 
-from hunt_ros.samples import NORMAL_95
+from hunt_ros.samples import NORMAL_95, Uncertain, Unknown
 
 #: Half an interval over what the deviation says, and over its other half, from which the
 #: interval is printed and not the deviation.
@@ -23,52 +21,47 @@ _LONGER, _ONE_SIDED = 1.5, 2.5
 _LARGE, _SMALL = 5, -4
 
 
-@dataclass(frozen=True)
-class Rounded:
+def shown(number: Uncertain | Unknown | float | None, scale: float = 1.0, digits: int = 4) -> str:
     """
-    A number, its uncertainty and its 95 % interval, ended at one decimal place.
+    Return a number as HTML, or 'not known' with the reason.
 
     Parameters
     ----------
-    value, std, low, high : str
-        Digits with a true minus sign; empty where not given.
-    exponent : int
-        All four are to be multiplied by ten to this power; 0 for plain numbers.
-    skewed : bool
-        Whether a deviation would mislead: the interval is printed in its place.
+    number : Uncertain, Unknown, float or None
+        One that is not finite is not known either; a whole number is a count.
+    scale : float
+        Of the unit printed; the `data` element keeps the SI value.
+    digits : int
+        Significant digits where there is no uncertainty.
     """
+    if isinstance(number, Unknown):
+        return f'<span class="unknown">{escape(str(number))}</span>'
+    value = number.value if isinstance(number, Uncertain) else number
+    if value is None or not math.isfinite(value):
+        return '<span class="unknown">not known</span>'
+    beside = ''
+    if isinstance(number, Uncertain):
+        text, _ = _of(number, scale)
+        if not math.isfinite(number.std):
+            beside = ' <span class="unknown">(uncertainty not known)</span>'
+    else:
+        text = str(value) if isinstance(value, int) else rounded(scale * value, digits=digits)[0]
+    return f'<data value="{float(value)!r}">{text}</data>{beside}'
 
-    value: str
-    std: str = ''
-    low: str = ''
-    high: str = ''
-    exponent: int = 0
-    skewed: bool = False
 
-    def text(self) -> str:
-        """Return e.g. '8.013 ± 0.042' or '(−4.20 ± 0.13) × 10^7'."""
-        return self._joined(f' × 10^{self.exponent}')
+def interval(number: Uncertain | Unknown, scale: float = 1.0) -> str:
+    """Return the 95 % interval of a number as HTML, or 'not known'; why stands at the value."""
+    text = '' if isinstance(number, Unknown) else _of(number, scale)[1]
+    return text or '<span class="unknown">not known</span>'
 
-    def html(self) -> str:
-        """Return the same for HTML."""
-        return self._joined(f' × 10<sup>{str(self.exponent).replace("-", "−")}</sup>')
 
-    def interval_html(self) -> str:
-        """Return e.g. '7.931 … 8.095', with its power of ten, for HTML; '' without one."""
-        if not self.low:
-            return ''
-        range_ = f'{self.low} … {self.high}'
-        if not self.exponent:
-            return range_
-        return f'({range_}) × 10<sup>{str(self.exponent).replace("-", "−")}</sup>'
-
-    def _joined(self, power: str) -> str:
-        both = f'{self.value} ± {self.std}' if self.std else self.value
-        if self.skewed:
-            both = f'{self.value}, {self.low} … {self.high}'
-        if not self.exponent:
-            return both
-        return f'({both}){power}' if self.std else f'{both}{power}'
+def _of(number: Uncertain, scale: float) -> tuple[str, str]:
+    ends = (scale * number.low, scale * number.high)
+    return rounded(
+        scale * number.value,
+        scale * number.std if math.isfinite(number.std) else None,
+        ends if math.isfinite(sum(ends)) else None,
+    )
 
 
 def rounded(
@@ -76,7 +69,7 @@ def rounded(
     std: float | None = None,
     interval: tuple[float, float] | None = None,
     digits: int = 4,
-) -> Rounded:
+) -> tuple[str, str]:
     """
     Round a value to two significant digits of its uncertainty.
 
@@ -90,6 +83,12 @@ def rounded(
         Its 95 % interval, printed to the same place.
     digits : int
         Significant digits of the value where there is no uncertainty.
+
+    Returns
+    -------
+    str, str
+        As HTML: '8.013 ± 0.042' or, where a deviation would mislead, '0.070, −0.260 … 0.390';
+        and the interval, '7.931 … 8.095', '' without one.
 
     Raises
     ------
@@ -108,12 +107,17 @@ def rounded(
         place = max(place, _leading(float(_at(std, place))) - 1)
     leading = max((_leading(x) for x in (value, std or 0.0) if x), default=0)
     exponent = leading if leading >= _LARGE or leading <= _SMALL else 0
-    low, high = interval if interval is not None else (None, None)
-    value_, std_, low_, high_ = (
-        '' if x is None else _digits(x, place, exponent) for x in (value, std, low, high)
-    )
-    skewed = std is not None and interval is not None and _skewed(value, std, interval)
-    return Rounded(value_, std_, low_, high_, exponent, skewed)
+    text = _digits(value, place, exponent)
+    range_ = ' … '.join(_digits(end, place, exponent) for end in interval or ())
+    if std is not None and interval is not None and _skewed(value, std, interval):
+        text = f'{text}, {range_}'
+    elif std is not None:
+        text = f'{text} ± {_digits(std, place, exponent)}'
+    if exponent:
+        power = f' × 10<sup>{str(exponent).replace("-", "−")}</sup>'
+        text = f'({text}){power}' if std is not None else f'{text}{power}'
+        range_ = f'({range_}){power}' if range_ else ''
+    return text, range_
 
 
 def _skewed(value: float, std: float, interval: tuple[float, float]) -> bool:
@@ -122,46 +126,15 @@ def _skewed(value: float, std: float, interval: tuple[float, float]) -> bool:
     return long > _LONGER * NORMAL_95 * std or long > _ONE_SIDED * short
 
 
-def measured(value: float, std: float) -> str:
-    """Return value and deviation as HTML; a deviation that is not finite is left out."""
-    if not math.isfinite(value):
-        return 'not known'
-    return rounded(value, std if math.isfinite(std) else None).html()
-
-
-def rounded_json(entry: Mapping[str, Any], scale: float = 1.0) -> Rounded:
-    """
-    Round the `{value, std, ci95}` of a result.
-
-    Parameters
-    ----------
-    entry : mapping
-        As `Uncertain.to_json` gives it; `std` and `ci95` may be None or absent.
-    scale : float
-        Of the unit printed: 1e3 prints metres as millimetres.
-    """
-    std, interval = entry.get('std'), entry.get('ci95')
-    return rounded(
-        scale * float(entry['value']),
-        None if std is None else scale * float(std),
-        None if interval is None else (scale * float(interval[0]), scale * float(interval[1])),
-    )
-
-
-def plain(value: float, digits: int = 4) -> str:
-    """Return a number without uncertainty, to so many significant digits, for text."""
-    return rounded(value, digits=digits).text()
-
-
 def _leading(value: float) -> int:
     """Power of ten of the first significant digit; 0 for zero."""
-    return Decimal(repr(abs(value))).adjusted() if value else 0
+    return Decimal(repr(float(abs(value)))).adjusted() if value else 0
 
 
 def _at(value: float, place: int) -> Decimal:
     """`value` rounded at a decimal place given as a power of ten."""
     unit = Decimal(1).scaleb(place)
-    return (Decimal(repr(value)) / unit).quantize(Decimal(1), ROUND_HALF_EVEN) * unit
+    return (Decimal(repr(float(value))) / unit).quantize(Decimal(1), ROUND_HALF_EVEN) * unit
 
 
 def _digits(value: float, place: int, exponent: int) -> str:

@@ -15,7 +15,6 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.analysis.lyapunov import LyapunovExponent, largest_lyapunov_exponent
 from hunt_ros.analysis.phase_portrait import PhasePortrait, phase_portrait
 from hunt_ros.analysis.poincare import PoincareSection, own_section, poincare_section
 from hunt_ros.analysis.spectrum import Spectrum, power_spectrum
@@ -27,8 +26,6 @@ _Result = TypeVar('_Result')
 
 #: Spread of a section of one point from which the noise about it is told.
 _NOISY = 0.1
-#: Rate at which neighbours are followed, Hz: enough for hunting and the roughness line.
-_LYAPUNOV_HZ = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +45,6 @@ class Response:
         Displacement and velocity.
     section : PoincareSection or None
         Once a revolution of the roller, or once a cycle where there is none.
-    lyapunov : LyapunovExponent or None
-        The largest one; its curve also where there is no exponent.
     unknown : mapping of str to str
         Panel -> why it is not known.
     """
@@ -60,7 +55,6 @@ class Response:
     spectrum: Spectrum | None
     portrait: PhasePortrait | None
     section: PoincareSection | None
-    lyapunov: LyapunovExponent | None
     unknown: Mapping[str, str]
 
     @property
@@ -117,7 +111,7 @@ def response_of(record: Record, speed: float, diameter: float | None = None) -> 
     even = tried('time history', lambda: uniform(record['lateral']))
     if even is None:
         nothing = np.zeros(0)
-        return Response(speed, nothing, nothing, None, None, None, None, unknown)
+        return Response(speed, nothing, nothing, None, None, None, unknown)
     stamps, lateral = even
     rate = NANOSECONDS / float(np.median(np.diff(stamps)))
     angle = on_stamps(record['roller'], stamps) if 'roller' in record else None
@@ -136,14 +130,6 @@ def response_of(record: Record, speed: float, diameter: float | None = None) -> 
         known = yaw is not None and bool(np.isfinite(yaw).all()) and float(np.ptp(yaw)) > 0.0
         return own_section(lateral, rate, yaw if known else None)
 
-    def lyapunov() -> LyapunovExponent:
-        """Compute the exponent from fewer samples: the hunting is slow."""
-        step = max(round(rate / _LYAPUNOV_HZ), 1)
-        found = largest_lyapunov_exponent(lateral[::step], rate / step)
-        if found.exponent is None:
-            unknown['Lyapunov exponent'] = found.reason
-        return found
-
     return Response(
         speed,
         seconds,
@@ -151,7 +137,6 @@ def response_of(record: Record, speed: float, diameter: float | None = None) -> 
         tried('power spectrum', lambda: power_spectrum(lateral, rate, turning, across)),
         tried('phase portrait', lambda: phase_portrait(lateral, rate)),
         tried('section', section),
-        tried('Lyapunov exponent', lyapunov),
         unknown,
     )
 

@@ -1,19 +1,28 @@
 """
 The tables of the report, as HTML: every number rounded to its uncertainty.
 
-A number carries its unrounded value in its `data` element, under the path it has in
-the JSON document; a null is shown as 'not known' with its reason.
+A number carries its unrounded value in its `data` element; what is not known is shown
+with its reason.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from datetime import datetime, timezone
 from decimal import Decimal
 from html import escape
+from typing import TYPE_CHECKING
 
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM
-from hunt_ros.report.numbers import plain, rounded, rounded_json
-from hunt_ros.report.result import Result
+from hunt_ros.report.numbers import interval, rounded, shown
+from hunt_ros.report.response import Response
+from hunt_ros.samples import NANOSECONDS, Record, Uncertain, Unknown
+
+if TYPE_CHECKING:
+    from hunt_ros.analysis.spectrum import Line
+    from hunt_ros.detection import Event
+    from hunt_ros.identification.result import Identification
 
 _MEANING = {
     'D1': 'growth rate per detuning',
@@ -21,26 +30,6 @@ _MEANING = {
     'D7': 'growth rate, second order',
     'D10': 'cubic per detuning',
     'D15': 'quintic',
-}
-
-_FIT = {
-    'criticality': 'criticality',
-    'fit.method': 'method',
-    'fit.law': 'growth law',
-    'fit.why': 'chosen because',
-    'fit.segments': 'segments used',
-    'fit.initial_amplitudes': 'stretches with an initial amplitude of their own',
-    'fit.converged': 'fit has converged',
-    'fit.clusters': 'independent runs or blocks behind the intervals',
-    'fit.residual_rms_m': 'residual, rms (µm)',
-    'fit.lack_of_fit': 'lack of fit',
-    'fit.lack_of_fit_p': 'chance of so large a misfit were the law right',
-    'fit.condition_number': 'condition number',
-    'four_point': 'condition number of the four-point recipe',
-    'frequency_hz': 'hunting frequency, mean over the motion (Hz)',
-    'length_scale_m': 'length scale <var>d</var><sub>0</sub> (m)',
-    'time_scale_s': 'time scale 1/<var>ω</var><sub>ψ</sub> (s)',
-    'coordinate': 'coordinate of <var>r</var>',
 }
 
 #: Rows from which a table is folded at first.
@@ -78,94 +67,140 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], caption: str) ->
 
 def folded(title: str, body: str) -> str:
     """Return a table under its title; folded at first where it is long."""
-    shown = ' open' if body.count('<tr>') <= LONG_TABLE else ''
-    return f'<details{shown}><summary>{escape(title)}</summary>{body}</details>'
+    opened = ' open' if body.count('<tr>') <= LONG_TABLE else ''
+    return f'<details{opened}><summary>{escape(title)}</summary>{body}</details>'
 
 
-def number(result: Result, path: str, scale: float = 1.0, digits: int = 4) -> str:
-    """
-    Return the number at a path as HTML, or 'not known' with its reason.
-
-    Parameters
-    ----------
-    result : Result
-        What is shown.
-    path : str
-        Of a plain number or of a `{value, std, ci95}`.
-    scale : float
-        Of the unit printed; the `data` element keeps the SI value.
-    digits : int
-        Significant digits where there is no uncertainty.
-    """
-    entry = result.get(path)
-    if entry is None or (isinstance(entry, Mapping) and entry.get('value') is None):
-        return not_known(result, path)
-    if isinstance(entry, Mapping):
-        shown = rounded_json(entry, scale).html()
-        if entry.get('std') is None:
-            shown += ' (uncertainty ' + not_known(result, f'{path}.std') + ')'
-        return data(f'{path}.value', float(entry['value']), shown)
-    value = float(entry)
-    if isinstance(entry, int):
-        return data(path, value, str(entry))  # a count
-    return data(path, value, rounded(scale * value, digits=digits).html())
+def recordings(records: Sequence[Record]) -> str:
+    """Table of what was read."""
+    rows = []
+    for record in records:
+        start = datetime.fromtimestamp(record.start_ns // NANOSECONDS, timezone.utc)
+        # A simulated recording starts at stamp zero: no date.
+        dated = record.start_ns >= NANOSECONDS * 86400
+        channels = '; '.join(
+            f'{name}: {len(series)}' + (f' at {series.rate_hz:.4g} Hz' if len(series) > 1 else '')
+            for name, series in record.items()
+        )
+        notes = '; '.join(f'{key}: {text}' for key, text in record.notes.items())
+        when = f'{start:%Y-%m-%d %H:%M:%S} UTC' if dated else 'at 0 s'
+        rows.append(
+            [
+                escape(record.source or 'recording'),
+                f'<span class="together">{when}</span>',
+                f'{record.duration_s:.1f}',
+                escape(channels),
+                escape(notes),
+            ]
+        )
+    body = table(['recording', 'start', 'length (s)', 'channels', 'notes'], rows, 'What was read.')
+    return folded(f'{len(rows)} recordings', body) if len(rows) > 1 else body
 
 
-def interval(result: Result, path: str, scale: float = 1.0) -> str:
-    """Return the 95 % interval of the number at a path as HTML, or 'not known'."""
-    entry = result.get(path)
-    if not isinstance(entry, Mapping) or entry.get('value') is None:
-        return '<span class="unknown">not known</span>'  # the reason stands with the value
-    if entry.get('ci95') is None:
-        return not_known(result, f'{path}.ci95')
-    return rounded_json(entry, scale).interval_html()
-
-
-def not_known(result: Result, path: str) -> str:
-    """Return 'not known' with its reason, as HTML."""
-    return (
-        f'<span class="unknown" data-key="{escape(path)}">not known: '
-        f'{escape(result.reason(path))}</span>'
-    )
-
-
-def critical_speeds(result: Result) -> str:
+def critical_speeds(one: Identification) -> str:
     """Table of v_c, v_n and the width: from the model, as observed, and the paper's."""
-    paper = PAPER_NORMAL_FORM
-    published = {
-        'v_c': paper.critical_speed,
-        'v_n': paper.nonlinear_critical_speed,
-        'hysteresis_width': paper.hysteresis_width,
-    }
-    names = {
-        'v_c': 'linear critical speed',
-        'v_n': 'nonlinear critical speed',
-        'hysteresis_width': 'hysteresis width',
-    }
+    paper, observed = PAPER_NORMAL_FORM, one.observed
+    step = shown(_known(one, observed.step, 'observed.step_mps'), digits=2)
     rows = [
         [
-            f'{names[key]} {SYMBOLS[key]} (m/s)',
-            number(result, key),
-            interval(result, key),
-            number(result, f'observed.{key}', digits=3) + _between(result, key),
-            *([plain(value) if value is not None else ''] if _paper_rig(result) else []),
+            f'{words} {SYMBOLS[key]} (m/s)',
+            shown(one.quantity(key)),
+            interval(one.quantity(key)),
+            shown(_known(one, seen, f'observed.{key}'), digits=3) + _between(bounds),
+            *([rounded(published)[0] if published is not None else ''] if _paper_rig(one) else []),
         ]
-        for key, value in published.items()
-    ]
-    step = number(result, 'observed.step_mps', digits=2)
-    unit = '' if result.get('observed.step_mps') is None else ' m/s'
+        for key, words, seen, bounds, published in (
+            ('v_c', 'linear critical speed', observed.v_c, observed.v_c_between,
+             paper.critical_speed),
+            ('v_n', 'nonlinear critical speed', observed.v_n, observed.v_n_between,
+             paper.nonlinear_critical_speed),
+            ('hysteresis_width', 'hysteresis width', observed.hysteresis_width, (None, None),
+             paper.hysteresis_width),
+        )
+    ]  # fmt: skip
     return table(
-        ['', 'normal form', '95 % interval', 'read off the jumps', *_paper_header(result)],
+        ['', 'normal form', '95 % interval', 'read off the jumps', *_paper_header(one)],
         rows,
-        f'Critical speeds. Step of the speed at the jumps: {step}{unit}.',
+        f'Critical speeds. Step of the speed at the jumps (m/s): {step}.',
     )
 
 
-def correlations(result: Result) -> str:
+def _between(bounds: tuple[float | None, float | None]) -> str:
+    """Speeds between which an observed critical speed lies; '' where nothing bounds it."""
+    low, high = bounds
+    if low is not None and high is not None:
+        return f'<br>between {shown(low)} and {shown(high)}'
+    if low is None and high is None:
+        return ''
+    return f'<br>above {shown(low)}' if high is None else f'<br>below {shown(high)}'
+
+
+def _known(one: Identification, value: float | None, key: str) -> float | Unknown:
+    """Return a plain number, or why the entry of the JSON at `key` is null."""
+    return one.why(key) if value is None or not math.isfinite(value) else value
+
+
+def coefficients(one: Identification) -> str:
+    """Table of the coefficients with intervals, the four-point recipe, and the paper's."""
+    four = one.four_point
+    rows = [
+        [
+            f'{SYMBOLS[name]} ({_MEANING[name]})',
+            shown(one.quantity(name)),
+            interval(one.quantity(name)),
+            shown(None)
+            if four is None
+            else 'taken as known'
+            if name == 'D1'
+            else shown(getattr(four, name), digits=3),
+            *([_as_published(getattr(PAPER_NORMAL_FORM, name))] if _paper_rig(one) else []),
+        ]
+        for name in COEFFICIENTS
+    ]
+    caption = (
+        'Coefficients of the normal form, dimensionless, in the amplitude coordinate. '
+        '<var>D</var>′<sub>7</sub>, <var>D</var>′<sub>10</sub> and <var>D</var>′<sub>15</sub> '
+        'are effective: they hold for the speeds and amplitudes measured.'
+    )
+    if four is None:
+        caption += f' The four-point recipe is {shown(one.why("four_point"))}.'
+    header = ['', 'identified', '95 % interval', 'four-point recipe (3.3)', *_paper_header(one)]
+    return table(header, rows, caption)
+
+
+def _paper_rig(one: Identification) -> bool:
+    """
+    Whether the paper's values say anything of this rig.
+
+    They do where amplitude and time are measured in the paper's units, and the rig was run
+    at speeds between half of its v_n and twice its v_c.
+    """
+    paper = PAPER_NORMAL_FORM
+    for theirs, ours in (
+        (one.length_scale, paper.length_scale), (one.time_scale, paper.time_scale),
+    ):  # fmt: skip
+        if abs(theirs / ours - 1.0) > 0.02:
+            return False
+    low, high = 0.5 * (paper.nonlinear_critical_speed or 0.0), 2.0 * paper.critical_speed
+    speeds = [state.speed for state in one.steady_states]
+    return not speeds or any(low <= speed <= high for speed in speeds)
+
+
+def _paper_header(one: Identification) -> list[str]:
+    return ['paper, Eq. (33)'] if _paper_rig(one) else []
+
+
+def _as_published(value: float) -> str:
+    """Return a number with the digits it was published with."""
+    digits = len(Decimal(repr(value)).normalize().as_tuple().digits)
+    return rounded(value, digits=digits)[0]
+
+
+def correlations(one: Identification) -> str:
     """Table of the correlations of what was identified; what it is known to, together."""
-    entry = result.get('correlations')
+    entry = one.correlations()
     if entry is None:
-        return f'<p>Correlations: {not_known(result, "correlations")}.</p>'
+        return f'<p>Correlations: {shown(one.why("correlations"))}.</p>'
     names = [SYMBOLS[name] for name in entry['of']]
     rows = [
         [name, *('' if x is None else f'{x:+.2f}'.replace('-', '−') for x in row[: k + 1])]
@@ -178,125 +213,173 @@ def correlations(result: Result) -> str:
     return table(['', *names], [row + [''] * (len(names) + 1 - len(row)) for row in rows], caption)
 
 
-def _between(result: Result, key: str) -> str:
-    """Speeds between which an observed critical speed lies; '' where nothing bounds it."""
-    path = f'observed.{key}_between_mps'
-    low, high = (result.value(f'{path}.{side}') for side in (0, 1))
-    if low is None and high is None:
-        return ''
-    cells = [
-        data(f'{path}.{side}', value, rounded(value).html())
-        for side, value in enumerate((low, high))
-        if value is not None
-    ]
-    if len(cells) == 2:
-        return f'<br>between {" and ".join(cells)}'
-    return f'<br>{"below" if low is None else "above"} {cells[0]}'
+def fit_quality(one: Identification) -> str:
+    """Table of how the normal form was fitted, and how well it fits."""
+    fit, four = one.fit, one.four_point
+    because = '; '.join(fit.lack_of_fit_because) or 'the form does not describe these data'
+    cells = {
+        'criticality': one.criticality or shown(one.why('criticality')),
+        'method': escape(fit.method),
+        'growth law': escape(fit.law),
+        'chosen because': escape(fit.why),
+        'segments used': shown(fit.segments),
+        'stretches with an initial amplitude of their own': shown(fit.initial_amplitudes),
+        'fit has converged': 'yes' if fit.converged else 'no',
+        'independent runs or blocks behind the intervals': shown(fit.clusters),
+        'residual, rms (µm)': shown(
+            _known(one, fit.residual_rms, 'fit.residual_rms_m'), 1e6, digits=2
+        ),
+        'lack of fit': escape(f'yes: {because}') if fit.lack_of_fit else 'none found',
+        'chance of so large a misfit were the law right': shown(
+            _known(one, fit.lack_of_fit_p, 'fit.lack_of_fit_p'), digits=2
+        ),
+        'condition number': shown(
+            _known(one, fit.condition_number, 'fit.condition_number'), digits=2
+        ),
+        'condition number of the four-point recipe': shown(
+            one.why('four_point') if four is None else four.condition_number, digits=2
+        ),
+        'hunting frequency, mean over the motion (Hz)': shown(one.quantity('frequency_hz')),
+        'length scale <var>d</var><sub>0</sub> (m)': f'{shown(one.length_scale)}'
+        f' ({escape(one.scales_from["length"])})',
+        'time scale 1/<var>ω</var><sub>ψ</sub> (s)': f'{shown(one.time_scale)}'
+        f' ({escape(one.scales_from["time"])})',
+        'coordinate of <var>r</var>': 'amplitude',
+    }
+    return table(['', ''], list(cells.items()), 'How the form was fitted.')
 
 
-def coefficients(result: Result) -> str:
-    """Table of the coefficients with intervals, the four-point recipe, and the paper's."""
+def steady_states(one: Identification) -> str:
+    """Table of the measured steady amplitudes: the hunting component, and the paper's."""
     rows = [
         [
-            f'{SYMBOLS[name]} ({_MEANING[name]})',
-            number(result, f'coefficients.{name}'),
-            interval(result, f'coefficients.{name}'),
-            _four_point(result, name),
-            *([_as_published(getattr(PAPER_NORMAL_FORM, name))] if _paper_rig(result) else []),
+            f'{state.speed:.3f}',
+            state.direction,
+            shown(Uncertain(state.amplitude, state.amplitude_std), 1e3),
+            shown(Uncertain(state.maxima, state.maxima_std), 1e3),
+            str(state.cycles),
+            escape(state.source),
         ]
-        for name in COEFFICIENTS
+        for state in sorted(one.steady_states, key=lambda state: state.speed)
     ]
+    header = [
+        'speed (m/s)', 'speed was', 'hunting component (mm)', 'mean of the maxima (mm)', 'cycles',
+        'recording',
+    ]  # fmt: skip
     caption = (
-        'Coefficients of the normal form, dimensionless, in the amplitude coordinate. '
-        '<var>D</var>′<sub>7</sub>, <var>D</var>′<sub>10</sub> and <var>D</var>′<sub>15</sub> '
-        'are effective: they hold for the speeds and amplitudes measured.'
+        'Steady amplitudes as measured, with the standard deviation of the mean: of the hunting '
+        'component alone, and as the paper takes them (Sect. 2.4), roughness and noise included.'
     )
-    if result.get('four_point') is None:
-        caption += f' The four-point recipe is {not_known(result, "four_point")}.'
-    header = ['', 'identified', '95 % interval', 'four-point recipe (3.3)', *_paper_header(result)]
     return table(header, rows, caption)
 
 
-def _paper_rig(result: Result) -> bool:
-    """
-    Whether the paper's values say anything of this rig.
+def branches(one: Identification, count: int = 16) -> str:
+    """Table of the branches of the model, thinned evenly to at most about `count` speeds."""
+    stride = max(1, -(-len(one.branches) // count))
+    rows = [
+        [
+            f'{point.speed:.3f}',
+            *(
+                shown(found or one.why(f'branches.{name}_amplitude_m'), 1e3)
+                for name, found in (('unstable', point.unstable), ('stable', point.stable))
+            ),
+        ]
+        for point in one.branches[::stride]
+    ]
+    header = ['speed (m/s)', 'unstable amplitude (mm)', 'stable amplitude (mm)']
+    return table(header, rows, 'Branches of the identified normal form.')
 
-    They do where amplitude and time are measured in the paper's units, and the rig was run
-    at speeds between half of its v_n and twice its v_c.
-    """
-    scales = (
-        ('length_scale_m', PAPER_NORMAL_FORM.length_scale),
-        ('time_scale_s', PAPER_NORMAL_FORM.time_scale),
+
+def segments(one: Identification) -> str:
+    """Table of the stretches of the recordings: what each was used for, or why it was not."""
+    rows = [
+        [
+            segment.kind,
+            escape(segment.source),
+            f'{(segment.end_ns - segment.start_ns) / NANOSECONDS:.1f}',
+            f'{segment.speed_start:.2f} … {segment.speed_end:.2f}',
+            shown(Uncertain(segment.growth_rate, segment.growth_rate_std))
+            if math.isfinite(segment.growth_rate)
+            else '',
+            'used' if segment.used else '<b>dropped</b>',
+            escape(segment.reason),
+        ]
+        for segment in one.segments
+    ]
+    header = [
+        'stretch', 'recording', 'length (s)', 'speed (m/s)', 'growth rate (1/s)', '',
+        'what for, or why not',
+    ]  # fmt: skip
+    return table(header, rows, 'What was found in the recordings.') if rows else ''
+
+
+def events(seen: Mapping[str, Sequence[Event]], records: Sequence[Record]) -> str:
+    """Table of the events of the runs, in the order of time."""
+    rows = [
+        [
+            escape(record.source),
+            f'{(event.stamp_ns - record.start_ns) / NANOSECONDS:.2f}',
+            escape(f'{event.event} {event.cause}'.replace('_', ' ').strip()),
+            shown(event.speed_mps, digits=3),
+            shown(event.amplitude_m, 1e3, digits=3),
+            shown(event.growth_rate_per_s, digits=3),
+            f'<span class="level-{event.level.label}">{event.level.label}</span>',
+        ]
+        for record in records
+        for event in seen.get(record.source, ())
+    ]
+    if not rows:
+        return '<p>The detector reported none.</p>'
+    header = [
+        'recording', 'time (s)', 'event', 'speed (m/s)', 'amplitude (mm)', 'growth rate (1/s)',
+        'level',
+    ]  # fmt: skip
+    caption = (
+        'Events of the detector when it is given this normal form; time from the start of the '
+        'recording.'
     )
-    for key, ours in scales:
-        theirs = result.value(key)
-        if theirs is not None and abs(theirs / ours - 1.0) > 0.02:
-            return False
-    low = 0.5 * (PAPER_NORMAL_FORM.nonlinear_critical_speed or 0.0)
-    high = 2.0 * PAPER_NORMAL_FORM.critical_speed
-    speeds = [float(state['speed_mps']) for state in result.steady_states()]
-    return not speeds or any(low <= speed <= high for speed in speeds)
+    body = table(header, rows, caption)
+    return folded(f'{len(rows)} events', body) if len(rows) > LONG_TABLE else body
 
 
-def _paper_header(result: Result) -> list[str]:
-    return ['paper, Eq. (33)'] if _paper_rig(result) else []
+def responses(panels: Mapping[str, Response]) -> str:
+    """Table of what the panels of Fig. 5 say, by letter."""
+    rows = []
+    for letter, response in panels.items():
+        hunting, roughness = (
+            None if response.spectrum is None else response.spectrum.line(name)
+            for name in ('hunting', 'roughness')
+        )
+        head = f'({letter}) {response.speed:.2f} m/s'
+        rows.append([head, _line(hunting), _line(roughness), escape(response.kind)])
+    header = ['', 'hunting line', 'roughness line', 'Poincaré section']
+    return table(header, rows, 'Lines of the spectrum, with their amplitudes; sections.')
 
 
-def _as_published(value: float) -> str:
-    """Return a number with the digits it was published with."""
-    digits = len(Decimal(repr(value)).normalize().as_tuple().digits)
-    return rounded(value, digits=digits).html()
+def _line(line: Line | None) -> str:
+    if line is None:
+        return 'none stands out'
+    std = line.frequency_std if math.isfinite(line.frequency_std) else None
+    return (
+        f'{rounded(line.frequency_hz, std)[0]} Hz, {rounded(1e3 * line.amplitude, digits=3)[0]} mm'
+    )
 
 
-def _four_point(result: Result, name: str) -> str:
-    if result.get('four_point') is None:
-        return '<span class="unknown">not known</span>'  # the reason stands in the caption
-    return 'taken as known' if name == 'D1' else number(result, f'four_point.{name}', digits=3)
+def warnings(one: Identification) -> str:
+    """Return the warnings as a list."""
+    items = ''.join(f'<li>{escape(line)}</li>' for line in one.notices)
+    return f'<ul class="warnings">{items}</ul>' if items else '<p>None.</p>'
 
 
-def fit_quality(result: Result) -> str:
-    """Table of how the normal form was fitted, and how well it fits; older keys may be absent."""
-    lack = result.get('fit.lack_of_fit')
-    because = result.get('fit.lack_of_fit_because') or ['the form does not describe these data']
-    verdict = {True: escape(f'yes: {"; ".join(because)}'), False: 'none found'}
-    shown = {
-        'criticality': _word(result, 'criticality'),
-        'fit.method': _word(result, 'fit.method'),
-        'fit.law': _word(result, 'fit.law'),
-        'fit.why': _word(result, 'fit.why'),
-        'fit.segments': number(result, 'fit.segments'),
-        'fit.initial_amplitudes': number(result, 'fit.initial_amplitudes'),
-        'fit.converged': {True: 'yes', False: 'no'}.get(result.get('fit.converged'), ''),
-        'fit.clusters': number(result, 'fit.clusters'),
-        'fit.residual_rms_m': number(result, 'fit.residual_rms_m', 1e6, 2),
-        'fit.lack_of_fit': not_known(result, 'fit.lack_of_fit')
-        if lack is None
-        else verdict[bool(lack)],
-        'fit.lack_of_fit_p': number(result, 'fit.lack_of_fit_p', digits=2),
-        'fit.condition_number': number(result, 'fit.condition_number', digits=2),
-        'four_point': not_known(result, 'four_point')
-        if result.get('four_point') is None
-        else number(result, 'four_point.condition_number', digits=2),
-        'frequency_hz': number(result, 'frequency_hz'),
-        'length_scale_m': number(result, 'length_scale_m') + _from(result, 'length'),
-        'time_scale_s': number(result, 'time_scale_s') + _from(result, 'time'),
-        'coordinate': _word(result, 'coordinate'),
-    }
-    rows = [[_FIT[path], cell] for path, cell in shown.items() if result.has(path) and cell]
-    return table(['', ''], rows, 'How the form was fitted.')
-
-
-def _from(result: Result, scale: str) -> str:
-    """Where a scale comes from, in brackets; '' where the document does not say."""
-    source = result.get(f'scales_from.{scale}')
-    return '' if source is None else f' ({escape(str(source))})'
-
-
-def _word(result: Result, path: str) -> str:
-    entry = result.get(path)
-    return not_known(result, path) if entry is None else escape(str(entry))
-
-
-def data(path: str, value: float, shown: str) -> str:
-    """Return a number as it is shown, with its SI value and its path in the document."""
-    return f'<data value="{value!r}" data-key="{escape(path)}">{shown}</data>'
+def unknowns(one: Identification) -> str:
+    """List the keys of the JSON that are null, by the reason for it."""
+    groups: dict[str, list[str]] = {}
+    for key, reason in one.unknown.items():
+        groups.setdefault(reason, []).append(f'<code>{escape(key)}</code>')
+    items = ''.join(
+        f'<li>not known: {", ".join(keys)}<br><span class="reason">{escape(reason)}</span></li>'
+        for reason, keys in groups.items()
+    )
+    if not items:
+        return '<p>Nothing: every quantity of the result is known.</p>'
+    return f'<ul class="unknowns">{items}</ul>'

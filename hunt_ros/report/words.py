@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from html import escape
+from typing import TYPE_CHECKING
 
-from hunt_ros.report.numbers import rounded_json
-from hunt_ros.report.result import Result
-from hunt_ros.report.tables import SYMBOLS, folded, not_known, number, table
-from hunt_ros.samples import NANOSECONDS, Record
+from hunt_ros.report.numbers import shown
+from hunt_ros.report.tables import SYMBOLS
+from hunt_ros.samples import Unknown
+
+if TYPE_CHECKING:
+    from hunt_ros.identification.result import Identification
 
 EQUATION = (
     '<p class="equation">d<var>r</var>/d<var>t</var>* = '
@@ -22,89 +24,52 @@ EQUATION = (
 )
 
 
-def lead(result: Result) -> str:
+def lead(one: Identification) -> str:
     """Return the result in a few sentences of HTML, with what is not known said as such."""
-    v_c, v_n = (_speed(result, key) for key in ('v_c', 'v_n'))
-    width = _speed(result, 'hysteresis_width')
-    criticality = result.get('criticality')
-    if criticality is None:
-        first = f'The kind of bifurcation is {not_known(result, "criticality")}.'
+    if one.criticality is None:
+        first = f'The kind of bifurcation is {shown(one.why("criticality"))}.'
     else:
-        first = f'The Hopf bifurcation is <b>{escape(str(criticality))}</b>.'
-    sentences = [first]
-    if result.value('v_c') is None:
+        first = f'The Hopf bifurcation is <b>{one.criticality}</b>.'
+    sentences = [seen(one), first]
+    v_c, v_n, width = (_speed(one, key) for key in ('v_c', 'v_n', 'hysteresis_width'))
+    if one.v_c is None:
         sentences.append(f'The linear critical speed {SYMBOLS["v_c"]} is {v_c}.')
     else:
         sentences.append(f'The quiet wheelset loses its stability at {SYMBOLS["v_c"]} = {v_c}.')
-    if criticality == 'supercritical':
+    if one.criticality == 'supercritical':
         sentences.append('Its amplitude grows from zero there, without hysteresis.')
-    elif result.value('v_n') is None:
+    elif one.v_n is None:
         sentences.append(f'Down to which speed hunting persists is {v_n}.')
     else:
         sentences.append(
             f'Hunting that has begun persists down to {SYMBOLS["v_n"]} = {v_n}; '
             f'between the two, over {width}, a disturbance decides which of both is seen.'
         )
-    if result.get('fit.lack_of_fit'):
+    if one.fit.lack_of_fit:
         sentences.append(
             '<b>The normal form does not fit these data</b> (lack of fit): '
             'its fold and branches are not to be relied on.'
         )
-    if result.notices:
-        count = len(result.notices)
+    if count := len(one.notices):
         verb = 'is a warning' if count == 1 else f'are {count} warnings'
         sentences.append(f'There {verb} <a href="#warnings">below</a>.')
     return f'<p>{" ".join(sentences)}</p>'
 
 
-def _speed(result: Result, path: str) -> str:
-    entry = result.get(path)
-    if not isinstance(entry, dict) or entry.get('value') is None:
+def seen(one: Identification) -> str:
+    """Return what was seen without any model, a line each; '' where that is nothing."""
+    lines = one.bracket.lines()
+    return ''.join(f'{escape(line[:1].upper() + line[1:])}.<br>' for line in lines)
+
+
+def _speed(one: Identification, name: str) -> str:
+    speed = one.quantity(name)
+    if isinstance(speed, Unknown):
         return '<a class="unknown" href="#unknown">not known</a>'
-    return f'<b>{rounded_json(entry).html()} m/s</b>'
+    return f'<b>{shown(speed)} m/s</b>'
 
 
-def disturbance(result: Result) -> str:
+def disturbance(one: Identification) -> str:
     """Return the disturbance from the width of the hysteresis as a sentence."""
-    unit = '' if result.get('disturbance_m') is None else ' mm'
-    shown = number(result, 'disturbance_m', 1e3)
-    return f'<p>Disturbance from the width of the hysteresis (Appendix A): {shown}{unit}.</p>'
-
-
-def recording(record: Record) -> list[str]:
-    """Return the cells of a recording for the table: name, start, length, channels, notes."""
-    from datetime import datetime, timezone
-
-    start = datetime.fromtimestamp(record.start_ns // NANOSECONDS, timezone.utc)
-    # A simulated recording starts at stamp zero: no date.
-    dated = f'{start:%Y-%m-%d %H:%M:%S} UTC' if record.start_ns >= 10**9 * 86400 else 'at 0 s'
-    channels = '; '.join(
-        f'{name}: {len(series)} at {series.rate_hz:.4g} Hz'
-        if len(series) > 1
-        else f'{name}: {len(series)}'
-        for name, series in record.items()
-    )
-    notes = '; '.join(f'{key}: {text}' for key, text in record.notes.items())
-    return [
-        escape(record.source or 'recording'),
-        f'<span class="together">{dated}</span>',
-        f'{record.duration_s:.1f}',
-        escape(channels),
-        escape(notes),
-    ]
-
-
-def recordings(records: Sequence[Record]) -> str:
-    """Return the table of what was read."""
-    header = ['recording', 'start', 'length (s)', 'channels', 'notes']
-    body = table(header, [recording(record) for record in records], 'What was read.')
-    count = len(records)
-    return folded(f'{count} recordings', body) if count > 1 else body
-
-
-def warnings(result: Result) -> str:
-    """Return the warnings as a list."""
-    if not result.notices:
-        return '<p>None.</p>'
-    items = ''.join(f'<li>{escape(line)}</li>' for line in result.notices)
-    return f'<ul class="warnings">{items}</ul>'
+    size = shown(one.quantity('disturbance'), 1e3)
+    return f'<p>Disturbance from the width of the hysteresis (Appendix A), mm: {size}.</p>'

@@ -1,169 +1,263 @@
 """
-One bifurcation diagram of several models: normal forms, full-model branches, measured points.
+The figures of one identification: what was measured, and the normal form over it.
 
-Each model has one colour; stable is solid and unstable dashed, as in the paper's Figs. 4, 9
-and 10. The figures of a report have modules of their own; this one compares models.
+Fig. 6 is the loop as measured, without any model. Fig. 9 is the identified form alone,
+without dimensions. Fig. 10 sets it against what was measured, with the bands in which the
+branches lie with 95 % probability.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hunt_ros.dynamics.limit_cycle import Branch
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.report.figures import style
-from hunt_ros.report.figures.branch_lines import branch_points
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-Array = NDArray[np.float64]
-
-_MODEL_COLOURS = tuple(
-    style.COLOURS[role][0] for role in ('ink', 'stable', 'unstable', 'up', 'down', 'roughness')
+from hunt_ros.report.figures.diagram import (
+    bands_of_branches,
+    bands_of_draws,
+    bifurcation_diagram,
+    draw_branches,
+    draw_states,
+    form_curve,
 )
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
-@dataclass(frozen=True, eq=False)
-class Curve:
-    """
-    Steady amplitudes of one model.
-
-    Parameters
-    ----------
-    label : str
-        For the legend.
-    speed, unstable, stable : ndarray, shape (n,)
-        m/s and m; NaN where there is no branch.
-    band : tuple of ndarray, optional
-        speed (m/s), lower and upper edge (m) of a region to shade.
-    """
-
-    label: str
-    speed: Array
-    unstable: Array
-    stable: Array
-    band: tuple[Array, Array, Array] | None = None
+    from hunt_ros.identification.result import Identification
+    from hunt_ros.samples import Uncertain
 
 
-@dataclass(frozen=True, eq=False)
-class Points:
-    """
-    Measured steady amplitudes of one direction of the speed.
-
-    Parameters
-    ----------
-    direction : 'up', 'down' or 'hold'
-        Gives marker and legend.
-    speed, amplitude : ndarray, shape (n,)
-        m/s and m.
-    std : ndarray, shape (n,), optional
-        Standard deviation of the amplitude, m: drawn as an error bar.
-    """
-
-    direction: str
-    speed: Array
-    amplitude: Array
-    std: Array | None = None
-
-
-def form_curve(form: NormalForm, low: float, high: float, label: str) -> Curve:
-    """Steady states of a normal form between two speeds, m/s."""
-    return Curve(label, *branch_points(form, low, high))
-
-
-def branch_curve(branch: Branch, label: str) -> Curve:
-    """Limit cycles of the full model, as `limit_cycles` followed them."""
-    stable = branch.stable
-    # A cycle at the change belongs to both, so that the line is not broken there.
-    joined = stable | np.append(stable[1:], False)
-    return Curve(
-        label,
-        branch.speed,
-        np.where(~stable, branch.amplitude, np.nan),
-        np.where(joined, branch.amplitude, np.nan),
-    )
-
-
-def bifurcation_diagram(
-    curves: Sequence[Curve],
-    low: float,
-    high: float,
-    points: Sequence[Points] = (),
-    critical_speed: float | None = None,
-    highest: float | None = None,
+def hysteresis_loop(
+    one: Identification, marks: Mapping[str, tuple[float, float]] | None = None
 ) -> Figure:
     """
-    Draw models and measurements into one picture.
+    Draw the steady amplitudes as measured, speed up and speed down.
+
+    No model stands in this figure: the two critical speeds are those read off the jumps.
 
     Parameters
     ----------
-    curves : sequence of Curve
-        The first is drawn on top; up to six have colours of their own.
-    low, high : float
-        Speeds shown, m/s.
-    points : sequence of Points
-        Measurements.
-    critical_speed : float, optional
-        v_c, m/s: the quiet state is drawn stable below and unstable above it.
-    highest : float, optional
-        Largest amplitude shown, m; default: what is drawn, and a little more.
+    one : Identification
+        Its `steady_states`, `observed` and `bracket` are shown.
+    marks : mapping of str to (speed, amplitude), optional
+        Letters to put beside points, m/s and m: the panels of Fig. 5.
+
+    Returns
+    -------
+    Figure
+        One column wide.
+
+    References
+    ----------
+    The paper, Fig. 6 and Sect. 2.4.
+    """
+    with style.journal_style():
+        figure = style.new_figure()
+        axes = figure.subplots()
+        style.frame(axes, style.SPEED_LABEL, style.AMPLITUDE_LABEL)
+        draw_states(axes, one.steady_states, joined=True)
+        _maxima(axes, one)
+        _seen_without_model(axes, one)
+        axes.margins(x=0.06)
+        # Room above the loop for the names of the critical speeds.
+        top = 1.3 * axes.get_ylim()[1]
+        # A quiet state is a whole marker, not half of one on the axis.
+        axes.set_ylim(-0.03 * top, top)
+        _observed_speeds(axes, one)
+        for letter, (speed, amplitude) in (marks or {}).items():
+            axes.annotate(
+                f'({letter})',
+                (speed, style.MILLIMETRES * amplitude),
+                xytext=(0, 5),
+                textcoords='offset points',
+                ha='center',
+                color=style.INK,
+            )
+        if axes.get_legend_handles_labels()[0]:
+            style.legend_above(axes, columns=2)
+        return figure
+
+
+def normal_form_alone(form: NormalForm) -> Figure:
+    """
+    Draw r against the detuning, with the Hopf point and the saddle-node.
+
+    Parameters
+    ----------
+    form : NormalForm
+        In the amplitude coordinate.
+
+    Returns
+    -------
+    Figure
+        One column wide.
+
+    References
+    ----------
+    The paper, Fig. 9, Eqs. (26) to (28).
+    """
+    with style.journal_style():
+        figure = style.new_figure()
+        axes = figure.subplots()
+        style.frame(axes, r'Detuning $\epsilon = v/v_c - 1$', r'Amplitude $r$')
+        v_c, fold = form.critical_speed, form.saddle_node()
+        below = v_c - fold[0] if fold else 0.15 * v_c
+        low, high = v_c - 1.3 * below, v_c + 0.7 * below
+        draw_branches(axes, [form_curve(form, low, high).scaled(form)], scale=1.0)
+        axes.set_xlim(*np.asarray(form.detuning([low, high])))
+        points = [('Hopf point', 0.0, 0.0, (4, 5))]
+        if fold:
+            eps, r = float(form.detuning(fold[0])), 0.5 * fold[1] / form.length_scale
+            points.append(('saddle-node', eps, r, (7, -2)))
+        for words, x, y, offset in points:
+            axes.plot([x], [y], 'o', color=style.INK, zorder=4)
+            axes.annotate(words, (x, y), xytext=offset, textcoords='offset points', fontsize=6.5)
+        style.legend_above(axes)
+        return figure
+
+
+def identified_diagram(one: Identification) -> Figure:
+    """
+    Draw the branches of the identified form with their bands over the measured points.
+
+    Parameters
+    ----------
+    one : Identification
+        Without a normal form only what was measured is drawn.
 
     Returns
     -------
     Figure
         One page wide.
+
+    References
+    ----------
+    The paper, Fig. 10.
     """
-    mm = style.MILLIMETRES
+    if one.normal_form is None:
+        return hysteresis_loop(one)
+    form, states = one.normal_form.form, one.steady_states
+    speeds = [state.speed for state in states]
+    v_c, v_n = form.critical_speed, form.nonlinear_critical_speed
+    first = v_n if v_n is not None else v_c
+    low = min([*speeds, first - 0.05 * v_c]) - 0.01 * v_c
+    high = max([*speeds, v_c + 0.05 * v_c]) + 0.01 * v_c
+    shaded = bands_of_branches(one.branches) or bands_of_draws(one.normal_form, low, high)
+    highest = max(
+        [state.amplitude for state in states]
+        + [float(np.nanmax(form.stable_amplitude(np.linspace(v_c, high))))]
+    )
+    figure = bifurcation_diagram(
+        [form_curve(form, low, high, bands=shaded)],
+        low,
+        high,
+        {'': states},
+        highest=1.15 * highest if math.isfinite(highest) else None,
+        columns=5,
+    )
     with style.journal_style():
-        figure = style.new_figure(style.PAGE, 0.5 * style.PAGE)
-        axes = figure.subplots()
-        style.frame(axes, style.SPEED_LABEL, style.AMPLITUDE_LABEL)
-        for place, curve in enumerate(curves):
-            colour = _MODEL_COLOURS[place % len(_MODEL_COLOURS)]
-            order = 3.0 - 0.1 * place
-            if curve.band is not None:
-                speed, lower, upper = curve.band
-                axes.fill_between(
-                    speed, mm * lower, mm * upper, color=colour, alpha=0.18, linewidth=0
-                )
+        _seen_without_model(figure.axes[0], one)
+        for name, speed in (('v_n', one.v_n), ('v_c', one.v_c)):
+            if speed is not None:
+                _critical_speed(figure.axes[0], name, speed)
+    return figure
+
+
+def _critical_speed(axes: Axes, name: str, speed: Uncertain) -> None:
+    """Mark a critical speed of the form, with its 95 % interval as a bar at the bottom."""
+    axes.axvline(speed.value, color=style.MUTED, linewidth=0.5, linestyle=':', zorder=0)
+    axes.annotate(
+        f'${name}$',
+        (speed.value, 1.0),
+        xycoords=('data', 'axes fraction'),
+        xytext=(2, -1),
+        textcoords='offset points',
+        va='top',
+        color=style.MUTED,
+    )
+    if math.isfinite(speed.low + speed.high):
+        left, right = axes.get_xlim()
+        axes.plot(
+            [max(speed.low, left), min(speed.high, right)],
+            [axes.get_ylim()[0]] * 2,
+            color=style.INK,
+            linewidth=2.5,
+            solid_capstyle='butt',
+            clip_on=False,
+        )
+        axes.set_xlim(left, right)
+
+
+def _maxima(axes: Axes, one: Identification) -> None:
+    """Plot the paper's amplitude, pale behind the hunting component's."""
+    label: str | None = 'mean of the maxima'
+    for direction, (marker, colour, _) in style.DIRECTIONS.items():
+        known = [
+            (state.speed, style.MILLIMETRES * state.maxima)
+            for state in one.steady_states
+            if state.direction == direction and math.isfinite(state.maxima)
+        ]
+        if known:
             axes.plot(
-                curve.speed, mm * curve.stable, color=colour, label=curve.label, zorder=order
-            )
-            axes.plot(curve.speed, mm * curve.unstable, color=colour, linestyle='--', zorder=order)
-        for group in points:
-            marker, colour, label = style.DIRECTIONS[group.direction]
-            std = None if group.std is None else mm * group.std
-            axes.errorbar(
-                group.speed,
-                mm * group.amplitude,
-                yerr=std,
-                fmt=marker,
-                color=colour,
-                markerfacecolor='none',
-                label=label,
-                zorder=4,
-            )
-        if critical_speed is not None:
-            axes.plot([low, critical_speed], [0.0, 0.0], color=style.MUTED)
-            axes.plot([critical_speed, high], [0.0, 0.0], color=style.MUTED, linestyle='--')
-        axes.set_xlim(low, high)
-        top = mm * highest if highest else _top(curves, points, low, high)
-        axes.set_ylim(-0.03 * top, top)
-        style.legend_above(axes, columns=3)
-        return figure
+                *zip(*known, strict=True), marker, color=colour, markerfacecolor='none',
+                markeredgewidth=0.6, markersize=2.6, alpha=0.45, zorder=2, label=label,
+            )  # fmt: skip
+            label = None
 
 
-def _top(curves: Sequence[Curve], points: Sequence[Points], low: float, high: float) -> float:
-    """Upper end of the amplitude axis, mm."""
-    values = [np.zeros(1)] + [group.amplitude for group in points]
-    for curve in curves:
-        shown = (curve.speed >= low) & (curve.speed <= high)
-        values += [curve.stable[shown], curve.unstable[shown]]
-    largest = float(np.nanmax(np.concatenate(values)))
-    return 1.12 * style.MILLIMETRES * largest if largest > 0.0 else 1.0
+def _seen_without_model(axes: Axes, one: Identification) -> None:
+    """Mark kicks that died, kicks that stayed, and the bounds of v_n that follow."""
+    for kind, marker, label in (('died', 'v', 'kick that died'), ('stayed', '^', 'that stayed')):
+        kicks = [
+            (event.speed, style.MILLIMETRES * event.kick)
+            for event in one.bracket.events
+            if event.kind == kind and math.isfinite(event.kick)
+        ]
+        if kicks:
+            axes.plot(
+                *zip(*kicks, strict=True), marker, color=style.MUTED, mfc='none', label=label
+            )
+    low, high = one.bracket.v_n
+    if one.bracket.coexistence and low is not None and high is not None:
+        axes.axvspan(low, high, color=style.MUTED, alpha=0.12, lw=0, zorder=0)
+
+
+def _observed_speeds(axes: Axes, one: Identification) -> None:
+    """Mark the critical speeds as read off the jumps, with half a speed step either side."""
+    step = one.observed.step or 0.0
+    seen = {'v_n': one.observed.v_n, 'v_c': one.observed.v_c}
+    known = [speed for speed in seen.values() if speed is not None]
+    left, right = axes.get_xlim()
+    # Names beside each other, turned outwards where they would meet.
+    crowded = len(known) == 2 and abs(known[1] - known[0]) < 0.35 * (right - left)
+    sides = {'v_n': 'right', 'v_c': 'left'} if crowded else dict.fromkeys(seen, 'center')
+    for key, speed in seen.items():
+        if speed is None:
+            continue
+        # A name at the edge would lie on the numbers of the axis.
+        if speed < left + 0.15 * (right - left):
+            sides[key] = 'left'
+        elif speed > right - 0.15 * (right - left):
+            sides[key] = 'right'
+        if step:
+            axes.axvspan(speed - step / 2, speed + step / 2, color=style.GRID, lw=0, zorder=0)
+        axes.axvline(speed, color=style.MUTED, linewidth=0.6, linestyle=(0, (4, 2)), zorder=1)
+        axes.annotate(
+            f'${key}$ observed\n{speed:.2f} m/s',
+            (speed, 1.0),
+            xycoords=('data', 'axes fraction'),
+            xytext=(0, -1),
+            textcoords='offset points',
+            ha=sides[key],
+            va='top',
+            fontsize=6.5,
+            color=style.MUTED,
+            backgroundcolor=style.PAPER,
+        )
+    axes.set_xlim(left, right)

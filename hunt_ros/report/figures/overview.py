@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +14,8 @@ from hunt_ros.samples import NANOSECONDS, Record
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from hunt_ros.detection import Event
 
 #: Points of a curve: more than a printed line can show are left out by taking extremes.
 _POINTS = 1500
@@ -29,39 +30,10 @@ _MARKED = {
 }
 
 
-@dataclass(frozen=True)
-class RunEvent:
-    """
-    An event of a run, for the figure and the table.
-
-    Parameters
-    ----------
-    seconds : float
-        Since the first stamp of the recording.
-    event, level : str
-        Words of the JSON of `hunt replay`.
-    speed, amplitude, growth_rate : float or None
-        m/s, m, 1/s; None where not known.
-    source : str
-        Recording it belongs to.
-    cause : str
-        Why, as a sentence.
-    """
-
-    seconds: float
-    event: str
-    level: str
-    speed: float | None
-    amplitude: float | None
-    growth_rate: float | None
-    source: str = ''
-    cause: str = ''
-
-
 def run_overview(
     record: Record,
     amplitude: tuple[NDArray[np.float64], NDArray[np.float64]],
-    events: Sequence[RunEvent] = (),
+    events: Sequence[Event] = (),
     critical_speeds: tuple[float | None, float | None] = (None, None),
 ) -> Figure:
     """
@@ -73,7 +45,7 @@ def run_overview(
         Its speed is shown.
     amplitude : (time, amplitude)
         Of the hunting component: seconds since the first stamp of the record, and m.
-    events : sequence of RunEvent
+    events : sequence of Event
         Of this record.
     critical_speeds : (v_n, v_c)
         Of the identified form, m/s; None where not known.
@@ -103,7 +75,7 @@ def run_overview(
                 )
         time, values = thinned(*amplitude)
         below.plot(time, style.MILLIMETRES * values, color=style.STABLE, linewidth=0.9)
-        _mark_events(below, events)
+        _mark_events(below, events, record.start_ns)
         style.frame(above, '', r'Speed $v$ (m/s)')
         style.frame(below, 'Time (s)', 'Hunting\namplitude (mm)')
         below.set_xlim(0.0, max((record.end_ns - record.start_ns) / NANOSECONDS, 1e-3))
@@ -112,14 +84,14 @@ def run_overview(
         return figure
 
 
-def _mark_events(axes: Axes, events: Sequence[RunEvent]) -> None:
+def _mark_events(axes: Axes, events: Sequence[Event], start_ns: int) -> None:
     """Mark the events at their amplitude; each kind once in the legend."""
     for kind, marker in _MARKED.items():
         chosen = [one for one in events if one.event == kind]
         if chosen:
             axes.plot(
-                [one.seconds for one in chosen],
-                [style.MILLIMETRES * (one.amplitude or 0.0) for one in chosen],
+                [(one.stamp_ns - start_ns) / NANOSECONDS for one in chosen],
+                style.MILLIMETRES * np.nan_to_num([one.amplitude_m for one in chosen]),
                 marker,
                 color=style.UNSTABLE,
                 markerfacecolor='none',

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.report.figures import style
-from hunt_ros.report.numbers import rounded
 from hunt_ros.report.response import Response
 
 if TYPE_CHECKING:
@@ -28,7 +26,7 @@ _TOP_HZ = 15.0
 
 def response_panels(response: Response, letter: str = '') -> Figure:
     """
-    Draw the five panels of one speed.
+    Draw the four panels of one speed.
 
     Parameters
     ----------
@@ -44,14 +42,13 @@ def response_panels(response: Response, letter: str = '') -> Figure:
     """
     with style.journal_style():
         figure = style.new_figure(style.PAGE / 2, 0.58 * style.PAGE)
-        axes = figure.subplot_mosaic('hh;sp;ml')
+        axes = figure.subplot_mosaic('hhh;spm')
         head = f'({letter}) ' if letter else ''
         axes['h'].set_title(f'{head}{response.speed:.2f} m/s')
         _history(axes['h'], response)
         _spectrum(axes['s'], response)
         _portrait(axes['p'], response)
         section(axes['m'], response)
-        _lyapunov(axes['l'], response)
         return figure
 
 
@@ -155,32 +152,6 @@ def _portrait(axes: Axes, response: Response) -> None:
     points = _orbit(portrait)[-_PORTRAIT_POINTS:]
     axes.plot(points[:, 0], points[:, 1], color=style.INK, linewidth=0.35)
     _centred(axes, points)
-
-
-def _lyapunov(axes: Axes, response: Response) -> None:
-    """Plot how far neighbours are apart after a time, with the exponent read from it."""
-    style.frame(axes, 'Time (s)', 'ln distance')
-    largest = response.lyapunov
-    if largest is None:
-        _nothing(axes)
-        return
-    shift = float(largest.divergence[0])
-    axes.plot(largest.times_s, largest.divergence - shift, color=style.STABLE, linewidth=0.9)
-    low, high = axes.get_ylim()
-    axes.set_ylim(low, high + 0.3 * (high - low))
-    shown = 'not known'
-    if largest.exponent is not None:
-        value, std = largest.exponent.value, largest.exponent.std
-        text = rounded(value, std if math.isfinite(std) else None).text()
-        shown = rf'$\lambda_1$ = {text} s$^{{-1}}$'
-    axes.text(
-        0.03,
-        0.97,
-        shown,
-        transform=axes.transAxes,
-        va='top',
-        fontsize=6.5,
-    )
 
 
 def _orbit(portrait: PhasePortrait) -> NDArray[np.float64]:

@@ -12,12 +12,14 @@ from __future__ import annotations
 
 import io
 import re
+import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hunt_ros.errors import HuntError
+from hunt_ros.files import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -220,15 +222,27 @@ def save_figures(figures: Mapping[str, Figure], folder: Path, dpi: int = 300) ->
     HuntError
         If the folder or a file cannot be written.
     """
-    written: list[Path] = []
+    made = not folder.exists()
+    written: dict[Path, bytes] = {}
+    for name, figure in figures.items():  # drawn before the first is written
+        written[folder / f'{name}.svg'] = svg(figure, salt=name).encode('utf-8')
+        written[folder / f'{name}.png'] = png(figure, dpi)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name, figure in figures.items():
-            vector, pixels = folder / f'{name}.svg', folder / f'{name}.png'
-            vector.write_text(svg(figure, salt=name), encoding='utf-8')
-            with journal_style():
-                figure.savefig(pixels, dpi=dpi, facecolor='white')
-            written += [vector, pixels]
+        for path, raw in written.items():
+            write_whole(path, raw, 'figure')
     except OSError as error:
         raise HuntError(f'{folder}: cannot write the figures ({error.strerror})') from error
-    return written
+    except HuntError:
+        if made:
+            shutil.rmtree(folder, ignore_errors=True)
+        raise
+    return list(written)
+
+
+def png(figure: Figure, dpi: int = 300) -> bytes:
+    """Return the figure as a PNG on white."""
+    buffer = io.BytesIO()
+    with journal_style():
+        figure.savefig(buffer, format='png', dpi=dpi, facecolor='white')
+    return buffer.getvalue()
