@@ -12,9 +12,11 @@ from __future__ import annotations
 import hashlib
 import hmac
 import ipaddress
+import os
+import secrets
 import socket
 import stat
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -36,16 +38,23 @@ class Access:
         Right to token, as pairs; empty: who reaches the server may do everything.
     names : frozenset of str
         Host names, lower case, by which the page may be asked for; addresses are always taken.
+    key : bytes
+        Random; no token tells it.
     """
 
     tokens: tuple[tuple[str, str], ...] = ()
     names: frozenset[str] = frozenset({'localhost'})
+    key: bytes = field(default_factory=lambda: secrets.token_bytes(32), repr=False)
 
     @property
     def secret(self) -> str:
         """Key of the cookies: other tokens make the cookies of before worthless."""
         text = '\n'.join(f'{right}: {token}' for right, token in self.tokens)
-        return hashlib.sha256(f'hunt_ros page {text}'.encode()).hexdigest()
+        return hmac.new(self.key, text.encode(), hashlib.sha256).hexdigest()
+
+    def gives(self, right: str) -> bool:
+        """Return True if there is a token for a right."""
+        return any(right == each for each, _ in self.tokens)
 
     def right_of(self, token: str) -> str:
         """Return the right that a token gives; '' where it is none."""
@@ -85,7 +94,10 @@ def same_origin(origin: str | None, host: str) -> bool:
     host : str
         Header Host.
     """
-    return origin is None or urlsplit(origin).netloc.lower() == host.lower()
+    try:
+        return origin is None or urlsplit(origin).netloc.lower() == host.lower()
+    except ValueError:
+        return False
 
 
 def access(address: str, token_file: str) -> Access:
@@ -97,7 +109,8 @@ def access(address: str, token_file: str) -> Access:
     address : str
         Of the interface.
     token_file : str
-        Path of a file with the lines `view: TOKEN` and `command: TOKEN`; '' for none.
+        Path of a file with the lines `view: TOKEN` and `command: TOKEN`; '' for none. The key
+        of the cookies is kept beside it, in a file of this name and `.key`.
 
     Raises
     ------
@@ -108,7 +121,8 @@ def access(address: str, token_file: str) -> Access:
         {'localhost', address.lower(), socket.gethostname().lower(), socket.getfqdn().lower()}
     )
     if token_file:
-        return Access(_read(Path(token_file)), names)
+        path = Path(token_file)
+        return Access(_tokens(path), names, _kept_key(path.with_name(f'{path.name}.key')))
     if not _loopback(address):
         raise ConfigError(
             f'address {address}: others can reach it, expected token_file with the lines'
@@ -124,8 +138,8 @@ def _loopback(address: str) -> bool:
         return address == 'localhost'
 
 
-def _read(path: Path) -> tuple[tuple[str, str], ...]:
-    """Read the tokens; a file that other users can read is refused."""
+def _read(path: Path) -> str:
+    """Read a file of secrets; one that other users can read is refused."""
     try:
         mode = path.stat().st_mode
         text = path.read_text(encoding='utf-8')
@@ -134,6 +148,27 @@ def _read(path: Path) -> tuple[tuple[str, str], ...]:
         raise ConfigError(f'token_file {path}: cannot read it ({reason})') from error
     if mode & (stat.S_IRWXG | stat.S_IRWXO):
         raise ConfigError(f'token_file {path}: others can read it, expected mode 600')
+    return text
+
+
+def _kept_key(path: Path) -> bytes:
+    """Return the key of a file, which is made where there is none: cookies outlive the node."""
+    key = secrets.token_hex(32)
+    try:
+        with open(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600), 'w') as file:
+            file.write(key)
+    except FileExistsError:
+        key = _read(path).strip()
+        if len(key) < 2 * _SHORTEST:
+            raise ConfigError(f'{path}: no key, delete the file for a new one') from None
+    except OSError:  # a folder that cannot be written: the cookies end with the node
+        pass
+    return key.encode()
+
+
+def _tokens(path: Path) -> tuple[tuple[str, str], ...]:
+    """Read the tokens."""
+    text = _read(path)
     tokens = {}
     for line in filter(None, map(str.strip, text.splitlines())):
         right, _, token = (part.strip() for part in line.partition(':'))

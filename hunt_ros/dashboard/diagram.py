@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.report.figures.branch_lines import bands_of_draws, branch_points
+from hunt_ros.report.figures.diagram import bands_of_draws, branch_points
 
 #: Of the 800 points of a branch every n-th is drawn, and those near its ends.
 _EVERY = 4

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
+import os
 import time
+import urllib.parse
+from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import tornado.escape
+import tornado.iostream
 import tornado.web
-import tornado.websocket
-from bokeh.util.paths import bokehjs_path
 
-from hunt_ros.dashboard.access import COMMAND, VIEW, same_origin
-from hunt_ros.dashboard.comparison import compare
-from hunt_ros.dashboard.recordings import GONE
+from hunt_ros.dashboard.access import COMMAND, same_origin
 from hunt_ros.dashboard.site import Site
+from hunt_ros.dashboard.told import operators
 
+_Result = TypeVar('_Result')
+#: A file is sent in pieces of this size.
+_PIECE_BYTES = 1 << 18
 #: After a wrong token, s: trying all of them takes for ever.
 _WRONG_TOKEN_S = 1.0
 #: A browser keeps its cookie so long. The right in it ends with the session (`session_s`), but for
@@ -87,7 +92,11 @@ class Handler(tornado.web.RequestHandler):
         """Return the right of the cookie, and when its token was typed, s; ('', 0) without one."""
         value = self.get_signed_cookie(self.cookie, max_age_days=_COOKIE_DAYS) or b''
         right, _, typed_s = value.decode().partition(' ')
-        return (right, float(typed_s)) if right in (VIEW, COMMAND) and typed_s else ('', 0.0)
+        return (right, float(typed_s)) if self.site.access.gives(right) and typed_s else ('', 0.0)
+
+    def head(self, *arguments: str) -> Awaitable[None] | None:
+        """Answer as to GET, of which tornado sends the headers alone."""
+        return self.get(*arguments)
 
     def refuse(self, code: int, why: str) -> None:
         """End the request with one line."""
@@ -104,23 +113,36 @@ class PageHandler(Handler):
     """One of the two pages, or the form for a token where one is needed."""
 
     def initialize(self, name: str) -> None:
-        """Take the name of the file."""
+        """Take the name of the page."""
         self._name = name
 
     def get(self) -> None:
         """Answer with the page."""
-        name = self._name if self.right else 'login.html'
         said = self.ended or (
             'This is none of the tokens' if 'wrong' in self.request.query else ''
         )
-        text = self.site.files[name].decode()
-        text = text.replace('{{version}}', self.site.version).replace(
-            '{{title}}', tornado.escape.xhtml_escape(self.site.title)
-        )
+        text = self.site.files[f'{self._name}.html' if self.right else 'login.html'].decode()
+        for name, words in (
+            ('version', self.site.version),
+            ('title', self.site.title),
+            ('said', said),
+            ('back', self._name),
+            ('right', self.right),
+            ('stop', '' if self.may_stop else 'hidden'),
+        ):
+            text = text.replace(f'{{{{{name}}}}}', tornado.escape.xhtml_escape(words))
         self.set_header('Content-Type', 'text/html; charset=utf-8')
-        text = text.replace('{{said}}', tornado.escape.xhtml_escape(said))
-        text = text.replace('{{stop}}', '' if self.may_stop else 'hidden')
-        self.finish(text.replace('{{right}}', self.right))
+        self.finish(text)
+
+
+class NothingHandler(Handler):
+    """Answers what is asked for and not there, with the headers of all else."""
+
+    def prepare(self) -> None:
+        """Refuse it."""
+        super().prepare()
+        if not self._finished:
+            self.refuse(404, 'there is nothing of this name')
 
 
 class SessionHandler(Handler):
@@ -132,86 +154,74 @@ class SessionHandler(Handler):
         self.finish(json.dumps({'right': self.right, 'message': self.ended}))
 
 
-class ListingHandler(Handler):
-    """The recordings, as they are now."""
+class FolderHandler(Handler):
+    """
+    The recordings: their list, and one by one their files, forms and reports.
 
-    async def get(self) -> None:
-        """Answer with the list."""
-        if not self.right:
+    The disk is read beside the thread of the live page, which a slow one must not hold, and by
+    few at a time.
+    """
+
+    def prepare(self) -> None:
+        """Refuse who has not signed in."""
+        super().prepare()
+        if not self._finished and not self.right:
             self.refuse(401, 'a token is needed')
-            return
-        # Not in the thread of the live page: a folder on a slow disk may take its time.
-        loop = asyncio.get_running_loop()
-        listing = await loop.run_in_executor(None, self.site.recordings.listing)
-        self.set_header('Content-Type', 'application/json')
-        self.finish(json.dumps(listing, allow_nan=False))
 
-
-class ComparisonHandler(Handler):
-    """The recordings that are chosen, side by side."""
-
-    async def get(self) -> None:
-        """Answer with the comparison."""
-        if not self.right:
-            self.refuse(401, 'a token is needed')
-            return
-        names = set(self.get_arguments('recording', strip=False))
-        dark = self.get_argument('scheme', '') == 'night'
-        answer = await asyncio.get_running_loop().run_in_executor(None, self._compare, names, dark)
-        self.set_header('Content-Type', 'application/json')
-        self.finish(json.dumps(answer, allow_nan=False))
-
-    def _compare(self, names: set[str], dark: bool) -> dict[str, Any]:
-        recordings = self.site.recordings
-        listing = recordings.listing()
-        rows = [row for row in listing['recordings'] if row['name'] in names]
-        found = compare(rows, recordings.directory, dark)
-        gone = [row['name'] for row in rows if row['state'] == 'gone']
-        gone += sorted(names - {row['name'] for row in rows})
-        if gone:
-            found['problem'] = f'{", ".join(gone)}: {GONE}'
-            found['without'] = [name for name in found['without'] if name not in gone]
-        return found
-
-
-class ReportHandler(Handler):
-    """The report of a recording."""
-
-    async def get(self, name: str) -> None:
-        """Answer with the report."""
-        if not self.right:
-            self.refuse(401, 'a token is needed')
-            return
-        loop = asyncio.get_running_loop()
-        path = await loop.run_in_executor(None, self.site.recordings.report, name)
-        try:
-            if path is None:
-                raise FileNotFoundError
-            content = await loop.run_in_executor(None, path.read_bytes)
-        except OSError:
-            self.refuse(404, f'there is no report of {name[:80]}')
-            return
+    async def get(self, name: str = '', file: str = '') -> None:
+        """Answer with what is asked for."""
+        recordings, what = self.site.recordings, self.request.path.split('/')[1]
+        async with self.site.reading:
+            if what == 'recordings.json':
+                said = await _beside(recordings.listing)
+                self.set_header('Content-Type', 'application/json')
+                self.finish(json.dumps(said, allow_nan=False))
+                return
+            try:
+                if what == 'file':
+                    path = await _beside(recordings.file, name, file)
+                else:
+                    path = await _beside(getattr(recordings, what), name)
+                if path is None:
+                    raise FileNotFoundError
+                if what != 'report':
+                    await self._send(path)
+                    return
+                page = await _beside(path.read_bytes)
+            except OSError:
+                self.refuse(404, f'there is no {what} of {name[:80]}')
+                return
         self.set_header('Content-Type', 'text/html; charset=utf-8')
-        self.finish(content)
+        self.finish(page)
+
+    async def _send(self, path: Path) -> None:
+        """Send a file piece by piece, at the pace of who takes it."""
+        self.set_header('Content-Type', 'application/octet-stream')
+        name = urllib.parse.quote(f'{path.parent.name}_{path.name}')
+        self.set_header('Content-Disposition', f"attachment; filename*=UTF-8''{name}")
+        with path.open('rb') as content:
+            self.set_header('Content-Length', str(os.fstat(content.fileno()).st_size))
+            with contextlib.suppress(tornado.iostream.StreamClosedError):
+                while piece := await _beside(content.read, _PIECE_BYTES):
+                    self.write(piece)
+                    await self.flush()
+
+
+async def _beside(work: Callable[..., _Result], *arguments: Any) -> _Result:
+    """Have work done in a thread of its own."""
+    return await asyncio.get_running_loop().run_in_executor(None, work, *arguments)
 
 
 class StaticHandler(Handler):
-    """Scripts, styles and figures: nothing secret."""
+    """Scripts and styles: nothing secret."""
 
     def get(self, name: str) -> None:
         """Answer with the file."""
-        kind = _KINDS.get(name.rpartition('.')[2], 'application/json')
-        self.set_header('Content-Type', f'{kind}; charset=utf-8')
+        if name not in self.site.files:
+            self.refuse(404, f'there is no {name[:80]}')
+            return
+        self.set_header('Content-Type', f'{_KINDS[name.rpartition(".")[2]]}; charset=utf-8')
         self.finish(self.site.files[name])
-
-
-class BokehHandler(Handler):
-    """BokehJS as it comes with the wheel."""
-
-    def get(self) -> None:
-        """Answer with the script."""
-        self.set_header('Content-Type', 'text/javascript; charset=utf-8')
-        self.finish((Path(bokehjs_path()) / 'js' / 'bokeh.min.js').read_bytes())
 
 
 class LoginHandler(Handler):
@@ -219,11 +229,13 @@ class LoginHandler(Handler):
 
     async def post(self) -> None:
         """Answer with a cookie, or with the form again."""
-        right = self.site.access.right_of(self.get_body_argument('token', ''))
-        if not right:
-            await asyncio.sleep(_WRONG_TOKEN_S)
-            self.redirect('/?wrong', status=303)
-            return
+        page = '/recordings' if self.get_body_argument('back', '') == 'recordings' else '/'
+        async with self.site.signing:
+            right = self.site.access.right_of(self.get_body_argument('token', ''))
+            if not right:
+                await asyncio.sleep(_WRONG_TOKEN_S)
+                self.redirect(f'{page}?wrong', status=303)
+                return
         self.set_signed_cookie(
             self.cookie,
             f'{right} {time.time():.0f}',
@@ -231,7 +243,7 @@ class LoginHandler(Handler):
             httponly=True,
             samesite='Strict',
         )
-        self.redirect('/', status=303)
+        self.redirect(page, status=303)
 
 
 class CommandHandler(Handler):
@@ -256,25 +268,8 @@ class CommandHandler(Handler):
             told = 'this browser may view only: commands need the other token'
             self.refuse(401 if self.ended else 403, self.ended or told)
             return
-        done, message = await asyncio.wrap_future(self.site.command(word, words))
+        # The emergency stop waits for nothing.
+        async with contextlib.nullcontext() if word == 'emergency-stop' else self.site.asking:
+            done, message, *_ = await asyncio.wrap_future(self.site.command(word, words))
         self.set_header('Content-Type', 'application/json')
-        self.finish(json.dumps({'done': done, 'message': message}))
-
-
-class PageSocket(Handler, tornado.websocket.WebSocketHandler):
-    """The connection of an open page."""
-
-    def prepare(self) -> None:
-        """Refuse who has not signed in."""
-        super().prepare()
-        if not self._finished and not self.right:
-            self.refuse(401, 'a token is needed')
-
-    def check_origin(self, origin: str) -> bool:
-        """Return False for a page of another site."""
-        return same_origin(origin, self.request.host)
-
-    def introduce(self) -> None:
-        """Say which version this is, and what the viewer may do."""
-        about = {'version': self.site.version, 'right': self.right}
-        self.write_message(json.dumps({'about': about}))
+        self.finish(json.dumps({'done': done, 'message': operators(message)}))

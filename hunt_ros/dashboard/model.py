@@ -32,6 +32,8 @@ _SPECTRUM_S = 1.0
 #: Spacing and length of the trail in the diagram, s of the stamps.
 _TRAIL_S, _TRAIL_LENGTH_S = 0.2, 240.0
 _STATUS_HZ = 20.0
+#: A longer silence breaks the lines: nobody knows what the rig has done meanwhile, s.
+_GAP_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -55,14 +57,22 @@ class PageModel(Told):
     settings : PageSettings
     form : IdentifiedNormalForm, optional
         The form that the detector was started with, if it is known.
+    namespace : str
+        Of the rig.
     """
 
-    def __init__(self, settings: PageSettings, form: IdentifiedNormalForm | None = None) -> None:
-        super().__init__()
+    def __init__(
+        self,
+        settings: PageSettings,
+        form: IdentifiedNormalForm | None = None,
+        namespace: str = 'rig',
+    ) -> None:
+        super().__init__(namespace)
         self._settings = settings
         self._traces = {'lateral': Trace(1e3), 'yaw': Trace(1e3)}
         self._amplitudes = Rows(round(_STATUS_HZ * SHOWN_S))
         self._trail = Rows(round(_TRAIL_LENGTH_S / _TRAIL_S))
+        self._trail_s = -math.inf
         self._waterfall = Waterfall(settings.spectrum_max_hz)
         self._forms: list[Mapping[str, Any]] = []
         self._spectrum_s = -math.inf
@@ -86,6 +96,9 @@ class PageModel(Told):
             self._start_anew()
         if second == previous:
             return
+        if second > previous + _GAP_S and len(self._amplitudes):
+            self._amplitudes.append([(round(previous, 3), *[None] * 4)])
+            self._trail.append([(None, None)])
         speed, size = number_of(status, 'speed_mps'), 1e3 * number_of(status, 'amplitude_m')
         self._amplitudes.append(
             [
@@ -98,8 +111,13 @@ class PageModel(Told):
                 )
             ]
         )
-        if second // _TRAIL_S != previous // _TRAIL_S and math.isfinite(speed + size):
+        if abs(second - self._trail_s) >= _TRAIL_S and math.isfinite(speed + size):
+            self._trail_s = second
             self._trail.append([(short(speed), short(size))])
+
+    def take_viewers(self, count: int) -> None:
+        """Take how many browsers look at the page."""
+        self._said['viewers'] = count
 
     def take_form(self, text: str) -> str:
         """

@@ -1,18 +1,9 @@
 """
 The web server of the page: one message an update for all viewers, and the operator's commands.
 
-Which library, and why. Bokeh draws the figures: it brings its own front end (BokehJS, in the
-wheel, so nothing is loaded from the internet) and tornado, which serves them. Its documents on
-the server are not used: there is one a viewer, which is computed and encoded for each viewer
-anew. The figures are laid out here once, in Python (`figures`), and the browser is sent only what
-has changed since the view that it has (`view.changes`), encoded once for all who have it;
-`make bench-page` says what that costs.
-
-NiceGUI 3.18 with ECharts was tried on the main view (diagram, both traces, spectrum, level and
-numbers) with the same data in the same minute, 20 updates a second and one headless browser: its
-server took 11 times the CPU of this one (28 % of a core, not 2.5 %), because it sends whole
-charts, 1.1 MB/s and not 31 kB/s, and encodes them for each viewer anew. Its browser took three
-quarters of ours, which draws bands, waterfall and tables too.
+The browser is sent only what has changed since the view that it has (`view.changes`), encoded once
+for all who have it. uPlot draws the figures there: one file of 51 kB that stands beside the page
+(`static/uplot`).
 
 The server runs in a thread of its own. It is given each view by the node: where the node hangs
 nothing is sent, and each page says by itself that it is out of date.
@@ -34,8 +25,7 @@ import tornado.web
 from hunt_ros.dashboard import handlers
 from hunt_ros.dashboard.access import Access
 from hunt_ros.dashboard.recordings import Recordings
-from hunt_ros.dashboard.replay_socket import ReplaySocket
-from hunt_ros.dashboard.site import Command, OpenPage, Site
+from hunt_ros.dashboard.site import Command, Site
 from hunt_ros.dashboard.view import View
 from hunt_ros.dashboard.viewer_socket import ViewerSocket
 from hunt_ros.errors import ConfigError
@@ -43,18 +33,15 @@ from hunt_ros.errors import ConfigError
 SESSION_S = 12 * 3600.0
 #: A command is a word and a few more.
 _MOST_BYTES = 4096
-_PAGE, _RECORDINGS = {'name': 'index.html'}, {'name': 'recordings.html'}
-_FILES = r'/(page\.js|recordings\.js|login\.js|page\.css|colours\.css|figures\.json)'
+#: A connection on which nothing is asked for is closed after this, s.
+_IDLE_S = 60.0
 _ROUTES: list[Any] = [
-    (r'/', handlers.PageHandler, _PAGE),
-    (r'/replay', handlers.PageHandler, _PAGE),
-    (r'/played', ReplaySocket),
-    (r'/recordings', handlers.PageHandler, _RECORDINGS),
-    (r'/recordings\.json', handlers.ListingHandler),
-    (r'/comparison\.json', handlers.ComparisonHandler),
-    (r'/report/([^/]+)', handlers.ReportHandler),
-    (_FILES, handlers.StaticHandler),
-    (r'/bokeh\.js', handlers.BokehHandler),
+    (r'/', handlers.PageHandler, {'name': 'index'}),
+    (r'/recordings', handlers.PageHandler, {'name': 'recordings'}),
+    (r'/recordings\.json', handlers.FolderHandler),
+    (r'/(?:report|form)/([^/]+)', handlers.FolderHandler),
+    (r'/file/([^/]+)/([^/]+)', handlers.FolderHandler),
+    (r'/([a-zA-Z.]+\.(?:js|css))', handlers.StaticHandler),
     (r'/login', handlers.LoginHandler),
     (r'/session', handlers.SessionHandler),
     (r'/live', ViewerSocket),
@@ -126,7 +113,6 @@ class PageServer:
 
     def close(self) -> None:
         """End the connections and the thread."""
-        self.site.recordings.close()
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join(2.0)
@@ -149,14 +135,10 @@ class PageServer:
                 each.close()
 
     def _end_pages(self) -> None:
-        """End every open page, the replays with their processes, and what is left."""
-        played = [replay.task for replay in self.site.replays]
-        open_pages: list[OpenPage] = [*self.site.live.viewers, *self.site.replays]
-        for page in open_pages:
+        """End every open page, and what is left."""
+        for page in list(self.site.live.viewers):
             page.close(1001, 'the server ends')
             page.on_close()
-        if played:
-            self._loop.run_until_complete(asyncio.wait(played, timeout=2.0))
         self._loop.run_until_complete(self._end_requests())
         left = asyncio.all_tasks(self._loop)
         for task in left:
@@ -177,7 +159,11 @@ class PageServer:
             websocket_ping_interval=5,
             websocket_max_message_size=_MOST_BYTES,
             log_function=lambda handler: None,
+            default_handler_class=handlers.NothingHandler,
+            compress_response=True,
             site=self.site,
         )
-        self._http = tornado.httpserver.HTTPServer(application, max_body_size=_MOST_BYTES)
+        self._http = tornado.httpserver.HTTPServer(
+            application, max_body_size=_MOST_BYTES, idle_connection_timeout=_IDLE_S
+        )
         self._http.add_sockets(self._sockets)

@@ -9,10 +9,11 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from importlib.resources import files
-from typing import Protocol
+from typing import Any, Protocol
+
+from tornado.web import HTTPError
 
 from hunt_ros.dashboard.access import Access
-from hunt_ros.dashboard.figures import figure_items
 from hunt_ros.dashboard.recordings import Recordings
 from hunt_ros.dashboard.view import View, changes
 from hunt_ros.report.figures.style import palette_css
@@ -20,11 +21,14 @@ from hunt_ros.report.figures.style import palette_css
 _STATIC = files('hunt_ros.dashboard') / 'static'
 
 #: Gets the word of a command and the words that go with it; the answer is (done, message).
-Command = Callable[[str, str], 'Future[tuple[bool, str]]']
+Command = Callable[[str, str], 'Future[Any]']
 
 
-class OpenPage(Protocol):
-    """The connection of a page."""
+class Viewer(Protocol):
+    """The connection of a page that shows the rig as it is."""
+
+    def update(self, view: View) -> None:
+        """Send what has changed."""
 
     def close(self, code: int | None = None, reason: str | None = None) -> None:
         """End it."""
@@ -33,17 +37,36 @@ class OpenPage(Protocol):
         """Give back what it holds."""
 
 
-class Viewer(OpenPage, Protocol):
-    """A page that shows the rig as it is."""
+class Turns:
+    """
+    Bounds what is done at a time for all browsers; an asynchronous context manager.
 
-    def update(self, view: View) -> None:
-        """Send what has changed."""
+    Parameters
+    ----------
+    at_once : int
+        So many are served; more wait.
+    most : int
+        So many are served or wait; one more is refused, with the answer 503.
+    """
 
+    def __init__(self, at_once: int, most: int) -> None:
+        self._free = asyncio.Semaphore(at_once)
+        self._most = most
+        self._inside = 0
 
-class Replay(OpenPage, Protocol):
-    """A page that shows a recording; its task plays it."""
+    async def __aenter__(self) -> None:
+        if self._inside >= self._most:
+            raise HTTPError(503, reason='too many ask for this at a time: try again')
+        self._inside += 1
+        try:
+            await self._free.acquire()
+        except BaseException:
+            self._inside -= 1
+            raise
 
-    task: asyncio.Task[None]
+    async def __aexit__(self, *error: object) -> None:
+        self._inside -= 1
+        self._free.release()
 
 
 class LivePages:
@@ -109,7 +132,8 @@ class Site:
     Attributes
     ----------
     live : LivePages
-    replays : set of Replay
+    reading, signing, asking : Turns
+        Of who has the disk read, types a wrong token, waits for the answer of a command.
     files : dict of str to bytes
         By name; the same for everybody.
     version : str
@@ -123,13 +147,14 @@ class Site:
     recordings: Recordings
     session_s: float
     live: LivePages = field(default_factory=LivePages)
-    replays: set[Replay] = field(default_factory=set)
+    reading: Turns = field(default_factory=lambda: Turns(4, 32))
+    signing: Turns = field(default_factory=lambda: Turns(16, 16))
+    asking: Turns = field(default_factory=lambda: Turns(16, 16))
     files: dict[str, bytes] = field(init=False)
     version: str = field(init=False)
 
     def __post_init__(self) -> None:
         self.files = {path.name: path.read_bytes() for path in _STATIC.iterdir() if path.is_file()}
-        self.files['figures.json'] = figure_items()
         self.files['colours.css'] = (
             f':root {{ {palette_css(dark=False)} }}\n'
             f':root[data-scheme="night"] {{ {palette_css(dark=True)} }}\n'

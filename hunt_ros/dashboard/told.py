@@ -17,6 +17,8 @@ from typing import Any
 
 from hunt_ros.dashboard import numbers
 from hunt_ros.samples import known, number_of
+from hunt_ros.services import SERVICES, spoken
+from hunt_ros.suite import DRIVE, SENSORS
 
 #: The detector speaks 20 times a second: so much silence is no delay of a busy machine, s.
 SILENT_S = 0.5
@@ -25,14 +27,29 @@ _NODE_SILENT_S = 3.5
 #: The drive tells ten times a second how things stand: it is silent after this, s.
 _DRIVE_SILENT_S = 1.0
 _EVENTS, _ALARMS = 60, 20
+#: Digits that change more often cannot be read, s.
+_NUMBERS_S = 0.25
+#: What an operator is told in place of the names of services.
+_BUTTONS = {service.name: word.replace('-', ' ') for word, service in SERVICES.items()}
+#: The node that plays a recording to these topics, and those that speak for a rig.
+_REPLAY, _RIG = 'live_replay', (DRIVE, *SENSORS.values())
 #: What a node publishes, to show its rate; others say it in the values of their diagnostics.
 _RATE_KEYS = ('rate_hz', 'readings')
 
 
 class Told:
-    """What the topics have said, as small documents for JSON: `sections`."""
+    """
+    What the topics have said, as small documents for JSON: `sections`.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    namespace : str
+        Of the rig. `/diagnostics` is that of the whole ROS domain: what nodes of another
+        namespace say there is of another rig, and is not taken.
+    """
+
+    def __init__(self, namespace: str = 'rig') -> None:
+        self._prefix = f'/{namespace.strip("/")}/'.replace('//', '/')
         self._status: Mapping[str, str] = {}
         self._stamp_s = 0.0
         self._status_s = -math.inf
@@ -42,6 +59,8 @@ class Told:
         self._speed_s = -math.inf
         #: Sections that are said once, and not again.
         self._said: dict[str, Any] = {}
+        self._numbers_s = -math.inf
+        self._numbers: list[dict[str, str]] = []
 
     def take_status(self, stamp_ns: int, status: Mapping[str, str], now_s: float) -> None:
         """
@@ -74,6 +93,11 @@ class Told:
         )
         self._said['events'] = list(reversed(self._events))
 
+    def take_mark(self, words: str) -> None:
+        """Take a mark of the recording: it stands among the events."""
+        told = {'event': 'mark', 'level': 'OK', 'message': spoken(words)}
+        self.take_event(round(1e9 * self._stamp_s), told)
+
     def take_alarms(self, text: str) -> None:
         """Take the history of the alarms: JSON of `hunting/alarms`."""
         try:
@@ -84,16 +108,15 @@ class Told:
         self._said['alarms'] = list(reversed(alarms))
 
     def take_health(self, health: Mapping[str, str], now_s: float) -> None:
-        """Take one status of `/diagnostics`."""
-        self._health[health.get('name', '')] = (now_s, health)
+        """Take one status of `/diagnostics`, unless it is of another rig."""
+        full = '/' + health.get('name', '').lstrip('/')
+        name = full.removeprefix(self._prefix)
+        if name != full and (self._prefix != '/' or '/' not in name):
+            self._health[name] = (now_s, health)
 
     def take_speed_status(self, status: Mapping[str, str], now_s: float) -> None:
         """Take a message of `speed/status`: profile, interlock and emergency stop."""
         self._speed, self._speed_s = status, now_s
-
-    def take_recording(self, path: str) -> None:
-        """Take the path of a recording that was closed."""
-        self._said['recording'] = path
 
     def sections(self, now_s: float) -> dict[str, Any]:
         """
@@ -107,14 +130,21 @@ class Told:
         Returns
         -------
         dict
-            `status`, `numbers`, `drive` (None where no drive tells of itself), `nodes`, and what
-            has been said of `events`, `alarms` (the newest first) and `recording`.
+            `status`, `numbers`, `drive` (None where no drive tells of itself), `nodes`, `replay`
+            (None where the topics are those of a rig), `recorder` (None where none tells of
+            itself), and what has been said of `events` and `alarms` (the newest first).
         """
+        if now_s - self._numbers_s >= _NUMBERS_S:
+            self._numbers_s = now_s
+            forecast = self._heard('hunting_detector', now_s) or {}
+            self._numbers = numbers.of_status(self._status, forecast)
         return {
             'status': self._shown_status(now_s),
-            'numbers': numbers.of_status(self._status, self._forecast()),
+            'numbers': self._numbers,
             'drive': self._shown_drive(now_s),
             'nodes': self._shown_nodes(now_s),
+            'replay': self._shown_replay(now_s),
+            'recorder': self._shown_recorder(now_s),
             **self._said,
         }
 
@@ -122,12 +152,16 @@ class Told:
         """Return what the detector says, or that it is silent."""
         status = self._status
         silent_s = now_s - self._status_s
-        level, why = status.get('level', 'STALE'), status.get('message', '')
-        silent = silent_s > SILENT_S
+        level, why = status.get('level', 'STALE'), operators(status.get('message', ''))
+        replay = self._shown_replay(now_s)
+        # What is published with the stamps of a slow replay comes slowly, and of a pause not.
+        pace = 1.0 if replay is None else min(1.0, replay['rate'])
+        silent = not status or silent_s > (SILENT_S / pace if pace else math.inf)
         if silent:
             level = 'STALE'
             since = f'for {silent_s:.0f} s' if math.isfinite(silent_s) else 'since this view began'
-            last = f'; last word: {status["level"]}, {status["state"]}' if status else ''
+            said = status.get('level', ''), status.get('state', '').replace('_', ' ')
+            last = f'; last word: {", ".join(filter(None, said))}' if status else ''
             why = f'The detector is silent {since}: nothing here is up to date{last}'
         elif not why:
             why = 'Quiet motion, all inputs good'
@@ -140,7 +174,7 @@ class Told:
             'alarm': status.get('alarm') == 'True',
             'absent': status.get('absent', ''),
             'normal_form': status.get('normal_form', ''),
-            'since_s': known(number_of(status, 'since_s')),
+            'since_s': None if silent else known(number_of(status, 'since_s')),
             'stamp_s': round(self._stamp_s, 3),
             'speed_mps': known(number_of(status, 'speed_mps')),
             'amplitude_mm': known(1e3 * number_of(status, 'amplitude_m')),
@@ -152,12 +186,40 @@ class Told:
             'v_c_mps': known(number_of(status, 'v_c_mps')),
         }
 
-    def _forecast(self) -> Mapping[str, str]:
-        """Return what the detector says on `/diagnostics`: it has the forecast of v_c."""
-        for name, (_, health) in self._health.items():
-            if name.rsplit('/', 1)[-1] == 'hunting_detector':
-                return health
-        return {}
+    def _heard(self, node: str, now_s: float) -> Mapping[str, str] | None:
+        """Return what a node said last on `/diagnostics`; None where it says nothing any more."""
+        heard_s, health = self._health.get(node, (-math.inf, {}))
+        return health if now_s - heard_s <= _NODE_SILENT_S else None
+
+    def _shown_replay(self, now_s: float) -> Mapping[str, Any] | None:
+        """Return where a replay is that plays to these topics; None where they are of a rig."""
+        heard_s, told = self._health.get(_REPLAY, (-math.inf, {}))
+        rig_s = max(self._speed_s, *(self._health.get(each, (-math.inf,))[0] for each in _RIG))
+        # A replay that says nothing for a moment is one still, until nodes of a rig speak.
+        if not told or rig_s > heard_s + _NODE_SILENT_S:
+            return None
+        plays = told.get('playing') == 'True'
+        rests = 'waits for a detector' if told.get('listening') == 'False' else 'paused'
+        rate = number_of(told, 'rate')
+        return {
+            'name': told.get('bag', ''),
+            'at_s': _tenths(number_of(told, 'position_s')),
+            'length_s': _tenths(number_of(told, 'length_s')),
+            'state': 'plays' if plays else 'ended' if told.get('finished') == 'True' else rests,
+            'rate': (rate if rate > 0.0 else 1.0) if plays else 0.0,
+        }
+
+    def _shown_recorder(self, now_s: float) -> Mapping[str, Any] | None:
+        """Return what is recorded now, and the room that the disk has."""
+        told = self._heard('bag_recorder', now_s)
+        if told is None:
+            return None
+        return {
+            'recording': told.get('path', '').rpartition('/')[2].removesuffix('.active'),
+            'recorded_s': known(number_of(told, 'recorded_s')),
+            'bytes': known(number_of(told, 'bytes')),
+            'free_bytes': known(number_of(told, 'free_bytes')),
+        }
 
     def _shown_drive(self, now_s: float) -> Mapping[str, Any] | None:
         """Return profile, interlock and emergency stop; None where no drive tells of them."""
@@ -170,6 +232,8 @@ class Told:
         whole = elapsed + remaining
         return {
             'silent': silent,
+            'level': told.get('level', 'STALE'),
+            'message': operators(told.get('message', '')),
             'speed_mps': known(number_of(told, 'speed_mps')),
             'target_mps': known(number_of(told, 'target_mps')),
             'profile': told.get('profile', ''),
@@ -179,7 +243,8 @@ class Told:
             'progress': round(elapsed / whole, 4) if whole > 0.0 else None,
             'interlock': told.get('interlock', ''),
             'interlock_state': told.get('interlock_state', ''),
-            'interlock_cause': told.get('interlock_cause', ''),
+            'interlock_cause': operators(told.get('interlock_cause', '')),
+            'alarm_kept': told.get('alarm_kept', ''),
             'emergency_stop': told.get('emergency_stop', '').lower() == 'true',
             'safe_speed_mps': known(number_of(told, 'safe_speed_mps')),
             'speed_ceiling_mps': known(number_of(told, 'speed_ceiling_mps')),
@@ -196,13 +261,20 @@ class Told:
             message = f'silent for {silent_s:.0f} s' if silent else health.get('message', '')
             nodes.append(
                 {
-                    'name': name.rsplit('/', 1)[-1],
+                    'name': name,
                     'level': 'STALE' if silent else health.get('level', 'STALE'),
                     'message': message,
                     'rate_hz': known(rate),
                 }
             )
         return nodes
+
+
+def operators(words: str) -> str:
+    """Return what a node says in the words of an operator: buttons for services."""
+    for name, button in _BUTTONS.items():
+        words = words.replace(f'call {name}', f'press {button}').replace(name, button)
+    return words
 
 
 def _tenths(seconds: float) -> float | None:

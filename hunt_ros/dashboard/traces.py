@@ -9,12 +9,13 @@ kept for the spectrum.
 from __future__ import annotations
 
 import math
+from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.dashboard.view import Row, Rows
-from hunt_ros.samples import NANOSECONDS
+from hunt_ros.samples import CLOCK_RESET_NS, NANOSECONDS
 
 #: What is shown of the signal, s.
 SHOWN_S = 20.0
@@ -38,7 +39,7 @@ class Trace:
         self._scale = scale
         self.rows = Rows(round(SHOWN_S * NANOSECONDS / _INTERVAL_NS))
         self._open: tuple[int, float, float] | None = None
-        self._blocks: list[tuple[NDArray[np.int64], NDArray[np.float64]]] = []
+        self._blocks: deque[tuple[NDArray[np.int64], NDArray[np.float64]]] = deque()
 
     def append(self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]) -> None:
         """
@@ -50,14 +51,20 @@ class Trace:
             Header stamps, and values in SI units. A stamp that lies before the interval that
             is open is left out.
         """
-        good = np.isfinite(values)
-        if self._open is not None:
-            good &= stamps_ns >= self._open[0] * _INTERVAL_NS
+        begin_ns = np.iinfo(np.int64).min if self._open is None else self._open[0] * _INTERVAL_NS
+        if stamps_ns.size and stamps_ns[-1] + CLOCK_RESET_NS < begin_ns:
+            self.clear()  # a clock that was set back, or one stamp that was far ahead of it
+            begin_ns = int(stamps_ns[0])
+        good = np.isfinite(values) & (stamps_ns >= begin_ns)
         if not good.all():
             stamps_ns, values = stamps_ns[good], values[good]
         if not stamps_ns.size:
             return
         self._blocks.append((stamps_ns, values))
+        # Here, and not where they are asked for: a channel may never be.
+        oldest_ns = int(stamps_ns[-1]) - round(SHOWN_S * NANOSECONDS)
+        while self._blocks[0][0][-1] < oldest_ns:
+            self._blocks.popleft()
         interval = np.maximum.accumulate(stamps_ns // _INTERVAL_NS)
         starts = np.flatnonzero(np.diff(interval, prepend=interval[0] - 1))
         low = np.minimum.reduceat(values, starts).tolist()
@@ -75,7 +82,7 @@ class Trace:
         """Forget everything: a clock was set back."""
         self.rows.replace(())
         self._open = None
-        self._blocks = []
+        self._blocks.clear()
 
     def samples(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return the samples of the time that is shown: stamps in ns, values in SI units."""
@@ -84,9 +91,7 @@ class Trace:
         stamps_ns = np.concatenate([stamps for stamps, _ in self._blocks])
         values = np.concatenate([values for _, values in self._blocks])
         kept = stamps_ns > stamps_ns[-1] - round(SHOWN_S * NANOSECONDS)
-        stamps_ns, values = stamps_ns[kept], values[kept]
-        self._blocks = [(stamps_ns, values)]
-        return stamps_ns, values
+        return stamps_ns[kept], values[kept]
 
     def _closed(self, following: int) -> list[Row]:
         """Return the interval that is open as a row, and a break where a long silence follows."""

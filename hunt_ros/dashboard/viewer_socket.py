@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import time
 
 import tornado.websocket
 
-from hunt_ros.dashboard.handlers import PageSocket
+from hunt_ros.dashboard.access import same_origin
+from hunt_ros.dashboard.handlers import Handler
 from hunt_ros.dashboard.view import View
 
 #: A viewer that has not taken an update for so long is dropped, s.
@@ -16,14 +18,20 @@ _STALLED_S = 3.0
 _MOST_VIEWERS = 40
 
 
-class ViewerSocket(PageSocket):
+class ViewerSocket(Handler, tornado.websocket.WebSocketHandler):
     """One open page."""
 
     def prepare(self) -> None:
         """Refuse who has not signed in, and one page too many."""
         super().prepare()
+        if not self._finished and not self.right:
+            self.refuse(401, 'a token is needed')
         if not self._finished and len(self.site.live.viewers) >= _MOST_VIEWERS:
             self.refuse(503, f'{_MOST_VIEWERS} pages are open already')
+
+    def check_origin(self, origin: str) -> bool:
+        """Return False for a page of another site."""
+        return same_origin(origin, self.request.host)
 
     def open(self, *arguments: str, **keywords: str) -> None:
         """Say who this is, and show the present view."""
@@ -31,7 +39,8 @@ class ViewerSocket(PageSocket):
         self._delivery: asyncio.Future[None] | None = None
         self._since_s = time.monotonic()
         self.site.live.viewers.add(self)
-        self.introduce()
+        about = {'version': self.site.version, 'right': self.right}
+        self.write_message(json.dumps({'about': about}))
         self.update(self.site.live.view)
 
     def on_message(self, message: str | bytes) -> None:

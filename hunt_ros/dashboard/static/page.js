@@ -1,22 +1,18 @@
-// The page: applies what the server sends, draws, and says by itself when nothing comes.
+// The page: applies what the server sends, says by itself when nothing comes, and sends commands.
 'use strict';
 
 const LOST_MS = 800;       // an update comes every 50 ms
 const RECONNECT_MS = 500;
 const DEAD_MS = 8000;      // an open connection in which nothing comes is given up
 const ANSWER_MS = 15000;
+const HOLD_MS = 1000;      // what cannot be taken back is held down so long
+const BEEP_MS = 2000;
 const SHAPES = {OK: '✓', WARN: '▲', ERROR: '■', STALE: '?'};
-const TRACES = {lateral: [1, 2], yaw: [3, 4]};   // columns of the stream amplitude
 
 const byId = (id) => document.getElementById(id);
 const meta = (name) => document.querySelector(`meta[name="hunt-${name}"]`).content;
 const sections = {};
 const streams = {};
-const figures = {};
-// A replay shows a recording, and commands nothing but the emergency stop of the rig.
-const isReplay = location.pathname.endsWith('/replay');
-const recording = new URLSearchParams(location.search).get('recording') || '';
-let socket = null;
 let heardMs = -Infinity;
 let dirty = new Set();
 let drawing = false;
@@ -27,14 +23,12 @@ let figuresMs = 0;         // not before this: a slow browser draws fewer pictur
 
 function connect() {
   const scheme = location.protocol === 'https:' ? 'wss:' : 'ws:';
-  const mine = new WebSocket(`${scheme}//${location.host}/${isReplay ? replayAddress() : 'live'}`);
+  const mine = new WebSocket(`${scheme}//${location.host}/live`);
   const begunMs = performance.now();
   let over = false;
-  socket = mine;
   const again = () => {
     if (over) return;
     over = true;
-    if (isReplay && sections.replay && sections.replay.problem) return;   // it has said why
     setTimeout(connectIfAllowed, RECONNECT_MS);
   };
   mine.onmessage = (event) => {
@@ -97,25 +91,22 @@ const lost = () => performance.now() - heardMs > LOST_MS;
 function watchLink() {
   const silentMs = performance.now() - heardMs;
   let link = 'up';
-  if (isReplay && sections.replay && sections.replay.problem) {
-    showLevel('STALE', 'no replay', `${sections.replay.name}: ${sections.replay.problem}`, '');
-  } else if (ended) {
+  if (ended) {
     link = 'ended';
-    document.title = 'SESSION ENDED';
     showLevel('STALE', 'signed out', ended, mayCommand ? 'The emergency stop still works.' : '');
   } else if (lost()) {
     link = 'lost';
     const since = Number.isFinite(silentMs) ? ` for ${Math.round(silentMs / 1000)} s` : '';
-    byId('link').textContent = `NO CONNECTION TO THE SERVER${since}: nothing here is up to date`;
-    document.title = 'NO CONNECTION';
+    set('link', `NO CONNECTION TO THE SERVER${since}: nothing here is up to date`);
     showLevel('STALE', 'no connection', 'This page has lost its server.', '');
-  } else if (!isReplay && sections.status && sections.status.silent) {
+  } else if (sections.status && sections.status.silent) {
     link = 'silent';
-    byId('link').textContent = 'THE DETECTOR IS SILENT: nothing here is up to date';
+    set('link', 'THE DETECTOR IS SILENT: nothing here is up to date');
   }
   if (document.body.dataset.link !== link) {
     document.body.dataset.link = link;
-    dirty.add('status');
+    for (const name of ['status', 'drive']) dirty.add(name);
+    showHeld();
   }
 }
 
@@ -126,21 +117,33 @@ function draw() {
   if (document.hidden) return;
   const todo = dirty;
   dirty = new Set();
+  if (todo.has('drive') || todo.has('replay')) todo.add('status');   // its words depend on them
   for (const [name, show] of Object.entries(WORDS)) if (todo.has(name) && sections[name] !== undefined) show(sections[name]);
+  if (['status', 'drive', 'recorder', 'replay'].some((name) => todo.has(name))) showOffers();
   const now = performance.now();
   if (now < figuresMs) { todo.forEach((name) => dirty.add(name)); return; }
   figuresMs = now + 2 * (now - askedMs);
-  if (window.Bokeh) drawFigures(todo);
+  drawFigures(todo);
 }
 
+// In large letters stands what matters first: that this is a replay, that the drive is held, or the level.
 function showLevel(level, state, why, more) {
-  document.body.dataset.level = level;
+  const {body} = document;
+  body.dataset.level = level;
   drawPoint();   // with the words, however seldom a slow browser draws the figures
-  set('shape', SHAPES[level]);
-  set('word', level);
-  set('state', state.replaceAll('_', ' '));
+  const calm = level === 'OK' || level === 'WARN';
+  const first = body.dataset.replay ? 'REPLAY' : calm && HELD[body.dataset.held];
+  byId('chip').hidden = !first;
+  byId('chip').className = level;
+  set('chip', first ? `${SHAPES[level]} ${level}` : '');
+  body.dataset.first = first || '';
+  set('shape', first ? { REPLAY: '▷' }[first] || '‖' : SHAPES[level]);
+  set('what', state.replaceAll('_', ' '));
   set('why', why);
+  byId('why').className = why.length > 80 ? 'long' : '';
   set('more', more);
+  set('word', first || level);
+  document.title = `${first ? `${first} ` : ''}${level} ${state.replaceAll('_', ' ')}`;
 }
 
 const sign = (text) => text.replaceAll('+/-', '±');
@@ -157,18 +160,50 @@ function when(seconds) {
   return new Date(1000 * seconds).toLocaleTimeString();
 }
 
+function lasting(seconds) {
+  const whole = Math.floor(seconds);
+  const two = (value) => String(value).padStart(2, '0');
+  return `${whole < 3600 ? '' : `${Math.floor(whole / 3600)}:`}${two(Math.floor(whole / 60) % 60)}:${two(whole % 60)}`;
+}
+
+const size = (bytes) => (bytes < 1e9 ? `${(bytes / 1e6).toFixed(1)} MB` : `${(bytes / 1e9).toFixed(0)} GB`);
+
 const WORDS = {
+  replay(replay) {
+    document.body.dataset.replay = replay ? '1' : '';
+    byId('replay').hidden = !replay;
+    if (!replay) return;
+    const at = replay.at_s === null ? '' : `, ${lasting(replay.at_s)} of ${lasting(replay.length_s ?? 0)}`;
+    set('played', `${replay.name}${at}${replay.state === 'plays' ? `, ${replay.rate}x` : `, ${replay.state}`}`);
+  },
+  drive(drive) {
+    showHeld();
+    document.body.dataset.drive = drive ? '1' : '';
+    const box = byId('drive');
+    if (!drive) { box.replaceChildren(paragraph('no word from a drive: profile and interlock are not known')); return; }
+    const target = drive.target_mps === null ? '' : `set point ${drive.target_mps.toFixed(2)} m/s`;
+    const left = drive.remaining_s ? `, ${drive.remaining_s.toFixed(0)} s left` : '';
+    const profile = drive.profile ? `profile ${drive.profile}: ${drive.profile_state}${left}` : 'no profile is given';
+    const tripped = drive.interlock_state === 'tripped';   // stands above, with the cause
+    const parts = [paragraph([target, profile, tripped ? '' : `interlock ${drive.interlock}: ${drive.interlock_state}`].filter(Boolean).join(' · '))];
+    if (drive.profile_state === 'running' && drive.progress !== null) {
+      const bar = document.createElement('progress');
+      bar.value = drive.progress;
+      parts.push(bar);
+    }
+    if (drive.interlock === 'off') parts.push(paragraph('THE INTERLOCK IS OFF', 'loud'));
+    else if (drive.message !== drive.interlock_cause && !document.body.dataset.held) parts.push(paragraph(drive.message, drive.level === 'OK' ? '' : 'loud'));
+    box.replaceChildren(...parts);
+  },
   status(status) {
     if (lost() || ended) return;
     const region = status.region === 'unknown' ? 'region unknown' : `${status.region} region`;
     const reasons = status.why.split('; ');
     const more = reasons.slice(1);
     if (status.since_s) more.push(`${status.level} since ${when(status.since_s)}`);
-    if (status.alarm) more.unshift('alarm not acknowledged');
+    if (status.alarm && !status.silent) more.unshift('ALARM NOT ACKNOWLEDGED');
     if (status.absent) more.push(status.absent);
     showLevel(status.level, status.silent ? 'no word from the detector' : `${status.state}, ${region}`, reasons[0], more.join('; '));
-    document.body.dataset.alarm = status.alarm ? '1' : '';
-    document.title = `${isReplay ? 'REPLAY ' : ''}${status.level} ${status.state}`;
     set('clock', when(status.stamp_s));
   },
   numbers(tiles) {
@@ -189,79 +224,98 @@ const WORDS = {
       fill(text.firstElementChild, tile.text);
       fill(text.lastElementChild, tile.unit);
       fill(note, tile.note);
+      note.title = tile.note;
+      box.children[index].classList.toggle('bad', ['LOST', 'NOW', 'NONE'].includes(tile.text));
     });
   },
-  drive(drive) {
-    const box = byId('drive');
-    const held = heldBy(drive);
-    byId('held').hidden = !held;
-    set('held', held);
-    byId('rearm').hidden = !held || drive.silent || !mayCommand;
-    if (!drive) { box.replaceChildren(paragraph('no speed/status: profile and interlock are not known')); return; }
-    const parts = [];
-    const target = drive.target_mps === null ? 'none' : `${drive.target_mps.toFixed(2)} m/s`;
-    parts.push(paragraph(`set point ${target}; profile ${drive.profile || '–'}: ${drive.profile_state || '–'}` + (drive.remaining_s === null ? '' : `, ${drive.remaining_s.toFixed(0)} s left`)));
-    if (drive.progress !== null) {
-      const bar = document.createElement('progress');
-      bar.value = drive.progress;
-      parts.push(bar);
-    }
-    const tripped = drive.interlock_state === 'tripped';
-    parts.push(paragraph(`interlock ${drive.interlock} ${drive.interlock_state}` + (drive.interlock_cause ? `: ${drive.interlock_cause}` : ''), tripped || drive.interlock === 'off' ? 'loud' : ''));
-    box.replaceChildren(...parts);
-  },
   nodes(nodes) {
-    byId('nodes').querySelector('table').replaceChildren(...nodes.map((node) => row([
-      [`${SHAPES[node.level]} ${node.level}`, `level ${node.level}`],
-      [node.name, 'name'],
-      [node.rate_hz === null ? '' : `${Number(node.rate_hz.toPrecision(4))}/s`, 'rate'],
-      [node.message, 'said'],
-    ])));
+    fillList('nodes', nodes.map((node) => [node.level, `${SHAPES[node.level]} ${node.level}`, node.name, (node.rate_hz === null ? '' : `${Number(node.rate_hz.toPrecision(4))}/s `) + node.message]));
   },
   events(events) { fillList('events', events.map((event) => [event.level, when(event.since_s ?? event.at_s), event.event, (event.speed_mps === null ? '' : `at ${event.speed_mps.toFixed(2)} m/s: `) + event.cause])); },
   alarms(alarms) {
     fillList('alarms', alarms.map((alarm) => {
       const over = alarm.over_s === null ? 'still there' : `until ${when(alarm.over_s)}`;
       const who = alarm.acknowledged_by ? `acknowledged by ${alarm.acknowledged_by} at ${when(alarm.acknowledged_s)}` : 'NOT ACKNOWLEDGED';
-      const highest = alarm.highest_amplitude_m === null ? '' : `, up to ${(1e3 * alarm.highest_amplitude_m).toPrecision(3)} mm`;
+      const highest = alarm.highest_amplitude_m === null ? '' : `, up to ${(1e3 * alarm.highest_amplitude_m).toFixed(3)} mm`;
       return [alarm.acknowledged_by ? 'OK' : 'ERROR', when(alarm.began_s), alarm.reached, `${over}${highest}; ${who}; ${alarm.cause}`];
     }));
   },
-  diagram(diagram) { set('form', diagram ? `(${diagram.words})` : '(the normal form in force is not known here)'); },
-  recording(path) { set('recorded', `last recording closed: ${path}`); },
-  replay: showReplay,
-  now(live) {
-    const level = live ? live.level : 'STALE';
-    set('now', `the rig now: ${SHAPES[level]} ${level}${live && !live.silent ? ` ${live.state.replaceAll('_', ' ')}` : ''}`);
-    byId('now').className = level;
+  recorder(recorder) {
+    if (!recorder) { set('recorder', 'no recorder'); return; }
+    const told = [recorder.recording ? `recording ${recorder.recording}` : 'NOT RECORDING'];
+    if (recorder.recorded_s !== null) told.push(lasting(recorder.recorded_s));
+    if (recorder.bytes !== null) told.push(size(recorder.bytes));
+    if (recorder.free_bytes !== null) told.push(`disk: ${size(recorder.free_bytes)} free`);
+    set('recorder', told.join(', '));
   },
+  viewers(count) { set('viewers', count > 1 ? `${count} browsers look` : ''); },
+  diagram(diagram) { set('form', diagram ? `(${diagram.words})` : '(the normal form in force is not known here)'); },
   spectrum(spectrum) { if (spectrum) set('channel', spectrum.channel === 'lateral' ? 'y' : 'ψ'); },
 };
 
-// Why nothing that is asked for reaches the drive: with the level, for the level does not tell it.
+// What holds the drive, or leaves it without a guard. The level does not tell it: a rig that was stopped in
+// time is quiet, and a large green OK would say that nothing has happened.
+const HELD = {stopped: 'STOPPED', tripped: 'TRIPPED'};
+
 function heldBy(drive) {
-  if (!drive) return '';
-  if (drive.silent) return 'THE SPEED NODE IS SILENT: profile and interlock are not known';
-  if (drive.emergency_stop) return 'EMERGENCY STOP IS IN FORCE, until rearmed';
-  if (drive.interlock_state === 'tripped') return `INTERLOCK TRIPPED, until rearmed: ${drive.interlock_cause.split('; ')[0]}`;
-  return '';
+  if (!drive || document.body.dataset.link === 'lost' || ended) return ['', ''];
+  if (drive.silent) return ['silent', 'THE SPEED NODE IS SILENT: profile and interlock are not known'];
+  // What the speed node says beside that: the drive may not obey.
+  const more = drive.message.replace(/^(emergency stop is in force until rearm|interlock tripped: )/, '').replace(drive.interlock_cause, '');
+  if (drive.emergency_stop) return ['stopped', `EMERGENCY STOP IS IN FORCE, until rearmed${more}`];
+  if (drive.interlock_state === 'tripped') return ['tripped', `INTERLOCK TRIPPED, until rearmed: ${drive.interlock_cause.split('; ')[0]}${more}`];
+  if (drive.level === 'ERROR') return ['wrong', drive.message];
+  if (drive.alarm_kept) return ['kept', `ALARM NOT ACKNOWLEDGED, of before a restart: ${drive.alarm_kept}`];
+  return ['', ''];
+}
+
+function showHeld() {
+  const [held, words] = heldBy(sections.drive);
+  document.body.dataset.held = held;
+  byId('held').hidden = !held;
+  set('holds', words);
+  byId('rearm').hidden = !(held in HELD || held === 'kept') || !mayCommand;
+}
+
+// Which button applies now ('lit'), which may be pressed ('on'), and which would be refused ('off').
+function offers() {
+  const {status, drive, recorder, replay} = sections;
+  const held = document.body.dataset.held in HELD;
+  const found = {acknowledge: status && status.alarm && !status.silent ? 'lit' : 'off'};
+  if (drive && !drive.silent) {
+    const {profile, profile_state: state} = drive;
+    const rests = state === 'idle' || state === 'finished';
+    found['start-profile'] = held || !profile || state === 'running' ? 'off' : rests ? 'lit' : 'on';
+    found['stop-profile'] = state === 'running' ? 'lit' : held || state === 'paused' || drive.level === 'OK' ? 'off' : 'on';
+    found['resume-profile'] = state === 'paused' && !held ? 'lit' : 'off';
+    found['arm-interlock'] = drive.interlock_state === 'disarmed' ? 'lit' : 'off';
+    found['disarm-interlock'] = drive.interlock_state === 'disarmed' ? 'off' : 'on';
+  }
+  if (recorder) {
+    found['start-recording'] = recorder.recording ? 'off' : 'lit';
+    found['stop-recording'] = found['split-recording'] = recorder.recording ? 'on' : 'off';
+  }
+  if (replay) {
+    found['pause-replay'] = replay.state === 'plays' ? 'on' : 'off';
+    found['resume-replay'] = replay.state === 'paused' ? 'lit' : 'off';
+  }
+  return found;
+}
+
+function showOffers() {
+  const found = offers();
+  for (const button of document.querySelectorAll('button[data-word]')) {
+    const offer = found[button.dataset.word] || 'on';
+    button.classList.toggle('lit', offer === 'lit' && mayCommand);
+    const disabled = offer === 'off' || !mayCommand;
+    if (button.disabled !== disabled) button.disabled = disabled;
+  }
 }
 
 function paragraph(text, kind = '') {
   const made = document.createElement('p');
-  made.textContent = text;
+  made.textContent = sign(text);
   made.className = kind;
-  return made;
-}
-
-function row(cells) {
-  const made = document.createElement('tr');
-  for (const [text, kind] of cells) {
-    const cell = document.createElement('td');
-    cell.textContent = cell.title = sign(text);
-    cell.className = kind;
-    made.append(cell);
-  }
   return made;
 }
 
@@ -272,235 +326,10 @@ function fillList(id, items) {
     const stamp = document.createElement('time');
     stamp.textContent = time;
     const name = document.createElement('b');
-    name.textContent = word.replaceAll('_', ' ');
+    name.textContent = id === 'nodes' ? word : word.replaceAll('_', ' ');
     item.append(stamp, ' ', name, sign(` ${words}`));
     return item;
   }));
-}
-
-// ---- a replay ------------------------------------------------------------------------------
-
-function replayAddress() {
-  const {at_s: at, rate, playing} = sections.replay || {};
-  const order = at === undefined ? {} : {at_s: at, rate, playing};   // after a break: where it was
-  return `played?${new URLSearchParams({recording, order: JSON.stringify(order)})}`;
-}
-
-const order = (asked) => { if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(asked)); };
-
-function clockOf(seconds) {
-  const whole = Math.floor(seconds);
-  return `${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, '0')}`;
-}
-
-let pulled = false;   // the place is being chosen
-function showReplay(replay) {
-  const plays = !replay.problem && !replay.reading;
-  for (const id of ['playing', 'rate', 'at']) byId(id).disabled = !plays;
-  if (replay.problem) { set('played', `of ${replay.name}`); watchLink(); return; }
-  if (replay.reading) {
-    set('played', `of ${replay.name}: being read`);
-    showLevel('STALE', 'being read', `${replay.name} is being read`, '');
-    return;
-  }
-  const going = replay.goes_to_s === null ? '' : `; on the way to ${clockOf(replay.goes_to_s)}`;
-  set('played', `of ${replay.name}${replay.began_s < 1e8 ? '' : `, ${new Date(1000 * replay.began_s).toLocaleString()}`} (${replay.source}${going})`);
-  set('playing', replay.playing ? 'pause' : 'play');
-  set('where', `${clockOf(replay.at_s)} of ${clockOf(replay.length_s)} min`);
-  const rate = byId('rate');
-  if (document.activeElement !== rate) rate.value = String(replay.rate);
-  const at = byId('at');
-  if (Number(at.max) !== replay.length_s) at.max = replay.length_s;
-  if (!pulled) at.value = replay.at_s;
-}
-
-function beginReplay() {
-  document.body.dataset.replay = '1';
-  byId('replay').hidden = false;
-  byId('played').textContent = `of ${recording}`;
-  byId('emergency').firstChild.textContent = 'EMERGENCY STOP of the rig ';
-  byId('playing').onclick = () => order({playing: !(sections.replay && sections.replay.playing)});
-  byId('rate').onchange = (event) => { order({rate: Number(event.target.value)}); event.target.blur(); };
-  byId('at').oninput = () => { pulled = true; };
-  byId('at').onchange = (event) => { pulled = false; order({at_s: Number(event.target.value)}); event.target.blur(); };
-}
-
-// ---- figures -------------------------------------------------------------------------------
-
-async function makeFigures() {
-  if (!window.Bokeh) {
-    for (const place of document.querySelectorAll('figure > div')) place.textContent = 'This browser cannot draw the figures: it is too old.';
-    return;
-  }
-  Bokeh.set_log_level('warn');
-  const items = await (await fetch('figures.json')).json();
-  for (const [name, item] of Object.entries(items)) {
-    const before = Bokeh.documents.length;
-    await Bokeh.embed.embed_item(item);
-    figures[name] = Bokeh.documents[before];
-  }
-  colour();
-  for (const name of [...Object.keys(sections), ...Object.keys(streams)]) dirty.add(name);
-  soon();
-}
-
-const source = (figure, name) => figures[figure].get_model_by_name(name);
-const plot = (name) => figures[name].roots()[0];
-
-function range(axis, start, end) {
-  if (axis.start !== start || axis.end !== end) axis.setv({start, end});
-}
-
-function drawFigures(todo) {
-  if (!figures.waterfall) return;
-  const {diagram, spectrum} = sections;
-  if (todo.has('diagram')) drawDiagram(diagram);
-  if (todo.has('trail')) source('diagram', 'trail').data = columns(streams.trail.rows, ['v', 'a']);
-  for (const name of Object.keys(TRACES)) if (todo.has(name) || todo.has('amplitude')) drawTrace(name);
-  if (todo.has('spectrum') && spectrum) drawSpectrum(spectrum);
-  if (todo.has('waterfall') && streams.waterfall) drawWaterfall(streams.waterfall.rows);
-}
-
-function columns(rows, names) {
-  return Object.fromEntries(names.map((name, k) => [name, rows.map((each) => each[k] ?? NaN)]));
-}
-
-const holes = (values) => values.map((value) => value ?? NaN);
-
-let shownTop = 0;
-// The rig in its diagram, in the colour of the level; no point where nothing is up to date.
-function drawPoint() {
-  if (!figures.waterfall) return;
-  const {status, diagram} = sections;
-  const known = status && !status.silent && !lost() && status.speed_mps !== null && status.amplitude_mm !== null;
-  const size = known ? status.amplitude_mm : 0;
-  const std = known ? 1.96 * (status.amplitude_std_mm ?? 0) : 0;
-  const root = plot('diagram');
-  let low = diagram ? diagram.low_mps : 0;
-  let high = diagram ? diagram.high_mps : 10;
-  if (known) {
-    low = Math.min(low, status.speed_mps - 0.03 * high);
-    high = Math.max(high, 1.03 * status.speed_mps);
-  }
-  // Grows with the point, and comes back slowly: no jumping axis.
-  const wanted = 1.15 * Math.max(diagram ? diagram.top_mm : 0.1, size);
-  if (wanted > shownTop || wanted < 0.6 * shownTop) shownTop = wanted;
-  range(root.x_range, low, high);
-  range(root.y_range, -0.03 * shownTop, shownTop);
-  source('diagram', 'point').data = known
-    ? {v: [status.speed_mps], a: [size], low: [Math.max(0, size - std)], high: [size + std]}
-    : {v: [], a: [], low: [], high: []};
-  const fill = variable(document.body.dataset.level.toLowerCase());
-  for (const model of tagged('diagram', 'fill:level')) if (model.fill_color.value !== fill) model.fill_color = {value: fill};
-}
-
-function drawDiagram(diagram) {
-  shownTop = 0;
-  drawPoint();
-  const {start: low, end: high} = plot('diagram').x_range;
-  for (const name of ['stable', 'unstable']) {
-    const [v, a] = diagram ? diagram[name] : [[], []];
-    source('diagram', name).data = {v, a: holes(a)};
-    const band = (diagram && diagram.bands[name]) || [[], [], []];
-    source('diagram', `band_${name}`).data = {v: band[0], low: holes(band[1]), high: holes(band[2])};
-  }
-  const hopf = diagram ? Math.min(Math.max(diagram.v_c_mps, low), high) : low;
-  source('diagram', 'quiet_stable').data = {v: diagram ? [0, hopf] : [], a: diagram ? [0, 0] : []};
-  source('diagram', 'quiet_unstable').data = {v: diagram ? [hopf, 2 * high] : [], a: diagram ? [0, 0] : []};
-  const marks = diagram ? [['v_n', diagram.v_n_mps], ['v_c', diagram.v_c_mps]].filter((mark) => mark[1] !== null) : [];
-  source('diagram', 'speeds').data = {v: marks.map((mark) => mark[1]), top: marks.map(() => shownTop), name: marks.map((mark) => mark[0])};
-}
-
-function drawTrace(name) {
-  const rows = (streams[name] || {rows: []}).rows;
-  const sizes = (streams.amplitude || {rows: []}).rows;
-  const ends = [rows.at(-1)?.[0], sizes.at(-1)?.[0]].filter((end) => end !== undefined);
-  if (!ends.length) return;
-  const now = Math.max(...ends);
-  const t = [];
-  const y = [];
-  let most = 0;
-  rows.forEach(([second, low, high], index) => {
-    t.push(second - now, second - now);
-    if (index % 2) y.push(high ?? NaN, low ?? NaN); else y.push(low ?? NaN, high ?? NaN);
-    most = Math.max(most, Math.abs(low ?? 0), Math.abs(high ?? 0));
-  });
-  source(name, 'signal').data = {t, y};
-  for (const [edge, column] of [['amplitude', TRACES[name][0]], ['envelope', TRACES[name][1]]]) {
-    const up = sizes.map((each) => each[column] ?? NaN);
-    source(name, edge).data = {t: sizes.map((each) => each[0] - now), up, down: up.map((value) => -value)};
-  }
-  const axis = plot(name).y_range;
-  const wanted = 1.15 * most || 1;
-  if (wanted > axis.end || wanted < 0.6 * axis.end) range(axis, -wanted, wanted);
-}
-
-function drawSpectrum(spectrum) {
-  const root = plot('spectrum');
-  const known = spectrum.amplitude.filter((value) => value > 0);
-  const top = 2 * Math.max(...known);
-  const low = Math.max(Math.min(...known), top * 1e-5);
-  range(root.x_range, 0, spectrum.frequency_hz.at(-1));
-  range(root.y_range, low, top);
-  root.left[0].axis_label = spectrum.channel === 'lateral' ? 'amplitude (mm)' : 'amplitude (mrad)';
-  source('spectrum', 'spectrum').data = {f: spectrum.frequency_hz, a: spectrum.amplitude};
-  const lines = spectrum.lines;
-  source('spectrum', 'lines').data = {f: lines.map((line) => line.hz), low: lines.map(() => low), top: lines.map(() => top), name: lines.map((line) => line.name)};
-}
-
-// The levels between which most of the cells lie, in steps of 5 dB, so that the colours hold still.
-function extremes(cells) {
-  const sorted = Float32Array.from(cells).sort();
-  const weak = 5 * Math.floor(sorted[Math.floor(0.2 * sorted.length)] / 5);
-  return [weak, Math.max(weak + 20, 5 * Math.ceil(sorted.at(-1) / 5))];
-}
-
-function drawWaterfall(rows) {
-  if (rows.length < 2) { source('waterfall', 'waterfall').data = {image: [], x: [], y: [], dw: [], dh: []}; return; }
-  const first = rows[0][0] - rows.at(-1)[0];
-  const root = plot('waterfall');
-  const width = 0.2 * (rows[0].length - 1);
-  range(root.x_range, 0, width);
-  range(root.y_range, first, 0);
-  // What BokehJS takes for an image: numbers in one row, with a shape.
-  const cells = Float32Array.from(rows.flatMap((each) => each.slice(1)));
-  const [weak, strong] = extremes(cells);
-  const mapper = root.renderers[0].glyph.color_mapper;
-  if (mapper.low !== weak || mapper.high !== strong) mapper.setv({low: weak, high: strong});
-  const image = Object.assign(cells, {shape: [rows.length, rows[0].length - 1], dimension: 2, dtype: 'float32'});
-  source('waterfall', 'waterfall').data = {image: [image], x: [0], y: [first], dw: [width], dh: [-first]};
-}
-
-// ---- day and night -------------------------------------------------------------------------
-
-const variable = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
-
-function* tagged(figure, tag) {
-  for (const model of figures[figure]._all_models.values()) if (model.tags && model.tags.includes(tag)) yield model;
-}
-
-function colour() {
-  const [ink, muted, grid] = ['ink', 'muted', 'grid'].map(variable);
-  for (const name of Object.keys(figures)) {
-    const root = plot(name);
-    for (const axis of [...root.below, ...root.left]) axis.setv({axis_label_text_color: ink, major_label_text_color: ink, axis_line_color: muted, major_tick_line_color: muted});
-    for (const each of root.center) each.setv({grid_line_color: grid});
-    for (const model of figures[name]._all_models.values()) {
-      for (const tag of model.tags || []) {
-        const [kind, role] = tag.split(':');
-        if (role === 'level') continue;
-        const value = {value: variable(role)};
-        if (kind === 'stroke') model.line_color = value;
-        if (kind === 'fill') model.fill_color = value;
-        if (kind === 'text') model.text_color = value;
-      }
-    }
-  }
-}
-
-function setScheme(scheme) {
-  document.documentElement.dataset.scheme = scheme;
-  if (figures.waterfall) colour();
 }
 
 // ---- commands ------------------------------------------------------------------------------
@@ -508,13 +337,13 @@ function setScheme(scheme) {
 const mayCommand = meta('right') === 'command';
 let answerTimer = 0;
 
-function answer(done, text) {
+function answer(kind, text) {
   const box = byId('answer');
   clearTimeout(answerTimer);
   box.hidden = false;
-  box.className = done ? 'done' : 'refused';
+  box.className = kind;
   box.firstElementChild.textContent = text;
-  if (done) answerTimer = setTimeout(() => { box.hidden = true; }, 6000);   // a refusal stays
+  if (kind !== 'refused') answerTimer = setTimeout(() => { box.hidden = true; }, 6000);   // a refusal stays
 }
 
 async function command(word, words = '') {
@@ -527,10 +356,10 @@ async function command(word, words = '') {
       signal: AbortSignal.timeout(ANSWER_MS),
     });
     const {done, message} = await reply.json();
-    answer(done, `${name}: ${message || (done ? 'done' : 'refused')}`);
+    answer(done ? 'done' : 'refused', `${name}: ${message || (done ? 'done' : 'refused')}`);
   } catch (error) {
     const hard = word === 'emergency-stop' ? ': USE THE HARD-WIRED STOP' : '';
-    answer(false, `${name}: NO ANSWER FROM THE SERVER${hard}`);
+    answer('refused', `${name}: NO ANSWER FROM THE SERVER${hard}`);
   }
 }
 
@@ -543,7 +372,56 @@ function withName(act) {
   byId('operator').focus();
 }
 
+// A button that acts when it was held down for a second, by a finger, a mouse or a key.
+function hold(button, act) {
+  let timer = 0;
+  const begin = (event) => {
+    if (timer || button.disabled || (event.key && event.key !== 'Enter' && event.key !== ' ')) return;
+    if (event.key) event.preventDefault();
+    button.classList.add('pressed');
+    timer = setTimeout(() => { button.classList.remove('pressed'); timer = 0; act(); }, HOLD_MS);
+  };
+  const end = (event) => {
+    if (!timer) return;
+    clearTimeout(timer);
+    timer = 0;
+    button.classList.remove('pressed');
+    if (event.type !== 'blur') answer('hint', `${button.textContent}: hold the button down for a second`);
+  };
+  for (const kind of ['pointerdown', 'keydown']) button.addEventListener(kind, begin);
+  for (const kind of ['pointerup', 'pointerleave', 'pointercancel', 'keyup', 'blur']) button.addEventListener(kind, end);
+  button.addEventListener('contextmenu', (event) => event.preventDefault());
+  button.title = 'hold it down for a second';
+}
+
+let audio = null;
+function beep() {
+  const {status, replay} = sections;
+  const alarm = document.body.dataset.link !== 'up' || (status && (status.alarm || status.level === 'ERROR'));
+  if (!audio || replay || !alarm) return;
+  const tone = audio.createOscillator();
+  tone.frequency.value = 880;
+  tone.connect(audio.destination);
+  tone.start();
+  tone.stop(audio.currentTime + 0.25);
+}
+
+function beginSound() {
+  byId('sound').onclick = () => {
+    if (audio) { audio.close(); audio = null; } else { audio = new AudioContext(); }
+    set('sound', `sound: ${audio ? 'on' : 'off'}`);
+    byId('sound').setAttribute('aria-pressed', String(Boolean(audio)));
+  };
+  setInterval(beep, BEEP_MS);
+}
+
+function setScheme(scheme) {
+  document.documentElement.dataset.scheme = scheme;
+  recolour();
+}
+
 function begin() {
+  beginFigures();
   setScheme(localStorage.getItem('hunt-scheme') || (matchMedia('(prefers-color-scheme: dark)').matches ? 'night' : 'day'));
   byId('scheme').onclick = () => {
     const next = document.documentElement.dataset.scheme === 'day' ? 'night' : 'day';
@@ -551,9 +429,11 @@ function begin() {
     setScheme(next);
   };
   for (const button of document.querySelectorAll('button[data-word]')) {
-    button.disabled = !mayCommand;
-    button.onclick = () => (button.dataset.named ? withName((name) => command(button.dataset.word, name)) : command(button.dataset.word));
+    const {word} = button.dataset;
+    const act = () => ('named' in button.dataset ? withName((name) => command(word, name)) : command(word));
+    if ('hold' in button.dataset) hold(button, act); else button.onclick = act;
   }
+  showOffers();
   byId('viewing').hidden = mayCommand;
   for (const input of document.querySelectorAll('#mark *')) input.disabled = !mayCommand;
   byId('mark').onsubmit = (event) => {
@@ -580,10 +460,9 @@ function begin() {
     for (const name of [...Object.keys(sections), ...Object.keys(streams)]) dirty.add(name);
     if (!document.hidden) requestAnimationFrame(draw);
   });
-  if (isReplay) beginReplay();
+  beginSound();
   setInterval(watchLink, 200);
   connect();
-  makeFigures();
 }
 
 begin();
