@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import textwrap
@@ -12,9 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hunt_ros.compiled import HAVE_COMPILER, compiled
+from hunt_ros.compiled import F1, HAVE_COMPILER, compile_all, compiled
 
-BAG = Path(__file__).parents[1] / 'bags' / 'kick_decays'
+ROOT = Path(__file__).parents[1]
+BAG = ROOT / 'bags' / 'kick_decays'
 
 #: Put before a script: from here on, numba is not there to be found.
 HIDE_NUMBA = textwrap.dedent(
@@ -51,7 +53,7 @@ def run(script: str, hide: bool) -> str:
     return done.stdout
 
 
-def decay(values: np.ndarray, factor: float) -> float:
+def decay(values: F1, factor: float) -> float:
     """Sum a recursive filter: an order of operations that a fast-math compiler would change."""
     state = 0.0
     total = 0.0
@@ -114,7 +116,7 @@ ROOMS_WITHOUT_ROS = textwrap.dedent(
         package = importlib.import_module(f'hunt_ros.{room}')
         for module in pkgutil.walk_packages(package.__path__, package.__name__ + '.'):
             importlib.import_module(module.name)
-    heavy = {'rclpy', 'rosbags', 'mcap', 'matplotlib', 'bokeh', 'dask', 'distributed', 'serial'}
+    heavy = {'rclpy', 'rosbags', 'mcap', 'matplotlib', 'tornado', 'dask', 'distributed', 'serial'}
     print(sorted(heavy & set(sys.modules)))
     """
 )
@@ -169,79 +171,220 @@ def test_simulator_and_detector_give_the_same_numbers_without_numba() -> None:
         np.testing.assert_allclose(ours, theirs, rtol=1e-6, atol=1e-9 * scale, err_msg=name)
 
 
+@pytest.mark.skipif(not HAVE_COMPILER, reason='numba is not installed')
+def test_a_kernel_has_one_signature() -> None:
+    kernel = compiled(decay)
+    assert kernel(np.ones(3), 1) == 6.0  # an int is a float
+    assert len(kernel.signatures) == 1
+    with pytest.raises(TypeError, match='No matching definition'):
+        kernel(np.ones(3, dtype=np.float32), 1.0)
+
+
 KERNEL = """
-from hunt_ros.compiled import compiled
+from typing import NamedTuple
+from hunt_ros.compiled import compiled, on_compilation
+from part import FACTOR, Pair, half
 
 @compiled
-def twice(x):
-    return 2.0 * x
+def total(pair: Pair) -> float:
+    return FACTOR * half(pair.first) + pair.second
 
-@compiled
-def thrice(x):
-    return 3.0 * x
-
-print(twice(1.0), thrice(1.0))
+on_compilation(lambda text: print('compiling'))
+print(total(Pair(2.0, 3.0)))
 """
+
+PART = """
+from typing import NamedTuple
+from hunt_ros.compiled import compiled_part
+
+FACTOR = 1.0
+Pair = NamedTuple('Pair', [('first', float), ('second', float)])
+
+@compiled_part
+def half(x: float) -> float:
+    return 0.5 * x
+"""
+
+
+def copy_of_the_package(to: Path) -> None:
+    """Copy the package, without any machine code."""
+    without = shutil.ignore_patterns('machine_code')
+    shutil.copytree(ROOT / 'hunt_ros', to / 'hunt_ros', ignore=without)
+
+
+def total(folder: Path, part: str = PART, **environment: str) -> list[str]:
+    """Write the kernel above and its part, run it, and return the lines that it prints."""
+    (folder / 'part.py').write_text(part)
+    (folder / 'kernel.py').write_text(KERNEL)
+    done = subprocess.run(
+        [sys.executable, str(folder / 'kernel.py')],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, 'NUMBA_CACHE_DIR': str(folder / 'cache'), **environment},
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines() + done.stderr.splitlines()
+
+
+@pytest.mark.skipif(not HAVE_COMPILER, reason='numba is not installed')
+def test_machine_code_is_kept_by_content(tmp_path) -> None:
+    assert total(tmp_path) == ['compiling', '4.0']
+    assert total(tmp_path) == ['4.0']
+    for path in tmp_path.glob('*.py'):
+        os.utime(path, (1.0, 1.0))
+    assert total(tmp_path) == ['4.0']
+    assert total(tmp_path, PART.replace('0.5', '0.25')) == ['compiling', '3.5']
+    assert total(tmp_path, PART.replace('FACTOR = 1.0', 'FACTOR = 2.0')) == ['compiling', '5.0']
+
+
+@pytest.mark.skipif(not HAVE_COMPILER, reason='numba is not installed')
+def test_damaged_machine_code_is_made_anew(tmp_path) -> None:
+    total(tmp_path)
+    for path in (tmp_path / 'cache').rglob('*.code'):
+        path.write_bytes(path.read_bytes()[:100])
+    assert total(tmp_path) == ['compiling', '4.0']
+    assert total(tmp_path) == ['4.0']
 
 
 @pytest.mark.skipif(not HAVE_COMPILER, reason='numba is not installed')
 def test_where_nothing_can_be_written_kernels_work_and_one_line_says_so(tmp_path) -> None:
     """As in a source tree that is read-only, without a home; this holds for root too."""
-    (tmp_path / 'kernel.py').write_text(KERNEL)
-    (tmp_path / '__pycache__').write_text('a file where the folder should be')
-    unset = ('NUMBA_CACHE_DIR', 'XDG_CACHE_HOME')
-    env = {name: value for name, value in os.environ.items() if name not in unset}
+    tree = tmp_path / 'tree'
+    copy_of_the_package(tree)
+    (tree / 'hunt_ros' / 'machine_code').write_text('a file where the folder should be')
+    nowhere = {'NUMBA_CACHE_DIR': os.devnull, 'XDG_CACHE_HOME': os.devnull}
+    *lines, last = total(tmp_path, PYTHONPATH=str(tree), **nowhere)
+    assert lines == ['compiling', '4.0']
+    assert 'NUMBA_CACHE_DIR' in last
+    words = [sys.executable, '-m', 'hunt_ros.cli.main', 'compile']
+    env = {**os.environ, 'PYTHONPATH': str(tree), **nowhere}
+    done = subprocess.run(words, capture_output=True, text=True, check=False, env=env, cwd=tree)
+    assert done.returncode == 1
+    assert 'NUMBA_CACHE_DIR' in done.stderr
+
+
+@pytest.mark.skipif(not HAVE_COMPILER, reason='numba is not installed')
+def test_every_kernel_is_compiled_ahead_and_a_copy_of_the_package_finds_it(tmp_path) -> None:
+    """As in a wheel or a container: another path, other dates."""
+    compile_all()
+    shutil.copytree(ROOT / 'hunt_ros', tmp_path / 'hunt_ros')
+    # As after a change that took a kernel away: its machine code goes.
+    folder = tmp_path / 'hunt_ros' / 'machine_code'
+    for path in folder.glob('*.complete'):
+        path.unlink()
+    (gone := folder / f'hunt_ros.room.gone.{sys.implementation.cache_tag}.0.code').touch()
+    script = 'import hunt_ros.compiled as c; print(c.__file__, c.compile_all(), c.is_complete())'
     done = subprocess.run(
-        [sys.executable, str(tmp_path / 'kernel.py')],
+        [sys.executable, '-c', script],
         capture_output=True,
         text=True,
-        check=False,
-        env={**env, 'HOME': os.devnull},
+        check=True,
+        cwd=tmp_path,
+        env={**os.environ, 'PYTHONPATH': str(tmp_path), 'XDG_CACHE_HOME': str(tmp_path)},
     )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout == '2.0 3.0\n'
-    (line,) = done.stderr.splitlines()
-    assert 'NUMBA_CACHE_DIR' in line
+    assert done.stdout.split() == [str(tmp_path / 'hunt_ros' / 'compiled.py'), '0', 'True']
+    assert not gone.exists()
 
 
-@pytest.mark.skipif(not HAVE_COMPILER, reason='without numba nothing is kept on disk')
-def test_machine_code_of_an_earlier_version_is_made_anew(tmp_path) -> None:
-    kernel = textwrap.dedent(
-        """
-        from {module} import Pair
-        from hunt_ros.compiled import compiled
+LIVE = """
+import numpy as np
+import hunt_ros.compiled as c
+c.subprocess.Popen = lambda words, **more: print(' '.join(words[2:]))
+c.serve_live(print)
+from hunt_ros.estimation.turning import Unwrapping
+Unwrapping().update(np.arange(3), np.arange(3) / 10.0)
+print(c.HAVE_COMPILER, len(c.KERNELS))
+"""
 
-        @compiled
-        def total(pair):
-            return pair.first + pair.second
 
-        print(total(Pair(1.0, 2.0)), sum(total.stats.cache_hits.values()))
-        """
+@pytest.mark.skipif(not HAVE_COMPILER, reason='numba is not installed')
+def test_a_live_process_compiles_nothing(tmp_path) -> None:
+    tree = tmp_path / 'tree'
+    copy_of_the_package(tree)
+    done = subprocess.run(
+        [sys.executable, '-c', LIVE],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=tree,
+        env={**os.environ, 'PYTHONPATH': str(tree), 'XDG_CACHE_HOME': str(tmp_path / 'home')},
     )
-    fields = '[("first", float), ("second", float)]'
-    pair = f'from typing import NamedTuple\nPair = NamedTuple("Pair", {fields})\n'
-    script = f'import sys; sys.path.insert(0, {str(tmp_path)!r}); import kernels'
-
-    def version(module: str) -> list[str]:
-        (tmp_path / f'{module}.py').write_text(pair)
-        (tmp_path / 'kernels.py').write_text(kernel.format(module=module))
-        return run(script, hide=False).split()
-
-    assert version('before') == ['3.0', '0']
-    assert version('before') == ['3.0', '1']
-    (tmp_path / 'before.py').unlink()
-    assert version('later') == ['3.0', '0']
-    assert version('later') == ['3.0', '1']
+    said, background, last = done.stdout.splitlines()
+    assert 'not compiled' in said
+    assert background == 'hunt_ros.cli.main compile --background'
+    assert last == 'False 0'
+    assert not list(tmp_path.rglob('*.code'))
 
 
-@pytest.mark.skipif(not HAVE_COMPILER, reason='without numba nothing is kept on disk')
 @pytest.mark.parametrize('verb', ['replay', 'identify'])
-def test_a_verb_that_ran_before_compiles_nothing(verb) -> None:
-    """A part that Python calls would be compiled at every start, and be said each time."""
+def test_verbs_work_with_the_compiler_switched_off(verb) -> None:
     words = [sys.executable, '-m', 'hunt_ros.cli.main', verb, str(BAG)]
-    for _ in range(2):
-        done = subprocess.run(words, capture_output=True, text=True, check=False)
-        assert done.returncode in (0, 1), done.stderr  # 1: no form
-    if 'cannot be kept' in done.stderr:
-        pytest.skip('nothing can be written here')
+    env = {**os.environ, 'NUMBA_DISABLE_JIT': '1'}
+    done = subprocess.run(words, capture_output=True, text=True, check=False, env=env)
+    assert done.returncode in (0, 1), done.stderr  # 1: no form
+    assert 'Traceback' not in done.stderr
+
+
+@pytest.mark.skipif(not HAVE_COMPILER, reason='numba is not installed')
+@pytest.mark.parametrize('verb', ['replay', 'identify'])
+def test_a_verb_compiles_nothing_where_hunt_compile_has_run(verb) -> None:
+    compile_all()
+    words = [sys.executable, '-m', 'hunt_ros.cli.main', verb, str(BAG)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode in (0, 1), done.stderr  # 1: no form
     assert 'compiling' not in done.stderr
+
+
+#: Limits set while it runs, criteria, a forecast, a form accepted, each channel missing once.
+ALL_WAYS = """
+import sys
+from dataclasses import replace
+import hunt_ros.compiled as c
+said = []
+c.serve_live(said.append)
+from hunt_ros.criteria import CRITERIA
+from hunt_ros.detection import DetectorConfig, HuntingDetector
+from hunt_ros.detection.companions import CompanionConfig, Companions
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.errors import ConfigError
+from hunt_ros.dynamics.simulation import Kick, SimulationSettings, SpeedProfile, simulate
+
+settings = SimulationSettings(sample_rate_hz=100.0, initial_speed=7.2, broadband=8e-6)
+kicks = [Kick(5.0, lateral_m=3e-4)]
+record = simulate(paper_rig(), settings, SpeedProfile.constant(7.2), 40.0, kicks, seed=1)
+form = IdentifiedNormalForm(PAPER_NORMAL_FORM)
+channels = ('lateral', 'yaw', 'roller', 'speed')
+for missing in ('', *channels):
+    used = tuple(name for name in channels if name != missing)
+    try:
+        config = DetectorConfig(channels=used, roller_diameter_m=0.6)
+    except ConfigError:
+        continue  # it is needed
+    detector = HuntingDetector(config)
+    criteria = tuple(CRITERIA) if 'lateral' in used else ()
+    companions = Companions.of(CompanionConfig(criteria=criteria), config)
+    for begin_s in range(40):
+        if begin_s == 10:
+            config = replace(config, alarm_lateral_mm=0.1, warn_acceleration_mps2=0.1)
+            detector.reconfigure(config)
+        if begin_s == 20:
+            detector.set_normal_form(form)
+        for name in used:
+            channel = record[name]
+            second = channel.stamps_ns // 1_000_000_000
+            part = second - second[0] == begin_s
+            companions.update(detector.update(name, channel.stamps_ns[part], channel.values[part]))
+assert len(c.KERNELS) > 15, c.KERNELS
+c.load()
+c.load()
+print(c.HAVE_COMPILER, said)
+"""
+
+
+@pytest.mark.skipif(not HAVE_COMPILER, reason='numba is not installed')
+def test_no_way_through_a_live_detector_meets_a_kernel_that_is_not_compiled() -> None:
+    compile_all()
+    assert run(ALL_WAYS, hide=False).strip() == 'True []'

@@ -8,17 +8,22 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import resolve_name
+from runpy import run_path
 from typing import Any
 
 import pytest
 import yaml
 
+from hunt_ros.detection import HuntingDetector
+from hunt_ros.detection.output import EVENT_NUMBERS, NUMBERS, PUBLIC
+
 ROOT = Path(__file__).parents[1]
 SITE = ROOT / 'docs' / 'site'
 PAGES = [
-    ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', ROOT / 'bags' / 'README.md',
+    *(ROOT / name for name in ('README.md', 'CONTRIBUTING.md', 'QUALITY_DECLARATION.md')),
+    ROOT / 'bags' / 'README.md',
     *sorted((ROOT / 'docs').rglob('*.md')),
-]  # fmt: skip
+]
 #: Pages that the site makes itself (docs/site/hooks.py).
 MADE = {'index.md', 'tutorial.md'}
 
@@ -45,6 +50,27 @@ def test_every_link_to_a_file_leads_to_one(page: Path) -> None:
         assert file.exists(), f'{page.name}: {target}'
         if anchor:
             assert anchor in anchors(file), f'{page.name}: {target}'
+
+
+def test_the_readme_fits_a_screen_and_its_commands_are_there() -> None:
+    """What `hunt` and Python do in it is run by test/cli/test_examples.py."""
+    text = (ROOT / 'README.md').read_text(encoding='utf-8')
+    assert len(text.split()) <= 900
+    targets = set(re.findall(r'^([a-z-]+):', (ROOT / 'Makefile').read_text(), re.MULTILINE))
+    blocks = re.findall(r'```(\w*)\n(.*?)```', text, re.DOTALL)
+    assert {kind for kind, _ in blocks} == {'sh', 'python'}
+    for _, block in (block for block in blocks if block[0] == 'sh'):
+        for line in block.replace('\\\n', ' ').splitlines():
+            program, word, *_ = line.split()
+            assert program in ('hunt', '.') or (program == 'make' and word in targets), line
+
+
+def test_the_page_of_the_topics_has_every_value_of_the_status_and_the_events() -> None:
+    page = (ROOT / 'docs/topics.md').read_text(encoding='utf-8')
+    numbers = {PUBLIC.get(name, name) for name in NUMBERS}
+    derived = re.compile(r'_(std|low|high)(?=_|$)')  # told with the number that they belong to
+    for key in {*HuntingDetector().status.values} - numbers | {*EVENT_NUMBERS}:
+        assert f'`{derived.sub("", key)}`' in page, key
 
 
 def nav() -> list[str]:
@@ -84,3 +110,46 @@ def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert (tmp_path / 'site' / 'index.html').is_file()
+
+
+def test_the_page_of_the_settings_is_what_the_code_says() -> None:
+    """`make settings` writes it."""
+    pytest.importorskip('rclpy', reason='the nodes declare them')
+    written = run_path(str(ROOT / 'docs/settings.py'))['page']()
+    assert (ROOT / 'docs/settings.md').read_text(encoding='utf-8') == written
+
+
+@pytest.mark.slow
+def test_the_animation_shows_a_trip_that_keeps_the_rig_out_of_the_limit_cycle() -> None:
+    """What docs/animation.py draws still happens."""
+    guarded, alone = run_path(str(ROOT / 'docs/animation.py'))['run']()
+    assert 'ERROR' in guarded.level
+    assert guarded.level[-1] in ('OK', 'WARN')
+    assert max(guarded.amplitude) < 0.8 * max(alone.amplitude)
+    assert alone.state[-1] == 'limit cycle'
+    assert min(guarded.speed) < min(alone.speed) - 0.5
+
+
+def test_what_it_can_says_the_numbers_that_were_measured() -> None:
+    """Each number of the column `measured` stands in the section that the command prints."""
+    page = (ROOT / 'docs/what-it-can.md').read_text(encoding='utf-8')
+    measured = (ROOT / 'docs/benchmarks.md').read_text(encoding='utf-8')
+    rows = re.findall(r'^\| .+\? \| (.+?) \| .+? \| `make ([a-z-]+)` \|$', page, re.MULTILINE)
+    assert len(rows) == 10
+    for said, command in rows:
+        begin, end = f'<!-- {command} -->', f'<!-- /{command} -->'
+        section = measured.partition(begin)[2].partition(end)[0]
+        for number in re.findall(r'\b\d+(?:\.\d+)?\b(?! %\))', said):
+            alone = rf'(?<![\d.]){re.escape(number)}(?![\d.]*\d)'
+            assert re.search(alone, section), (command, number)
+
+
+def test_the_map_names_files_that_are_there() -> None:
+    """Of CONTRIBUTING.md: files of the package, or of the repository."""
+    text = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')
+    table = text.partition('## To change X')[2].partition('\n## ')[0]
+    names = re.findall(r'`([a-z_]+(?:/[a-z_]+)*(?:\.\w+)?)`', table)
+    files = [name for name in names if '/' in name or '.' in name]
+    assert len(files) > 20
+    for name in files:
+        assert (ROOT / name).exists() or (ROOT / 'hunt_ros' / name).exists(), name

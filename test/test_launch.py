@@ -92,7 +92,7 @@ def test_every_node_of_the_suite_is_launched_once_with_the_default_file(launched
         'rig_simulator', 'roller_speed', 'yaw_sensor',
     ]  # fmt: skip
     for node in nodes:
-        assert node.named['parameters'] == [str(ROOT / 'config' / 'rig.yaml')]
+        assert node.named['parameters'][0] == str(ROOT / 'config' / 'rig.yaml')
         enclave = f'/rig/{node.named["executable"]}'
         words = ['--ros-args', '--log-level', 'info', '--enclave', enclave]
         assert node.named['arguments'] == words
@@ -131,12 +131,22 @@ def test_without_sensors_only_the_listeners_start(launched) -> None:
 
 def test_one_process_has_the_same_nodes_and_parameters(launched) -> None:
     several = launched(respawn='true')
-    (node,) = launched(one_process='true', respawn='true')
+    guard, node = launched(one_process='true', respawn='true')
+    assert guard.named['executable'] == several[0].named['executable'] == 'roller_speed'
+    assert guard.named['parameters'] == several[0].named['parameters']
     assert node.named['executable'] == 'suite'
     *names, _, _, _ = node.named['arguments']
-    assert names == [each.named['executable'] for each in several]
-    assert node.named['parameters'] == several[0].named['parameters']
-    assert node.named['respawn'] is several[0].named['respawn'] is True
+    assert names == [each.named['executable'] for each in several[1:]]
+    assert node.named['parameters'] == several[1].named['parameters']
+    assert node.named['respawn'] is several[1].named['respawn'] is True
+
+
+def test_only_a_rig_that_is_not_simulated_is_slowed_down_at_the_end(launched) -> None:
+    simulated, *_ = launched()
+    assert {'slow_down_at_end': False} in simulated.named['parameters']
+    real, *_ = launched(simulated='false')
+    assert {'slow_down_at_end': False} not in real.named['parameters']
+    assert float(real.named['sigterm_timeout']) > 100.0, 'launch would end it after 5 s'
 
 
 def test_what_is_not_given_does_not_override_the_users_file(launched, tmp_path: Path) -> None:
@@ -144,16 +154,16 @@ def test_what_is_not_given_does_not_override_the_users_file(launched, tmp_path: 
     for path in (rig, form):
         path.write_text('/**: {ros__parameters: {lines: [1.0]}}')
     files = [str(rig), str(form)]
-    (node, *_) = launched(rig=str(rig), normal_form=str(form))
+    (_, node, *_) = launched(rig=str(rig), normal_form=str(form))
     assert node.named['parameters'] == files
-    (node, *_) = launched(rig=str(rig), normal_form=str(form), use_sim_time='false')
+    (_, node, *_) = launched(rig=str(rig), normal_form=str(form), use_sim_time='false')
     *first, last = node.named['parameters']
     assert first == files
     assert list(last) == ['use_sim_time']
 
 
 def test_the_page_is_a_process_of_its_own_where_it_is_asked_for(launched) -> None:
-    (suite, page) = launched(page='true', one_process='true')
+    (_, suite, page) = launched(page='true', one_process='true')
     assert page.named['executable'] == 'dashboard'
     assert 'dashboard' not in suite.named['arguments']
     names = [node.named['executable'] for node in launched(page='true')]
@@ -162,13 +172,13 @@ def test_the_page_is_a_process_of_its_own_where_it_is_asked_for(launched) -> Non
 
 def test_alarm_outputs_start_where_the_rig_file_names_one(launched, tmp_path: Path) -> None:
     rig = tmp_path / 'rig.yaml'
-    rig.write_text('/rig/alarm_outputs: {ros__parameters: {sound: bell}}')
-    suite, alarm = launched(rig=str(rig), one_process='true')
+    rig.write_text('/rig/alarm_outputs: {ros__parameters: {command: /bin/true}}')
+    _, alarm, suite = launched(rig=str(rig), one_process='true')
     assert alarm.named['executable'] == 'alarm_outputs'
     assert alarm.named['parameters'] == [str(rig)]
     assert 'alarm_outputs' not in suite.named['arguments']
     rig.write_text('/rig/alarm_outputs: {ros__parameters: {silence_s: 3.0}}')
-    assert len(launched(rig=str(rig), one_process='true')) == 1
+    assert len(launched(rig=str(rig), one_process='true')) == 2
     rig.write_text('/rig/alarm_outputs: {ros__parameters: {command: /nowhere/notify}}')
     with pytest.raises(ConfigError, match=r'rig\.yaml: alarm_outputs: .*/nowhere/notify'):
         launched(rig=str(rig))

@@ -70,7 +70,7 @@ def published(measured: dict[str, Published]) -> dict[str, Published]:
     for name, kind in {**DESIGN_TOPICS, **LATCHED_TOPICS}.items():
         topics.setdefault(name if name.startswith('/') else f'/rig/{name}', Published(kind))
     for each in ESTIMATES:
-        filled = tuple(field for field in FIELDS if getattr(each, field))
+        filled = ('position', *['velocity'] * each.rate, *['effort'] * each.std)
         topics[f'/rig/{each.name}'] = Published(JOINT_STATE, each.joints, filled)
     return topics
 
@@ -79,10 +79,10 @@ def published(measured: dict[str, Published]) -> dict[str, Published]:
 def status_keys() -> set[str]:
     """Keys of the values in `hunting/status`."""
     pytest.importorskip('rclpy', reason='the status is made by the nodes')
-    from hunt_ros.detection.words.status import DetectorStatus
-    from hunt_ros.nodes.support.detector_messages import status_message
+    from hunt_ros.detection import HuntingDetector
+    from hunt_ros.nodes.hunting_detector import status_message
 
-    return {pair.key for pair in status_message(DetectorStatus(), 'rig').status[0].values}
+    return {pair.key for pair in status_message(HuntingDetector().status, 'rig').status[0].values}
 
 
 def check_field(path: str, topic: Published, keys: set[str]) -> None:

@@ -37,8 +37,8 @@ OF_ROS = {
     'launch_ros', 'ros2launch', 'ament_index_python',
 }  # fmt: skip
 #: What a key of rosdep brings on Ubuntu 24.04: `rosdep/python.yaml` of ros/rosdistro, 2026-08-22.
-#: With the version of packages.ubuntu.com (noble), or '' for the newest, where rosdep calls pip.
-#: There is a key python3-numba too, whose package 24.04 has not.
+#: With the version of packages.ubuntu.com (noble). No key for which rosdep calls pip: what depends
+#: on one cannot be released. There is a key python3-numba too, whose package 24.04 has not.
 ROSDEP = {
     'python3-setuptools': {'setuptools': '68.1.2'},
     'python3-numpy': {'numpy': '1.26.4'},
@@ -46,11 +46,7 @@ ROSDEP = {
     'python3-matplotlib': {'matplotlib': '3.6.3'},
     'python3-rich': {'rich': '13.7.1'},
     'python3-yaml': {'PyYAML': '6.0.1'},
-    'python3-rosbags-pip': {'rosbags': ''},
-    'python3-filterpy-pip': {'filterpy': ''},
-    'mcap-ros2-support': {'mcap': '', 'lz4': '', 'zstandard': ''},
     'python3-serial': {'pyserial': '3.5'},
-    'python3-bokeh-pip': {'bokeh': ''},
     'python3-tornado': {'tornado': '6.4.0'},
     'python3-pymodbus': {'pymodbus': '3.6.9'},
     'python3-pytest': {'pytest': '7.4.4'},
@@ -129,7 +125,7 @@ def test_rosdep_brings_every_requirement_or_the_page_of_the_lab_pc_says_that_pip
     missing = set()
     for requirement in map(Requirement, texts):
         version = brought.get(requirement.name)
-        if version is None or (version and version not in requirement.specifier):
+        if version is None or version not in requirement.specifier:
             missing.add(requirement.name)
     assert missing == by_pip()
 
@@ -145,10 +141,60 @@ def test_rosdep_brings_what_colcon_tests_with() -> None:
 def test_manifest_setup_and_package_agree_on_the_version_of_the_newest_changes() -> None:
     import hunt_ros
 
-    newest = re.search(r'^(\d+\.\d+\.\d+)\n-+$', (ROOT / 'CHANGELOG.rst').read_text(), re.M)
+    heading = r'^(\d+\.\d+\.\d+)(?: \(\d{4}-\d\d-\d\d\))?\n-+$'
+    newest = re.search(heading, (ROOT / 'CHANGELOG.rst').read_text(), re.M)
     assert newest is not None
     versions = {package().findtext('version'), hunt_ros.__version__, declared()['version']}
     assert versions == {newest.group(1)}
+
+
+#: What rosdep does not bring, and nothing that guards the rig may need.
+ABSENT = ('rosbags', 'lz4', 'zstandard', 'filterpy', 'mcap', 'numba')
+
+
+def run_without(*lines: str, absent: tuple[str, ...] = ABSENT) -> subprocess.CompletedProcess[str]:
+    """Run lines of Python where these libraries are not installed."""
+    missing = f'import sys; sys.modules.update(dict.fromkeys({absent}))'
+    words = [sys.executable, '-c', '\n'.join((missing, *lines))]
+    return subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=300)
+
+
+@pytest.mark.ros
+def test_what_guards_the_rig_needs_nothing_but_what_the_manifest_names() -> None:
+    nodes = (
+        'hunting_detector',
+        'roller_speed',
+        'support.sensor',
+        'alarm_outputs',
+        'rig_simulator',
+    )
+    done = run_without(*(f'import hunt_ros.nodes.{node}' for node in nodes))
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize('words', [['info', 'bags/kick_decays'], ['simulate', '/nowhere/run']])
+def test_a_verb_that_needs_more_says_in_one_line_what_pip_installs(words: list[str]) -> None:
+    done = run_without('from hunt_ros.cli.main import main', f'sys.exit(main({words}))')
+    assert done.returncode == 2
+    (said,) = done.stderr.splitlines()
+    assert re.fullmatch(rf'hunt {words[0]}: \w+ is not installed: pip install [\w ]+', said)
+    assert {'rosbags', 'mcap', 'lz4', 'zstandard'} <= set(said.split())
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    ('node', 'library'), [('bag_recorder', 'rosbags'), ('dashboard', 'tornado')]
+)
+def test_a_node_that_needs_more_says_in_one_line_what_pip_installs(
+    node: str, library: str
+) -> None:
+    line = f'from hunt_ros.nodes.entry import start; start({node!r})'
+    done = run_without(line, absent=(library,))
+    assert done.returncode == 2
+    *_, said = done.stderr.splitlines()
+    assert re.fullmatch(rf'{node}: \w+ is not installed: pip install [\w ]+', said)
+    assert library in said.split()
+    assert 'Traceback' not in done.stderr
 
 
 def test_scripts_go_where_ros2_run_looks() -> None:
@@ -260,3 +306,13 @@ def test_colcon_test_finds_and_passes_the_tests(workspace: Path) -> None:
     found = re.search(r'(\d+) tests?, 0 errors?, 0 failures?', results.stdout)
     assert found, results.stdout
     assert int(found.group(1)) > 50
+
+
+def test_the_image_has_what_rosdep_and_pip_bring() -> None:
+    """No engine of containers is at hand: what stands in the file is compared."""
+    text = (ROOT / 'Dockerfile').read_text(encoding='utf-8')
+    depends = {str(node.text) for node in package().iter('exec_depend')}
+    wanted = {key for key in depends & set(ROSDEP) if key != 'python3-setuptools'}
+    assert wanted <= set(re.findall(r'python3-[a-z]+', text))
+    (install,) = re.findall(r'pip install --no-cache-dir (\'setuptools.*)', text)
+    assert {'rosbags', 'mcap', 'lz4', 'zstandard', 'numba'} <= set(install.split())

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from hunt_ros.errors import HuntError
-from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series, Uncertain
+from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series, Uncertain, counted
 
 finite = st.floats(-1e12, 1e12, allow_nan=False)
 stamps = npst.arrays(np.int64, st.integers(0, 40), elements=st.integers(0, 2 * 10**18))
@@ -139,3 +139,19 @@ def test_samples_are_put_in_order_and_those_that_are_none_left_out() -> None:
     assert tidy.in_order() is tidy
     assert tidy.finite() is tidy
     assert len(Series([], []).in_order().finite()) == 0
+
+
+@pytest.mark.parametrize(
+    ('number', 'text'),
+    [
+        (Uncertain(8.0128, 0.0421, 7.9312, 8.0951), '8.013 m/s (95 %: 7.931 to 8.095)'),
+        (Uncertain(8.0128, math.nan), '8.0128 m/s (95 %: nan to nan)'),
+        (Uncertain(1.5e-9, 2e-10, 1e-9, 2e-9), '1.5e-09 m/s (95 %: 1e-09 to 2e-09)'),
+    ],
+)
+def test_an_interval_is_printed_to_two_digits_of_the_deviation(number, text) -> None:
+    assert number.with_interval('m/s') == text
+
+
+def test_one_thing_is_no_things() -> None:
+    assert [counted(n, 'run') for n in (0, 1, 2)] == ['0 runs', '1 run', '2 runs']

@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import pytest
+from mcap.writer import Writer as McapWriter
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+from rosbags.typesys import Stores, get_typestore
 
-from hunt_ros.bag import write_record
+from hunt_ros.bag import BagWriter
+from hunt_ros.bag.cdr.message_types import definition_text
+from hunt_ros.bag.record_writer import record_rows, serialise
 from hunt_ros.samples import Record, Series
+from hunt_ros.sensors import CHANNEL_FIELDS
 
 BEGIN_NS = 1_700_000_000_000_000_000
 
@@ -47,9 +55,13 @@ def record() -> Record:
 
 @pytest.fixture(scope='session')
 def bag(record: Record, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_record(
-        tmp_path_factory.mktemp('bag') / 'run', record, texts={'hunting/normal_form': 'v_c: 8'}
-    )
+    path = tmp_path_factory.mktemp('bag') / 'run'
+    with BagWriter(path, notes=record.notes) as writer:
+        form = writer.topic('/rig/hunting/normal_form', 'std_msgs/msg/String', latched=True)
+        writer.write(form, record.start_ns, b'\0\1\0\0\7\0\0\0v_c: 8\0')
+        for rows in record_rows(record, writer.topic, 'rig'):
+            writer.write_rows(rows)
+    return path
 
 
 @pytest.fixture(scope='session')
@@ -60,3 +72,52 @@ def same() -> Callable[[Record, Record], None]:
 @pytest.fixture(scope='session')
 def new_record() -> Callable[..., Record]:
     return make_record
+
+
+def write_mcap(path: Path, record: Record, **options: Any) -> Path:
+    """The same record by the writer of the package mcap."""
+    with open(path, 'wb') as file:
+        writer = McapWriter(file, **{'chunk_size': 20_000} | options)
+        writer.start('ros2', 'another recorder')
+        for name, series in record.items():
+            kind = CHANNEL_FIELDS[name][0]
+            schema = writer.register_schema(kind, 'ros2msg', definition_text(kind)[0].encode())
+            key = writer.register_channel(f'/rig/{name}', 'cdr', schema)
+            rows = zip(series.stamps_ns.tolist(), serialise(name, series), strict=True)
+            for at, message in rows:
+                writer.add_message(key, at, bytes(message), at)
+        writer.finish()
+    return path
+
+
+def write_rosbags(
+    path: Path,
+    record: Record,
+    version: Literal[8, 9] = 8,
+    plugin: StoragePlugin = StoragePlugin.SQLITE3,
+    mode: CompressionMode | None = None,
+) -> Path:
+    """The same record by the writer of the package rosbags; its file."""
+    writer = RosbagsWriter(path, version=version, storage_plugin=plugin)
+    if mode is not None:
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with writer:
+        for name, series in record.items():
+            kind = CHANNEL_FIELDS[name][0]
+            connection = writer.add_connection(f'/rig/{name}', kind, typestore=store)
+            rows = zip(series.stamps_ns.tolist(), serialise(name, series), strict=True)
+            for at, message in rows:
+                writer.write(connection, at, bytes(message))
+    (file,) = (name for name in path.iterdir() if name.name != 'metadata.yaml')
+    return file
+
+
+@pytest.fixture(scope='session')
+def by_mcap() -> Callable[..., Path]:
+    return write_mcap
+
+
+@pytest.fixture(scope='session')
+def by_rosbags() -> Callable[..., Path]:
+    return write_rosbags

@@ -27,12 +27,14 @@ from rosbags.typesys import Stores, get_typestore
 
 from hunt_ros.bag import Bag, BagWriter, read_record
 from hunt_ros.bag.inspection import inspect
-from hunt_ros.bag.mcap.walk import records, walk_file
-from hunt_ros.bag.messages import read_raw, read_statuses, read_texts
-from hunt_ros.bag.record_rows import CHANNEL_FIELDS, serialise
+from hunt_ros.bag.mcap.records import records
+from hunt_ros.bag.mcap.walk import walk_file
+from hunt_ros.bag.messages import read_raw, read_texts
+from hunt_ros.bag.record_writer import serialise
 from hunt_ros.bag.repair import repair
 from hunt_ros.errors import BagError
 from hunt_ros.samples import Record, Series
+from hunt_ros.sensors import CHANNEL_FIELDS
 
 #: Memory that a case may take beyond what the program holds, and its time.
 MEMORY_BYTES = 3 << 30
@@ -209,7 +211,7 @@ def try_everything(path: Path, scratch: Path, with_repair: bool) -> str:
     outcomes = []
     for attempt in (
         lambda: read_record(path),
-        lambda: (read_texts(path, 'hunting/normal_form'), read_statuses(path, 'hunting/status')),
+        lambda: read_texts(path, 'hunting/normal_form'),
         lambda: inspect(path).to_json(),
     ):
         try:

@@ -16,13 +16,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as PeerMcapWriter
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from hunt_ros.bag import Bag, BagWriter, ChannelSource, read_columns, read_record, write_record
+from hunt_ros.bag.inspection import inspect
 from hunt_ros.bag.interchange.exporters import export_file
 from hunt_ros.bag.interchange.importers import load_record
-from hunt_ros.bag.record_rows import serialise
+from hunt_ros.bag.record_writer import serialise
 from hunt_ros.bag.topic_fields import find_topic
 from hunt_ros.errors import BagError
 from hunt_ros.samples import Record, Series
@@ -105,25 +106,6 @@ def test_any_field_of_messages_of_varying_layout_equals_deserialisation(
     )
 
 
-def write_peer_mcap(path: Path, record: Record, **options) -> Path:
-    """The same record by the writer of the package mcap."""
-    from hunt_ros.bag.cdr.message_types import definition_text
-    from hunt_ros.bag.record_rows import CHANNEL_FIELDS, serialise
-
-    with open(path, 'wb') as file:
-        writer = PeerMcapWriter(file, chunk_size=20_000, **options)
-        writer.start('ros2')
-        for name, series in record.items():
-            kind = CHANNEL_FIELDS[name][0]
-            schema = writer.register_schema(kind, 'ros2msg', definition_text(kind)[0].encode())
-            key = writer.register_channel(f'/rig/{name}', 'cdr', schema)
-            rows = zip(series.stamps_ns.tolist(), serialise(name, series), strict=True)
-            for at, message in rows:
-                writer.add_message(key, at, bytes(message), at)
-        writer.finish()
-    return path
-
-
 @pytest.mark.parametrize(
     'options',
     [
@@ -137,53 +119,40 @@ def write_peer_mcap(path: Path, record: Record, **options) -> Path:
         {'repeat_channels': False, 'repeat_schemas': False},
         {'use_statistics': False},
         {'use_summary_offsets': False},
-        {'enable_crcs': False},
+        {'enable_crcs': False, 'compression': CompressionType.NONE},
+        {'use_statistics': False, 'index_types': IndexType.NONE, 'use_summary_offsets': False},
+        {'use_statistics': False, 'repeat_channels': False, 'repeat_schemas': False},
+        {'use_statistics': False, 'repeat_channels': False, 'index_types': IndexType.MESSAGE},
     ],
     ids=str,
 )
-def test_every_form_of_mcap_reads_the_same(new_record, same, tmp_path: Path, options) -> None:
+def test_every_form_of_mcap_reads_the_same_and_is_sound(
+    new_record, same, by_mcap, tmp_path: Path, options
+) -> None:
+    """MCAP leaves index, statistics and repetitions to the recorder: nothing is damaged."""
     record = new_record(seconds=1.0)
-    same(record, read_record(write_peer_mcap(tmp_path / 'peer.mcap', record, **options)))
-
-
-def write_rosbags(path: Path, record: Record, version: int, plugin, mode=None) -> Path:
-    """The same record by the writer of the package rosbags."""
-    from hunt_ros.bag.record_rows import CHANNEL_FIELDS, serialise
-
-    writer = Writer(path, version=version, storage_plugin=plugin)
-    if mode is not None:
-        writer.set_compression(mode, CompressionFormat.ZSTD)
-    with writer:
-        for name, series in record.items():
-            connection = writer.add_connection(
-                f'/rig/{name}', CHANNEL_FIELDS[name][0], typestore=STORE
-            )
-            rows = zip(series.stamps_ns.tolist(), serialise(name, series), strict=True)
-            for at, message in rows:
-                writer.write(connection, at, bytes(message))
-    return path
+    path = by_mcap(tmp_path / 'peer.mcap', record, **options)
+    same(record, read_record(path))
+    assert inspect(path).problems == []
 
 
 @pytest.mark.parametrize('version', [8, 9])
 @pytest.mark.parametrize('plugin', [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
 @pytest.mark.parametrize('mode', [None, CompressionMode.FILE, CompressionMode.MESSAGE])
 def test_every_form_of_rosbag2_reads_the_same(
-    new_record, same, tmp_path: Path, version, plugin, mode
+    new_record, same, by_rosbags, tmp_path: Path, version, plugin, mode
 ) -> None:
     record = new_record(seconds=0.5)
-    path = write_rosbags(tmp_path / 'peer', record, version, plugin, mode)
-    same(record, read_record(path))
-    (file,) = (name for name in path.iterdir() if name.name != 'metadata.yaml')
-    if mode is not CompressionMode.MESSAGE:
-        same(record, read_record(file))
+    file = by_rosbags(tmp_path / 'peer', record, version, plugin, mode)
+    same(record, read_record(file.parent))
+    same(record, read_record(file))
 
 
 def test_what_is_in_the_log_of_a_recorder_that_runs_or_was_killed_is_read(
-    new_record, same, tmp_path: Path
+    new_record, same, by_rosbags, tmp_path: Path
 ) -> None:
     record = new_record(seconds=0.5)
-    path = write_rosbags(tmp_path / 'peer', record, 8, StoragePlugin.SQLITE3)
-    (file,) = path.glob('*.db3')
+    file = by_rosbags(tmp_path / 'peer', record)
     with closing(sqlite3.connect(file)) as recorder:
         recorder.execute('PRAGMA journal_mode = WAL')  # rosbag2's preset `resilient`
         recorder.execute('PRAGMA wal_autocheckpoint = 0')
@@ -193,8 +162,8 @@ def test_what_is_in_the_log_of_a_recorder_that_runs_or_was_killed_is_read(
         recorder.execute('PRAGMA wal_checkpoint(TRUNCATE)')
         recorder.executemany('INSERT INTO messages VALUES (?, ?, ?, ?)', rows)
         recorder.commit()
-        same(record, read_record(path))
-        shutil.copytree(path, tmp_path / 'killed')
+        same(record, read_record(file.parent))
+        shutil.copytree(file.parent, tmp_path / 'killed')
     (tmp_path / 'killed' / f'{file.name}-shm').unlink()
     same(record, read_record(tmp_path / 'killed'))
 
@@ -381,7 +350,7 @@ def test_a_type_described_in_idl_is_read(tmp_path: Path) -> None:
 
 
 def test_two_rigs_in_one_bag_need_a_namespace(tmp_path: Path, new_record, same) -> None:
-    from hunt_ros.bag.record_rows import record_rows
+    from hunt_ros.bag.record_writer import record_rows
 
     first, second = new_record(seconds=0.2, seed=1), new_record(seconds=0.2, seed=2)
     with BagWriter(tmp_path / 'two') as writer:

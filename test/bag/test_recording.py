@@ -15,10 +15,11 @@ from rosbags.highlevel import AnyReader
 
 from hunt_ros.bag import Bag, read_record
 from hunt_ros.bag import recording as room
-from hunt_ros.bag.record_rows import JOINT_STATE, serialise
+from hunt_ros.bag.record_writer import serialise
 from hunt_ros.bag.recording import Recording, RecordingLimits
 from hunt_ros.errors import BagError, ConfigError
 from hunt_ros.samples import Series
+from hunt_ros.sensors import JOINT_STATE
 
 BEGIN_NS = 10**18
 STAMPS = BEGIN_NS + np.arange(20_000) * 1_000_000

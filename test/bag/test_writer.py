@@ -12,7 +12,6 @@ from rosbags.highlevel import AnyReader
 
 from hunt_ros.bag import Bag, BagWriter, read_record, write_record
 from hunt_ros.bag.metadata import folder_metadata
-from hunt_ros.bag.record_writer import absolute
 from hunt_ros.errors import BagError
 from hunt_ros.samples import Record, Series
 
@@ -91,7 +90,7 @@ def test_metadata_is_version_8_and_counts_what_is_there(bag: Path, record) -> No
 
 
 def test_split_files_read_as_one(record, same, tmp_path: Path) -> None:
-    from hunt_ros.bag.record_rows import record_rows
+    from hunt_ros.bag.record_writer import record_rows
 
     with BagWriter(tmp_path / 'run', notes=record.notes) as writer:
         for rows in record_rows(record, writer.topic, 'rig'):
@@ -104,7 +103,8 @@ def test_split_files_read_as_one(record, same, tmp_path: Path) -> None:
 
 
 def test_message_by_message_is_the_same_as_in_rows(record, same, tmp_path: Path) -> None:
-    from hunt_ros.bag.record_rows import CHANNEL_FIELDS, serialise
+    from hunt_ros.bag.record_writer import serialise
+    from hunt_ros.sensors import CHANNEL_FIELDS
 
     with BagWriter(tmp_path / 'run', chunk_bytes=5000) as writer:
         rows = []
@@ -160,12 +160,6 @@ def test_notes_written_later_are_found(tmp_path: Path) -> None:
     with Bag(tmp_path / 'run') as opened:
         assert opened.strings('parameters') == {'/rig/detector': 'p: 1'}
         assert opened.notes == {'rig': 'a', 'notes': 'later'}
-
-
-def test_names_are_put_under_a_namespace() -> None:
-    assert absolute('rig', 'hunting/phase') == '/rig/hunting/phase'
-    assert absolute('/a/b/', '/c') == '/a/b/c'
-    assert absolute('', 'c') == '/c'
 
 
 @pytest.mark.parametrize(

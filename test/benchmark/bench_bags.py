@@ -6,7 +6,6 @@ Reading recordings: columns against rosbags and mcap, in one run on the same fil
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import sys
 import tempfile
@@ -24,12 +23,13 @@ from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
 sys.path.insert(0, str(Path(__file__).parent))
-from tables import markdown, publish
+from tables import asked, markdown, publish
 
 from hunt_ros.bag import read_columns, read_record, write_record
-from hunt_ros.bag.record_rows import CHANNEL_FIELDS, serialise
+from hunt_ros.bag.record_writer import serialise
 from hunt_ros.bag.recording import Recording, RecordingLimits
 from hunt_ros.samples import Record, Series
+from hunt_ros.sensors import CHANNEL_FIELDS
 
 BEGIN_NS = 1_700_000_000_000_000_000
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -253,11 +253,7 @@ def recorder(folder: Path, count: int) -> list[list[object]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
-    parser.add_argument('--messages', type=int, default=2_000_000, help='in two channels')
-    parser.add_argument('--seconds', type=float, default=3600.0, help='of the long recording')
-    parser.add_argument('--dry', action='store_true', help='print, and leave the page alone')
-    arguments = parser.parse_args()
+    arguments = asked(__doc__, messages=(2_000_000, 20_000), seconds=(3600.0, 20.0))
     folder = Path(tempfile.mkdtemp(prefix='bench_bags_'))
     try:
         rows, ratios = compare(folder, arguments.messages // 2)
@@ -290,10 +286,7 @@ def main() -> None:
             markdown(['what', 'measured', 'bound', 'mcap'], live_rows),
         ]
     )
-    if arguments.dry:
-        print(text)
-    else:
-        publish('bench-bags', 'Reading recordings', text)
+    publish('bench-bags', 'Reading recordings', text, arguments.publish)
 
 
 if __name__ == '__main__':

@@ -1,18 +1,13 @@
-"""
-Forecast of v_c on simulated staircases: error, spread against the Fisher bound, coverage.
-
-Run with --quick N for N seeds and no publication.
-"""
+"""Forecast of v_c on simulated staircases: error, spread against the Fisher bound, coverage."""
 
 from __future__ import annotations
 
-import argparse
 import math
 import time
 from dataclasses import dataclass, replace
 
 import numpy as np
-from tables import markdown, publish
+from tables import asked, markdown, publish
 
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.dynamics.simulation import (
@@ -22,7 +17,7 @@ from hunt_ros.dynamics.simulation import (
     SimulationSettings,
     SpeedProfile,
 )
-from hunt_ros.forecast import CriticalSpeedForecast, ForecastSettings
+from hunt_ros.forecast import CriticalSpeedForecast
 from hunt_ros.forecast.damping_laws import SmoothLaw, WheelsetLaw
 from hunt_ros.forecast.response_spectrum import ResponseLaw, Spectra, expected_periodogram
 from hunt_ros.forecast.whittle import critical_interval, maximise
@@ -116,10 +111,9 @@ def run(case: Case, seed: int, truth: float) -> dict[str, list]:
     total = round(profile.duration_s * 500.0)
     # The guess of the creep coefficients is wrong on purpose.
     guess = case.rig.with_linear(1.5 * case.rig.d11, 0.6 * case.rig.d22)
-    quick = ForecastSettings(live=False)
     forecasts = {
-        'wheelset': CriticalSpeedForecast(quick, guess),
-        'smooth': CriticalSpeedForecast(quick),
+        'wheelset': CriticalSpeedForecast(guess, live=False),
+        'smooth': CriticalSpeedForecast(live=False),
     }
     results: dict[str, list] = {name: [] for name in forecasts}
     stages = [share * truth for share in STAGES if share * truth < case.speeds[-1] - 1e-6]
@@ -181,9 +175,8 @@ def measure(case: Case, seeds: int) -> list[list[object]]:
 
 def main() -> None:
     """Measure and publish."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--quick', type=int, default=0, help='number of seeds, nothing published')
-    seeds = parser.parse_args().quick or 100
+    arguments = asked(__doc__, seeds=(100, 2))
+    seeds = arguments.seeds
     supercritical = replace(paper_rig(), beta={'30': -250.0}, name='supercritical')
     stair = tuple(np.round(np.arange(4.0, 7.21, 0.2), 3).tolist())
     cases = [
@@ -225,10 +218,7 @@ def main() -> None:
         ' early are the ones that answer), the last column says how often their intervals'
         ' hold.\n\n' + markdown(header, rows)
     )
-    if seeds >= 50:
-        publish('bench-forecast', 'Forecast of the critical speed', text)
-    else:
-        print(markdown(header, rows))
+    publish('bench-forecast', 'Forecast of the critical speed', text, arguments.publish)
 
 
 if __name__ == '__main__':

@@ -12,7 +12,6 @@ limit of 1.2 times its highest index in the quiet running before. All slow the r
 
 from __future__ import annotations
 
-import argparse
 import copy
 import math
 from collections.abc import Callable
@@ -20,7 +19,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from detection_rigs import BENCHES, RATE_HZ, WAYS
-from tables import markdown, publish
+from tables import asked, markdown, publish
 
 from hunt_ros.criteria import CRITERIA, Criterion, make_criterion
 from hunt_ros.detection import HuntingDetector
@@ -40,6 +39,8 @@ ROUGHNESS_M = 20e-6
 #: Rms of the quiet amplitude over the unstable amplitude.
 NOISE_RATIO = 0.05
 MARGIN = 1.2
+#: Keys of the status that the interlock reads.
+MOTION = ('amplitude_m', 'v_n_mps', 'v_c_mps', 'fold_amplitude_m')
 
 
 @dataclass
@@ -94,20 +95,20 @@ class Loop:
             index = np.nan_to_num(rows['index'])
             self.indices[name] = float(index.max()) if index.size else 0.0
         status = self.detector.status
-        seen = Motion(status.lateral_amplitude, status.v_n, status.v_c, status.fold_amplitude)
+        seen = Motion(*(status.number(key) for key in MOTION))
         words = '; '.join(status.reasons)
         self.interlock.hear(
             self.now_ns,
             Heard(
                 status.level.label,
-                status.sequence,
+                int(status.number('sequence')),
                 status.stamp_ns,
                 words,
-                status.lateral_envelope,
+                status.number('envelope_m'),
                 seen,
             ),
         )
-        return self.interlock.trouble(self.now_ns)[0]
+        return self.interlock.trouble(self.now_ns).words
 
     def stop(self) -> None:
         """Slow the roller down, as the interlock does."""
@@ -152,7 +153,7 @@ class Course:
 def course(loop: Loop, way: str, cycle_m: float) -> Course:
     """Go on after the kick until it hunts, or is quiet again."""
     says, acted_s, largest = watcher(way), math.inf, 0.0
-    v_n = loop.detector.status.v_n
+    v_n = loop.detector.status.number('v_n_mps')
     recent: list[float] = []
     for number in range(round(PATIENCE_S / STEP_S)):
         trouble = loop.step()
@@ -195,10 +196,7 @@ def run(seed: int) -> dict[str, Course]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
-    parser.add_argument('--kicks', type=int, default=100)
-    parser.add_argument('--publish', action='store_true')
-    arguments = parser.parse_args()
+    arguments = asked(__doc__, kicks=(100, 2))
     runs = []
     for seed in range(arguments.kicks):
         runs.append(run(seed))
@@ -230,10 +228,7 @@ def main() -> None:
     text = f"{len(runs)} kicks of 0.8 to 1.5 A_u at 6.7 to 7.7 m/s, the paper's rig, "
     text += f'{len(hunting)} of them end in a limit cycle when nobody acts; drive: 1 m/s2, lag'
     text += ' 0.3 s.\n\n' + markdown(header, rows)
-    if arguments.publish:
-        publish('bench-interlock', 'The interlock', text)
-    else:
-        print(text)
+    publish('bench-interlock', 'The interlock', text, arguments.publish)
 
 
 if __name__ == '__main__':

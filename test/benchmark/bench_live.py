@@ -31,7 +31,7 @@ from tables import markdown, publish
 from usage import LOSSES, Usage, losses
 
 from hunt_ros.cli.support import suite
-from hunt_ros.cli.support.processes import Processes
+from hunt_ros.cli.support.supervisor import Supervisor
 from hunt_ros.nodes.support.conversions import JointReader, read_diagnostic
 from hunt_ros.nodes.support.qos import STATUS, stream
 from hunt_ros.nodes.support.runtime import cheapest_executor
@@ -189,7 +189,7 @@ def measure_twins(traffic: dict[str, Traffic], seconds: float) -> dict[str, floa
 
 
 def start(
-    processes: Processes, probe: Probe, parameters: dict[str, dict[str, object]], together: bool
+    processes: Supervisor, probe: Probe, parameters: dict[str, dict[str, object]], together: bool
 ) -> float:
     """Start the suite; return the time until everybody is up and there are estimates, s."""
     began = time.monotonic()
@@ -200,8 +200,7 @@ def start(
         probe.spin(0.1)
         if probe.arrivals and not first:
             first = time.monotonic() - began
-        if failure := processes.failed():
-            raise SystemExit(failure)
+        processes.look()  # raises where a node has ended
         if time.monotonic() - began > 1800.0:
             silent = sorted(set(names) - set(probe.health))
             raise SystemExit(f'no estimates after 30 min; without health: {silent}')
@@ -232,7 +231,7 @@ def measure(rate_hz: float, seconds: float, one_process: bool = False) -> dict[s
             'bag_recorder': directory,
             'normal_form_identifier': directory,
         }
-        with Processes('rig', Path(folder) / 'logs', private=True) as processes:
+        with Supervisor('rig', Path(folder) / 'logs', private=True, keep=False) as processes:
             os.environ |= {
                 key: processes.environment[key]
                 for key in ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
@@ -332,10 +331,7 @@ def main() -> None:
         f' hand-over of samples (20 ms) is part of it, and the blocks of {1e3 * _BLOCK_S:.0f} ms'
         f' in which the simulated rig gives them away.\n\n{markdown(header, rows)}'
     )
-    if arguments.dry:
-        print(text)
-    else:
-        publish('bench-live', 'The live suite', text)
+    publish('bench-live', 'The live suite', text, not arguments.dry)
 
 
 if __name__ == '__main__':

@@ -1,13 +1,11 @@
 """
 Identification beside its peer: ours and pysindy on one set of trajectories.
 
-Run with --quick for 3 realisations, without publication. pysindy is the extra `bench`; without it
-only our rows are printed.
+pysindy is the extra `bench`; without it only our rows are printed.
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 import warnings
@@ -20,7 +18,7 @@ from runpy import run_path
 
 import numpy as np
 from sindy_peer import sindy
-from tables import markdown, publish
+from tables import asked, markdown, publish
 
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.identification import IdentificationSettings, identify
@@ -101,16 +99,11 @@ def comparison(count: int, pool: ProcessPoolExecutor) -> str:
 
 def main() -> None:
     """Measure, print and publish."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--quick', action='store_true', help='3 realisations, no publication')
-    parser.add_argument('--seeds', type=int, default=20)
-    parser.add_argument('--jobs', type=int, default=None)
-    arguments = parser.parse_args()
+    arguments = asked(__doc__, seeds=(20, 3))
     with ProcessPoolExecutor(arguments.jobs, mp_context=get_context('spawn')) as pool:
-        text = comparison(3 if arguments.quick else arguments.seeds, pool)
-    if arguments.quick:
-        print(text)
-    else:
+        text = comparison(arguments.seeds, pool)
+    print(text)
+    if arguments.publish:
         publish('bench-peer', 'Identification beside its peer', f'{text}\n\n{HOW}')
 
 

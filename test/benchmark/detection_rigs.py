@@ -9,13 +9,12 @@ from functools import cached_property
 import numpy as np
 from bench_forecast import other_rig
 
+from hunt_ros.dynamics.branch_form import fitted_form
 from hunt_ros.dynamics.center_manifold import normal_form_of
 from hunt_ros.dynamics.limit_cycle import Branch, limit_cycles
 from hunt_ros.dynamics.linear_stability import Mode, critical_speed, hunting_mode
 from hunt_ros.dynamics.mode_shape import ModeShape
 from hunt_ros.dynamics.mode_table import shape_of
-from hunt_ros.dynamics.model_misfit import fitted_form
-from hunt_ros.dynamics.noise.amplitude_noise import quiet_diffusion
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.dynamics.simulation import RollerRig
@@ -82,8 +81,10 @@ class Bench:
 
     def broadband(self, speed: float, ratio: float) -> float:
         """Strength of the forcing that gives A_rms = ratio A_u in the quiet state."""
-        damping = -self.mode(speed).growth_rate
-        unit = math.sqrt(2.0 * quiet_diffusion(self.rig, speed, 1.0) / damping)
+        mode, rig = self.mode(speed), self.rig
+        # D = |l4|^2 d0^2 / time scale for a forcing of 1, and A_rms^2 = 2 D / damping.
+        unit = abs(mode.adjoint[3]) * rig.length_scale
+        unit *= math.sqrt(2.0 / (rig.time_scale * -mode.growth_rate))
         return ratio * self.unstable(speed) / unit
 
     def settings(

@@ -298,7 +298,7 @@ def flutter() -> str:
     ]:
         rows.append([name, len(some), *_of_flutter(identify(some, settings))])
     header = ['day', 'recordings', 'v_c (m/s)', 'v_n (m/s)', 'criticality', 'lack of fit, p']
-    header += ['day to day (mm)', 'free motion decays up to, grows from (m/s)']
+    header += ['v_c seen above (m/s)']
     return (
         'Flutter rig (real recordings; no truth is known: free motion decayed up to 23.7 m/s and'
         ' grew from 25.9 m/s on, between them with the day):\n\n' + markdown(header, rows)
@@ -308,13 +308,10 @@ def flutter() -> str:
 def _of_flutter(found: Identification) -> list[str]:
     """Return the cells of a day."""
     p = found.fit.lack_of_fit_p
-    days = found.days
-    spread = math.nan if days is None else 1e3 * days.day_std
-    decay, growth = (None, None) if days is None else days.bracket()
+    above = found.bracket.v_c
     return [
         *('not known' if x is None else str(x) for x in (found.v_c, found.v_n)),
         found.criticality or 'not known',
         f'{"yes" if found.fit.lack_of_fit else "no"}, {p:.2g}' if math.isfinite(p) else '-',
-        f'{spread:.3g}' if math.isfinite(spread) else '-',
-        ', '.join('-' if x is None else f'{x:.1f}' for x in (decay, growth)),
+        '-' if above is None else f'{above:.1f}',
     ]

@@ -25,7 +25,7 @@ from usage import Usage, losses
 from hunt_ros.bag import read_record
 from hunt_ros.cli.support import suite
 from hunt_ros.cli.support.console_link import ConsoleLink, Line
-from hunt_ros.cli.support.processes import Processes
+from hunt_ros.cli.support.supervisor import Supervisor
 from hunt_ros.detection import HuntingDetector
 from hunt_ros.detection.replay import missing_samples, replay_journal, unheard_samples
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
@@ -99,16 +99,16 @@ def live(folder: Path, speedup: float, minutes: float) -> Seen:
     parameters = suite.simulated_run(folder, profile(rounds), speedup, kicks)
     common = suite.follow_clock(speedup)
     seen = Seen()
-    with Processes('rig', folder / 'logs', private=True) as processes:
-        link = suite.start_console(processes)
+    with Supervisor('rig', folder / 'logs', private=True, keep=False) as processes:
+        link = ConsoleLink(processes)
         suite.start_nodes(processes, LISTENERS, common, parameters, [form])
-        suite.wait_until_up(link, LISTENERS, seen.take)
+        suite.wait_until_up(link, LISTENERS)
         suite.start_nodes(processes, [SIMULATOR], {}, parameters)
         suite.start_nodes(processes, SOURCES, common, parameters)
         watch(link, processes, seen, 60.0 * minutes)
         seen.lost = losses(seen.health)
         print(f'the recorder says: {seen.health["bag_recorder"]["message"]}', flush=True)
-        link.call('recording/stop')
+        link.call('stop-recording')
         for line in link.lines(_CLOSING_S):
             seen.take(line)
             if seen.closed:
@@ -116,7 +116,7 @@ def live(folder: Path, speedup: float, minutes: float) -> Seen:
     raise SystemExit(f'the recording was not closed within {_CLOSING_S:.0f} s; see {folder}')
 
 
-def watch(link: ConsoleLink, processes: Processes, seen: Seen, seconds: float) -> None:
+def watch(link: ConsoleLink, processes: Supervisor, seen: Seen, seconds: float) -> None:
     """Listen for so long, and look at the memory a hundred times; say now and then how it goes."""
     began, looked, told = time.monotonic(), 0, 0
     while (elapsed := time.monotonic() - began) < seconds:

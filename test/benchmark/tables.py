@@ -1,18 +1,53 @@
 """
-Where benchmark results go: one section of docs/benchmarks.md for each benchmark.
+What the benchmarks share: how much is asked for, and where the results go.
 
-A benchmark prints its table and replaces its own section, so the page always
-holds what the commands printed, and nothing else.
+A benchmark prints its table. A full run replaces its own section of docs/benchmarks.md, so the
+page always holds what the commands printed, and nothing else.
 """
 
 from __future__ import annotations
 
+import argparse
 import os
 import platform
 from collections.abc import Sequence
 from pathlib import Path
 
 PAGE = Path(__file__).parents[2] / 'docs' / 'benchmarks.md'
+
+
+def asked(doc: str, /, **numbers: tuple[float, float]) -> argparse.Namespace:
+    """
+    Read the command line: `--fast`, `--publish`, `--jobs`, and an option for each number.
+
+    Parameters
+    ----------
+    doc : str
+        Of the benchmark.
+    **numbers : tuple of float
+        Name of an option: its value in the full run, and with `--fast`.
+
+    Returns
+    -------
+    argparse.Namespace
+        `publish` is True for a full run, or one that asks for it.
+    """
+    parser = argparse.ArgumentParser(
+        description=doc, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument('--fast', action='store_true', help='see that it runs; printed only')
+    parser.add_argument('--publish', action='store_true', help='a run that is not full as well')
+    parser.add_argument('--jobs', type=int, help='processes; default: one a core')
+    for name, (full, fast) in numbers.items():
+        parser.add_argument(f'--{name}', type=type(full), help=f'{full:g}; --fast: {fast:g}')
+    found = parser.parse_args()
+    whole = True
+    for name, (full, fast) in numbers.items():
+        if getattr(found, name) is None:
+            setattr(found, name, fast if found.fast else full)
+        whole &= getattr(found, name) >= full
+    found.publish |= whole and not found.fast
+    return found
 
 
 def machine() -> str:
@@ -29,7 +64,7 @@ def markdown(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     return '\n'.join(lines)
 
 
-def publish(name: str, title: str, text: str, page: Path = PAGE) -> None:
+def publish(name: str, title: str, text: str, really: bool = True, page: Path = PAGE) -> None:
     """
     Print a section and put it into the page, in place of the earlier one.
 
@@ -41,19 +76,14 @@ def publish(name: str, title: str, text: str, page: Path = PAGE) -> None:
         Heading.
     text : str
         Markdown: what was measured, the table, what falls short.
+    really : bool
+        False: only print it.
     """
     body = f'<!-- {name} -->\n## {title}\n\n`make {name}` ({machine()})\n\n{text.strip()}\n'
     section = f'{body}<!-- /{name} -->\n'
     print(section)
-    old = (
-        page.read_text()
-        if page.exists()
-        else '# Benchmarks\n\nEach section is printed by the command it names.\n'
-    )
-    start, end = old.find(f'<!-- {name} -->'), old.find(f'<!-- /{name} -->\n')
-    if start >= 0 and end >= 0:
-        new = old[:start] + section + old[end + len(f'<!-- /{name} -->\n') :]
-    else:
-        new = f'{old.rstrip()}\n\n{section}'
-    page.parent.mkdir(exist_ok=True)
-    page.write_text(new)
+    if not really:
+        return
+    before, begin, rest = page.read_text().partition(f'<!-- {name} -->')
+    after = rest.partition(f'<!-- /{name} -->\n')[2]
+    page.write_text(before + section + after if begin else f'{before.rstrip()}\n\n{section}')

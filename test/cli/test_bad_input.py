@@ -67,9 +67,11 @@ NUMBERS = {
     'identify --frequency': 'identify BAG --frequency X',
     'identify --speed-resolution': 'identify BAG --speed-resolution X',
     'identify --speed-scale-std': 'identify BAG --speed-scale-std X',
-    'identify --bootstrap': 'identify BAG --bootstrap X',
     'identify --seed': 'identify BAG --seed X',
-    'identify --jobs': 'identify BAG --jobs X',
+    'identify --minimum-hold': 'identify BAG --minimum-hold X',
+    'identify --clearance': 'identify BAG --clearance X',
+    'plan --rearm': 'plan BAG --rearm X',
+    'plan --max-escape': 'plan BAG --max-escape X',
     'report --roller-diameter': 'report BAG --out OUT.html --roller-diameter X',
     'export --from': 'export BAG OUT.csv --from X',
     'export --to': 'export BAG OUT.csv --to X',
@@ -92,7 +94,15 @@ def refused(bag, tmp_path, capsys):
     profile.write_text('profile: [{hold: {speed_mps: 7, duration_s: 5}}]')
     seesaw.write_text('profile: [{seesaw: {}}]')
     here = {'BAG': bag, 'OUT': tmp_path / 'out', 'TABLE': table, 'PROFILE': profile}
-    here['SEESAW'] = seesaw
+    here['SEESAW'], here['FOLDER'] = seesaw, tmp_path
+    here['NESTED'] = tmp_path / 'deep.yaml'
+    here['NESTED'].write_text('[' * 20_000)
+    here['FORM'] = tmp_path / 'form.yaml'
+    here['FORM'].write_text('normal_form: {v_c: 8.0, D1: fast}')
+    stamps = 10**9 + np.arange(300) * 10_000_000
+    for word, channel in (('STILL', 'lateral'), ('MUTE', 'speed')):
+        alone = Record({channel: Series(stamps, np.full(300, 7.0))})
+        here[word] = write_record(tmp_path / channel, alone)
 
     def check(command: str, **places: object) -> str:
         """Run a command that must be refused; return the one line it prints."""
@@ -153,11 +163,30 @@ def test_a_number_that_makes_no_sense_is_named_with_its_option(refused, command,
 @pytest.mark.parametrize(
     ('command', 'part'),
     [
+        ('replay', 'bag'),
+        ('identify BAG --set margin_in=1', '(see hunt identify --help)'),
+        ('identify FORM', '"hunt import" makes one'),
+        ('replay STILL', 'speed'),
+        ('replay MUTE', 'lateral'),
+        ('replay BAG --set margin_in=-1', 'margin_in'),
+        ('replay BAG --set margin_in=soon', 'margin_in'),
+        ('replay BAG --set nonsense=1', 'nonsense'),
+        ('replay BAG --set channels=[lateral,smell]', 'smell'),
+        ('replay BAG --normal-form FORM', 'form.yaml: D1'),
+        ('simulate FOLDER', 'exists'),
+        ('simulate OUT --profile PROFILE --rate 1e6 --duration 1000', '--rate'),
+        ('simulate OUT --profile PROFILE --kick 50:1e-4', '--kick'),
+        ('import TABLE OUT --rate 9 --channel heave=a', 'heave'),
+        ('import TABLE BAG --rate 9', 'exists'),
+        ('export BAG OUT.xls', '.xls'),
+        ('export BAG TABLE', 'exists'),
+        ('export BAG OUT.csv --channel a=/rig/lateral.effort[0]', 'there is no [0]'),
         ('replay BAG --live --from 10 --to 5', '--to'),
         ('replay BAG --from 1', '--from: only with --live'),
         ('replay BAG --to 1', '--to: only with --live'),
         ('replay BAG --pace 2', '--pace: only with --live'),
         ('replay BAG --loop', '--loop: only with --live'),
+        ('replay BAG --page', '--page: only with --live'),
         ('replay BAG --namespace lab', '--namespace: only with --live'),
         ('export BAG OUT.csv --from 2 --to 1', '--to'),
         ('simulate OUT --profile PROFILE --kick 2:1000', 'throws the wheelset off'),
@@ -172,18 +201,50 @@ def test_a_number_that_makes_no_sense_is_named_with_its_option(refused, command,
         ('export BAG TABLE/sub.csv', 'table.csv'),
         ('normal-form config/wheelset.yaml --json TABLE/sub', 'table.csv'),
         ('call dance', 'dance'),
+        ('identify BAG --out FOLDER/gone/f.yaml', 'gone/f.yaml'),
+        ('identify BAG --out FOLDER/form.npz', 'expected the name of a YAML file'),
+        ('identify BAG --ignore 5:2', 'FROM before TO'),
+        ('identify BAG --sensor-range -1', '--sensor-range'),
+        ('identify BAG --ignore 7', 'expected FROM:TO'),
+        ('identify BAG --ignore 2:10:20:3', 'expected FROM:TO'),
+        ('identify BAG --ignore 2:10:5', 'FROM before TO'),
+        ('identify BAG --frequency-range 3', '--frequency-range'),
+        ('identify BAG --frequency-range 3:2', 'LOW below HIGH'),
+        ('plan BAG --out FOLDER/gone/p.yaml', 'gone/p.yaml'),
+        ('report BAG --out FOLDER/gone/r.html', 'gone/r.html'),
+        ('report BAG --figures TABLE/sub', 'table.csv'),
+        ('report BAG --compare --out OUT.html', '--compare: 1 recording, expected 2 to'),
+        ('normal-form config/wheelset.yaml --plot FOLDER', 'expected a file in a folder'),
+        ('export BAG OUT.csv --from 60', 'behind the end'),
+        ('plan BAG --start 100 --speed-ceiling 9', 'above the ceiling'),
+        ('replay BAG --rig bags/paper.yaml', 'is a normal form, expected --normal-form'),
+        ('check BAG --namespace x', '--namespace: only for live topics'),
+        ('check BAG --directory y', '--directory: only for live topics'),
+        ('replay BAG --normal-form NESTED', 'nested'),
+        ('replay BAG --rig NESTED', 'nested'),
+        ('replay BAG --mapping NESTED', 'nested'),
+        ('simulate OUT --profile NESTED', 'nested'),
+        ('simulate OUT --wheelset NESTED', 'nested'),
+        ('normal-form NESTED', 'nested'),
         ("replay BAG --set '", 'NAME=VALUE'),
         ('replay BAG --set margin_in=[', 'margin_in'),
         ('replay BAG --channel heave=/a.b', 'heave'),
         ('run --simulated --namespace 1/2', '--namespace'),
         ('identify BAG --cluster tcp://127.0.0.1:1', '127.0.0.1:1'),
-        ('identify BAG --bootstrap 9 --cluster tcp://127.0.0.1:1', '127.0.0.1:1'),
-        ('identify BAG --bootstrap 9 --cluster tcp://127.0.0.1:99999', '127.0.0.1:99999'),
-        ('identify BAG --bootstrap 9 --cluster nonsense', 'nonsense'),
+        ('identify BAG --cluster tcp://127.0.0.1:99999', '127.0.0.1:99999'),
+        ('identify BAG --cluster nonsense', 'nonsense'),
     ],
 )
 def test_what_cannot_be_meant_is_refused(refused, command, part) -> None:
     assert part in refused(command)
+
+
+@pytest.mark.parametrize('words', ['hover', '', 'replay x --speed 7', 'replay x --fres'])
+def test_words_that_are_none_of_the_program_are_one_line(capsys, words) -> None:
+    """An option may not be abbreviated: the letters would mean another as soon as it is added."""
+    assert main(words.split()) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith('hunt')
 
 
 @pytest.mark.parametrize(
@@ -241,3 +302,35 @@ def test_an_event_without_a_speed_has_a_dash() -> None:
     assert event_line(event, 0).index('quiet') == event_line(
         {**event, 'speed_mps': '-7.2'}, 0
     ).index('quiet')
+
+
+@pytest.mark.parametrize('words', [['info', 'BAG', '--repair', ''], ['info', 'BAG', '--json', '']])
+def test_an_empty_name_is_refused(bag, capsys, words) -> None:
+    """A variable of a script that was not set."""
+    assert main([str(bag) if word == 'BAG' else word for word in words]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "got ''" in line
+
+
+def test_an_error_of_the_program_is_one_line(bag, capsys, monkeypatch) -> None:
+    from hunt_ros.cli import info
+
+    def broken(arguments) -> int:
+        raise TypeError('two\nlines')
+
+    monkeypatch.setattr(info, 'run', broken)
+    assert main(['info', str(bag)]) == 3
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith('hunt info: internal error (TypeError: two lines), please report it')
+
+
+@pytest.mark.parametrize('where', ['parser_of', 'on_compilation'])
+def test_an_interrupt_is_an_interrupt_at_any_moment(bag, capsys, monkeypatch, where) -> None:
+    from hunt_ros.cli import main as module
+
+    def interrupted(*arguments) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, where, interrupted)
+    assert module.main(['info', str(bag)]) == 130
+    assert capsys.readouterr().err.strip() == 'hunt info: interrupted'

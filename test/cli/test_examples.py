@@ -45,7 +45,7 @@ def place(tmp_path, monkeypatch):
 
 def test_the_commands_of_the_readme_run_one_after_the_other(place, capsys) -> None:
     commands = in_readme()
-    assert len(commands) >= 3
+    assert len(commands) >= 2
     for command in commands:
         assert main(shlex.split(command, comments=True)[1:]) == 0, command
     assert 'LIMIT CYCLE' in capsys.readouterr().out
@@ -101,7 +101,7 @@ def begins(said: str, shown: str) -> bool:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('page', ['first-run', 'alarm'])
+@pytest.mark.parametrize('page', ['first-run', 'alarm', 'my-rig'])
 def test_the_commands_of_a_page_print_what_it_shows(place, capsys, page) -> None:
     text = (HERE / 'docs' / f'{page}.md').read_text(encoding='utf-8')
     parts = re.findall(r'```sh\n(.*?)```\n(?:```text\n(.*?)```)?', text, re.DOTALL)
@@ -115,4 +115,4 @@ def test_the_commands_of_a_page_print_what_it_shows(place, capsys, page) -> None
         for line in expected.splitlines():
             assert any(begins(one, line) for one in said), line
             shown += 1
-    assert page == 'alarm' or shown > 10
+    assert page != 'first-run' or shown > 10

@@ -59,9 +59,12 @@ def test_bad_input_is_one_line_and_exit_2(form, tmp_path, capsys):
         ([str(form), '--at', '7,fast'], '--at'),
         ([str(form), '--at', '7.2,5'], 'no unstable amplitude is known at 5 m/s, expected'),
         ([str(form), '--at', '9'], 'between v_n = '),
-        ([str(form), '--out', str(tmp_path / 'no' / 'p.yaml')], 'cannot write the profile'),
+        (
+            [str(form), '--out', str(tmp_path / 'no' / 'p.yaml')],
+            '--out: expected a file in a folder',
+        ),
         ([str(other)], 'another normal form'),
-        ([str(alone)], 'alone.npz'),
+        ([str(alone)], 'alone.npz, the whole identification, is not beside it: "hunt identify'),
         ([str(tmp_path / 'missing.yaml')], 'missing.yaml'),
         ([str(tmp_path / 'missing')], 'missing'),
     ):

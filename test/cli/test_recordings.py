@@ -20,7 +20,8 @@ def bag(tmp_path: Path) -> Path:
         name: Series(stamps, np.sin(np.arange(500.0) + number))
         for number, name in enumerate(('lateral', 'yaw', 'roller', 'speed'))
     }
-    return write_record(tmp_path / 'run', Record(channels, '', {'rig': 'a', 'operator': 'b'}))
+    record = Record(channels, '', {'rig': 'a', 'operator': 'b'})
+    return write_record(tmp_path / 'run', record, chunk_bytes=4096)
 
 
 def output(capsys) -> dict:
@@ -94,32 +95,3 @@ def test_import_with_a_mapping_file_and_an_option_over_it(tmp_path: Path) -> Non
     record = read_record(tmp_path / 'out')
     np.testing.assert_array_equal(record['lateral'].values, np.arange(30.0) * 0.001)
     assert set(record['speed'].values) == {8.0}
-
-
-@pytest.mark.parametrize(
-    'words',
-    [
-        ['info', 'nothing'],
-        ['info', 'text.mcap'],
-        ['import', 'nothing.csv', 'out'],
-        ['import', 'text.csv', 'out'],
-        ['import', 'text.csv', 'out', '--channel', 'heave=a'],
-        ['import', 'text.csv', 'out', '--channel', 'lateral=a', '--rate', '0'],
-        ['import', 'text.csv', 'run'],
-        ['export', 'nothing', 'out.csv'],
-        ['export', 'run', 'out.xls'],
-        ['export', 'run', 'text.csv'],
-        ['export', 'run', 'out.csv', '--from', '100'],
-        ['export', 'run', 'out.csv', '--channel', 'a=/rig/lateral.effort[0]'],
-    ],
-)
-def test_bad_input_is_one_line_and_exit_2(
-    bag: Path, tmp_path: Path, monkeypatch, capsys, words: list[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / 'text.mcap').write_text('hello')
-    (tmp_path / 'text.csv').write_text('hello,world\n')
-    before = sorted(path.name for path in tmp_path.iterdir())
-    assert main(words) == 2
-    assert len(capsys.readouterr().err.strip().splitlines()) == 1
-    assert sorted(path.name for path in tmp_path.iterdir()) == before

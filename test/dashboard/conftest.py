@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip('bokeh', reason='the extra dashboard is not installed')
+pytest.importorskip('tornado', reason='the extra dashboard is not installed')
 
 from hunt_ros.dashboard.access import Access, access
 from hunt_ros.dashboard.model import PageModel, PageSettings

@@ -51,6 +51,23 @@ def test_other_tokens_make_old_cookies_worthless(tmp_path) -> None:
     assert one != other
 
 
+def test_the_key_of_the_cookies_is_random_and_outlives_the_node(tmp_path) -> None:
+    tokens = token_file(tmp_path, TOKENS)
+    one = access('0.0.0.0', tokens).secret
+    assert access('0.0.0.0', tokens).secret == one, 'after a restart'
+    kept = tmp_path / 'tokens.key'
+    assert kept.stat().st_mode & 0o777 == 0o600
+    kept.unlink()
+    assert access('0.0.0.0', tokens).secret != one, 'who knows the tokens does not know it'
+    kept.chmod(0o644)
+    with pytest.raises(ConfigError, match='mode 600'):
+        access('0.0.0.0', tokens)
+    kept.unlink()
+    kept.touch(mode=0o600)
+    with pytest.raises(ConfigError, match='no key'):
+        access('0.0.0.0', tokens)
+
+
 def test_a_name_that_is_not_of_this_machine_is_not_served() -> None:
     rules = access('127.0.0.1', '')
     assert rules.knows_host('127.0.0.1:8088')
@@ -66,3 +83,4 @@ def test_only_pages_of_this_server_are_of_its_origin() -> None:
     assert not same_origin('http://evil.example', '127.0.0.1:8088')
     assert not same_origin('http://127.0.0.1:9999', '127.0.0.1:8088')
     assert not same_origin('null', '127.0.0.1:8088')
+    assert not same_origin('http://[bad', '127.0.0.1:8088')

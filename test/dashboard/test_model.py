@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from hunt_ros.dashboard.model import PageModel, PageSettings
+from hunt_ros.dashboard.told import operators
 from hunt_ros.dashboard.view import View, changes
 from hunt_ros.detection.acceptance import form_words
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
@@ -30,6 +31,8 @@ STATUS = {
     'escape_probability': '0.0004',
     'margin': 'inf',
     'frequency_hz': '2.8',
+    'v_n_mps': '6.4',
+    'v_c_mps': '8.0',
     'normal_form': form_words(FORM),
 }
 
@@ -63,11 +66,13 @@ def test_a_detector_that_falls_silent_never_leaves_its_last_level(model) -> None
 def test_numbers_stand_with_their_uncertainty_and_what_is_unknown_is_a_dash(model) -> None:
     model.take_status(10**9, STATUS, now_s=50.0)
     tiles = {tile['key']: tile for tile in shown(model, 50.0)['sections']['numbers']}
-    assert (tiles['amplitude']['text'], tiles['amplitude']['unit']) == ('0.0200', 'mm')
-    assert tiles['amplitude']['note'] == '± 0.0010 mm'
-    assert tiles['growth']['text'] == '–'
-    assert tiles['escape']['text'] == '< 0.1'
-    assert tiles['margin']['text'] == '–'
+    assert (tiles['amplitude']['text'], tiles['amplitude']['unit']) == ('0.020', 'mm')
+    assert tiles['amplitude']['note'] == '± 0.001'
+    assert tiles['growth']['text'] == tiles['time']['text'] == '–'
+    assert tiles['escape']['text'] == '< 1'
+    assert (tiles['margin']['text'], tiles['margin']['note']) == ('> 100', '')
+    assert (tiles['to_v_n']['text'], tiles['to_v_n']['note']) == ('−0.80', 'v_n 6.40')
+    assert (tiles['to_v_c']['text'], tiles['to_v_c']['unit']) == ('+0.80', 'm/s')
     model.take_health(
         {
             'name': 'rig/hunting_detector',
@@ -76,20 +81,137 @@ def test_numbers_stand_with_their_uncertainty_and_what_is_unknown_is_a_dash(mode
             'forecast_v_c': '8.012',
             'forecast_v_c_std': '0.1',
         },
-        50.0,
+        51.0,
     )
-    tiles = {tile['key']: tile for tile in shown(model, 50.0)['sections']['numbers']}
-    assert (tiles['forecast']['text'], tiles['forecast']['note']) == ('8.01', '7.82 … 8.21 m/s')
+    tiles = {tile['key']: tile for tile in shown(model, 51.0)['sections']['numbers']}
+    assert (tiles['forecast']['text'], tiles['forecast']['note']) == ('8.01', '7.82 … 8.21')
 
 
-def test_a_rig_at_rest_has_no_speed_and_a_small_amplitude_one_power_of_ten(model) -> None:
-    still = {**STATUS, 'speed_mps': '1.2e-20', 'amplitude_m': '1.1e-7', 'amplitude_std_m': '3e-8'}
-    model.take_status(10**9, still, now_s=50.0)
+@pytest.mark.parametrize(
+    ('values', 'key', 'text', 'note'),
+    [
+        ({'speed_mps': '1.2e-20', 'amplitude_m': '1.1e-7'}, 'speed', '0.00', ''),
+        ({'amplitude_m': '1.1e-7', 'amplitude_std_m': '3e-8'}, 'amplitude', '0.000', '± 0.000'),
+        ({'amplitude_m': '7.094e-4', 'amplitude_std_m': 'nan'}, 'amplitude', '0.709', ''),
+        ({'state': 'limit_cycle', 'margin': 'nan'}, 'margin', 'LOST', 'beyond A_u'),
+        ({'state': 'limit_cycle'}, 'time', 'NOW', 'it is reached'),
+        ({'time_to_limit_cycle_s': '4.21'}, 'time', '4.2', ''),
+        ({'region': 'unstable', 'margin': 'nan'}, 'margin', 'NONE', 'rest is unstable'),
+        ({'region': 'stable', 'margin': 'inf'}, 'margin', '∞', 'motion decays'),
+        ({'normal_form': '', 'margin': 'nan'}, 'margin', '–', 'no normal form'),
+        ({'growth_rate_per_s': '-0.313'}, 'growth', '−0.31', ''),
+        # Both ends of an interval that read the same say nothing, and neither does a chance of 0.
+        ({'escape_probability_low': '0', 'escape_probability_high': '0.001'}, 'escape', '< 1', ''),
+        ({'escape_probability': '0.93', 'escape_chance_next_minute': '0.99'}, 'escape', '93',
+         '1 min: 99'),
+    ],
+)  # fmt: skip
+def test_numbers_have_fixed_decimals_and_lost_is_a_word(model, values, key, text, note) -> None:
+    model.take_status(10**9, {**STATUS, **values}, now_s=50.0)
     tiles = {tile['key']: tile for tile in shown(model, 50.0)['sections']['numbers']}
-    assert tiles['speed']['text'] == '0.000'
-    power = tiles['amplitude']['text'].partition('e')[2]
-    assert power
-    assert tiles['amplitude']['note'].endswith(f'e{power} mm')
+    assert (tiles[key]['text'], tiles[key]['note']) == (text, note)
+
+
+def test_digits_change_four_times_a_second_and_the_level_at_once(model) -> None:
+    seen, levels = set(), set()
+    for step in range(40):
+        level = 'ERROR' if step % 2 else 'OK'
+        told = {**STATUS, 'level': level, 'speed_mps': f'{7 + 0.01 * step}'}
+        model.take_status((1 + step) * 50_000_000, told, 50.0 + 0.05 * step)
+        sections = shown(model, 50.0 + 0.05 * step)['sections']
+        seen.add(sections['numbers'][0]['text'])
+        levels.add(sections['status']['level'] == level)
+    assert 7 <= len(seen) <= 9
+    assert levels == {True}
+
+
+def test_a_silence_breaks_trail_amplitude_and_envelope(model) -> None:
+    for second in (*np.arange(1.0, 3.0, 0.05), *np.arange(6.0, 8.0, 0.05)):
+        model.take_status(round(1e9 * second), STATUS, float(second))
+    streams = shown(model, 8.0)['streams']
+    assert [row[0] for row in streams['trail']['rows']].count(None) == 1
+    broken = [row[0] for row in streams['amplitude']['rows'] if row[1] is None]
+    assert broken == [pytest.approx(2.95)]
+
+
+def test_the_time_of_an_earlier_level_is_not_that_of_silence(model) -> None:
+    model.take_status(10**9, {**STATUS, 'level': 'ERROR', 'since_s': '0.5'}, now_s=50.0)
+    assert shown(model, 50.1)['sections']['status']['since_s'] == 0.5
+    silent = shown(model, 55.0)['sections']['status']
+    assert (silent['level'], silent['since_s']) == ('STALE', None)
+
+
+REPLAY = {
+    'name': 'rig/live_replay', 'level': 'OK', 'bag': 'day_3', 'position_s': '12.34',
+    'length_s': '254.0', 'rate': '0.1', 'playing': 'True', 'finished': 'False',
+}  # fmt: skip
+
+
+def test_a_replay_is_one_until_nodes_of_a_rig_speak(model) -> None:
+    assert shown(model, 10.0)['sections']['replay'] is None
+    model.take_health(REPLAY, 10.0)
+    replay = shown(model, 10.1)['sections']['replay']
+    assert (replay['name'], replay['at_s'], replay['length_s']) == ('day_3', 12.3, 254.0)
+    assert (replay['state'], replay['rate']) == ('plays', 0.1)
+    # One that is held up for a while is not taken for a rig.
+    assert shown(model, 60.0)['sections']['replay']['name'] == 'day_3'
+    model.take_health({'name': 'rig/lateral_sensor', 'level': 'OK'}, 61.0)
+    assert shown(model, 61.0)['sections']['replay'] is None
+
+
+@pytest.mark.parametrize(
+    ('told', 'after_s', 'silent'),
+    [
+        ({}, 4.0, False),  # at a tenth of its speed a status comes every 0.5 s
+        ({}, 6.0, True),
+        ({'rate': '10.0'}, 1.0, True),
+        ({'playing': 'False'}, 3600.0, False),
+    ],
+)
+def test_a_slow_replay_is_no_silence_and_a_paused_one_neither(
+    model, told, after_s, silent
+) -> None:
+    model.take_health(REPLAY | told, 50.0)
+    model.take_status(10**9, STATUS, now_s=50.0)
+    assert shown(model, 50.0 + after_s)['sections']['status']['silent'] is silent
+
+
+def test_before_the_first_word_of_a_replay_nothing_is_good(model) -> None:
+    waits = {key: text for key, text in REPLAY.items() if key not in ('playing', 'rate')}
+    model.take_health(waits | {'listening': 'False'}, 50.0)
+    sections = shown(model, 50.0)['sections']
+    assert sections['replay']['state'] == 'waits for a detector'
+    assert sections['status']['silent']
+    assert 'good' not in sections['status']['why']
+
+
+def test_recording_time_and_disk_are_told_as_long_as_the_recorder_speaks(model) -> None:
+    assert shown(model, 10.0)['sections']['recorder'] is None
+    health = {
+        'name': 'rig/bag_recorder', 'level': 'OK', 'path': '/lab/rec/hunt_1.active',
+        'recorded_s': '754.0', 'bytes': '73456789', 'free_bytes': '61e9',
+    }  # fmt: skip
+    model.take_health(health, 10.0)
+    recorder = shown(model, 10.1)['sections']['recorder']
+    assert (recorder['recording'], recorder['recorded_s']) == ('hunt_1', 754.0)
+    assert (recorder['bytes'], recorder['free_bytes']) == (73456789.0, 61e9)
+    model.take_health({'name': 'rig/bag_recorder', 'level': 'OK'}, 11.0)
+    assert shown(model, 11.0)['sections']['recorder']['recording'] == ''
+    assert shown(model, 20.0)['sections']['recorder'] is None
+
+
+def test_an_operator_is_told_of_buttons_and_not_of_services(model) -> None:
+    assert operators('call speed/rearm first') == 'press rearm first'
+    model.take_speed_status({'message': 'emergency stop is in force until speed/rearm'}, 1.0)
+    told = shown(model, 1.0)['sections']['drive']['message']
+    assert told == 'emergency stop is in force until rearm'
+
+
+def test_a_mark_stands_among_the_events(model) -> None:
+    model.take_status(3 * 10**9, STATUS, 1.0)
+    model.take_mark('bump\u202e at joint 3')
+    (event,) = shown(model, 1.0)['sections']['events']
+    assert (event['event'], event['cause'], event['at_s']) == ('mark', 'bump at joint 3', 3.0)
 
 
 def test_only_the_form_that_the_detector_uses_is_drawn(model) -> None:
@@ -119,6 +241,19 @@ def test_no_peak_of_the_signal_is_lost_and_a_gap_breaks_the_line(model) -> None:
     assert max(row[2] for row in rows if row[2] is not None) == 5.0
     assert [row[1] for row in rows].count(None) == 1
     assert len(rows) < 200
+
+
+def test_an_hour_at_1_khz_leaves_the_samples_that_are_shown_and_no_more(model) -> None:
+    block = np.arange(0, 10**9, 10**6)
+    for second in range(3600):
+        for channel in ('lateral', 'yaw'):  # the spectrum is that of lateral: nobody asks for yaw
+            model.take_samples(channel, second * 10**9 + block, np.zeros(1000))
+        if second % 60 == 0:
+            model.take_status((second + 1) * 10**9, STATUS, float(second))
+            model.view(float(second))
+    for trace in model._traces.values():
+        assert 15_000 < sum(stamps.size for stamps, _ in trace._blocks) < 25_000
+        assert trace.samples()[0].size == 20_000
 
 
 def test_the_spectrum_names_hunting_and_the_lines_of_the_roller(model) -> None:
@@ -165,6 +300,15 @@ def test_a_clock_that_is_set_back_begins_a_new_picture(model) -> None:
     assert change['lateral']['rows'][0][0] == 5.0
 
 
+def test_one_stamp_from_the_future_does_not_stop_a_trace(model) -> None:
+    stamps = np.arange(10**9, 2 * 10**9, 10**7)
+    model.take_samples('lateral', stamps, np.ones(100))
+    model.take_samples('lateral', np.array([10**15]), np.ones(1))
+    for second in range(1, 4):
+        model.take_samples('lateral', stamps + second * 10**9, np.ones(100))
+    assert shown(model, 50.0)['streams']['lateral']['rows'][-1][0] > 4.9
+
+
 def test_a_node_that_tells_nothing_any_more_is_stale(model) -> None:
     model.take_health({'name': 'rig/yaw_sensor', 'level': 'OK', 'rate_hz': '999.8'}, 10.0)
     (node,) = shown(model, 11.0)['sections']['nodes']
@@ -172,6 +316,28 @@ def test_a_node_that_tells_nothing_any_more_is_stale(model) -> None:
     (node,) = shown(model, 20.0)['sections']['nodes']
     assert (node['level'], node['rate_hz']) == ('STALE', 0.0)
     assert 'silent for 10 s' in node['message']
+
+
+@pytest.mark.parametrize(
+    ('namespace', 'own', 'others'),
+    [
+        ('rig', ['rig/yaw_sensor', 'rig/daq/yaw_sensor'], ['rig2/yaw_sensor', 'other/rig/a', 'a']),
+        ('/lab/rig/', ['/lab/rig/yaw_sensor'], ['rig/yaw_sensor', 'lab/yaw_sensor']),
+        ('/', ['yaw_sensor'], ['rig/yaw_sensor']),
+    ],
+)
+def test_what_another_rig_of_the_domain_says_of_itself_is_not_shown(
+    namespace, own, others
+) -> None:
+    model = PageModel(PageSettings(), FORM, namespace)
+    for name in (*own, *others):
+        model.take_health({'name': name, 'level': 'OK', 'message': name}, 10.0)
+    for name in ('other/hunting_detector', 'hunting_detector_2'):
+        model.take_health({'name': name, 'level': 'OK', 'forecast_v_c': '12.345'}, 10.0)
+    sections = shown(model, 10.0)['sections']
+    assert {node['message'] for node in sections['nodes']} - {''} == set(own)
+    assert len({node['name'] for node in sections['nodes']}) == len(sections['nodes'])
+    assert '12.3' not in json.dumps(sections['numbers'])
 
 
 def test_profile_interlock_and_emergency_stop_are_shown_where_the_drive_tells(model) -> None:

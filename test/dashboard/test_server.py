@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 import gc
 import json
-import shutil
 import socket
 import time
 import urllib.error
 import urllib.parse
 import urllib.request
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from http.cookiejar import CookieJar
-from pathlib import Path
 
 import pytest
 
 tornado = pytest.importorskip('tornado', reason='the extra dashboard is not installed')
 
 from tornado.httpclient import HTTPClientError, HTTPRequest  # noqa: E402
+from tornado.web import create_signed_value  # noqa: E402
 from tornado.websocket import websocket_connect  # noqa: E402
 
 from hunt_ros.dashboard import server as web  # noqa: E402
@@ -60,7 +61,7 @@ def test_everything_the_page_loads_comes_from_this_server(live) -> None:
     assert code == 200
     assert 'http://' not in page
     assert 'https://' not in page
-    for name in ('page.js', 'page.css', 'colours.css', 'bokeh.js', 'figures.json'):
+    for name in ('page.js', 'figures.js', 'page.css', 'colours.css', 'uPlot.iife.min.js'):
         code, text = ask(live.url + name)
         assert code == 200
         assert len(text) > 100
@@ -112,7 +113,7 @@ def guarded(tmp_path):
 
     rules, own = Access(TOKENS, frozenset({'localhost'})), Recordings(tmp_path)
     page = web.PageServer('127.0.0.1', 0, rules, command, 'rig', own)
-    page.calls = calls
+    page.calls, page.secret = calls, rules.secret
     page.publish(View({'status': Section(1, 'secret')}))
     yield page
     page.close()
@@ -180,6 +181,21 @@ def test_a_forged_cookie_gives_no_right(guarded) -> None:
     assert ask(url + 'command', {'word': 'rearm'}, Cookie=cookie)[0] == 403
 
 
+def test_a_cookie_of_a_right_that_no_token_gives_is_refused(guarded) -> None:
+    """Also one that was signed with the right key: the line of its token was taken out."""
+    port = guarded.site.port
+    guarded.site.access = dataclasses.replace(guarded.site.access, tokens=TOKENS[1:])
+    for right, code in (('command', 401), ('view', 200)):
+        signed = create_signed_value(
+            guarded.secret, f'hunt_ros_{port}', f'{right} {time.time():.0f}'
+        ).decode()
+        cookie = f'hunt_ros_{port}={signed}'
+        url = f'http://127.0.0.1:{port}/'
+        assert ask(url + 'recordings.json', Cookie=cookie)[0] == code
+        assert ask(url + 'command', {'word': 'emergency-stop'}, Cookie=cookie)[0] == 403
+    assert guarded.calls == []
+
+
 def test_a_port_in_use_is_one_clear_line(live) -> None:
     with pytest.raises(ConfigError) as refusal:
         web.PageServer(
@@ -218,28 +234,87 @@ def test_a_viewer_that_takes_nothing_is_dropped_and_the_others_do_not_notice(
 
 
 @pytest.mark.filterwarnings('error::pytest.PytestUnraisableExceptionWarning')
-@pytest.mark.parametrize('leaves', [False, True])
-def test_a_server_that_ends_takes_its_replays_with_it_and_leaves_nothing_behind(
-    live, caplog, leaves
-) -> None:
-    bag = Path(__file__).resolve().parents[2] / 'bags' / 'kick_decays'
-    shutil.copytree(bag, live.folder / 'run')
-
+def test_a_server_that_ends_takes_its_pages_with_it_and_leaves_nothing_behind(live) -> None:
     async def watch() -> None:
-        address = live.url.replace('http', 'ws', 1) + 'played?recording=run'
-        link = await websocket_connect(address)
-        while 'replay' not in json.loads(await link.read_message()).get('sections', {}):
-            pass
-        assert len(live.server.site.replays) == 1
-        if leaves:  # and the server ends before the process has
-            link.close()
-            await asyncio.sleep(0.02)
+        link = await websocket_connect(live.url.replace('http', 'ws', 1) + 'live')
+        await link.read_message()
+        assert len(live.server.site.live.viewers) == 1
         await asyncio.get_running_loop().run_in_executor(None, live.server.close)
 
     asyncio.run(asyncio.wait_for(watch(), 60))
-    assert not live.server.site.replays
+    assert not live.server.site.live.viewers
     gc.collect()
-    # A transport that is closed while its process ends may reap it before the watcher of CPython
-    # 3.10 to 3.12 does, which then says so.
-    said = [record.getMessage() for record in caplog.records if record.name == 'asyncio']
-    assert not [text for text in said if not text.startswith('Unknown child process')]
+
+
+def test_what_is_not_there_is_refused_like_all_else_and_head_is_answered(live) -> None:
+    request = urllib.request.Request(live.url + 'nothing')
+    with pytest.raises(urllib.error.HTTPError) as refusal:
+        urllib.request.urlopen(request, timeout=20)
+    assert refusal.value.code == 404
+    assert refusal.value.headers['Server'] == 'hunt_ros'
+    assert 'Content-Security-Policy' in refusal.value.headers
+    assert ask(live.url + 'nothing', Host='evil.example')[0] == 403
+    assert ask(live.url + 'nothing.css')[0] == 404
+    with urllib.request.urlopen(
+        urllib.request.Request(live.url, method='HEAD'), timeout=20
+    ) as answer:
+        assert (answer.status, answer.read()) == (200, b'')
+    squeezed = urllib.request.Request(
+        live.url + 'uPlot.iife.min.js', headers={'Accept-Encoding': 'gzip'}
+    )
+    with urllib.request.urlopen(squeezed, timeout=20) as answer:
+        assert answer.headers['Content-Encoding'] == 'gzip'
+
+
+@pytest.mark.parametrize('origin', ['http://[bad', '://'])
+def test_an_origin_that_is_no_address_is_refused_and_no_error(live, origin) -> None:
+    assert ask(live.url + 'command', {'word': 'emergency-stop'}, Origin=origin)[0] == 403
+
+
+def test_the_answer_of_a_service_is_told_in_the_words_of_an_operator(live) -> None:
+    live.reply = (False, 'an emergency stop is in force: call speed/rearm first')
+    _, text = ask(live.url + 'command', {'word': 'start-profile'})
+    assert json.loads(text)['message'] == 'an emergency stop is in force: press rearm first'
+
+
+def test_who_asks_for_too_much_at_a_time_is_refused_and_the_stop_never(
+    live, guarded, machine
+) -> None:
+    """Wrong tokens, files of a slow disk, commands without answer: each kind has its bound."""
+    live.holds = True
+    with ThreadPoolExecutor(20) as many:
+        asked = [many.submit(ask, live.url + 'command', {'word': 'mark'}) for _ in range(17)]
+        refused = next(as_completed(asked)).result()
+        assert refused[0] == 503
+        assert 'try again' in refused[1]
+        stop = many.submit(ask, live.url + 'command', {'word': 'emergency-stop'})
+        deadline = machine.deadline(20.0)
+        while ('emergency-stop', '') not in live.calls:
+            assert not deadline.passed
+            time.sleep(0.01)
+        live.holds = False
+        for answer in live.held:
+            answer.set_result((True, ''))
+        assert stop.result()[0] == 200
+        codes = sorted(each.result()[0] for each in asked)
+        assert codes == [200] * 16 + [503]
+        url = f'http://127.0.0.1:{guarded.site.port}/login'
+        form = urllib.parse.urlencode({'token': 'c' * 16}).encode()
+
+        def guess() -> int:
+            try:
+                return urllib.request.urlopen(url, form, timeout=20).status
+            except urllib.error.HTTPError as error:
+                return error.code
+
+        assert 503 in [each.result() for each in [many.submit(guess) for _ in range(20)]]
+
+
+def test_who_signs_in_comes_to_the_page_that_was_asked_for(guarded) -> None:
+    url = f'http://127.0.0.1:{guarded.site.port}/'
+    assert 'name="back" value="recordings"' in ask(url + 'recordings')[1]
+    for back, page in (('recordings', 'recordings'), ('index', ''), ('//evil.example', '')):
+        form = urllib.parse.urlencode({'token': 'a' * 16, 'back': back}).encode()
+        opener = urllib.request.build_opener(urllib.request.HTTPCookieProcessor(CookieJar()))
+        with opener.open(url + 'login', form, timeout=20) as answer:
+            assert answer.url == url + page

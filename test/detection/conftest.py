@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from hunt_ros.dynamics.branch_form import fitted_form
 from hunt_ros.dynamics.center_manifold import normal_form_of
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.limit_cycle import limit_cycles
-from hunt_ros.dynamics.model_misfit import fitted_form
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import Kick, simulate
 from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, SimulationSettings
 from hunt_ros.samples import Record
 
+sys.path.insert(0, str(Path(__file__).parent))  # for what several tests share
 Recorder = Callable[..., Record]
 
 

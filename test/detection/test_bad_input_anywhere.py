@@ -17,8 +17,8 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, detect
-from hunt_ros.detection.output import Output
-from hunt_ros.detection.words.reasons import reasons_of
+from hunt_ros.detection.output import Event, Output
+from hunt_ros.detection.words.reasons import Basis, reasons_of
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
@@ -32,6 +32,7 @@ BEGIN, END, DURATION = 6 * SECOND, 8 * SECOND, 13 * SECOND
 #: After the fault begins it must be named within this time, ns.
 NOTICED = 600_000_000
 CONFIG = DetectorConfig(channels=CHANNELS, lateral_range_m=2e-3, yaw_range_rad=2e-3)
+BASIS = Basis(CONFIG)
 PAPER = IdentifiedNormalForm(PAPER_NORMAL_FORM)
 
 _Columns = tuple[np.ndarray, np.ndarray]
@@ -40,11 +41,17 @@ _MOTION = ('lateral', 'yaw')
 
 @dataclass(frozen=True)
 class Fault:
-    """How a channel is spoilt: spoil(stamps, values, places) in place; the words expected."""
+    """
+    How a channel is spoilt: spoil(stamps, values, places) in place; the words expected.
+
+    `event` begins the words of the events that say that the channel is not to be trusted, and
+    that it is again; '': it is trusted on.
+    """
 
     words: tuple[str, ...]
     spoil: Callable[[np.ndarray, np.ndarray, np.ndarray], None]
     channels: tuple[str, ...] = CHANNELS
+    event: str = ''
 
 
 def _value(number: float, every: int = 1) -> Callable[..., None]:
@@ -73,24 +80,25 @@ def _halted(t: np.ndarray, x: np.ndarray, bad: np.ndarray) -> None:
     t[bad] = t[bad[0] - 1]
 
 
-SILENT = Fault(('silent',), lambda t, x, bad: None)
+SILENT = Fault(('silent',), lambda t, x, bad: None, event='input')
+_ENDS = {'sensor': ('fault', 'recovered'), 'input': ('stale', 'recovered')}
 _BACK, _AHEAD = 'stamps that jump back', 'stamps that jump ahead'
 FAULTS: dict[str, Fault] = {
-    'nan': Fault(('only NaN or infinite',), _value(np.nan)),
-    'inf': Fault(('only NaN or infinite',), _value(-np.inf)),
+    'nan': Fault(('only NaN or infinite',), _value(np.nan), event='sensor'),
+    'inf': Fault(('only NaN or infinite',), _value(-np.inf), event='sensor'),
     'some nan': Fault(('NaN or infinite',), _value(np.nan, every=7)),
-    'stuck': Fault(('stuck',), _stuck, ('lateral', 'yaw', 'roller')),
-    'saturated': Fault(('saturated',), _value(2e-3), _MOTION),
+    'stuck': Fault(('stuck',), _stuck, ('lateral', 'yaw', 'roller'), event='sensor'),
+    'saturated': Fault(('saturated',), _value(2e-3), _MOTION, event='sensor'),
     'zero': Fault(('zero',), _value(0.0), ('speed',)),
     'negative': Fault(('negative',), _value(-6.0), ('speed',)),
     'repeated': Fault(('repeated stamps',), _repeated),
-    'clock stands': Fault(('silent', 'repeated stamps'), _halted),
+    'clock stands': Fault(('silent', 'repeated stamps'), _halted, event='input'),
     'some back': Fault((_BACK,), _moved(-300_000_000, every=20, first=5)),
     'some far back': Fault((_BACK,), _moved(-3600 * SECOND, every=20, first=5)),
     'some ahead': Fault((_AHEAD,), _moved(3600 * SECOND, every=20, first=5)),
-    'clock back': Fault(('silent', _BACK), _moved(-3600 * SECOND)),
-    'clock ahead': Fault(('silent', _AHEAD), _moved(3600 * SECOND)),
-    'clock a little ahead': Fault(('silent', _AHEAD), _moved(3 * SECOND)),
+    'clock back': Fault(('silent', _BACK), _moved(-3600 * SECOND), event='input'),
+    'clock ahead': Fault(('silent', _AHEAD), _moved(3600 * SECOND), event='input'),
+    'clock a little ahead': Fault(('silent', _AHEAD), _moved(3 * SECOND), event='input'),
     'silent': SILENT,
 }
 
@@ -173,8 +181,8 @@ def _check(
     step_ns: int | None = 100_000_000,
     form: bool = True,
     seed: int = 1,
-) -> None:
-    """Spoil a record, feed it (step_ns None: whole), and look at every row."""
+) -> tuple[np.ndarray, list[Event]]:
+    """Spoil a record, feed it (step_ns None: whole), and look at every row; return the fault's."""
     record = {
         name: _timed(series, timing if name in _MOTION else 'even', seed)
         for name, series in _recorded(rate_hz, seed).items()
@@ -197,7 +205,7 @@ def _check(
     assert during.size >= 138
     assert (during['level'] != Level.OK).all()
     for row in during[::6]:
-        reasons = reasons_of(row)
+        reasons = reasons_of(row, BASIS)
         for name, fault in chosen.items():
             assert any(
                 reason.startswith(f'{name}: ') and word in reason
@@ -207,17 +215,27 @@ def _check(
     [before] = rows[stamps == BEGIN - SECOND]
     after = rows[stamps > END + 4 * SECOND]
     assert after.size >= 98
-    usual = set(reasons_of(before))
-    assert all(set(reasons_of(row)) <= usual for row in after[::7]), reasons_of(after[-1])
+    usual = set(reasons_of(before, BASIS))
+    assert all(set(reasons_of(row, BASIS)) <= usual for row in after[::7]), reasons_of(
+        after[-1], BASIS
+    )
     assert set(detector.status.reasons) <= usual
     assert not form or detector.status.level is Level.OK
     assert not detector.status.alarm
+    return during, [event for event in output.events if event.stamp_ns > BEGIN]
 
 
 @pytest.mark.parametrize('fault', FAULTS)
 def test_each_fault_on_each_channel(fault: str) -> None:
     for channel in FAULTS[fault].channels:
-        _check([(channel, fault)])
+        during, events = _check([(channel, fault)])
+        event = FAULTS[fault].event
+        assert (during['level'] == Level.STALE).all() == bool(event)
+        said = [one.event for one in events if one.cause.startswith(channel)]
+        assert bool(said) == bool(event), said
+        assert not said or (said[0], said[-1]) == tuple(
+            f'{event}_{end}' for end in _ENDS[event]
+        ), said
         _check([(channel, fault)], step_ns=None)
 
 

@@ -121,12 +121,13 @@ def test_the_forecast_is_made_for_the_rig_that_the_detector_is_told_of() -> None
     config = DetectorConfig(hunting_frequency_hz=12.0, roller_diameter_m=0.5)
     of_rig = Companions.of(CompanionConfig(), config)._forecast
     assert of_rig is not None
-    assert of_rig.settings.lowest_hz < 12.0 / 2.84
-    assert of_rig.settings.highest_hz > 24.0
-    assert of_rig.settings.roller_diameter_m == 0.5
+    low, high = of_rig._levels._band
+    assert low < 12.0 / 2.84
+    assert high > 24.0
+    assert of_rig._levels._diameter == 0.5
     plain = Companions.of(CompanionConfig())._forecast
     assert plain is not None
-    assert (plain.settings.lowest_hz, plain.settings.highest_hz) == (0.8, 8.0)
+    assert plain._levels._band == (0.8, 8.0)
 
 
 def test_what_cannot_be_run_is_refused() -> None:

@@ -63,28 +63,6 @@ def test_any_blocks_and_any_interleaving_give_the_rows_of_the_whole(data, record
     assert _same(Output.joined(outputs), whole)
 
 
-def test_sample_by_sample_gives_the_rows_of_the_whole(recorded) -> None:
-    record = recorded(7.2, 2.0)
-    detector = HuntingDetector(normal_form=PAPER)
-    samples = sorted(
-        (int(stamp), name, float(value))
-        for name, series in record.items()
-        for stamp, value in zip(series.stamps_ns, series.values, strict=True)
-    )
-    outputs = [detector.update(name, stamp, value) for stamp, name, value in samples]
-    outputs.append(detector.finish())
-    assert _same(Output.joined(outputs), detect(HuntingDetector(normal_form=PAPER), record))
-
-
-def test_reset_equals_fresh(recorded) -> None:
-    record = recorded(7.2, 6.0, kicks=[(2.0, 400e-6)])
-    detector = HuntingDetector(normal_form=PAPER)
-    first = detect(detector, record)
-    detector.reset()
-    assert not detector.status.alarm
-    assert _same(detect(detector, record), first)
-
-
 def test_a_kick_beyond_the_basin_goes_through_escaping_to_the_limit_cycle(
     recorded, true_form
 ) -> None:

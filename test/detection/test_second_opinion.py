@@ -1,12 +1,15 @@
-"""The second opinion agrees with the filter at any rate of the rows, and with noise as it is."""
+"""The second opinion agrees at any rate of the rows, and not with a filter that is wrong."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, State, detect
 from hunt_ros.detection.decision import doubts
+from hunt_ros.detection.frequencies import with_frequencies
+from hunt_ros.detection.second_opinion import SecondOpinion
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import Record, Series
 
@@ -50,3 +53,38 @@ def test_rows_too_slow_for_the_hunting_are_refused(rate: float) -> None:
         DetectorConfig(output_rate_hz=rate)
     slow = DetectorConfig(output_rate_hz=rate, hunting_frequency_hz=0.38 * rate)
     HuntingDetector(slow)
+
+
+def opinion_on(
+    readings: NDArray[np.float64], line_hz: float, said: tuple[float, float, float]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return envelope and disagreement from 20 s on, beside a filter that says one thing."""
+    config = with_frequencies(DetectorConfig(hunting_frequency_hz=4.0))
+    rows_ns = (np.arange(readings.size) + 1) * config.period_ns
+    told = [np.full(rows_ns.size, value) for value in (*said, 0.0)]
+    angle, turning = 2.0 * np.pi * line_hz * rows_ns * 1e-9, np.full(rows_ns.size, line_hz)
+    opinion = SecondOpinion(config, (1.0,))
+    envelope, disagree = opinion.update(rows_ns, rows_ns, readings, angle, turning, tuple(told))
+    return envelope[2000:], disagree[2000:]
+
+
+@pytest.mark.parametrize('amplitude', [3e-4, 3e-5])
+def test_a_filter_whose_line_and_hunting_cancel_is_contradicted(amplitude: float) -> None:
+    """All that moves is the line: 0.1 mm at 6.4 Hz; the filter says that it hunts at 6 Hz."""
+    t = 0.01 * np.arange(1, 4001)
+    noise = 1e-6 * np.random.default_rng(1).standard_normal(t.size)
+    readings = 1e-4 * np.cos(2.0 * np.pi * 6.4 * t) + noise
+    envelope, disagree = opinion_on(readings, 6.4, (amplitude, 0.01 * amplitude, 6.0))
+    assert envelope.max() < 1e-5
+    assert disagree.all()
+
+
+def test_a_filter_that_takes_the_motion_for_noise_is_contradicted() -> None:
+    """Motion of no one frequency, 0.5 to 8 Hz: the filter says 0.024 +- 0.114 mm."""
+    spectrum = np.fft.rfft(np.random.default_rng(1).standard_normal(6000))
+    hertz = np.fft.rfftfreq(6000, 0.01)
+    motion = np.fft.irfft(np.where((hertz > 0.5) & (hertz < 8.0), spectrum, 0.0), 6000)
+    readings = 8e-4 * motion / motion.std()
+    envelope, disagree = opinion_on(readings, 11.0, (2.4e-5, 1.14e-4, 4.0))
+    assert disagree[envelope > 6e-4].all()
+    assert (envelope > 6e-4).mean() > 0.5

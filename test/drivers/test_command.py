@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 from hunt_ros.drivers.command import DriveLimits, RollerCommand
 from hunt_ros.dynamics.profile import Corners, Hold, Motion, Profile, Ramp, Seesaw
+from hunt_ros.dynamics.profile.run import ProfileRun
 from hunt_ros.errors import ConfigError
 
 
@@ -127,12 +129,25 @@ def test_acceleration_and_jerk_are_limited_and_nothing_overshoots() -> None:
 def test_no_profile_and_no_parameter_brings_a_set_point_above_the_ceiling() -> None:
     command = _command(ceiling=10.0)
     with pytest.raises(ConfigError, match='above the ceiling'):
-        command.load(Profile((Hold(10.5, 1.0),)))
+        Profile((Hold(10.5, 1.0),)).check(10.0)
     command.load(Profile((Seesaw(100.0),)))  # its speeds follow from the form
     seen = {'amplitude_m': 0.0, 'v_n': 8.0, 'v_c': 9.9, 'fold_amplitude_m': 1e-3}
     assert command.start(Motion(**seen)) == ''
     speeds = _ride(command, 150.0, 0.25, **seen)
     assert max(speeds) == 10.0
+
+
+def test_a_ceiling_that_is_lowered_is_approached_within_the_limits() -> None:
+    command = _command(Hold(8.8, 100.0, 1.0), acceleration=1.0, jerk=5.0, ceiling=12.0)
+    command.start()
+    assert _ride(command, 15.0)[-1] == pytest.approx(8.8)
+    command.stop()
+    command.limits = replace(command.limits, speed_ceiling_mps=5.0)
+    speeds = [8.8, *_ride(command, 8.0)]
+    assert -np.diff(speeds).min() <= 0.05 + 1e-9
+    assert speeds[-1] == 5.0
+    command.limits = replace(command.limits, speed_ceiling_mps=0.0)
+    assert _ride(command, 8.0)[-1] == 0.0, '0 m/s is a limit, not none'
 
 
 def test_a_profile_tells_its_progress_and_goes_on_where_it_was_paused() -> None:
@@ -177,6 +192,27 @@ def test_a_trip_on_the_way_up_does_not_go_on_up_where_the_roller_lags() -> None:
     command.trip(0.0, 5.5)
     speed = command.next(0.05, 5.5)
     assert speed == pytest.approx(5.45)
+
+
+@pytest.mark.parametrize('silent_s', [1.0, 30.0, 1000.0])
+def test_a_see_saw_whose_leg_ends_in_silence_goes_on(silent_s) -> None:
+    """Not NaN for ever: the form of before holds, and the step comes to its end."""
+    command = _command(Seesaw(300.0, watch_s=5.0))
+    seen = {'amplitude_m': 1e-5, 'v_n': 6.4, 'v_c': 8.0, 'fold_amplitude_m': 4e-4}
+    assert command.start(Motion(**seen)) == ''
+    speeds = _ride(command, 88.0, 0.25, **seen)
+    speeds += _ride(command, silent_s, 0.25)
+    speeds += _ride(command, 500.0, 0.25, **seen)
+    assert np.isfinite(speeds).all()
+    assert command.state == 'finished'
+    assert 6.0 < speeds[-1] < 6.5
+
+
+def test_a_step_that_never_heard_of_a_form_stays_and_says_so() -> None:
+    run = ProfileRun(Profile((Seesaw(30.0),)), 5.0)
+    assert {run.advance(0.5, Motion()) for _ in range(100)} == {5.0}
+    assert 'no normal form' in run.note
+    assert run.finished
 
 
 def test_a_see_saw_reverses_by_the_amplitude_and_by_the_form_in_force() -> None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
-from hunt_ros.drivers.interlock import Heard, Interlock, InterlockSettings
+from hunt_ros.drivers.interlock import CAUSES, Heard, Interlock, InterlockSettings
 from hunt_ros.dynamics.profile import Motion
+from hunt_ros.errors import ConfigError
 
 S = 1_000_000_000
 STEP = S // 20
@@ -24,7 +26,14 @@ class Watched:
         self.stamp_ns = 1_000 * S
         self.sequence = 0
 
-    def run(self, seconds: float, level: str = 'OK', rows: int = 5, **seen: float) -> str:
+    def run(
+        self,
+        seconds: float,
+        level: str = 'OK',
+        rows: int = 5,
+        speed: float = math.nan,
+        **seen: float,
+    ) -> str:
         """Let time pass with statuses; return the events that came."""
         events = []
         motion = Motion(**{'amplitude_m': 1e-5, 'v_n': 6.4, 'v_c': 8.0, **seen})
@@ -34,14 +43,14 @@ class Watched:
             self.sequence += rows
             heard = Heard(level, self.sequence, self.stamp_ns, 'its words', math.nan, motion)
             self.interlock.hear(self.now_ns, heard)
-            events.append(self.interlock.judge(self.now_ns))
+            events.append(self.interlock.judge(self.now_ns, speed))
         return self.names(events)
 
-    def silence(self, seconds: float) -> str:
+    def silence(self, seconds: float, speed: float = math.nan) -> str:
         events = []
         for _ in range(round(seconds * 50)):
             self.now_ns += S // 50
-            events.append(self.interlock.judge(self.now_ns))
+            events.append(self.interlock.judge(self.now_ns, speed))
         return self.names(events)
 
     @staticmethod
@@ -63,7 +72,7 @@ class Watched:
 )
 def test_the_mode_says_what_trips_it(mode, what, trips) -> None:
     watched = Watched(mode, flange_clearance_m=0.8e-3)
-    assert watched.run(1.0) == ''
+    assert watched.run(4.0) == ''
     expected = 'interlock_tripped' if mode in trips else ''
     assert watched.run(2.0, **what) == expected
     assert watched.interlock.state == {'': 'armed', 'interlock_tripped': 'tripped'}[expected] or (
@@ -73,20 +82,21 @@ def test_the_mode_says_what_trips_it(mode, what, trips) -> None:
 
 def test_silence_trips_it_once_with_a_sentence_and_the_moment_of_the_last_word() -> None:
     watched = Watched()
-    watched.run(1.0)
+    watched.run(4.0)
     heard_ns = watched.now_ns
-    assert watched.silence(0.14) == ''
-    assert watched.silence(1.0) == 'interlock_tripped'
-    assert 'silent for 0.1' in watched.interlock.cause
+    assert watched.silence(0.28) == '', 'a busy machine swallows some statuses'
+    assert watched.silence(0.04) == 'interlock_tripped'
+    assert watched.silence(1.0) == ''
+    assert 'silent for 0.3' in watched.interlock.cause
     change = Watched()
-    change.run(1.0)
+    change.run(4.0)
     change.now_ns += S
     assert change.interlock.judge(change.now_ns).since_ns == heard_ns
 
 
 def test_a_drive_that_is_gone_trips_it() -> None:
     watched = Watched('measure')
-    watched.run(1.0)
+    watched.run(4.0)
     watched.interlock.drive('drive: connection lost')
     assert watched.run(0.05) == 'interlock_tripped'
     assert watched.interlock.cause == 'drive: connection lost'
@@ -101,9 +111,19 @@ def test_what_was_never_there_cannot_fail_but_hunting_that_is_seen_trips_at_once
     assert watched.run(0.1, level='ERROR') == 'interlock_tripped'
 
 
+def test_a_pause_of_a_machine_that_starts_everything_at_once_is_no_silence() -> None:
+    watched = Watched()
+    watched.run(0.6)
+    assert watched.silence(0.5) == ''
+    assert watched.run(2.4) == ''
+    assert watched.silence(0.5) == ''
+    assert watched.run(3.1) == ''
+    assert watched.silence(0.5) == 'interlock_tripped'
+
+
 def test_it_stays_tripped_until_a_person_arms_it_and_not_while_the_cause_is_there() -> None:
     watched = Watched()
-    watched.run(1.0)
+    watched.run(4.0)
     watched.run(0.1, level='ERROR')
     interlock = watched.interlock
     assert watched.run(100.0) == ''
@@ -119,9 +139,105 @@ def test_it_stays_tripped_until_a_person_arms_it_and_not_while_the_cause_is_ther
     assert watched.run(0.1, level='STALE') == 'interlock_tripped'
 
 
+def _goal(watched: Watched, seconds: float, speed: float, **what) -> float:
+    """Let a roller run that reaches each goal at once; return the last goal."""
+    for _ in range(round(seconds * 20)):
+        watched.run(0.05, speed=min(speed, watched.interlock.goal_mps), **what)
+    return watched.interlock.goal_mps
+
+
+def test_hunting_at_a_speed_that_the_form_calls_safe_refutes_it_and_goes_to_a_stop() -> None:
+    """The form of another wheel profile: v_n 9.6 where the wheelset hunts at 8.6."""
+    watched = Watched()
+    watched.run(1.0, speed=8.6, v_n=9.6)
+    watched.run(0.1, level='ERROR', speed=8.6, v_n=9.6)
+    assert watched.interlock.state == 'tripped'
+    assert watched.interlock.goal_mps <= 8.1
+    assert _goal(watched, 1.0, 8.6, level='ERROR', v_n=9.6) == 0.0
+    watched = Watched()
+    watched.run(1.0, speed=8.6, v_n=9.6)
+    _goal(watched, 0.2, 8.6, level='ERROR', v_n=9.6)
+    held = _goal(watched, 1.0, 8.6, level='WARN', v_n=9.6)  # it dies out here
+    assert 0.0 < held < 8.1
+    assert _goal(watched, 5.0, 8.6, level='WARN', v_n=9.6) == held
+
+
+def test_motion_that_does_not_die_at_the_safe_speed_takes_the_roller_lower() -> None:
+    watched = Watched()
+    watched.run(4.0, speed=7.5)
+    watched.run(0.1, level='ERROR', speed=7.5, amplitude_m=2e-3)
+    # Falling, if slowly, is dying: the speed is right.
+    for k in range(200):
+        watched.run(0.05, level='ERROR', speed=5.9, amplitude_m=2e-3 * 0.9976**k)
+    assert watched.interlock.goal_mps == pytest.approx(5.9)
+    assert watched.interlock.state == 'tripped'
+    events = watched.run(4.0, level='ERROR', speed=5.9, amplitude_m=1e-3)
+    assert events == 'interlock_tripped'
+    assert 'does not die out at 5.90 m/s' in watched.interlock.cause
+    assert watched.interlock.goal_mps < 5.5
+    # Quiet: it stays there, and a person may arm it again.
+    lower = _goal(watched, 1.0, 5.0, level='OK')
+    change, refusal = watched.interlock.rearm(watched.now_ns)
+    assert (change.event, refusal) == ('interlock_armed', '')
+    assert lower > 0.0
+    assert watched.interlock.goal_mps == math.inf
+
+
+@pytest.mark.parametrize('blind', ['STALE', 'silent'])
+def test_hunting_whose_end_nobody_saw_is_not_over(blind) -> None:
+    """At 5 m/s, v_n told 6.4: 20 mm, then the sensor or the detector is gone."""
+    watched = Watched()
+    watched.run(4.0, speed=7.5)
+    watched.run(0.2, level='ERROR', speed=7.0, amplitude_m=20e-3)
+    for _ in range(200):
+        if blind == 'silent':
+            watched.silence(0.05, speed=min(5.9, watched.interlock.goal_mps))
+        else:
+            watched.run(0.05, level='STALE', speed=min(5.9, watched.interlock.goal_mps))
+    assert watched.interlock.goal_mps == 0.0
+    # Without hunting before, silence takes the roller to the safe speed and no lower.
+    watched = Watched()
+    watched.run(4.0, speed=7.5)
+    watched.silence(20.0, speed=5.9)
+    assert watched.interlock.goal_mps == pytest.approx(5.9)
+
+
+def test_a_roller_that_nobody_commands_goes_to_zero_in_both_modes() -> None:
+    for mode in ('protect', 'measure'):
+        watched = Watched(mode)
+        watched.interlock.drive('', 'the roller runs at 25 m/s: use the hard-wired stop')
+        assert watched.run(0.1) == 'interlock_tripped', 'also before all has been well'
+        assert watched.interlock.goal_mps == 0.0
+        assert 'hard-wired' in watched.interlock.cause
+
+
+def test_the_displacement_itself_trips_it_without_any_estimate() -> None:
+    watched = Watched('measure', amplitude_limit_m=3e-3)
+    watched.run(4.0)
+    watched.interlock.displacement_m = 5e-3
+    assert watched.run(0.1, amplitude_m=1e-6) == 'interlock_tripped'
+    assert 'displacement 5.000 mm above the limit, 3.000 mm' in watched.interlock.cause
+    # Before the detector was ever heard, too.
+    watched = Watched('protect', flange_clearance_m=3e-3)
+    watched.interlock.displacement_m = 5e-3
+    assert watched.silence(0.1) == 'interlock_tripped'
+
+
+def test_a_safe_speed_above_v_n_is_none_and_said() -> None:
+    watched = Watched(safe_speed_mps=7.5)
+    assert watched.interlock.safe_speed_mps() == 7.5
+    assert watched.interlock.unsafe() == ''
+    watched.run(0.1)
+    assert watched.interlock.safe_speed_mps() == pytest.approx(5.9)
+    assert 'safe_speed_mps, 7.5 m/s, is not below v_n, 6.400 m/s' in watched.interlock.unsafe()
+    with pytest.raises(ConfigError, match=r'amplitude_limit_m: 0\.0 is below'):
+        InterlockSettings(amplitude_limit_m=0.0)
+    assert Watched(safe_speed_mps=0.0).interlock.safe_speed_mps() == 0.0
+
+
 def test_it_can_be_disarmed_and_is_awake_at_once_when_armed() -> None:
     watched = Watched()
-    watched.run(1.0)
+    watched.run(4.0)
     change, refusal = watched.interlock.arm(watched.now_ns, False)
     assert (change.event, refusal) == ('interlock_disarmed', '')
     assert watched.run(1.0, level='ERROR') == ''
@@ -177,3 +293,28 @@ def test_a_profile_sees_nothing_of_a_detector_that_is_silent() -> None:
     watched.run(1.0, amplitude_m=2e-4)
     assert watched.interlock.motion(watched.now_ns).amplitude_m == 2e-4
     assert math.isnan(watched.interlock.motion(watched.now_ns + S).amplitude_m)
+
+
+def test_the_documentation_has_the_table_of_causes() -> None:
+    page = Path(__file__).parents[2] / 'docs' / 'interlock.md'
+    lines = page.read_text(encoding='utf-8').splitlines()
+    rows = [f'| `{code}` | {" | ".join(told)} |' for code, told in CAUSES.items()]
+    assert [line for line in lines if line in rows] == rows
+    # Each of them can be the cause.
+    watched = Watched(amplitude_limit_m=1e-3)
+    found = []
+    watched.run(0.1, level='ERROR')
+    found.append(watched.interlock.trouble(watched.now_ns).code)
+    watched.run(0.1, amplitude_m=2e-3)
+    found.append(watched.interlock.trouble(watched.now_ns).code)
+    watched.interlock.drive('gone')
+    found.append(watched.interlock.trouble(watched.now_ns).code)
+    watched.run(0.1, level='STALE')
+    found.append(watched.interlock.trouble(watched.now_ns).code)
+    watched.silence(1.0)
+    found.append(watched.interlock.trouble(watched.now_ns).code)
+    watched.interlock.displacement_m = 5e-3
+    found.append(watched.interlock.trouble(watched.now_ns).code)
+    watched.interlock.drive('', 'too fast')
+    found.append(watched.interlock.trouble(watched.now_ns).code)
+    assert sorted(found) == sorted(CAUSES)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import socket
 import threading
@@ -13,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hunt_ros.drivers.modbus import Drive, ModbusDrive, ModbusSensor, Sensor
-from hunt_ros.drivers.modbus_link import FORMATS, ModbusBus, ModbusLink, Register
+from hunt_ros.drivers.modbus_link import FORMATS, ModbusBus, ModbusLink, RefusedError, Register
 from hunt_ros.errors import ConfigError, DriverError
 
 pytest.importorskip('pymodbus', reason='the extra modbus is not installed')
@@ -81,25 +82,6 @@ def test_an_encoder_counts_on_where_it_wraps_around(modbus_server, machine) -> N
     sensor.close()
 
 
-def test_the_stamps_follow_the_clock_of_the_device(modbus_server, machine) -> None:
-    """The device says when it sampled, in ms by its own clock; asked twice, it says so once."""
-    sensor = _sensor(modbus_server, register=0, clock_register=4, clock_tick_s=1e-3)
-    clock = Register(4, 'input', 'uint32', 'big')
-    sensor.open()
-    begin_ns = time.time_ns()
-    last = 0
-    for k in range(10):
-        tick = last = max((time.time_ns() - begin_ns) // 1_000_000, last + 1)
-        modbus_server.put(4, *clock.encode((2**32 - 20 + tick) % 2**32))  # it wraps around
-        modbus_server.put(0, k)
-        block = _read(sensor, machine)
-        assert block.values.tolist() == [k]
-        late_ns = block.stamps_ns[0] - begin_ns - 1_000_000 * tick
-        assert -20_000_000 < late_ns < time.time_ns() - begin_ns - 1_000_000 * tick
-        assert not sensor.read(0.5).stamps_ns.size
-    sensor.close()
-
-
 def test_polls_that_were_missed_are_counted(modbus_server, machine) -> None:
     sensor = _sensor(modbus_server, rate_hz=200.0)
     sensor.open()
@@ -116,7 +98,7 @@ def test_a_drive_takes_its_set_point_and_tells_speed_and_angle(modbus_server, ma
     drive = Drive(
         ModbusDrive(
             port=modbus_server.port,
-            timeout_s=5.0,
+            timeout_s=0.5,
             speed_register=40,
             speed_format='int32',
             speed_scale_mps=-0.001,
@@ -149,7 +131,7 @@ def test_a_drive_takes_its_set_point_and_tells_speed_and_angle(modbus_server, ma
 def test_the_speed_of_a_drive_without_one_is_the_slope_of_its_encoder(
     modbus_server, machine
 ) -> None:
-    drive = Drive(ModbusDrive(port=modbus_server.port, timeout_s=5.0, encoder_register=60), 0.3)
+    drive = Drive(ModbusDrive(port=modbus_server.port, timeout_s=0.5, encoder_register=60), 0.3)
     drive.open()
     blocks = []
     for k in range(1, 40):
@@ -166,7 +148,7 @@ def test_the_speed_of_a_drive_without_one_is_the_slope_of_its_encoder(
 
 def test_a_set_point_is_sent_while_another_thread_reads(modbus_server, machine) -> None:
     drive = Drive(
-        ModbusDrive(port=modbus_server.port, timeout_s=5.0, actual_register=5, poll_hz=1000.0), 0.3
+        ModbusDrive(port=modbus_server.port, timeout_s=0.5, actual_register=5, poll_hz=1000.0), 0.3
     )
     drive.open()
     ended = threading.Event()
@@ -261,12 +243,9 @@ def test_a_device_that_is_not_there_is_one_line() -> None:
             lambda: Sensor(ModbusSensor(counter=True, register_format='float32'), 'yaw', 100.0),
             'counter is no float32',
         ),
-        (
-            lambda: Sensor(ModbusSensor(clock_register=500), 'yaw', 100.0),
-            'clock_register 500 is more than 125',
-        ),
         (lambda: ModbusSensor(register=70_000), 'register: 70000 is above 65535'),
         (lambda: ModbusSensor(device_id=300), 'device_id: 300'),
+        (lambda: ModbusDrive(timeout_s=3.0), 'timeout_s: 3.0 is above 0.5'),
         (lambda: ModbusSensor(bus='profibus'), 'bus: .*tcp, rtu'),
     ],
 )
@@ -293,3 +272,189 @@ def test_a_device_on_a_serial_bus(modbus_rtu, machine) -> None:
     link.write_coil(3, True)
     assert server.written == [(3, [True])]
     link.close()
+
+
+class _Slave:
+    """
+    A device at the far end of a TCP connection or a serial line, frame by frame.
+
+    Parameters
+    ----------
+    answer : callable
+        Gets the question (function and data) and returns its answer, and after how many seconds.
+    port : str
+        Serial line; empty: TCP.
+    """
+
+    def __init__(self, answer, port: str = '') -> None:
+        self.questions: list[bytes] = []
+        self.connections = 0
+        self._answer, self._serial = answer, port
+        if port:
+            run = self._serve_rtu
+        else:
+            self._listener = socket.create_server(('127.0.0.1', 0))
+            self.port = self._listener.getsockname()[1]
+            run = self._serve_tcp
+        self._thread = threading.Thread(target=run, daemon=True)
+        self._thread.start()
+
+    def _serve_tcp(self) -> None:
+        while True:
+            connection, _ = self._listener.accept()
+            self.connections += 1
+            threading.Thread(target=self._answer_tcp, args=(connection,), daemon=True).start()
+
+    def _answer_tcp(self, connection: socket.socket) -> None:
+        with connection:
+            while len(head := connection.recv(7, socket.MSG_WAITALL)) == 7:
+                body = connection.recv(int.from_bytes(head[4:6], 'big') - 1, socket.MSG_WAITALL)
+                self.questions.append(body)
+                answer, wait_s = self._answer(body)
+                time.sleep(wait_s)
+                if answer:
+                    count = (len(answer) + 1).to_bytes(2, 'big')
+                    connection.sendall(head[:4] + count + head[6:] + answer)
+
+    def _serve_rtu(self) -> None:
+        import serial
+        from pymodbus.framer import FramerRTU
+
+        with (
+            contextlib.suppress(OSError, TypeError),  # the test is over
+            serial.Serial(self._serial, 115200, timeout=None) as line,
+        ):
+            while True:
+                body = line.read(8)[1:-2]
+                self.questions.append(body)
+                answer, wait_s = self._answer(body)
+                time.sleep(wait_s)
+                if answer:
+                    frame = b'\x01' + answer
+                    line.write(frame + FramerRTU.compute_CRC(frame).to_bytes(2, 'big'))
+
+
+def _number(value: int) -> bytes:
+    """Return the answer to a question for one input register."""
+    return b'\x04\x02' + value.to_bytes(2, 'big')
+
+
+def test_a_device_that_is_busy_is_asked_again_on_the_open_connection() -> None:
+    answers = iter([b'\x84\x06', b'\x84\x05', _number(42)])
+    slave = _Slave(lambda question: (next(answers), 0.0))
+    link = ModbusLink(ModbusBus(port=slave.port, timeout_s=5.0))
+    link.open()
+    assert link.read('input', 7, 1) == [42]
+    assert (len(slave.questions), slave.connections) == (3, 1)
+    link.close()
+    always = _Slave(lambda question: (b'\x84\x06', 0.0))
+    link = ModbusLink(ModbusBus(port=always.port, timeout_s=5.0))
+    link.open()
+    with pytest.raises(RefusedError, match='register 7: device busy'):
+        link.read('input', 7, 1)
+    assert len(always.questions) > 1
+    link.close()
+
+
+def test_one_lost_answer_is_no_gap_and_a_second_one_is_an_error() -> None:
+    answers = iter([b'', _number(42), b'', b''])
+    slave = _Slave(lambda question: (next(answers, _number(1)), 0.0))
+    link = ModbusLink(ModbusBus(port=slave.port, timeout_s=0.1))
+    link.open()
+    assert link.read('input', 7, 1) == [42]
+    with pytest.raises(DriverError, match='register 7: no answer'):
+        link.read('input', 7, 1)
+    assert len(slave.questions) == 4
+    assert link.read('input', 7, 1) == [1]
+    assert slave.connections == 1
+    link.close()
+
+
+@pytest.mark.parametrize('late_s', [0.25, 0.35])
+def test_a_late_answer_to_a_write_is_never_read_as_the_speed(serial_cable, late_s) -> None:
+    """A half-duplex slave that needs longer for a write than the master waits."""
+
+    def answer(question: bytes) -> tuple[bytes, float]:
+        held = b'\x03\x02\x00\x00' if question[0] == 3 else _number(880)
+        return (question, late_s) if question[0] == 6 else (held, 0.0)
+
+    slave = _Slave(answer, serial_cable[0])
+    drive = Drive(
+        ModbusDrive(
+            bus='rtu', serial_port=serial_cable[1], baud_rate=115200, parity='N',
+            timeout_s=0.2, actual_register=50,
+        ),
+        0.3,
+    )  # fmt: skip
+    drive.open()
+    speeds = []
+    for _ in range(3):
+        with pytest.raises(DriverError, match='no answer'):
+            drive.set_speed(0.0)
+        with contextlib.suppress(DriverError):  # never a number that is another's
+            speeds += drive.read(0.5).speed_mps.tolist()
+    for _ in range(3):
+        with contextlib.suppress(DriverError):
+            speeds += drive.read(0.5).speed_mps.tolist()
+    assert speeds
+    assert set(speeds) == {8.8}
+    assert slave.questions
+    drive.close()
+
+
+def test_an_answer_with_too_many_words_or_of_another_function_is_none() -> None:
+    for wrong in (b'\x04\x04\x00\x01\x00\x02', b'\x03\x02\x00\x09'):
+        slave = _Slave(lambda question, wrong=wrong: (wrong, 0.0))
+        link = ModbusLink(ModbusBus(port=slave.port, timeout_s=0.5))
+        link.open()
+        with pytest.raises(DriverError, match='no answer'):
+            link.read('input', 7, 1)
+        link.close()
+
+
+def test_a_clock_that_is_set_does_not_change_the_speed_of_an_encoder(
+    modbus_server, machine, monkeypatch
+) -> None:
+    drive = Drive(ModbusDrive(port=modbus_server.port, timeout_s=0.5, encoder_register=60), 0.3)
+    drive.open()
+    real = time.time_ns
+    begin_s, shift_ns = time.monotonic(), 0
+    monkeypatch.setattr('hunt_ros.drivers.sample_clock.time.time_ns', lambda: real() + shift_ns)
+    monkeypatch.setattr(
+        'hunt_ros.drivers.modbus.host_less_steady_ns',
+        lambda: real() + shift_ns - time.monotonic_ns(),
+    )
+    speeds = []
+    for k in range(60):
+        shift_ns = 0 if k < 20 else 10**9 if k < 40 else -3600 * 10**9
+        count = round((time.monotonic() - begin_s) * 8.0 / 0.15 / (2.0 * math.pi) * 4096)
+        modbus_server.put(60, *Register(0, 'input', 'uint32', 'big').encode(count))
+        speeds += drive.read(0.5).speed_mps.tolist()
+    assert len(speeds) > 50, 'a clock that is set back is no silence'
+    late = np.array(speeds[5:])
+    assert np.median(late) == pytest.approx(8.0, rel=0.1)
+    assert ((late > 4.0) & (late < 16.0)).mean() > 0.9
+    drive.close()
+
+
+def test_a_second_master_is_found_by_reading_the_set_point_back(modbus_server, machine) -> None:
+    drive = Drive(
+        ModbusDrive(port=modbus_server.port, timeout_s=0.5, speed_register=40, actual_register=50),
+        0.3,
+    )
+    drive.open()
+
+    def foreign(write: float, other: int | None) -> set[float]:
+        found = set()
+        deadline = machine.deadline(1.0)
+        while not deadline.passed and len(found) < 2:
+            drive.set_speed(write)
+            modbus_server.put(40, round(100 * write) if other is None else other)
+            block = drive.read(0.5)
+            if block.stamps_ns.size:
+                found.add(block.foreign_mps)
+        return {x for x in found if not math.isnan(x)}
+
+    assert foreign(5.0, None) == set()
+    assert foreign(5.0, 750) == {7.5}
+    drive.close()

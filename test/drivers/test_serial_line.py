@@ -148,3 +148,11 @@ def test_closing_ends_a_read_under_way(terminal) -> None:
 def test_impossible_settings_are_one_line(settings, words) -> None:
     with pytest.raises(ConfigError, match=words):
         Sensor(SerialLine(**settings), 'yaw', 500.0)
+
+
+def test_a_first_clock_that_is_none_is_a_lost_line(terminal, machine) -> None:
+    sensor = _open(terminal, columns=2, column=1, clock_column=0, clock_bits=16)
+    terminal.send(b'x\n' + b'9' * 30 + b' 1\n-4 1\n70000 1\n100 2\n1100 3\n')
+    values, _, lost = _read(sensor, 5, machine)
+    assert (values, lost) == ([2.0, 3.0], 3)
+    sensor.close()

@@ -209,7 +209,7 @@ def test_a_sample_is_kept_in_the_file_and_drawn_from() -> None:
     ('draws', 'words'),
     [
         ([1.0] * 7, 'draws must be six numbers each, got 7 in all'),
-        (['a'] * 6, "draws must be six numbers each, got 'a' in it"),
+        (['a'] * 6, "draws must be six numbers each, got 'a'"),
         ([1.0] * 5 + [float('inf')], 'draws must be a finite number, got inf'),
         ('many', "draws must be six numbers each, got 'many'"),
     ],
@@ -218,3 +218,15 @@ def test_draws_that_are_none_are_refused(draws: object, words: str) -> None:
     group = group_of(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml()) | {'draws': draws}
     with pytest.raises(ConfigError, match=words):
         IdentifiedNormalForm.from_parameters(group)
+
+
+def test_the_form_of_another_rig_is_refused_and_one_without_a_name_is_not() -> None:
+    form = IdentifiedNormalForm(PAPER_NORMAL_FORM, rig_name='rig A')
+    kept = IdentifiedNormalForm.from_yaml(form.to_yaml())
+    assert kept.rig_name == 'rig A'
+    assert kept.fingerprint == IdentifiedNormalForm(PAPER_NORMAL_FORM).fingerprint
+    kept.refuse_other('rig A')
+    kept.refuse_other('')
+    IdentifiedNormalForm(PAPER_NORMAL_FORM).refuse_other('rig B')
+    with pytest.raises(ConfigError, match=r"x\.yaml: identified on rig 'rig A', expected 'rig B'"):
+        kept.refuse_other('rig B', 'x.yaml')

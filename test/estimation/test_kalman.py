@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hunt_ros.errors import HuntError
-from hunt_ros.estimation.kalman import TRACK_DTYPE, HuntingTracker, TrackerConfig
+from hunt_ros.estimation.kalman import TRACK_DTYPE, HuntingTracker, ModePoint, TrackerConfig
 
 BOTH, LATERAL, YAW = (0, 1), (0,), (1,)
 #: The second mode of the signals is the one of the settings: let the tracker be sure of it.
-KNOWN = TrackerConfig(second_std=0.0)
+KNOWN = TrackerConfig(modes=(ModePoint(0.0, 2.84, 3.3, 9.4),))
 
 
 def relative_error(rows, phasor):

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from textbook_tracker import PlainTracker, ReferenceTracker
 
-from hunt_ros.errors import ConfigError
 from hunt_ros.estimation.kalman import HuntingTracker
-from hunt_ros.estimation.reference import PlainTracker, ReferenceTracker
 from hunt_ros.estimation.tracker_config import Shaft, TrackerConfig
 
 NOISE, LINE = 5e-6, 2e-4
@@ -69,16 +68,3 @@ def test_lines_and_slips_are_those_of_the_textbook_filter() -> None:
             np.testing.assert_allclose(
                 other[name][known], rows[0][name][known], rtol=1e-5, atol=1e-9
             )
-
-
-@pytest.mark.parametrize(('orders', 'slip'), [((0.0,), 0.0), ((-1.0,), 0.0), ((1.0,), 0.5)])
-def test_an_impossible_shaft_is_refused(orders, slip) -> None:
-    with pytest.raises(ConfigError, match='shaft'):
-        Shaft(orders, slip)
-
-
-def test_more_lines_than_there_is_room_for_are_refused() -> None:
-    orders = tuple(float(k) for k in range(1, 12))
-    TrackerConfig(shafts=(Shaft(orders[:10]),))
-    with pytest.raises(ConfigError, match='11 lines'):
-        TrackerConfig(shafts=(Shaft(orders),))

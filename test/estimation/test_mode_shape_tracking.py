@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from textbook_tracker import PlainTracker, ReferenceTracker
 
 from hunt_ros.estimation.kalman import HuntingTracker, ModePoint, TrackerConfig
-from hunt_ros.estimation.reference import PlainTracker, ReferenceTracker
 
 RATIO = -3.94 + 2.37j
 
@@ -144,7 +144,7 @@ def test_another_frequency_is_the_same_filter_slower_or_faster(hunting_signal, f
     signal = hunting_signal(7, duration=8.0, kick_at=5.0, kick=1e-4, second=1e-4, growth=0.3)
     rows, _ = signal.track(HuntingTracker())
     plain = TrackerConfig()
-    other = TrackerConfig.at(
+    other = TrackerConfig(
         plain.frequency_hz * factor,
         plain.frequency_min_hz * factor,
         plain.frequency_max_hz * factor,

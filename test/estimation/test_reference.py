@@ -7,15 +7,16 @@ import sys
 
 import numpy as np
 import pytest
+from textbook_tracker import PlainTracker, ReferenceTracker
 
 from hunt_ros.compiled import HAVE_COMPILER
-from hunt_ros.estimation.kalman import HuntingTracker, TrackerConfig
-from hunt_ros.estimation.reference import PlainTracker, ReferenceTracker
+from hunt_ros.estimation.kalman import HuntingTracker, ModePoint, TrackerConfig
 from hunt_ros.sensors import SENSORS
 
+GIVEN = ModePoint(0.0, 2.84, 3.3, 9.4, 4.6 * np.exp(2.6j), 5.0 - 3.0j, second_std=0.5)
 CONFIGS = [
     TrackerConfig(),
-    TrackerConfig(yaw_ratio=4.6 * np.exp(2.6j), second_yaw_ratio=5.0 - 3.0j, bin_s=0.0),
+    TrackerConfig(modes=(GIVEN,), bin_s=0.0),
     TrackerConfig(sensors=SENSORS[:3]),
 ]
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hunt_ros.errors import ConfigError
 from hunt_ros.estimation.kalman import HuntingTracker, TrackerConfig
 from hunt_ros.sensors import SENSORS as TABLE
 
@@ -75,7 +74,7 @@ def test_on_a_rig_of_another_frequency_it_is_the_same_filter(hunting_signal):
     slow = replace(fast, stamps=2 * fast.stamps, acceleration=0.25 * fast.acceleration)
     slow.speed = 0.5 * fast.speed
     usual, _ = fast.track(HuntingTracker(THREE))
-    half = TrackerConfig.at(1.42, 0.5, 3.0, sensors=SENSORS)
+    half = TrackerConfig(1.42, 0.5, 3.0, sensors=SENSORS)
     rows, _ = slow.track(HuntingTracker(half), rate_hz=50)
     named = {'rtol': 1e-6, 'atol': 0.0}
     late = slice(300, None)
@@ -85,10 +84,3 @@ def test_on_a_rig_of_another_frequency_it_is_the_same_filter(hunting_signal):
     np.testing.assert_allclose(
         4.0 * rows['axle_box_noise_std'][late], usual['axle_box_noise_std'][late], **named
     )
-
-
-def test_each_sensor_is_given_once():
-    with pytest.raises(ConfigError, match='each once'):
-        TrackerConfig(sensors=(SENSORS[0], SENSORS[0]))
-    with pytest.raises(ConfigError, match='each once'):
-        TrackerConfig(sensors=())

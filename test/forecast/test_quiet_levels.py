@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hunt_ros.forecast import CriticalSpeedForecast, ForecastSettings
+from hunt_ros.forecast import CriticalSpeedForecast
 from hunt_ros.forecast.quiet_levels import MOST_LEVELS, QuietLevels
 
 RATE = 200.0
@@ -12,7 +12,7 @@ RATE = 200.0
 def collect(values: np.ndarray, speeds: np.ndarray, angles: np.ndarray | None = None):
     """Levels of a record that begins at stamp 0."""
     stamps = np.round(np.arange(values.size) / RATE * 1e9).astype(np.int64)
-    levels = QuietLevels(0.8, 8.0)
+    levels = QuietLevels((0.8, 8.0))
     angles = np.full(values.size, np.nan) if angles is None else angles
     for _ in levels.update(stamps, values, speeds, angles):
         pass
@@ -70,7 +70,7 @@ def test_a_blow_is_cut_out():
 
 def test_the_number_of_levels_is_bounded() -> None:
     rate, hold_s = 50.0, 9.0
-    forecast = CriticalSpeedForecast(ForecastSettings(live=False))
+    forecast = CriticalSpeedForecast(live=False)
     count = round(hold_s * rate)
     rng = np.random.default_rng(0)
     for number, speed in enumerate(np.geomspace(2.0, 12.0, MOST_LEVELS + 15)):

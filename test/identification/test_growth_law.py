@@ -199,3 +199,21 @@ def test_a_line_acts_through_the_mean_of_its_powers():
     expected = float(law.linear(u)) + (p[3] + p[4] * u) * power(3) + p[5] * power(5)
     expected += p[7] * power(7)
     assert float(law.growth_rate(speed, amplitude, line**2)) == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_stable_branch_is_continuous_across_the_critical_speed():
+    """At v_c the growth from rest is rounding: a law is asked there, and next to it."""
+    rng = np.random.default_rng(0)
+    compared = 0
+    for _ in range(1000):
+        p = PAPER * (1.0 + 0.2 * rng.standard_normal(PAPER.size))
+        p[6:10] = rng.standard_normal(4) * [2.0, 0.3 * abs(p[5]), 0.3, 2.0]
+        law = GrowthLaw(p, SCALES)
+        v_c = law.critical_speed
+        if v_c is None or law.criticality != 'subcritical':
+            continue
+        below, at, above = law.steady_amplitudes(v_c * np.array([1 - 1e-7, 1.0, 1 + 1e-7]))[1]
+        assert at == pytest.approx(above, rel=1e-4, nan_ok=True)
+        assert at == pytest.approx(below, rel=1e-4, nan_ok=True)
+        compared += np.isfinite(at)
+    assert compared > 300

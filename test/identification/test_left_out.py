@@ -7,6 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
+from hunt_ros.dynamics.simulation import SimulationSettings, simulate
 from hunt_ros.errors import ConfigError, IdentificationError
 from hunt_ros.identification import IdentificationSettings, identify
 from hunt_ros.samples import Record, Series
@@ -88,3 +91,15 @@ def test_the_shortest_hold_and_the_range_of_frequencies_are_settings(loop):
     assert replace(IdentificationSettings(), minimum_hold_s=3.0).minimum_hold_s == 3.0
     with pytest.raises(ConfigError):
         IdentificationSettings(flange_clearance_m=-1.0)
+
+
+@pytest.mark.parametrize('seed', [1, 2, 3])
+def test_the_frequency_is_that_of_hunting_and_not_of_contact_with_a_flange_that_is_told(seed):
+    clearance = 0.65e-3
+    up = np.arange(6.0, 8.81, 0.4)
+    profile = SpeedProfile.staircase(*up, *up[-2::-1], hold_s=12.0)
+    rig = replace(paper_rig(), flange_clearance_m=clearance, flange_stiffness_n_per_m=1e7)
+    settings = SimulationSettings(sample_rate_hz=200.0, initial_speed=6.0, broadband=1.5e-5)
+    record = simulate(rig, settings, profile, seed=seed)
+    found = identify(record, IdentificationSettings(flange_clearance_m=clearance))
+    assert found.frequency_hz.value == pytest.approx(2.84, rel=0.2)

@@ -10,6 +10,7 @@ import pytest
 
 from hunt_ros.dynamics.profile import Profile
 from hunt_ros.errors import ConfigError, IdentificationError
+from hunt_ros.identification import plan as planning
 from hunt_ros.identification.foresight import Foresight, Stretch
 from hunt_ros.identification.plan import PlanSettings, plan
 
@@ -52,8 +53,24 @@ def test_the_same_knowledge_gives_the_same_plan(known, found):
     assert again.to_json() == found.to_json()
 
 
+@pytest.mark.parametrize('ceiling', [6.05, 6.2, 6.41])
+def test_below_the_fold_nothing_is_faster_than_the_ceiling_and_little_is_learnt(
+    known, ceiling, monkeypatch
+):
+    settings = PlanSettings(budget_s=60.0, speed_ceiling_mps=ceiling)
+    with pytest.raises(IdentificationError, match=f'{ceiling:g} m/s.*teaches anything'):
+        plan(known, settings)
+    monkeypatch.setattr(planning, '_LEARNT', -1.0)
+    assert plan(known, settings).profile.highest_mps <= ceiling
+
+
+def test_a_start_above_the_ceiling_is_refused(known):
+    with pytest.raises(ConfigError, match='start_speed_mps'):
+        plan(known, PlanSettings(speed_ceiling_mps=7.0, start_speed_mps=7.5))
+
+
 def test_nothing_is_faster_than_the_ceiling(known):
-    found = plan(known, PlanSettings(budget_s=60.0, speed_ceiling_mps=7.7))
+    found = plan(known, PlanSettings(budget_s=200.0, speed_ceiling_mps=7.7))
     assert found.profile.highest_mps <= 7.7
     with pytest.raises(ConfigError, match='speed_ceiling_mps'):
         plan(known, PlanSettings(speed_ceiling_mps=5.0))

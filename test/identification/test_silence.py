@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -254,3 +255,78 @@ def test_every_null_is_named_once_and_the_longest_reason_counts():
     assert reason_in(unknown, 'list.2.x') == 'two'
     assert reason_in(unknown, 'a.ci95') == 'one'
     assert reason_in(unknown, 'b.d') == ''
+
+
+#: Reasons that lie in what a quantity is: no document can refute them.
+SELF_EVIDENT = (
+    'at some speeds the law has no such', 'some steady states are too short',
+    'the mean of the maxima is taken', 'a growth rate is read where',
+    'some of the free motion was small', 'on some day or on any',
+    'too few of the laws', 'kicks bound it on one side',
+)  # fmt: skip
+
+
+def _transients(document):
+    return [one for one in document['segments'] if one['kind'] == 'transient']
+
+
+def _below_zero(document, name):
+    number = document['coefficients'][name]
+    return number is not None and number['ci95'][1] < 0.0
+
+
+#: What a reason claims, and how the document it stands in shows that. Reasons that speak of the
+#: draws alone, which a document does not hold, claim nothing here.
+CLAIMS = (
+    (r'nothing ends the growth at v_c', lambda d: not _below_zero(d, 'D15')),
+    (r'^all amplitudes are of one kind', lambda d: d['observed']['v_c'] is None),
+    (r'no free transient', lambda d: not _transients(d)),
+    (r'one speed only', lambda d: np.ptp(d['effective']['speeds_mps']) < 0.2),
+    (r'a jump up, speed rising|no jump up was observed', lambda d: d['observed']['v_c'] is None),
+    (r'a jump down, speed falling', lambda d: d['observed']['v_n'] is None),
+    (r'the linear growth rate nowhere rises through zero', lambda d: d['v_c'] is None),
+    (r'^v_c is not determined|^v_c would', lambda d: d['v_c'] is None),
+    (r'D4 is not determined', lambda d: d['coefficients']['D4'] is None),
+    (r'a supercritical rig has no fold', lambda d: d['criticality'] == 'supercritical'),
+    (r'^lack of fit|has not converged|contradict|another way|falls through zero again',
+     lambda d: d['fit']['lack_of_fit']),
+    (r'needs v_c and D1 of a normal form', lambda d: d['correlations'] is None),
+    (r'no normal form is given', lambda d: d['correlations'] is None),
+    (r'no fold of the law lies near', lambda d: d['v_n'] is None),
+    (r'too short: fewer than a few dozen', lambda d: d['v_c'] is None),
+    (r'D1 cannot be known', lambda d: d['coefficients']['D1'] is None),
+    (r'no settled limit cycle near|recipe needs four limit cycles|^four-point recipe:',
+     lambda d: d['four_point'] is None),
+    (r'rose and fell at speeds \d', lambda d: d['observed']['v_n'] is None),
+    (r'fell at a higher speed than it rose', lambda d: d['observed']['v_n'] is None),
+    (r'rest and a limit cycle were not seen', lambda d: d['bracket']['coexistence_mps'] is None),
+    (r'rest and a limit cycle cannot be told', lambda d: not d['bracket']['events']),
+    (r'no motion as large as a limit cycle',
+     lambda d: None in d['bracket']['cycle_ends_between_mps']),
+    (r'rest was not seen for long', lambda d: d['bracket']['v_c_above_mps'] is None),
+    (r'nothing grew out of rest unkicked', lambda d: d['bracket']['began_mps'] is None),
+    (r'not every motion was kicked',
+     lambda d: any(e['kick_m'] is None for e in d['bracket']['events'])),
+    (r'no stretch holds its amplitude', lambda d: not d['steady_states']),
+    (r'no jump was observed', lambda d: d['observed']['step_mps'] is None),
+    (r'fewer than eight hunting states', lambda d: d['fit']['lack_of_fit_p'] is None),
+)  # fmt: skip
+
+
+def refuted(document):
+    """Reasons that the document itself refutes, and reasons of which nobody knows the claim."""
+    wrong, unread = [], []
+    for key, reason in document['unknown'].items():
+        claims = [holds for pattern, holds in CLAIMS if re.search(pattern, reason)]
+        wrong += [(key, reason) for holds in claims if not holds(document)]
+        if not claims and not any(words in reason for words in SELF_EVIDENT):
+            unread.append((key, reason))
+    return wrong, unread
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', NAMES)
+def test_no_reason_is_refuted_by_the_document_it_stands_in(outcome, name):
+    document = outcome(name)
+    if not isinstance(document, HuntError):
+        assert refuted(document) == ([], [])

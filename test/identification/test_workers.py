@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -15,11 +14,11 @@ from hunt_ros.cli.main import main
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import SimulationSettings, simulate
-from hunt_ros.errors import BagError
+from hunt_ros.errors import BagError, IdentificationError
 from hunt_ros.identification import IdentificationSettings, identify
+from hunt_ros.identification.executors import executor
 from hunt_ros.identification.record.hunting_frequency import looked_at
 from hunt_ros.identification.record.screening import Stretch
-from hunt_ros.identification.work.places import Here, cluster, cores
 from hunt_ros.samples import Record
 
 distributed = pytest.importorskip('distributed', reason='the extra cluster is not installed')
@@ -30,8 +29,7 @@ def recording(seed: int) -> Record:
     up = np.arange(6.0, 8.9, 0.4)
     profile = SpeedProfile.staircase(*up, *up[-2::-1], hold_s=12.0)
     settings = SimulationSettings(sample_rate_hz=100.0, broadband=2e-5)
-    record = simulate(paper_rig(), settings, profile, seed=seed)
-    return replace(record, notes={'day': f'day {seed % 2}'})
+    return simulate(paper_rig(), settings, profile, seed=seed)
 
 
 @pytest.fixture(scope='module')
@@ -96,18 +94,15 @@ def test_what_a_worker_raises_is_raised_here(readings, local, tmp_path):
         identify([*readings, partial(read_record, tmp_path / 'nowhere')], settings)
 
 
-def test_work_that_takes_work_is_the_same_wherever_it_is_done(local):
-    def results(workers):
-        squares = workers.map(np.square, [1.0, 2.0, 3.0])
-        shared = workers.share(0.5)
-        return workers.collect(workers.map(np.add, squares, [shared] * 3))
+def test_results_come_in_order_wherever_the_work_is_done(local):
+    for cluster in ('', local.scheduler_address):
+        with executor(cluster) as pool:
+            assert list(pool.map(np.add, [1.0, 2.0, 3.0], [0.5] * 3)) == [1.5, 2.5, 3.5]
 
-    expected = [1.5, 4.5, 9.5]
-    assert results(Here()) == expected
-    with cores(2, 3) as several:
-        assert results(several) == expected
-    with cluster(local.scheduler_address) as remote:
-        assert results(remote) == expected
+
+def test_a_cluster_that_does_not_answer_is_named(readings):
+    with pytest.raises(IdentificationError, match='nonsense://nowhere'):
+        identify(readings, IdentificationSettings(cluster='nonsense://nowhere'))
 
 
 @pytest.mark.parametrize(('hours', 'chosen'), [(2.0, 12), (4.0, 6), (20.0, 2)])

@@ -16,6 +16,7 @@ import pytest
 
 rclpy = pytest.importorskip('rclpy', reason='the extra ros is not installed')
 
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from lifecycle_msgs.msg import State, Transition  # noqa: E402
 from lifecycle_msgs.srv import ChangeState, GetState  # noqa: E402
 from rcl_interfaces.srv import SetParameters  # noqa: E402
@@ -25,7 +26,10 @@ from rclpy.signals import SignalHandlerOptions  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
 from hunt_ros.cli.support.processes import claim_domain  # noqa: E402
-from hunt_ros.nodes.support.asking import INTRODUCED_S  # noqa: E402
+from hunt_ros.cli.support.suite import free_port  # noqa: E402
+from hunt_ros.compiled import compile_all  # noqa: E402
+from hunt_ros.nodes.support.caller import INTRODUCED_S  # noqa: E402
+from hunt_ros.nodes.support.conversions import read_diagnostic, to_ns  # noqa: E402
 
 sys.path.insert(0, str(Path(__file__).parent))  # for what several tests share
 
@@ -42,13 +46,29 @@ _AFTER = {
 }
 
 
+class Told(list[dict[str, str]]):
+    """Statuses as texts, as they came: level, name, message, stamp_ns, and the values of each."""
+
+    @property
+    def last(self) -> dict[str, str]:
+        return self[-1] if self else {}
+
+    @property
+    def events(self) -> list[str]:
+        return [one['event'] for one in self]
+
+    def says(self, words: str = '', **values: str) -> bool:
+        """Return True if a status has these values, and the words in its message."""
+        return any(words in one['message'] and values.items() <= one.items() for one in self)
+
+
 class Graph:
     """One ROS graph: starts nodes, listens to topics, calls services."""
 
     def __init__(self, folder: Path, machine) -> None:
         self.folder = folder
         self.machine = machine
-        self.port = _free_port()
+        self.port = free_port()
         self._processes: dict[str, subprocess.Popen[str]] = {}
         self._clients: dict[tuple[type, str], object] = {}
         self._context = rclpy.Context()
@@ -95,6 +115,18 @@ class Graph:
         messages: list = []
         self.node.create_subscription(kind, topic, messages.append, qos)
         return messages
+
+    def told(self, topic: str = '/diagnostics', qos: object = 1000, of: str = '') -> Told:
+        """Return what fills with the statuses of a topic, those `of` a node alone if given."""
+        told = Told()
+
+        def take(message: DiagnosticArray) -> None:
+            texts = read_diagnostic(message)
+            if texts.get('name', '').endswith(of):
+                told.append({**texts, 'stamp_ns': str(to_ns(message.header.stamp))})
+
+        self.node.create_subscription(DiagnosticArray, topic, take, qos)
+        return told
 
     def spin(self, seconds: float) -> None:
         """Let time pass; to wait for something, use `spin_until`."""
@@ -212,10 +244,10 @@ class Graph:
         rclpy.shutdown(context=self._context)
 
 
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(('127.0.0.1', 0))
-        return int(probe.getsockname()[1])
+@pytest.fixture(scope='session', autouse=True)
+def _machine_code() -> None:
+    """Have the kernels compiled, as `make install` has them: nodes compile nothing."""
+    compile_all()
 
 
 @pytest.fixture
@@ -230,7 +262,7 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 
 @pytest.fixture
 def graph(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, machine, domain) -> Iterator[Graph]:
-    monkeypatch.setenv('PYTHONPATH', str(ROOT))
+    monkeypatch.setenv('PYTHONPATH', str(ROOT), prepend=os.pathsep)
     graph = Graph(tmp_path, machine)
     yield graph
     graph.close()
@@ -273,6 +305,24 @@ class Resident:
         rclpy.shutdown()
 
 
+class Called:
+    """A program that alarm outputs call; `then` are lines of a shell that decide how it ends."""
+
+    def __init__(self, folder: Path, then: str = '') -> None:
+        self.program, self._log = folder / 'notify', folder / 'called'
+        self.program.write_text(f'#!/bin/sh\necho "$1: $2" >> {self._log}\n{then}\n')
+        self.program.chmod(0o755)
+
+    def __call__(self) -> list[str]:
+        """Return what it was called with so far."""
+        return self._log.read_text().splitlines() if self._log.exists() else []
+
+
+@pytest.fixture
+def called(tmp_path: Path) -> Callable[..., Called]:
+    return lambda then='': Called(tmp_path, then)
+
+
 @pytest.fixture
 def resident(graph) -> Iterator[Callable[..., object]]:
     """Return a function that starts a node (its class, parameters) beside the graph's probe."""
@@ -285,18 +335,6 @@ def resident(graph) -> Iterator[Callable[..., object]]:
     yield start
     for each in reversed(started):
         each.close()
-
-
-@pytest.fixture(scope='session')
-def table(request) -> Iterator[list]:
-    """Collect the rows of docs/faults.md; `HUNT_FAULT_TABLE` names the file that gets them."""
-    from fault_table import publish
-
-    rows: list = []
-    yield rows
-    path = os.environ.get('HUNT_FAULT_TABLE')
-    if path and not request.session.testsfailed:
-        publish(rows, Path(path))
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from std_srvs.srv import SetBool
 from hunt_ros.drivers.base import DriveBlock
 from hunt_ros.errors import DriverError
 from hunt_ros.nodes.roller_speed import RollerSpeedNode
-from hunt_ros.nodes.support.conversions import diagnostic, read_diagnostic
+from hunt_ros.nodes.support.conversions import diagnostic
 from hunt_ros.nodes.support.qos import STATUS, latched
 
 #: Mode of the interlock; without quotes ROS takes the word for `false`.
@@ -29,6 +29,7 @@ class Drive:
     def __init__(self, speed_mps: float = 0.0) -> None:
         self.speed_mps = speed_mps
         self.set_points: list[float] = []
+        self.opened = self.reads = 0
         self.taken_s: list[float] = []
         self._angle = 0.0
         self.reset()
@@ -36,16 +37,18 @@ class Drive:
     def reset(self) -> None:
         """Work again."""
         self.refusal = ''
-        self.absent = self.mute = False
-        self.obeys = True
+        self.absent = self.mute = self.breaks = False
+        self.obeys, self.scale, self.hangs_s = True, 1.0, 0.0
 
     def open(self) -> None:
         if self.absent:
             raise DriverError('nobody there')
+        self.opened += 1
 
     def read(self, timeout_s: float) -> DriveBlock:
         time.sleep(min(timeout_s, 0.01))
-        if self.absent:
+        self.reads += 1
+        if self.absent or self.breaks:
             raise DriverError('gone')
         if self.mute:
             return DriveBlock()
@@ -57,13 +60,16 @@ class Drive:
     def set_speed(self, speed_mps: float) -> None:
         if self.refusal or self.absent:
             raise DriverError(self.refusal or 'gone')
+        time.sleep(self.hangs_s)
         self.taken_s.append(time.monotonic())
         self.set_points.append(speed_mps)
         if self.obeys:
-            self.speed_mps = speed_mps
+            self.speed_mps = self.scale * speed_mps
 
     def close(self) -> None:
-        pass
+        if self.breaks:
+            self.breaks = False
+            raise OSError('the task is not there any more')
 
 
 class Detector:
@@ -82,7 +88,8 @@ class Detector:
 
     def reset(self) -> None:
         """Be well."""
-        self.level, self.silent, self.frozen = 'OK', False, False
+        self.level, self.silent, self.frozen, self.alarm = 'OK', False, False, False
+        self.hunts_above: tuple[Drive, float] | None = None
         self.numbers: dict[str, object] = {'amplitude_m': 1e-5, 'v_n_mps': 5.0, 'v_c_mps': 7.0}
         self.raw_level: bytes | None = None
         self.clock_s = self.delay_s = self.falls_behind_s = 0.0
@@ -95,7 +102,10 @@ class Detector:
             self._sequence += 0 if self.frozen else 5
             self._behind_ns += round(1e9 * self.falls_behind_s)
             stamp_ns = time.time_ns() + round(1e9 * self.clock_s) - self._behind_ns
-            values = {'sequence': self._sequence, **self.numbers}
+            if self.hunts_above is not None:
+                drive, speed_mps = self.hunts_above
+                self.level = 'ERROR' if drive.speed_mps > speed_mps else 'WARN'
+            values = {'sequence': self._sequence, 'alarm': self.alarm, **self.numbers}
             message = diagnostic(stamp_ns, 'hunting', self.level, 'its reasons', values, 'rig')
             if self.raw_level is not None:
                 message.status[0].level = self.raw_level
@@ -130,8 +140,8 @@ class Rig:
 
     def __init__(self, graph, resident, drive: Drive, **parameters: object) -> None:
         self.graph, self.drive = graph, drive
-        self._statuses = graph.collect(DiagnosticArray, 'speed/status', latched())
-        self._events = graph.collect(DiagnosticArray, 'hunting/events')
+        self._statuses = graph.told('speed/status', latched())
+        self._events = graph.told('hunting/events')
         # A machine that is busy must not look like a detector that is silent.
         patience = {'status_timeout_s': 20.0, **parameters}
         self.node = resident(node_on(drive), autostart=False, **patience)
@@ -140,11 +150,11 @@ class Rig:
 
     @property
     def status(self) -> dict[str, str]:
-        return read_diagnostic(self._statuses[-1])
+        return self._statuses[-1]
 
     @property
     def events(self) -> list[str]:
-        return [read_diagnostic(message)['event'] for message in self._events]
+        return self._events.events
 
     def until(self, **values: str) -> None:
         """Wait until the status has these values."""

@@ -6,7 +6,6 @@ import json
 import math
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from rcl_interfaces.msg import Log
 from rclpy.parameter import Parameter
@@ -15,7 +14,7 @@ from std_msgs.msg import String
 
 from hunt_ros.cli.main import main
 from hunt_ros.nodes.hunting_detector import HuntingDetectorNode
-from hunt_ros.nodes.support.conversions import read_diagnostic, to_time
+from hunt_ros.nodes.support.conversions import to_time
 from hunt_ros.nodes.support.qos import latched
 
 pytestmark = pytest.mark.ros
@@ -30,16 +29,12 @@ class Wheelset:
         self._graph = graph
         self._lateral = graph.node.create_publisher(JointState, 'lateral', 1000)
         self._speed = graph.node.create_publisher(TwistStamped, 'speed', 1000)
-        self._statuses = graph.collect(DiagnosticArray, 'hunting/status')
-        self._events = graph.collect(DiagnosticArray, 'hunting/events')
+        self._statuses = graph.told('hunting/status')
+        self.events = graph.told('hunting/events')
         self._sent_ns = self._now()
 
     def _now(self) -> int:
         return self._graph.node.get_clock().now().nanoseconds
-
-    @property
-    def events(self) -> list[dict[str, str]]:
-        return [read_diagnostic(message) for message in self._events]
 
     def status(self) -> dict[str, str]:
         """Publish what is due; return the status, empty before there is one."""
@@ -52,7 +47,7 @@ class Wheelset:
             for publisher, message in ((self._lateral, lateral), (self._speed, speed)):
                 message.header.stamp = to_time(self._sent_ns)
                 publisher.publish(message)
-        return read_diagnostic(self._statuses[-1]) if self._statuses else {}
+        return self._statuses.last
 
     def forget(self) -> None:
         self._statuses.clear()

@@ -4,31 +4,28 @@ from __future__ import annotations
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from std_srvs.srv import Trigger
 
-from hunt_ros.nodes.support.conversions import diagnostic, read_diagnostic
-from hunt_ros.nodes.support.qos import STATUS
+from hunt_ros.nodes.support.conversions import diagnostic
+from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched
 
 pytestmark = pytest.mark.ros
 
 
+@pytest.mark.slow
 def test_it_calls_for_an_alarm_and_for_silence_and_a_cut_relay_harms_no_other(
-    graph, modbus_server, tmp_path
+    graph, modbus_server, called
 ) -> None:
-    program, log = tmp_path / 'notify', tmp_path / 'log'
-    program.write_text(f'#!/bin/sh\necho "$1: $2" >> {log}\n')
-    program.chmod(0o755)
-    health = graph.collect(DiagnosticArray, '/diagnostics')
+    calls = called()
+    health = graph.told()
     publisher = graph.node.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
     graph.start(
         'alarm_outputs',
-        command=program,
+        command=calls.program,
         relay_coil=5,
         port=modbus_server.port,
         silence_s=graph.machine.slowness * 2.0,
     )
-
-    def said() -> list[str]:
-        return log.read_text().splitlines() if log.exists() else []
 
     def publish_until(level: str, alarm: bool, done) -> None:
         def step() -> bool:
@@ -40,42 +37,144 @@ def test_it_calls_for_an_alarm_and_for_silence_and_a_cut_relay_harms_no_other(
     def coil() -> list[bool]:
         return [bool(values[0]) for _, values in modbus_server.written]
 
-    publish_until('OK', False, lambda: said() and coil())
-    assert said() == ['well: OK: why']
+    publish_until('OK', False, lambda: calls() and coil())
+    assert calls() == ['well: OK: why']
     assert coil()[-1] is False
-    publish_until('ERROR', True, lambda: len(said()) > 1 and coil()[-1])
-    assert said()[1:] == ['alarm: ERROR: why']
+    publish_until('ERROR', True, lambda: len(calls()) > 1 and coil()[-1])
+    assert calls()[1:] == ['alarm: ERROR: why']
     modbus_server.stop()
-    publish_until('WARN', True, lambda: _told(health, 'ERROR', 'relay: modbus tcp'))
-    assert said()[2:] == [], 'an alarm that nobody has acknowledged is one'
-    publish_until('WARN', False, lambda: len(said()) > 2)
-    assert said()[2:] == ['well: WARN: why']
+    publish_until('WARN', True, lambda: health.says('relay: modbus tcp', level='ERROR'))
+    assert calls()[2:] == [], 'an alarm that nobody has acknowledged is one'
+    publish_until('WARN', False, lambda: len(calls()) > 2)
+    assert calls()[2:] == ['well: WARN: why']
     modbus_server.start()
     count = len(coil())
     publish_until('OK', False, lambda: len(coil()) > count)
     assert coil()[-1] is False
-    graph.spin_until(lambda: len(said()) > 3)
-    assert said()[3].startswith('doubt: no status for')
+    graph.spin_until(lambda: len(calls()) > 3)
+    assert calls()[3].startswith('doubt: no status for')
     graph.spin_until(lambda: coil()[-1])
     assert graph.end('alarm_outputs') == 0
     assert coil()[-1] is False, 'a relay is switched off with the node'
 
 
-def _told(health: list, level: str, words: str) -> bool:
-    texts = [read_diagnostic(message) for message in health]
-    return any(text['level'] == level and words in text['message'] for text in texts)
+def test_a_detector_that_never_comes_is_a_doubt_and_what_fails_is_tried_again(
+    resident, graph, called, tmp_path, monkeypatch
+) -> None:
+    from hunt_ros.nodes import alarm_outputs
+
+    monkeypatch.setattr(alarm_outputs, '_AGAIN_S', 0.2)
+    calls = called(f'[ -e {tmp_path}/network ]')
+    health = graph.told()
+    node = resident(alarm_outputs.AlarmOutputsNode, command=calls.program)
+    graph.spin_until(lambda: health)
+    assert not calls(), 'a suite that starts calls nobody'
+    node._began_s -= 60.0  # as long as no start takes
+    node._diagnostics._began_s -= 60.0
+    graph.spin_until(lambda: len(calls()) > 2)
+    assert calls()[0].startswith('doubt: no status since the start')
+    graph.spin_until(lambda: health.says('command: ', level='ERROR'))
+    (tmp_path / 'network').touch()
+    health.clear()
+    graph.spin_until(lambda: health.says('doubt', level='OK'))
+    count = len(calls())
+    graph.spin(1.0)
+    assert len(calls()) == count, 'somebody has been called'
+
+
+def test_a_test_has_every_output_call_and_says_what_does_not(graph, called, tmp_path) -> None:
+    calls = called(f'[ ! -e {tmp_path}/broken ]')
+    publisher = graph.node.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
+    graph.start('alarm_outputs', command=calls.program, silence_s=graph.machine.slowness * 5.0)
+    assert not graph.call('alarm/test').success, 'the detector is not heard'
+    client = graph.client(Trigger, 'alarm/test')
+
+    def asked() -> Trigger.Response:
+        future = client.call_async(Trigger.Request())
+
+        def step() -> bool:
+            publisher.publish(diagnostic(0, 'hunting', 'OK', 'why', {'alarm': False}, 'rig'))
+            return future.done()
+
+        graph.spin_until(step)
+        return future.result()
+
+    graph.spin_until(lambda: asked().success)
+    assert any('alarm: test of the alarm' in call for call in calls())
+    assert 'command called, and the detector is heard; last test before: 2' in asked().message
+    (tmp_path / 'broken').touch()
+    answer = asked()
+    assert not answer.success
+    assert 'command: ' in answer.message
 
 
 @pytest.mark.parametrize(
-    ('parameters', 'words'),
+    'told',
     [
-        ({}, 'none of sound, command and relay_coil'),
-        ({'command': '/nowhere/notify'}, "no program '/nowhere/notify'"),
-        ({'relay_coil': 70000}, 'relay_coil'),
+        {'alarm_kept': 'escaping at 7 m/s'},
+        {'interlock_state': 'tripped', 'interlock_cause': 'escaping at 7 m/s'},
     ],
 )
-def test_outputs_that_cannot_be_are_one_line(graph, parameters, words) -> None:
-    graph.start('alarm_outputs', **parameters)
-    assert graph.wait('alarm_outputs') == 2
-    _, line = graph.log('alarm_outputs').read_text().strip().splitlines()
-    assert words in line
+def test_what_the_speed_node_keeps_calls_though_all_is_well_with_the_detector(
+    graph, called, told
+) -> None:
+    calls = called()
+    detector = graph.node.create_publisher(DiagnosticArray, 'hunting/status', latched())
+    detector.publish(diagnostic(0, 'hunting', 'OK', 'why', {'alarm': False}, 'rig'))
+    kept = graph.node.create_publisher(DiagnosticArray, 'speed/status', latched())
+    kept.publish(diagnostic(0, 'roller_speed', 'OK', '', told, ''))
+    graph.start('alarm_outputs', command=calls.program, silence_s=3600.0)
+    graph.spin_until(lambda: calls()[-1:] == ['alarm: escaping at 7 m/s'])
+
+
+def test_an_acknowledgement_silences_the_sound_until_something_new_and_nothing_else(
+    resident, graph, tmp_path, monkeypatch
+) -> None:
+    from hunt_ros.drivers.alarm_output import Sound
+    from hunt_ros.nodes.alarm_outputs import AlarmOutputsNode
+
+    monkeypatch.setattr(Sound, 'repeat_s', 0.1)
+    log = tmp_path / 'log'
+    for name in ('horn', 'notify'):
+        (tmp_path / name).write_text(f'#!/bin/sh\necho "{name} $1" >> {log}\n')
+        (tmp_path / name).chmod(0o755)
+    programs = {'sound': tmp_path / 'horn', 'command': tmp_path / 'notify'}
+    health = graph.told()
+    statuses = graph.node.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
+    events = graph.node.create_publisher(DiagnosticArray, 'hunting/events', EVENTS)
+    resident(AlarmOutputsNode, **programs, silence_s=3600.0)
+
+    def sounds() -> int:
+        return log.read_text().count('horn') if log.exists() else 0
+
+    def tell(level: str, event: str = '') -> None:
+        statuses.publish(diagnostic(0, 'hunting', level, 'why', {'alarm': False}, 'rig'))
+        if event:
+            events.publish(diagnostic(0, event, level, 'why', {'event': event}, 'rig'))
+
+    def sound_again() -> None:
+        before = sounds()
+        graph.spin_until(lambda: sounds() > before + 1)
+
+    def acknowledge() -> None:
+        health.clear()
+        graph.spin_until(events.get_subscription_count)
+        tell('ERROR', 'acknowledged')
+        graph.spin_until(lambda: health.says(acknowledged='True'))
+        graph.spin(0.5)  # one that was sounding ends
+        before = sounds()
+        tell('ERROR', 'decaying')
+        graph.spin(1.0)
+        assert sounds() == before
+
+    graph.spin_until(statuses.get_subscription_count)
+    tell('ERROR', 'escaping')
+    sound_again()
+    acknowledge()
+    tell('ERROR', 'limit_cycle')
+    sound_again()
+    acknowledge()
+    tell('STALE', 'input_stale')
+    sound_again()
+    said = [line for line in log.read_text().splitlines() if line.startswith('notify')]
+    assert said == ['notify alarm', 'notify doubt'], 'an acknowledged alarm is one'

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -14,9 +13,7 @@ from std_msgs.msg import String
 from hunt_ros.bag import read_record
 from hunt_ros.detection import HuntingDetector
 from hunt_ros.detection.replay import missing_samples, replay_journal
-from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-from hunt_ros.nodes.support.conversions import joint_layout, read_diagnostic, to_ns, twist
+from hunt_ros.nodes.support.conversions import joint_layout, to_ns, twist
 from hunt_ros.nodes.support.qos import latched, stream
 from hunt_ros.recorded_run import recorded_run
 
@@ -64,36 +61,27 @@ class Host:
 
 
 def test_a_host_with_another_clock_is_followed_live_and_the_run_is_replayed(graph) -> None:
-    events = graph.collect(DiagnosticArray, 'hunting/events')
-    statuses = graph.collect(DiagnosticArray, 'hunting/status')
+    events = graph.told('hunting/events')
+    statuses = graph.told('hunting/status')
     amplitudes = graph.collect(JointState, 'hunting/amplitude')
     closed = graph.collect(String, 'recording/closed', latched())
     host = Host(graph)  # speaks before the detector listens
-    form = graph.folder / 'normal_form.yaml'
-    form.write_text(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml())
     recordings = graph.folder / 'recordings'
     graph.start('bag_recorder', directory=recordings)
     graph.spin_until(lambda: graph.node.count_subscribers('/rig/lateral') == 1, 60.0)
-    graph.start('hunting_detector', form)
+    graph.start('hunting_detector', Path(__file__).parents[2] / 'bags' / 'paper.yaml')
 
-    def status() -> dict[str, str]:
-        return read_diagnostic(statuses[-1]) if statuses else {'level': '', 'message': ''}
-
-    def said() -> list[str]:
-        return [read_diagnostic(message)['event'] for message in events]
-
-    graph.spin_until(
-        lambda: status()['level'] == 'WARN' and 'lateral: clocks differ by' in status()['message'],
-        60.0,
-    )
-    assert float(status()['clock_offset_s lateral']) == pytest.approx(0.6, abs=0.2)
+    graph.spin_until(lambda: statuses.says('lateral: clocks differ by', level='WARN'), 60.0)
+    assert float(statuses.last['clock_offset_s lateral']) == pytest.approx(0.6, abs=0.2)
     host.amplitude_m = 7e-4
-    graph.spin_until(lambda: 'escaping' in said() or 'limit_cycle' in said(), 30.0)
+    graph.spin_until(lambda: {'escaping', 'limit_cycle'} & set(events.events), 30.0)
     assert graph.call('hunting/acknowledge_alarm').success
     host.muted = {'yaw'}
-    graph.spin_until(lambda: 'input_stale' in said()[said().index('acknowledged') :], 10.0)
+    graph.spin_until(
+        lambda: 'input_stale' in events.events[events.events.index('acknowledged') :], 10.0
+    )
     host.muted = set()
-    graph.spin_until(lambda: said()[-1] == 'input_recovered', 30.0)
+    graph.spin_until(lambda: events[-1]['event'] == 'input_recovered', 30.0)
     assert graph.call('recording/stop').success
     graph.spin_until(lambda: closed)
 
@@ -111,6 +99,6 @@ def test_a_host_with_another_clock_is_followed_live_and_the_run_is_replayed(grap
         published = np.array([message.position[number] for message in heard])
         assert published.tobytes() == rows[f'{name}_amplitude'][at].tobytes()
     again = [(event.event, event.stamp_ns) for event in output.events]
-    told = [(read_diagnostic(m)['event'], to_ns(m.header.stamp)) for m in events]
+    told = [(one['event'], int(one['stamp_ns'])) for one in events]
     told = [one for one in told if one[1] <= rows['stamp_ns'][-1]]
     assert told == again[-len(told) :]

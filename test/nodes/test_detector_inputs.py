@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 
 from hunt_ros.nodes.hunting_detector import HuntingDetectorNode
-from hunt_ros.nodes.support.conversions import read_diagnostic, to_time
+from hunt_ros.nodes.support.conversions import to_time
 
 pytestmark = pytest.mark.ros
 
@@ -16,7 +15,7 @@ pytestmark = pytest.mark.ros
 def test_a_driver_with_the_profile_of_sensor_data_is_heard_if_told_so_and_named_if_not(
     graph, resident
 ) -> None:
-    health = graph.collect(DiagnosticArray, '/diagnostics')
+    health = graph.told()
     publishers = [
         graph.node.create_publisher(JointState, channel, qos_profile_sensor_data)
         for channel in ('lateral', 'yaw')
@@ -36,7 +35,7 @@ def test_a_driver_with_the_profile_of_sensor_data_is_heard_if_told_so_and_named_
             message = JointState(name=[name], position=[1e-6 * sent])
             message.header.stamp = to_time(1_000_000_000 + sent * 10_000_000)
             publisher.publish(message)
-        return read_diagnostic(health[-1]) if health else {}
+        return health.last
 
     graph.spin_until(lambda: int(told().get('received', 0)) > 0)
     graph.spin_until(lambda: '/rig/yaw is published with best effort' in told()['message'])
@@ -47,10 +46,3 @@ def test_a_driver_with_the_profile_of_sensor_data_is_heard_if_told_so_and_named_
     graph.spin_until(lambda: '/rig/lateral has 2 publishers' in told()['message'])
     assert told()['level'] != 'OK'
     graph.node.destroy_publisher(second)
-
-
-def test_an_override_of_another_type_is_named_where_the_node_ends(graph) -> None:
-    depth = 'qos_overrides./rig/lateral.subscription.depth'
-    graph.start('hunting_detector', **{depth: "'many'"})
-    assert graph.wait('hunting_detector', 60.0) == 2
-    assert depth in graph.log('hunting_detector').read_text().splitlines()[-1]

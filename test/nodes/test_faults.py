@@ -7,13 +7,14 @@ docs/faults.md (`make faults`), and asserted nowhere.
 
 from __future__ import annotations
 
+import itertools
+import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
-import fault_table
 import pytest
-from fault_table import Row, observed
 from speed_rig import Detector, Drive, Rig
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -21,15 +22,26 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 RUNNING = 6.0
 #: v_n of the detector less the margin.
 SAFE = 4.5
+#: How often a fault is tried.
+_ATTEMPTS = 5
+_HEAD = '| fault | mode | interlock | until the set point falls, s | told |'
 
 
 @dataclass(frozen=True)
-class Fault(fault_table.Fault):
+class Fault:
     """
-    One row; what begins it gets detector, drive and rig.
+    One row.
 
     Parameters
     ----------
+    what : str
+        For the table.
+    begin : callable
+        Makes it happen; gets detector, drive and rig.
+    state : str
+        Of the interlock after it: tripped, armed, disarmed.
+    words : str
+        Stands in the cause that the operator is told.
     speed : float
         Set point at the end, m/s.
     mode : str
@@ -38,9 +50,73 @@ class Fault(fault_table.Fault):
         Stands in what the operator is told, after a while.
     """
 
+    what: str
+    begin: Callable[[Detector, Drive, Rig], object]
+    state: str = 'tripped'
+    words: str = ''
     speed: float = SAFE
     mode: str = 'protect'
     also: str = ''
+
+
+@dataclass
+class Row:
+    """
+    What came of a fault.
+
+    Parameters
+    ----------
+    what : str
+        The fault.
+    mode : str
+        Of the interlock.
+    state : str
+        Of the interlock after it, and the set point.
+    safe_s : float or None
+        Until the first lower set point; None where it does not fall.
+    told : str
+        What the operator is told.
+    """
+
+    what: str
+    mode: str
+    state: str
+    safe_s: float | None
+    told: str
+
+    def __str__(self) -> str:
+        slow = '-' if self.safe_s is None else f'{self.safe_s:.2f}'
+        return f'| {self.what} | {self.mode} | {self.state} | {slow} | {self.told} |'
+
+
+def observed(
+    what: str,
+    attempt: Callable[[int], Row | None],
+    status: Callable[[], object],
+) -> Row:
+    """
+    Return what came of a fault, by the first attempt that shows it.
+
+    A busy machine may be silent by itself, and then that is the cause: it is tried again, with
+    more patience by the number of the attempt.
+    """
+    why = ''
+    for number in range(_ATTEMPTS):
+        try:
+            row = attempt(number)
+        except AssertionError as error:  # a wait was in vain
+            row, why = None, str(error)
+        if row is not None:
+            return row
+    pytest.fail(f'{what}: {why or status()}')
+
+
+def publish(rows: list[Row], path: Path) -> None:
+    """Put the rows in the place of those of a file."""
+    before, _, table = path.read_text(encoding='utf-8').partition(_HEAD)
+    after = itertools.dropwhile(lambda line: line.startswith('|'), table.splitlines()[1:])
+    lines = [_HEAD, '|---|---|---|---|---|', *map(str, rows), *after]
+    path.write_text(before + '\n'.join(lines) + '\n', encoding='utf-8')
 
 
 def _set(**values: object) -> Callable[[Detector, Drive, Rig], None]:
@@ -131,9 +207,10 @@ FAULTS = [
 ]
 
 
-def test_every_fault_ends_as_the_table_says(graph, resident, detector, table, machine) -> None:
+def test_every_fault_ends_as_the_table_says(graph, resident, detector, machine) -> None:
+    table: list[Row] = []
     drive = Drive(RUNNING)
-    timeout_s = 0.15 * machine.measure()
+    timeout_s = 0.3 * machine.measure()
     rig = Rig(
         graph,
         resident,
@@ -155,6 +232,8 @@ def test_every_fault_ends_as_the_table_says(graph, resident, detector, table, ma
             return _suffer(rig, detector, drive, fault)
 
         table.append(observed(fault.what, attempt, lambda: rig.status))
+    if path := os.environ.get('HUNT_FAULT_TABLE'):
+        publish(table, Path(path))
 
 
 def _recover(rig: Rig, detector: Detector, drive: Drive, mode: str) -> None:
@@ -168,7 +247,8 @@ def _recover(rig: Rig, detector: Detector, drive: Drive, mode: str) -> None:
     def running() -> bool:
         status = rig.status
         if status.items() >= expected.items():
-            return True
+            # Silence trips it only once all has been well for a while.
+            return not status['interlock_cause'].startswith('waits')
         if status['interlock_state'] == 'disarmed':
             rig.arm(True)
         # On a busy machine something may look silent meanwhile: again, and again.

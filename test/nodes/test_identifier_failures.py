@@ -8,11 +8,9 @@ import signal
 from pathlib import Path
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import String
 
 from hunt_ros.nodes.normal_form_identifier import NormalFormIdentifierNode
-from hunt_ros.nodes.support.conversions import read_diagnostic
 from hunt_ros.nodes.support.qos import latched
 
 pytestmark = [
@@ -40,7 +38,7 @@ def _at_work(node: int = os.getpid()) -> list[int]:
 def test_work_that_is_killed_is_told_and_the_next_recording_is_tried_again(
     graph, resident
 ) -> None:
-    health = graph.collect(DiagnosticArray, '/diagnostics')
+    health = graph.told()
     forms = graph.collect(String, 'hunting/normal_form', latched())
     closing = graph.node.create_publisher(String, 'recording/closed', latched())
     resident(NormalFormIdentifierNode, directory=graph.folder / 'forms')
@@ -53,11 +51,7 @@ def test_work_that_is_killed_is_told_and_the_next_recording_is_tried_again(
     assert os.getpriority(os.PRIO_PROCESS, child) == os.nice(0) + 10
     os.kill(child, signal.SIGKILL)
 
-    def told() -> bool:
-        texts = [read_diagnostic(message) for message in health]
-        return any(t['level'] == 'ERROR' and 'was ended by SIGKILL' in t['message'] for t in texts)
-
-    graph.spin_until(told)
+    graph.spin_until(lambda: health.says('was ended by SIGKILL', level='ERROR'))
     answer = graph.call('identify')
     assert not answer.success
     assert 'was ended by SIGKILL' in answer.message
@@ -89,3 +83,19 @@ def test_work_ends_when_its_node_is_killed(graph) -> None:
     (child,) = _at_work(process.pid)
     graph.end('normal_form_identifier', signal.SIGKILL)
     graph.spin_until(lambda: not Path(f'/proc/{child}').exists(), 60.0)
+
+
+def test_a_recording_that_determines_no_normal_form_is_told_with_what_is_missing(
+    graph, resident
+) -> None:
+    health = graph.told()
+    closing = graph.node.create_publisher(String, 'recording/closed', latched())
+    resident(NormalFormIdentifierNode, directory=graph.folder / 'forms')
+    closing.publish(String(data=str(BAGS / 'kick_decays')))
+
+    def why() -> str:
+        texts = [one['message'] for one in health]
+        return next((t for t in texts if 'do not determine a normal form: ' in t), '')
+
+    graph.spin_until(why, 120.0)
+    assert why().split(': ', 1)[1], 'the reason'

@@ -8,21 +8,25 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from hunt_ros.bag import write_record
+from hunt_ros.cli.support.suite import free_port
 from hunt_ros.nodes.support.conversions import to_ns
+from hunt_ros.nodes.support.qos import EVENTS
 from hunt_ros.samples import Record, Series
 
 pytestmark = pytest.mark.ros
 
 
-def _bag(folder: Path, seconds: float) -> Path:
-    stamps = 1_700_000_000_000_000_000 + 5_000_000 * np.arange(round(200 * seconds))
+def _bag(folder: Path, seconds: float, began_ns: int = 1_700_000_000_000_000_000) -> Path:
+    stamps = began_ns + 5_000_000 * np.arange(round(200 * seconds))
     series = {name: Series(stamps, 1e-9 * np.arange(stamps.size)) for name in ('lateral', 'speed')}
     return write_record(folder / 'bag', Record(series))
 
 
+@pytest.mark.slow
 def test_a_replay_refuses_another_and_a_stopped_one_goes_on_where_it_was(graph) -> None:
     bag = _bag(graph.folder, 600.0)
     lateral = graph.collect(JointState, 'lateral')
@@ -45,3 +49,34 @@ def test_a_replay_refuses_another_and_a_stopped_one_goes_on_where_it_was(graph) 
     assert played_s < time.monotonic() - begin + 0.6 * stopped_s
     first.kill()
     first.wait()
+
+
+def test_a_recording_of_simulated_time_is_told_to_be_one_and_ends_no_detector(graph) -> None:
+    """Its first stamp is 0: the time before it, of which no clock has one, ended the detector."""
+    health = graph.told(qos=EVENTS)
+    clock = graph.collect(Clock, '/clock')
+
+    def told() -> list[dict[str, str]]:
+        return [each for each in health if each['name'].endswith('/live_replay')]
+
+    graph.start('hunting_detector', use_sim_time=True)
+    graph.start('live_replay', bag=_bag(graph.folder, 60.0, 0))
+    graph.spin_until(lambda: len(clock) > 300 and told())
+    assert min(to_ns(message.clock) for message in clock) >= 0
+    last = told()[-1]
+    assert (last['bag'], last['length_s'], last['rate']) == ('bag', '59.995', '1.0')
+    assert graph.process('hunting_detector').poll() is None
+
+
+def test_a_replay_waits_for_who_judges_and_not_for_the_page(graph) -> None:
+    health = graph.told(qos=EVENTS)
+    graph.start('dashboard', port=free_port())
+    graph.start('live_replay', bag=_bag(graph.folder, 600.0))
+
+    def told(name: str) -> list[dict[str, str]]:
+        return [each for each in health if each['name'].endswith(name)]
+
+    graph.spin_until(lambda: told('dashboard') and len(told('live_replay')) > 2)
+    assert {each.get('listening') for each in told('live_replay')} == {'False'}
+    lateral = graph.collect(JointState, 'lateral')
+    graph.spin_until(lambda: lateral)

@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import String
 
 from hunt_ros.bag import read_record, write_record
@@ -18,7 +17,6 @@ from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import Kick, SensorModel, SimulationSettings, simulate
-from hunt_ros.nodes.support.conversions import read_diagnostic
 from hunt_ros.nodes.support.form_files import FormFiles
 from hunt_ros.nodes.support.qos import latched
 from hunt_ros.recorded_run import recorded_run
@@ -39,7 +37,7 @@ def _sweep_bag(folder: Path, seed: int) -> Path:
 def test_a_refit_rests_on_all_recordings_and_a_revert_leaves_the_last_one_out(graph) -> None:
     closing = graph.node.create_publisher(String, 'recording/closed', latched())
     forms = graph.collect(String, 'hunting/normal_form', latched())
-    health = graph.collect(DiagnosticArray, '/diagnostics')
+    health = graph.told(of='identifier')
     directory = graph.folder / 'forms'
     bags = [_sweep_bag(graph.folder, seed) for seed in (1, 2, 3)]
     graph.start('normal_form_identifier', directory=directory)
@@ -51,8 +49,7 @@ def test_a_refit_rests_on_all_recordings_and_a_revert_leaves_the_last_one_out(gr
 
     def recordings() -> int:
         graph.spin(1.5)
-        texts = [read_diagnostic(m) for m in health if 'identifier' in m.status[0].name]
-        return int(texts[-1]['recordings'])
+        return int(health.last['recordings'])
 
     first = close(1)
     second = close(2)
@@ -89,8 +86,8 @@ def test_a_refit_rests_on_all_recordings_and_a_revert_leaves_the_last_one_out(gr
 
 
 def test_a_roll_back_is_taken_over_though_it_alarms_later_and_replays_bit_for_bit(graph) -> None:
-    events = graph.collect(DiagnosticArray, 'hunting/events')
-    statuses = graph.collect(DiagnosticArray, 'hunting/status')
+    events = graph.told('hunting/events')
+    statuses = graph.told('hunting/status')
     closed = graph.collect(String, 'recording/closed', latched())
     directory, recordings = graph.folder / 'forms', graph.folder / 'recordings'
     files = FormFiles(directory)
@@ -104,16 +101,12 @@ def test_a_roll_back_is_taken_over_though_it_alarms_later_and_replays_bit_for_bi
     graph.spin_until(lambda: graph.node.count_subscribers('/rig/lateral') == 2, 60.0)
     graph.start_rig(initial_speed_mps=7.2)
 
-    def region() -> str:
-        return read_diagnostic(statuses[-1])['region'] if statuses else ''
-
-    graph.spin_until(lambda: region() == 'unstable', 60.0)
+    graph.spin_until(lambda: statuses.last.get('region') == 'unstable', 60.0)
     graph.spin(2.0)
     assert graph.call('hunting/revert_normal_form').success
     # v_c rises from 7.0 to 8.0 m/s: no automatic refit could do that.
-    graph.spin_until(lambda: region() == 'hysteresis', 30.0)
-    words = [read_diagnostic(message)['event'] for message in events]
-    assert 'normal_form_reverted' in words
+    graph.spin_until(lambda: statuses.last.get('region') == 'hysteresis', 30.0)
+    assert 'normal_form_reverted' in events.events
     graph.spin(1.0)
     assert graph.call('recording/stop').success
     graph.spin_until(lambda: closed)
@@ -125,7 +118,7 @@ def test_a_roll_back_is_taken_over_though_it_alarms_later_and_replays_bit_for_bi
     replayed = [(event.event, str(event.amplitude_m)) for event in output.events]
     heard = [
         (text['event'], text['amplitude_m'])
-        for text in map(read_diagnostic, events)
+        for text in events
         if not text['event'].startswith('interlock')  # of the speed node
     ]
     # The recorder may have closed while the detector went on.

@@ -10,14 +10,15 @@ from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import JointState
 
 from hunt_ros.bag import Bag, read_columns
-from hunt_ros.cli.support.processes import Processes
 from hunt_ros.cli.support.suite import start_nodes
+from hunt_ros.cli.support.supervisor import Supervisor
 
 pytestmark = pytest.mark.ros
 
 NODES = ('bag_recorder', 'rig_simulator', 'lateral_sensor', 'yaw_sensor', 'roller_speed')
 
 
+@pytest.mark.slow
 def test_nodes_of_one_process_have_their_own_parameters_and_close_their_recording(graph) -> None:
     folder = graph.folder / 'recordings'
     rate = {'port': graph.port, 'sample_rate_hz': 250.0}
@@ -28,13 +29,13 @@ def test_nodes_of_one_process_have_their_own_parameters_and_close_their_recordin
     }
     health = graph.collect(DiagnosticArray, '/diagnostics')
     samples = graph.collect(JointState, 'lateral')
-    with Processes('rig', graph.folder / 'logs', private=False) as processes:
+    with Supervisor('rig', graph.folder / 'logs', private=False, keep=False) as processes:
         start_nodes(processes, NODES, {}, parameters, one_process=True)
-        assert len(processes.pids()) == 1
+        assert list(processes.pids()) == ['roller_speed', 'suite'], 'a guard is alone'
         graph.spin_until(lambda: len(samples) > 200, 60.0)
         names = {f'rig/{name}' for name in NODES}
         graph.spin_until(lambda: names <= {m.status[0].name for m in health})
-        assert processes.failed() is None
+        assert processes.look() == []
         log = processes.logs / 'suite.log'
     assert 'Traceback' not in log.read_text()
     (bag,) = folder.glob('hunt_*')

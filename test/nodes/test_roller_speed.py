@@ -40,37 +40,3 @@ def test_the_roller_follows_the_profile_and_the_angle_follows_the_roller(graph) 
     speed_s = [to_ns(message.header.stamp) / 1e9 for message in speeds]
     speed = np.interp(at_s, speed_s, [message.twist.linear.x for message in speeds])
     assert turned == pytest.approx(0.01 * speed[1:].sum() / 0.15, rel=0.01)
-
-
-@pytest.mark.slow
-def test_an_emergency_stop_holds_until_it_is_rearmed_and_then_nothing_moves_by_itself(
-    graph,
-) -> None:
-    speeds = graph.collect(TwistStamped, 'speed')
-    graph.start('rig_simulator', port=graph.port, initial_speed_mps=2.0)
-    graph.start(
-        'roller_speed',
-        port=graph.port,
-        interlock=UNGUARDED,
-        profile=graph.profile('hold: {speed_mps: 2.0, duration_s: 100, rate_mps2: 1.0}'),
-    )
-    graph.spin_until(lambda: speeds)
-    assert not graph.call('speed/resume_profile').success
-    assert graph.call('speed/start_profile').success
-    assert graph.call('speed/emergency_stop').success
-    graph.spin_until(lambda: speeds[-1].twist.linear.x < 0.05)
-    refused = graph.call('speed/start_profile')
-    assert not refused.success
-    assert 'rearm' in refused.message
-    assert graph.call('speed/rearm').success
-    graph.spin(1.0)
-    assert speeds[-1].twist.linear.x < 0.05
-    assert graph.call('speed/resume_profile').success
-    graph.spin_until(lambda: speeds[-1].twist.linear.x > 1.9)
-
-
-def test_a_profile_that_is_none_ends_the_node_with_one_line(graph) -> None:
-    graph.start('roller_speed', profile=graph.profile('hold: {speed_mps: 6, duration_s: -1}'))
-    assert graph.wait('roller_speed') == 2
-    last = graph.log('roller_speed').read_text().strip().splitlines()[-1]
-    assert 'profile.yaml, step 1 (hold): duration_s: -1.0 is below 0 s' in last

@@ -75,11 +75,13 @@ def test_a_run_that_listens_records_without_a_clock_and_ends_at_sigterm(graph) -
         graph.spin_until(lambda: called.exists() and called.read_text().endswith('\n'), 60.0)
         assert ' doubt: STALE: ' in called.read_text(), 'no sensor speaks for long'
         os.kill(int(called.read_text().split()[0]), signal.SIGKILL)
-        graph.spin_until(lambda: 'calls nobody' in (graph.folder / 'screen').read_text())
+        ended = 'alarm_outputs ended with exit code -9'
+        graph.spin_until(lambda: ended in (graph.folder / 'screen').read_text())
         # The terminal is in its key mode once the screen says what the keys do.
         graph.spin_until(lambda: 'q: quit' in (graph.folder / 'screen').read_text())
-        os.write(keyboard, b'mx')
+        os.write(keyboard, b'm')
         graph.spin_until(lambda: marks)
+        os.write(keyboard, b'x')
         graph.spin_until(lambda: (graph.folder / 'screen').read_text().count('q: quit') == 2)
         run.send_signal(signal.SIGTERM)
         assert graph.machine.wait_for(run, 15.0) == 0

@@ -10,13 +10,14 @@ from xml.etree import ElementTree
 import pytest
 
 from hunt_ros.cli.support import suite
-from hunt_ros.cli.support.processes import NodeSpec, Processes
+from hunt_ros.cli.support.console_link import ConsoleLink
+from hunt_ros.cli.support.processes import NodeSpec
+from hunt_ros.cli.support.supervisor import Supervisor
 from hunt_ros.services import SERVICES
 from hunt_ros.suite import (
     ALARM_OUTPUTS,
     LISTENERS,
     NODES,
-    OPTIONAL,
     PAGE,
     SENSORS,
     SIMULATOR,
@@ -113,10 +114,11 @@ def test_a_process_has_the_enclave_of_its_name() -> None:
     assert '/rig/roller_speed' in _allowed()
 
 
+@pytest.mark.slow
 @pytest.mark.ros
 def test_every_name_that_the_suite_uses_is_allowed_and_no_other(graph) -> None:
     axle_box = SENSORS['axle_box']
-    names = (*LISTENERS, SIMULATOR, *SOURCES, axle_box, *OPTIONAL)
+    names = (*LISTENERS, SIMULATOR, *SOURCES, axle_box, ALARM_OUTPUTS, PAGE)
     here = {'directory': str(graph.folder)}
     parameters: dict[str, dict[str, object]] = {
         **{name: {'port': graph.port} for name in SOURCES},
@@ -133,12 +135,12 @@ def test_every_name_that_the_suite_uses_is_allowed_and_no_other(graph) -> None:
     in_graph = {
         name for name, path in enclaves.items() if path.rsplit('/', 1)[-1] in (*names, 'console')
     }
-    with Processes('rig', graph.folder / 'logs', private=False) as processes:
-        suite.start_console(processes)
+    with Supervisor('rig', graph.folder / 'logs', private=False, keep=False) as processes:
+        ConsoleLink(processes)
         suite.start_nodes(processes, names, {}, parameters, one_process=True)
 
         def all_are_there() -> bool:
-            assert processes.failed() is None
+            assert processes.look() == []
             there = {name for name, _ in node.get_node_names_and_namespaces()}
             return in_graph <= there and '/rig/hunting/alarm_history' in dict(
                 node.get_service_names_and_types()

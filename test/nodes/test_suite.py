@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from pathlib import Path
 
 import numpy as np
@@ -17,19 +16,14 @@ from hunt_ros.bag import ChannelSource, read_columns, read_record, write_record
 from hunt_ros.detection import HuntingDetector
 from hunt_ros.detection.replay import replay_journal
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-from hunt_ros.nodes.support.conversions import read_diagnostic, to_ns
+from hunt_ros.nodes.support.conversions import to_ns
 from hunt_ros.nodes.support.qos import latched
 from hunt_ros.recorded_run import recorded_run
 from hunt_ros.samples import Record, Series
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
-
-def _form_file(folder: Path) -> Path:
-    path = folder / 'normal_form.yaml'
-    path.write_text(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml())
-    return path
+FORM = Path(__file__).parents[2] / 'bags' / 'paper.yaml'
 
 
 def _start_rig(graph, **simulator: object) -> None:
@@ -40,40 +34,24 @@ def _start_rig(graph, **simulator: object) -> None:
     graph.start('roller_speed', port=graph.port, interlock="'off'")
 
 
-class Heard:
-    """What the detector says, as texts."""
-
-    def __init__(self, graph) -> None:
-        self._events = graph.collect(DiagnosticArray, 'hunting/events')
-        self._statuses = graph.collect(DiagnosticArray, 'hunting/status')
-
-    @property
-    def events(self) -> list[str]:
-        return [read_diagnostic(message)['event'] for message in self._events]
-
-    @property
-    def status(self) -> dict[str, str]:
-        return read_diagnostic(self._statuses[-1]) if self._statuses else {}
-
-
 def test_a_bump_beyond_the_basin_is_escaping_then_a_limit_cycle_and_stays_an_alarm(graph) -> None:
-    heard = Heard(graph)
+    events, statuses = graph.told('hunting/events'), graph.told('hunting/status')
     amplitudes = graph.collect(JointState, 'hunting/amplitude')
     health = graph.collect(DiagnosticArray, '/diagnostics')
     logged = graph.collect(Log, '/rosout')
-    graph.start('hunting_detector', _form_file(graph.folder))
-    graph.spin_until(lambda: heard.status)
-    assert heard.status['level'] == 'STALE', 'no data must not look like a quiet rig'
+    graph.start('hunting_detector', FORM)
+    graph.spin_until(lambda: statuses)
+    assert statuses.last['level'] == 'STALE', 'no data must not look like a quiet rig'
     _start_rig(graph, initial_speed_mps=7.2, kick_m=0.0006)
     graph.spin_until(
-        lambda: heard.status['region'] == 'hysteresis' and heard.status['level'] == 'WARN', 60.0
+        lambda: statuses.last['region'] == 'hysteresis' and statuses.last['level'] == 'WARN', 60.0
     )
-    assert heard.status['alarm'] == 'False'
+    assert statuses.last['alarm'] == 'False'
     assert graph.call('simulator/kick').success
-    graph.spin_until(lambda: 'limit_cycle' in heard.events, 60.0)
-    assert heard.events.index('escaping') < heard.events.index('limit_cycle')
-    graph.spin_until(lambda: heard.status['level'] == 'ERROR')
-    assert heard.status['alarm'] == 'True'
+    graph.spin_until(lambda: 'limit_cycle' in events.events, 60.0)
+    assert events.events.index('escaping') < events.events.index('limit_cycle')
+    graph.spin_until(lambda: statuses.last['level'] == 'ERROR')
+    assert statuses.last['alarm'] == 'True'
     assert amplitudes[-1].position[0] == pytest.approx(0.63e-3, rel=0.05)
 
     def alarming() -> bool:
@@ -89,48 +67,17 @@ def test_a_bump_beyond_the_basin_is_escaping_then_a_limit_cycle_and_stays_an_ala
     )
     assert graph.call('hunting/acknowledge_alarm').success
     graph.spin(0.5)
-    assert heard.status['alarm'] == 'True', 'the rig still hunts'
-
-
-def test_silence_is_stale_and_recovers_by_itself(graph) -> None:
-    heard = Heard(graph)
-    graph.start('hunting_detector', _form_file(graph.folder))
-    _start_rig(graph, initial_speed_mps=6.2)
-    graph.spin_until(lambda: heard.status.get('level') == 'OK', 60.0)
-    graph.end('lateral_sensor')
-    graph.spin_until(lambda: heard.status['level'] != 'OK', 10.0)
-    assert 'lateral' in heard.status['message']
-    graph.start('lateral_sensor', port=graph.port)
-    graph.spin_until(lambda: heard.status['level'] == 'OK', 60.0)
-
-
-def test_a_recorder_killed_at_once_leaves_all_but_the_last_second(graph) -> None:
-    lateral = graph.collect(JointState, 'lateral')
-    recordings = graph.folder / 'recordings'
-    graph.start('bag_recorder', directory=recordings)
-    graph.spin_until(lambda: graph.node.count_subscribers('/rig/lateral') == 2, 60.0)
-    _start_rig(graph, initial_speed_mps=6.5)
-    graph.spin_until(lambda: len(lateral) > 2000, 60.0)
-    assert graph.end('bag_recorder', signal.SIGKILL) == -signal.SIGKILL
-    last_ns = to_ns(lateral[-1].header.stamp)
-    (active,) = recordings.glob('*.active')
-    stamps = read_record(active)['lateral'].stamps_ns
-    # A chunk is on the disk after a second at most, and a busy machine hands over later.
-    assert last_ns - stamps[-1] < (1.0 + 0.5 * graph.machine.measure()) * 1e9
-    assert (stamps[1:] > stamps[:-1]).all()
-    # Who finds the sensor first is chance; from there on nothing is missing.
-    heard = np.array([to_ns(message.header.stamp) for message in lateral])
-    assert np.isin(heard[(heard >= stamps[0]) & (heard <= stamps[-1])], stamps).all()
+    assert statuses.last['alarm'] == 'True', 'the rig still hunts'
 
 
 def test_a_sweep_is_recorded_refitted_and_the_form_taken_over_without_a_restart(graph) -> None:
-    heard = Heard(graph)
+    events, statuses = graph.told('hunting/events'), graph.told('hunting/status')
     closed = graph.collect(String, 'recording/closed', latched())
     forms = graph.collect(String, 'hunting/normal_form', latched())
     recordings = graph.folder / 'recordings'
     simulated = {'use_sim_time': True}
     # In fast simulated time a short pause of the machine is a long one of the rig.
-    patience = {f'{channel}_timeout_s': 3.0 for channel in ('sensor', 'roller', 'speed')}
+    patience = {'sensor_timeout_s': 3.0}
     graph.start('hunting_detector', output_rate_hz=20.0, **patience, **simulated)
     graph.start('bag_recorder', directory=recordings, **simulated)
     graph.start('normal_form_identifier', directory=recordings, **simulated)
@@ -158,8 +105,8 @@ def test_a_sweep_is_recorded_refitted_and_the_form_taken_over_without_a_restart(
         status_timeout_s=10.0,
         **simulated,
     )
-    graph.spin_until(lambda: 'limit_cycle' in heard.events, 120.0)
-    graph.spin_until(lambda: 'quiet' in heard.events, 120.0)
+    graph.spin_until(lambda: 'limit_cycle' in events.events, 120.0)
+    graph.spin_until(lambda: 'quiet' in events.events, 120.0)
     assert graph.call('recording/stop', 60.0).success
     graph.spin_until(lambda: forms, 120.0)
     form = IdentifiedNormalForm.from_yaml(forms[-1].data).form
@@ -168,26 +115,26 @@ def test_a_sweep_is_recorded_refitted_and_the_form_taken_over_without_a_restart(
     assert form.critical_speed == pytest.approx(8.0, abs=0.4)
     assert (recordings / 'normal_form.yaml').read_text() == forms[-1].data
     assert Path(closed[-1].data).is_dir()
-    graph.spin_until(lambda: heard.status['region'] == 'stable', 60.0)
+    graph.spin_until(lambda: statuses.last['region'] == 'stable', 60.0)
 
 
 def test_a_replay_of_a_recorded_run_gives_the_live_numbers_bit_for_bit(graph) -> None:
-    heard = Heard(graph)
+    events, statuses = graph.told('hunting/events'), graph.told('hunting/status')
     closed = graph.collect(String, 'recording/closed', latched())
     recordings = graph.folder / 'recordings'
-    graph.start('hunting_detector', _form_file(graph.folder))
+    graph.start('hunting_detector', FORM)
     graph.start('bag_recorder', directory=recordings, record_estimates=True)
     graph.spin_until(lambda: graph.node.count_subscribers('/rig/lateral') == 2, 60.0)
     graph.start_rig(initial_speed_mps=7.2, kick_m=0.0004)
-    graph.spin_until(lambda: heard.status.get('region') == 'hysteresis', 60.0)
+    graph.spin_until(lambda: statuses.last.get('region') == 'hysteresis', 60.0)
     graph.spin(3.0)
     assert graph.call('simulator/kick').success
-    graph.spin_until(lambda: 'escaping' in heard.events, 30.0)
+    graph.spin_until(lambda: 'escaping' in events.events, 30.0)
     # Silence has to be repeated too.
     graph.change_state('yaw_sensor', Transition.TRANSITION_DEACTIVATE)
-    graph.spin_until(lambda: 'input_stale' in heard.events)
+    graph.spin_until(lambda: 'input_stale' in events.events)
     graph.change_state('yaw_sensor', Transition.TRANSITION_ACTIVATE)
-    graph.spin_until(lambda: 'input_recovered' in heard.events)
+    graph.spin_until(lambda: 'input_recovered' in events.events)
     graph.spin(1.0)
     assert graph.call('recording/stop').success
     graph.spin_until(lambda: closed)
@@ -233,13 +180,13 @@ def test_a_live_replay_speaks_as_the_rig_and_refuses_its_company(graph) -> None:
 
 
 def test_a_railway_criterion_beside_the_detector_speaks_on_its_own_topic(graph) -> None:
-    verdicts = graph.collect(DiagnosticArray, 'hunting/criteria')
+    verdicts = graph.told('hunting/criteria')
     graph.start('hunting_detector', criteria='[cfr_213_333]', criteria_scale=0.02)
     graph.spin_until(lambda: graph.node.count_publishers('/rig/hunting/criteria') == 1, 60.0)
     _start_rig(graph, initial_speed_mps=8.8, kick_m=0.0006)
     graph.spin(2.0)
     assert graph.call('simulator/kick').success
     graph.spin_until(lambda: verdicts, 60.0)
-    verdict = read_diagnostic(verdicts[0])
+    verdict = verdicts[0]
     assert (verdict['name'], verdict['exceeded']) == ('cfr_213_333', 'True')
     assert float(verdict['index']) > float(verdict['limit'])

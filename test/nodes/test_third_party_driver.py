@@ -10,10 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import JointState
 
-from hunt_ros.nodes.support.conversions import read_diagnostic, to_ns
+from hunt_ros.nodes.support.conversions import to_ns
 
 pytestmark = pytest.mark.ros
 
@@ -40,7 +39,7 @@ def test_the_driver_of_the_docs_is_found_read_and_read_again_after_a_loss(
     _install_example(tmp_path)
     monkeypatch.setenv('PYTHONPATH', f'{ROOT}{os.pathsep}{tmp_path}')
     heard = graph.collect(JointState, 'lateral')
-    health = graph.collect(DiagnosticArray, '/diagnostics')
+    health = graph.told()
     with socket.create_server(('127.0.0.1', 0)) as amplifier:
         amplifier.settimeout(0.01)
         graph.start(
@@ -62,9 +61,7 @@ def test_the_driver_of_the_docs_is_found_read_and_read_again_after_a_loss(
         graph.spin_until(lambda: streamed(50))
         assert {message.position[0] for message in heard} == set(range(5))
         connections.pop().close()
-        graph.spin_until(
-            lambda: any('closed the connection' in text['message'] for text in _told(health))
-        )
+        graph.spin_until(lambda: health.says('closed the connection'))
         heard.clear()
         graph.spin_until(lambda: streamed(50))
         for connection in connections:
@@ -74,7 +71,3 @@ def test_the_driver_of_the_docs_is_found_read_and_read_again_after_a_loss(
     log = graph.log('lateral_sensor').read_text()
     assert "unknown parameter 'telepathy'" in log
     assert "unknown parameter 'address'" not in log
-
-
-def _told(health: list) -> list[dict[str, str]]:
-    return [read_diagnostic(message) for message in health]

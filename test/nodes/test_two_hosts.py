@@ -15,8 +15,6 @@ from typing import Any
 
 import pytest
 
-from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.suite import SIMULATOR, SOURCES
 
 pytest.importorskip('rclpy', reason='the extra ros is not installed')
@@ -201,12 +199,10 @@ def _rig_file(folder: Path) -> Path:
 
 
 def test_a_line_that_delays_and_loses_and_is_cut_and_mended(hosts, tmp_path) -> None:
-    form = tmp_path / 'normal_form.yaml'
-    form.write_text(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml())
     hosts.order('weather', _DELAY_S, _LOSS)
     lab = hosts.start('lab', 'console', '--ros-args')
     rig = hosts.start('rig', 'console', '--ros-args')
-    words = ['hunting_detector', '--ros-args', '--params-file', str(form)]
+    words = ['hunting_detector', '--ros-args', '--params-file', str(ROOT / 'bags/paper.yaml')]
     hosts.start('lab', *words, '-p', f'sensor_timeout_s:={0.5 * _PATIENCE_S}')
     words = [SIMULATOR, *SOURCES, '--ros-args', '--params-file']
     hosts.start('rig', *words, str(_rig_file(tmp_path)))
@@ -223,7 +219,7 @@ def test_a_line_that_delays_and_loses_and_is_cut_and_mended(hosts, tmp_path) -> 
         """Ask again where it was refused: the line is bad, and samples come late at times."""
         nonlocal asked_s
         if interlock() == 'tripped' and time.monotonic() - asked_s > 1.0:
-            lab.say('speed/rearm')
+            lab.say('rearm')
             asked_s = time.monotonic()
         return interlock() == 'armed'
 

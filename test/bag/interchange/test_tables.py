@@ -11,10 +11,15 @@ from scipy.io import savemat
 
 from hunt_ros.bag import read_record, write_record
 from hunt_ros.bag.interchange.exporters import aligned, export_file
-from hunt_ros.bag.interchange.importers import import_file, load_record
+from hunt_ros.bag.interchange.importers import load_record
 from hunt_ros.bag.interchange.tables import load_table, select
 from hunt_ros.errors import BagError
 from hunt_ros.samples import Record, Series
+
+
+def import_file(file: Path, out: Path, *channels, **options) -> Path:
+    return write_record(out, load_record(file, *channels, **options))
+
 
 FLUTTER = Path(__file__).parents[3] / '../shared/data/flutter_rig'
 MAPPING = ['yaw=data[0]', 'lateral=data[1]*0.47', 'speed=16.3']
@@ -159,6 +164,21 @@ def test_equal_stamps_get_rows_of_their_own() -> None:
         ('a.csv', 't,y\n0,1\n,2\n', ['lateral=y'], 't is not finite in row 1'),
         ('a.csv', 't,y\n0,\n1,\n', ['lateral=y'], 'no finite number'),
         ('a.csv', 't,y\n0,1\n1,2\n', ['speed=3'], 'only constants'),
+        ('a.csv', 't,lateral\n[s],[furlong]\n0,1\n1,2\n', [], 'unknown unit of lateral'),
+        (
+            'a.csv',
+            't,lateral_m\n[s],[mm]\n0,1\n1,2\n',
+            [],
+            'lateral_m is in mm by the line of units',
+        ),
+        ('a.csv', 't,y\n[s],[mm]\n0,1\n1,2\n', ['lateral=y'], r'lateral=y\*0.001'),
+        (
+            'a.csv',
+            't,lateral,lateral_mm\n0,1,2\n1,2,3\n',
+            [],
+            'lateral and lateral_mm are both lateral',
+        ),
+        ('a.csv', 't,lateral\n[h],[mm]\n0,1\n1,2\n', [], "unknown unit 'h' of a time"),
         ('a.mat', 'hello', ['lateral=y'], 'cannot be read as .mat'),
         ('a.npy', 'hello', ['lateral=y'], 'cannot be read as .npy'),
         ('a.xls', 'hello', ['lateral=y'], "unknown format '.xls'"),
@@ -175,7 +195,7 @@ def test_faults_are_named_with_their_place(tmp_path: Path, name, text, channels,
 def test_shapes_that_are_no_series_say_what_is_there(matrix, tmp_path: Path) -> None:
     np.save(tmp_path / 'a.npy', matrix)
     table = load_table(tmp_path / 'a.npy')
-    np.testing.assert_array_equal(select(table, 'data[:,3]', 'a'), matrix[:, 3])
+    np.testing.assert_array_equal(select(table, 'data[:,3]', 'a')[0], matrix[:, 3])
     for source, words in (
         ('data', 'data is 6 x 500, expected a series'),
         ('data[9]', r'no \[9\] in 6 x 500'),
@@ -204,3 +224,109 @@ def test_a_real_recording_is_imported_to_the_last_bit(tmp_path: Path) -> None:
     np.testing.assert_array_equal(record['lateral'].values, data[1] * 0.47)
     assert record.duration_s == pytest.approx(29.996)
     assert record['yaw'].rate_hz == pytest.approx(250.0)
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        't,lateral,speed\n[s],[mm],[km/h]\n0,1,36\n0.5,2,72\n',
+        't;lateral;speed\ns;mm;km/h\n0;1;36\n0,5;2;72\n',
+        'Time [ms],Lateral [mm],Speed [km/h]\n0,1,36\n500,2,72\n',
+        't (s),lateral (mm),speed (km/h)\n0,1,36\n0.5,2,72\n',
+        'Made by,a logger\nrate,2\n\nt,lateral,speed\ns,mm,km/h\n0,1,36\n0.5,2,72\n',
+        'time_s,lateral_mm,speed_kmh\n(s),(mm),(km/h)\n0,1,36\n0.5,2,72\n',
+        'Date,lateral_mm,speed_kmh\n2026-11-23T10:00:00.25,1,36\n2026-11-23T10:00:00.75,2,72\n',
+    ],
+)
+@pytest.mark.parametrize('encoding', ['utf-8', 'utf-16', 'latin-1'])
+def test_a_unit_that_the_file_tells_is_the_unit(tmp_path: Path, text: str, encoding: str) -> None:
+    (tmp_path / 'a.csv').write_text(text, encoding=encoding)
+    record = load_record(tmp_path / 'a.csv')
+    np.testing.assert_allclose(record['lateral'].values, [0.001, 0.002])
+    np.testing.assert_allclose(record['speed'].values, [10.0, 20.0])
+    np.testing.assert_array_equal(np.diff(record['lateral'].stamps_ns), [5 * 10**8])
+
+
+def test_a_constant_leaves_the_columns_that_are_found_by_name(tmp_path: Path) -> None:
+    (tmp_path / 'a.csv').write_text('t,lateral,speed_setpoint\n0,1,9\n1,2,9\n')
+    record = load_record(tmp_path / 'a.csv', ['speed=5'])
+    assert set(record) == {'lateral', 'speed'}
+
+
+def test_rate_and_times_contradict_each_other(tmp_path: Path) -> None:
+    (tmp_path / 'a.csv').write_text('t,lateral\n0,1\n1,2\n')
+    with pytest.raises(BagError, match='not both'):
+        load_record(tmp_path / 'a.csv', rate_hz=10.0, time='t')
+
+
+@pytest.mark.parametrize('airspeed', ['runs[:].airspeed', 'runs[:].fast'])
+def test_all_runs_of_a_structure_array_become_one_record(tmp_path: Path, airspeed) -> None:
+    kind = [('plunge', object), ('airspeed', object), ('fast', object)]
+    runs = np.zeros(3, dtype=kind)
+    for row in range(3):
+        runs[row] = (np.arange(50.0 + row) + 100 * row, 10.0 + row, np.full(50 + row, 10.0 + row))
+    savemat(tmp_path / 'a.mat', {'runs': runs})
+    channels = ['lateral=runs[:].plunge*0.001', f'speed={airspeed}']
+    record = load_record(tmp_path / 'a.mat', channels, rate_hz=100.0)
+    lateral, speed = record['lateral'], record['speed']
+    expected = [x for row in range(3) for x in np.arange(50.0 + row) + 100 * row]
+    np.testing.assert_allclose(lateral.values, np.array(expected) * 0.001)
+    np.testing.assert_array_equal(np.unique(speed.values), [10.0, 11.0, 12.0])
+    np.testing.assert_array_equal(lateral.stamps_ns, speed.stamps_ns)
+    assert np.sum(np.diff(lateral.stamps_ns) == 3 * 10**9) == 2, 'a pause between the runs'
+    one = load_record(tmp_path / 'a.mat', ['lateral=runs[2].plunge'], rate_hz=100.0)
+    assert len(one['lateral']) == 52
+    for source, words in (
+        ('runs.plunge', r'3 structures: \[0\] to \[2\]'),
+        ('runs[3].plunge', r'no \[3\] in 3'),
+        ('runs[0]', 'is a structure, expected one of plunge'),
+        ('runs', 'array of 3 structures'),
+    ):
+        with pytest.raises(BagError, match=words):
+            load_record(tmp_path / 'a.mat', [f'lateral={source}'], rate_hz=100.0)
+
+
+def test_waveforms_of_tdms_have_times_of_their_own(tmp_path: Path) -> None:
+    nptdms = pytest.importorskip('nptdms', reason='the extra tdms is not installed')
+    begin = np.datetime64('2026-11-23T10:00:00.5', 'us')
+
+    def channel(name: str, count: int, step: float, unit: str) -> object:
+        about = {'wf_increment': step, 'wf_start_time': begin, 'wf_start_offset': 0.0}
+        return nptdms.ChannelObject(
+            'daq', name, np.arange(float(count)), {**about, 'unit_string': unit}
+        )
+
+    with nptdms.TdmsWriter(tmp_path / 'a.tdms') as writer:
+        both = [channel('lateral', 500, 0.002, 'mm'), channel('speed', 100, 0.01, 'km/h')]
+        writer.write_segment(both)
+    record = load_record(tmp_path / 'a.tdms')
+    assert record.start_ns == begin.astype('datetime64[ns]').astype(np.int64)
+    np.testing.assert_array_equal(np.diff(record['lateral'].stamps_ns), 2_000_000)
+    np.testing.assert_array_equal(np.diff(record['speed'].stamps_ns), 10_000_000)
+    np.testing.assert_allclose(record['lateral'].values, 0.001 * np.arange(500))
+
+
+def test_dates_of_parquet_are_times(tmp_path: Path) -> None:
+    pyarrow = pytest.importorskip('pyarrow', reason='the extra parquet is not installed')
+    from pyarrow import parquet
+
+    stamps = np.datetime64('2026-11-23T10:00', 'ns') + np.arange(50) * np.timedelta64(5, 'ms')
+    table = pyarrow.table({'when': stamps, 'lateral_mm': np.arange(50.0)})
+    parquet.write_table(table, tmp_path / 'a.parquet')
+    record = load_record(tmp_path / 'a.parquet')
+    np.testing.assert_array_equal(record['lateral'].stamps_ns, stamps.astype(np.int64))
+
+
+@pytest.mark.parametrize('ending', ['csv', 'parquet', 'npz'])
+def test_a_column_never_takes_the_place_of_the_stamps(bag: Path, tmp_path: Path, ending) -> None:
+    out = tmp_path / f'a.{ending}'
+    with pytest.raises(BagError, match='stamp_ns is the column of the stamps'):
+        export_file(bag, out, ['stamp_ns=/rig/yaw'])
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize('name', ['file', 'args', 'self', 'kwds'])
+def test_any_name_is_a_name_of_an_array(bag: Path, record, tmp_path: Path, name) -> None:
+    export_file(bag, tmp_path / 'a.npz', [f'{name}=/rig/yaw'])
+    with np.load(tmp_path / 'a.npz') as found:
+        np.testing.assert_array_equal(found[name], record['yaw'].values)

@@ -3,66 +3,116 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from hunt_ros.cli.main import main
-from hunt_ros.cli.support import processes, suite
-from hunt_ros.services import KEYS, SERVICES
+from hunt_ros.cli.support.key_commands import KeyCommands
+from hunt_ros.services import KEYS
+from hunt_ros.suite import LISTENERS, SOURCES
+
+START, RESUME, EMERGENCY = 'start-profile', 'resume-profile', 'emergency-stop'
 
 
 class _Link:
-    """Stands for the console: presses keys, and notes the calls."""
+    """Stands for the console: presses what comes at once, and notes the calls."""
 
-    def __init__(self, keyboard: int, keys: bytes) -> None:
-        self._keyboard, self._keys = keyboard, keys
+    def __init__(self, keyboard: int, bursts: list[str]) -> None:
+        self._keyboard, self._bursts = keyboard, bursts
         self.calls: list[str] = []
-        self.rounds = 0
 
     def lines(self, timeout_s: float) -> Iterator[dict[str, str]]:
-        self.rounds += 1
-        assert self.rounds < 100, 'q did not end it'
-        os.write(self._keyboard, self._keys[:1])
-        self._keys = self._keys[1:]
+        if self._bursts:
+            os.write(self._keyboard, self._bursts.pop(0).encode())
         return iter(())
 
     def call(self, service: str) -> None:
         self.calls.append(service)
 
 
+class _View:
+    """Stands for the screen."""
+
+    def __init__(self, speed_mps: float) -> None:
+        self.drive = {'speed_mps': speed_mps}
+        self.said: list[str] = []
+
+    def say(self, text: str, style: str = '') -> None:
+        self.said.append(text)
+
+    def offer(self, keys: list[str]) -> None:
+        self.said.append('keys')
+
+
 @pytest.fixture
-def pressed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def pressed(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., tuple[list[str], _View]]]:
+    """Return what presses keys, one burst after the other: it gives the calls and the screen."""
     pytest.importorskip('termios')
-    monkeypatch.setattr(processes, 'require_ros', lambda: None)
-    monkeypatch.setattr(suite, 'start_nodes', lambda *given: None)
+    keyboard, terminal = os.openpty()
+    with os.fdopen(terminal) as stdin:
+        monkeypatch.setattr('sys.stdin', stdin)
 
-    def run(keys: str, *words: str) -> list[str]:
-        keyboard, terminal = os.openpty()
-        link = _Link(keyboard, keys.encode())
-        monkeypatch.setattr(suite, 'start_console', lambda *given: link)
-        with os.fdopen(terminal) as stdin:
-            monkeypatch.setattr('sys.stdin', stdin)
-            assert main(['run', *words, '--directory', str(tmp_path)]) == 0
-        os.close(keyboard)
-        return link.calls
+        def press(*bursts: str, speed_mps: float = 0.0, names=(*LISTENERS, *SOURCES)):
+            link, view = _Link(keyboard, list(bursts)), _View(speed_mps)
+            with KeyCommands(link, view, names) as commands:  # type: ignore[arg-type]
+                list(commands.lines(0.2 + 0.1 * len(bursts)))
+            return link.calls, view
 
-    return run
+        yield press
+    os.close(keyboard)
 
 
-def test_each_key_calls_its_service_and_q_ends_the_run(pressed) -> None:
-    calls = pressed('sEa rm xq', '--simulated')
-    words = ('start-profile', 'emergency-stop', 'acknowledge', 'stop-profile', 'resume-profile')
-    last = ('recording/mark', 'speed/stop_profile')
-    assert calls == [*(SERVICES[word].name for word in words), *last]
+def test_each_key_calls_its_service(pressed) -> None:
+    calls, _ = pressed('e', 'a', ' ', 'm', 'x')
+    words = ('emergency-stop', 'acknowledge', 'stop-profile', 'mark')
+    assert calls == list(words)
+
+
+def test_q_ends_the_run_as_ctrl_c_does(pressed) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        pressed('q')
+
+
+def test_what_sets_the_roller_going_wants_a_second_key(pressed) -> None:
+    assert pressed('s')[0] == []
+    calls, view = pressed('s', 'y', 'r', 'y')
+    assert calls == [START, RESUME]
+    assert 'press y to start the profile' in view.said
+    assert pressed('s', 'x', 'y')[0] == [], 'another key takes it back'
+    assert pressed('y')[0] == []
+    assert pressed('s', 'e', 'y')[0] == [EMERGENCY]
+
+
+def test_the_end_wants_a_second_key_while_the_roller_turns(pressed) -> None:
+    calls, view = pressed('q', 'x', speed_mps=7.5)
+    assert calls == []
+    assert 'press y to end the run: the roller turns at 7.50 m/s' in view.said
+    with pytest.raises(KeyboardInterrupt):
+        pressed('q', 'y', speed_mps=7.5)
+
+
+@pytest.mark.parametrize(
+    'sequence',
+    ['\x1bOS', '\x1bOR', '\x1bOQ', '\x1b[A', '\x1b[1;5A', '\x1b[15~', '\x1bs', '\x1b[M'],
+    ids=['F4', 'F3', 'F2', 'up', 'Ctrl-up', 'F5', 'Alt-s', 'mouse'],
+)
+def test_keys_of_several_characters_do_nothing(pressed, sequence) -> None:
+    assert pressed(sequence, sequence * 5, 'y')[0] == []
+
+
+def test_capitals_and_a_pasted_text_do_nothing_and_a_held_key_is_one(pressed) -> None:
+    assert pressed('S', 'E', 'A', 'Q')[0] == []
+    assert pressed('rm -rf ~; echo yes', 'e')[0] == [], 'the end of what was pasted may be late'
+    assert pressed('sy')[0] == []
+    assert pressed('eeee')[0] == [EMERGENCY]
 
 
 def test_a_key_of_a_node_that_was_not_started_does_nothing(pressed) -> None:
-    assert pressed('semq', '--listen') == ['recording/mark']
+    assert pressed('s', 'y', 'e', 'm', names=LISTENERS)[0] == ['mark']
 
 
-def test_the_keys_stand_in_the_readme() -> None:
-    readme = (Path(__file__).parents[3] / 'README.md').read_text(encoding='utf-8')
+def test_the_keys_stand_in_the_page_of_the_terminal() -> None:
+    page = (Path(__file__).parents[3] / 'docs/terminal.md').read_text(encoding='utf-8')
     for key, word in KEYS.items():
-        assert f'`{"space" if key == " " else key}` {word}' in readme
+        assert f'`{"space" if key == " " else key}` {word}' in page

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from dataclasses import asdict
 from pathlib import Path
 
@@ -10,8 +11,7 @@ import numpy as np
 import pytest
 
 from hunt_ros.bag import BagWriter
-from hunt_ros.bag.record_rows import record_rows
-from hunt_ros.bag.record_writer import write_texts
+from hunt_ros.bag.record_writer import record_rows
 from hunt_ros.cli.main import main
 from hunt_ros.detection import DetectorConfig, JournalEntry
 from hunt_ros.samples import Record, Series
@@ -31,7 +31,9 @@ def _bag(
             section = {'/rig/hunting_detector': {'ros__parameters': parameters}}
             bag.note('parameters', {'/rig/hunting_detector': json.dumps(section)})
         lines = '\n'.join(entry.to_text() for entry in journal)
-        write_texts(bag, {'hunting/journal': lines}, record.start_ns)
+        raw = lines.encode() + b'\0'
+        key = bag.topic('/rig/hunting/journal', 'std_msgs/msg/String', latched=True)
+        bag.write(key, record.start_ns, b'\0\1\0\0' + struct.pack('<I', len(raw)) + raw)
         for several in record_rows(record, bag.topic, 'rig'):
             bag.write_rows(several)
     return str(path)

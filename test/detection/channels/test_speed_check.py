@@ -149,8 +149,6 @@ def test_blocks_and_whole_give_the_same(cuts: list[int]) -> None:
         check.update(stamps[a:b], angle[a:b], speed[a:b]) for a, b in itertools.pairwise(edges)
     ]
     assert np.concatenate(parts).tobytes() == whole.tobytes()
-    check.reset()
-    assert check.update(stamps, angle, speed).tobytes() == whole.tobytes()
 
 
 @pytest.mark.parametrize('lines', [(1.0, 2.0), ()])

@@ -14,7 +14,6 @@ from hunt_ros.detection.decision.rules import rules_of
 from hunt_ros.detection.output import ESTIMATE_DTYPE
 from hunt_ros.detection.regions import State
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.noise.disturbance import diffusion_from_quiet
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 
 SUBCRITICAL = PAPER_NORMAL_FORM
@@ -38,7 +37,7 @@ def _paths(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return speed (m,) and phasors (m, PATHS): 40 s quiet (r.m.s. in m), then a plateau."""
     rng = np.random.default_rng(7)
-    diffusion = diffusion_from_quiet(form, quiet, rms)
+    diffusion = -0.5 * float(form.growth_rate(quiet)) * rms**2
     speed = np.full(round((40.0 + seconds) / PERIOD), plateau)
     speed[: round(40.0 / PERIOD)] = quiet
     z = np.zeros(PATHS, dtype=np.complex128)

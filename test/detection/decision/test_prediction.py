@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.integrate import quad
 
 from hunt_ros.detection.decision import prediction
 from hunt_ros.detection.decision.outlook import (
@@ -19,7 +20,6 @@ from hunt_ros.detection.decision.outlook import (
 )
 from hunt_ros.detection.output import ESTIMATE_DTYPE
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.noise.disturbance import threshold_on_line
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 
 FORM = PAPER_NORMAL_FORM
@@ -110,10 +110,10 @@ def test_the_branches_are_those_of_the_form(speed) -> None:
 
 @pytest.mark.parametrize('line', [10e-6, 30e-6, 60e-6])
 def test_roughness_lowers_the_edge_as_the_line_does(line: float) -> None:
+    # To first order, of a line that is incommensurate with the hunting.
+    expected = math.sqrt(float(FORM.unstable_amplitude(7.4)) ** 2 - 2.0 * line**2)
     row = _row(EXACT, 7.4, 1e-4, 0.0, roughness=line)
-    assert float(row['unstable_amplitude']) == pytest.approx(
-        threshold_on_line(FORM, 7.4, line), rel=0.02
-    )
+    assert float(row['unstable_amplitude']) == pytest.approx(expected, rel=0.03)
 
 
 @settings(deadline=None)
@@ -126,7 +126,9 @@ def test_the_time_to_the_cycle_is_that_of_the_dynamics(speed, share) -> None:
     prediction.clear(rows[0])
     prediction.branches(EXACT, speed, 0.0, rows[0])
     found = prediction.time_to_cycle(EXACT, speed, amplitude, rows[0])
-    assert found == pytest.approx(FORM.time_between(speed, amplitude, 0.9 * stable), rel=0.01)
+    ends = math.log(amplitude), math.log(0.9 * stable)
+    expected, _ = quad(lambda x: 1.0 / float(FORM.growth_rate(speed, math.exp(x))), *ends)
+    assert found == pytest.approx(expected, rel=0.01)
 
 
 def test_without_a_limit_cycle_there_is_no_time_to_it_and_on_it_none_is_left() -> None:

@@ -13,7 +13,7 @@ from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.decision import decisions, evidence, states
 from hunt_ros.detection.decision.rules import rules_of
 from hunt_ros.detection.output import ESTIMATE_DTYPE
-from hunt_ros.detection.regions import State
+from hunt_ros.detection.regions import State, latch
 
 CONFIG = DetectorConfig()
 RULES = rules_of(CONFIG, 6.4, 8.0)
@@ -69,7 +69,7 @@ class Machine:
                 1e-6,
                 0,
             )
-            states.latch(memory['state'])
+            latch(memory['state'], states.hunts(memory['state']))
         return State(states.shown(memory['state']))
 
 

@@ -6,13 +6,14 @@ import json
 
 import numpy as np
 import pytest
+from fed import Fed
 
-from hunt_ros.detection import DetectorConfig, HuntingDetector, JournalEntry
-from hunt_ros.detection.replay import replay_journal
+from hunt_ros.detection import DetectorConfig, HuntingDetector
+from hunt_ros.detection.output import Output
 from hunt_ros.detection.words.alarms import KEPT, AlarmHistory
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-from hunt_ros.samples import Record, Series
+from hunt_ros.samples import Series
 
 PAPER = IdentifiedNormalForm(PAPER_NORMAL_FORM)
 SECOND = 1_000_000_000
@@ -36,18 +37,18 @@ def detector() -> HuntingDetector:
     return HuntingDetector(DetectorConfig(channels=('lateral', 'speed')), PAPER)
 
 
-def feed(hunting: HuntingDetector, start_s: float, blocks: int = 1) -> list:
-    outputs = []
+def feed(rig: Fed, start_s: float, blocks: int = 1) -> Output:
     lateral, speed = episode(start_s)
+    begun = len(rig.outputs)
     for part in np.array_split(np.arange(len(lateral)), blocks):
         for name, series in (('lateral', lateral), ('speed', speed)):
-            outputs.append(hunting.update(name, series.stamps_ns[part], series.values[part]))
-    return outputs
+            rig.feed(name, Series(series.stamps_ns[part], series.values[part]))
+    return Output.joined(rig.outputs[begun:])
 
 
 def test_an_alarm_is_kept_with_its_cause_its_size_and_who_acknowledged() -> None:
     rig = detector()
-    events = [event for output in feed(rig, 0.0) for event in output.events]
+    events = feed(Fed(rig), 0.0).events
     (alarm,) = rig.history.alarms
     escape, over = (next(e for e in events if e.event == word) for word in ('escaping', 'quiet'))
     assert (alarm.began_ns, alarm.decided_ns) == (escape.since_ns, escape.stamp_ns)
@@ -61,7 +62,7 @@ def test_an_alarm_is_kept_with_its_cause_its_size_and_who_acknowledged() -> None
 
     (said,) = rig.acknowledge(26 * SECOND, 'Mia').events
     assert 'by Mia' in said.cause
-    feed(rig, 30.0)
+    feed(Fed(rig), 30.0)
     (said,) = rig.acknowledge(56 * SECOND).events
     assert 'by unknown' in said.cause
     first, second = rig.history.alarms
@@ -76,46 +77,32 @@ def test_an_alarm_is_kept_with_its_cause_its_size_and_who_acknowledged() -> None
         first.highest_amplitude_m, second.highest_amplitude_m
     )
     assert told['highest_yaw_amplitude_rad'] is None
-    assert rig.status.totals == {name: told[name] for name in rig.status.totals}
+    assert rig.status.values['alarm_count'] == told['alarm_count']
 
 
 def test_blocks_a_pause_and_a_replay_do_not_change_the_history() -> None:
     whole, parted = detector(), detector()
-    feed(whole, 0.0)
-    outputs = feed(parted, 0.0, blocks=173)
+    feed(Fed(whole), 0.0)
+    rig = Fed(parted)
+    feed(rig, 0.0, blocks=173)
     assert parted.history.to_text() == whole.history.to_text()
-    outputs.append(parted.acknowledge(26 * SECOND, 'Mia'))
+    rig.outputs.append(parted.acknowledge(26 * SECOND, 'Mia'))
     before = parted.history.alarms
     parted.restart()
-    outputs += feed(parted, 100.0)
+    feed(rig, 100.0)
     assert parted.history.alarms[:1] == before
     assert parted.history.count == 2
-
-    parts = [episode(start_s) for start_s in (0.0, 100.0)]
-    record = Record(
-        {
-            name: Series(
-                np.concatenate([part[k].stamps_ns for part in parts]),
-                np.concatenate([part[k].values for part in parts]),
-            )
-            for k, name in enumerate(('lateral', 'speed'))
-        }
-    )
-    lines = [entry.to_text() for output in outputs for entry in output.journal]
-    again = detector()
-    replay_journal(again, record, [JournalEntry.from_text(line) for line in lines])
-    assert again.history.to_text() == parted.history.to_text()
+    again = rig.assert_replayed()
     again.reset()
     assert not again.history.alarms
 
 
 def test_the_oldest_alarms_go_and_the_totals_stay() -> None:
     rig = detector()
-    rows = np.concatenate([output.estimates for output in feed(rig, 0.0)])
-    events = [event for output in feed(detector(), 0.0) for event in output.events]
+    output = feed(Fed(rig), 0.0)
     history = AlarmHistory(rig.config.period_ns)
     for _ in range(KEPT + 3):
-        history.update(rows, events)
+        history.update(output.estimates, output.events)
     assert len(history.alarms) == KEPT
     assert history.count == KEPT + 3
     assert history.hunting_hours == pytest.approx((KEPT + 3) * rig.history.hunting_hours)

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from hunt_ros.dynamics.forced_response import direction_response, quiet_covariance
 from hunt_ros.dynamics.linear_stability import hunting_mode
-from hunt_ros.dynamics.noise.forced_response import direction_response, quiet_covariance
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.dynamics.simulation import (
     DriveModel,
@@ -370,3 +370,16 @@ def test_impossible_profiles_are_named(
 ) -> None:
     with pytest.raises(ConfigError, match=message):
         SpeedProfile(times, speeds)
+
+
+def test_a_roller_that_stands_still_starts_and_stops() -> None:
+    settings = SimulationSettings(initial_speed=0.0, broadband=8e-6, roughness=Roughness((2e-5,)))
+    profile = SpeedProfile((0.0, 5.0, 15.0, 25.0, 35.0), (0.0, 0.0, 5.0, 5.0, 0.0))
+    record = simulate(paper_rig(), settings, profile, seed=1)
+    speed, angle = record['speed'].values, record['roller'].values
+    assert speed[0] == 0.0
+    assert angle[450] == angle[0]
+    assert speed.max() == pytest.approx(5.0, abs=1e-3)
+    assert speed[-1] < 0.4
+    assert np.isfinite(record['lateral'].values).all()
+    assert np.abs(record['lateral'].values).max() < 1e-3

@@ -10,7 +10,6 @@ import rclpy
 from std_srvs.srv import Trigger
 
 from hunt_ros.nodes.support.caller import Caller
-from hunt_ros.nodes.support.diagnostics import Diagnostics
 
 pytestmark = pytest.mark.ros
 
@@ -26,7 +25,7 @@ def node(domain):
 
 @pytest.fixture
 def caller(node):
-    made = Caller(node, Diagnostics(node, lambda: ('OK', '', {})))
+    made = Caller(node, lambda task, error: pytest.fail(f'{task}: {error}'))
     yield made
     made.close()
 
@@ -50,12 +49,13 @@ def test_a_node_that_has_just_started_is_waited_for(node, caller, machine) -> No
         return response
 
     node.create_service(Trigger, 'recording/mark', mark)
-    assert answer(node, asked, machine) == (True, 'marked')
+    assert answer(node, asked, machine) == (True, 'marked', True)
 
 
 def test_where_nobody_offers_it_the_answer_says_so(node, caller, machine) -> None:
     asked = caller.call('emergency-stop')
-    assert answer(node, asked, machine) == (
-        False,
-        'roller_speed is not running: nobody offers speed/emergency_stop',
-    )
+    said = answer(node, asked, machine)
+    assert (said.success, said.heard) == (False, False)
+    # What a test before left behind may still be known, under another namespace.
+    nobody = 'roller_speed is not running: nobody offers /speed/emergency_stop'
+    assert said.message.partition(';')[0] == nobody

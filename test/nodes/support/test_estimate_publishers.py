@@ -15,10 +15,10 @@ from sensor_msgs.msg import JointState
 
 from hunt_ros.detection.output import ESTIMATE_DTYPE
 from hunt_ros.nodes.support.conversions import to_ns
-from hunt_ros.nodes.support.estimate_publishers import ESTIMATES, EstimatePublishers, readme_table
+from hunt_ros.nodes.support.estimate_publishers import ESTIMATES, EstimatePublishers, topics_table
 from hunt_ros.samples import CHANNELS
 
-README = Path(__file__).parents[3] / 'README.md'
+TOPICS = Path(__file__).parents[3] / 'docs' / 'topics.md'
 
 
 class _Node:
@@ -78,5 +78,5 @@ def test_there_are_at_most_eight_and_no_joint_is_that_of_a_measurement() -> None
     assert not set(names) & set(CHANNELS)
 
 
-def test_the_readme_has_the_table() -> None:
-    assert readme_table() in README.read_text()
+def test_the_page_of_the_topics_has_the_table() -> None:
+    assert topics_table() in TOPICS.read_text()

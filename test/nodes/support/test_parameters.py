@@ -115,11 +115,12 @@ def _taken(kind: type[Settings]) -> set[str]:
 #: Node -> parameters that a running node takes; each has an effect from then on.
 LIVE = {
     'lateral_sensor': set(),
-    'roller_speed': {'emergency_speed_mps', 'profile'}
+    'roller_speed': {'emergency_speed_mps', 'profile', 'slow_down_at_end'}
     | _taken(DriveLimits)
     | _taken(InterlockSettings),
     'rig_simulator': {'kick_m'},
-    'normal_form_identifier': {'on_close', 'lateral_range_m'},  # with the next identification
+    # With the next identification.
+    'normal_form_identifier': {'on_close', 'lateral_range_m', 'rig_name'},
     'bag_recorder': {  # with the next recording
         'rig_name', 'operator', 'notes', 'prefix', 'split_s', 'split_mib', 'buffer_mib', 'chunk_s',
         'least_free_mib',

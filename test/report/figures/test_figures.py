@@ -12,25 +12,28 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
-from hunt_ros.analysis.steady_state import SteadyState
+from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds, SteadyState
+from hunt_ros.detection import Event
+from hunt_ros.detection.regions import Level
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
-from hunt_ros.errors import IdentificationError
+from hunt_ros.identification.result import BranchPoint, Identification
 from hunt_ros.report.choice import either_side, four_states
-from hunt_ros.report.figures.branch_lines import bands_of_draws, branch_points, plot_form
-from hunt_ros.report.figures.cubic import cubic_alone, cubic_amplitude
-from hunt_ros.report.figures.disturbance import disturbance_from_width
-from hunt_ros.report.figures.frequency import hunting_frequencies
-from hunt_ros.report.figures.hysteresis import hysteresis_loop
-from hunt_ros.report.figures.normal_form_diagram import bands_of_document, diagram
-from hunt_ros.report.figures.overview import RunEvent, run_overview, thinned
+from hunt_ros.report.figures.bifurcation import hysteresis_loop, identified_diagram
+from hunt_ros.report.figures.diagram import (
+    bands_of_branches,
+    bands_of_draws,
+    branch_points,
+    draw_branches,
+    form_curve,
+)
+from hunt_ros.report.figures.overview import run_overview, thinned
 from hunt_ros.report.figures.response_panels import response_panels
 from hunt_ros.report.figures.style import journal_style, new_figure
 from hunt_ros.report.response import response_of
-from hunt_ros.report.result import Result
-from hunt_ros.samples import Record, Series
+from hunt_ros.samples import Record, Series, Uncertain
 
-Document = Callable[..., dict[str, Any]]
+Make = Callable[..., Identification]
 Identified = Callable[..., IdentifiedNormalForm]
 
 SUPERCRITICAL = replace(PAPER_NORMAL_FORM, D4=-2030.0)
@@ -82,7 +85,7 @@ def test_the_quiet_state_is_dashed_where_it_grows() -> None:
     form = replace(PAPER_NORMAL_FORM, D1=0.03125, D7=-0.5)
     with journal_style():
         axes = new_figure().subplots()
-        plot_form(axes, form, 7.0, 9.0)
+        draw_branches(axes, [form_curve(form, 7.0, 9.0)])
     zero = [one for one in axes.lines if np.nanmax(np.abs(one.get_ydata())) == 0.0]
     spans = {one.get_linestyle(): one.get_xdata()[np.isfinite(one.get_ydata())] for one in zero}
     assert set(spans) == {'-', '--'}
@@ -95,25 +98,6 @@ def test_the_branches_of_a_supercritical_form_leave_zero_at_v_c() -> None:
     assert np.isnan(unstable).all()
     assert stable[speed == 8.0] == 0.0
     assert np.isnan(stable[speed < 8.0]).all()
-
-
-@given(st.floats(4.0, 7.99))
-def test_the_cubic_amplitude_solves_the_cubic_form(speed: float) -> None:
-    form = PAPER_NORMAL_FORM
-    amplitude = float(cubic_amplitude(form, speed))
-    cubic = replace(form, D7=0.0, D10=0.0, D15=0.0)
-    assert float(cubic.growth_rate(speed, amplitude)) == pytest.approx(0.0, abs=1e-9)
-    # Close to v_c it is the branch of the whole form too.
-    near = 8.0 - 1e-6
-    assert float(cubic_amplitude(form, near)) == pytest.approx(
-        float(form.unstable_amplitude(near)), rel=1e-3
-    )
-
-
-def test_the_cubic_form_has_nothing_on_the_other_side_of_v_c() -> None:
-    assert np.isnan(cubic_amplitude(PAPER_NORMAL_FORM, 8.5))
-    assert np.isnan(cubic_amplitude(SUPERCRITICAL, 7.5))
-    assert np.isnan(cubic_amplitude(replace(PAPER_NORMAL_FORM, D4=0.0), 7.5))
 
 
 # --- bands ----------------------------------------------------------------------------
@@ -135,12 +119,12 @@ def test_a_form_taken_as_exact_has_no_band() -> None:
     assert bands_of_draws(IdentifiedNormalForm(PAPER_NORMAL_FORM), 6.0, 9.0) == {}
 
 
-def test_the_bands_of_the_document_are_drawn_as_they_stand() -> None:
+def test_the_bands_are_the_intervals_of_the_branches() -> None:
     points = [
-        {'speed_mps': 7.0, 'stable_ci95_m': [5e-4, 6e-4], 'unstable_ci95_m': None},
-        {'speed_mps': 7.5, 'stable_ci95_m': [-1e-5, 7e-4], 'unstable_ci95_m': [1e-4, 2e-4]},
+        BranchPoint(7.0, Uncertain(5.5e-4, 3e-5, 5e-4, 6e-4), None),
+        BranchPoint(7.5, Uncertain(6e-4, 1e-3, -1e-5, 7e-4), Uncertain(1e-4, 1e-5)),
     ]
-    bands = bands_of_document(points)
+    bands = bands_of_branches(points)
     assert set(bands) == {'stable'}
     np.testing.assert_array_equal(bands['stable'][1], [5e-4, 0.0])  # no amplitude below zero
     np.testing.assert_array_equal(bands['stable'][2], [6e-4, 7e-4])
@@ -151,17 +135,11 @@ def test_the_bands_of_the_document_are_drawn_as_they_stand() -> None:
 
 @pytest.mark.parametrize('form', [PAPER_NORMAL_FORM, SUPERCRITICAL])
 def test_the_measured_points_stand_where_they_were_measured(
-    form: NormalForm, document: Document, identified: Identified
+    form: NormalForm, identification: Make
 ) -> None:
-    one = identified(form)
-    entries = document(one)
-    result = Result(entries)
-    up = [x for x in entries['steady_states'] if x['direction'] == 'up']
-    for figure in (
-        hysteresis_loop(result),
-        diagram(one, result),
-        cubic_alone(form, result),
-    ):
+    one = identification(form)
+    up = [state for state in one.steady_states if state.direction == 'up']
+    for figure in (hysteresis_loop(one), identified_diagram(one)):
         points = [
             container.lines[0].get_xydata()
             for axes in figure.axes
@@ -169,33 +147,29 @@ def test_the_measured_points_stand_where_they_were_measured(
             if container.get_label() == 'speed up'
         ]
         assert len(points) == 1
-        expected = [(x['speed_mps'], 1e3 * x['amplitude_m']) for x in up]
+        expected = [(state.speed, 1e3 * state.amplitude) for state in up]
         np.testing.assert_allclose(points[0], expected, rtol=1e-12)
         assert '(m/s)' in words(figure)
         assert '(mm)' in words(figure)
 
 
-def test_the_hysteresis_loop_names_the_observed_speeds_and_the_panels(document: Document) -> None:
-    figure = hysteresis_loop(Result(document()), {'a': (6.0, 2e-5), 'd': (7.2, 6.3e-4)})
+def test_the_hysteresis_loop_names_the_observed_speeds_and_the_panels(
+    identification: Make,
+) -> None:
+    figure = hysteresis_loop(identification(), {'a': (6.0, 2e-5), 'd': (7.2, 6.3e-4)})
     text = words(figure)
     for part in ('$v_c$ observed\n7.70 m/s', '$v_n$ observed\n6.51 m/s', '(a)', '(d)'):
         assert part in text
+    nothing = identification(observed=ObservedCriticalSpeeds())
+    assert 'observed' not in words(hysteresis_loop(nothing))
 
 
-def test_an_observation_that_is_not_there_is_not_drawn(document: Document) -> None:
-    entries = document()
-    entries['observed'] = dict.fromkeys(entries['observed'])
-    assert 'observed' not in words(hysteresis_loop(Result(entries)))
-
-
-def test_the_widths_of_fig_11_are_those_of_the_form_and_of_the_jumps() -> None:
-    text = words(disturbance_from_width(PAPER_NORMAL_FORM, (6.5, 7.7), 1.5e-4))
-    assert '= 1.59 m/s' in text
-    assert '= 1.20 m/s' in text
-    assert 'disturbance 0.15 mm' in text
-    unknown = words(disturbance_from_width(PAPER_NORMAL_FORM, (None, 7.7), None))
-    assert 'width not known' in unknown
-    assert 'disturbance not known' in unknown
+def test_no_measured_point_is_cut_by_the_axis(identification: Make) -> None:
+    one = identification()
+    states = [replace(state, amplitude=0.0) for state in one.steady_states[:2]]
+    (axes, *_) = hysteresis_loop(replace(one, steady_states=states)).axes
+    low, high = axes.get_ylim()
+    assert -0.1 * high < low < 0.0
 
 
 # --- the run ----------------------------------------------------------------------------
@@ -220,7 +194,8 @@ def test_thinning_keeps_extremes_gaps_and_order(count: int, points: int, seed: i
 def test_the_overview_marks_the_events_at_their_time() -> None:
     stamps = np.arange(0, 100 * 10**9, 10**8)
     record = Record({'speed': Series(stamps, np.linspace(6.0, 8.0, stamps.size))}, 'a')
-    events = [RunEvent(40.0, 'limit_cycle', 'ERROR', 7.0, 6e-4, None, 'a')]
+    numbers = {'speed_mps': 7.0, 'amplitude_m': 6e-4}
+    events = [Event(40 * 10**9, 'limit_cycle', Level.ERROR, 0, '', '', '', numbers)]
     time = np.linspace(0.0, 100.0, 50)
     figure = run_overview(record, (time, 1e-4 + 0.0 * time), events, (6.4, 8.0))
     x, y = line(figure, 'limit cycle')
@@ -236,14 +211,12 @@ def test_a_stretch_that_cannot_be_analysed_says_so_panel_by_panel() -> None:
     stamps = np.arange(100) * 10_000_000
     short = Record({'lateral': Series(stamps, 1e-4 * np.sin(0.2 * np.arange(100)))}, 'short')
     response = response_of(short, 7.0)
-    assert response.lyapunov is None
-    assert 'Lyapunov exponent' in response.unknown
     assert 'not known' in words(response_panels(response, 'a'))
     lost = Record({'lateral': Series(stamps, np.full(100, np.nan))}, 'lost')
     response = response_of(lost, 7.0)
     assert list(response.unknown) == ['time history']
     assert response.kind == 'not known'
-    assert words(response_panels(response)).count('not known') == 5
+    assert words(response_panels(response)).count('not known') == 4
 
 
 def state(speed: float, direction: str, amplitude: float, **more: Any) -> SteadyState:
@@ -283,33 +256,3 @@ def test_either_side_of_v_c_are_settled_neighbours_on_the_way_up() -> None:
     assert [one.speed for one in pair] == [7.8, 8.2]
     assert either_side(states, None) is None
     assert either_side(states, 9.0) is None
-
-
-def test_the_frequency_law_is_that_of_the_waves_it_was_read_from() -> None:
-    # f = 2.8 Hz + slope A^2: four waves, and D4I follows from Eq. (25).
-    rate, slope, v_c, scales = 200.0, 5e5, 8.0, (0.0485, 1.0 / 25.91)
-    stamps = np.arange(0, int(40e9), int(1e9 / rate))
-    records, states = [], []
-    for k, amplitude in enumerate((3e-4, 4e-4, 5e-4, 6e-4, 7e-4)):
-        phase = 2.0 * np.pi * (2.8 + slope * amplitude**2) * stamps * 1e-9
-        name = f'run {k}'
-        records.append(Record({'lateral': Series(stamps, amplitude * np.cos(phase))}, name))
-        states.append(
-            replace(state(v_c, 'up', amplitude), source=name, start_ns=0, end_ns=int(stamps[-1]))
-        )
-    found = hunting_frequencies(records, states, 2.8, v_c, scales)
-    wanted = slope * (2.0 * scales[0]) ** 2 * 2.0 * np.pi * scales[1]
-    assert found.law.coefficients['D4I'].value == pytest.approx(wanted, rel=0.01)
-    np.testing.assert_allclose(found.amplitude, [one.amplitude for one in states], rtol=0.01)
-    with pytest.raises(IdentificationError, match='expected at least 4'):
-        hunting_frequencies(records, states[:3], 2.8, v_c, scales)
-
-
-def test_no_measured_point_is_cut_by_the_axis(document) -> None:
-    entries = document()
-    for state in entries['steady_states'][:2]:
-        state['amplitude_m'] = 0.0
-    figure = hysteresis_loop(Result(entries))
-    (axes, *_) = figure.axes
-    low, high = axes.get_ylim()
-    assert -0.1 * high < low < 0.0

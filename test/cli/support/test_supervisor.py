@@ -7,14 +7,14 @@ from pathlib import Path
 import pytest
 
 from hunt_ros.cli.main import main
-from hunt_ros.cli.support import suite
-from hunt_ros.cli.support.processes import Processes
+from hunt_ros.cli.support import suite, supervisor
+from hunt_ros.cli.support.supervisor import Supervisor
 from hunt_ros.suite import SIMULATOR, SOURCES
 
 
 def test_the_logs_of_another_run_are_not_overwritten(tmp_path: Path) -> None:
     pytest.importorskip('rclpy', reason='the extra ros is not installed')
-    runs = [Processes('rig', tmp_path / 'logs', private=True) for _ in range(3)]
+    runs = [Supervisor('rig', tmp_path / 'logs', private=True) for _ in range(3)]
     folders = {run.logs for run in runs}
     assert len(folders) == 3
     assert all(folder.is_dir() and folder.parent == tmp_path / 'logs' for folder in folders)
@@ -25,7 +25,7 @@ def test_two_simulated_rigs_on_one_machine_do_not_share_a_port(
 ) -> None:
     pytest.importorskip('rclpy', reason='the extra ros is not installed')
     started: list[dict] = []
-    monkeypatch.setattr(suite, 'start_console', lambda *given: None)
+    monkeypatch.setattr(supervisor.Supervisor, 'start', lambda *given: None)
     monkeypatch.setattr(suite, 'start_nodes', lambda *given: started.append(given[3]))
     words = ['run', '--simulated', '--duration', '1e-9', '--directory', str(tmp_path)]
     assert main(words) == 0

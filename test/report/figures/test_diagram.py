@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.dynamics.limit_cycle import Branch, limit_cycles
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.report.figures.bifurcation import (
+from hunt_ros.report.figures.diagram import (
     Curve,
-    Points,
     bifurcation_diagram,
     branch_curve,
     form_curve,
@@ -23,12 +23,13 @@ def branch() -> Branch:
 
 
 def test_lines_points_and_bands_are_all_there(branch: Branch) -> None:
-    paper = form_curve(PAPER_NORMAL_FORM, 6.0, 9.0, 'paper')
+    paper = form_curve(PAPER_NORMAL_FORM, 6.0, 9.0, 'paper', colour='#111111')
     v = np.linspace(7, 8, 5)
-    banded = Curve('banded', v, 0 * v, 5e-4 + 0 * v, (v, 4e-4 + 0 * v, 6e-4 + 0 * v))
-    points = Points('up', np.array([8.2, 8.4]), np.array([6.8e-4, 6.9e-4]), np.array([1e-5, 1e-5]))
+    edges = {'stable': (v, 4e-4 + 0 * v, 6e-4 + 0 * v)}
+    banded = Curve('banded', v, 0 * v, 5e-4 + 0 * v, bands=edges, colour='#222222')
+    states = [SteadyState(v, 6.8e-4, 1e-5, 'up', 60) for v in (8.2, 8.4)]
     figure = bifurcation_diagram(
-        [branch_curve(branch, 'full'), paper, banded], 6.0, 9.0, [points], critical_speed=8.0
+        [branch_curve(branch, 'full', colour='#000000'), paper, banded], 6.0, 9.0, {'': states}
     )
     axes = figure.axes[0]
     labels = [text.get_text() for text in axes.get_legend().get_texts()]

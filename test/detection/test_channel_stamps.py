@@ -8,25 +8,25 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hunt_ros.detection.merging.intake import AHEAD, BACKWARD, REPEATED, Intake
+from hunt_ros.detection.intake import AHEAD, BACKWARD, REPEATED, Channel
 
 SECOND = 1_000_000_000
 
 
-def _fed(stamps: list[int], cuts: list[int]) -> Intake:
-    intake = Intake(SECOND, SECOND)
+def _fed(stamps: list[int], cuts: list[int]) -> Channel:
+    channel = Channel(SECOND)
     array = np.array(stamps, dtype=np.int64)
     for begin, end in itertools.pairwise([0, *sorted(cuts), len(stamps)]):
         if end > begin:
-            intake.push(array[begin:end], np.arange(begin, end, dtype=np.float64))
-    intake.finish()
-    return intake
+            channel.push(array[begin:end], np.arange(begin, end, dtype=np.float64))
+    channel.finish()
+    return channel
 
 
-def _content(intake: Intake) -> list[list[tuple[int, float, int]]]:
+def _content(channel: Channel) -> list[list[tuple[int, float, int]]]:
     found = []
-    for queue in intake.queues:
-        stamps, values, marks = queue.take(2**62)
+    for queue in channel.queues:
+        stamps, values, marks, _ = queue.take(2**62)
         found.append(list(zip(stamps.tolist(), values.tolist(), marks.tolist(), strict=True)))
     return found
 
@@ -43,7 +43,7 @@ def test_any_blocks_give_the_same_samples_epochs_and_counts(steps, data) -> None
     stamps = (20 * SECOND + np.cumsum(steps) * 1_000_000).tolist() if steps else []
     cuts = data.draw(st.lists(st.integers(0, len(stamps)), max_size=20))
     whole, cut = _fed(stamps, []), _fed(stamps, cuts)
-    assert whole.counts == cut.counts
+    assert whole.refused == cut.refused
     assert _content(whole) == _content(cut)
 
 
@@ -51,11 +51,11 @@ def test_any_blocks_give_the_same_samples_epochs_and_counts(steps, data) -> None
 @given(steps=_STEPS)
 def test_believed_stamps_increase_and_every_sample_is_believed_or_counted(steps) -> None:
     stamps = (20 * SECOND + np.cumsum(steps) * 1_000_000).tolist() if steps else []
-    intake = _fed(stamps, [])
-    content = _content(intake)
+    channel = _fed(stamps, [])
+    content = _content(channel)
     for epoch in content:
         assert all(a[0] < b[0] for a, b in itertools.pairwise(epoch))
-    assert sum(map(len, content)) + intake.counts.total == len(stamps)
+    assert sum(map(len, content)) + channel.refused.total() == len(stamps)
 
 
 def test_the_next_sample_tells_what_was_refused() -> None:
@@ -79,7 +79,7 @@ def test_a_short_excursion_into_the_past_is_refused_and_a_lasting_one_is_a_new_e
     again = [forward[-1] + k * step for k in range(1, 50)]
     one = _fed([*forward, *short, *again], [])
     assert len(one.queues) == 1
-    assert one.counts.backward == 50
+    assert one.refused['backward'] == 50
     two = _fed([*forward, *lasting], [])
     assert [len(queue) for queue in two.queues] == [100, 150]
 
@@ -94,14 +94,14 @@ def _leap(by_s: int) -> list[int]:
 @settings(deadline=None, max_examples=30)
 @given(by_s=st.sampled_from([-3600, -5, 3, 3600]), cuts=st.lists(st.integers(0, 600), max_size=6))
 def test_a_clock_that_leaps_and_comes_back_goes_on_without_the_leap(by_s, cuts) -> None:
-    intake = _fed(_leap(by_s), cuts)
-    assert intake.returned_ns() == 24 * SECOND
-    intake.rejoin()
-    [content] = _content(intake)
+    channel = _fed(_leap(by_s), cuts)
+    assert channel.returned_ns() == 24 * SECOND
+    channel.rejoin()
+    [content] = _content(channel)
     expected = [20 * SECOND + k * SECOND // 100 for k in (*range(200), *range(400, 600))]
     assert [stamp for stamp, _, _ in content] == expected
     assert content[200][2] & (AHEAD if by_s > 0 else BACKWARD)
-    assert intake.counts.total == 200
+    assert channel.refused.total() == 200
 
 
 def test_a_clock_that_is_set_back_or_a_channel_that_was_off_has_not_leapt() -> None:

@@ -1,0 +1,458 @@
+"""Recordings as others make, merge and break them: nothing is read or copied wrong in silence."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+import struct
+import tracemalloc
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+from rosbags.typesys import Stores, get_typestore
+
+from hunt_ros.bag import Bag, read_columns, read_record, write_record
+from hunt_ros.bag.cdr.message_types import definition_text
+from hunt_ros.bag.inspection import inspect
+from hunt_ros.bag.metadata import quality_of_service
+from hunt_ros.bag.record_writer import serialise
+from hunt_ros.bag.repair import repair
+from hunt_ros.cli.main import main
+from hunt_ros.errors import BagError
+from hunt_ros.samples import Record, Series
+from hunt_ros.sensors import CHANNEL_FIELDS
+
+BEGIN_NS = 1_700_000_000_000_000_000
+JOINT_STATE = CHANNEL_FIELDS['lateral'][0]
+STORE = get_typestore(Stores.ROS2_JAZZY)
+CDR = b'\x00\x01\x00\x00'
+
+
+def problems(path: Path) -> list[str]:
+    """What is wrong but the size of the values, which count the messages here."""
+    found = inspect(path).problems
+    return [f'{one.kind}: {one.text}' for one in found if one.kind != 'wrong_unit']
+
+
+def counted(count: int) -> Record:
+    """Two channels whose values are their numbers."""
+    stamps = BEGIN_NS + np.arange(count) * 10_000_000
+    series = Series(stamps, np.arange(float(count)))
+    return Record({'lateral': series, 'speed': series})
+
+
+def joint_states(count: int, name: str = 'lateral', first: float = 0.0) -> list[bytes]:
+    stamps = BEGIN_NS + np.arange(count) * 10_000_000
+    rows = serialise(name, Series(stamps, first + np.arange(float(count))))
+    return [bytes(row) for row in rows]
+
+
+def renamed(messages: list[bytes], name: str) -> list[bytes]:
+    """JointStates of another joint."""
+    found = []
+    for raw in messages:
+        message = STORE.deserialize_cdr(raw, JOINT_STATE)
+        message.name = [name]
+        found.append(bytes(STORE.serialize_cdr(message, JOINT_STATE)))
+    return found
+
+
+class Peer:
+    """A file by the writer of the package mcap."""
+
+    def __init__(self, path: Path, **options) -> None:
+        self.path = path
+        self._file = path.open('wb')
+        self.writer = Writer(self._file, **options)
+        self.writer.start('ros2', 'another recorder')
+
+    def __enter__(self) -> Peer:
+        return self
+
+    def __exit__(self, *details) -> None:
+        self.writer.finish()
+        self._file.close()
+
+    def channel(self, topic: str, kind: str = JOINT_STATE, text: str | None = None, **more) -> int:
+        text = definition_text(kind)[0] if text is None else text
+        schema = self.writer.register_schema(kind, 'ros2msg', text.encode())
+        return self.writer.register_channel(topic, 'cdr', schema, more)
+
+    def add(self, channel: int, messages: list[bytes], step_ns: int = 10_000_000) -> None:
+        for row, message in enumerate(messages):
+            at = BEGIN_NS + row * step_ns
+            self.writer.add_message(channel, at, message, at + 17, row)
+
+
+@pytest.fixture
+def merged(tmp_path: Path) -> Path:
+    """Two days in one file: a type that grew in between, other encodings, an attachment."""
+    path = tmp_path / 'two.mcap'
+    with Peer(path, chunk_size=3000) as peer:
+        latched = quality_of_service(True).replace('durability: 1', 'durability: transient_local')
+        old = peer.channel('/old', 'my_msgs/msg/Pos', 'float64 x\nfloat64 y\n')
+        new = peer.channel(
+            '/new', 'my_msgs/msg/Pos', 'int64 id\nfloat64 x\nfloat64 y\n',
+            offered_qos_profiles=latched,
+        )  # fmt: skip
+        proto = peer.writer.register_schema('lab.Point', 'protobuf', bytes(range(128, 256)))
+        odd = peer.writer.register_channel('/proto', 'protobuf', proto)
+        bare = peer.writer.register_channel('/json', 'json', 0)
+        peer.add(old, [CDR + struct.pack('<dd', row, 2.0) for row in range(200)])
+        peer.add(new, [CDR + struct.pack('<qdd', 7, row, 3.0) for row in range(200)])
+        peer.add(odd, [b'\x01\x02'] * 10)
+        peer.add(bare, [b'{}'] * 10)
+        peer.writer.add_attachment(BEGIN_NS, BEGIN_NS, 'photo.png', 'image/png', b'picture')
+    return path
+
+
+def content(path: Path) -> tuple[set, set, set]:
+    """Messages, descriptions and attachments as the library of the format sees them."""
+    with path.open('rb') as file:
+        reader = make_reader(file, validate_crcs=True)
+        rows = {
+            (channel.topic, message.log_time, message.publish_time, message.sequence, message.data)
+            for _, channel, message in reader.iter_messages()
+        }
+        summary = reader.get_summary()
+        described = {
+            (
+                channel.topic, channel.message_encoding, tuple(channel.metadata.items()),
+                *((s.name, s.encoding, s.data) if (s := summary.schemas.get(channel.schema_id))
+                  else ()),
+            )
+            for channel in summary.channels.values()
+        }  # fmt: skip
+        attached = {(part.name, part.data) for part in reader.iter_attachments()}
+        assert summary.statistics.message_count == len(rows)
+    return rows, described, attached
+
+
+@pytest.mark.parametrize('cut', [0, 2500])
+def test_a_repaired_copy_holds_the_same_messages_types_and_attachments(merged, tmp_path, cut):
+    """Types of one name, publish times, sequence numbers, bytes of schemas: all as they were."""
+    whole = content(merged)
+    damaged = tmp_path / 'damaged.mcap'
+    damaged.write_bytes(merged.read_bytes()[: -cut or None])
+    report = repair(damaged, tmp_path / 'fixed')
+    found = content(next((tmp_path / 'fixed').glob('*.mcap')))
+    assert found[0] <= whole[0]
+    assert found[1] <= whole[1]
+    if not cut:
+        assert found == whole
+        assert report.lost_bytes == 0
+    values = read_columns(tmp_path / 'fixed', {'a': '/old.x', 'b': '/new.x'})
+    for name in 'ab':
+        np.testing.assert_array_equal(values[name].values, np.arange(len(values[name])))
+    assert len(values['a']) > 50
+    info = yaml.safe_load((tmp_path / 'fixed' / 'metadata.yaml').read_text())
+    topics = {
+        entry['topic_metadata']['name']: entry['topic_metadata']
+        for entry in info['rosbag2_bagfile_information']['topics_with_message_count']
+    }
+    assert topics['/old']['serialization_format'] == 'cdr'
+    if not cut:
+        assert topics['/proto']['serialization_format'] == 'protobuf'
+        (offered,) = yaml.safe_load(topics['/new']['offered_qos_profiles'])
+        assert offered['durability'] == 1
+
+
+@pytest.mark.parametrize('plugin', [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+@pytest.mark.parametrize('version', [8, 9])
+def test_a_repaired_copy_is_latched_where_the_recording_was(tmp_path, plugin, version) -> None:
+    never = QosTime(2147483647, 4294967295)
+    offered = Qos(
+        QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, never,
+        never, QosLiveliness.AUTOMATIC, never, False,
+    )  # fmt: skip
+    with RosbagsWriter(tmp_path / 'peer', version=version, storage_plugin=plugin) as writer:
+        key = writer.add_connection(
+            '/form', 'std_msgs/msg/String', typestore=STORE, offered_qos_profiles=[offered]
+        )
+        writer.write(key, BEGIN_NS, CDR + b'\x02\x00\x00\x00x\x00')
+    repair(tmp_path / 'peer', tmp_path / 'fixed')
+    with AnyReader([tmp_path / 'fixed']) as reader:
+        (profile,) = reader.connections[0].ext.offered_qos_profiles
+    assert profile.durability == QosDurability.TRANSIENT_LOCAL
+
+
+@pytest.mark.parametrize('share', [0.3, 0.9])
+def test_a_disk_that_refuses_ends_the_repair(tmp_path, monkeypatch, capsys, share) -> None:
+    """What could not be written is not what could not be read: the original stays needed."""
+    from hunt_ros.bag.mcap import writer as module
+
+    folder = tmp_path / 'run'
+    folder.mkdir()
+    for number in range(3):
+        with Peer(folder / f'run_{number}.mcap') as peer:
+            peer.add(peer.channel('/rig/lateral'), joint_states(500))
+    room = int(share * sum(file.stat().st_size for file in folder.iterdir()))
+    write = module._write
+    left = [room]
+
+    def refuse(file, raw, end):
+        left[0] -= len(raw)
+        if left[0] < 0:
+            raise OSError(28, 'No space left on device')
+        write(file, raw, end)
+
+    monkeypatch.setattr(module, '_write', refuse)
+    assert main(['info', str(folder), '--repair', str(tmp_path / 'saved')]) == 2
+    assert 'No space left' in capsys.readouterr().err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['run']
+
+
+def test_a_repair_that_leaves_a_file_out_says_so_with_its_exit_code(tmp_path) -> None:
+    folder = tmp_path / 'run'
+    folder.mkdir()
+    with Peer(folder / 'run_0.mcap') as peer:
+        peer.add(peer.channel('/rig/lateral'), joint_states(50))
+    (folder / 'run_1.mcap').write_bytes(b'no recording at all')
+    assert main(['info', str(folder), '--repair', str(tmp_path / 'saved')]) == 1
+
+
+@pytest.mark.parametrize('plugin', [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+def test_messages_compressed_one_by_one_need_no_description(by_rosbags, tmp_path, plugin) -> None:
+    """A recorder that was killed leaves them without its metadata.yaml."""
+    path = tmp_path / 'peer'
+    file = by_rosbags(path, counted(30), 8, plugin, CompressionMode.MESSAGE)
+    (path / 'metadata.yaml').unlink()
+    found = read_record(file)
+    np.testing.assert_array_equal(found['lateral'].values, np.arange(30.0))
+    assert problems(file) == []
+    assert repair(path, tmp_path / 'saved').messages == 60
+    with AnyReader([tmp_path / 'saved']) as reader:
+        for connection, _, raw in reader.messages():
+            reader.deserialize(raw, connection.msgtype)
+    np.testing.assert_array_equal(
+        read_record(tmp_path / 'saved')['speed'].values, found['speed'].values
+    )
+
+
+def test_a_topic_of_two_publishers_has_no_jump_of_the_clock(tmp_path) -> None:
+    with Peer(tmp_path / 'a.mcap') as peer:
+        both = [
+            peer.writer.register_channel(
+                '/rig/lateral', 'cdr',
+                peer.writer.register_schema(JOINT_STATE, 'ros2msg',
+                                            definition_text(JOINT_STATE)[0].encode()),
+                {'publisher': str(number)},
+            )
+            for number in range(2)
+        ]  # fmt: skip
+        speed = peer.channel('/rig/speed', CHANNEL_FIELDS['speed'][0])
+        rows = zip(joint_states(300), joint_states(300, 'speed'), strict=True)
+        for row, (lateral, moving) in enumerate(rows):
+            at = BEGIN_NS + row * 10_000_000
+            peer.writer.add_message(both[row % 2], at, lateral, at)
+            peer.writer.add_message(speed, at, moving, at)
+    assert problems(tmp_path / 'a.mcap') == []
+    np.testing.assert_array_equal(
+        read_record(tmp_path / 'a.mcap')['lateral'].values, np.arange(300.0)
+    )
+
+
+def without_channels(path: Path, topic: bytes) -> None:
+    """Take the description of a topic out of an unchunked file, which then has no summary."""
+    data, out, position = path.read_bytes(), bytearray(b'\x89MCAP0\r\n'), 8
+    while data[position] != 0x0F:
+        (length,) = struct.unpack_from('<Q', data, position + 1)
+        record = data[position : position + 9 + length]
+        if not (record[0] == 4 and topic in record):
+            out += record
+        position += 9 + length
+    out += struct.pack('<BQI', 0x0F, 4, 0) + struct.pack('<BQQQI', 2, 20, 0, 0, 0)
+    path.write_bytes(out + b'\x89MCAP0\r\n')
+
+
+def test_messages_that_nothing_describes_are_missed(tmp_path) -> None:
+    file = tmp_path / 'a.mcap'
+    with Peer(file, use_chunking=False) as peer:
+        for name in ('lateral', 'speed'):
+            peer.add(peer.channel(f'/rig/{name}', CHANNEL_FIELDS[name][0]), joint_states(50, name))
+    without_channels(file, b'/rig/speed')
+    assert any('50 messages' in text and 'described nowhere' in text for text in problems(file))
+    without_channels(file, b'/rig/lateral')
+    assert any('100 messages' in text for text in problems(file))
+
+
+def change(file: Path, *orders: str) -> None:
+    with sqlite3.connect(file) as base:
+        for order in orders:
+            base.execute(order)
+    base.close()
+
+
+def test_messages_of_an_sqlite_topic_that_is_gone_are_missed(by_rosbags, tmp_path) -> None:
+    file = by_rosbags(tmp_path / 'peer', counted(50))
+    change(file, "DELETE FROM topics WHERE name = '/rig/speed'")
+    assert any('50 messages' in text and 'described nowhere' in text for text in problems(file))
+
+
+@pytest.mark.parametrize('claimed', [5, 4000])
+def test_a_count_that_differs_from_the_description_is_told(by_rosbags, tmp_path, claimed) -> None:
+    file = by_rosbags(tmp_path / 'peer', counted(50))
+    about = file.parent / 'metadata.yaml'
+    about.write_text(about.read_text().replace('message_count: 100', f'message_count: {claimed}'))
+    (problem,) = problems(file.parent)
+    assert '100 messages' in problem
+    assert str(claimed) in problem
+
+
+@pytest.mark.parametrize('field', ['', '.position[lateral]'])
+def test_joints_of_several_publishers_on_one_topic_are_told_apart(tmp_path, field) -> None:
+    with Peer(tmp_path / 'a.mcap') as peer:
+        key = peer.channel('/joint_states')
+        lateral, yaw = joint_states(60), renamed(joint_states(60, first=1000.0), 'yaw')
+        mixed = [part for pair in zip(lateral, yaw, strict=True) for part in pair]
+        peer.add(key, mixed, step_ns=5_000_000)
+    found = read_columns(tmp_path / 'a.mcap', {'lateral': f'/joint_states{field}'})['lateral']
+    np.testing.assert_array_equal(found.values, np.arange(60.0))
+    with pytest.raises(BagError, match=r"no joint 'roll', .*yaw"):
+        read_columns(tmp_path / 'a.mcap', {'x': '/joint_states.position[roll]'})
+
+
+@pytest.mark.parametrize('options', [{}, {'use_chunking': False}], ids=['chunks', 'none'])
+def test_one_message_with_an_impossible_time_closes_no_channel(tmp_path, options) -> None:
+    file = tmp_path / 'a.mcap'
+    with Peer(file, compression=CompressionType.NONE, enable_crcs=False, **options) as peer:
+        for name in ('lateral', 'speed'):
+            peer.add(peer.channel(f'/rig/{name}', CHANNEL_FIELDS[name][0]), joint_states(90, name))
+    data = bytearray(file.read_bytes())
+    stamp = struct.pack('<QQ', BEGIN_NS + 420_000_000, BEGIN_NS + 420_000_017)
+    at = data.index(stamp)
+    data[at : at + 8] = ((1 << 63) + 5).to_bytes(8, 'little')
+    file.write_bytes(data)
+    values = read_record(file)['lateral'].values
+    np.testing.assert_array_equal(values, np.delete(np.arange(90.0), 42))
+    assert any('impossible time' in text for text in problems(file))
+
+
+def test_one_sqlite_message_with_an_impossible_time_closes_no_channel(
+    by_rosbags, tmp_path
+) -> None:
+    file = by_rosbags(tmp_path / 'peer', counted(50))
+    change(file, 'UPDATE messages SET timestamp = -5 WHERE id = 7')
+    assert sum(len(series) for series in read_record(file).values()) == 99
+    assert any('impossible time' in text for text in problems(file))
+    assert repair(file, tmp_path / 'saved').messages == 99
+
+
+def test_a_chunk_without_messages_does_not_begin_the_recording_in_1970(tmp_path) -> None:
+    file = tmp_path / 'a.mcap'
+    with Peer(file, compression=CompressionType.NONE) as peer:
+        peer.add(peer.channel('/rig/lateral'), joint_states(50))
+    data = file.read_bytes()
+    head = struct.unpack_from('<Q', data, 9)[0] + 17
+    text = b'float64 x\n'
+    schema = struct.pack('<HI', 9, 1) + b'a' + struct.pack('<I', 0) + struct.pack('<I', len(text))
+    inner = struct.pack('<BQ', 3, len(schema + text)) + schema + text
+    body = struct.pack('<QQQIIQ', 0, 0, len(inner), zlib.crc32(inner), 0, len(inner)) + inner
+    chunk = struct.pack('<BQ', 6, len(body)) + body
+    file.write_bytes(data[:head] + chunk + data[head:])
+    with Bag(file) as bag:
+        assert bag.span_ns == (BEGIN_NS, BEGIN_NS + 490_000_000)
+
+
+def test_files_named_in_a_folder_below_are_found(tmp_path) -> None:
+    with Peer(tmp_path / 'a.mcap') as peer:
+        peer.add(peer.channel('/rig/lateral'), joint_states(50))
+    folder = write_record(tmp_path / 'run', read_record(tmp_path / 'a.mcap'))
+    (folder / 'data').mkdir()
+    (folder / 'run_0.mcap').rename(folder / 'data' / 'run_0.mcap')
+    about = folder / 'metadata.yaml'
+    about.write_text(about.read_text().replace('run_0.mcap', 'data/run_0.mcap'))
+    assert len(read_record(folder)['lateral']) == 50
+
+
+def empty_headers(messages: list[bytes], rows: list[int], stamp: bytes = bytes(8)) -> list[bytes]:
+    return [
+        message[:4] + stamp + message[12:] if row in rows else message
+        for row, message in enumerate(messages)
+    ]
+
+
+def test_an_empty_stamp_is_the_log_time_of_its_message(tmp_path) -> None:
+    """A sensor that publishes before its clock is there."""
+    with Peer(tmp_path / 'a.mcap') as peer:
+        lateral = empty_headers(joint_states(90), [0, 1, 2])
+        peer.add(peer.channel('/rig/lateral'), lateral)
+        peer.add(peer.channel('/rig/speed', CHANNEL_FIELDS['speed'][0]), joint_states(90, 'speed'))
+    found = read_record(tmp_path / 'a.mcap')
+    expected = BEGIN_NS + np.arange(90) * 10_000_000
+    np.testing.assert_array_equal(found['lateral'].stamps_ns, expected)
+    assert found.duration_s == pytest.approx(0.89)
+
+
+def test_a_record_far_longer_than_it_was_recorded_is_refused(tmp_path) -> None:
+    with Peer(tmp_path / 'a.mcap') as peer:
+        lateral = empty_headers(joint_states(90), [40], struct.pack('<iI', 7, 0))
+        peer.add(peer.channel('/rig/lateral'), lateral)
+        peer.add(peer.channel('/rig/speed', CHANNEL_FIELDS['speed'][0]), joint_states(90, 'speed'))
+    for channels in ({}, {'speed': 6.0}):
+        with pytest.raises(BagError, match='lateral: a stamp of 7'):
+            read_record(tmp_path / 'a.mcap', channels)
+    assert any('lateral: a stamp of 7' in text for text in problems(tmp_path / 'a.mcap'))
+
+
+def test_times_of_a_simulation_are_times(tmp_path) -> None:
+    """Stamps that begin at zero and run 50 times as fast as the recorder's clock."""
+    stamps = np.arange(1, 3000) * 500_000_000
+    with Peer(tmp_path / 'a.mcap') as peer:
+        rows = serialise('lateral', Series(stamps, np.arange(float(stamps.size))))
+        peer.add(peer.channel('/rig/lateral'), [bytes(row) for row in rows])
+    record = read_record(tmp_path / 'a.mcap')
+    np.testing.assert_array_equal(record['lateral'].stamps_ns, stamps)
+    assert Record(record).duration_s > 1000.0
+
+
+def test_what_was_wrong_with_the_original_is_not_wrong_with_what_was_made_of_it(
+    by_rosbags, tmp_path
+) -> None:
+    file = by_rosbags(tmp_path / 'peer', counted(50))
+    change(file, 'UPDATE messages SET timestamp = -5 WHERE id = 7')
+    record = read_record(file)
+    assert 'impossible time' in record.notes['problems']
+    again = write_record(tmp_path / 'again', record)
+    assert 'problems' not in read_record(again).notes
+    assert 'impossible time' in read_record(again).notes['source_problems']
+    assert problems(again) == []
+
+
+def test_a_dangling_link_and_a_pipe_in_a_folder_are_passed_over(tmp_path) -> None:
+    with Peer(tmp_path / 'a.mcap') as peer:
+        peer.add(peer.channel('/rig/lateral'), joint_states(50))
+    (tmp_path / 'b.mcap').symlink_to(tmp_path / 'nowhere.mcap')
+    os.mkfifo(tmp_path / 'c.mcap')
+    assert len(read_record(tmp_path)['lateral']) == 50
+    with pytest.raises(BagError, match='not a file'):
+        read_record(tmp_path / 'c.mcap')
+
+
+def test_a_file_without_chunks_is_walked_in_little_memory(tmp_path) -> None:
+    """An hour at 1 kHz has 8 million messages of them."""
+    count = 20_000
+    with Peer(tmp_path / 'a.mcap', use_chunking=False) as peer:
+        peer.add(peer.channel('/rig/lateral'), joint_states(100) * (count // 100), step_ns=10)
+    tracemalloc.start()
+    with Bag(tmp_path / 'a.mcap') as bag:
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert bag.topics['/rig/lateral'].messages == count
+    assert peak < 100 * count

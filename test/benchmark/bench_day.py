@@ -1,0 +1,213 @@
+"""
+Measure the detector on random rigs and days: false alarms, misses, delays, flips, contradictions.
+
+    python test/benchmark/bench_day.py [--days 500] [--first 0] [--worst 10]
+
+Each day follows from its seed (`day_rigs`): `--first 17 --days 1` repeats day 17. Recordings of
+a wing that rests or cycles at one speed are run as well where they are (`shared/data/wing`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from day_rigs import Day, random_day
+from numpy.typing import NDArray
+
+from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect
+from hunt_ros.detection.output import Output
+from hunt_ros.estimation.tracker_config import REFERENCE_HZ
+from hunt_ros.samples import Record, Series
+
+WING = Path(__file__).parents[2] / 'shared' / 'data' / 'wing'
+
+#: Periods: a cycle that lasts shorter need not be said; ERROR may begin and end as much off the
+#: truth; what is steady for a while is.
+LASTS, OFF, STEADY = 20.0, 4.0, 10.0
+#: In the cycle above this part of the stable branch; out of it below this part of what it was.
+IN, OUT = 0.85, 0.35
+#: A cycle that stands less clear of the quiet motion is none that anybody could tell from it.
+CLEAR = 5.0
+_HUNTING = (State.ESCAPING, State.LIMIT_CYCLE)
+
+_B = NDArray[np.bool_]
+
+
+@dataclass
+class Marks:
+    """What came of one day; times in seconds of a rig of the reference frequency."""
+
+    sound_s: float = 0.0
+    false_s: float = 0.0
+    false_alarms: int = 0
+    cycles: int = 0
+    missed: int = 0
+    delays: list[float] = field(default_factory=list)
+    flips: int = 0
+    ok_in_doubt_s: float = 0.0
+    contradictions: list[str] = field(default_factory=list)
+
+    @property
+    def bad(self) -> int:
+        """How many things went wrong."""
+        return self.false_alarms + self.missed + self.flips + len(self.contradictions)
+
+    def add(self, other: Marks) -> None:
+        """Sum up."""
+        for name, value in vars(other).items():
+            setattr(self, name, getattr(self, name) + value)
+
+
+def truth(day: Day) -> tuple[list[tuple[int, int, int]], _B]:
+    """
+    Return the cycles as (rising, arrived, left), places in `day.t`, and where ERROR is not false.
+
+    An alarm is not false while it grows on its way to the cycle, within it, while it dies out,
+    beyond v_c, and near the unstable branch, where the noise decides.
+    """
+    a = day.amplitude
+    unstable, stable = day.rig.branches(day.speed)
+    quiet = day.rig.quiet * day.rig.scale
+    near = np.nan_to_num(a > 0.7 * unstable) | (day.speed > 0.99 * day.rig.v_c)
+    if day.rig.fold:  # beside the fold it lingers for long, as if it cycled
+        near |= (day.speed > 0.97 * day.rig.v_c * (1.0 - day.rig.fold)) & (a > 0.5 * day.rig.scale)
+    allowed = near.copy()
+    cycles = []
+    k, n = 0, a.size
+    while k < n:
+        if not (a[k] > IN * stable[k] and stable[k] > CLEAR * quiet):
+            k += 1
+            continue
+        arrived, size = k, a[k]
+        while k < n and a[k] > OUT * size:
+            size += 0.02 * (a[k] - size)
+            k += 1
+        before = np.flatnonzero(a[:arrived] < max(0.2 * a[arrived], 2.0 * quiet))
+        begun = int(before[-1]) if before.size else 0
+        cycles.append((begun, arrived, k))
+        over = np.flatnonzero(a[k:] < max(0.1 * size, 3.0 * quiet))
+        allowed[begun : k + int(over[0]) if over.size else n] = True
+    return cycles, allowed
+
+
+def judged(day: Day, output: Output) -> Marks:
+    """Compare what was said with the truth."""
+    marks, rows, t = Marks(), output.estimates, day.t
+    unit = day.rig.hz / REFERENCE_HZ  # seconds of this rig to those of the reference
+    step = float(t[1] - t[0])
+    place = np.searchsorted(rows['stamp_ns'], t * 1e9, side='right') - 1
+    level = rows['level'][np.maximum(place, 0)]
+    level[place < 0] = Level.STALE
+    error = level == Level.ERROR
+    cycles, allowed = truth(day)
+    margin = max(1, round(OFF / day.rig.hz / step))
+    wide = np.convolve(allowed, np.ones(2 * margin + 1), mode='same') > 0
+    sound = t < day.fault_s
+    false = error & ~wide & sound
+    marks.sound_s = unit * step * float(np.count_nonzero(sound))
+    marks.false_s = unit * step * float(np.count_nonzero(false))
+    marks.false_alarms = int(np.count_nonzero(np.diff(false.astype(np.int8), prepend=0) > 0))
+    for begun, arrived, left in cycles:
+        span = slice(arrived, left)
+        doubt = np.count_nonzero(level[span] == Level.OK)
+        marks.ok_in_doubt_s += unit * step * float(doubt)
+        if (t[left - 1] - t[arrived]) * day.rig.hz < LASTS or t[left - 1] > day.fault_s:
+            continue
+        marks.cycles += 1
+        said = np.flatnonzero(error[begun:left])
+        if not said.size:
+            marks.missed += 1
+            continue
+        marks.delays.append(unit * step * float(begun + said[0] - arrived))
+        held = error[begun + said[0] : max(left - margin, arrived)]
+        marks.flips += int(np.count_nonzero(np.diff(held.astype(np.int8)) < 0))
+    marks.contradictions = list(contradicting(output))
+    return marks
+
+
+def contradicting(output: Output) -> Iterator[str]:
+    """Yield the events whose word their own numbers contradict."""
+    for event in output.events:
+        chance = event.numbers.get('escape_probability', math.nan)
+        growth, std = event.growth_rate_per_s, event.numbers.get('growth_rate_std_per_s', 0.0)
+        at = f'{event.stamp_ns * 1e-9:.1f} s {event.event}: '
+        if event.event == 'limit_cycle' and event.test == 'stable_amplitude' and chance < 0.05:
+            yield f'{at}P {chance:.2f}'
+        if event.event == 'escaping' and 'grows' in event.cause and growth + 2.0 * std < 0.0:
+            yield f'{at}growth rate {growth:.2f} +/- {std:.2f}'
+        if event.event == 'decaying' and chance > 0.5 and growth > 0.0:
+            yield f'{at}P {chance:.2f}, growth rate {growth:.2f}'
+
+
+def lived(day: Day) -> tuple[Marks, Output]:
+    """Run the detector over a day."""
+    output = detect(HuntingDetector(day.config, day.form), day.record)
+    return judged(day, output), output
+
+
+def wing() -> None:
+    """Print what is said of the recordings of a wing."""
+    for path in sorted(WING.glob('*.npz')):
+        data = np.load(path)
+        stamps = np.round(data['t'] * 1e9).astype(np.int64)
+        names = ('lateral', 'yaw', 'speed')
+        record = Record({name: Series(stamps, data[name]) for name in names})
+        config = DetectorConfig(channels=names, lines=(), hunting_frequency_hz=4.0)
+        output = detect(HuntingDetector(config), record)
+        step = float(np.median(np.diff(output.estimates['stamp_ns']))) * 1e-9
+        error = step * float(np.count_nonzero(output.estimates['level'] == Level.ERROR))
+        words = [f'{e.stamp_ns * 1e-9:.0f} {e.event}' for e in output.events]
+        kept = [
+            word for word in words if word.split()[1] in ('escaping', 'limit_cycle', 'decaying')
+        ]
+        print(f'wing {path.stem}: {data["t"][-1]:.0f} s, ERROR {error:.0f} s; {", ".join(kept)}')
+
+
+def main() -> int:
+    """Run the days that were asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser.add_argument('--days', type=int, default=500)
+    parser.add_argument('--first', type=int, default=0, help='seed of the first day')
+    parser.add_argument('--worst', type=int, default=10, help='days that are named')
+    asked = parser.parse_args()
+    kinds: dict[str, Marks] = {}
+    found = []
+    for seed in range(asked.first, asked.first + asked.days):
+        day = random_day(seed)
+        marks, output = lived(day)
+        told = 'form' if day.form else 'no form'
+        for name in ('all', told, day.fault or 'sound', day.kind):
+            kinds.setdefault(name, Marks()).add(marks)
+        found.append((marks.bad, day.title, marks))
+        if asked.days == 1:
+            for event in output.events:
+                print(f'{event.stamp_ns * 1e-9:8.2f} {event.event}: {event.cause}')
+    for _, title, marks in sorted(found, key=lambda one: -one[0])[: asked.worst]:
+        print(
+            f'{title}\n    false {marks.false_alarms} ({marks.false_s:.1f} s), missed'
+            f' {marks.missed} of {marks.cycles}, flips {marks.flips}, OK in doubt'
+            f' {marks.ok_in_doubt_s:.1f} s, {"; ".join(marks.contradictions)}'
+        )
+    head = ('hours', 'false alarms', 'ERROR s', 'cycles', 'missed', 's, median', '90 %')
+    print('\n| days | ' + ' | '.join((*head, 'flips', 'OK in doubt, s', 'contradict')) + ' |')
+    print('|' + '---|' * 11)
+    for name, marks in kinds.items():
+        delays = np.array(marks.delays or [math.nan])
+        print(
+            f'| {name} | {marks.sound_s / 3600.0:.1f} | {marks.false_alarms} | {marks.false_s:.0f}'
+            f' | {marks.cycles} | {marks.missed} | {np.median(delays):.1f}'
+            f' | {np.quantile(delays, 0.9):.1f} | {marks.flips} | {marks.ok_in_doubt_s:.0f}'
+            f' | {len(marks.contradictions)} |'
+        )
+    wing()
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,130 @@
+"""What a verb writes is there whole or not at all; what it prints passes any pipe and terminal."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hunt_ros.bag import BagWriter, read_record, write_record
+from hunt_ros.bag.record_writer import serialise
+from hunt_ros.cli.main import main, parser_of
+from hunt_ros.cli.replay import read
+from hunt_ros.cli.support.live_replay import _player
+from hunt_ros.errors import HuntError
+from hunt_ros.files import write_whole
+from hunt_ros.samples import Record, Series
+from hunt_ros.sensors import CHANNEL_FIELDS
+
+STAMPS = 10**18 + np.arange(500) * 10_000_000
+
+
+def test_a_disk_that_refuses_leaves_what_was_there(tmp_path: Path, monkeypatch) -> None:
+    file = tmp_path / 'form.yaml'
+    file.write_text('good')
+    write = Path.write_bytes
+
+    def half(path: Path, raw: bytes) -> int:
+        write(path, raw[: len(raw) // 2])
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(Path, 'write_bytes', half)
+    with pytest.raises(HuntError, match='No space left'):
+        write_whole(file, 'a new one' * 100)
+    assert file.read_text() == 'good'
+    assert [path.name for path in tmp_path.iterdir()] == ['form.yaml']
+
+
+def test_every_file_of_a_verb_goes_through_the_one_door() -> None:
+    """A verb that writes in place loses what stood there when the disk is full."""
+    root = Path(__file__).parents[2] / 'hunt_ros'
+    found = [
+        f'{path.name}:{number}'
+        for path in [*(root / 'cli').glob('*.py'), root / 'cli/support/output.py',
+                     *(root / 'report').rglob('*.py')]
+        for number, line in enumerate(path.read_text().splitlines(), 1)
+        if '.write_text(' in line and path.name != 'demo.py'
+    ]  # fmt: skip
+    assert found == []
+
+
+@pytest.fixture
+def daq(tmp_path: Path) -> Path:
+    """A foreign recording with a decoy: a topic `lateral` that stands still."""
+    with BagWriter(tmp_path / 'daq') as bag:
+        for topic, values in (
+            ('/daq/lateral_1', 0.1 * np.sin(np.arange(500.0))),
+            ('/rig/lateral', np.zeros(500)),
+            ('/daq/moving', np.full(500, 7.0)),
+        ):
+            channel = 'speed' if 'moving' in topic else 'lateral'
+            key = bag.topic(topic, CHANNEL_FIELDS[channel][0])
+            rows = serialise(channel, Series(STAMPS, values))
+            for at, raw in zip(STAMPS.tolist(), rows, strict=True):
+                bag.write(key, at, bytes(raw))
+    (tmp_path / 'map.yaml').write_text(
+        'lateral: /daq/lateral_1.position[0]*0.001\nspeed: /daq/moving\n'
+    )
+    (tmp_path / 'rig.yaml').write_text(
+        '/**:\n  ros__parameters:\n    sources:\n'
+        '      - lateral=/daq/lateral_1.position[0]*0.001\n      - speed=/daq/moving\n'
+    )
+    return tmp_path / 'daq'
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        ['--mapping', 'map.yaml'],
+        ['--rig', 'rig.yaml'],
+        ['--mapping', 'map.yaml', '--channel', 'speed=6.5'],
+        ['--channel', 'lateral=/daq/lateral_1.position[0]*0.001', '--channel', 'speed=7'],
+    ],
+)
+def test_a_live_replay_plays_what_the_offline_one_reads(daq, monkeypatch, words) -> None:
+    monkeypatch.chdir(daq.parent)
+    arguments = parser_of('replay').parse_args(['replay', str(daq), '--live', *words])
+    offline = read(arguments)
+    live = read_record(daq, _player(arguments)['channels'])
+    assert set(live) == set(offline)
+    for name, series in offline.items():
+        np.testing.assert_array_equal(live[name].values, series.values)
+
+
+def test_a_terminal_without_the_signs_of_a_name_prints_all_the_same(tmp_path: Path) -> None:
+    record = Record({'lateral': Series(STAMPS, np.sin(np.arange(500.0)))}, '', {'rig': 'ä ☃'})
+    bag = write_record(tmp_path / 'ke ä ☃', record)
+    program = 'from hunt_ros.cli.main import main; raise SystemExit(main())'
+    ended = subprocess.run(
+        [sys.executable, '-c', program, 'info', str(bag)],
+        capture_output=True,
+        encoding='latin-1',
+        env={**os.environ, 'PYTHONIOENCODING': 'latin-1'},
+    )
+    assert 'Traceback' not in ended.stderr
+    assert ended.returncode == 1, ended.stderr
+    assert 'ke ä ?' in ended.stdout
+
+
+def test_an_empty_list_of_a_setting_is_empty(tmp_path: Path) -> None:
+    from hunt_ros.cli.support.settings_file import read_settings
+    from hunt_ros.detection import DetectorConfig
+
+    assert read_settings(DetectorConfig, 'hunting_detector', (), ['lines=']).lines == ()
+
+
+def test_a_check_into_a_closed_pipe_is_no_failure(tmp_path: Path, monkeypatch) -> None:
+    from hunt_ros.cli import check
+
+    def closed(findings) -> None:
+        raise SystemExit(1)
+
+    series = {name: Series(STAMPS, np.full(500, 1e-3)) for name in ('lateral', 'speed')}
+    bag = write_record(tmp_path / 'run', Record(series))
+    monkeypatch.setattr(check, '_tell', closed)
+    monkeypatch.setattr(sys, 'stderr', open(os.devnull, 'w'))  # noqa: SIM115
+    assert main(['check', str(bag)]) == 0

@@ -1,0 +1,40 @@
+"""Random rigs and days of a simulator of other make: rates over seeds; `bench_day` has more."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / 'benchmark'))
+from bench_day import Marks, lived, truth
+from day_rigs import KINDS, random_day
+
+
+def test_a_day_is_that_of_its_seed() -> None:
+    first, again = random_day(5), random_day(5)
+    assert (first.record['lateral'].values == again.record['lateral'].values).all()
+    cycles, allowed = truth(first)
+    assert cycles[0][1] == 0, 'it begins in the limit cycle'
+    assert allowed[0]
+
+
+def test_days_of_random_rigs() -> None:
+    total = Marks()
+    for seed in range(2 * len(KINDS)):
+        total.add(lived(random_day(seed))[0])
+    assert total.cycles >= 5
+    assert total.missed == 0
+    assert total.false_alarms <= 1
+    assert total.flips <= 1
+    assert total.ok_in_doubt_s < 1.0
+    assert not total.contradictions
+
+
+@pytest.mark.parametrize('seed', [8, 49, 57])
+def test_a_line_that_passes_the_hunting_frequency_is_no_hunting(seed: int) -> None:
+    # On these days it resonates on the way, and the filter gives it to the hunting.
+    marks, _ = lived(random_day(seed))
+    assert marks.false_alarms == 0
+    assert marks.missed == 0

@@ -1,0 +1,120 @@
+"""What is seen without a model, beside the truth that it must hold."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+from hunt_ros.identification import identify
+from hunt_ros.identification.bracket import Bracket, bracket_of, contradicts, refutations
+from hunt_ros.identification.growth_law import GrowthLaw, GrowthScales, lawful
+from hunt_ros.identification.normal_form_map import from_normal_form
+from hunt_ros.identification.preparation import Recording, runs_in
+from hunt_ros.identification.settings import IdentificationSettings
+
+V_N = PAPER_NORMAL_FORM.nonlinear_critical_speed
+SCALES = GrowthScales(7.4, 7e-4, 0.0485, 1.0 / 25.91, 2.84)
+LAW = GrowthLaw(lawful(from_normal_form(PAPER_NORMAL_FORM, SCALES)), SCALES)
+SOFT = replace(PAPER_NORMAL_FORM, D4=-2000.0, D10=0.0)
+
+
+def seen_in(*records):
+    settings = IdentificationSettings()
+    runs = [
+        run
+        for record in records
+        for run in runs_in(Recording(record, 1, settings), record.source, False, 2.835, 0.0)[0]
+    ]
+    return bracket_of([run.seen for run in runs], [run.kicked for run in runs])
+
+
+def held(make, speed, kick, seed, form=PAPER_NORMAL_FORM):
+    kicks = [(25.0, kick)] if kick else []
+    return make(lambda t: np.full_like(t, speed), 90.0, seed, form=form, forcing=4e-6, kicks=kicks)
+
+
+def kicked_holds(make, seed, form=PAPER_NORMAL_FORM):
+    """Kicks beyond the fold at six speeds, up from below it."""
+    return [
+        held(make, v, 7e-4, 100 * seed + k, form)
+        for k, v in enumerate((5.8, 6.1, 6.3, 6.6, 6.9, 7.2))
+    ]
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_kicks_at_held_speeds_bracket_the_fold(make, seed):
+    seen = seen_in(*kicked_holds(make, seed))
+    low, high = seen.v_n
+    assert low <= V_N <= high
+    assert high - low < 0.6
+    assert 6.3 < seen.coexistence[0] <= seen.coexistence[1] == pytest.approx(7.2, abs=0.05)
+    assert seen.v_c == pytest.approx(7.2, rel=0.01)
+    for speed, above, below in seen.unstable:
+        unstable = float(PAPER_NORMAL_FORM.unstable_amplitude(speed))
+        assert not above > unstable
+        assert not below < unstable
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_a_sweep_brackets_the_fold_and_shows_coexistence(records, make, seed):
+    up_and_down = np.interp
+    sweep = make(
+        lambda t: up_and_down(t, [0, 240, 480], [6.0, 8.8, 6.0]), 500.0, seed, forcing=4e-6
+    )
+    seen = seen_in(sweep)
+    low, high = seen.v_n
+    assert low <= V_N <= high
+    assert high - low < 0.5
+    assert seen.v_c <= 8.0
+    assert seen.began == pytest.approx(8.1, abs=0.25)
+    assert seen.coexistence is not None
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_a_supercritical_rig_rests_and_cycles_at_no_speed(make, seed):
+    steps = np.repeat([7.6, 7.8, 8.0, 8.2, 8.4, 8.6, 8.4, 8.2, 8.0, 7.8, 7.6], 40)
+    record = make(
+        lambda t: np.interp(t, np.arange(steps.size), steps), 439.0, seed, form=SOFT, forcing=4e-6
+    )
+    seen = seen_in(record)
+    assert seen.coexistence is None
+    assert seen.v_c is None or seen.v_c <= 8.0
+
+
+def test_a_kick_is_no_jump(make):
+    """Rest at 7.2 m/s, then a kick, and hunting for good: nothing grew, no v_c is observed."""
+    speed = lambda t: np.interp(t, [0, 60, 61, 200], [6.9, 6.9, 7.2, 7.2])  # noqa: E731
+    record = make(speed, 200.0, 3, forcing=4e-6, kicks=[(100.0, 5e-4)])
+    result = identify([record])
+    assert result.observed.v_c is None
+    assert result.bracket.began is None
+    assert len(result.bracket.kicks) == 1
+    assert result.criticality == 'subcritical'
+
+
+def test_a_law_that_contradicts_what_was_seen_is_named(make):
+    seen = seen_in(*kicked_holds(make, 1))
+    assert refutations(LAW, seen) == []
+    low = replace(LAW, p=LAW.p + np.array([1.0, *np.zeros(10)]))
+    assert any(
+        'small motion grows' in line and '7.2 m/s' in line for line in refutations(low, seen)
+    )
+    high = replace(LAW, p=LAW.p - np.array([3.0, *np.zeros(10)]))
+    assert any('there is no limit cycle' in line for line in refutations(high, seen))
+    assert not any(contradicts(LAW, event) for event in seen.events)
+
+
+def test_rest_alone_bounds_nothing_but_v_c(make):
+    seen = seen_in(held(make, 7.0, 0.0, 5))
+    assert replace(seen, events=(), v_c=None, why={}) == Bracket()
+
+
+def test_it_stands_first_and_is_json(make):
+    seen = seen_in(*kicked_holds(make, 2))
+    json.dumps(seen.to_json(), allow_nan=False)
+    assert 'subcritical' in seen.lines()[0]
+    assert seen.lines()[1].startswith('seen: v_n between')

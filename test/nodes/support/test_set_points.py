@@ -1,0 +1,69 @@
+"""Set points that go through a mailbox of one to a drive that takes its time."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from hunt_ros.drivers.command import DriveLimits, RollerCommand
+from hunt_ros.nodes.support.set_points import SetPoints
+
+
+class _Slow:
+    def __init__(self) -> None:
+        self.taken: list[float] = []
+        self.refuses = False
+
+    def set_speed(self, speed_mps: float) -> None:
+        if self.refuses:
+            raise OSError('not now')
+        self.taken.append(speed_mps)
+
+
+def test_the_newest_counts_and_a_refusal_is_told_once() -> None:
+    told: list[object] = []
+    points = SetPoints(told.append, lambda speed, why: told.append((speed, why)))
+    drive = _Slow()
+    points.post(5.0, 1)
+    points.post(4.0, 2)
+    assert points.busy
+    points.hand_over(drive)
+    assert (drive.taken, points.last, points.busy) == ([4.0], (4.0, 2), False)
+    points.hand_over(drive)
+    assert drive.taken == [4.0]
+    drive.refuses = True
+    for speed in (3.0, 2.0):
+        points.post(speed, 3)
+        points.hand_over(drive)
+    assert points.refused == 2
+    assert told == [4.0, (3.0, 'OSError: not now')]
+    assert points.last == (4.0, 2), 'what the drive has'
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_no_set_point_of_a_trip_rises_however_late_the_drive_takes_it(seed) -> None:
+    """Ticks and hand-overs in any order, and goals that are lowered on the way."""
+    rng = np.random.default_rng(seed)
+    command = RollerCommand(DriveLimits(), 0.25)
+    drive, points = _Slow(), SetPoints(lambda speed: None, lambda speed, why: None)
+    points.post(8.0, 1)
+    points.hand_over(drive)
+    command.taken(8.0)
+    command.trip(6.0, 8.0)
+    now_ns = 1
+    for _ in range(400):
+        now_ns += int(rng.integers(1, 200_000_000))
+        if rng.random() < 0.5:
+            points.hand_over(drive)
+            continue
+        if rng.random() < 0.2:
+            command.trip(points.target_mps - 0.5, points.target_mps)
+        target, decided_ns = points.last
+        command.taken(target)
+        speed = command.next((now_ns - decided_ns) * 1e-9, target)
+        assert speed is not None
+        points.post(speed, now_ns)
+    assert all(b <= a for a, b in itertools.pairwise(drive.taken))
+    assert drive.taken[-1] < 6.0

@@ -1,0 +1,294 @@
+"""The speed node where a process, the drive, a sensor or the form fails: through real nodes."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistStamped
+from lifecycle_msgs.msg import Transition
+from sensor_msgs.msg import JointState
+from speed_rig import UNGUARDED, Drive, Rig
+
+from hunt_ros.nodes.support.conversions import to_time
+from hunt_ros.nodes.support.qos import latched
+
+pytestmark = pytest.mark.ros
+
+HOLD = 'hold: {speed_mps: 6, duration_s: 1000, rate_mps2: 20}'
+
+
+def _held_at(graph, resident, detector, drive: Drive, **parameters: object) -> Rig:
+    """Return a rig whose profile holds 6 m/s, and whose interlock has seen that all is well."""
+    rig = Rig(graph, resident, drive, profile=graph.profile(HOLD), **parameters)
+    graph.spin_until(lambda: graph.call('speed/start_profile').success)
+    graph.spin_until(lambda: 6.0 in drive.set_points)
+    rig.until(interlock_cause='no reason to trip')
+    return rig
+
+
+def test_hunting_at_a_speed_that_a_wrong_form_calls_safe_is_driven_down_until_it_dies(
+    graph, resident, detector
+) -> None:
+    """The form says v_n 9.6; the wheelset hunts above 3 m/s, and dies out below."""
+    drive = Drive(6.0)
+    detector.numbers['v_n_mps'] = 9.6
+    rig = _held_at(graph, resident, detector, drive, safe_deceleration_mps2=2.0)
+    detector.hunts_above = drive, 3.0
+    rig.until(interlock_state='tripped')
+    graph.spin_until(lambda: drive.speed_mps <= 3.0)
+    graph.spin(1.0)
+    assert 1.0 < drive.speed_mps <= 3.0, 'where it is quiet the roller stays'
+    assert max(np.diff(drive.set_points)) <= 0.0
+    assert not graph.call('speed/start_profile').success
+
+
+def test_motion_that_does_not_die_at_the_safe_speed_ends_in_a_stop(
+    graph, resident, detector
+) -> None:
+    drive = Drive(6.0)
+    rig = _held_at(graph, resident, detector, drive, safe_deceleration_mps2=5.0)
+    detector.level = 'ERROR'
+    graph.spin_until(lambda: drive.set_points[-1] == 4.5)
+    graph.spin_until(lambda: drive.set_points[-1] == 0.0)
+    assert 'does not die out at 4.50 m/s' in rig.status['interlock_cause']
+
+
+@pytest.mark.parametrize(
+    ('fault', 'words'),
+    [({'scale': 3.0}, 'above the ceiling, 8.00 m/s'), ({'obeys': False}, 'does not follow')],
+)
+def test_a_roller_that_does_what_nobody_told_it_trips_and_goes_to_zero(
+    graph, resident, detector, fault, words
+) -> None:
+    drive = Drive(1.0)
+    vars(drive).update(fault)
+    rig = Rig(
+        graph, resident, drive, profile=graph.profile(HOLD), interlock='measure',
+        speed_ceiling_mps=8.0, acceleration_mps2=5.0,
+    )  # fmt: skip
+    graph.spin_until(lambda: graph.call('speed/start_profile').success)
+    rig.until(interlock_state='tripped')
+    assert words in rig.status['interlock_cause']
+    assert 'hard-wired stop' in rig.status['message']
+    graph.spin_until(lambda: drive.set_points[-1] == 0.0)
+    rig.until(level='ERROR')
+
+
+def test_a_drive_that_hangs_holds_up_neither_the_watch_nor_an_emergency_stop(
+    graph, resident, detector
+) -> None:
+    drive = Drive(6.0)
+    told_s: list[float] = []
+    rig = _held_at(graph, resident, detector, drive)
+    graph.node.create_subscription(
+        DiagnosticArray, 'speed/status', lambda _: told_s.append(time.monotonic()), latched()
+    )
+    drive.hangs_s = 3.0
+    sent = len(drive.set_points)
+    graph.spin(0.2)  # it hangs by now
+    began_s = time.monotonic()
+    detector.level = 'ERROR'
+    rig.until(interlock_state='tripped')
+    stopped = graph.call('speed/emergency_stop')
+    assert not stopped.success
+    assert len(drive.set_points) <= sent + 1, 'it hung all the time'
+    gaps = np.diff([at for at in told_s if at > began_s])
+    assert gaps.max() < 1.5, 'the status went on'
+    drive.hangs_s = 0.0
+    graph.spin_until(lambda: drive.set_points[-1] == 0.0)
+    assert graph.call('speed/emergency_stop').success
+
+
+def test_polling_stops_where_nothing_decides_any_more(graph, resident, detector) -> None:
+    """So a drive with a watchdog of its own finds out."""
+    drive = Drive(6.0)
+    rig = _held_at(graph, resident, detector, drive)
+    with rig.node._guard.deciding:  # the executor hangs at its next look
+        graph.spin(1.0)
+        reads, sent = drive.reads, len(drive.set_points)
+        graph.spin(0.5)
+        assert (drive.reads, len(drive.set_points)) == (reads, sent)
+    graph.spin_until(lambda: drive.reads > reads + 5)
+
+
+def test_a_driver_that_fails_to_close_is_opened_again(graph, resident, detector) -> None:
+    drive = Drive(6.0)
+    rig = _held_at(graph, resident, detector, drive)
+    assert drive.opened == 1
+    drive.breaks = True
+    rig.until(interlock_state='tripped')
+    graph.spin_until(lambda: drive.opened == 2)
+    graph.spin_until(lambda: drive.set_points[-1] == 4.5)
+    assert graph.call('speed/emergency_stop').success
+
+
+@pytest.mark.parametrize('heard', [True, False])
+def test_five_millimetres_on_the_sensor_trip_it_whatever_the_detector_says(
+    graph, resident, detector, heard
+) -> None:
+    detector.silent = not heard
+    drive = Drive(6.0)
+    lateral = graph.node.create_publisher(JointState, 'lateral', 1000)
+    rig = Rig(graph, resident, drive, amplitude_limit_m=3e-3, interlock='measure')
+    if heard:
+        rig.until(interlock_cause='no reason to trip')
+    count = itertools.count()
+
+    def move() -> bool:
+        for k in itertools.islice(count, 10):
+            message = JointState(name=['lateral'], position=[5e-3 * np.sin(0.1 * k)])
+            message.header.stamp = to_time(time.time_ns() + 2_000_000 * (k % 10))
+            lateral.publish(message)
+        return rig.status['interlock_state'] == 'tripped'
+
+    graph.spin_until(move)
+    assert 'above the limit, 3.000 mm' in rig.status['interlock_cause']
+    assert float(rig.status['displacement_m']) > 3e-3
+
+
+@pytest.mark.parametrize('end', ['emergency_stop', 'stop_profile'])
+def test_after_any_stop_no_profile_starts_by_itself(graph, resident, detector, end) -> None:
+    drive = Drive(6.0)
+    detector.level = 'STALE'
+    profile = graph.profile('hold: {speed_mps: 6, duration_s: 1000}')
+    rig = Rig(graph, resident, drive, profile=profile, profile_autostart=True)
+    graph.spin_until(lambda: 'the profile waits' in rig.status['message'])
+    graph.call(f'speed/{end}')
+    detector.level = 'OK'
+    graph.spin_until(lambda: rig.status['interlock_cause'] == 'no reason to trip')
+    assert graph.call('speed/rearm').success
+    graph.spin(1.0)
+    assert not any(drive.set_points)
+    assert rig.status['profile_state'] == 'idle'
+    assert graph.call('speed/start_profile').success
+
+
+def _restarted(graph, **parameters: object) -> list[TwistStamped]:
+    """Start the speed node of the simulated rig again; return the set points of it."""
+    targets = graph.collect(TwistStamped, 'speed/target')
+    graph.start('roller_speed', port=graph.port, **parameters)
+    return targets
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('stop', ['emergency_stop', ''])
+def test_what_was_in_force_is_in_force_again_after_a_kill(graph, stop) -> None:
+    speeds = graph.collect(TwistStamped, 'speed')
+    statuses = graph.told('speed/status', latched())
+    kept = graph.folder / 'recordings' / '.speed_state.json'
+    settings = {
+        'interlock': UNGUARDED if stop else 'measure',
+        'state_file': kept,
+        'profile': graph.profile('hold: {speed_mps: 5, duration_s: 100, rate_mps2: 1.0}'),
+        'profile_autostart': True,
+    }
+    graph.start('rig_simulator', port=graph.port, initial_speed_mps=3.0)
+    _restarted(graph, **settings)
+    graph.spin_until(lambda: speeds)
+    if stop:
+        graph.spin_until(lambda: speeds[-1].twist.linear.x > 3.3)
+        assert graph.call('speed/emergency_stop').success
+        graph.spin_until(lambda: 'asked for' in kept.read_text())
+    graph.spin_until(lambda: kept.exists() and json.loads(kept.read_text())['running'])
+    graph.end('roller_speed', signal.SIGKILL)
+    statuses.clear()
+    count = len(speeds)
+    _restarted(graph, **settings)
+    graph.spin_until(lambda: statuses and len(speeds) > count + 100)
+
+    words = 'emergency stop' if stop else 'ended without being asked'
+    graph.spin_until(
+        lambda: statuses.last['level'] == 'ERROR' and words in statuses.last['message']
+    )
+    refused = graph.call('speed/start_profile')
+    assert not refused.success
+    assert 'rearm' in refused.message
+    graph.spin_until(lambda: speeds[-1].twist.linear.x < 0.1)
+    if not stop:
+        return
+    assert graph.call('speed/rearm').success
+    graph.spin(1.0)
+    assert speeds[-1].twist.linear.x < 0.1, 'no autostart after it'
+    assert graph.end('roller_speed') == 0
+    state = json.loads(kept.read_text())
+    assert not any(state[key] for key in ('running', 'emergency_stop', 'trip'))
+    assert [line['what'] for line in state['history']][-1] == 'rearmed'
+
+
+def test_a_state_that_cannot_be_read_is_a_trip(graph, resident, detector, tmp_path: Path) -> None:
+    path = tmp_path / 'state.json'
+    path.write_text('{"running": 7')
+    rig = Rig(graph, resident, Drive(6.0), state_file=path)
+    rig.until(interlock_state='tripped')
+    assert 'cannot read the safety state' in rig.status['interlock_cause']
+    graph.spin_until(lambda: graph.call('speed/rearm').success)
+    graph.spin_until(lambda: json.loads(path.read_text())['trip'] == '')
+
+
+def test_a_disk_that_takes_no_state_is_said_and_guards_on(graph, resident, detector) -> None:
+    health = graph.told()
+    drive = Drive(6.0)
+    rig = _held_at(graph, resident, detector, drive, state_file='/proc/state.json')
+    graph.spin_until(lambda: health.says('safety state failed'))
+    detector.level = 'ERROR'
+    rig.until(interlock_state='tripped')
+    graph.spin_until(lambda: drive.set_points[-1] == 4.5)
+
+
+def test_an_alarm_that_nobody_acknowledged_outlives_its_detector(
+    graph, resident, detector
+) -> None:
+    rig = Rig(graph, resident, Drive(6.0))
+    detector.alarm = True
+    graph.spin_until(lambda: detector.sent > 30)
+    detector._sequence = 0  # killed and started again: it knows of nothing
+    detector.alarm = False
+    rig.until(alarm_kept='its reasons')
+    assert graph.call('speed/rearm').success
+    rig.until(alarm_kept='')
+    detector.alarm = True
+    graph.spin(0.5)
+    detector.alarm = False  # acknowledged
+    graph.spin(0.5)
+    assert rig.status['alarm_kept'] == ''
+
+
+def test_an_inactive_node_says_that_nobody_guards(graph, resident, detector) -> None:
+    drive = Drive(8.0)
+    rig = Rig(graph, resident, drive)
+    rig.until(interlock_state='armed')
+    graph.change_state('roller_speed', Transition.TRANSITION_DEACTIVATE)
+    rig.until(interlock_state='off', level='ERROR', message='nobody guards: inactive at 8.00 m/s')
+    drive.speed_mps = 0.0
+    rig.until(interlock_state='off', level='OK', message='inactive')
+
+
+def test_parameters_set_together_are_judged_together(graph, resident, detector) -> None:
+    drive = Drive(6.0)
+    fast = 'profile: [{ramp: {speed_mps: 8.0}}]'
+    rig = Rig(graph, resident, drive, interlock=UNGUARDED, speed_ceiling_mps=12.0)
+    taken, reason = rig.set(speed_ceiling_mps=5.0, profile=fast)
+    assert not taken
+    assert '8 m/s is above the ceiling, 5 m/s' in reason
+    assert rig.set(speed_ceiling_mps=5.0)[0]
+    assert rig.set(speed_ceiling_mps=12.0, profile=fast) == (True, '')
+    # A ceiling below the profile alone is refused, too; 0 m/s forbids motion.
+    assert not rig.set(speed_ceiling_mps=0.0)[0]
+    path = graph.folder / 'late.yaml'
+    path.write_text(fast)
+    assert rig.set(profile=str(path))[0]
+    rig.until(profile='late')
+    rig.set(interlock='protect')
+    graph.spin_until(lambda: rig.status['safe_speed_mps'] == '4.5')
+    taken, reason = rig.set(safe_speed_mps=5.0)
+    assert not taken
+    assert 'not below v_n' in reason
+    assert rig.set(safe_speed_mps=0.0)[0]
+    rig.until(safe_speed_mps='0.0')

@@ -1,0 +1,129 @@
+"""A normal start and end say nothing that looks like trouble: waiting for a neighbour is none."""
+
+from __future__ import annotations
+
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip('rclpy', reason='the extra ros is not installed')
+
+from hunt_ros.cli.support.suite import free_port
+from hunt_ros.drivers.safety_state import SafetyState
+
+pytestmark = pytest.mark.ros
+
+FORM = Path(__file__).resolve().parents[2] / 'bags' / 'paper.yaml'
+RIG = """
+/**/rig_simulator: {{ros__parameters: {{port: {port}}}}}
+/**/lateral_sensor: {{ros__parameters: {{port: {port}}}}}
+/**/yaw_sensor: {{ros__parameters: {{port: {port}}}}}
+/**/hunting_detector: {{ros__parameters: {{sensor_timeout_s: 10.0}}}}
+/**/roller_speed: {{ros__parameters: {{port: {port}, status_timeout_s: 30.0}}}}
+"""
+#: What a machine says that cannot follow.
+_BUSY = re.compile(r'behind real time|too late|lost on their way|samples lost|samples/s|missed')
+_LOUD = re.compile(r'ERROR|WARN|STALE|Traceback|silent')
+
+
+def loud_lines(said: str) -> list[str]:
+    """Return the lines that look like trouble, but for those of a machine that cannot follow."""
+    return [line for line in said.splitlines() if _LOUD.search(line) and not _BUSY.search(line)]
+
+
+def _run(words: list[str], folder: Path, until: str, machine) -> str:
+    """Run `hunt` until it ends or says this; return all that it and its nodes wrote."""
+    screen = folder / 'screen'
+    with screen.open('w') as out:
+        hunt = [sys.executable, '-u', '-m', 'hunt_ros.cli.main']
+        run = subprocess.Popen([*hunt, *words], stdout=out, stderr=out, cwd=folder)
+    deadline = machine.deadline(120.0)
+    try:
+        while run.poll() is None and until not in screen.read_text():
+            assert not deadline.passed, screen.read_text()
+            time.sleep(0.2)
+        run.send_signal(signal.SIGINT)
+        machine.wait_for(run, 60.0)
+    finally:
+        run.kill()
+    logs = [path.read_text() for path in folder.rglob('*.log')]
+    return '\n'.join([screen.read_text(), *logs])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('words', [['--normal-form', str(FORM)], []])
+def test_the_first_minute_of_a_simulated_run_and_its_end_are_quiet(
+    tmp_path, machine, domain, words, monkeypatch
+) -> None:
+    # A busy machine is silent for longer than a rig may be: that is no matter of the start.
+    monkeypatch.setenv('HUNT_START_S', str(30.0 * machine.measure()))
+    rig = tmp_path / 'rig.yaml'
+    rig.write_text(RIG.format(port=free_port()))
+    run = ['run', '--simulated', '--rig', str(rig), '--duration', '60', *words]
+    said = _run(run, tmp_path, 'never', machine)
+    assert 'recording' in said
+    if not words:  # on the way down the motion is judged without a form: no matter of the start
+        said = said.partition('ending every node')[0]
+    assert loud_lines(said) == []
+
+
+@pytest.mark.slow
+def test_the_demo_is_quiet_until_the_rig_is_not(tmp_path, machine, domain) -> None:
+    said = _run(['demo'], tmp_path, 'hysteresis region', machine)
+    before = said.partition('hysteresis region')[0]
+    assert [line for line in before.splitlines() if _LOUD.search(line)] == []
+
+
+def test_who_waits_for_a_neighbour_is_starting_and_later_in_trouble(graph, resident) -> None:
+    from hunt_ros.nodes.support.sensor import SensorNode
+
+    health = graph.told()
+    node = resident(lambda: SensorNode('yaw'), port=graph.port)
+    node.trigger_configure()
+    node.trigger_activate()
+
+    graph.spin_until(lambda: health.says('starting: ', level='OK'))
+    assert not health.says(level='ERROR')
+    node._diagnostics._began_s -= 60.0
+    graph.spin_until(lambda: health.says('cannot connect', level='ERROR'))
+
+
+def test_a_neighbour_that_has_just_come_and_not_spoken_yet_is_no_trouble(graph, resident) -> None:
+    from hunt_ros.nodes.support.sensor import SensorNode
+
+    health = graph.told()
+    node = resident(lambda: SensorNode('yaw'), port=graph.port)
+    node.trigger_configure()
+    node.trigger_activate()
+    graph.spin_until(lambda: health.says('cannot connect'))
+    with socket.create_server(('127.0.0.1', graph.port)):
+        graph.spin_until(lambda: node._found)
+        until = len(health) + 2
+        graph.spin_until(lambda: len(health) >= until)
+        assert {one['level'] for one in health} == {'OK'}
+
+
+def test_a_stop_of_before_is_in_force_from_the_first_word_on(graph, tmp_path) -> None:
+    """A start may wait for a neighbour; it does not call well what is not."""
+    state = tmp_path / 'state.json'
+    state.write_text(SafetyState(emergency_stop='asked for').to_json())
+    health = graph.told()
+    graph.start('roller_speed', port=graph.port, state_file=str(state))  # and no drive is there
+    graph.spin_until(lambda: health)
+    assert health[0]['level'] == 'ERROR'
+    assert 'emergency stop is in force' in health[0]['message']
+
+
+def test_a_device_that_refuses_is_no_start_that_waits(graph, modbus_server) -> None:
+    health = graph.told()
+    refused = {'driver': 'modbus', 'port': modbus_server.port, 'register': 9999}
+    graph.start('lateral_sensor', **refused)
+    graph.spin_until(lambda: health.says('register 9999'))
+    levels = {one['level'] for one in health if 'register 9999' in one['message']}
+    assert levels == {'ERROR'}

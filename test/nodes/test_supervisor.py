@@ -1,0 +1,336 @@
+"""
+Whatever dies, the rig ends safe: `hunt run` on a simulated rig that outlives it, as hardware does.
+
+How fast the roller turns is asked of the rig, not of the suite.
+"""
+
+from __future__ import annotations
+
+import os
+import pty
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip('rclpy', reason='the extra ros is not installed')
+
+
+from hunt_ros.cli.support.processes import NodeSpec
+from hunt_ros.cli.support.supervisor import Supervisor, _Child
+from hunt_ros.nodes.support.qos import STATUS, latched
+
+pytestmark = [
+    pytest.mark.ros,
+    pytest.mark.slow,
+    pytest.mark.skipif(not Path('/proc/self/stat').exists(), reason='looks into /proc'),
+]
+
+ROOT = Path(__file__).resolve().parents[2]
+#: Between v_n = 6.41 and v_c = 8.0 of the rig: hunting would not end by itself.
+SPEED, SAFE = 7.5, 5.9
+RIG = """
+/**/lateral_sensor: {{ros__parameters: {{port: {port}, sample_rate_hz: 100.0}}}}
+/**/yaw_sensor: {{ros__parameters: {{port: {port}, sample_rate_hz: 100.0}}}}
+/**/hunting_detector: {{ros__parameters: {{sensor_timeout_s: {patience}, output_rate_hz: 20.0}}}}
+/**/roller_speed:
+  ros__parameters:
+    port: {port}
+    profile: '{profile}'
+    profile_autostart: true
+    interlock: protect
+    status_timeout_s: {patience}
+    safe_deceleration_mps2: {rate}
+"""
+
+
+class Run:
+    """`hunt run` on a rig that turns at `SPEED`, and an observer on the side of the rig."""
+
+    def __init__(
+        self, graph, *, rate: float = 1.0, one_process: bool = False, patience_s: float = 0.3
+    ) -> None:
+        self.graph = graph
+        self._rig = graph.told('/diagnostics', STATUS, of='rig_simulator')
+        self._drive = graph.told('speed/status', latched())
+        self.statuses = graph.told('hunting/status', STATUS)
+        graph.start(
+            'rig_simulator', port=graph.port, initial_speed_mps=SPEED, sample_rate_hz=100.0
+        )
+        profile = graph.profile(f'hold: {{speed_mps: {SPEED}, duration_s: 10000}}')
+        rig = graph.folder / 'rig.yaml'
+        patience = min(60.0, patience_s * graph.machine.measure())
+        rig.write_text(RIG.format(port=graph.port, profile=profile, rate=rate, patience=patience))
+        self.words = [sys.executable, '-u', '-m', 'hunt_ros.cli.main', 'run', '--rig', str(rig)]
+        self.words += ['--normal-form', str(ROOT / 'bags' / 'paper.yaml')]
+        self.words += ['--directory', str(graph.folder / 'recordings')]
+        self.words += ['--one-process'] * one_process
+        self.screen = ''
+
+    def start(self, **streams: object) -> None:
+        given: dict = {'stdout': subprocess.PIPE, 'stderr': subprocess.STDOUT, **streams}
+        self.hunt = subprocess.Popen(self.words, text=True, start_new_session=True, **given)
+        if self.hunt.stdout is not None:
+            threading.Thread(target=self._read, daemon=True).start()
+        self.graph.spin_until(self._guarded, 60.0)
+        self.graph.spin_until(lambda: self.speed is not None)
+        assert self.speed == pytest.approx(SPEED, abs=0.1)
+
+    def _guarded(self) -> bool:
+        assert self.hunt.poll() is None, self.screen
+        return self.status.get('interlock_cause') == 'no reason to trip'
+
+    def _read(self) -> None:
+        for line in self.hunt.stdout:
+            self.screen += line
+
+    @property
+    def status(self) -> dict[str, str]:
+        """What the speed node says."""
+        return self._drive.last
+
+    @property
+    def speed(self) -> float | None:
+        """What the rig itself says that it turns at, m/s."""
+        return float(self._rig.last['speed_mps']) if self._rig else None
+
+    def child(self, name: str) -> int:
+        """Return the process of a node."""
+        found = []
+        for path in Path('/proc').glob('[0-9]*'):
+            try:
+                parent = int((path / 'stat').read_text().rpartition(')')[2].split()[1])
+                words = (path / 'cmdline').read_bytes().split(b'\0')
+            except OSError:
+                continue  # it ended meanwhile
+            if parent == self.hunt.pid and name.encode() in words:
+                found.append(int(path.name))
+        (pid,) = found
+        return pid
+
+    def kill(self, name: str, process: str = '') -> None:
+        before = self.child(name)
+        os.kill(before, signal.SIGKILL)
+        line = f'{process or name} ended with exit code -9'
+        self.graph.spin_until(lambda: line in self.screen)
+        self.graph.spin_until(lambda: self._again(name, before))
+
+    def _again(self, name: str, before: int) -> bool:
+        try:
+            return self.child(name) != before
+        except ValueError:
+            return False
+
+    def until_safe(self) -> None:
+        self.graph.spin_until(lambda: self.speed < SAFE + 0.1, 40.0)
+
+    def end(self, number: int = signal.SIGTERM) -> int:
+        self.hunt.send_signal(number)
+        return self.ended()
+
+    def ended(self) -> int:
+        self.graph.spin_until(lambda: self.hunt.poll() is not None, 60.0)
+        return self.hunt.returncode
+
+
+@pytest.fixture
+def run(graph) -> Iterator[Callable[..., Run]]:
+    made: list[Run] = []
+
+    def make(**given: object) -> Run:
+        made.append(Run(graph, **given))
+        return made[-1]
+
+    yield make
+    for each in made:
+        if each.hunt.poll() is None:
+            each.hunt.kill()  # its nodes are interrupted by the system
+            each.hunt.wait()
+
+
+class _Sleeper(NodeSpec):
+    def command(self, namespace: str) -> list[str]:
+        return ['sleep', '1000']
+
+
+def test_what_dies_is_started_again_though_the_folder_of_the_recordings_was_moved(
+    tmp_path: Path, monkeypatch, machine
+) -> None:
+    folder = tmp_path / 'recordings'
+    with Supervisor('rig', folder / 'logs', private=False) as supervisor:
+        supervisor.start(_Sleeper('roller_speed'))
+        before, said = supervisor.pids()['roller_speed'], []
+        folder.rename(tmp_path / 'tidied')
+        monkeypatch.setattr(subprocess, 'Popen', _no_process)  # for a moment
+        os.kill(before, signal.SIGKILL)
+        deadline = machine.deadline(30.0)
+        while supervisor.pids().get('roller_speed', before) == before:
+            assert not deadline.passed, said
+            said += supervisor.look()
+            if any('cannot be started' in line for line in said):
+                monkeypatch.undo()
+            time.sleep(0.02)
+        os.kill(supervisor.pids()['roller_speed'], signal.SIGKILL)
+
+
+@pytest.mark.parametrize('others', [('yaw_sensor', 'lateral_sensor'), ()])
+def test_a_guard_that_stands_still_is_started_again_unless_all_are_silent(
+    tmp_path: Path, machine, others
+) -> None:
+    with Supervisor('rig', tmp_path / 'logs', private=False) as supervisor:
+        supervisor.start(_Sleeper('alarm_outputs'))
+        before = supervisor.pids()['alarm_outputs']
+        supervisor.heard('/rig/alarm_outputs')
+        for _ in range(20):
+            for name in others:
+                supervisor.heard(f'/rig/{name}')
+            supervisor.heard('/rig_beside/yaw_sensor')
+            supervisor.heard('/rig/lateral_sensor')  # one that speaks very often
+            supervisor.heard('/rig_beside/alarm_outputs')
+        said, deadline = supervisor.look(), machine.deadline(30.0)
+        assert said == (['alarm_outputs stands still: it is ended'] if others else [])
+        while others and supervisor.pids().get('alarm_outputs', before) == before:
+            assert not deadline.passed, said
+            said += supervisor.look()
+            time.sleep(0.02)
+
+
+def test_what_fails_for_days_is_started_again_each_half_minute() -> None:
+    child = _Child(NodeSpec('yaw_sensor'), lambda process: None)
+    for _ in range(3000):
+        child.put_off()
+    assert child.due_s <= time.monotonic() + 30.0
+
+
+def _no_process(*words: object, **how: object) -> None:
+    raise BlockingIOError('no process more')
+
+
+def test_what_guards_nothing_is_started_again_and_the_roller_turns_on(run, graph) -> None:
+    rig = run(patience_s=5.0)  # what starts again takes both cores of a small machine
+    rig.start()
+    recordings = lambda: list((graph.folder / 'recordings').glob('hunt_*'))  # noqa: E731
+    graph.spin_until(recordings)
+    rig.kill('console')
+    rig.kill('bag_recorder')
+    graph.spin_until(lambda: len(recordings()) == 2, 60.0)
+    rig.kill('normal_form_identifier')
+    graph.spin(3.0)
+    assert rig.status['interlock_state'] == 'armed', rig.status['interlock_cause']
+    assert rig.speed == pytest.approx(SPEED, abs=0.1)
+    assert rig.hunt.poll() is None
+    assert rig.end() == 0
+    rig.until_safe()
+    assert 'on its way to 5.9' in rig.screen, rig.screen
+    # What the last nodes miss of those that have ended is no news.
+    assert 'SENSOR FAULT' not in rig.screen.partition('where it is safe')[2], rig.screen
+
+
+@pytest.mark.parametrize(
+    ('name', 'number'),
+    [
+        ('hunting_detector', signal.SIGKILL),
+        ('hunting_detector', signal.SIGSTOP),
+        ('yaw_sensor', signal.SIGKILL),
+    ],
+)
+def test_the_loss_of_what_the_guard_needs_trips_it_and_is_mended(run, graph, name, number) -> None:
+    rig = run()
+    rig.start()
+    if number == signal.SIGKILL:
+        rig.kill(name)
+    else:
+        os.kill(rig.child(name), number)
+    rig.until_safe()
+    graph.spin_until(lambda: rig.status['interlock_state'] == 'tripped')
+    assert rig.hunt.poll() is None
+    os.kill(rig.child(name), signal.SIGCONT)
+    # What was lost is back: a person can go on.
+    graph.spin_until(lambda: rig.statuses.last['level'] in ('OK', 'WARN'), 60.0)
+    graph.spin_until(lambda: graph.call('speed/rearm').success, 60.0)
+    assert rig.end(signal.SIGINT) == 0
+    assert rig.speed < SAFE + 0.1
+
+
+def test_the_processes_of_one_process_fail_together_and_not_with_the_guard(run, graph) -> None:
+    rig = run(one_process=True)
+    rig.start()
+    rig.kill('hunting_detector', 'suite')
+    rig.until_safe()
+    assert rig.end() == 0
+
+
+def test_a_guard_that_is_killed_is_started_again(run, graph) -> None:
+    rig = run()
+    rig.start()
+    rig.kill('roller_speed')
+    before = len(rig._drive)
+    graph.spin_until(lambda: len(rig._drive) > before + 20, 60.0)
+    assert rig.end() == 0
+    rig.until_safe()
+
+
+@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSTOP])
+def test_somebody_is_called_when_the_alarm_outputs_are_gone(run, graph, called, number) -> None:
+    rig = run(patience_s=5.0)
+    calls = called()
+    with (graph.folder / 'rig.yaml').open('a') as text:
+        text.write(f"/**/alarm_outputs: {{ros__parameters: {{command: '{calls.program}'}}}}\n")
+    rig.start()
+    graph.spin_until(calls, 60.0)
+    before = rig.child('alarm_outputs')
+    os.kill(before, number)
+    # It cannot say so of itself, and is not back yet.
+    graph.spin_until(
+        lambda: any('doubt: alarm_outputs ended with exit code -9' in call for call in calls())
+    )
+    graph.spin_until(lambda: calls()[-1].startswith('well: '), 60.0)
+    assert rig.child('alarm_outputs') != before
+    assert rig.end() == 0
+
+
+def _killed(rig: Run) -> None:
+    rig.start()
+    rig.hunt.kill()
+
+
+def _hung_up(rig: Run) -> None:
+    ours, theirs = pty.openpty()
+    rig.start(stdin=theirs, stdout=theirs, stderr=theirs)
+    os.close(theirs)
+    os.close(ours)  # the window is closed
+    rig.hunt.send_signal(signal.SIGHUP)
+
+
+def _unread(rig: Run) -> None:
+    reader, writer = os.pipe()
+    rig.start(stdout=writer)
+    os.close(writer)
+    os.close(reader)
+    os.kill(rig.child('bag_recorder'), signal.SIGKILL)  # there is something to say
+
+
+@pytest.mark.parametrize('end', [_killed, _hung_up, _unread])
+def test_however_it_ends_the_roller_is_at_the_safe_speed(run, graph, end) -> None:
+    rig = run()
+    end(rig)
+    rig.ended()
+    rig.until_safe()
+
+
+def test_who_presses_twice_is_told_that_the_roller_still_turns(run, graph) -> None:
+    rig = run(rate=0.05)
+    rig.start()
+    rig.hunt.send_signal(signal.SIGINT)
+    graph.spin_until(lambda: 'on its way to 5.9' in rig.screen)
+    graph.spin(1.0)
+    began = time.monotonic()
+    assert rig.end(signal.SIGINT) == 1
+    assert time.monotonic() - began < 30.0, 'the whole way down takes longer'
+    assert rig.speed > SAFE + 0.5
+    assert 'THE ROLLER RUNS AT 7.' in rig.screen
