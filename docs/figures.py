@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from hunt_ros.dynamics.branch_form import fitted_form
 from hunt_ros.dynamics.center_manifold import normal_form_of
 from hunt_ros.dynamics.limit_cycle import limit_cycles
-from hunt_ros.dynamics.model_misfit import fitted_form
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.report.figures import style
-from hunt_ros.report.figures.bifurcation import bifurcation_diagram, branch_curve, form_curve
+from hunt_ros.report.figures.diagram import (
+    MODEL_COLOURS,
+    bifurcation_diagram,
+    branch_curve,
+    form_curve,
+)
 
 LOW, HIGH = 6.0, 9.0
 
@@ -20,16 +25,17 @@ def theory() -> None:
     rig = paper_rig()
     branch, form = limit_cycles(rig), normal_form_of(rig)
     fitted = fitted_form(form, branch, (6.4, 9.0))
+    first, second, third, fourth = MODEL_COLOURS[:4]
+    own, hopf = form.amplitude_coordinate, 'normal form at the Hopf point'
     figure = bifurcation_diagram(
         [
-            branch_curve(branch, 'full model (2), (3)'),
-            form_curve(fitted, LOW, HIGH, 'quintic form fitted to it'),
-            form_curve(form.amplitude_coordinate, LOW, HIGH, 'normal form at the Hopf point'),
-            form_curve(PAPER_NORMAL_FORM, LOW, HIGH, "the paper's (33)"),
+            branch_curve(branch, 'full model (2), (3)', colour=first),
+            form_curve(fitted, LOW, HIGH, 'quintic form fitted to it', colour=second),
+            form_curve(own, LOW, HIGH, hopf, colour=third),
+            form_curve(PAPER_NORMAL_FORM, LOW, HIGH, "the paper's (33)", colour=fourth),
         ],
         LOW,
         HIGH,
-        critical_speed=branch.critical_speed,
     )
     with style.journal_style():
         path = Path(__file__).with_name('theory.png')
