@@ -20,11 +20,24 @@ $(VENV)/installed: setup.py
 
 install: $(VENV)/installed  ## make .venv with the package, real rclpy, compiled kernels, test tools
 
+wheel: $(VENV)/installed  ## a wheel in build/ with the machine code: who installs it compiles nothing
+	$(BIN)/hunt compile
+	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir build .
+
 demo: $(VENV)/installed  ## sweep the simulated rig through hunting and back; refit it; 3 minutes
 	$(BIN)/hunt demo
 
-test: $(VENV)/installed check  ## all checks and tests, on two cores
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --durations=20
+demo-proof: $(VENV)/installed  ## the demo 20 times idle, 20 times beside two busy loops; RUNS=2: fewer
+	$(BIN)/python test/benchmark/demo_proof.py --runs $${RUNS:-20}
+	$(BIN)/python test/benchmark/demo_proof.py --runs $${RUNS:-20} --busy 2
+
+PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --durations=20
+
+test: $(VENV)/installed check  ## all checks and tests but those of whole rigs, on two cores
+	$(PYTEST) -m 'not (ros and slow)'
+
+test-rig: $(VENV)/installed  ## tests that take minutes of a whole rig of real nodes
+	$(PYTEST) -m 'ros and slow'
 
 test-elsewhere: $(VENV)/installed  ## tests as on other machines (test/elsewhere.py); ONLY=one-core: that one; FAST=1: a few
 	$(BIN)/python test/elsewhere.py $(if $(ONLY),--only $(ONLY)) $(if $(FAST),--fast)
@@ -33,7 +46,7 @@ test-kilted:  ## tests of the nodes on the rclpy of ROS 2 Kilted, in .venv-kilte
 	$(MAKE) VENV=.venv-kilted ROS=ros-kilted test-nodes
 
 test-nodes: $(VENV)/installed
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --durations=20 test/nodes
+	$(PYTEST) test/nodes
 
 check: $(VENV)/installed  ## ruff, mypy, import directions
 	$(BIN)/ruff check .
@@ -46,16 +59,16 @@ format: $(VENV)/installed  ## let ruff mend what it can
 	$(BIN)/ruff check --fix . ; $(BIN)/ruff format .
 
 faults: $(VENV)/installed  ## make everything fail once, and print what came of it into docs/faults.md
-	HUNT_FAULT_TABLE=docs/faults.md $(BIN)/python -m pytest test/nodes/test_faults.py test/nodes/test_faults_live.py
+	HUNT_FAULT_TABLE=docs/faults.md $(BIN)/python -m pytest test/nodes/test_faults.py
+
+gauntlet: $(VENV)/installed  ## random failures of a rig and its suite, in every order, into docs/faults.md; SCENARIOS=20 FIRST=100: which
+	$(BIN)/python test/benchmark/gauntlet.py --first $${FIRST:-0} --scenarios $${SCENARIOS:-500} --publish
 
 bench-interlock: $(VENV)/installed  ## limit cycles that the interlock avoids, in closed loop; KICKS=20: fewer
 	$(BIN)/python test/benchmark/bench_interlock.py --kicks $${KICKS:-100} --publish
 
 bench-trip: $(VENV)/installed  ## from a silent detector to a lower set point in the drive; TRIPS=20: fewer
 	$(BIN)/python test/benchmark/bench_trip.py --trips $${TRIPS:-200} --publish
-
-bench-profiles: $(VENV)/installed  ## see-saw and adaptive staircase against the paper's staircase; FAST=1: 2 seeds
-	$(BIN)/python test/benchmark/bench_profiles.py $(if $(FAST),--fast)
 
 soak: $(VENV)/installed  ## the live suite for an hour at 8 times real time: leaks, losses, false alarms; 24 h: SPEEDUP=1 MINUTES=1440
 	$(BIN)/python test/benchmark/soak.py --speedup $${SPEEDUP:-8} --minutes $${MINUTES:-60}
@@ -78,12 +91,6 @@ clean:  ## remove what these targets made
 bench-estimation: $(VENV)/installed  ## the tracker: speed against filterpy, accuracy against the bounds
 	$(BIN)/python test/benchmark/bench_estimation.py
 
-bench-simulation: $(VENV)/installed  ## the simulated rig and the theory: speed, escapes, swept loops
-	$(BIN)/python test/benchmark/bench_simulation.py
-
-bench-page: $(VENV)/installed  ## the operator's page: CPU against a bare process, and of each viewer
-	$(BIN)/python test/benchmark/bench_page.py
-
 $(VENV)/docs: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
 	@touch $@
@@ -93,6 +100,10 @@ docs: $(VENV)/docs  ## the documentation as a site, in build/site; a warning or 
 
 figures: $(VENV)/installed  ## draw the pictures of docs/
 	$(BIN)/python docs/figures.py
+	$(BIN)/python docs/animation.py
+
+settings: $(VENV)/installed  ## write docs/settings.md from the settings
+	$(BIN)/python docs/settings.py
 
 bench-forecast: $(VENV)/installed  ## forecast of v_c: error, spread against the bound, coverage
 	$(BIN)/python test/benchmark/bench_forecast.py
@@ -104,13 +115,13 @@ bench-peer: $(VENV)/installed  ## identification beside pysindy
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'pysindy>=2.0'
 	$(BIN)/python test/benchmark/bench_peer.py
 
-bench-campaign: $(VENV)/installed  ## many recordings on the workers of a Dask scheduler: one against two
-	$(BIN)/python test/benchmark/bench_campaign.py
-
 bench-plan: $(VENV)/installed  ## what to measure next: hunt plan in the loop against the staircase; FAST=1: 2 seeds
 	$(BIN)/python test/benchmark/bench_plan.py $(if $(FAST),--fast)
+
+bench-day: $(VENV)/installed  ## the detector on 500 random rigs and days; DAYS=50: fewer
+	$(BIN)/python test/benchmark/bench_day.py --days $${DAYS:-500}
 
 bench-detection: $(VENV)/installed  ## the detector against the railway criteria; SCALE=0.05: a quick look (1: 24 h quiet, 10 min)
 	$(BIN)/python test/benchmark/bench_detection.py --scale $${SCALE:-1} --publish
 
-.PHONY: soak docs bench-campaign bench-trip bench-profiles bench-interlock faults bench-page bench-plan bench-detection bench-identification bench-peer bench-simulation figures bench-bags fuzz golden-bags help install demo test test-kilted test-nodes test-elsewhere check format clean bench-live bench-forecast bench-estimation
+.PHONY: gauntlet bench-day settings test-rig wheel demo-proof soak docs bench-trip bench-interlock faults bench-plan bench-detection bench-identification bench-peer figures bench-bags fuzz golden-bags help install demo test test-kilted test-nodes test-elsewhere check format clean bench-live bench-forecast bench-estimation
