@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hunt_ros.dynamics.branch_form import fitted_form
 from hunt_ros.dynamics.center_manifold import normal_form_of
-from hunt_ros.dynamics.limit_cycle import limit_cycles
+from hunt_ros.dynamics.limit_cycle import fitted_form, limit_cycles
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.report.figures import style

@@ -148,7 +148,7 @@ def _creep_lines(creep: Sequence[CreepSolution]) -> list[str]:
 
 def _plot(form: ComplexNormalForm, branch: Branch | None, path: Path) -> None:
     """Draw the normal form, and with a branch the full model and the form fitted to it."""
-    from hunt_ros.dynamics.branch_form import fitted_form
+    from hunt_ros.dynamics.limit_cycle import fitted_form
     from hunt_ros.report.figures import style
     from hunt_ros.report.figures.diagram import (
         MODEL_COLOURS,

@@ -18,19 +18,18 @@ Gamma_10 = Gamma_15 = 0 of (C-5), (C-10).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.dynamics.complex_form import ComplexNormalForm
 from hunt_ros.dynamics.linear_stability import critical_frequency, critical_speed
+from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.dynamics.wheelset import Wheelset
 from hunt_ros.errors import ConfigError
-
-__all__ = ['ComplexNormalForm', 'normal_form_of', 'normal_forms_of']
 
 Complex = NDArray[np.complex128]
 Monomial = tuple[int, int, int]
@@ -44,6 +43,65 @@ _HIGHEST_GRADE = 5
 _SMALLEST = 1e-6
 
 
+@dataclass(frozen=True)
+class ComplexNormalForm:
+    """
+    Eq. (22) with complex coefficients, in the paper's coordinate.
+
+    deta/dt* = i omega eta + D1 eps eta + D4 eta^2 conj(eta) + D7 eps^2 eta
+    + D10 eps eta^2 conj(eta) + D15 eta^3 conj(eta)^2, with eta = r exp(i theta),
+    and y* = 2 r cos(theta) at first order.
+
+    Parameters
+    ----------
+    critical_speed : float
+        v_c, m/s.
+    omega : float
+        Eq. (B-1), dimensionless.
+    D1, D4, D7, D10, D15 : complex
+        Dimensionless; D7, D10, D15 are the primed ones.
+    w101, w210 : complex
+        y* components of the resonant part of W: the fundamental amplitude of y*
+        is 2 r |1 + w101 eps + w210 r^2 + ...|.
+    length_scale, time_scale : float
+        d0, m, and 1 / omega_psi, s.
+    """
+
+    critical_speed: float
+    omega: float
+    D1: complex
+    D4: complex
+    D7: complex
+    D10: complex
+    D15: complex
+    w101: complex
+    w210: complex
+    length_scale: float
+    time_scale: float
+
+    @property
+    def amplitude_coordinate(self) -> NormalForm:
+        """
+        The real form in r = (fundamental amplitude of y) / (2 d0): compare this with measurements.
+
+        With rho = r (1 + p eps + q r^2), p = Re w101 and q = Re w210, the growth
+        rate of rho has D10 - 2 p D4 + 2 q D1 in place of D10. D1, D4, D7 and, at
+        this order, Re D15 stay what they were.
+        """
+        p, q = self.w101.real, self.w210.real
+        return NormalForm(
+            critical_speed=self.critical_speed,
+            D1=self.D1.real,
+            D4=self.D4.real,
+            D7=self.D7.real,
+            D10=self.D10.real - 2.0 * p * self.D4.real + 2.0 * q * self.D1.real,
+            D15=self.D15.real,
+            length_scale=self.length_scale,
+            time_scale=self.time_scale,
+            frequency_hz=self.omega / (2.0 * math.pi * self.time_scale),
+        )
+
+
 def normal_form_of(rig: RigParameters) -> ComplexNormalForm:
     """
     Normal form of a rig, from Eqs. (2), (3) to Eq. (22).
@@ -54,101 +112,66 @@ def normal_form_of(rig: RigParameters) -> ComplexNormalForm:
         Without a Hopf point, or where the second pair of eigenvalues is critical
         too or the critical pair degenerate.
     """
-    return normal_forms_of([rig])[0]
-
-
-def normal_forms_of(rigs: Sequence[RigParameters]) -> list[ComplexNormalForm]:
-    """
-    Normal forms of many rigs at once: one pass of array operations.
-
-    Raises
-    ------
-    ConfigError
-        As `normal_form_of`, naming the first rig that is at fault.
-    """
-    if not rigs:
-        return []
-    speeds = np.array([critical_speed(rig) for rig in rigs])
-    omega = np.array([critical_frequency(rig) for rig in rigs])
-    matrices = np.stack(
-        [Wheelset(rig).linear_matrix(v) for rig, v in zip(rigs, speeds, strict=True)]
-    )
-    right, left = _critical_vectors(rigs, matrices, omega)
-    terms = np.stack([np.hstack([Wheelset(rig).cubic, Wheelset(rig).quintic]) for rig in rigs])
-    w, r = _parametrise(matrices, omega, right, left, terms)
-    return [_assembled(rig, speeds[n], omega[n], w, r, n) for n, rig in enumerate(rigs)]
-
-
-def _assembled(
-    rig: RigParameters, speed: float, omega: float, w: Series, r: Series, n: int
-) -> ComplexNormalForm:
-    d1, d4, d7, d10, d15 = (complex(r[monomial][n]) for monomial in RESONANT)
+    speed, omega = critical_speed(rig), critical_frequency(rig)
+    w, r = _parametrise(rig, Wheelset(rig), speed, omega)
+    d1, d4, d7, d10, d15 = (complex(r[monomial]) for monomial in RESONANT)
     return ComplexNormalForm(
-        float(speed),
-        float(omega),
+        speed,
+        omega,
         D1=d1,
         D4=d4,
         D7=d7,
         D10=d10,
         D15=d15,
-        w101=complex(w[1, 0, 1][n, 0]),
-        w210=complex(w[2, 1, 0][n, 0]),
+        w101=complex(w[1, 0, 1][0]),
+        w210=complex(w[2, 1, 0][0]),
         length_scale=rig.length_scale,
         time_scale=rig.time_scale,
     )
 
 
 def _critical_vectors(
-    rigs: Sequence[RigParameters], matrices: NDArray[np.float64], omega: NDArray[np.float64]
+    rig: RigParameters, matrix: NDArray[np.float64], omega: float
 ) -> tuple[Complex, Complex]:
-    """Right vectors with y* = 1 and left vectors with l . v = 1, shapes (n, 4)."""
-    values, vectors = np.linalg.eig(matrices.astype(np.complex128))
+    """Right vector with y* = 1 and left vector with l . v = 1."""
+    values, vectors = np.linalg.eig(matrix.astype(np.complex128))
     inverse = np.linalg.inv(vectors)
-    place = np.argmin(np.abs(values - 1j * omega[:, None]), axis=1)
-    rows = np.arange(len(rigs))
-    lowest = np.sort(values.real, axis=1)[:, 1]  # the more damped pair
-    norm = np.linalg.norm(inverse[rows, place], axis=1)
-    for n, rig in enumerate(rigs):
-        if lowest[n] > -_SMALLEST or norm[n] > 1.0 / _SMALLEST:
-            found = ', '.join(f'{value:.4g}' for value in values[n])
-            raise ConfigError(f'{rig.name}: degenerate critical eigenvalues ({found})')
-    right = vectors[rows, :, place]
-    scale = right[:, :1]
-    return right / scale, inverse[rows, place] * scale
+    place = int(np.argmin(np.abs(values - 1j * omega)))
+    more_damped = float(np.sort(values.real)[1])
+    if more_damped > -_SMALLEST or np.linalg.norm(inverse[place]) > 1.0 / _SMALLEST:
+        found = ', '.join(f'{value:.4g}' for value in values)
+        raise ConfigError(f'{rig.name}: degenerate critical eigenvalues ({found})')
+    scale = vectors[0, place]
+    return vectors[:, place] / scale, inverse[place] * scale
 
 
 def _parametrise(
-    matrices: NDArray[np.float64],
-    omega: NDArray[np.float64],
-    right: Complex,
-    left: Complex,
-    terms: NDArray[np.float64],
-) -> tuple[Series, Series]:
+    rig: RigParameters, wheelset: Wheelset, speed: float, omega: float
+) -> tuple[Series, dict[Monomial, complex]]:
     """Solve the cohomological equation to grade 5; return the coefficients of W and R."""
-    damping = np.zeros_like(matrices)
-    damping[:, 1, 1], damping[:, 3, 3] = matrices[:, 1, 1], matrices[:, 3, 3]
+    matrix = wheelset.linear_matrix(speed)
+    right, left = _critical_vectors(rig, matrix, omega)
+    damping = np.diag(np.diag(matrix) * np.array([0.0, 1.0, 0.0, 1.0]))
     w: Series = {(1, 0, 0): right, (0, 1, 0): right.conj()}
-    r: Series = {(1, 0, 0): 1j * omega.astype(np.complex128)}
+    r: dict[Monomial, complex] = {(1, 0, 0): 1j * omega}
     for grade in range(3, _HIGHEST_GRADE + 1, 2):
-        forces = _forces(w, terms, grade)
+        forces = _forces(w, wheelset, grade)
         for monomial in _monomials(grade):
             a, b, c = monomial
             if a < b:  # W is real: the rest are conjugates
                 continue
-            known: NDArray[Any] = forces.get(monomial, np.zeros_like(right))
-            known = known - _transported(w, r, monomial)
+            known: NDArray[Any] = forces.get(monomial, np.zeros(4)) - _transported(w, r, monomial)
             # A(eps) = A + damping (1 / (1 + eps) - 1), Eq. (5)
             for power in range(1, c + 1):
-                lower = w.get((a, b, c - power))
-                if lower is not None:
-                    known = known + (-1) ** power * np.einsum('nij,nj->ni', damping, lower)
-            shifted = (1j * (a - b)) * omega[:, None, None] * np.eye(4) - matrices
-            if a - b == 1:
-                solution: NDArray[Any] = _solve_bordered(shifted, right, left, known)
-                w[monomial], r[monomial] = solution[:, :4], solution[:, 4]
+                if (a, b, c - power) in w:
+                    known = known + (-1) ** power * (damping @ w[a, b, c - power])
+            shifted = (1j * (a - b)) * omega * np.eye(4) - matrix
+            if a - b == 1:  # M W + R v = known with l . W = 0
+                bordered = np.block([[shifted, right[:, None]], [left, np.zeros(1)]])
+                solution = np.linalg.solve(bordered, np.append(known, 0.0))
+                w[monomial], r[monomial] = solution[:4], complex(solution[4])
             else:
-                solution = np.linalg.solve(shifted, known[..., None])
-                w[monomial] = solution[..., 0].astype(np.complex128)
+                w[monomial] = np.linalg.solve(shifted, known).astype(np.complex128)
             w[b, a, c] = w[monomial].conj()
     return w, r
 
@@ -162,63 +185,48 @@ def _monomials(grade: int) -> list[Monomial]:
     ]
 
 
-def _transported(w: Series, r: Series, target: Monomial) -> Complex:
+def _transported(w: Series, r: dict[Monomial, complex], target: Monomial) -> Complex:
     """Part of dW/deta R + dW/dconj(eta) conj(R) at one monomial that is known already."""
-    total = np.zeros_like(w[1, 0, 0])
+    total = np.zeros(4, dtype=np.complex128)
     for (a, b, c), rate in r.items():
         if (a, b, c) == (1, 0, 0):
             continue
         # eta^i conj(eta)^j times the rate of eta, then of conj(eta)
         i, j, k = target[0] - a + 1, target[1] - b, target[2] - c
-        if i > 0 and i + j > 0 and (i, j, k) in w and (i, j, k) != (1, 0, 0):
-            total = total + i * rate[:, None] * w[i, j, k]
+        if i > 0 and (i, j, k) in w and (i, j, k) != (1, 0, 0):
+            total += i * rate * w[i, j, k]
         i, j, k = target[0] - b, target[1] - a + 1, target[2] - c
         if j > 0 and (i, j, k) in w and (i, j, k) != (0, 1, 0):
-            total = total + j * rate.conj()[:, None] * w[i, j, k]
+            total += j * rate.conjugate() * w[i, j, k]
     return total
 
 
-def _forces(w: Series, terms: NDArray[np.float64], grade: int) -> Series:
+def _forces(w: Series, wheelset: Wheelset, grade: int) -> Series:
     """Coefficients of N(W) at one grade: minus the cubic and quintic terms of (2), (3)."""
-    y = {m: value[:, 0] for m, value in w.items()}
-    psi = {m: value[:, 2] for m, value in w.items()}
+    y = {m: complex(value[0]) for m, value in w.items()}
+    psi = {m: complex(value[2]) for m, value in w.items()}
     result: Series = {}
-    column = 0
-    for order in (3, 5):
+    for order, table in ((3, wheelset.cubic), (5, wheelset.quintic)):
         for j in range(order + 1):
-            if order <= grade and terms[:, :, column].any():
+            if order <= grade and table[:, j].any():
                 product = _power_product([y] * (order - j) + [psi] * j, grade)
                 for monomial, value in product.items():
                     if sum(monomial) + monomial[2] == grade:
-                        force = result.setdefault(monomial, np.zeros_like(w[1, 0, 0]))
-                        force[:, 1::2] -= value[:, None] * terms[:, :, column]
-            column += 1
+                        force = result.setdefault(monomial, np.zeros(4, dtype=np.complex128))
+                        force[1::2] -= value * table[:, j]
     return result
 
 
-def _power_product(factors: list[Series], grade: int) -> Series:
+def _power_product(factors: list[dict[Monomial, complex]], grade: int) -> dict[Monomial, complex]:
     """Product of scalar series, truncated above a grade."""
     product = factors[0]
     for left_over, factor in zip(range(len(factors) - 2, -1, -1), factors[1:], strict=True):
-        result: Series = {}
+        result: dict[Monomial, complex] = {}
         for (a, b, c), x in product.items():
             for (i, j, k), z in factor.items():
                 # each factor still to come has grade 1 at least
                 if a + b + i + j + 2 * (c + k) + left_over <= grade:
                     key = (a + i, b + j, c + k)
-                    result[key] = result[key] + x * z if key in result else x * z
+                    result[key] = result.get(key, 0.0) + x * z
         product = result
     return product
-
-
-def _solve_bordered(
-    matrix: NDArray[Any], right: Complex, left: Complex, known: Complex
-) -> Complex:
-    """Solve M W + R v = known with l . W = 0; columns 0-3 are W, column 4 is R."""
-    count = len(matrix)
-    bordered = np.zeros((count, 5, 5), dtype=np.complex128)
-    bordered[:, :4, :4] = matrix
-    bordered[:, :4, 4] = right
-    bordered[:, 4, :4] = left
-    vector = np.concatenate([known, np.zeros((count, 1))], axis=1)
-    return np.asarray(np.linalg.solve(bordered, vector[..., None])[..., 0], dtype=np.complex128)

@@ -112,25 +112,17 @@ def critical_frequency(rig: RigParameters) -> float:
     return math.sqrt((rig.d11 * rig.k22 + rig.d22 * rig.k11) / (rig.d11 + rig.d22))
 
 
-def critical_speed(rig: RigParameters, within: tuple[float, float] = (0.0, math.inf)) -> float:
+def critical_speed(rig: RigParameters) -> float:
     """
     Linear critical speed v_c, m/s: where the hunting mode stops being damped.
 
     With i omega of Eq. (B-1) in the characteristic polynomial,
     d11 d22 / v_c*^2 = omega^2 + (k11 k22 - k12 k21) / omega^2 - k11 - k22.
 
-    Parameters
-    ----------
-    rig : RigParameters
-        The rig.
-    within : (float, float)
-        Speeds, m/s, in which the Hopf point must lie.
-
     Raises
     ------
     ConfigError
-        If there is none at all (the rig is stable at every speed), or none in
-        the range.
+        If there is none (the rig is stable at every speed).
     """
     omega2 = critical_frequency(rig) ** 2
     stiffness = rig.k11 * rig.k22 - rig.k12 * rig.k21
@@ -140,13 +132,7 @@ def critical_speed(rig: RigParameters, within: tuple[float, float] = (0.0, math.
             f'{rig.name}: no Hopf point, the wheelset is stable at every speed'
             f' (tread_angle = {rig.tread_angle:g}, d11 d22 / v_c^2 would be {damping:.3g})'
         )
-    speed = rig.speed_scale * math.sqrt(rig.d11 * rig.d22 / damping)
-    if not within[0] <= speed <= within[1]:
-        raise ConfigError(
-            f'{rig.name}: no Hopf point between {within[0]:g} and {within[1]:g} m/s,'
-            f' it is at {speed:.4g} m/s'
-        )
-    return speed
+    return rig.speed_scale * math.sqrt(rig.d11 * rig.d22 / damping)
 
 
 def speed_derivatives(rig: RigParameters) -> tuple[complex, complex]:

@@ -24,28 +24,6 @@ COEFFICIENTS: tuple[str, ...] = ('D1', 'D4', 'D7', 'D10', 'D15')
 
 
 @dataclass(frozen=True)
-class SteadyState:
-    """
-    A steady amplitude of the normal form.
-
-    Parameters
-    ----------
-    amplitude : float
-        Of y, m.
-    exponent : float
-        Rate at which a disturbance of it grows, 1/s.
-    """
-
-    amplitude: float
-    exponent: float
-
-    @property
-    def stable(self) -> bool:
-        """Whether disturbances die out."""
-        return self.exponent < 0.0
-
-
-@dataclass(frozen=True)
 class NormalForm:
     """
     Amplitude equation of the hunting mode, Eq. (24), with its scales.
@@ -102,18 +80,6 @@ class NormalForm:
     def detuning(self, speed: ArrayLike) -> NDArray[np.float64]:
         """Return eps = v / v_c - 1, Eq. (5), for speeds in m/s, any shape."""
         return np.asarray(speed, dtype=np.float64) / self.critical_speed - 1.0
-
-    def speed(self, detuning: ArrayLike) -> NDArray[np.float64]:
-        """Return v = v_c (1 + eps), m/s, Eq. (5), for detunings of any shape."""
-        return self.critical_speed * (1.0 + np.asarray(detuning, dtype=np.float64))
-
-    def amplitude(self, radius: ArrayLike) -> NDArray[np.float64]:
-        """Return the amplitude of y = 2 d0 r, m, Eq. (32), for radii of any shape."""
-        return 2.0 * self.length_scale * np.asarray(radius, dtype=np.float64)
-
-    def radius(self, amplitude: ArrayLike) -> NDArray[np.float64]:
-        """Return r = A / (2 d0), Eq. (32), for amplitudes in m, any shape."""
-        return np.asarray(amplitude, dtype=np.float64) / (2.0 * self.length_scale)
 
     def growth_rate(self, speed: ArrayLike, amplitude: ArrayLike = 0.0) -> NDArray[np.float64]:
         """
@@ -173,47 +139,6 @@ class NormalForm:
         stable = np.where(exists & (slope < 0.0), amplitude, math.nan)
         unstable = np.where(exists & (slope > 0.0), amplitude, math.nan)
         return np.fmax(unstable[0], unstable[1]), np.fmax(stable[0], stable[1])
-
-    def steady_states(self, speed: float) -> tuple[SteadyState, ...]:
-        """
-        All steady states at one speed, the trivial one first: Eqs. (26)-(28).
-
-        Parameters
-        ----------
-        speed : float
-            m/s.
-        """
-        amplitudes = (0.0, *(float(x) for x in self.steady_amplitudes(speed)))
-        states = (
-            SteadyState(amplitude, float(self.floquet_exponent(speed, amplitude)))
-            for amplitude in amplitudes
-            if not math.isnan(amplitude)
-        )
-        return tuple(sorted(states, key=lambda state: state.amplitude))
-
-    def floquet_exponent(self, speed: ArrayLike, amplitude: ArrayLike) -> NDArray[np.float64]:
-        """
-        d(dA/dt)/dA: at a steady state, the rate at which a disturbance of it grows.
-
-        Parameters
-        ----------
-        speed, amplitude : array_like
-            m/s and m; broadcast.
-
-        Returns
-        -------
-        ndarray
-            1/s.
-        """
-        eps = self.detuning(speed)
-        r2 = self.radius(amplitude) ** 2
-        rate: NDArray[np.float64] = (
-            self.D1 * eps
-            + self.D7 * eps**2
-            + 3.0 * (self.D4 + self.D10 * eps) * r2
-            + 5.0 * self.D15 * r2**2
-        ) / self.time_scale
-        return rate
 
     def unstable_amplitude(self, speed: ArrayLike) -> NDArray[np.float64]:
         """Amplitude of the unstable limit cycle, m: the edge of the quiet basin; NaN if none."""

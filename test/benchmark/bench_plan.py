@@ -42,7 +42,6 @@ FIRST = 'profile:\n- sweep: {low_mps: 6.0, high_mps: 8.8, rate_mps2: 0.1}\n'
 STAIRCASE = 'profile:\n- staircase: {low_mps: 6.0, high_mps: 8.8}\n'
 REACTING = {
     'see-saw': 'profile: [{seesaw: {duration_s: 240}}]',
-    'adaptive staircase': 'profile: [{adaptive_staircase: {low_mps: 6.0, high_mps: 8.8}}]',
 }
 #: Length of a stretch that is planned at once, s, and of the blocks in which the rig is run.
 STRETCH_S, BLOCK_S = 80.0, 0.1

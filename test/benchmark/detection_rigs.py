@@ -5,22 +5,23 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
+from runpy import run_path
 
 import numpy as np
 from bench_forecast import other_rig
 
-from hunt_ros.dynamics.branch_form import fitted_form
 from hunt_ros.dynamics.center_manifold import normal_form_of
-from hunt_ros.dynamics.limit_cycle import Branch, limit_cycles
+from hunt_ros.dynamics.limit_cycle import Branch, fitted_form, limit_cycles
 from hunt_ros.dynamics.linear_stability import Mode, critical_speed, hunting_mode
 from hunt_ros.dynamics.mode_shape import ModeShape
-from hunt_ros.dynamics.mode_table import shape_of
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.dynamics.simulation import RollerRig
 from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, SimulationSettings
 
 RATE_HZ = 500.0
+_THEORY = run_path(str(Path(__file__).parents[1] / 'mode_shapes.py'))
 #: What of the state a kick adds to.
 WAYS = ('y', 'dy/dt', 'psi', 'dpsi/dt')
 
@@ -59,7 +60,8 @@ class Bench:
     @cached_property
     def shape(self) -> ModeShape:
         """Mode shape from the equations of motion."""
-        return shape_of(self.rig, self.branch)
+        shape: ModeShape = _THEORY['shape_of'](self.rig, self.branch)
+        return shape
 
     @cached_property
     def cycle(self) -> float:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from runpy import run_path
 
 import numpy as np
 import pytest
 
-from hunt_ros.dynamics.branch_form import fitted_form
 from hunt_ros.dynamics.center_manifold import normal_form_of
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.limit_cycle import limit_cycles
+from hunt_ros.dynamics.limit_cycle import fitted_form, limit_cycles
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import Kick, simulate
@@ -71,3 +72,10 @@ def true_form() -> IdentifiedNormalForm:
     spread = np.array([0.02, 0.002, 0.01, 0.05, 0.05, 0.01])
     scale = np.array([1.0, form.D1, form.D4, form.D7, form.D10, form.D15])
     return IdentifiedNormalForm(form, np.diag((0.02 * spread * scale) ** 2))
+
+
+@pytest.fixture(scope='session')
+def shaped(true_form) -> IdentifiedNormalForm:
+    """The same with the mode shape of the rig."""
+    shape_of = run_path(str(Path(__file__).parents[1] / 'mode_shapes.py'))['shape_of']
+    return replace(true_form, mode_shape=shape_of(paper_rig(), limit_cycles(paper_rig())))

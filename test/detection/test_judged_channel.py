@@ -2,24 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect
 from hunt_ros.detection.decision import doubts
 from hunt_ros.detection.replay import replay_journal
-from hunt_ros.dynamics.limit_cycle import limit_cycles
-from hunt_ros.dynamics.mode_table import shape_of
-from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.samples import Record, Series
-
-
-@pytest.fixture(scope='module')
-def shaped(true_form):
-    rig = paper_rig()
-    return replace(true_form, mode_shape=shape_of(rig, limit_cycles(rig)))
 
 
 def without(record: Record, channel: str, after_ns: int = 0) -> Record:

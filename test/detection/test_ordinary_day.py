@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect
 from hunt_ros.detection.output import Output
-from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.limit_cycle import limit_cycles
-from hunt_ros.dynamics.mode_table import shape_of
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import simulate
@@ -35,12 +31,6 @@ def said(output: Output, *words: str, after_s: float = 0.0) -> list[float]:
 
 def changed(record: Record, channel: str, values: np.ndarray) -> Record:
     return Record({**record, channel: Series(record[channel].stamps_ns, values)})
-
-
-@pytest.fixture(scope='module')
-def shaped(true_form) -> IdentifiedNormalForm:
-    rig = paper_rig()
-    return replace(true_form, mode_shape=shape_of(rig, limit_cycles(rig)))
 
 
 @pytest.mark.parametrize('lines', [(20e-6,), (50e-6, 20e-6)])

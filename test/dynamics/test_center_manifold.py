@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hunt_ros.dynamics.center_manifold import normal_form_of, normal_forms_of
+from hunt_ros.dynamics.center_manifold import normal_form_of
 from hunt_ros.dynamics.linear_stability import (
     critical_frequency,
     critical_speed,
@@ -73,25 +73,14 @@ def test_the_amplitude_coordinate_gives_the_speed_of_harmonic_balance(
         roots = np.roots([real.D7, real.D1 + real.D10 * r2, real.D4 * r2 + real.D15 * r2**2])
         eps = roots[np.argmin(np.abs(roots))]
         errors.append(abs(eps / cycle['epsilon'] - 1))
-        hz = form.frequency_hz(real.speed(cycle['epsilon']), amplitude * form.length_scale)
-        assert hz * 2 * np.pi * form.time_scale == pytest.approx(cycle['omega'], rel=1e-6)
     assert errors[0] < 1e-5
     assert errors[1] / errors[0] == pytest.approx(16, rel=0.1)
 
 
-def test_the_papers_coordinate_misses_the_curvature() -> None:
-    """Reading y_amp = 2 d0 r in the paper's own coordinate is wrong at the next order."""
-    case = CASES[4]
-    paper = normal_form_of(rig_of(case)).paper_coordinate
-    cycle = case['limit_cycles_by_harmonic_balance'][1]
-    r2 = (cycle['fundamental_amplitude_of_y_star'] / 2) ** 2
-    roots = np.roots([paper.D7, paper.D1 + paper.D10 * r2, paper.D4 * r2 + paper.D15 * r2**2])
-    assert abs(roots[np.argmin(np.abs(roots))] / cycle['epsilon'] - 1) > 1e-3
-
-
 def test_d1_and_d7_of_a_hundred_rigs_are_the_derivatives_of_the_eigenvalue() -> None:
     rigs = linear_rigs(100, seed=1)
-    for rig, form in zip(rigs, normal_forms_of(rigs), strict=True):
+    for rig in rigs:
+        form = normal_form_of(rig)
         d1, d7 = speed_derivatives(rig)
         assert abs(form.D1 - d1) < 1e-8 * abs(d1)
         assert abs(form.D7 - d7) < 1e-8 * max(abs(d7), abs(d1))
@@ -118,22 +107,6 @@ def test_coefficients_scale_with_the_unit_of_length_of_the_nonlinearity(
     for name, power in (('D4', 2), ('D10', 2), ('D15', 4), ('w210', 2)):
         wanted = getattr(one, name) * factor**power
         assert abs(getattr(other, name) - wanted) < 1e-9 * abs(wanted) + 1e-12
-
-
-def test_d4_is_linear_in_the_cubic_terms_and_blind_to_the_quintic_ones() -> None:
-    base = normal_form_of(RigParameters(beta={'30': 100.0}))
-    double = normal_form_of(RigParameters(beta={'30': 200.0, '50': 1e6}, alpha={'05': 3e3}))
-    for name, factor in (('D4', 2), ('D1', 1), ('D10', 2)):
-        assert getattr(double, name) == pytest.approx(factor * getattr(base, name)), name
-
-
-def test_many_rigs_at_once_give_what_each_gives_alone() -> None:
-    rigs = [rig_of(case) for case in CASES]
-    for together, rig in zip(normal_forms_of(rigs), rigs, strict=True):
-        alone = normal_form_of(rig)
-        for name in ('D1', 'D4', 'D7', 'D10', 'D15'):
-            assert getattr(together, name) == pytest.approx(getattr(alone, name), rel=1e-11)
-    assert normal_forms_of([]) == []
 
 
 def test_a_degenerate_pair_is_refused_by_name() -> None:

@@ -12,8 +12,6 @@ from hypothesis import strategies as st
 from hunt_ros.dynamics.covariance_root import covariance_root
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.simulation import RollerRig, SimulationSettings
 
 
 @pytest.fixture
@@ -57,11 +55,3 @@ def test_an_identified_form_gives_the_same_draws(another_library) -> None:
     another_library()
     there = [IdentifiedNormalForm(one).vector for one in form.draws(5)]
     assert np.array(there) == pytest.approx(np.array(here), rel=1e-9)
-
-
-def test_a_simulated_rig_starts_in_the_same_state(another_library) -> None:
-    settings = SimulationSettings(sample_rate_hz=100.0, initial_speed=7.8, broadband=1e-5)
-    here = RollerRig(paper_rig(), settings, 3).advance(20).lateral
-    another_library()
-    there = RollerRig(paper_rig(), settings, 3).advance(20).lateral
-    assert there == pytest.approx(here, rel=1e-9, abs=1e-15)

@@ -104,14 +104,6 @@ def test_a_bad_number_is_named_with_the_file(name: str, value: object) -> None:
     assert '\n' not in message
 
 
-@pytest.mark.parametrize('name', PARAMETERS)
-def test_a_missing_number_is_named_with_the_file(name: str) -> None:
-    group = group_of(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml())
-    del group[name]
-    with pytest.raises(ConfigError, match=f'form.yaml: {name} is missing'):
-        IdentifiedNormalForm.from_yaml(with_group(group), 'form.yaml')
-
-
 @pytest.mark.parametrize(
     ('covariance', 'complaint'),
     [
@@ -168,26 +160,6 @@ def test_draws_have_the_covariance_they_come_from() -> None:
     assert np.abs((draws.mean(0) - one.vector) / std).max() < 4.0 / 141.0
     np.testing.assert_allclose(draws.std(0), std, rtol=0.02)
     assert np.corrcoef(draws.T)[2, 5] == pytest.approx(-0.8, abs=0.02)
-
-
-def test_draws_follow_the_seed_and_never_run_backwards() -> None:
-    wide = np.zeros((6, 6))
-    wide[0, 0] = 8.0**2  # every sixth draw of v_c would be negative
-    one = IdentifiedNormalForm(PAPER_NORMAL_FORM, wide)
-    draws = one.draws(500, seed=1)
-    assert draws == one.draws(500, seed=1)
-    assert draws != one.draws(500, seed=2)
-    assert 380 < len(draws) < 460
-    assert all(form.critical_speed > 0.0 for form in draws)
-
-
-def test_a_form_taken_as_exact_draws_itself() -> None:
-    assert IdentifiedNormalForm(PAPER_NORMAL_FORM).draws(3) == [PAPER_NORMAL_FORM] * 3
-
-
-def test_std_is_the_root_of_the_diagonal() -> None:
-    one = IdentifiedNormalForm(PAPER_NORMAL_FORM, np.diag([4.0, 9.0, 16.0, 25.0, 36.0, 49.0]))
-    assert [one.std(name) for name in PARAMETERS] == [2.0, 3.0, 4.0, 5.0, 6.0, 7.0]
 
 
 def test_a_sample_is_kept_in_the_file_and_drawn_from() -> None:

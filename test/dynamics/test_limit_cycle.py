@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +10,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hunt_ros.dynamics.branch_form import fitted_form
 from hunt_ros.dynamics.center_manifold import normal_form_of
-from hunt_ros.dynamics.limit_cycle import Branch, limit_cycles
+from hunt_ros.dynamics.limit_cycle import Branch, fitted_form, limit_cycles
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.dynamics.wheelset import Wheelset
 from hunt_ros.errors import ConfigError
@@ -125,10 +123,6 @@ def test_each_speed_has_two_cycles_below_v_c_and_one_above(branch: Branch) -> No
         np.testing.assert_allclose(cycles.speed, speed, rtol=1e-12)
 
 
-def test_the_trivial_multiplier_is_one(branch: Branch) -> None:
-    np.testing.assert_allclose(branch.multipliers[:, 0], 1.0, atol=1e-6)
-
-
 @pytest.mark.parametrize('case', CASES, ids=range(len(CASES)))
 def test_cycles_of_the_reference_rigs_are_those_of_harmonic_balance(case: dict[str, Any]) -> None:
     """Rigs with all twenty nonlinear coefficients; three odd harmonics there, eight here."""
@@ -151,9 +145,8 @@ def test_near_the_hopf_point_the_normal_form_gives_amplitude_and_exponent(branch
     cycle = branch.at_speed(speed)
     unstable = float(form.unstable_amplitude(speed))
     assert cycle.amplitude[0] == pytest.approx(unstable, rel=1e-4)
-    assert cycle.exponent[0] == pytest.approx(
-        float(form.floquet_exponent(speed, unstable)), rel=1e-2
-    )
+    rates = form.growth_rate(speed, unstable * np.array([1.0 - 1e-5, 1.0 + 1e-5]))
+    assert cycle.exponent[0] == pytest.approx(np.diff(rates)[0] / 2e-5, rel=1e-2)
 
 
 def test_the_quintic_form_nearest_to_the_branch_follows_it_through_the_fold(
@@ -180,18 +173,8 @@ def test_a_supercritical_rig_has_one_stable_branch_without_fold() -> None:
     assert branch.speed.min() >= branch.critical_speed
 
 
-def test_a_linear_rig_has_only_the_vertical_family_at_v_c() -> None:
-    branch = limit_cycles(RigParameters())
-    np.testing.assert_allclose(branch.speed, branch.critical_speed, rtol=1e-9)
-
-
 def test_no_hopf_point_and_odd_collocation_are_refused() -> None:
     with pytest.raises(ConfigError, match='no Hopf point'):
         limit_cycles(RigParameters(tread_angle=1e-4))
     with pytest.raises(ConfigError, match='even number of points, got 7'):
         limit_cycles(paper_rig(), points=7)
-
-
-def test_nothing_is_found_at_a_speed_without_cycles(branch: Branch) -> None:
-    assert branch.at_speed(6.0).amplitude.shape == (0,)
-    assert not math.isnan(branch.critical_speed)

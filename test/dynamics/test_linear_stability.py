@@ -134,11 +134,6 @@ def test_a_rig_without_hopf_point_is_named() -> None:
         critical_speed(RigParameters(tread_angle=1e-4, name='flat'))
 
 
-def test_a_hopf_point_outside_the_range_is_named() -> None:
-    with pytest.raises(ConfigError, match='no Hopf point between 1 and 7 m/s, it is at 8 m/s'):
-        critical_speed(paper_rig(), within=(1.0, 7.0))
-
-
 def test_where_creep_damps_everything_there_is_no_hunting_mode() -> None:
     with pytest.raises(ConfigError, match=r'no oscillating mode at 0\.01 m/s'):
         hunting_mode(RigParameters(lateral_frequency_rad_per_s=1e-6, tread_angle=1e-9), 0.01)

@@ -57,30 +57,6 @@ def test_the_jacobian_is_the_derivative_of_the_derivative(seed: int) -> None:
     np.testing.assert_allclose(jacobian, np.stack(columns, axis=-1), atol=1e-7 * scale)
 
 
-def test_states_and_speeds_are_vectorised_alike() -> None:
-    wheelset = Wheelset(random_rig(3))
-    rng = np.random.default_rng(0)
-    states, speeds = rng.normal(0, 0.01, (5, 7, 4)), rng.uniform(3, 9, 7)
-    together = wheelset.derivative(states, speeds)
-    jacobians = wheelset.jacobian(states, speeds)
-    assert together.shape == (5, 7, 4)
-    assert jacobians.shape == (5, 7, 4, 4)
-    for i in range(5):
-        for j in range(7):
-            one = wheelset.derivative(states[i, j], speeds[j])
-            np.testing.assert_allclose(together[i, j], one, rtol=1e-13)
-            one = wheelset.jacobian(states[i, j], speeds[j])
-            np.testing.assert_allclose(jacobians[i, j], one, rtol=1e-13)
-
-
-def test_the_equations_are_odd() -> None:
-    wheelset = Wheelset(random_rig(5))
-    state = np.random.default_rng(1).normal(0, 0.05, 4)
-    np.testing.assert_array_equal(
-        wheelset.derivative(-state, 7.0), -wheelset.derivative(state, 7.0)
-    )
-
-
 @pytest.mark.parametrize('speed', [0.0, -1.0, float('nan')])
 def test_a_speed_that_is_not_positive_is_refused(speed: float) -> None:
     with pytest.raises(ConfigError, match='speed must be positive'):

@@ -8,7 +8,6 @@ against time that is left where no detector decides how it goes.
 from hunt_ros.dynamics.profile.profile import Profile
 from hunt_ros.dynamics.profile.steps import (
     STEPS,
-    AdaptiveStaircase,
     Corners,
     Hold,
     Leg,
@@ -16,7 +15,6 @@ from hunt_ros.dynamics.profile.steps import (
     Ramp,
     Scene,
     Seesaw,
-    Sine,
     Staircase,
     Step,
     Sweep,
@@ -24,7 +22,6 @@ from hunt_ros.dynamics.profile.steps import (
 
 __all__ = [
     'STEPS',
-    'AdaptiveStaircase',
     'Corners',
     'Hold',
     'Leg',
@@ -33,7 +30,6 @@ __all__ = [
     'Ramp',
     'Scene',
     'Seesaw',
-    'Sine',
     'Staircase',
     'Step',
     'Sweep',

@@ -52,7 +52,6 @@ class ProfileRun:
         self._from = self.speed_mps = speed_mps
         self._in_leg = 0.0
         self._cut = False  # the leg may not outlast its step
-        self._anchor, self._steady_from = math.nan, 0.0
         self.elapsed_s = 0.0
         self.finished = False
         self.note = ''
@@ -89,7 +88,7 @@ class ProfileRun:
                 self._begin()
                 idle += 1
                 continue
-            if self._ended_by(motion):
+            if motion.amplitude_m > self._leg.above_m or motion.amplitude_m < self._leg.below_m:
                 self._leg = None
                 continue
             used_s = self._use(left_s)
@@ -117,21 +116,6 @@ class ProfileRun:
             leg = Leg(self.speed_mps, hold_s=_LOOK_AGAIN_S)
         self._leg, self._in_leg, self._from = leg, 0.0, self.speed_mps
         self._cut = self._step is not None and self._scene.elapsed_s < self._step.longest_s
-        self._anchor = math.nan
-
-    def _ended_by(self, motion: Motion) -> bool:
-        """Return True if what the detector sees ends the leg."""
-        leg, amplitude = self._leg, motion.amplitude_m
-        if leg is None:
-            return False
-        if amplitude > leg.above_m or amplitude < leg.below_m:
-            return True
-        if math.isnan(leg.steady) or self._in_leg < self._way_s(leg):
-            return False
-        same = abs(amplitude - self._anchor) <= leg.steady * self._anchor
-        if not (same or (amplitude < leg.quiet_m and self._anchor < leg.quiet_m)):
-            self._anchor, self._steady_from = amplitude, self._in_leg
-        return self._in_leg - self._steady_from >= leg.steady_s
 
     def _way_s(self, leg: Leg) -> float:
         return abs(leg.speed_mps - self._from) / leg.rate_mps2

@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any
 
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
@@ -22,11 +22,9 @@ from hunt_ros.settings import Settings, setting
 _REQUIRED = math.nan
 _FASTEST_MPS = 100.0
 _LONGEST_S = 604_800.0
-#: Corners of a period of a sine: straight lines between them err by 0.1 % of its amplitude.
-_SINE_CORNERS = 64
 #: Of the see-saw, in parts of the hysteresis region and of the amplitude at the fold.
 _WATCHED = (0.36, 0.74, 0.49, 0.62)
-_FALLEN, _GROWN, _QUIET = 0.7, 0.3, 0.1
+_FALLEN, _GROWN = 0.7, 0.3
 #: The see-saw goes so much lower where hunting does not die out.
 _LOWER_MPS = 0.1
 #: Key of the see-saw -> what of the form it follows from.
@@ -85,9 +83,6 @@ class Leg:
         How long to stay.
     above_m, below_m : float
         Ends as soon as the amplitude is above, or below, this; NaN: not.
-    steady : float
-        Ends as soon as the amplitude has stayed within this share of itself (or below
-        `quiet_m`) for `steady_s`; NaN: not.
     """
 
     speed_mps: float
@@ -95,9 +90,6 @@ class Leg:
     hold_s: float = 0.0
     above_m: float = math.nan
     below_m: float = math.nan
-    steady: float = math.nan
-    steady_s: float = 0.0
-    quiet_m: float = 0.0
 
 
 class Scene:
@@ -119,6 +111,9 @@ class Scene:
 @dataclass(frozen=True)
 class Step(Settings):
     """A step of a profile; its fields are the keys of the YAML."""
+
+    _: KW_ONLY
+    note: str = setting('', 'told to the operator when the step begins')
 
     def legs(self, scene: Scene) -> Iterator[Leg]:
         """Iterate over the legs; the next one is asked for when the one before is over."""
@@ -165,41 +160,17 @@ def _amplitude(description: str) -> Any:
 
 
 @dataclass(frozen=True)
-class Hold(Step):
-    """Stay at a speed."""
-
-    speed_mps: float = _speed('where')
-    duration_s: float = _time('how long, the way there not counted')
-    rate_mps2: float = _rate(0.2)
-    until_above_m: float = _amplitude('ends as soon as the amplitude is above this (0: not)')
-    until_below_m: float = _amplitude('ends as soon as the amplitude is below this (0: not)')
-    note: str = setting('', 'told to the operator when the step begins')
-
-    def legs(self, scene: Scene) -> Iterator[Leg]:
-        """Iterate over the one leg."""
-        above, below = self.until_above_m or math.nan, self.until_below_m or math.nan
-        yield Leg(self.speed_mps, self.rate_mps2, self.duration_s, above, below)
-
-    @property
-    def reacts(self) -> bool:
-        """True where an amplitude may end it."""
-        return bool(self.until_above_m or self.until_below_m)
-
-
-@dataclass(frozen=True)
-class Ramp(Step):
-    """Go to a speed."""
+class _GoTo(Step):
+    """Go to a speed; an amplitude may end it."""
 
     speed_mps: float = _speed('where to')
-    rate_mps2: float = _rate(0.1)
+    _: KW_ONLY
     until_above_m: float = _amplitude('ends as soon as the amplitude is above this (0: not)')
     until_below_m: float = _amplitude('ends as soon as the amplitude is below this (0: not)')
-    note: str = setting('', 'told to the operator when the step begins')
 
-    def legs(self, scene: Scene) -> Iterator[Leg]:
-        """Iterate over the one leg."""
+    def _leg(self, rate_mps2: float, hold_s: float) -> Leg:
         above, below = self.until_above_m or math.nan, self.until_below_m or math.nan
-        yield Leg(self.speed_mps, self.rate_mps2, 0.0, above, below)
+        return Leg(self.speed_mps, rate_mps2, hold_s, above, below)
 
     @property
     def reacts(self) -> bool:
@@ -208,35 +179,26 @@ class Ramp(Step):
 
 
 @dataclass(frozen=True)
-class Sine(Step):
-    """Oscillate about a speed."""
+class Hold(_GoTo):
+    """Stay at a speed."""
 
-    speed_mps: float = _speed('about which')
-    amplitude_mps: float = _speed('how far, both ways')
-    period_s: float = _time('of one oscillation', low=0.1)
-    duration_s: float = _time('how long')
+    duration_s: float = _time('how long, the way there not counted')
     rate_mps2: float = _rate(0.2)
-    note: str = setting('', 'told to the operator when the step begins')
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.amplitude_mps > self.speed_mps:
-            raise ConfigError(
-                f'amplitude_mps: {self.amplitude_mps:g} is above speed_mps'
-                f' ({self.speed_mps:g}): the speed would be negative'
-            )
 
     def legs(self, scene: Scene) -> Iterator[Leg]:
-        """Go to the middle, then from corner to corner."""
-        yield Leg(self.speed_mps, self.rate_mps2)
-        step_s, before = self.period_s / _SINE_CORNERS, self.speed_mps
-        for number in range(1, math.floor(self.duration_s / step_s + 1e-9) + 1):
-            phase = 2.0 * math.pi * number / _SINE_CORNERS
-            speed = self.speed_mps + self.amplitude_mps * math.sin(phase)
-            rate = abs(speed - before) / step_s
-            # A corner at the speed of the one before is a wait.
-            yield Leg(speed, rate) if rate > 1e-12 else Leg(speed, math.inf, step_s)
-            before = speed
+        """Iterate over the one leg."""
+        yield self._leg(self.rate_mps2, self.duration_s)
+
+
+@dataclass(frozen=True)
+class Ramp(_GoTo):
+    """Go to a speed."""
+
+    rate_mps2: float = _rate(0.1)
+
+    def legs(self, scene: Scene) -> Iterator[Leg]:
+        """Iterate over the one leg."""
+        yield self._leg(self.rate_mps2, 0.0)
 
 
 @dataclass(frozen=True)
@@ -248,7 +210,6 @@ class Sweep(Step):
     rate_mps2: float = _rate(0.02)
     hold_s: float = _time('at the top', 0.0)
     back: bool = setting(True, 'and back again')
-    note: str = setting('', 'told to the operator when the step begins')
 
     def legs(self, scene: Scene) -> Iterator[Leg]:
         """Go to the beginning, up, and down."""
@@ -268,7 +229,6 @@ class Staircase(Step):
     hold_s: float = _time('on each step', 25.0)
     rate_mps2: float = _rate(0.2)
     back: bool = setting(True, 'and down again')
-    note: str = setting('', 'told to the operator when the step begins')
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -286,38 +246,6 @@ class Staircase(Step):
         """One leg a step."""
         for speed in self.levels:
             yield Leg(speed, self.rate_mps2, self.hold_s)
-
-
-@dataclass(frozen=True)
-class AdaptiveStaircase(Staircase):
-    """A staircase that leaves each step as soon as the amplitude there is known."""
-
-    shortest_s: float = _time('the amplitude is steady for so long, on each step', 6.0, low=0.1)
-    steady: float = setting(
-        0.03, 'share of itself within which a steady amplitude stays', low=1e-3, high=1.0
-    )
-    quiet_m: float = _amplitude(
-        'below this the wheelset is quiet, which is steady (0: 0.1 of the amplitude at the fold)'
-    )
-
-    def legs(self, scene: Scene) -> Iterator[Leg]:
-        """One leg a step, which ends when the amplitude is steady, `hold_s` at the latest."""
-        for speed in self.levels:
-            fold = scene.motion.fold_amplitude_m
-            quiet = self.quiet_m or (_QUIET * fold if math.isfinite(fold) else 0.0)
-            yield Leg(
-                speed,
-                self.rate_mps2,
-                self.hold_s,
-                steady=self.steady,
-                steady_s=self.shortest_s,
-                quiet_m=quiet,
-            )
-
-    @property
-    def reacts(self) -> bool:
-        """The detector ends each step."""
-        return True
 
 
 @dataclass(frozen=True)
@@ -341,7 +269,6 @@ class Seesaw(Step):
     grown_m: float = _amplitude('reverse above this (0: 0.3 of the amplitude at the fold)')
     fallen_m: float = _amplitude('reverse below this (0: 0.7 of the amplitude at the fold)')
     rate_mps2: float = _rate(0.1)
-    note: str = setting('', 'told to the operator when the step begins')
 
     def begin_mps(self, motion: Motion) -> float:
         """Return the lowest speed: the see-saw begins with a quiet wheelset."""
@@ -418,7 +345,6 @@ class Corners(Step):
 
     times_s: tuple[float, ...] = setting((), 'times of the corners, the first 0', unit='s')
     speeds_mps: tuple[float, ...] = setting((), 'speeds there', unit='m/s')
-    note: str = setting('', 'told to the operator when the step begins')
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -440,9 +366,7 @@ STEPS: dict[str, type[Step]] = {
     'hold': Hold,
     'ramp': Ramp,
     'sweep': Sweep,
-    'sine': Sine,
     'staircase': Staircase,
-    'adaptive_staircase': AdaptiveStaircase,
     'seesaw': Seesaw,
     'corners': Corners,
 }

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hunt_ros.dynamics.mode_shape import ModeShape
-from hunt_ros.dynamics.mode_table import CARRY_SPEED, fitted_shape, rounded
+from hunt_ros.dynamics.mode_shape import CARRY_SPEED, ModeShape, fitted_shape, rounded
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.estimation.mode_measurement import RatioPoints
 from hunt_ros.estimation.response_windows import ResponseWindows, joined

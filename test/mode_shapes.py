@@ -1,0 +1,69 @@
+"""The mode shape of a rig from its equations of motion: a truth for tests and benchmarks."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from hunt_ros.dynamics.limit_cycle import Branch
+from hunt_ros.dynamics.linear_stability import critical_speed, hunting_mode
+from hunt_ros.dynamics.mode_shape import ModeShape, fitted_shape, rounded
+from hunt_ros.dynamics.parameters import RigParameters
+from hunt_ros.dynamics.wheelset import Wheelset
+
+
+def shape_of(rig: RigParameters, branch: Branch | None = None) -> ModeShape:
+    """Return it by Appendix B; with a branch of limit cycles the ratio by amplitude too."""
+    speeds = critical_speed(rig) * np.linspace(0.7, 1.15, 10)
+    modes = [hunting_mode(rig, float(v)) for v in speeds]
+    speed, amplitude = list(speeds), [0.0] * speeds.size
+    ratio = [mode.yaw_per_lateral / rig.length_scale for mode in modes]
+    frequency = [mode.frequency_hz for mode in modes]
+    if branch is not None:
+        inside = (branch.speed >= speeds[0]) & (branch.speed <= speeds[-1])
+        places = np.flatnonzero(inside)
+        for k in places[:: max(1, places.size // (2 * speeds.size))]:
+            speed.append(float(branch.speed[k]))
+            amplitude.append(float(branch.amplitude[k]))
+            ratio.append(cycle_ratio(branch, int(k)))
+            frequency.append(float(branch.frequency_hz[k]))
+    std = np.full(len(speed), 0.002)
+    table = fitted_shape(speed, amplitude, ratio, std, frequency, alike=0.0)
+    assert table is not None
+    at = [_second(rig, float(v)) for v in table.speeds]
+    if any(value is None for value in at):
+        return table
+    known = [value for value in at if value is not None]
+    return ModeShape(
+        table.speeds,
+        table.amplitudes,
+        table.frequency_hz,
+        table.ratio,
+        table.ratio_std,
+        rounded(np.array([value.imag / (2.0 * math.pi) for value, _ in known])),
+        rounded(np.array([-value.real for value, _ in known])),
+        rounded(np.array([ratio.real for _, ratio in known]))
+        + 1j * rounded(np.array([ratio.imag for _, ratio in known])),
+    )
+
+
+def cycle_ratio(branch: Branch, place: int) -> complex:
+    """Yaw over lateral phasor of the fundamental of one limit cycle of a branch, rad/m."""
+    system, x = branch.system, branch.unknowns[place]
+    lateral = system.to_fundamental @ x[: system.points]
+    yaw = system.to_fundamental @ x[system.points : 2 * system.points]
+    return complex(yaw / lateral) / system.rig.length_scale
+
+
+def _second(rig: RigParameters, speed: float) -> tuple[complex, complex] | None:
+    """Eigenvalue (1/s) and yaw ratio (rad/m) of the second mode; None where it does not turn."""
+    values, vectors = np.linalg.eig(Wheelset(rig).linear_matrix(speed))
+    turning = np.flatnonzero(values.imag > 1e-6)
+    if turning.size < 2:
+        return None
+    place = int(turning[np.argmin(values[turning].real)])
+    value = complex(values[place]) / rig.time_scale
+    if not value.real < 0.0:
+        return None
+    return value, complex(vectors[2, place] / vectors[0, place]) / rig.length_scale
