@@ -19,8 +19,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from hunt_ros.bag import write_record
-from hunt_ros.bag.mcap.walk import walk_file
+from hunt_ros.bag import BagWriter, write_record
+from hunt_ros.bag.cdr.message_types import standard_types
+from hunt_ros.bag.mcap.layout import walk_file
+from hunt_ros.bag.messages import STRING
+from hunt_ros.bag.record_writer import record_rows
 from hunt_ros.bag.repair import repair
 from hunt_ros.cli.main import main as hunt
 from hunt_ros.dynamics.center_manifold import normal_form_of
@@ -122,7 +125,13 @@ def write_bag(name: str) -> None:
         'operator': 'bags/make.py',
         'notes': ' '.join((RECORDS[name].__doc__ or '').split()),
     }
-    write_record(target, RECORDS[name](), notes=notes, texts={'hunting/normal_form': form})
+    record, types = RECORDS[name](), standard_types()
+    message = types.serialize_cdr(types.types[STRING](data=form), STRING)
+    with BagWriter(target, notes=notes) as bag:
+        topic = bag.topic('/rig/hunting/normal_form', STRING, latched=True)
+        bag.write(topic, record.start_ns, message)
+        for rows in record_rows(record, bag.topic, 'rig'):
+            bag.write_rows(rows)
 
 
 def write_damaged() -> None:

@@ -1,7 +1,7 @@
 """
 Recordings: columns in, messages out, repair, import and export.
 
-Reading goes from `reader` (a recording) over `storage_files` to a storage (`mcap`, `sqlite_file`),
+Reading goes from `reader` (a recording) to the files of it (`mcap`, `sqlite_file`),
 which hands out `blocks`; `columns` and `messages` take numbers and texts out of these through
 `cdr`. Writing goes from `record_writer` (a whole record) and `recording` (a live one) to
 `bag_writer` (a folder) and `mcap.writer` (a file). `interchange` reads and writes what is no bag.

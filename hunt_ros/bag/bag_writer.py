@@ -12,29 +12,13 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
 
+from hunt_ros.bag.blocks import Topic
 from hunt_ros.bag.cdr.message_types import definition_text
 from hunt_ros.bag.mcap.writer import CHUNK_BYTES, McapWriter, Rows
-from hunt_ros.bag.metadata import (
-    NOTES,
-    FileEntry,
-    TopicEntry,
-    folder_metadata,
-    quality_of_service,
-)
+from hunt_ros.bag.metadata import NOTES, FileEntry, folder_metadata, quality_of_service
 from hunt_ros.bag.reader import ACTIVE
 from hunt_ros.errors import BagError
-
-
-class _Topic(NamedTuple):
-    """A topic that was declared, with what every file of the recording says of it."""
-
-    name: str
-    type: str
-    definition: str
-    type_hash: str
-    qos: str
 
 
 class BagWriter:
@@ -73,8 +57,7 @@ class BagWriter:
         self.notes = {str(key): str(value) for key, value in (notes or {}).items()}
         self._compression = compression
         self._chunk_bytes = chunk_bytes
-        self._topics: dict[int, _Topic] = {}
-        self._keys: dict[str, int] = {}
+        self._topics: dict[str, Topic] = {}
         self._metadata: dict[str, dict[str, str]] = {NOTES: self.notes}
         self._counts: Counter[int] = Counter()
         self._files: list[FileEntry] = []
@@ -91,16 +74,9 @@ class BagWriter:
         for record_name, strings in self._metadata.items():
             if strings:
                 file.add_metadata(record_name, strings)
-        for key, topic in self._topics.items():
-            self._describe(file, key, topic)
+        for topic in self._topics.values():
+            file.add_topic(topic)
         return file
-
-    def _describe(self, file: McapWriter, key: int, topic: _Topic) -> None:
-        strings = {
-            'offered_qos_profiles': topic.qos,
-            'topic_type_hash': topic.type_hash,
-        }
-        file.add_topic(key, topic.name, topic.type, topic.definition, strings)
 
     def topic(
         self,
@@ -132,19 +108,19 @@ class BagWriter:
         BagError
             If the topic is known with another type.
         """
-        if name in self._keys:
-            known = self._topics[self._keys[name]].type
-            if known != message_type:
-                raise BagError(f'{self.path}: {name} is {known}, expected not {message_type}')
-            return self._keys[name]
+        if (known := self._topics.get(name)) is not None:
+            if known.type != message_type:
+                raise BagError(f'{self.path}: {name} is {known.type}, expected not {message_type}')
+            return known.id
         text, type_hash = definition_text(message_type)
-        key = len(self._topics) + 1
-        qos = quality_of_service(latched)
-        topic = _Topic(name, message_type, definition or text, type_hash, qos)
+        topic = Topic(
+            len(self._topics) + 1, name, message_type, 'cdr', 'ros2msg', definition or text,
+            quality_of_service(latched), type_hash,
+        )  # fmt: skip
         with self._writing():
-            self._describe(self._file, key, topic)
-        self._topics[key], self._keys[name] = topic, key
-        return key
+            self._file.add_topic(topic)
+        self._topics[name] = topic
+        return topic.id
 
     def write(self, topic: int, log_ns: int, message: bytes | memoryview) -> None:
         """Write one message as it was on the wire (CDR with its encapsulation)."""
@@ -183,7 +159,7 @@ class BagWriter:
 
     def _finish_file(self) -> None:
         file = self._file
-        file.close()
+        file.finish()
         self._counts.update(file.counts)
         count = sum(file.counts.values())
         self._files.append(FileEntry(file.path.name, file.first_ns, file.last_ns, count))
@@ -224,7 +200,8 @@ class BagWriter:
         """
         with self._writing():
             self._finish_file()
-            text = self.metadata_text()
+            topics = [(topic, self._counts[topic.id]) for topic in self._topics.values()]
+            text = folder_metadata(topics, self._files, self.notes)
             target = self.active / 'metadata.yaml'
             with open(target, 'w', encoding='utf-8') as out:
                 out.write(text)
@@ -233,17 +210,9 @@ class BagWriter:
             self.active.rename(self.path)
         return self.path
 
-    def metadata_text(self) -> str:
-        """Return the description of what is finished, as metadata.yaml has it."""
-        topics = [
-            TopicEntry(topic.name, topic.type, topic.type_hash, topic.qos, self._counts[key])
-            for key, topic in self._topics.items()
-        ]
-        return folder_metadata(topics, self._files, self.notes)
-
     def abandon(self) -> None:
         """Let go of the file; what is written stays under the `.active` name."""
-        self._file.abandon()
+        self._file.close()
 
     def __enter__(self) -> BagWriter:
         return self

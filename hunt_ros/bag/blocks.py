@@ -8,9 +8,9 @@ out of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,38 +66,6 @@ class Block:
 
     data: NDArray[np.uint8]
     places: dict[int, Places]
-
-
-class Storage(Protocol):
-    """One file of a recording, opened."""
-
-    path: str
-    topics: list[Topic]
-    problems: list[str]
-    remarks: list[tuple[str, str]]
-    counts: dict[int, int]
-    metadata: list[tuple[str, dict[str, str]]]
-
-    @property
-    def span_ns(self) -> tuple[int, int] | None:
-        """First and last log time, ns; None for a file with no message."""
-
-    def blocks(
-        self,
-        wanted: Collection[int],
-        start_ns: int | None = None,
-        end_ns: int | None = None,
-        damaged: Callable[[BagError], None] | None = None,
-    ) -> Iterator[Block]:
-        """
-        Yield the messages of these topics with start_ns <= log time < end_ns.
-
-        `damaged` is told of a damaged part, which is passed over; without it the part
-        ends the reading with its error.
-        """
-
-    def close(self) -> None:
-        """Let go of the file."""
 
 
 def within(places: Places, start_ns: int | None, end_ns: int | None) -> Places:

@@ -23,22 +23,13 @@ from rosbags.interfaces import (
 from rosbags.rosbag2 import ReaderError
 from rosbags.rosbag2.metadata import dump_qos_v8, parse_qos
 
+from hunt_ros.bag.blocks import Topic
+
 VERSION = 8
 #: MCAP metadata record and metadata.yaml key under which rig, operator and notes stand.
 NOTES = 'hunt_ros'
 #: "For ever", as rosbag2 writes it.
 _FOREVER = QosTime(9223372036, 854775807)
-
-
-class TopicEntry(NamedTuple):
-    """A topic as the description lists it."""
-
-    name: str
-    type: str
-    type_hash: str
-    qos: str
-    messages: int
-    encoding: str = 'cdr'
 
 
 class FileEntry(NamedTuple):
@@ -68,14 +59,14 @@ def quality_of_service(latched: bool) -> str:
 
 def offered_qos(text: str) -> str:
     """
-    Return an offered QoS as version 8 has it, whatever version wrote it.
+    Return an offered QoS as version 8 has it, whatever version wrote it; '' where there is none.
 
-    One that is missing or cannot be read becomes that of a stream.
+    What is made up here would contradict the file: rosbags then reads no message of the topic.
     """
     try:
-        return dump_qos_v8(parse_qos(text)) or quality_of_service(False)
+        return dump_qos_v8(parse_qos(text)) if text else ''
     except (ReaderError, AttributeError, KeyError, TypeError, ValueError):
-        return quality_of_service(False)
+        return ''
 
 
 class _PlainDumper(yaml.SafeDumper):  # type: ignore[misc]
@@ -87,15 +78,17 @@ class _PlainDumper(yaml.SafeDumper):  # type: ignore[misc]
 
 
 def folder_metadata(
-    topics: Sequence[TopicEntry], files: Sequence[FileEntry], notes: Mapping[str, str]
+    topics: Sequence[tuple[Topic, int]], files: Sequence[FileEntry], notes: Mapping[str, str]
 ) -> str:
     """
     Return the text of `metadata.yaml`.
 
     Parameters
     ----------
-    topics, files : sequences
-        What the folder holds.
+    topics : sequence of (Topic, int)
+        What the folder holds, and how many messages of it.
+    files : sequence of FileEntry
+        Its files.
     notes : mapping of str to str
         Goes into `custom_data`.
     """
@@ -105,14 +98,32 @@ def folder_metadata(
     info = {
         'version': VERSION,
         'storage_identifier': 'mcap',
-        'duration': {'nanoseconds': end - start},
-        'starting_time': {'nanoseconds_since_epoch': start},
+        **_times(start, end),
         'message_count': sum(entry.messages for entry in files),
-        'topics_with_message_count': [_topic(entry) for entry in topics],
+        'topics_with_message_count': [
+            {
+                'topic_metadata': {
+                    'name': topic.name,
+                    'type': topic.type,
+                    'serialization_format': topic.encoding,
+                    'offered_qos_profiles': topic.qos,
+                    'type_description_hash': topic.type_hash,
+                },
+                'message_count': count,
+            }
+            for topic, count in topics
+        ],
         'compression_format': '',
         'compression_mode': '',
         'relative_file_paths': [entry.name for entry in files],
-        'files': [_file(entry) for entry in files],
+        'files': [
+            {
+                'path': entry.name,
+                **_times(entry.first_ns or 0, entry.last_ns),
+                'message_count': entry.messages,
+            }
+            for entry in files
+        ],
         'custom_data': {str(key): str(value) for key, value in notes.items()} or None,
         'ros_distro': os.environ.get('ROS_DISTRO') or 'jazzy',
     }
@@ -122,24 +133,8 @@ def folder_metadata(
     return text
 
 
-def _topic(entry: TopicEntry) -> dict[str, Any]:
+def _times(first_ns: int, last_ns: int) -> dict[str, Any]:
     return {
-        'topic_metadata': {
-            'name': entry.name,
-            'type': entry.type,
-            'serialization_format': entry.encoding,
-            'offered_qos_profiles': entry.qos,
-            'type_description_hash': entry.type_hash,
-        },
-        'message_count': entry.messages,
-    }
-
-
-def _file(entry: FileEntry) -> dict[str, Any]:
-    first = entry.first_ns or 0
-    return {
-        'path': entry.name,
-        'starting_time': {'nanoseconds_since_epoch': first},
-        'duration': {'nanoseconds': max(0, entry.last_ns - first)},
-        'message_count': entry.messages,
+        'duration': {'nanoseconds': max(0, last_ns - first_ns)},
+        'starting_time': {'nanoseconds_since_epoch': first_ns},
     }

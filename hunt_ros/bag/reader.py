@@ -9,22 +9,29 @@ files compressed as a whole (`.zstd`). The description is read here and not by
 
 from __future__ import annotations
 
+import re
+import shutil
 import tempfile
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
+import zstandard
 
-from hunt_ros.bag.blocks import Block, Storage, Topic, expand_messages
+from hunt_ros.bag.blocks import Block, Topic, expand_messages
+from hunt_ros.bag.mcap.file import McapFile
 from hunt_ros.bag.metadata import NOTES
-from hunt_ros.bag.storage_files import folder_files, open_storage
+from hunt_ros.bag.sqlite_file import SqliteFile
 from hunt_ros.errors import BagError
 
 #: A recording has this ending until it is closed properly.
 ACTIVE = '.active'
 NEWEST_VERSION = 9
+STORAGES: dict[str, type[McapFile] | type[SqliteFile]] = {'.mcap': McapFile, '.db3': SqliteFile}
 
+#: Left free where a compressed file is expanded, bytes.
+_RESERVE = 1 << 28
 _LARGEST_METADATA = 1 << 24
 _Loader: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
@@ -50,7 +57,7 @@ class Bag:
     Attributes
     ----------
     path : Path
-    files : list of Storage
+    files : list of McapFile or SqliteFile
         In the order in which they were recorded.
     topics : dict of str to TopicSummary
     notes : dict of str to str
@@ -66,7 +73,7 @@ class Bag:
 
     def __init__(self, path: str | Path) -> None:
         self.path = _existing(Path(path))
-        self.files: list[Storage] = []
+        self.files: list[McapFile | SqliteFile] = []
         self.problems: list[str] = []
         self.metadata: dict[str, Any] = {}
         self._scratch: tempfile.TemporaryDirectory[str] | None = None
@@ -136,7 +143,7 @@ class Bag:
         inside = '..' not in name.parts and not name.is_absolute()
         return below if inside and below.exists() else self.path / name.name
 
-    def _open_file(self, name: Path) -> Storage | None:
+    def _open_file(self, name: Path) -> McapFile | SqliteFile | None:
         """Open one file; None for an empty one of a recording that was killed."""
         try:
             if name.suffix == '.zstd' and self._scratch is None:
@@ -242,6 +249,85 @@ class Bag:
 
     def __exit__(self, *error: object) -> None:
         self.close()
+
+
+def storage_kind(name: Path) -> str:
+    """Return '.mcap' or '.db3', looking behind '.zstd'; another ending as it is."""
+    return Path(name.stem).suffix if name.suffix == '.zstd' else name.suffix
+
+
+def folder_files(folder: Path) -> list[Path]:
+    """Return the recorded files of a folder, in the order in which they were begun."""
+    try:
+        found = [
+            name for name in folder.iterdir() if storage_kind(name) in STORAGES and name.is_file()
+        ]
+    except OSError as error:
+        raise BagError(f'{folder}: cannot be read ({error.strerror})') from error
+    return sorted(found, key=_natural)
+
+
+def open_storage(name: Path, scratch: Path, *, partial: bool = False) -> McapFile | SqliteFile:
+    """
+    Open one file.
+
+    Parameters
+    ----------
+    name : Path
+        `.mcap` or `.db3`, or one of them with `.zstd`.
+    scratch : Path
+        Where a compressed file is expanded to.
+    partial : bool
+        Take what can be expanded of a damaged file.
+
+    Raises
+    ------
+    BagError
+        If it is no recording, or damaged so far that nothing can be read.
+    """
+    kind = storage_kind(name)
+    if kind not in STORAGES:
+        raise BagError(
+            f'{name}: not a recording, expected a folder, .mcap or .db3; "hunt import" makes one'
+            ' of a CSV, MATLAB, NumPy, TDMS or Parquet file'
+        )
+    if not name.is_file():  # a pipe would be waited for without end
+        raise BagError(f'{name}: not a file, expected a recording')
+    if name.suffix != '.zstd':
+        return STORAGES[kind](name)
+    opened = STORAGES[kind](_expanded(name, scratch, partial))
+    opened.path = str(name)
+    return opened
+
+
+def _expanded(name: Path, scratch: Path, partial: bool) -> Path:
+    """Expand a file that is compressed as a whole; `partial` takes what there is of it."""
+    target = scratch / name.stem
+    free = shutil.disk_usage(scratch).free - _RESERVE
+    try:
+        with (
+            open(name, 'rb') as packed,
+            open(target, 'wb') as out,
+            zstandard.ZstdDecompressor().stream_reader(packed) as stream,
+        ):
+            try:
+                while part := stream.read(1 << 20):
+                    free -= len(part)
+                    if free < 0:
+                        raise BagError(f'{name}: no space in {scratch} to expand it')
+                    out.write(part)
+            except zstandard.ZstdError:
+                if not partial:
+                    raise
+    except (OSError, zstandard.ZstdError, MemoryError) as error:
+        raise BagError(f'{name}: cannot be expanded ({error})') from error
+    return target
+
+
+def _natural(name: Path) -> list[tuple[int, str]]:
+    """Sort bag_2 before bag_10."""
+    parts = re.split(r'(\d+)', name.name)
+    return [(int(part), '') if part.isdigit() else (0, part) for part in parts]
 
 
 def read_metadata(path: Path) -> dict[str, Any]:

@@ -1,9 +1,9 @@
 """
 Sound copies of damaged recordings, and what was lost on the way.
 
-What a dead recorder left behind is closed after the fact. A recorder holds a lock on the file
-it writes, and the system lets go of it when the process dies: so a recording that is running
-is never taken for a leftover.
+Only what is proven is copied: chunks whose CRC fits, as they are. What a dead recorder left behind
+is closed after the fact. A recorder holds a lock on the file it writes, and the system lets go of
+it when the process dies: so a recording that is running is never taken for a leftover.
 """
 
 from __future__ import annotations
@@ -12,27 +12,34 @@ import fcntl
 import shutil
 import tempfile
 from collections import Counter
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
-from hunt_ros.bag.blocks import expand_messages
+import numpy as np
+from mcap import records as peer
+from mcap.opcode import Opcode
+from numpy.typing import NDArray
+
+from hunt_ros.bag.blocks import Places, expand_messages
 from hunt_ros.bag.cdr.message_types import definition_text
-from hunt_ros.bag.mcap.salvage import Salvage, is_complete, salvage_mcap
+from hunt_ros.bag.compression import expand_zstd, is_compressed
+from hunt_ros.bag.mcap import records as rec
+from hunt_ros.bag.mcap.file import McapFile, walked_places
+from hunt_ros.bag.mcap.layout import IMPOSSIBLE, Layout, walk_file
 from hunt_ros.bag.mcap.writer import McapWriter
-from hunt_ros.bag.metadata import FileEntry, TopicEntry, folder_metadata, offered_qos
-from hunt_ros.bag.reader import ACTIVE, Bag
+from hunt_ros.bag.metadata import FileEntry, folder_metadata, offered_qos
+from hunt_ros.bag.reader import ACTIVE, Bag, folder_files, open_storage
 from hunt_ros.bag.sqlite_file import SALVAGE_HINT, SqliteFile
-from hunt_ros.bag.storage_files import expand_file, folder_files
 from hunt_ros.errors import BagError
 
 
-@dataclass(kw_only=True)
-class Repair(Salvage):
+@dataclass
+class Repair:
     """
-    What a repair did; of all files what `Salvage` says of one, and the following.
+    What a repair did.
 
     Attributes
     ----------
@@ -40,12 +47,21 @@ class Repair(Salvage):
         The sound recording.
     saved : Counter of str
         Messages by topic.
+    lost_bytes : int
+        Bytes of the damaged files that hold nothing provable.
+    lost_spans_ns : list of (int, int)
+        Log times that lost chunks claim to have held.
+    problems : list of str
+        What was found, in the order of the files.
     left_out : list of str
         Files of which nothing could be read.
     """
 
     path: Path
     saved: Counter[str] = field(default_factory=Counter)
+    lost_bytes: int = 0
+    lost_spans_ns: list[tuple[int, int]] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
 
     @property
@@ -87,12 +103,10 @@ def repair(path: str | Path, out: str | Path) -> Repair:
     files = folder_files(source) if source.is_dir() else [source]
     if not source.exists() or not files:
         raise BagError(f'{source}: no recording there, expected .mcap or .db3 files')
+    report = Repair(target)
     try:
         active.mkdir(parents=True)
-    except OSError as error:
-        raise BagError(f'{active}: cannot be made ({error.strerror})') from error
-    try:
-        report = _repair_files(files, active, target)
+        _repair_files(files, active, report)
         if not report.messages:
             reason = report.problems[0] if report.problems else 'no message is whole'
             raise BagError(f'{source}: nothing to save ({reason})')
@@ -105,102 +119,141 @@ def repair(path: str | Path, out: str | Path) -> Repair:
     return report
 
 
-def _repair_files(files: Sequence[Path], active: Path, target: Path) -> Repair:
+def _repair_files(files: Sequence[Path], active: Path, report: Repair) -> None:
     """Save what is sound in each file of a recording into a file of the new one."""
-    report = Repair(path=target)
     for number, file in enumerate(files):
-        copy = active / f'{target.name}_{number}.mcap'
+        copy = active / f'{report.path.name}_{number}.mcap'
+        found = Repair(copy)
         try:
-            part = _salvage(file, copy)
+            with tempfile.TemporaryDirectory(prefix='hunt_ros_repair_') as scratch:
+                storage = open_storage(file, Path(scratch), partial=True)
+                with closing(storage), closing(McapWriter(copy)) as writer:
+                    if isinstance(storage, McapFile):
+                        _copy_mcap(storage, writer, found)
+                    else:
+                        _copy_sqlite(storage, writer, found)
+                    writer.finish()
         except BagError as error:
             report.problems.append(str(error))
             report.left_out.append(file.name)
             copy.unlink(missing_ok=True)
             continue
-        report.lost_bytes += part.lost_bytes
-        report.lost_spans_ns += part.lost_spans_ns
-        report.problems += [f'{file.name}: {problem}' for problem in part.problems]
+        report.lost_bytes += found.lost_bytes
+        report.lost_spans_ns += found.lost_spans_ns
+        report.problems += [f'{file.name}: {problem}' for problem in found.problems]
     if len(report.left_out) < len(files):
         report.saved = _describe(active)
-    return report
 
 
-def _salvage(file: Path, target: Path) -> Salvage:
-    """Save what is sound in one file, whatever its format."""
-    with tempfile.TemporaryDirectory(prefix='hunt_ros_repair_') as scratch:
-        if file.suffix == '.zstd':
-            file = expand_file(file, Path(scratch), partial=True)
-        if file.suffix == '.mcap':
-            return salvage_mcap(file, target)
-        if file.suffix != '.db3':
-            raise BagError(f'{file}: not a recording, expected .mcap or .db3')
-        storage = SqliteFile(_whole_pages(file, Path(scratch)), cut_short=True)
+def _copy_mcap(file: McapFile, writer: McapWriter, report: Repair) -> None:
+    """Copy what is sound of an MCAP file."""
+    layout = walk_file(file.view)
+    report.problems += layout.problems
+    report.lost_bytes += layout.lost_bytes
+    for schema in layout.schemas.values():
+        writer.describe(schema)
+    for channel in layout.channels.values():
+        writer.describe(channel)
+    for offset, length in layout.beside:
+        record = bytes(file.view[offset : offset + length])
+        # The metadata of rosbag2 holds counts of the whole recording, which no longer hold.
+        if record[0] != Opcode.METADATA or rec.unpack(peer.Metadata, record[9:]).name != 'rosbag2':
+            writer.add_beside(record)
+    for chunk in layout.chunks:
         try:
-            return _copy(storage, target)
-        finally:
-            storage.close()
+            _copy_chunk(file.view, chunk, layout, writer)
+        except ValueError as error:
+            end = chunk.data + chunk.stored
+            report.lost_spans_ns.append((chunk.first_ns, chunk.last_ns))
+            report.lost_bytes += end - chunk.offset
+            report.problems.append(f'bytes {chunk.offset} to {end}: a chunk: {error}')
+    _copy_messages(np.frombuffer(file.view, np.uint8), layout.loose, layout, writer)
+    if not layout.ended:
+        report.problems.append('the end of the recording is missing')
+    left_out = (f'{count} {what} are left out' for what, count in layout.left_out.items() if count)
+    report.problems += left_out
 
 
-def _whole_pages(file: Path, scratch: Path) -> Path:
-    """
-    Return an SQLite file without its last page, where that was cut.
+def _copy_chunk(view: memoryview, chunk: rec.Chunk, layout: Layout, writer: McapWriter) -> None:
+    """Copy a sound chunk as it is; message by message where one in it must not be copied."""
+    data = np.frombuffer(rec.expand_chunk(view, chunk), np.uint8)
+    found = walked_places(data)
+    times = [(int(part.log_ns.min()), int(part.log_ns.max())) for part in found.values()]
+    if not times:
+        return
+    first, last = min(first for first, _ in times), max(last for _, last in times)
+    if (
+        (first, last) == (chunk.first_ns, chunk.last_ns)
+        and found.keys() <= layout.channels.keys()
+        and not any(_is_packed(layout, key, data, places) for key, places in found.items())
+    ):
+        entries = {
+            key: np.stack([part.log_ns, part.starts - rec.MESSAGE_PREFIX], axis=1).tobytes()
+            for key, part in found.items()
+        }
+        writer.add_chunk(bytes(view[chunk.offset : chunk.end]), entries)
+        return
+    possible = {key: places.possible() for key, places in found.items()}
+    layout.left_out[IMPOSSIBLE] += sum(
+        found[key].log_ns.size - places.log_ns.size for key, places in possible.items()
+    )
+    _copy_messages(data, possible, layout, writer)
 
-    SQLite would fill it up with zeros, and SQLite knows no checksum: a message that
-    reached into it would be read with zeros at its end.
-    """
-    with open(file, 'rb') as whole:
-        head = whole.read(18)
-        page = int.from_bytes(head[16:18], 'big')
-        page = 65536 if page == 1 else page
-        size = file.stat().st_size
-        if not head.startswith(b'SQLite format 3') or page < 512 or size % page == 0:
-            return file
-        if shutil.disk_usage(scratch).free < size:
-            raise BagError(f'{file}: no space in {scratch} for a copy of it')
-        copy = scratch / file.name
-        whole.seek(0)
-        with open(copy, 'wb') as out:
-            shutil.copyfileobj(whole, out)
-            out.truncate(size - size % page)
-    return copy
+
+def _copy_messages(
+    data: NDArray[np.uint8], found: Mapping[int, Places], layout: Layout, writer: McapWriter
+) -> None:
+    """Copy messages one by one in their order, those that were compressed alone expanded."""
+    known = {key: places for key, places in found.items() if key in layout.channels}
+    packed = {key: _is_packed(layout, key, data, places) for key, places in known.items()}
+    rows = sorted(
+        (start, length, key)
+        for key, places in known.items()
+        for start, length in zip(places.starts.tolist(), places.lengths.tolist(), strict=True)
+    )
+    for start, length, key in rows:
+        message = data[start : start + length].tobytes()
+        if packed[key]:
+            try:
+                message = expand_zstd(message)
+            except ValueError:
+                layout.left_out['messages that cannot be expanded'] += 1
+                continue
+        writer.add_record(data[start - rec.MESSAGE_HEAD.size : start].tobytes(), message)
 
 
-def _copy(storage: SqliteFile, target: Path) -> Salvage:
+def _is_packed(layout: Layout, key: int, data: NDArray[np.uint8], places: Places) -> bool:
+    """Return True for messages that were compressed alone: the copy says nothing of that."""
+    if layout.channels[key].message_encoding != 'cdr' or not places.starts.size:
+        return False
+    return is_compressed(data[places.starts[0] :][:4].tobytes())
+
+
+def _copy_sqlite(storage: SqliteFile, writer: McapWriter, report: Repair) -> None:
     """Copy the messages of an SQLite file, as far as it can be read."""
-    result = Salvage(problems=list(storage.problems))
-    writer = McapWriter(target)
     topics = {topic.id: topic for topic in storage.topics}
     keys = {topic: number for number, topic in enumerate(topics, 1)}
+    for key, topic in topics.items():
+        kind = topic.type_hash or definition_text(topic.type)[1]
+        qos = offered_qos(topic.qos)
+        writer.add_topic(topic._replace(id=keys[key], qos=qos, type_hash=kind))
+    problems = list(storage.problems)
     try:
-        for topic in topics.values():
-            strings = {
-                'offered_qos_profiles': offered_qos(topic.qos),
-                'topic_type_hash': definition_text(topic.type)[1],
-            }
-            writer.add_topic(
-                keys[topic.id], topic.name, topic.type, topic.definition, strings,
-                encoding=topic.encoding, definition_encoding=topic.definition_encoding,
-            )  # fmt: skip
-        try:
-            for block in storage.blocks(topics.keys(), order='id'):
-                whole = expand_messages(block, topics, storage.path)
-                for key, places in whole.places.items():
-                    for log_ns, start, length in zip(*(p.tolist() for p in places), strict=True):
-                        writer.add(keys[key], log_ns, whole.data[start : start + length].tobytes())
-        except BagError as error:
-            result.problems.append(str(error))
-        # The name of the file is put in front by whoever has its own, not the copy's.
-        told = (text.removeprefix(f'{storage.path}: ') for text in result.problems)
-        result.problems = list(dict.fromkeys(text.removesuffix(SALVAGE_HINT) for text in told))
-        writer.close()
-    finally:
-        writer.abandon()
-    return result
+        for block in storage.blocks(topics.keys(), order='id'):
+            whole = expand_messages(block, topics, storage.path)
+            for key, places in whole.places.items():
+                for log_ns, start, length in zip(*(p.tolist() for p in places), strict=True):
+                    writer.add(keys[key], log_ns, whole.data[start : start + length].tobytes())
+    except BagError as error:
+        problems.append(str(error))
+    # The name of the file is put in front by whoever has its own, not the copy's.
+    told = (text.removeprefix(f'{storage.path}: ') for text in problems)
+    report.problems += dict.fromkeys(text.removesuffix(SALVAGE_HINT) for text in told)
 
 
 def _describe(active: Path) -> Counter[str]:
     """Write the `metadata.yaml` of a folder of sound files; return its messages by topic."""
-    topics: dict[str, TopicEntry] = {}
+    topics = {}
     files: list[FileEntry] = []
     saved: Counter[str] = Counter()
     with Bag(active) as bag:
@@ -208,18 +261,13 @@ def _describe(active: Path) -> Counter[str]:
             for topic in file.topics:
                 if count := file.counts.get(topic.id, 0):
                     saved[topic.name] += count
-                    topics[topic.name] = TopicEntry(
-                        topic.name,
-                        topic.type,
-                        topic.type_hash or definition_text(topic.type)[1],
-                        offered_qos(topic.qos),
-                        saved[topic.name],
-                        topic.encoding,
-                    )
+                    kind = topic.type_hash or definition_text(topic.type)[1]
+                    topics[topic.name] = topic._replace(qos=offered_qos(topic.qos), type_hash=kind)
             first_ns, last_ns = file.span_ns or (None, 0)
             count = sum(file.counts.values())
             files.append(FileEntry(Path(file.path).name, first_ns, last_ns, count))
-        text = folder_metadata(list(topics.values()), files, bag.notes)
+        rows = [(topic, saved[name]) for name, topic in topics.items()]
+        text = folder_metadata(rows, files, bag.notes)
     (active / 'metadata.yaml').write_text(text, encoding='utf-8')
     return saved
 
@@ -284,15 +332,18 @@ def _lock(file: Path) -> IO[bytes]:
 
 def _finish_file(file: Path) -> None:
     """Put a complete file in the place of one that was not closed, with what is sound in it."""
-    if is_complete(file):
-        return
     repaired = file.with_suffix('.mcap.part')
     repaired.unlink(missing_ok=True)
-    try:
-        salvage_mcap(file, repaired)
-        repaired.replace(file)
-    finally:
-        repaired.unlink(missing_ok=True)
+    with closing(McapFile(file)) as left:
+        if left.layout.is_complete:
+            return
+        try:
+            with closing(McapWriter(repaired)) as writer:
+                _copy_mcap(left, writer, Repair(file))
+                writer.finish()
+            repaired.replace(file)
+        finally:
+            repaired.unlink(missing_ok=True)
 
 
 def finalise_left(directory: Path) -> list[str]:

@@ -37,8 +37,6 @@ class SqliteFile:
     ----------
     path : str or Path
         The file.
-    cut_short : bool
-        Open a file even if pages that it says it has are missing.
 
     Raises
     ------
@@ -46,7 +44,7 @@ class SqliteFile:
         If it is no SQLite file, or not one of a recording.
     """
 
-    def __init__(self, path: str | Path, *, cut_short: bool = False) -> None:
+    def __init__(self, path: str | Path) -> None:
         self.path = str(path)
         self.problems: list[str] = []
         self.remarks: list[tuple[str, str]] = []
@@ -55,9 +53,6 @@ class SqliteFile:
             raise BagError(f'{path}: no such file, expected a .db3 recording')
         try:
             self._base = sqlite3.connect(f'{Path(path).resolve().as_uri()}?mode=ro', uri=True)
-            if cut_short:
-                # SQLite itself refuses such a file but for this, made for salvaging.
-                self._base.execute('PRAGMA writable_schema = ON')
             self._base.text_factory = lambda raw: raw.decode('utf-8', 'replace')
         except sqlite3.Error as error:
             raise self._damage(error) from error

@@ -12,8 +12,14 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
-from hunt_ros.bag.reader import ACTIVE, is_recording, read_metadata
-from hunt_ros.bag.storage_files import STORAGES, folder_files, storage_kind
+from hunt_ros.bag.reader import (
+    ACTIVE,
+    STORAGES,
+    folder_files,
+    is_recording,
+    read_metadata,
+    storage_kind,
+)
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import HuntError
 from hunt_ros.samples import NANOSECONDS

@@ -27,8 +27,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from hunt_ros.bag import Bag, BagWriter, read_record
 from hunt_ros.bag.inspection import inspect
+from hunt_ros.bag.mcap.layout import walk_file
 from hunt_ros.bag.mcap.records import records
-from hunt_ros.bag.mcap.walk import walk_file
 from hunt_ros.bag.messages import read_raw, read_texts
 from hunt_ros.bag.record_writer import serialise
 from hunt_ros.bag.repair import repair

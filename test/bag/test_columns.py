@@ -200,7 +200,7 @@ def test_a_time_slice_is_that_part_of_the_whole(bag: Path, record, first: int, l
 
 def test_a_time_slice_does_not_open_the_other_chunks(bag: Path, record, tmp_path: Path) -> None:
     with Bag(bag) as opened:
-        chunks = opened.files[0]._layout.chunks
+        chunks = opened.files[0].layout.chunks
         assert len(chunks) > 1
         damaged = bytearray(next(bag.glob('*.mcap')).read_bytes())
         damaged[chunks[-1].data + 40] ^= 0xFF

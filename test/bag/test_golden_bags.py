@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import shutil
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 
-from hunt_ros.bag import read_record, write_record
+from hunt_ros.bag import Bag, read_record
 from hunt_ros.bag.inspection import inspect
+from hunt_ros.bag.messages import read_texts
 from hunt_ros.bag.repair import repair
 from hunt_ros.cli.main import main as hunt
 from hunt_ros.errors import BagError
 
+_FORM = 'hunting/normal_form'
 BAGS = Path(__file__).parents[2] / 'bags'
 FORMS = {
     'hysteresis_loop': 'paper.yaml',
@@ -85,18 +88,23 @@ def statistics(values: np.ndarray, pieces: int = 12) -> np.ndarray:
 
 @pytest.mark.parametrize('name', ['kick_decays', 'supercritical'])
 def test_the_command_makes_the_recording_again(
-    name: str, maker: ModuleType, tmp_path: Path
+    name: str, maker: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The same stamps, motion and events; the last digits are those of the compiler."""
-    record = read_record(BAGS / name)
-    again = maker.RECORDS[name]()
+    monkeypatch.setattr(maker, 'HERE', tmp_path)
+    shutil.copy(BAGS / FORMS[name], tmp_path)
+    maker.write_bag(name)
+    with Bag(BAGS / name) as golden, Bag(tmp_path / name) as made:
+        assert golden.topics == made.topics
+    texts = [[text.log_ns for text in read_texts(b / name, _FORM)] for b in (BAGS, tmp_path)]
+    assert texts[0] == texts[1]
+    record, again = read_record(BAGS / name), read_record(tmp_path / name)
     assert set(record) == set(again)
     for channel in record:
         np.testing.assert_array_equal(record[channel].stamps_ns, again[channel].stamps_ns)
         old, new = statistics(record[channel].values), statistics(again[channel].values)
         np.testing.assert_allclose(new, old, rtol=1e-3, atol=1e-3 * old[:, 1].max())
-    write_record(tmp_path / 'again', again)
-    found = replayed(tmp_path / 'again', FORMS[name], tmp_path / 'out.json')
+    found = replayed(tmp_path / name, FORMS[name], tmp_path / 'out.json')
     check_events(found, json.loads((BAGS / f'{name}.json').read_text()))
 
 

@@ -9,8 +9,8 @@ import pytest
 
 from hunt_ros.bag import read_record, write_record
 from hunt_ros.bag.inspection import inspect
+from hunt_ros.bag.mcap.layout import walk_file
 from hunt_ros.bag.mcap.records import FOOTER_SIZE, MESSAGE_PREFIX
-from hunt_ros.bag.mcap.walk import walk_file
 from hunt_ros.errors import BagError
 from hunt_ros.samples import Record, Series
 

@@ -74,7 +74,7 @@ def test_every_prefix_is_read_inspected_and_repaired(small: Path, tmp_path: Path
 
 def test_a_chunk_that_was_cut_counts_as_lost(small: Path, tmp_path: Path) -> None:
     with Bag(small) as bag:
-        last = bag.files[0]._layout.chunks[-1]
+        last = bag.files[0].layout.chunks[-1]
     file = tmp_path / 'cut.mcap'
     file.write_bytes((small / 'run_0.mcap').read_bytes()[: last.end - 1])
     assert repair(file, tmp_path / 'saved').lost_bytes == last.end - 1 - last.offset
@@ -82,7 +82,7 @@ def test_a_chunk_that_was_cut_counts_as_lost(small: Path, tmp_path: Path) -> Non
 
 def test_a_chunk_with_a_wrong_crc_is_named_and_left_out(small: Path, tmp_path: Path) -> None:
     with Bag(small) as bag:
-        chunks = bag.files[0]._layout.chunks
+        chunks = bag.files[0].layout.chunks
     data = bytearray((small / 'run_0.mcap').read_bytes())
     bad = chunks[len(chunks) // 2]
     data[bad.data + bad.stored // 2] ^= 0x10
@@ -103,7 +103,7 @@ def test_a_chunk_with_a_wrong_crc_is_named_and_left_out(small: Path, tmp_path: P
 
 def test_damage_to_a_length_loses_that_chunk_and_no_other(small: Path, tmp_path: Path) -> None:
     with Bag(small) as bag:
-        chunks = bag.files[0]._layout.chunks
+        chunks = bag.files[0].layout.chunks
     data = bytearray((small / 'run_0.mcap').read_bytes())
     bad = chunks[1]
     data[bad.offset + 1 : bad.offset + 9] = (1 << 63).to_bytes(8, 'little')  # 8 EiB
@@ -111,6 +111,7 @@ def test_damage_to_a_length_loses_that_chunk_and_no_other(small: Path, tmp_path:
     file.write_bytes(data)
     repair(file, tmp_path / 'saved')
     saved, whole = message_set(tmp_path / 'saved'), message_set(small)
+    assert message_set(file) == saved  # reading goes on behind it as well
     lost = whole - saved
     assert saved < whole
     assert all(bad.first_ns <= log_ns <= bad.last_ns for _, log_ns, _ in lost)
@@ -123,7 +124,7 @@ def test_a_chunk_that_claims_8_eib_is_refused(new_record, tmp_path: Path, compre
     path = write_chunks(tmp_path / 'run', new_record(seconds=0.05), compression, 10**6)
     (file,) = path.glob('*.mcap')
     with Bag(path) as bag:
-        (chunk,) = bag.files[0]._layout.chunks
+        (chunk,) = bag.files[0].layout.chunks
     data = bytearray(file.read_bytes())
     claim = ((1 << 63) - 1).to_bytes(8, 'little')
     size = chunk.size.to_bytes(8, 'little')
@@ -146,7 +147,7 @@ def test_a_chunk_that_claims_8_eib_is_refused(new_record, tmp_path: Path, compre
 def test_a_missing_index_is_made_good(small: Path, tmp_path: Path) -> None:
     """An index that contradicts its chunk is not believed: the chunk is walked."""
     with Bag(small) as bag:
-        layout = bag.files[0]._layout
+        layout = bag.files[0].layout
         places = [place for index in layout.indexes.values() for place in index.values()]
     data = bytearray((small / 'run_0.mcap').read_bytes())
     for offset, count in places:
@@ -158,23 +159,25 @@ def test_a_missing_index_is_made_good(small: Path, tmp_path: Path) -> None:
     assert {problem.kind for problem in inspect(file).problems} == {'bad_index'}
 
 
-def test_a_cut_sqlite_bag_saves_what_can_be_read(new_record, by_rosbags, tmp_path: Path) -> None:
+def test_of_a_damaged_sqlite_bag_what_stands_before_the_damage_is_saved(
+    new_record, by_rosbags, tmp_path: Path
+) -> None:
     lateral = Record({'lateral': new_record(seconds=2.0)['lateral']})
     file = by_rosbags(tmp_path / 'peer', lateral)
     whole = message_set(file)
-    data = file.read_bytes()
-    file.write_bytes(data[: len(data) * 6 // 10])
+    data = bytearray(file.read_bytes())
+    middle = len(data) * 6 // 10 // 4096 * 4096
+    data[middle : middle + 4096] = bytes(4096)
+    file.write_bytes(data)
     with pytest.raises(BagError, match=r'SQLite.*--repair'):
         read_record(file)
     report = repair(tmp_path / 'peer', tmp_path / 'saved')
-    # Neither a count of bytes that nobody knows, nor the name of the copy it worked on.
+    # Not a count of bytes that nobody knows.
     assert 'bytes' not in str(report)
-    (problem,) = report.problems
-    assert problem.startswith(f'{file.name}: not a sound SQLite recording')
+    assert any(problem.startswith(f'{file.name}: not a sound') for problem in report.problems)
     saved = message_set(tmp_path / 'saved')
     assert saved < whole
     assert len(saved) > 0.3 * len(whole)
-    assert any('SQLite' in problem for problem in report.problems)
 
 
 def active_copy(small: Path, tmp_path: Path, cut: int) -> Path:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hunt_ros.bag.channels import Channels, ChannelSource, channel_map
 from hunt_ros.bag.columns import constant_stamps, read_record
 from hunt_ros.bag.interchange.tables import Table, load_table, select
-from hunt_ros.bag.storage_files import STORAGES, storage_kind
+from hunt_ros.bag.reader import STORAGES, storage_kind
 from hunt_ros.errors import BagError
 from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series
 from hunt_ros.sensors import ANGLES, SENSORS

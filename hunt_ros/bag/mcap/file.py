@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import mmap
+from array import array
 from collections.abc import Callable, Collection, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -18,10 +19,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag.blocks import Block, Places, within
+from hunt_ros.bag.blocks import Block, Places, strided, within
 from hunt_ros.bag.mcap import records as rec
-from hunt_ros.bag.mcap.places import indexed_chunk, walked_places
-from hunt_ros.bag.mcap.walk import NotIndexedError, Walk, read_summary, walk_file
+from hunt_ros.bag.mcap.layout import (
+    ENTRY_BYTES,
+    IMPOSSIBLE,
+    IndexPlace,
+    Layout,
+    read_summary,
+    walk_file,
+)
 from hunt_ros.errors import BagError
 
 #: Chunks are gathered together up to this many expanded bytes, so that small ones cost little.
@@ -47,6 +54,10 @@ class McapFile:
 
     Attributes
     ----------
+    view : memoryview
+        Its bytes.
+    layout : Layout
+        Where everything is in it.
     topics : list of Topic
     counts : dict of int to int
         Messages by topic id.
@@ -74,47 +85,48 @@ class McapFile:
         if self._map[: len(rec.MAGIC)] != rec.MAGIC:
             self._map.close()
             raise BagError(f'{path}: not an MCAP file, it does not begin with its magic bytes')
+        self.view = memoryview(self._map)
         self.problems: list[str] = []
         self.remarks: list[tuple[str, str]] = []
         try:
-            self._layout = self._open()
+            self.layout = self._open()
         except BaseException:
-            self._map.close()
+            self.close()
             raise
-        self.topics = self._layout.topics()
-        self.counts = dict(self._layout.counts)
-        self.metadata = [(part.name, part.metadata) for part in self._layout.metadata]
+        self.topics = self.layout.topics
+        self.counts = dict(self.layout.counts)
+        self.metadata = [(part.name, part.metadata) for part in self.layout.metadata]
 
-    def _open(self) -> Walk:
+    def _open(self) -> Layout:
         """Read the summary, or walk through the file where it has none that can be trusted."""
-        written: dict[int, int] | None = None
+        claimed: dict[int, int] | None = None
         try:
-            return read_summary(memoryview(self._map))
-        except NotIndexedError as error:
-            written = error.counts
+            layout = read_summary(self.view)
+            if layout.is_complete:
+                return layout
+            claimed = layout.claimed
         except ValueError as error:
             self.problems.append(f'no usable summary: {error}')
-        layout = walk_file(memoryview(self._map))
-        if layout.problem:
-            self.problems.append(layout.problem)
-        elif written is not None and written != dict(layout.counts):
-            there, claimed = sum(layout.counts.values()), sum(written.values())
-            self.problems.append(f'{there} messages are in it, {claimed} by its summary')
-        if layout.homeless:
-            self.problems.append(f'{layout.homeless} messages are of topics described nowhere')
-        if layout.impossible:
-            self.problems.append(f'{layout.impossible} messages of an impossible time')
+        layout = walk_file(self.view)
+        self.problems += layout.problems
+        there = layout.counts.total()
+        if not self.problems and claimed is not None and claimed != +layout.counts:
+            self.problems.append(
+                f'{there} messages are in it, {sum(claimed.values())} by its summary'
+            )
+        self.problems += [f'{count} {what}' for what, count in layout.left_out.items() if count]
         return layout
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
         """First and last log time, ns; None for a file with no message."""
-        return self._layout.span_ns
+        return self.layout.span_ns
 
     def close(self) -> None:
         """Let go of the file; blocks still held keep the map open until they are gone."""
         # An array may still look into the map: it then closes with the last of them.
         with suppress(BufferError):
+            self.view.release()
             self._map.close()
 
     def blocks(
@@ -138,7 +150,7 @@ class McapFile:
         topics = set(wanted)
         group: list[_Opened] = []
         size = 0
-        for chunk in self._layout.chunks:
+        for chunk in self.layout.chunks:
             if not self._concerns(chunk, topics, start_ns, end_ns):
                 continue
             try:
@@ -155,7 +167,7 @@ class McapFile:
             size += chunk.size
         if group:
             yield _block(whole, group, start_ns, end_ns)
-        loose = {key: places for key, places in self._layout.loose.items() if key in topics}
+        loose = {key: places for key, places in self.layout.loose.items() if key in topics}
         if loose:
             parts = {key: within(places, start_ns, end_ns) for key, places in loose.items()}
             yield Block(whole, parts)
@@ -168,31 +180,32 @@ class McapFile:
             return False
         if end_ns is not None and chunk.first_ns >= end_ns:
             return False
-        index = self._layout.indexes.get(chunk.offset)
+        index = self.layout.indexes.get(chunk.offset)
         return index is None or not topics.isdisjoint(index)
 
     def _opened(self, whole: NDArray[np.uint8], chunk: rec.Chunk, topics: set[int]) -> _Opened:
         """Expand a chunk, check its CRC, and find the messages in it."""
         try:
             data = np.frombuffer(rec.expand_chunk(whole.data, chunk), dtype=np.uint8)
-            index = self._layout.indexes.get(chunk.offset)
-            places = None if index is None else indexed_chunk(data, index, whole, topics)
+            index = self.layout.indexes.get(chunk.offset)
+            places = None if index is None else _indexed_places(data, index, whole, topics)
             if places is None:
                 self._remark(chunk, index is None)
-                places = walked_places(data, topics)
+                places = walked_places(data)
+                places = {key: places[key] for key in topics & places.keys()}
         except ValueError as error:
             raise self._damage(chunk, str(error)) from error
         possible = {key: found.possible() for key, found in places.items()}
         lost = sum(places[key].log_ns.size - found.log_ns.size for key, found in possible.items())
         if lost:
-            text = f'chunk at byte {chunk.offset}: {lost} messages of an impossible time'
+            text = f'chunk at byte {chunk.offset}: {lost} {IMPOSSIBLE}'
             self.remarks.append(('damaged_message', text))
         return _Opened(chunk, data, possible)
 
     def _remark(self, chunk: rec.Chunk, absent: bool) -> None:
         # In a file that was cut, the index of the last chunk is not trusted, whole or not;
         # a file without any was written so.
-        if not (absent and (self.problems or not self._layout.indexes)):
+        if not (absent and (self.problems or not self.layout.indexes)):
             state = 'no message index' if absent else 'a message index that does not fit'
             text = f'chunk at byte {chunk.offset} has {state}: it was walked through'
             self.remarks.append(('bad_index', text))
@@ -230,3 +243,71 @@ def _join(several: list[Places]) -> Places:
     if len(several) == 1:
         return several[0]
     return Places(*(np.concatenate(parts) for parts in zip(*several, strict=True)))
+
+
+def _indexed_places(
+    data: NDArray[np.uint8],
+    index: dict[int, IndexPlace],
+    whole: NDArray[np.uint8],
+    wanted: set[int],
+) -> dict[int, Places] | None:
+    """Find the messages of topics in a chunk by its indexes; None where one does not fit it."""
+    found = {}
+    for channel in wanted & index.keys():
+        offset, count = index[channel]
+        entries = whole[offset : offset + count * ENTRY_BYTES].view('<u8')
+        places = _checked_places(data, entries[1::2], channel)
+        if places is None:
+            return None
+        found[channel] = places
+    return found
+
+
+def _checked_places(
+    data: NDArray[np.uint8], offsets: NDArray[np.uint64], channel: int
+) -> Places | None:
+    """Check that there is a message of the channel at every offset, and where it ends."""
+    if offsets.size == 0:
+        return Places(*(np.zeros(0, np.int64) for _ in range(3)))
+    last = data.size - rec.MESSAGE_PREFIX
+    if last < 0 or int(offsets.max()) > last:
+        return None
+    places = offsets.astype(np.int64)
+    # Opcode and the low bytes of the length; the rest of it, and the channel.
+    head = strided(data, '<u8', 0)[places]
+    rest = strided(data, '<u4', 8)[places]
+    lengths = (head >> np.uint64(8)).view(np.int64) - rec.MESSAGE_HEAD.size
+    starts = places + rec.MESSAGE_PREFIX
+    log_ns = strided(data, '<u8', 15)[places]
+    sound = (
+        ((head & np.uint64(0xFF)) == rec.MESSAGE).all()
+        and ((rest & np.uint32(0xFFFFFF)) == channel << 8).all()
+        and (lengths >= 0).all()
+        and (lengths <= data.size - starts).all()
+    )
+    return Places(log_ns.view(np.int64), starts, lengths) if sound else None
+
+
+def walked_places(data: NDArray[np.uint8]) -> dict[int, Places]:
+    """
+    Find the messages of a chunk record by record.
+
+    Raises
+    ------
+    ValueError
+        If it is no sequence of records, or a message has no head.
+    """
+    rows: dict[int, array[int]] = {}
+    for opcode, offset, length in rec.records(data.data, 0, data.size):
+        if opcode == rec.MESSAGE:
+            if length < rec.MESSAGE_HEAD.size:
+                raise ValueError(f'the message at byte {offset} has no head')
+            channel, _, log_ns, _ = rec.MESSAGE_HEAD.unpack_from(
+                data.data, offset + rec.RECORD.size
+            )
+            place = log_ns, offset + rec.MESSAGE_PREFIX, length - rec.MESSAGE_HEAD.size
+            rows.setdefault(channel, array('Q')).extend(place)
+    return {
+        key: Places(*np.frombuffer(several, dtype=np.int64).reshape(-1, 3).T.copy())
+        for key, several in rows.items()
+    }

@@ -78,13 +78,6 @@ def unpack(kind: type[_Kind], payload: bytes | memoryview) -> _Kind:
     return found
 
 
-def unpack_schema(payload: bytes | memoryview) -> peer.Schema:
-    """Unpack a schema, whose bytes then outlive the file."""
-    schema = unpack(peer.Schema, payload)
-    schema.data = bytes(schema.data)
-    return schema
-
-
 def unpack_chunk(data: bytes | memoryview, offset: int, length: int) -> Chunk:
     """
     Unpack the head of the chunk record at a place, of which the end may be missing.
@@ -154,26 +147,9 @@ def records(data: bytes | memoryview, start: int, end: int) -> Iterator[tuple[in
         position += 9 + length
 
 
-def message_records(raw: bytes | memoryview) -> Iterator[tuple[int, int, int, int]]:
+def summary_records(data: memoryview) -> list[tuple[int, memoryview]]:
     """
-    Yield (channel, log time ns, offset, payload length) of the messages of a chunk.
-
-    Raises
-    ------
-    ValueError
-        If it is no sequence of records, or a message has no head.
-    """
-    for opcode, offset, length in records(raw, 0, len(raw)):
-        if opcode == MESSAGE:
-            if length < MESSAGE_HEAD.size:
-                raise ValueError(f'the message at byte {offset} has no head')
-            channel, _, log_ns, _ = MESSAGE_HEAD.unpack_from(raw, offset + RECORD.size)
-            yield channel, log_ns, offset, length
-
-
-def summary_records(data: memoryview) -> list[tuple[int, memoryview]] | None:
-    """
-    Return (opcode, payload) of the records of the summary section; None without one.
+    Return (opcode, payload) of the records of the summary section; none without one.
 
     Raises
     ------
@@ -190,7 +166,7 @@ def summary_records(data: memoryview) -> list[tuple[int, memoryview]] | None:
     found = unpack(peer.Footer, data[footer + RECORD.size : size - 8])
     start = found.summary_start
     if start == 0:
-        return None
+        return []
     if not len(MAGIC) <= start < footer:
         raise ValueError(f'the summary is said to be at byte {start}, behind the end')
     # The CRC covers the summary and the footer up to the CRC itself.

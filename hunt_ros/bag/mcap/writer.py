@@ -24,6 +24,7 @@ from mcap import records as peer
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from hunt_ros.bag.blocks import Topic
 from hunt_ros.bag.compression import compress
 from hunt_ros.bag.mcap import records as rec
 
@@ -31,12 +32,6 @@ from hunt_ros.bag.mcap import records as rec
 CHUNK_BYTES = 1 << 20
 
 _ENTRY = struct.Struct('<QQ')
-
-
-_INDEXES = {
-    peer.AttachmentIndex: Opcode.ATTACHMENT_INDEX,
-    peer.MetadataIndex: Opcode.METADATA_INDEX,
-}
 
 
 class Rows(NamedTuple):
@@ -95,34 +90,26 @@ class McapWriter:
         # by 4 MB and more an hour, and to read it back from the chunks takes seconds.
         self._chunk_index = tempfile.TemporaryFile(buffering=0, dir=self.path.parent)  # noqa: SIM115
         self._chunk_count = 0
-        self._beside: list[peer.MetadataIndex | peer.AttachmentIndex] = []
+        self._metadata: list[peer.MetadataIndex] = []
+        self._attachments: list[peer.AttachmentIndex] = []
         self._parts: list[bytes] = []
         self._filled = 0
         self._entries: dict[int, list[bytes]] = {}
         self._span: tuple[int, int] | None = None
         self._put(rec.MAGIC + rec.pack(peer.Header('ros2', 'hunt_ros')))
 
-    def add_topic(
-        self,
-        key: int,
-        topic: str,
-        message_type: str,
-        definition: str,
-        metadata: Mapping[str, str],
-        *,
-        encoding: str = 'cdr',
-        definition_encoding: str = 'ros2msg',
-    ) -> None:
-        """Describe a topic, before its first message; `key` is its number in this file."""
-        form = definition_encoding if definition else ''
-        told = message_type, form, definition.encode()
-        known = {(one.name, one.encoding, one.data): key for key, one in self.schemas.items()}
+    def add_topic(self, topic: Topic) -> None:
+        """Describe a topic, before its first message; its id is its number in this file."""
+        form = topic.definition_encoding if topic.definition else ''
+        told = topic.type, form, topic.definition.encode()
+        known = {(one.name, one.encoding, one.data): one.id for one in self.schemas.values()}
         if told not in known and any(told):
-            name, form, data = told
             known[told] = max(self.schemas, default=0) + 1
-            self.describe(peer.Schema(known[told], data, form, name))
-        schema = known.get(told, 0)
-        self.describe(peer.Channel(key, topic, encoding, dict(metadata), schema))
+            self.describe(peer.Schema(known[told], told[2], form, topic.type))
+        strings = {'offered_qos_profiles': topic.qos, 'topic_type_hash': topic.type_hash}
+        self.describe(
+            peer.Channel(topic.id, topic.name, topic.encoding, strings, known.get(told, 0))
+        )
 
     def describe(self, record: peer.Schema | peer.Channel) -> None:
         """Write a schema or a channel, as it is; it is repeated in the summary."""
@@ -134,13 +121,23 @@ class McapWriter:
 
     def add_metadata(self, name: str, strings: Mapping[str, str]) -> None:
         """Write named strings, such as notes, at once."""
-        self.add_beside(Opcode.METADATA, rec.pack(peer.Metadata(name, dict(strings))))
+        self.add_beside(rec.pack(peer.Metadata(name, dict(strings))))
 
-    def add_beside(self, opcode: int, raw: bytes) -> None:
-        """Write a metadata or an attachment record, as it is."""
-        index = _index_of(opcode, raw[rec.RECORD.size :], self.size)
-        self._put(raw)
-        self._beside.append(index)
+    def add_beside(self, record: bytes) -> None:
+        """Write a metadata, an attachment or a private record, as it is."""
+        at = self.size, len(record)
+        payload = record[rec.RECORD.size :]
+        self._put(record)
+        if record[0] == Opcode.METADATA:
+            name = rec.unpack(peer.Metadata, payload).name
+            self._metadata.append(peer.MetadataIndex(*at, name))
+        elif record[0] == Opcode.ATTACHMENT:
+            one = rec.unpack(peer.Attachment, payload)
+            self._attachments.append(
+                peer.AttachmentIndex(
+                    *at, one.log_time, one.create_time, len(one.data), one.name, one.media_type
+                )
+            )
 
     def add(self, topic: int, log_ns: int, message: bytes) -> None:
         """Add one message to the chunk at hand; a full chunk is written out."""
@@ -289,25 +286,33 @@ class McapWriter:
         """See what is in the file on the disk."""
         os.fsync(self._file.fileno())
 
-    def close(self) -> None:
+    def finish(self) -> None:
         """Write what is left, the summary and the footer, and see them on the disk."""
         self.flush()
         self._put(rec.pack(peer.DataEnd(0)))
         start = self.size
         self._chunk_index.seek(0)
-        kinds = {type(one) for one in self._beside}
-        groups = [
-            (Opcode.SCHEMA, rec.pack(*self.schemas.values())),
-            (Opcode.CHANNEL, rec.pack(*self.channels.values())),
-            (Opcode.STATISTICS, rec.pack(self._statistics())),
-            (Opcode.CHUNK_INDEX, self._chunk_index.read()),
-            *(
-                (_INDEXES[kind], rec.pack(*(one for one in self._beside if type(one) is kind)))
-                for kind in sorted(kinds, key=_INDEXES.__getitem__)
-            ),
-        ]
+        statistics = peer.Statistics(
+            attachment_count=len(self._attachments),
+            channel_count=len(self.channels),
+            channel_message_counts={key: self.counts[key] for key in sorted(self.channels)},
+            chunk_count=self._chunk_count,
+            message_count=self.counts.total(),
+            message_end_time=self.last_ns,
+            message_start_time=self.first_ns or 0,
+            metadata_count=len(self._metadata),
+            schema_count=len(self.schemas),
+        )
+        groups = {
+            Opcode.SCHEMA: rec.pack(*self.schemas.values()),
+            Opcode.CHANNEL: rec.pack(*self.channels.values()),
+            Opcode.STATISTICS: rec.pack(statistics),
+            Opcode.CHUNK_INDEX: self._chunk_index.read(),
+            Opcode.ATTACHMENT_INDEX: rec.pack(*self._attachments),
+            Opcode.METADATA_INDEX: rec.pack(*self._metadata),
+        }
         summary, offsets = b'', b''
-        for opcode, body in groups:
+        for opcode, body in groups.items():
             if body:
                 place = peer.SummaryOffset(opcode, start + len(summary), len(body))
                 offsets += rec.pack(place)
@@ -317,24 +322,10 @@ class McapWriter:
         summary += struct.pack('<QQ', start, offset_start)
         self._put(summary + struct.pack('<I', zlib.crc32(summary)) + rec.MAGIC)
         os.fsync(self._file.fileno())
-        self.abandon()
+        self.close()
 
-    def _statistics(self) -> peer.Statistics:
-        attached = sum(isinstance(one, peer.AttachmentIndex) for one in self._beside)
-        return peer.Statistics(
-            attachment_count=attached,
-            channel_count=len(self.channels),
-            channel_message_counts={key: self.counts[key] for key in sorted(self.channels)},
-            chunk_count=self._chunk_count,
-            message_count=sum(self.counts.values()),
-            message_end_time=self.last_ns,
-            message_start_time=self.first_ns or 0,
-            metadata_count=len(self._beside) - attached,
-            schema_count=len(self.schemas),
-        )
-
-    def abandon(self) -> None:
-        """Close the file as it is, without an index."""
+    def close(self) -> None:
+        """Close the file as it is: without an index, where it was not finished."""
         self._file.close()
         self._chunk_index.close()
 
@@ -354,17 +345,3 @@ def _write(file: IO[bytes] | FileIO, raw: bytes, end: int) -> None:
         file.truncate(end)
         file.seek(end)
         raise
-
-
-def _index_of(
-    opcode: int, payload: bytes, offset: int
-) -> peer.MetadataIndex | peer.AttachmentIndex:
-    """Return what the summary says of a metadata or an attachment record."""
-    length = rec.RECORD.size + len(payload)
-    if opcode == Opcode.METADATA:
-        return peer.MetadataIndex(offset, length, rec.unpack(peer.Metadata, payload).name)
-    found = rec.unpack(peer.Attachment, payload)
-    return peer.AttachmentIndex(
-        offset, length, found.log_time, found.create_time, len(found.data), found.name,
-        found.media_type,
-    )  # fmt: skip
