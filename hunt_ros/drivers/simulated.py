@@ -1,21 +1,48 @@
-"""Drivers whose hardware is the rig simulator on the other end of a loopback socket."""
+"""
+Drivers whose hardware is the rig simulator on the other end of a loopback TCP socket.
+
+All numbers are little-endian. A driver sends numbers (float64): the channel that it wants, then
+the set points of the drive, m/s. The simulator sends records of 32 bytes::
+
+    sequence int64 | stamp int64, ns | value float64, m or rad | speed float64, m/s
+
+`sequence` counts the records sent on the connection: a driver that sees it jump knows how many
+samples it has lost; -1: another driver holds the drive. `value` is the angle of the roller for
+the drive, which alone has a `speed`.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import socket
-from collections.abc import Iterator
+import struct
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hunt_ros.drivers.base import DriveBlock, DriveDriver, Driver, SensorBlock, SensorDriver
-from hunt_ros.drivers.simulator_protocol import Channel, Decoder, Frame, Kind, encode
 from hunt_ros.errors import DriverError
 from hunt_ros.settings import Settings, setting
 
+RECORD = np.dtype([('sequence', '<i8'), ('stamp_ns', '<i8'), ('value', '<f8'), ('speed', '<f8')])
+#: What a driver sends.
+NUMBER = struct.Struct('<d')
+#: Sequence number of the one record that says that the drive is taken.
+TAKEN = -1
 _RECEIVE_BYTES = 1 << 16
 _CONNECT_S = 1.0
+#: Who claims to have lost more records at once is no rig simulator.
+_MOST_LOST = 1 << 32
+
+
+class Channel(IntEnum):
+    """What a driver asks for."""
+
+    LATERAL = 0
+    YAW = 1
+    DRIVE = 2
 
 
 @dataclass(frozen=True)
@@ -26,57 +53,61 @@ class SimulatorAddress(Settings):
     port: int = setting(47100, 'TCP port of the rig simulator.', low=1, high=65535, fixed=True)
 
 
-class _Connection:
-    """A subscription to one channel of the simulator."""
+class _Simulated(Driver):
+    """A connection to one channel of the simulator."""
 
-    def __init__(self, address: SimulatorAddress, channel: Channel) -> None:
-        self._address = (address.host, address.port)
-        self._channel = channel
-        self._socket: socket.socket | None = None
-        self._decoder = Decoder()
-        self._received = 0
+    Settings = SimulatorAddress
+    settings: SimulatorAddress
+    _wanted = Channel.DRIVE
+    _socket: socket.socket | None = None
 
     def open(self) -> None:
-        """Connect."""
+        """Connect; raises DriverError where nobody answers."""
+        address = (self.settings.host, self.settings.port)
         try:
-            connection = socket.create_connection(self._address, timeout=_CONNECT_S)
+            connection = socket.create_connection(address, timeout=_CONNECT_S)
         except OSError as error:
             raise DriverError(f'{self}: cannot connect ({error})') from error
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._socket, self._decoder, self._received = connection, Decoder(), 0
-        self.send(encode(Kind.SUBSCRIBE, 0, float(self._channel)))
+        self._socket, self._pending, self._received = connection, b'', 0
+        self._send(self._wanted)
 
-    def frames(self, timeout_s: float) -> Iterator[tuple[Frame, int]]:
-        """Iterate over the frames of one receive, each with the records lost before it."""
+    def _receive(self, timeout_s: float) -> tuple[NDArray[np.void], int]:
+        """Return the records of one receive, and how many were lost."""
         connection = self._opened()
         connection.settimeout(max(timeout_s, 1e-3))
         try:
             data = connection.recv(_RECEIVE_BYTES)
         except TimeoutError:
-            return
+            return np.zeros(0, RECORD), 0
         except OSError as error:
             raise DriverError(f'{self}: connection lost ({error})') from error
         if not data:
             raise DriverError(f'{self}: the simulator closed the connection')
-        for frame in self._decoder.feed(data):
-            if frame.kind is Kind.TAKEN:
-                raise DriverError(f'{self}: another speed node holds the drive')
-            lost = frame.sequence - self._received
-            self._received = frame.sequence + frame.records.size
-            yield frame, lost
+        data = self._pending + data
+        whole = len(data) // RECORD.itemsize * RECORD.itemsize
+        records, self._pending = np.frombuffer(data[:whole], RECORD), data[whole:]
+        if not records.size:
+            return records, 0
+        if records['sequence'][0] == TAKEN:
+            raise DriverError(f'{self}: another speed node holds the drive')
+        after = int(records['sequence'][-1]) + 1
+        lost, self._received = after - self._received - records.size, after
+        if not 0 <= lost < _MOST_LOST:
+            raise DriverError(f'{self}: not the rig simulator, it sends {data[:16]!r}')
+        return records, lost
 
-    def send(self, data: bytes) -> None:
-        """Send a frame."""
+    def _send(self, number: float) -> None:
         connection = self._opened()
         try:
-            connection.sendall(data)
+            connection.sendall(NUMBER.pack(number))
         except OSError as error:
             raise DriverError(f'{self}: connection lost ({error})') from error
 
     def close(self) -> None:
-        """Close the socket; a read under way in another thread ends."""
-        if self._socket is not None:
-            connection, self._socket = self._socket, None
+        """Disconnect; a read under way in another thread ends."""
+        connection, self._socket = self._socket, None
+        if connection is not None:
             with contextlib.suppress(OSError):  # the other end may have gone first
                 connection.shutdown(socket.SHUT_RDWR)
             connection.close()
@@ -88,26 +119,8 @@ class _Connection:
         return connection
 
     def __str__(self) -> str:
-        host, port = self._address
-        return f'rig simulator {self._channel.name.lower()} at {host}:{port}'
-
-
-class _Simulated(Driver):
-    """What both have: a connection."""
-
-    Settings = SimulatorAddress
-    _connection: _Connection
-
-    def open(self) -> None:
-        """Connect; raises DriverError where nobody answers."""
-        self._connection.open()
-
-    def close(self) -> None:
-        """Disconnect."""
-        self._connection.close()
-
-    def __str__(self) -> str:
-        return str(self._connection)
+        where = f'{self.settings.host}:{self.settings.port}'
+        return f'rig simulator {self._wanted.name.lower()} at {where}'
 
 
 class Sensor(_Simulated, SensorDriver):
@@ -117,33 +130,22 @@ class Sensor(_Simulated, SensorDriver):
 
     def __init__(self, settings: SimulatorAddress, channel: str, rate_hz: float) -> None:
         super().__init__(settings, channel, rate_hz)
-        self._connection = _Connection(settings, Channel[channel.upper()])
+        self._wanted = Channel[channel.upper()]
 
     def read(self, timeout_s: float) -> SensorBlock:
         """Wait for samples; raises DriverError when the connection is lost."""
-        received = list(self._connection.frames(timeout_s))
-        if not received:
-            return SensorBlock()
-        records = np.concatenate([frame.records for frame, _ in received])
-        lost = sum(lost for _, lost in received)
+        records, lost = self._receive(timeout_s)
         return SensorBlock(records['stamp_ns'], records['value'], lost)
 
 
 class Drive(_Simulated, DriveDriver):
     """The drive of the simulated rig."""
 
-    def __init__(self, settings: SimulatorAddress, roller_diameter_m: float) -> None:
-        super().__init__(settings, roller_diameter_m)
-        self._connection = _Connection(settings, Channel.DRIVE)
-
     def read(self, timeout_s: float) -> DriveBlock:
         """Wait for readings; raises DriverError when the connection is lost."""
-        received = [frame.records for frame, _ in self._connection.frames(timeout_s)]
-        if not received:
-            return DriveBlock()
-        records = np.concatenate(received)
-        return DriveBlock(records['stamp_ns'], records['angle'], records['speed'])
+        records, _ = self._receive(timeout_s)
+        return DriveBlock(records['stamp_ns'], records['value'], records['speed'])
 
     def set_speed(self, speed_mps: float) -> None:
         """Command a running speed, m/s; raises DriverError when the connection is lost."""
-        self._connection.send(encode(Kind.SET_SPEED, 0, speed_mps))
+        self._send(speed_mps)

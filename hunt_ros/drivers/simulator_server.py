@@ -8,14 +8,13 @@ buffer is dropped for that reader, and the sequence numbers tell it so.
 from __future__ import annotations
 
 import contextlib
-import selectors
 import socket
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.drivers.simulator_protocol import Channel, Decoder, Kind, encode
+from hunt_ros.drivers.simulated import NUMBER, RECORD, TAKEN, Channel
 from hunt_ros.errors import DriverError
 
 
@@ -24,10 +23,10 @@ class _Client:
     """One connected driver."""
 
     connection: socket.socket
-    decoder: Decoder = field(default_factory=Decoder)
     channel: Channel | None = None
-    sequence: int = 0
+    received: bytes = b''
     unsent: bytes = b''
+    sequence: int = 0
 
 
 class SimulatorServer:
@@ -55,8 +54,6 @@ class SimulatorServer:
                 f'rig simulator: cannot listen on {host}:{port} ({error})'
             ) from error
         self._listener.setblocking(False)
-        self._selector = selectors.DefaultSelector()
-        self._selector.register(self._listener, selectors.EVENT_READ)
         self._clients: list[_Client] = []
 
     @property
@@ -66,32 +63,37 @@ class SimulatorServer:
 
     @property
     def readers(self) -> int:
-        """Drivers that have subscribed to a channel."""
+        """Drivers that have asked for a channel."""
         return sum(client.channel is not None for client in self._clients)
 
     def poll(self) -> float | None:
         """
-        Accept drivers and read their frames, without waiting.
+        Accept drivers and read what they send, without waiting.
 
         Returns
         -------
         float or None
             The newest set point that came, m/s.
         """
+        with contextlib.suppress(OSError):  # nobody, or it went away between knock and door
+            connection, _ = self._listener.accept()
+            connection.setblocking(False)
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._clients.append(_Client(connection))
         newest: float | None = None
-        for key, _ in self._selector.select(timeout=0):
-            if key.fileobj is self._listener:
-                self._accept()
-            else:
-                speed = self._receive(key.data)
-                newest = newest if speed is None else speed
+        for client in list(self._clients):
+            for number in self._receive(client):
+                if client.channel is None:
+                    self._subscribe(client, number)
+                elif client.channel is Channel.DRIVE:
+                    newest = number
         return newest
 
     def send_sensor(
         self, channel: Channel, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]
     ) -> None:
         """Send samples (stamps in ns, values in m or rad, one length) to a sensor's readers."""
-        self._send(channel, Kind.SENSOR, stamps_ns, values)
+        self._send(channel, stamps_ns, values, np.zeros(values.size))
 
     def send_drive(
         self,
@@ -100,76 +102,60 @@ class SimulatorServer:
         speed_mps: NDArray[np.float64],
     ) -> None:
         """Send drive readings (one length) to the drive's readers."""
-        self._send(Channel.DRIVE, Kind.DRIVE, stamps_ns, angle_rad, speed_mps)
+        self._send(Channel.DRIVE, stamps_ns, angle_rad, speed_mps)
 
     def close(self) -> None:
         """Disconnect every driver and stop listening."""
         for client in list(self._clients):
             self._drop(client)
-        self._selector.close()
         self._listener.close()
 
-    def _accept(self) -> None:
-        try:
-            connection, _ = self._listener.accept()
-        except OSError:
-            return  # it went away between the knock and the door
-        connection.setblocking(False)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        client = _Client(connection)
-        self._clients.append(client)
-        self._selector.register(connection, selectors.EVENT_READ, client)
-
-    def _receive(self, client: _Client) -> float | None:
+    def _receive(self, client: _Client) -> list[float]:
+        """Return the numbers that a client has sent; one that has gone is dropped."""
         try:
             data = client.connection.recv(1 << 12)
-            frames = list(client.decoder.feed(data)) if data else []
         except BlockingIOError:
-            return None
-        except (OSError, DriverError):
-            data, frames = b'', []
+            return []
+        except OSError:
+            data = b''
         if not data:
             self._drop(client)
-            return None
-        speed: float | None = None
-        for frame in frames:
-            if frame.kind is Kind.SUBSCRIBE and frame.records.size:
-                self._subscribe(client, int(frame.records['channel'][-1]))
-            elif (
-                frame.kind is Kind.SET_SPEED
-                and client.channel is Channel.DRIVE
-                and frame.records.size
-            ):
-                speed = float(frame.records['speed'][-1])
-        return speed
+        data = client.received + data
+        whole = len(data) // NUMBER.size * NUMBER.size
+        client.received = data[whole:]
+        return [number for (number,) in NUMBER.iter_unpack(data[:whole])]
 
-    def _subscribe(self, client: _Client, code: int) -> None:
+    def _subscribe(self, client: _Client, code: float) -> None:
         """Give a client a channel; two who command one drive would fight over the roller."""
-        drive = code == Channel.DRIVE
-        if drive and any(each.channel is Channel.DRIVE for each in self._clients):
+        drives = [each for each in self._clients if each.channel is Channel.DRIVE]
+        if code == Channel.DRIVE and drives:
             with contextlib.suppress(OSError):
-                client.connection.send(encode(Kind.TAKEN, 0, float(code)))
+                client.connection.send(np.array([(TAKEN, 0, 0.0, 0.0)], RECORD).tobytes())
             self._drop(client)
-            return
-        client.channel = Channel(code) if code in set(Channel) else None
+        elif code in set(Channel):
+            client.channel = Channel(int(code))
+        else:
+            self._drop(client)
 
-    def _send(self, channel: Channel, kind: Kind, *columns: NDArray[np.generic]) -> None:
-        count = int(columns[0].size)
-        if not count:
+    def _send(self, channel: Channel, *columns: NDArray[np.generic]) -> None:
+        records = np.empty(columns[0].size, RECORD)
+        if not records.size:
             return
+        for name, column in zip(('stamp_ns', 'value', 'speed'), columns, strict=True):
+            records[name] = column
         for client in [each for each in self._clients if each.channel is channel]:
-            frame = encode(kind, client.sequence, *columns)  # type: ignore[arg-type]
-            client.sequence += count
-            self._push(client, frame)
+            records['sequence'] = client.sequence + np.arange(records.size)
+            client.sequence += records.size
+            self._push(client, records.tobytes())
 
-    def _push(self, client: _Client, frame: bytes) -> None:
-        """Send what the socket takes; a frame once begun is finished before the next."""
+    def _push(self, client: _Client, data: bytes) -> None:
+        """Send what the socket takes; a block once begun is finished before the next."""
         try:
             if client.unsent:
                 client.unsent = client.unsent[client.connection.send(client.unsent) :]
                 if client.unsent:
-                    return  # the reader is slow: this frame is dropped for it
-            client.unsent = frame[client.connection.send(frame) :]
+                    return  # the reader is slow: this block is dropped for it
+            client.unsent = data[client.connection.send(data) :]
         except BlockingIOError:
             return
         except OSError:
@@ -178,5 +164,4 @@ class SimulatorServer:
     def _drop(self, client: _Client) -> None:
         if client in self._clients:
             self._clients.remove(client)
-            self._selector.unregister(client.connection)
             client.connection.close()

@@ -17,7 +17,7 @@ import numpy as np
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
-from hunt_ros.drivers.simulator_protocol import Channel
+from hunt_ros.drivers.simulated import Channel
 from hunt_ros.drivers.simulator_server import SimulatorServer
 from hunt_ros.dynamics.simulation import RollerRig, Roughness, SensorModel, SimulationSettings
 from hunt_ros.errors import ConfigError

@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.drivers.simulator_protocol import Channel
+from hunt_ros.drivers.simulated import Channel
 from hunt_ros.drivers.simulator_server import SimulatorServer
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.dynamics.simulation import RollerRig, Roughness, SensorModel, SimulationSettings

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import socket
 import time
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from hunt_ros.drivers.simulated import Drive, Sensor, SimulatorAddress
-from hunt_ros.drivers.simulator_protocol import HEADER, Channel, Decoder, Kind, encode
+from hunt_ros.drivers.simulated import Channel, Drive, Sensor, SimulatorAddress
 from hunt_ros.drivers.simulator_server import SimulatorServer
 from hunt_ros.errors import DriverError
 
@@ -101,18 +100,38 @@ def test_a_simulator_that_goes_away_is_a_driver_error(server: SimulatorServer) -
         sensor.read(2.0)
 
 
-@given(cuts=st.lists(st.integers(1, 40), max_size=60))
-def test_frames_survive_any_cutting_of_the_stream(cuts: list[int]) -> None:
-    stream = encode(Kind.SENSOR, 0, np.arange(3), np.arange(3.0)) + encode(Kind.SET_SPEED, 3, 7.0)
-    decoder, frames, start = Decoder(), [], 0
-    for length in [*cuts, len(stream)]:
-        frames += list(decoder.feed(stream[start : start + length]))
-        start += length
-    assert [frame.kind for frame in frames] == [Kind.SENSOR, Kind.SET_SPEED]
-    assert frames[0].records['value'].tolist() == [0.0, 1.0, 2.0]
+@pytest.mark.parametrize(
+    'data', [b'HTTP/1.1 200 OK, and what else comes', b'\0' * 7 + b'\x7f' * 9]
+)
+def test_foreign_bytes_are_refused_by_both_ends(server: SimulatorServer, data: bytes) -> None:
+    with socket.create_server(('127.0.0.1', 0)) as foreign:
+        sensor = Sensor(SimulatorAddress(port=foreign.getsockname()[1]), 'yaw', 500.0)
+        sensor.open()
+        connection, _ = foreign.accept()
+        with connection:
+            for part in (data[:5], data[5:] + 20 * b'x'):
+                connection.sendall(part)
+            with pytest.raises(DriverError, match='not the rig simulator'):
+                any(sensor.read(2.0).values.size for _ in range(10))
+        sensor.close()
+    with socket.create_connection(('127.0.0.1', server.port), timeout=5.0) as connection:
+        connection.sendall(data)
+        connection.setblocking(False)
+
+        def ended(_: object) -> bool:
+            with contextlib.suppress(BlockingIOError):
+                return connection.recv(1) == b''
+            return False
+
+        _poll_until(server, ended)
 
 
-@pytest.mark.parametrize('data', [b'HTTP/1.1 200 OK\r\n', HEADER.pack(b'HR', 1, 2, 1 << 30, 0)])
-def test_foreign_bytes_are_refused_not_waited_for(data: bytes) -> None:
-    with pytest.raises(DriverError):
-        list(Decoder().feed(data))
+def test_a_drive_has_one_master(server: SimulatorServer) -> None:
+    first, second = (Drive(SimulatorAddress(port=server.port), 0.3) for _ in range(2))
+    for drive in (first, second):
+        drive.open()
+        _poll_until(server, lambda _: server.readers == 1 and len(server._clients) == 1)
+    with pytest.raises(DriverError, match='another speed node holds the drive'):
+        second.read(2.0)
+    first.close()
+    second.close()

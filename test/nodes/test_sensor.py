@@ -9,7 +9,7 @@ import pytest
 from lifecycle_msgs.msg import Transition
 from sensor_msgs.msg import JointState
 
-from hunt_ros.drivers.simulator_protocol import Channel
+from hunt_ros.drivers.simulated import Channel
 from hunt_ros.drivers.simulator_server import SimulatorServer
 from hunt_ros.nodes.support.conversions import to_ns
 
