@@ -14,7 +14,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from hunt_ros.drivers.modbus_link import ModbusBus, ModbusLink
+from hunt_ros.drivers.modbus import ModbusBus, ModbusLink
 from hunt_ros.errors import ConfigError, DriverError
 from hunt_ros.rig import told_by
 from hunt_ros.settings import Settings, setting

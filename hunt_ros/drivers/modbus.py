@@ -1,5 +1,8 @@
 """
-Modbus devices: an analog input or an encoder counter as a sensor, a drive with its registers.
+Modbus devices, TCP or RTU: an analog input or an encoder as a sensor, a drive (extra `modbus`).
+
+One transaction at a time: whoever calls from another thread waits for the one under way. A device
+that is busy, and an answer that is lost, are asked for again on the open connection.
 
 A device is polled on a grid of the steady clock. It samples when it answers: a sample's stamp is
 the time of the request and half the shortest recent round trip, whenever the answer was read.
@@ -7,27 +10,56 @@ the time of the request and half the shortest recent round trip, whenever the an
 
 from __future__ import annotations
 
+import logging
 import math
+import struct
 import threading
 import time
 from collections import deque
 from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from hunt_ros.drivers.base import DriveBlock, DriveDriver, SensorBlock, SensorDriver
-from hunt_ros.drivers.modbus_link import (
-    FORMATS,
-    ModbusBus,
-    ModbusLink,
-    Register,
+from hunt_ros.drivers.base import (
+    DriveBlock,
+    DriveDriver,
+    Driver,
+    SensorBlock,
+    SensorDriver,
+    check_scale,
 )
 from hunt_ros.drivers.sample_clock import Counter, host_less_steady_ns
-from hunt_ros.errors import ConfigError, RefusedError
+from hunt_ros.errors import ConfigError, DriverError, RefusedError
 from hunt_ros.samples import NANOSECONDS
-from hunt_ros.settings import setting
+from hunt_ros.settings import Settings, setting
 
-_WORD_ORDER = 'Which word of a number of 32 bits comes first: that of higher value or of lower.'
+#: Format of a number -> (code of `struct`, registers).
+FORMATS: dict[str, tuple[str, int]] = {
+    'int16': ('h', 1),
+    'uint16': ('H', 1),
+    'int32': ('i', 2),
+    'uint32': ('I', 2),
+    'float32': ('f', 2),
+}
+#: What the protocol calls them (Modbus Application Protocol V1.1b3, section 7); after those of
+#: `_BUSY` the same question is asked again.
+_REFUSALS = {2: 'illegal data address', 3: 'illegal data value', 5: 'not yet', 6: 'device busy'}
+_BUSY = (5, 6)
+#: Call of pymodbus -> function of the protocol.
+_FUNCTIONS = {
+    'read_holding_registers': 3,
+    'read_input_registers': 4,
+    'write_coil': 5,
+    'write_register': 6,
+    'write_registers': 16,
+}
+#: For so long a device may be busy, and so long may a repeated question take, s: a gap of 0.3 s is
+#: silence to the detector. It is asked again so often, s.
+_BUDGET_S, _AGAIN_S = 0.1, 0.01
+#: Time to connect, s.
+_CONNECT_S = 1.0
 _NONE = -1
 #: Round trips among which the shortest is looked for.
 _ROUND_TRIPS = 64
@@ -37,85 +69,263 @@ _LOOK_S, _CONTRARY, _WRITTEN = 0.1, 2, 20
 #: The speed is the slope of the angle over so long, s.
 _SLOPE_S = 0.1
 
+_fixed = partial(setting, fixed=True)
+_address = partial(_fixed, low=0, high=65535)
+_kind = partial(_fixed, choices=('input', 'holding'))
+_format = partial(_fixed, choices=tuple(FORMATS))
+_word_order = partial(
+    _fixed,
+    'big',
+    'Which word of a number of 32 bits comes first: that of higher value or of lower.',
+    choices=('big', 'little'),
+)
+_patience = partial(
+    _fixed,
+    0.1,
+    'An answer that takes longer is none; up to 0.1 s the question is repeated once.',
+    unit='s',
+    low=0.01,
+)
+
+
+@dataclass(frozen=True)
+class ModbusBus(Settings):
+    """Where a Modbus device is."""
+
+    bus: str = _fixed('tcp', 'tcp: host and port; rtu: serial_port.', choices=('tcp', 'rtu'))
+    host: str = _fixed('127.0.0.1', 'Address of the device or gateway (tcp).')
+    port: int = _fixed(502, 'TCP port (tcp).', low=1, high=65535)
+    serial_port: str = _fixed('/dev/ttyUSB0', 'Serial port (rtu).')
+    baud_rate: int = _fixed(19200, 'Bits a second (rtu).', unit='1/s', low=300, high=4_000_000)
+    parity: str = _fixed('E', 'Parity (rtu).', choices=('N', 'E', 'O'))
+    device_id: int = _fixed(1, 'Number of the device on the bus.', low=0, high=247)
+    timeout_s: float = _patience(high=10.0)
+
+    def __str__(self) -> str:
+        where = f'{self.host}:{self.port}' if self.bus == 'tcp' else self.serial_port
+        return f'modbus {self.bus} {where} device {self.device_id}'
+
 
 @dataclass(frozen=True)
 class ModbusSensor(ModbusBus):
     """A number that a Modbus device measures."""
 
-    register: int = setting(
-        0, 'Address of the reading, as on the bus (from 0).', low=0, high=65535, fixed=True
+    register: int = _address(0, 'Address of the reading, as on the bus (from 0).')
+    register_kind: str = _kind('input', 'Kind of the register.')
+    register_format: str = _format('int16', 'Format of the reading.')
+    word_order: str = _word_order()
+    scale: float = _fixed(
+        1.0, 'Reading = number in the register * scale (V, mm or SI for a count).'
     )
-    register_kind: str = setting(
-        'input', 'Kind of the register.', choices=('input', 'holding'), fixed=True
-    )
-    register_format: str = setting(
-        'int16', 'Format of the reading.', choices=tuple(FORMATS), fixed=True
-    )
-    word_order: str = setting('big', _WORD_ORDER, choices=('big', 'little'), fixed=True)
-    scale: float = setting(
-        1.0, 'Reading = number in the register * scale (V, mm or SI for a count).', fixed=True
-    )
-    counter: bool = setting(
-        False, 'The register is a counter (an encoder): it wraps around.', fixed=True
-    )
+    counter: bool = _fixed(False, 'The register is a counter (an encoder): it wraps around.')
 
 
 @dataclass(frozen=True)
 class ModbusDrive(ModbusBus):
     """A drive with a set point and readings in registers."""
 
-    timeout_s: float = setting(
-        0.1,
-        'An answer that takes longer is none; up to 0.1 s the question is repeated once.',
-        unit='s',
-        low=0.01,
-        high=0.5,
-        fixed=True,
-    )
-
-    speed_register: int = setting(
-        0, 'Holding register of the set point.', low=0, high=65535, fixed=True
-    )
-    speed_format: str = setting(
-        'int16', 'Format of the set point.', choices=tuple(FORMATS), fixed=True
-    )
-    speed_scale_mps: float = setting(
+    timeout_s: float = _patience(high=0.5)
+    speed_register: int = _address(0, 'Holding register of the set point.')
+    speed_format: str = _format('int16', 'Format of the set point.')
+    speed_scale_mps: float = _fixed(
         0.01,
         'Running speed = number * this; negative where the drive counts the other way.',
         unit='m/s',
-        fixed=True,
     )
-    word_order: str = setting('big', _WORD_ORDER, choices=('big', 'little'), fixed=True)
-    actual_register: int = setting(
-        _NONE, 'Address of the actual speed; -1: none.', low=-1, high=65535, fixed=True
+    word_order: str = _word_order()
+    actual_register: int = _address(_NONE, 'Address of the actual speed; -1: none.', low=_NONE)
+    actual_kind: str = _kind('input', 'Kind of that register.')
+    actual_format: str = _format('int16', 'Format of the actual speed.')
+    actual_scale_mps: float = _fixed(0.01, 'As speed_scale_mps.', unit='m/s')
+    encoder_register: int = _address(
+        _NONE, "Address of the roller's encoder counter; -1: none.", low=_NONE
     )
-    actual_kind: str = setting(
-        'input', 'Kind of that register.', choices=('input', 'holding'), fixed=True
+    encoder_kind: str = _kind('input', 'Kind of that register.')
+    encoder_format: str = _fixed(
+        'uint32', 'Format of the counter, which wraps around.', choices=('uint16', 'uint32')
     )
-    actual_format: str = setting(
-        'int16', 'Format of the actual speed.', choices=tuple(FORMATS), fixed=True
+    encoder_counts_per_turn: float = _fixed(
+        4096.0, 'Counts a turn of the roller; negative where it counts down running forward.'
     )
-    actual_scale_mps: float = setting(0.01, 'As speed_scale_mps.', unit='m/s', fixed=True)
-    encoder_register: int = setting(
-        _NONE, "Address of the roller's encoder counter; -1: none.", low=-1, high=65535, fixed=True
-    )
-    encoder_kind: str = setting(
-        'input', 'Kind of that register.', choices=('input', 'holding'), fixed=True
-    )
-    encoder_format: str = setting(
-        'uint32',
-        'Format of the counter, which wraps around.',
-        choices=('uint16', 'uint32'),
-        fixed=True,
-    )
-    encoder_counts_per_turn: float = setting(
-        4096.0,
-        'Counts a turn of the roller; negative where it counts down running forward.',
-        fixed=True,
-    )
-    poll_hz: float = setting(
-        100.0, 'Readings a second.', unit='Hz', low=1.0, high=1000.0, fixed=True
-    )
+    poll_hz: float = _fixed(100.0, 'Readings a second.', unit='Hz', low=1.0, high=1000.0)
+
+
+class Register(NamedTuple):
+    """
+    A number in one register or two.
+
+    `kind` is 'input' or 'holding', `format` one of `FORMATS`, `word_order` 'big' (the word of
+    higher value first, as the standard has it) or 'little'.
+    """
+
+    address: int
+    kind: str
+    format: str
+    word_order: str
+
+    @property
+    def words(self) -> int:
+        """Registers that the number takes."""
+        return FORMATS[self.format][1]
+
+    def decode(self, words: list[int]) -> float:
+        """Return the number that the registers hold."""
+        words = words[::-1] if self.word_order == 'little' else words
+        data = struct.pack(f'>{len(words)}H', *words)
+        return float(struct.unpack('>' + FORMATS[self.format][0], data)[0])
+
+    def encode(self, value: float) -> list[int]:
+        """Return the words of a number; raises DriverError if it does not fit."""
+        code, count = FORMATS[self.format]
+        try:
+            data = struct.pack('>' + code, value if code == 'f' else round(value))
+        except (struct.error, OverflowError, ValueError) as error:
+            raise DriverError(f'{self}: {value:g} does not fit {self.format}') from error
+        if not math.isfinite(value):
+            raise DriverError(f'{self}: {value:g} is not finite')
+        words = list(struct.unpack(f'>{count}H', data))
+        return words[::-1] if self.word_order == 'little' else words
+
+    def __str__(self) -> str:
+        return f'{self.kind} register {self.address}'
+
+
+class ModbusLink:
+    """
+    A connection to one device.
+
+    Parameters
+    ----------
+    bus : ModbusBus
+        Where it is.
+    """
+
+    def __init__(self, bus: ModbusBus) -> None:
+        self._bus = bus
+        self._client: Any = None
+        self._lock = threading.Lock()
+        self._clear_s = 0.0  # before this an answer to an earlier question may come (rtu)
+        self._trips_ns: deque[int] = deque(maxlen=_ROUND_TRIPS)
+
+    def open(self) -> None:
+        """
+        Connect.
+
+        Raises
+        ------
+        ConfigError
+            If pymodbus is not installed.
+        DriverError
+            If nobody answers there.
+        """
+        try:
+            from pymodbus.client import ModbusSerialClient, ModbusTcpClient
+        except ImportError as error:
+            raise ConfigError(
+                f"{self._bus}: pymodbus is not installed (pip install 'hunt_ros[modbus]')"
+            ) from error
+        # What it logs is said by our errors; without a handler it goes to standard error.
+        logging.getLogger('pymodbus').addHandler(logging.NullHandler())
+        bus = self._bus
+        client: Any
+        if bus.bus == 'tcp':
+            patience_s = max(_CONNECT_S, bus.timeout_s)
+            client = ModbusTcpClient(bus.host, port=bus.port, timeout=patience_s, retries=0)
+        else:
+            client = ModbusSerialClient(
+                bus.serial_port,
+                baudrate=bus.baud_rate,
+                parity=bus.parity,
+                timeout=bus.timeout_s,
+                retries=0,
+            )
+        with self._lock:
+            if not client.connect():
+                raise DriverError(f'{bus}: cannot connect')
+            client.comm_params.timeout_connect = bus.timeout_s  # from now on that of an answer
+            self._client, self._clear_s = client, 0.0
+            self._trips_ns.clear()
+
+    def close(self) -> None:
+        """Disconnect; a transaction under way in another thread ends first."""
+        with self._lock:
+            client, self._client = self._client, None
+            if client is not None:
+                client.close()
+
+    def read(self, register: Register) -> list[int]:
+        """Return the words of a register; raises DriverError where there is no such answer."""
+        call = f'read_{register.kind}_registers'
+        response = self._transact(call, str(register), register.address, count=register.words)
+        return list(response.registers)
+
+    def poll(self, register: Register) -> tuple[int, float]:
+        """Return when a number was sampled, ns on the steady clock, and the number."""
+        asked_ns = time.monotonic_ns()
+        words = self.read(register)
+        self._trips_ns.append(time.monotonic_ns() - asked_ns)
+        return asked_ns + min(self._trips_ns) // 2, register.decode(words)
+
+    def write(self, register: Register, value: float) -> list[int]:
+        """Write a number, and return its words; raises DriverError if it is not taken."""
+        words = register.encode(value)
+        one = len(words) == 1
+        call, data = ('write_register', words[0]) if one else ('write_registers', words)
+        self._transact(call, f'{register} = {value:g}', register.address, data)
+        return words
+
+    def write_coil(self, address: int, on: bool) -> None:
+        """Switch a coil; raises DriverError if that is not taken."""
+        self._transact('write_coil', f'coil {address}', address, on)
+
+    def _transact(self, call: str, what: str, *arguments: Any, **options: Any) -> Any:
+        from pymodbus.exceptions import ModbusException, ModbusIOException
+
+        bus, began_s, missed = self._bus, time.monotonic(), False
+        with self._lock:
+            while True:
+                if self._client is None:
+                    raise DriverError(f'{bus}: not open')
+                try:
+                    response = self._ask(missed, call, *arguments, **options)
+                except (ModbusException, OSError) as error:
+                    lost = isinstance(error, ModbusIOException)
+                    self._clear_s = time.monotonic() + bus.timeout_s
+                    if lost and not missed and bus.timeout_s <= _BUDGET_S:
+                        missed = True
+                        continue
+                    text = ' '.join(str(error).split())
+                    raise DriverError(f'{bus}: {what}: no answer ({text})') from error
+                if not response.isError():
+                    return response
+                code = getattr(response, 'exception_code', 0)
+                if code not in _BUSY or time.monotonic() - began_s > _BUDGET_S:
+                    reason = _REFUSALS.get(code, f'exception {code}')
+                    raise RefusedError(f'{bus}: {what}: {reason}')
+                time.sleep(_AGAIN_S)
+
+    def _ask(self, again: bool, call: str, *arguments: Any, **options: Any) -> Any:
+        """
+        Send one question, and return the answer to it and no other.
+
+        Frames on a serial bus have no number: what comes late is the answer to an earlier one.
+        To the same question it is as good; before another one the line has to be clear.
+        """
+        from pymodbus.exceptions import ModbusIOException
+
+        if self._bus.bus == 'rtu':
+            if not again:
+                time.sleep(max(0.0, self._clear_s - time.monotonic()))
+            if self._client.socket is not None:
+                self._client.socket.reset_input_buffer()
+        response = getattr(self._client, call)(
+            *arguments, **options, device_id=self._bus.device_id
+        )
+        code, count = _FUNCTIONS[call], options.get('count')
+        other = response.function_code & 0x7F != code
+        if other or (count and not response.isError() and len(response.registers) != count):
+            raise ModbusIOException(f'an answer to another question, function {code} expected')
+        return response
 
 
 class _Pace:
@@ -143,24 +353,33 @@ class _Pace:
         self._ended.set()
 
 
-class _Poll:
-    """Reads a number of a device whose link is open, and says when it took it."""
+class _Polled(Driver):
+    """A device of which some registers are read at an even rate."""
 
-    def __init__(self, link: ModbusLink, register: Register) -> None:
-        self._link, self._register = link, register
-        self._trips_ns: deque[int] = deque(maxlen=_ROUND_TRIPS)
-        self.sampled_ns = 0  # steady clock
+    settings: ModbusBus
 
-    def __call__(self) -> tuple[int, float]:
-        """Return stamp, ns on the host's clock, and number."""
-        asked_ns = time.monotonic_ns()
-        number = self._link.read_number(self._register)
-        self._trips_ns.append(time.monotonic_ns() - asked_ns)
-        self.sampled_ns = asked_ns + min(self._trips_ns) // 2
-        return self.sampled_ns + host_less_steady_ns(), number
+    def _use(self, rate_hz: float, *registers: Register) -> None:
+        """Make the link; nothing is opened yet."""
+        self._link, self._registers = ModbusLink(self.settings), registers
+        self._poll_hz, self._pace = rate_hz, _Pace(rate_hz)
+
+    def open(self) -> None:
+        """Connect, and read once; raises DriverError where that fails."""
+        self._link.open()
+        for register in self._registers:
+            self._link.poll(register)
+        self._pace = _Pace(self._poll_hz)
+
+    def close(self) -> None:
+        """Disconnect."""
+        self._pace.end()
+        self._link.close()
+
+    def __str__(self) -> str:
+        return str(self.settings)
 
 
-class Sensor(SensorDriver):
+class Sensor(_Polled, SensorDriver):
     """An analog input module or an encoder counter, polled at the rate that the node expects."""
 
     Settings = ModbusSensor
@@ -172,38 +391,23 @@ class Sensor(SensorDriver):
         self._reading = Register(settings.register, kind, settings.register_format, order)
         if settings.counter and settings.register_format == 'float32':
             raise ConfigError(f'{settings}: register_format: a counter is no float32')
-        _check_scale(settings, 'scale', settings.scale)
-        self._link = ModbusLink(settings)
-        self._pace = _Pace(rate_hz)
-
-    def open(self) -> None:
-        """Connect, and read once; raises DriverError where that fails."""
-        self._link.open()
-        self._poll = _Poll(self._link, self._reading)
-        self._counter = Counter(16 * self._reading.words) if self.settings.counter else None
-        self._poll()
-        self._pace = _Pace(self.rate_hz)
+        check_scale(settings, 'scale')
+        self._counter = Counter(16 * self._reading.words) if settings.counter else None
+        self._use(rate_hz, self._reading)
 
     def read(self, timeout_s: float) -> SensorBlock:
         """Poll once; raises DriverError when the device is lost or refuses."""
         missed = self._pace.wait(timeout_s)
         if missed is None:
             return SensorBlock()
-        stamp_ns, number = self._poll()
+        sampled_ns, number = self._link.poll(self._reading)
         if self._counter is not None:
             number = float(self._counter.unwrap([round(number)])[0])
-        return SensorBlock(np.array([stamp_ns]), np.array([number * self.settings.scale]), missed)
-
-    def close(self) -> None:
-        """Disconnect."""
-        self._pace.end()
-        self._link.close()
-
-    def __str__(self) -> str:
-        return str(self.settings)
+        stamps_ns = np.array([sampled_ns + host_less_steady_ns()])
+        return SensorBlock(stamps_ns, np.array([number * self.settings.scale]), missed)
 
 
-class Drive(DriveDriver):
+class Drive(_Polled, DriveDriver):
     """A drive's set point, and its actual speed, its encoder, or both."""
 
     Settings = ModbusDrive
@@ -211,65 +415,51 @@ class Drive(DriveDriver):
 
     def __init__(self, settings: ModbusDrive, roller_diameter_m: float) -> None:
         super().__init__(settings, roller_diameter_m)
-        if settings.actual_register == _NONE and settings.encoder_register == _NONE:
+        actual, encoder = settings.actual_register, settings.encoder_register
+        if actual == encoder == _NONE:
             raise ConfigError(
                 f'{settings}: neither actual_register nor encoder_register is given: expected one'
                 ' that tells how fast the roller runs'
             )
-        for name in ('speed_scale_mps', 'actual_scale_mps', 'encoder_counts_per_turn'):
-            _check_scale(settings, name, getattr(settings, name))
+        check_scale(settings, 'speed_scale_mps', 'actual_scale_mps', 'encoder_counts_per_turn')
         order = settings.word_order
         self._target = Register(settings.speed_register, 'holding', settings.speed_format, order)
-        self._actual = Register(
-            settings.actual_register, settings.actual_kind, settings.actual_format, order
-        )
-        self._encoder = Register(
-            settings.encoder_register, settings.encoder_kind, settings.encoder_format, order
-        )
-        self._link = ModbusLink(settings)
-        self._pace = _Pace(settings.poll_hz)
-
-    def open(self) -> None:
-        """Connect, and read once; raises DriverError where that fails."""
-        self._link.open()
-        registers = (self._encoder, self._actual)
-        self._polls = {r: _Poll(self._link, r) for r in registers if r.address != _NONE}
+        self._actual = Register(actual, settings.actual_kind, settings.actual_format, order)
+        self._encoder = Register(encoder, settings.encoder_kind, settings.encoder_format, order)
+        given = [each for each in (self._encoder, self._actual) if each.address != _NONE]
+        self._use(settings.poll_hz, *given)
         self._counter = Counter(16 * self._encoder.words)
         self._angles: deque[tuple[int, float]] = deque()
         self._written: deque[list[int]] = deque(maxlen=_WRITTEN)
         self._looked_s, self._contrary, self._foreign_mps = -math.inf, 0, math.nan
-        for poll in self._polls.values():
-            poll()
-        self._pace = _Pace(self.settings.poll_hz)
 
     def read(self, timeout_s: float) -> DriveBlock:
         """Poll once; raises DriverError when the drive is lost or refuses."""
         if self._pace.wait(timeout_s) is None:
             return DriveBlock()
-        stamp_ns, angle_rad, speed_mps = 0, math.nan, math.nan
-        if self._actual in self._polls:
-            stamp_ns, number = self._polls[self._actual]()
+        sampled_ns, angle_rad, speed_mps = 0, math.nan, math.nan
+        if self._actual in self._registers:
+            sampled_ns, number = self._link.poll(self._actual)
             speed_mps = number * self.settings.actual_scale_mps
-        if self._encoder in self._polls:
-            stamp_ns, number = self._polls[self._encoder]()
-            turns = self._counter.unwrap([round(number)])[0]
-            angle_rad = 2.0 * math.pi * float(turns) / self.settings.encoder_counts_per_turn
-            if self._actual not in self._polls:
+        if self._encoder in self._registers:
+            sampled_ns, number = self._link.poll(self._encoder)
+            turns = float(self._counter.unwrap([round(number)])[0])
+            angle_rad = 2.0 * math.pi * turns / self.settings.encoder_counts_per_turn
+            if self._actual not in self._registers:
                 # On the steady clock: that of the host may be set.
-                sampled_ns = self._polls[self._encoder].sampled_ns
-                speed_mps = self._speed_mps(sampled_ns, angle_rad)
+                speed_mps = self._slope_mps(sampled_ns, angle_rad)
                 if math.isnan(speed_mps):
                     return DriveBlock()
         self._read_back()
-        return DriveBlock(
-            np.array([stamp_ns]), np.array([angle_rad]), np.array([speed_mps]), self._foreign_mps
-        )
+        stamps_ns = np.array([sampled_ns + host_less_steady_ns()])
+        angles, speeds = np.array([angle_rad]), np.array([speed_mps])
+        return DriveBlock(stamps_ns, angles, speeds, self._foreign_mps)
 
     def set_speed(self, speed_mps: float) -> None:
         """Write the set point; raises DriverError if it does not fit or is not taken."""
         number = speed_mps / self.settings.speed_scale_mps
         self._written.append(self._target.encode(number))  # also one that is not answered
-        self._link.write_number(self._target, number)
+        self._link.write(self._target, number)
 
     def _read_back(self) -> None:
         """Look now and then whether the drive holds the set point that was written last."""
@@ -278,7 +468,7 @@ class Drive(DriveDriver):
             return
         self._looked_s = now_s
         try:
-            held = self._link.read('holding', self._target.address, self._target.words)
+            held = self._link.read(self._target)
         except RefusedError:  # a register that can only be written
             self._written = deque(maxlen=0)
             return
@@ -286,26 +476,13 @@ class Drive(DriveDriver):
         number = self._target.decode(held) * self.settings.speed_scale_mps
         self._foreign_mps = number if self._contrary >= _CONTRARY else math.nan
 
-    def close(self) -> None:
-        """Disconnect."""
-        self._pace.end()
-        self._link.close()
-
-    def _speed_mps(self, stamp_ns: int, angle_rad: float) -> float:
+    def _slope_mps(self, sampled_ns: int, angle_rad: float) -> float:
         """Return the slope of the angle over the last moments; NaN at the first reading."""
-        self._angles.append((stamp_ns, angle_rad))
-        while stamp_ns - self._angles[0][0] > _SLOPE_S * NANOSECONDS and len(self._angles) > 2:
+        self._angles.append((sampled_ns, angle_rad))
+        while sampled_ns - self._angles[0][0] > _SLOPE_S * NANOSECONDS and len(self._angles) > 2:
             self._angles.popleft()
         first_ns, first_rad = self._angles[0]
-        if stamp_ns <= first_ns:
+        if sampled_ns <= first_ns:
             return math.nan
-        rate = (angle_rad - first_rad) / ((stamp_ns - first_ns) / NANOSECONDS)
+        rate = (angle_rad - first_rad) / ((sampled_ns - first_ns) / NANOSECONDS)
         return 0.5 * rate * self.roller_diameter_m
-
-    def __str__(self) -> str:
-        return str(self.settings)
-
-
-def _check_scale(settings: ModbusBus, name: str, value: float) -> None:
-    if value == 0.0 or not math.isfinite(value):
-        raise ConfigError(f'{settings}: {name}: {value:g}, expected a finite number that is not 0')

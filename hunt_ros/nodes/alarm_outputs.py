@@ -19,7 +19,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
 from hunt_ros.drivers.alarm_output import AlarmSettings, Condition
-from hunt_ros.drivers.modbus_link import ModbusBus
+from hunt_ros.drivers.modbus import ModbusBus
 from hunt_ros.errors import ConfigError, DriverError
 from hunt_ros.nodes.support.conversions import read_diagnostic
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, one_line, steady_clock

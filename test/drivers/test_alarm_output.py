@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hunt_ros.drivers.alarm_output import Command, Condition, Relay, Sound
-from hunt_ros.drivers.modbus_link import ModbusBus
+from hunt_ros.drivers.modbus import ModbusBus
 from hunt_ros.errors import ConfigError, DriverError
 
 

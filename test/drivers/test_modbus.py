@@ -13,9 +13,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hunt_ros.drivers.modbus import Drive, ModbusDrive, ModbusSensor, Sensor
-from hunt_ros.drivers.modbus_link import FORMATS, ModbusBus, ModbusLink, RefusedError, Register
-from hunt_ros.errors import ConfigError, DriverError
+from hunt_ros.drivers.modbus import (
+    FORMATS,
+    Drive,
+    ModbusBus,
+    ModbusDrive,
+    ModbusLink,
+    ModbusSensor,
+    Register,
+    Sensor,
+)
+from hunt_ros.errors import ConfigError, DriverError, RefusedError
 
 pytest.importorskip('pymodbus', reason='the extra modbus is not installed')
 
@@ -32,6 +40,10 @@ def _read(driver, machine):
         if block.stamps_ns.size:
             return block
         assert not deadline.passed
+
+
+#: One input register.
+SEVEN = Register(7, 'input', 'uint16', 'big')
 
 
 @given(
@@ -344,14 +356,14 @@ def test_a_device_that_is_busy_is_asked_again_on_the_open_connection() -> None:
     slave = _Slave(lambda question: (next(answers), 0.0))
     link = ModbusLink(ModbusBus(port=slave.port, timeout_s=5.0))
     link.open()
-    assert link.read('input', 7, 1) == [42]
+    assert link.read(SEVEN) == [42]
     assert (len(slave.questions), slave.connections) == (3, 1)
     link.close()
     always = _Slave(lambda question: (b'\x84\x06', 0.0))
     link = ModbusLink(ModbusBus(port=always.port, timeout_s=5.0))
     link.open()
     with pytest.raises(RefusedError, match='register 7: device busy'):
-        link.read('input', 7, 1)
+        link.read(SEVEN)
     assert len(always.questions) > 1
     link.close()
 
@@ -361,11 +373,11 @@ def test_one_lost_answer_is_no_gap_and_a_second_one_is_an_error() -> None:
     slave = _Slave(lambda question: (next(answers, _number(1)), 0.0))
     link = ModbusLink(ModbusBus(port=slave.port, timeout_s=0.1))
     link.open()
-    assert link.read('input', 7, 1) == [42]
+    assert link.read(SEVEN) == [42]
     with pytest.raises(DriverError, match='register 7: no answer'):
-        link.read('input', 7, 1)
+        link.read(SEVEN)
     assert len(slave.questions) == 4
-    assert link.read('input', 7, 1) == [1]
+    assert link.read(SEVEN) == [1]
     assert slave.connections == 1
     link.close()
 
@@ -408,7 +420,7 @@ def test_an_answer_with_too_many_words_or_of_another_function_is_none() -> None:
         link = ModbusLink(ModbusBus(port=slave.port, timeout_s=0.5))
         link.open()
         with pytest.raises(DriverError, match='no answer'):
-            link.read('input', 7, 1)
+            link.read(SEVEN)
         link.close()
 
 
