@@ -1,8 +1,9 @@
 """
 What a sensor driver and a drive driver do, whatever hardware is behind them.
 
-A driver is a module with a class `Sensor`, a class `Drive`, or both, registered under the
-entry points `hunt_ros.drivers` (see `hunt_ros.drivers.registry`, docs/drivers.md). A node knows
+A driver is a module with a class `Sensor`, a class `Drive`, or both, named by an entry point of
+the group `hunt_ros.drivers` (docs/drivers.md): its name is that of the driver, the parameter
+`driver` of the nodes. Our own stand in `setup.py` like those of anybody else. A node knows
 these two base classes and nothing else of the hardware. Stamps are taken where the sample is
 taken, in the driver, never where it is published.
 
@@ -15,7 +16,10 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
+from importlib.metadata import EntryPoint, distributions
 from typing import Any, ClassVar
 
 import numpy as np
@@ -24,13 +28,8 @@ from numpy.typing import NDArray
 from hunt_ros.errors import ConfigError
 from hunt_ros.settings import Settings as _Settings
 
-
-def _no_stamps() -> NDArray[np.int64]:
-    return np.zeros(0, dtype=np.int64)
-
-
-def _no_values() -> NDArray[np.float64]:
-    return np.zeros(0)
+_no_stamps: Callable[[], NDArray[np.int64]] = partial(np.array, [], np.int64)
+_no_values: Callable[[], NDArray[np.float64]] = partial(np.array, [], np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +114,7 @@ class Driver(ABC):
 
     def __str__(self) -> str:
         """Return the driver and where its hardware is, for messages."""
-        return type(self).__module__.rpartition('.')[2]
+        return str(self.settings)
 
 
 class SensorDriver(Driver):
@@ -148,9 +147,7 @@ class SensorDriver(Driver):
 
     def __init__(self, settings: Any, channel: str, rate_hz: float) -> None:
         if self.channels and channel not in self.channels:
-            # The driver cannot say where it is yet: it is not made.
-            name = type(self).__module__.rpartition('.')[2]
-            known = ', '.join(self.channels)
+            name, known = type(self).__module__.rpartition('.')[2], ', '.join(self.channels)
             raise ConfigError(f'driver {name}: no channel {channel!r}, it has {known}')
         super().__init__(settings)
         self.channel = channel
@@ -206,3 +203,48 @@ class DriveDriver(Driver):
         DriverError
             If the drive did not take it.
         """
+
+
+_GROUP = 'hunt_ros.drivers'
+_BASES: dict[str, Any] = {'Sensor': SensorDriver, 'Drive': DriveDriver}
+
+
+def driver_class(name: str, role: str) -> type[Driver]:
+    """
+    Load the class of a driver.
+
+    Parameters
+    ----------
+    name : str
+        Of its entry point.
+    role : str
+        'Sensor' or 'Drive'.
+
+    Raises
+    ------
+    ConfigError
+        If there is no driver of this name, it cannot be imported, or it has no such class; with
+        the names of those there are.
+    """
+    # `importlib.metadata.entry_points` looks at the first distribution of a name only: an old
+    # `hunt_ros.egg-info` in a source tree, found before what is installed, would hide the drivers.
+    points: dict[str, EntryPoint] = {}
+    for distribution in distributions():
+        for point in distribution.entry_points:
+            if point.group == _GROUP:
+                points.setdefault(point.name, point)
+    if name not in points:
+        names = ', '.join(sorted(points)) or 'none (install the package again: make install)'
+        raise ConfigError(f'driver {name!r}: unknown, those there are: {names}')
+    point = points[name]
+    try:
+        kind = getattr(point.load(), role, None)
+    except Exception as error:  # whatever the module of a third party raises
+        reason = ' '.join(f'{type(error).__name__}: {error}'.split())
+        raise ConfigError(f'driver {name!r}: cannot import {point.value} ({reason})') from error
+    if not (isinstance(kind, type) and issubclass(kind, _BASES[role])):
+        raise ConfigError(
+            f'driver {name!r}: {point.value} has no class {role},'
+            f' expected one made from {_BASES[role].__name__}'
+        )
+    return kind

@@ -375,9 +375,6 @@ class _Polled(Driver):
         self._pace.end()
         self._link.close()
 
-    def __str__(self) -> str:
-        return str(self.settings)
-
 
 class Sensor(_Polled, SensorDriver):
     """An analog input module or an encoder counter, polled at the rate that the node expects."""

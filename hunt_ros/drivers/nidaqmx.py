@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,19 +24,18 @@ from hunt_ros.settings import Settings, setting
 _FETCH_S = 0.01
 
 TERMINALS = {'default': 'DEFAULT', 'rse': 'RSE', 'nrse': 'NRSE', 'differential': 'DIFF'}
+_fixed = partial(setting, fixed=True)
 
 
 @dataclass(frozen=True)
 class NidaqmxInput(Settings):
     """One voltage input."""
 
-    physical_channel: str = setting('Dev1/ai0', 'Input, as NI MAX names it.', fixed=True)
-    least_v: float = setting(-10.0, 'Least voltage expected.', unit='V', fixed=True)
-    largest_v: float = setting(10.0, 'Largest voltage expected.', unit='V', fixed=True)
-    terminal: str = setting('default', 'Wiring.', choices=tuple(TERMINALS), fixed=True)
-    buffer_s: float = setting(
-        10.0, 'Buffer of the device.', unit='s', low=0.1, high=600.0, fixed=True
-    )
+    physical_channel: str = _fixed('Dev1/ai0', 'Input, as NI MAX names it.')
+    least_v: float = _fixed(-10.0, 'Least voltage expected.', unit='V')
+    largest_v: float = _fixed(10.0, 'Largest voltage expected.', unit='V')
+    terminal: str = _fixed('default', 'Wiring.', choices=tuple(TERMINALS))
+    buffer_s: float = _fixed(10.0, 'Buffer of the device.', unit='s', low=0.1, high=600.0)
 
     def __str__(self) -> str:
         return f'nidaqmx {self.physical_channel}'
@@ -46,6 +46,7 @@ class Sensor(SensorDriver):
 
     Settings = NidaqmxInput
     settings: NidaqmxInput
+    _task: Any = None
 
     def __init__(self, settings: NidaqmxInput, channel: str, rate_hz: float) -> None:
         super().__init__(settings, channel, rate_hz)
@@ -55,7 +56,6 @@ class Sensor(SensorDriver):
                 f' {settings.largest_v:g} V'
             )
         self.range = (settings.least_v, settings.largest_v)
-        self._task: Any = None
 
     def open(self) -> None:
         """
@@ -109,8 +109,8 @@ class Sensor(SensorDriver):
                     return SensorBlock()
                 time.sleep(_FETCH_S)
             arrived_ns = time.monotonic_ns()
-            values = np.atleast_1d(
-                np.asarray(task.read(number_of_samples_per_channel=waiting), dtype=np.float64)
+            values = np.array(
+                task.read(number_of_samples_per_channel=waiting), np.float64, ndmin=1
             )
         except Exception as error:
             raise DriverError(self._failure('lost', error)) from error
@@ -126,6 +126,3 @@ class Sensor(SensorDriver):
 
     def _failure(self, what: str, error: Exception) -> str:
         return f'{self}: {what} ({" ".join(str(error).split())})'
-
-    def __str__(self) -> str:
-        return str(self.settings)

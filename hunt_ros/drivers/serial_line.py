@@ -12,11 +12,12 @@ import errno
 import math
 import time
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from hunt_ros.drivers.base import SensorBlock, SensorDriver
+from hunt_ros.drivers.base import SensorBlock, SensorDriver, check_scale
 from hunt_ros.drivers.sample_clock import SampleClock
 from hunt_ros.errors import ConfigError, DriverError, RefusedError
 from hunt_ros.samples import NANOSECONDS
@@ -26,33 +27,28 @@ from hunt_ros.settings import Settings, setting
 _LONGEST_LINE = 1024
 #: So many lines one after the other that cannot be read: the format is another.
 _MOST_BAD = 100
+_fixed = partial(setting, fixed=True)
 
 
 @dataclass(frozen=True)
 class SerialLine(Settings):
     """A serial port and the form of its lines."""
 
-    serial_port: str = setting('/dev/ttyACM0', 'Serial port.', fixed=True)
-    baud_rate: int = setting(
-        115200, 'Bits a second.', unit='1/s', low=300, high=12_000_000, fixed=True
+    serial_port: str = _fixed('/dev/ttyACM0', 'Serial port.')
+    baud_rate: int = _fixed(115200, 'Bits a second.', unit='1/s', low=300, high=12_000_000)
+    separator: str = _fixed('', 'Between the columns of a line; empty: blanks.')
+    columns: int = _fixed(
+        0, 'Columns of a line, so that a torn one is known; 0: any.', low=0, high=1000
     )
-    separator: str = setting('', 'Between the columns of a line; empty: blanks.', fixed=True)
-    columns: int = setting(
-        0, 'Columns of a line, so that a torn one is known; 0: any.', low=0, high=1000, fixed=True
+    column: int = _fixed(0, 'Column of the reading, from 0.', low=0, high=999)
+    scale: float = _fixed(1.0, 'Reading = number in the line * scale (V, mm or SI for a count).')
+    clock_column: int = _fixed(
+        -1, 'Column of a clock or counter of the device; -1: none.', low=-1, high=999
     )
-    column: int = setting(0, 'Column of the reading, from 0.', low=0, high=999, fixed=True)
-    scale: float = setting(
-        1.0, 'Reading = number in the line * scale (V, mm or SI for a count).', fixed=True
+    clock_tick_s: float = _fixed(
+        1e-6, 'Length of a tick of that clock.', unit='s', low=1e-9, high=1.0
     )
-    clock_column: int = setting(
-        -1, 'Column of a clock or counter of the device; -1: none.', low=-1, high=999, fixed=True
-    )
-    clock_tick_s: float = setting(
-        1e-6, 'Length of a tick of that clock.', unit='s', low=1e-9, high=1.0, fixed=True
-    )
-    clock_bits: int = setting(
-        32, 'Width of that clock, which wraps around.', low=8, high=62, fixed=True
-    )
+    clock_bits: int = _fixed(32, 'Width of that clock, which wraps around.', low=8, high=62)
 
     def __str__(self) -> str:
         return f'serial line {self.serial_port} at {self.baud_rate} baud'
@@ -63,19 +59,16 @@ class Sensor(SensorDriver):
 
     Settings = SerialLine
     settings: SerialLine
+    _port: Any = None
 
     def __init__(self, settings: SerialLine, channel: str, rate_hz: float) -> None:
         super().__init__(settings, channel, rate_hz)
-        if settings.scale == 0.0 or not math.isfinite(settings.scale):
-            raise ConfigError(
-                f'{settings}: scale: {settings.scale:g}, expected a finite number that is not 0'
-            )
+        check_scale(settings, 'scale')
         last = max(settings.column, settings.clock_column)
         if settings.columns and last >= settings.columns:
             raise ConfigError(
                 f'{settings}: column {last} of {settings.columns}, counted from 0: expected less'
             )
-        self._port: Any = None
 
     def open(self) -> None:
         """
@@ -121,23 +114,21 @@ class Sensor(SensorDriver):
             data = port.read(max(1, port.in_waiting))
         except (OSError, TypeError) as error:  # TypeError: closed by another thread meanwhile
             raise DriverError(f'{self}: lost ({" ".join(str(error).split())})') from error
-        now_ns = time.monotonic_ns()
+        now_ns, lost = time.monotonic_ns(), 0
         ticks: list[int] = []
         values: list[float] = []
-        lost = 0
         for line in self._cut(data):
-            sample = self._parse(line, now_ns)
-            if sample is None:
+            try:
+                tick, value = self._parse(line, now_ns)
+            except (ValueError, IndexError):
                 lost += 1
                 self._count_bad(line)
                 continue
             self._bad = 0
-            tick, value = sample
-            if tick == self._tick:
-                continue  # the device has sampled nothing since
-            self._tick, self._arrived_ns = tick, now_ns
-            ticks.append(tick)
-            values.append(value)
+            if tick != self._tick:  # else the device has sampled nothing since
+                self._tick, self._arrived_ns = tick, now_ns
+                ticks.append(tick)
+                values.append(value)
         return SensorBlock(self._clock.stamps(ticks, now_ns), np.array(values), lost)
 
     def close(self) -> None:
@@ -160,47 +151,35 @@ class Sensor(SensorDriver):
             del lines[0]
         return [line for line in lines if line.strip()]
 
-    def _parse(self, line: bytes, now_ns: int) -> tuple[int, float] | None:
-        """Return tick and reading of a line; None where it has not the form."""
+    def _parse(self, line: bytes, now_ns: int) -> tuple[int, float]:
+        """Return tick and reading of a line; raises where it has not the form, or is torn."""
         settings = self.settings
         columns = line.decode('ascii', 'replace').split(settings.separator or None)
         if settings.columns and len(columns) != settings.columns:
-            return None
-        try:
-            value = float(columns[settings.column]) * settings.scale
-            if settings.clock_column < 0:
-                tick: int | None = (self._tick or 0) + self._bad + 1  # a bad line had its turn
-            else:
-                tick = self._tick_of(int(columns[settings.clock_column]), now_ns)
-        except (ValueError, IndexError):
-            return None
-        if tick is None:
-            return None
-        return tick, value if math.isfinite(value) else math.nan
-
-    def _tick_of(self, clock: int, now_ns: int) -> int | None:
-        """Return the clock without wrap-around; None where it is torn: far from what is due."""
-        if not 0 <= clock < 1 << self.settings.clock_bits:
-            return None
+            raise ValueError
+        value = float(columns[settings.column]) * settings.scale
+        value = value if math.isfinite(value) else math.nan
+        if settings.clock_column < 0:
+            return (self._tick or 0) + self._bad + 1, value  # a bad line had its turn
+        clock, size = int(columns[settings.clock_column]), 1 << settings.clock_bits
+        if not 0 <= clock < size:
+            raise ValueError
         if self._tick is None:
-            return clock
-        ahead = (clock - self._tick) % (1 << self.settings.clock_bits)
+            return clock, value
+        ahead = (clock - self._tick) % size
         passed_s = (now_ns - self._arrived_ns) / NANOSECONDS
-        return None if ahead * self._tick_s > 2.0 * (passed_s + 1.0) else self._tick + ahead
+        if ahead * self._tick_s > 2.0 * (passed_s + 1.0):  # far from what is due
+            raise ValueError
+        return self._tick + ahead, value
 
     def _count_bad(self, line: bytes) -> None:
         """Count a line that was no sample; raises DriverError where they do not end."""
         self._bad += 1
         if self._bad >= _MOST_BAD:
             settings = self.settings
-            number = 'a number in column' if settings.clock_column < 0 else 'numbers in columns'
-            at = {settings.column, settings.clock_column} - {-1}
+            clock = settings.clock_column
             raise DriverError(
-                f'{self}: {self._bad} lines such as {line[:60]!r}: expected {number}'
-                f' {" and ".join(map(str, sorted(at)))}'
-                + (f' of {settings.columns}' if settings.columns else '')
-                + f' between {settings.separator or "blanks"!r}'
+                f'{self}: {self._bad} lines such as {line[:60]!r}: expected a number in column'
+                f' {settings.column}{f" and a clock in column {clock}" if clock >= 0 else ""}'
+                f' between {settings.separator or "blanks"!r}'
             )
-
-    def __str__(self) -> str:
-        return str(self.settings)

@@ -19,8 +19,7 @@ from typing import Any, Generic, Literal, TypeVar, cast
 from rclpy.lifecycle import LifecycleNode, State, TransitionCallbackReturn
 from rclpy.publisher import Publisher
 
-from hunt_ros.drivers.base import DriveDriver, SensorDriver
-from hunt_ros.drivers.registry import driver_class
+from hunt_ros.drivers.base import DriveDriver, SensorDriver, driver_class
 from hunt_ros.errors import ConfigError, DriverError, RefusedError
 from hunt_ros.nodes.support.diagnostics import Diagnostics, one_line
 from hunt_ros.nodes.support.parameters import declare
