@@ -17,7 +17,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
@@ -26,13 +25,15 @@ from numpy.typing import ArrayLike, NDArray
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import Uncertain
 from hunt_ros.sensors import SENSORS
+from hunt_ros.settings import Settings
 
 _UNITS = {sensor.name: sensor.unit for sensor in SENSORS}
-_KEYS = {'channel', 'unit', 'polarity', 'gain', 'offset', 'range', 'made', 'fit'}
+#: What a file may say beside the settings; `polarity`, always 1, is one of earlier versions.
+_BESIDE = {'channel', 'unit', 'polarity', 'made', 'fit'}
 
 
 @dataclass(frozen=True)
-class Calibration:
+class Calibration(Settings):
     """
     What a reading means.
 
@@ -54,12 +55,14 @@ class Calibration:
     range: tuple[float, float] = (-math.inf, math.inf)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not math.isfinite(self.gain) or self.gain == 0.0:
             raise ConfigError(f'gain: {self.gain}, expected a finite number that is not 0')
         if not math.isfinite(self.offset):
             raise ConfigError(f'offset: {self.offset}, expected a finite number')
-        if not self.range[0] < self.range[1]:
-            raise ConfigError(f'range: {list(self.range)}, expected a lower and a higher reading')
+        ends = self.range if isinstance(self.range, tuple) else ()
+        if {*map(type, ends)} - {int, float} or len(ends) != 2 or not ends[0] < ends[1]:
+            raise ConfigError(f'range: {self.range}, expected a lower and a higher reading')
 
     @classmethod
     def read(cls, path: str, channel: str) -> Calibration:
@@ -75,33 +78,20 @@ class Calibration:
             return cls()
         try:
             document = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
-            return cls._of(document, channel)
-        except (OSError, UnicodeDecodeError) as error:
-            reason = getattr(error, 'strerror', None) or 'not UTF-8 text'
-            raise ConfigError(f'calibration {path}: cannot read it ({reason})') from error
-        except (ConfigError, yaml.YAMLError) as error:
-            raise ConfigError(f'calibration {path}: {" ".join(str(error).split())}') from error
-
-    @classmethod
-    def _of(cls, document: Any, channel: str) -> Calibration:
-        """Return what a document says; raises ConfigError."""
-        given = document.get('calibration') if isinstance(document, dict) else None
-        if not isinstance(given, dict):
-            raise ConfigError('expected a mapping under the key calibration')
-        if unknown := sorted(map(str, set(given) - _KEYS)):
-            raise ConfigError(f'unknown key {unknown[0]!r}, expected some of {sorted(_KEYS)}')
-        if 'gain' not in given:
-            raise ConfigError('expected a gain')
-        # The sign of the gain is the polarity: a file of earlier versions may say 1.
-        for name, wanted in (('channel', channel), ('unit', _UNITS[channel]), ('polarity', 1)):
-            if given.get(name, wanted) != wanted:
-                raise ConfigError(f'{name}: {given[name]}, expected {wanted} for {channel}')
-        ends = given.get('range', (-math.inf, math.inf))
-        if not isinstance(ends, Sequence) or isinstance(ends, str) or len(ends) != 2:
-            raise ConfigError(f'range: {ends!r}, expected two numbers')
-        low, high = (_number(end, 'range') for end in ends)
-        offset = _number(given.get('offset', 0.0), 'offset')
-        return cls(_number(given['gain'], 'gain'), offset, (low, high))
+            given = document.get('calibration') if isinstance(document, dict) else None
+            if not isinstance(given, dict):
+                raise ConfigError('expected a mapping under the key calibration')
+            if unknown := cls.unknown(given) - _BESIDE:
+                raise ConfigError(f'unknown key {min(map(str, unknown))!r}')
+            if 'gain' not in given:
+                raise ConfigError('expected a gain')
+            for name, wanted in (('channel', channel), ('unit', _UNITS[channel]), ('polarity', 1)):
+                if given.get(name, wanted) != wanted:
+                    raise ConfigError(f'{name}: {given[name]}, expected {wanted} for {channel}')
+            return cls.from_recorded(given)
+        except (OSError, ValueError, yaml.YAMLError) as error:
+            reason = getattr(error, 'strerror', None) or ' '.join(str(error).split())
+            raise ConfigError(f'calibration {path}: {reason}') from error
 
     def within(self, low: float, high: float) -> Calibration:
         """Return it with the range of the device too: what either calls saturated is."""
@@ -158,6 +148,7 @@ def fit_line(points: Sequence[tuple[float, float]]) -> LineFit:
     """
     # Imported here: a sensor node applies calibrations, and needs 60 MB less without it.
     from scipy.special import fdtri, stdtrit
+    from scipy.stats import linregress
 
     raw, known = np.array(points, dtype=np.float64).reshape(-1, 2).T
     if not np.isfinite([raw, known]).all():
@@ -167,35 +158,25 @@ def fit_line(points: Sequence[tuple[float, float]]) -> LineFit:
             f'calibration: {len(points)} points: expected two different readings and'
             ' displacements at least'
         )
-    mean, spread, free = raw.mean(), float(((raw - raw.mean()) ** 2).sum()), raw.size - 2
-    gain = float(((raw - mean) * known).sum()) / spread
-    offset = float(known.mean() - gain * mean)
-    residuals = known - gain * raw - offset
+    line, free = linregress(raw, known), raw.size - 2
+    residuals = known - line.slope * raw - line.intercept
     squares = float((residuals**2).sum())
-    std = math.sqrt(squares / free) if free else math.nan
 
     def uncertain(value: float, std: float) -> Uncertain:
         """Return a number with the 95 % interval of Student's t: the points are few."""
         half = float(stdtrit(free, 0.975)) * std if free else math.nan
-        return Uncertain(value, std, value - half, value + half) if free else Uncertain(value, std)
+        return Uncertain(value, std if free else math.nan, value - half, value + half)
 
     bends = False
     if free > 1 and np.unique(raw).size > 2:
-        scaled = (raw - mean) / np.ptp(raw)
+        scaled = (raw - raw.mean()) / np.ptp(raw)
         rest = float(((known - np.polyval(np.polyfit(scaled, known, 2), scaled)) ** 2).sum())
         rest = max(rest / (free - 1), (1e-9 * float(np.ptp(known))) ** 2)  # rounding
         bends = (squares - rest * (free - 1)) / rest > fdtri(1, free - 1, 0.99)
-    of_offset = std * math.sqrt(1.0 / raw.size + mean**2 / spread)
     return LineFit(
-        uncertain(gain, std / math.sqrt(spread)),
-        uncertain(offset, of_offset),
+        uncertain(float(line.slope), float(line.stderr)),
+        uncertain(float(line.intercept), float(line.intercept_stderr)),
         tuple(residuals.tolist()),
-        std,
+        math.sqrt(squares / free) if free else math.nan,
         bool(bends),
     )
-
-
-def _number(value: Any, key: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ConfigError(f'{key}: {value!r}, expected a number')
-    return float(value)

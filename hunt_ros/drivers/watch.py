@@ -8,7 +8,6 @@ here it is known what the device itself said, in its own unit.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,41 +18,6 @@ from hunt_ros.samples import GAP_STEPS, NANOSECONDS
 _JITTER = 0.25
 #: The rate is away by more than this fraction of what is expected.
 _RATE = 0.05
-
-
-@dataclass(frozen=True)
-class SourceReport:
-    """
-    What the samples since the last report were like.
-
-    Parameters
-    ----------
-    count : int
-        Samples.
-    rate_hz : float
-        By their stamps; NaN for less than two.
-    jitter_s : float
-        Standard deviation of the spacing, gaps left out; NaN for less than three.
-    longest_gap_s : float
-        Longest spacing.
-    not_a_number, saturated, gaps : int
-        Samples that the device marked as bad; at the ends of the range or outside; spacings with a
-        sample missing.
-    stuck_s : float
-        How long the reading has been the same, at the last sample.
-    problems : tuple of str
-        What is wrong, in words.
-    """
-
-    count: int
-    rate_hz: float
-    jitter_s: float
-    longest_gap_s: float
-    not_a_number: int
-    saturated: int
-    gaps: int
-    stuck_s: float
-    problems: tuple[str, ...]
 
 
 class SourceWatch:
@@ -72,7 +36,7 @@ class SourceWatch:
         self._period_ns = NANOSECONDS / rate_hz
         self._rate_hz = rate_hz
         self._stuck_s = stuck_s
-        self._last_ns: int | None = None
+        self._last_ns = 0  # 0: none yet
         self._held = math.nan  # reading that stays the same
         self._held_ns = 0  # since
         self._clear()
@@ -90,9 +54,8 @@ class SourceWatch:
         """Count samples, in their order, shape (n,) each."""
         if not stamps_ns.size:
             return
-        before = stamps_ns[0] if self._last_ns is None else self._last_ns
-        spacings = np.diff(stamps_ns, prepend=before).astype(np.float64)
-        self._spacings.append(spacings[1:] if self._last_ns is None else spacings)
+        spacings = np.diff(stamps_ns, prepend=self._last_ns).astype(np.float64)
+        self._spacings.append(spacings if self._last_ns else spacings[1:])
         self._last_ns = int(stamps_ns[-1])
         self._count += stamps_ns.size
         self._not_a_number += int(np.isnan(readings).sum())
@@ -102,46 +65,48 @@ class SourceWatch:
             self._held_ns = int(stamps_ns[changed[-1]])
         self._held = float(readings[-1])
 
-    def report(self) -> SourceReport:
-        """Return what the samples since the last report were like."""
-        spacings = np.concatenate(self._spacings) if self._spacings else np.zeros(0)
-        gaps = spacings > GAP_STEPS * self._period_ns
-        whole = spacings[~gaps]
-        total_s = float(spacings.sum()) / NANOSECONDS
-        rate_hz = spacings.size / total_s if total_s > 0.0 else math.nan
-        jitter_s = float(whole.std()) / NANOSECONDS if whole.size > 1 else math.nan
-        stuck_s = (
-            (self._last_ns - self._held_ns) / NANOSECONDS
-            if self._last_ns is not None and self._held_ns
-            else 0.0
-        )
-        report = SourceReport(
-            self._count,
-            rate_hz,
-            jitter_s,
-            float(spacings.max(initial=0.0)) / NANOSECONDS,
-            self._not_a_number,
-            self._saturated,
-            int(gaps.sum()),
-            stuck_s,
-            (),
-        )
-        self._clear()
-        return SourceReport(**{**vars(report), 'problems': tuple(self._problems(report))})
+    def report(self) -> tuple[int, dict[str, float], list[str]]:
+        """
+        Return what the samples since the last report were like.
 
-    def _problems(self, report: SourceReport) -> list[str]:
-        """Say what is wrong, the worst first."""
+        Returns
+        -------
+        count : int
+            Samples.
+        values : dict of str to float
+            `rate_hz` by their stamps (NaN for less than two), `jitter_ms` (standard deviation of
+            the spacing, gaps left out; NaN for less than three), `longest_gap_ms`, `saturated`
+            samples, `stuck_s`: how long the reading has been the same, at the last sample.
+        problems : list of str
+            What is wrong, in words, the worst first.
+        """
+        spacings = np.concatenate([np.zeros(0), *self._spacings])
+        gaps = spacings > GAP_STEPS * self._period_ns
+        whole, total_s = spacings[~gaps], float(spacings.sum()) / NANOSECONDS
+        rate_hz = spacings.size / total_s if total_s > 0.0 else math.nan
+        jitter_ms = 1e-6 * float(whole.std()) if whole.size > 1 else math.nan
+        longest_ms = 1e-6 * float(spacings.max(initial=0.0))
+        stuck_s = (self._last_ns - self._held_ns) / NANOSECONDS if self._last_ns else 0.0
         said = []
-        if report.saturated:
-            said.append(f'{report.saturated} samples saturated')
-        if report.not_a_number:
-            said.append(f'{report.not_a_number} samples are no number')
-        if self._stuck_s and report.stuck_s > self._stuck_s:
-            said.append(f'stuck at {self._held:g} for {report.stuck_s:.1f} s')
-        if report.gaps:
-            said.append(f'{report.gaps} gaps, the longest {report.longest_gap_s:.3f} s')
-        if abs(report.rate_hz / self._rate_hz - 1.0) > _RATE:
-            said.append(f'{report.rate_hz:.0f} samples/s, expected {self._rate_hz:.0f}')
-        if report.jitter_s * NANOSECONDS > _JITTER * self._period_ns:
-            said.append(f'stamps jitter by {1e3 * report.jitter_s:.2f} ms')
-        return said
+        if self._saturated:
+            said.append(f'{self._saturated} samples saturated')
+        if self._not_a_number:
+            said.append(f'{self._not_a_number} samples are no number')
+        if 0.0 < self._stuck_s < stuck_s:
+            said.append(f'stuck at {self._held:g} for {stuck_s:.1f} s')
+        if gaps.any():
+            said.append(f'{gaps.sum()} gaps, the longest {1e-3 * longest_ms:.3f} s')
+        if abs(rate_hz / self._rate_hz - 1.0) > _RATE:
+            said.append(f'{rate_hz:.0f} samples/s, expected {self._rate_hz:.0f}')
+        if 1e6 * jitter_ms > _JITTER * self._period_ns:
+            said.append(f'stamps jitter by {jitter_ms:.2f} ms')
+        values = {
+            'rate_hz': round(rate_hz, 1),
+            'jitter_ms': round(jitter_ms, 4),
+            'longest_gap_ms': round(longest_ms, 3),
+            'saturated': self._saturated,
+            'stuck_s': round(stuck_s, 3),
+        }
+        count = self._count
+        self._clear()
+        return count, values, said

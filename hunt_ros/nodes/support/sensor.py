@@ -115,30 +115,26 @@ class SensorNode(DriverNode[SensorDriver]):
 
     def _health(self) -> Health:
         with self._judging:
-            source = self._watch.report()
+            count, seen, problems = self._watch.report()
         lost = self._new('lost', self._lost)
         bad = self._new('bad', self._bad)
         values = {
-            'rate_hz': round(source.rate_hz, 1),
-            'jitter_ms': round(1e3 * source.jitter_s, 4),
-            'longest_gap_ms': round(1e3 * source.longest_gap_s, 3),
+            **seen,
             'published': self._published,
             'lost': self._lost,
             'bad': self._bad,
-            'saturated': source.saturated,
-            'stuck_s': round(source.stuck_s, 3),
         }
         if link := self._link():
             return *link, values
         if not self._active.is_set():
             return 'OK', 'inactive', values
         said = [f'{lost} samples lost'] if lost else []
-        if not source.count:
+        if not count:
             level = 'STALE' if self._published else Awaited('STALE')
             return level, ', '.join(['no samples', *said]), values
-        said += source.problems
-        if bad >= source.count:
+        said += problems
+        if bad >= count:
             return 'STALE', '; '.join(['no valid sample', *said]), values
         if said:
             return 'WARN', '; '.join(said), values
-        return 'OK', f'{source.rate_hz:.0f} samples/s', values
+        return 'OK', f'{seen["rate_hz"]:.0f} samples/s', values
