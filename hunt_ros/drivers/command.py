@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 from hunt_ros.dynamics.profile import Motion, Profile
 from hunt_ros.dynamics.profile.run import ProfileRun
@@ -19,62 +20,27 @@ from hunt_ros.settings import Settings, setting
 
 #: The jerk limit is kept in steps of this, s.
 _SUBSTEP_S = 0.01
-_STOPPED = 'emergency stop is in force: call speed/rearm first'
-_TRIPPED = 'the interlock has tripped: call speed/rearm first'
+_limit = partial(setting, fixed=True, low=0.001, high=100.0, unit='m/s2')
 
 
 @dataclass(frozen=True)
 class DriveLimits(Settings):
     """What no profile may exceed; the speed node declares its parameters from these fields."""
 
-    acceleration_mps2: float = setting(
-        1.0,
-        'The set point changes no faster than this, except in an emergency stop.',
-        unit='m/s2',
-        low=0.001,
-        high=100.0,
-        fixed=True,
+    acceleration_mps2: float = _limit(
+        1.0, 'The set point changes no faster than this, except in an emergency stop.'
     )
-    jerk_mps3: float = setting(
+    jerk_mps3: float = _limit(
         5.0,
         'Its acceleration changes no faster than this, except where the roller is stopped.',
         unit='m/s3',
         low=0.01,
         high=1e4,
-        fixed=True,
     )
     speed_ceiling_mps: float = of_rig('speed_ceiling_mps')
-    safe_deceleration_mps2: float = setting(
-        1.0,
-        'The interlock slows the roller down at this rate.',
-        unit='m/s2',
-        low=0.001,
-        high=100.0,
-        fixed=True,
+    safe_deceleration_mps2: float = _limit(
+        1.0, 'The interlock slows the roller down at this rate.'
     )
-
-
-@dataclass(frozen=True)
-class _Forced:
-    """
-    A set point that stands above everything.
-
-    Parameters
-    ----------
-    speed_mps : float
-        Where to.
-    rate_mps2 : float
-        How fast.
-    begin_mps : float
-        Where the roller was: one that lags behind a rising set point is not sped up further.
-    words : str
-        Why nothing else reaches the drive.
-    """
-
-    speed_mps: float
-    rate_mps2: float
-    begin_mps: float
-    words: str
 
 
 class RollerCommand:
@@ -88,35 +54,35 @@ class RollerCommand:
     longest_step_s : float
         More than this never passes between two calls; a longer gap, as of a process
         that was stopped, counts as this, s.
+
+    Attributes
+    ----------
+    profile : Profile or None
+        What `start` runs.
+    forced_mps : float
+        Set point of an emergency stop or the interlock, m/s; inf where there is none.
+    stopped : bool
+        An emergency stop is in force: nothing else reaches the drive.
     """
 
     def __init__(self, limits: DriveLimits, longest_step_s: float = math.inf) -> None:
         self.limits = limits
         self._longest_s = longest_step_s
-        self._profile: Profile | None = None
+        self.profile: Profile | None = None
         self._run: ProfileRun | None = None
         self._state = 'idle'
         self._held: float | None = None  # instead of the profile
-        self._forced: _Forced | None = None
+        self.forced_mps, self.stopped = math.inf, False
+        #: Where the roller was then: one that lags behind a rising set point is not sped up.
+        self._begin_mps = math.inf
         self._last = math.nan  # what the drive took last
-        self._rate = 0.0  # of the set point then, m/s2
-        self._pending_rate = 0.0
+        self._rate = self._pending_rate = 0.0  # of the set point then, and of the one after, m/s2
         self._was_taken = True
-
-    @property
-    def stopped(self) -> bool:
-        """True while an emergency stop is in force: nothing else reaches the drive."""
-        return self._forced is not None and self._forced.words == _STOPPED
 
     @property
     def forced(self) -> bool:
         """True while an emergency stop or the interlock holds the drive."""
-        return self._forced is not None
-
-    @property
-    def forced_mps(self) -> float:
-        """Set point of an emergency stop or the interlock, m/s; inf where there is none."""
-        return math.inf if self._forced is None else self._forced.speed_mps
+        return self.forced_mps < math.inf
 
     @property
     def state(self) -> str:
@@ -124,11 +90,6 @@ class RollerCommand:
         if self._state == 'running' and self._run is not None and self._run.finished:
             return 'finished'
         return self._state
-
-    @property
-    def profile(self) -> Profile | None:
-        """The profile that `start` runs."""
-        return self._profile
 
     @property
     def elapsed_s(self) -> float:
@@ -140,7 +101,7 @@ class RollerCommand:
         """What is left of the profile, s; of one that was not begun, all of it."""
         if self._run is not None:
             return self._run.remaining_s
-        return 0.0 if self._profile is None else self._profile.duration_s
+        return 0.0 if self.profile is None else self.profile.duration_s
 
     @property
     def note(self) -> str:
@@ -149,7 +110,7 @@ class RollerCommand:
 
     def load(self, profile: Profile) -> None:
         """Take another profile; set points stay below the ceiling whatever it asks for."""
-        self._profile, self._run, self._state = profile, None, 'idle'
+        self.profile, self._run, self._state = profile, None, 'idle'
         if self._held is None and not math.isnan(self._last):
             self._held = self._last
 
@@ -164,16 +125,13 @@ class RollerCommand:
         against : str
             What else speaks against it; '' where nothing does.
         """
-        if self._forced is not None:
-            return self._forced.words
-        if self._profile is None:
-            return 'no profile is given'
-        if against:
-            return against
         motion = motion or Motion()
-        if self._profile.reacts and math.isnan(motion.amplitude_m):
+        against = self._refusal or ('' if self.profile else 'no profile is given') or against
+        if against or self.profile is None:
+            return against
+        if self.profile.reacts and math.isnan(motion.amplitude_m):
             return 'the profile reacts to the amplitude, and the detector tells none'
-        if lacking := self._profile.missing(motion):
+        if lacking := self.profile.missing(motion):
             return lacking
         self._run, self._state, self._held = None, 'running', None
         return ''
@@ -189,14 +147,16 @@ class RollerCommand:
 
     def resume(self, against: str = '') -> str:
         """Go on where the profile was stopped; return '' or why not, `against` at the last."""
-        if self._forced is not None:
-            return self._forced.words
-        if self._state == 'idle':
-            return 'no profile was started'
-        if against:
-            return against
-        self._state, self._held = 'running', None
-        return ''
+        never = 'no profile was started' if self._state == 'idle' else ''
+        if not (against := self._refusal or never or against):
+            self._state, self._held = 'running', None
+        return against
+
+    @property
+    def _refusal(self) -> str:
+        """Why nothing but a forced set point reaches the drive; '' where that is not so."""
+        why = 'emergency stop is in force' if self.stopped else 'the interlock has tripped'
+        return f'{why}: call speed/rearm first' if self.forced else ''
 
     def emergency_stop(self, speed_mps: float, measured_mps: float) -> float:
         """
@@ -209,37 +169,26 @@ class RollerCommand:
         measured_mps : float
             What the roller runs at, m/s; NaN where it is not known.
         """
-        return self._force(speed_mps, math.inf, measured_mps, _STOPPED)
+        self.stopped = True
+        return self.trip(speed_mps, measured_mps)
 
     def trip(self, speed_mps: float, measured_mps: float) -> float:
         """
         Go to a safe speed at the safe deceleration, and hold it until `rearm`; return it.
 
-        Parameters
-        ----------
-        speed_mps : float
-            m/s; where the roller is slower, it is not sped up to this.
-        measured_mps : float
-            What the roller runs at, m/s; NaN where it is not known.
+        The parameters are those of `emergency_stop`. Of two the lower one holds, and a stop stays
+        a stop.
         """
-        rate = self.limits.safe_deceleration_mps2
-        return self._force(speed_mps, rate, measured_mps, _TRIPPED)
-
-    def _force(self, speed_mps: float, rate: float, measured_mps: float, words: str) -> float:
         self.stop()
-        begin = min((x for x in (measured_mps, self._last) if not math.isnan(x)), default=math.inf)
-        speed = max(0.0, min(speed_mps, begin))
-        if self._forced is not None:  # the lower one, and a stop stays a stop
-            speed = min(speed, self._forced.speed_mps)
-            if self._forced.words == _STOPPED:
-                rate, words = math.inf, _STOPPED
-        self._forced = _Forced(speed, rate, begin, words)
-        return speed
+        known = [speed for speed in (measured_mps, self._last) if not math.isnan(speed)]
+        self._begin_mps = min(known, default=math.inf)
+        self.forced_mps = max(0.0, min(speed_mps, self._begin_mps, self.forced_mps))
+        return self.forced_mps
 
     def rearm(self) -> str:
         """End what is forced; its speed is held until a profile is started or resumed."""
-        if self._forced is not None:
-            self._held, self._forced = self._forced.speed_mps, None
+        if self.forced:
+            self._held, self.forced_mps, self.stopped = self.forced_mps, math.inf, False
         return ''
 
     def let_go(self) -> None:
@@ -271,15 +220,19 @@ class RollerCommand:
         """
         passed_s = min(max(passed_s, 0.0), self._longest_s)
         before = measured_mps if math.isnan(self._last) else self._last
-        if self._forced is not None:
-            return self._slowed(self._forced, passed_s, before)
+        if self.forced:  # on its way down it never rises
+            self._pending_rate = 0.0
+            if self.stopped or math.isnan(before):
+                return self.forced_mps if self.stopped else None
+            fallen = self.limits.safe_deceleration_mps2 * passed_s
+            return max(self.forced_mps, min(before, self._begin_mps) - fallen)
         if math.isnan(before):
             return None
         if self._held is not None:
             wanted = self._held
-        elif self._state == 'running' and self._profile is not None:
+        elif self._state == 'running' and self.profile is not None:
             if self._run is None:
-                self._run, self._was_taken = ProfileRun(self._profile, before), True
+                self._run, self._was_taken = ProfileRun(self.profile, before), True
             # Time that passed while the drive took nothing is none of the profile's.
             spent_s = passed_s if self._was_taken else 0.0
             wanted = self._run.advance(spent_s, motion or Motion())
@@ -287,15 +240,6 @@ class RollerCommand:
             return None
         self._was_taken = False
         return self._limited(self._within(wanted), passed_s, before)
-
-    def _slowed(self, forced: _Forced, passed_s: float, before: float) -> float | None:
-        """Return the set point on the way to a forced one; it never rises."""
-        self._pending_rate = 0.0
-        if math.isinf(forced.rate_mps2):
-            return forced.speed_mps
-        if math.isnan(before):
-            return None
-        return max(forced.speed_mps, min(before, forced.begin_mps) - forced.rate_mps2 * passed_s)
 
     def _limited(self, wanted: float, passed_s: float, before: float) -> float:
         """Approach a speed within the limits of acceleration and jerk."""
@@ -306,9 +250,8 @@ class RollerCommand:
         for _ in range(count if step_s > 0.0 else 0):
             left = wanted - speed
             # The rate from which `jerk` still comes to rest at `wanted`.
-            reach = jerk * (
-                math.sqrt(0.25 * step_s * step_s + 2.0 * abs(left) / jerk) - 0.5 * step_s
-            )
+            root = math.sqrt(0.25 * step_s * step_s + 2.0 * abs(left) / jerk)
+            reach = jerk * (root - 0.5 * step_s)
             goal = math.copysign(min(most, reach), left)
             rate += min(max(goal - rate, -jerk * step_s), jerk * step_s)
             after = speed + rate * step_s
