@@ -12,6 +12,7 @@ function in the sense of any standard; docs/interlock.md says what it is for.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -41,45 +42,8 @@ _DIES_S, _FALLS = 3.0, 0.1
 #: The set point leads the roller by so much on its way down from a refuted safe speed, m/s.
 _LEAD_MPS = 0.5
 
-#: Code of a cause -> (modes in which it trips, what it means, what to do). docs/alarm.md has it.
-CAUSES: dict[str, tuple[str, str, str]] = {
-    'speed': (
-        'protect, measure',
-        'the measured speed is above the ceiling, does not follow the set point, contradicts the'
-        ' encoder, or another master commands the drive; the set point goes to 0',
-        'use the hard-wired stop; then look at the drive and its scale',
-    ),
-    'detector': (
-        'protect, measure',
-        'the detector is silent, judges nothing new, or comes late',
-        'look whether its process runs and the machine keeps up',
-    ),
-    'inputs': (
-        'protect, measure',
-        'the detector cannot trust its inputs (STALE)',
-        'look for the sensor that the cause names',
-    ),
-    'drive': (
-        'protect, measure',
-        'the drive is gone, sends nothing, or refuses set points',
-        'use the hard-wired stop while the roller turns; then look at the line to the drive',
-    ),
-    'displacement': (
-        'protect, measure',
-        'the lateral sensor itself shows more than the limit',
-        'wait until the motion has died out; look at the zero of the sensor where it has not',
-    ),
-    'amplitude': (
-        'protect, measure',
-        'an estimate of the amplitude is above the limit',
-        'wait until the motion has died out',
-    ),
-    'hunting': (
-        'protect',
-        'the wheelset hunts, or will for sure (ERROR)',
-        'wait until the motion has died out',
-    ),
-}
+#: Codes (see `alarms`) of what makes it blind, and of what shows that the wheelset moves.
+_BLIND, _SEEN = ('detector', 'inputs', 'drive'), ('displacement', 'amplitude', 'hunting')
 
 
 @dataclass(frozen=True)
@@ -154,8 +118,7 @@ class Heard:
     alarm: bool = False
 
 
-@dataclass(frozen=True)
-class Change:
+class Change(NamedTuple):
     """
     A transition of the interlock.
 
@@ -178,7 +141,7 @@ class Trouble(NamedTuple):
     """
     What would trip the interlock; one without words is none.
 
-    `code` is one of `CAUSES`; `since_ns` when it began, steady clock.
+    `code` is one of `alarms.ALARMS`; `since_ns` when it began, steady clock.
     """
 
     code: str = ''
@@ -205,8 +168,8 @@ class Interlock:
     ----------
     state : str
         armed, tripped or disarmed.
-    cause : str
-        Why it is so.
+    cause, code : str
+        Why it is so; the code of what tripped it, '' where nothing has.
     heard : Heard
         What the detector said last.
     goal_mps : float
@@ -235,6 +198,7 @@ class Interlock:
         off = settings.interlock == 'off'
         self.state = 'disarmed' if off else 'armed'
         self.cause = 'the parameter interlock is off' if off else 'since the start'
+        self.code = ''
 
     def hear(self, now_ns: int, heard: Heard) -> None:
         """Take a status that has just come."""
@@ -264,66 +228,52 @@ class Interlock:
     def motion(self, now_ns: int) -> Motion:
         """Return what the detector sees; of one that is silent the form in force alone."""
         motion = self.heard.motion
-        return replace(motion, amplitude_m=math.nan) if self._silence(now_ns).words else motion
+        return replace(motion, amplitude_m=math.nan) if self._silence(now_ns) else motion
 
     def trouble(self, now_ns: int) -> Trouble:
         """Return what would trip the interlock now (steady clock), the gravest first."""
-        if self.settings.interlock == 'off':
-            return Trouble()
-        if self._roller:
-            return Trouble('speed', self._roller, now_ns)
-        shown = self._beyond(now_ns, 'displacement', self.displacement_m)
-        if shown.words:
-            return shown
-        blind = self._blind(now_ns)
-        return blind if blind.words else self._seen(now_ns)
-
-    def _blind(self, now_ns: int) -> Trouble:
-        """Return why the motion cannot be judged."""
-        silence = self._silence(now_ns)
-        if silence.words:
-            return silence
-        if self.heard.level == 'STALE':
-            words = f'the detector cannot trust its inputs: {self.heard.words}'
-            return Trouble('inputs', words, now_ns)
-        return Trouble('drive', self._drive, now_ns) if self._drive else Trouble()
-
-    def _seen(self, now_ns: int, whatever_mode: bool = False) -> Trouble:
-        """Return what is wrong with the motion, as sensor or detector show it."""
-        heard = self.heard
-        for found in (
-            self._beyond(now_ns, 'displacement', self.displacement_m),
-            self._beyond(now_ns, 'amplitude', heard.motion.amplitude_m, heard.envelope_m),
-        ):
-            if found.words:
+        mode = self.settings.interlock
+        for found in self._troubles(now_ns) if mode != 'off' else ():
+            if found.code != 'hunting' or mode == 'protect':
                 return found
-        if heard.level == 'ERROR' and (whatever_mode or self.settings.interlock == 'protect'):
-            return Trouble('hunting', f'the detector says ERROR: {heard.words}', now_ns)
         return Trouble()
 
-    def _beyond(self, now_ns: int, what: str, *values_m: float) -> Trouble:
-        """Return that the largest of these is above the limit."""
-        limit = self.settings.limit_m
-        largest = max((x for x in values_m if not math.isnan(x)), default=0.0)
-        if not largest > limit:
-            return Trouble()
-        words = f'{what} {1e3 * largest:.3f} mm above the limit, {1e3 * limit:.3f} mm'
-        return Trouble(what, words, now_ns)
+    def _troubles(self, now_ns: int) -> Iterator[Trouble]:
+        """Yield what is wrong, whatever the mode, the gravest first."""
+        heard, limit_m = self.heard, self.settings.limit_m
+        amplitude_m = _largest(heard.motion.amplitude_m, heard.envelope_m)
+        above = f'above the limit, {1e3 * limit_m:.3f} mm'
+        if self._roller:
+            yield Trouble('speed', self._roller, now_ns)
+        if self.displacement_m > limit_m:
+            words = f'displacement {1e3 * self.displacement_m:.3f} mm {above}'
+            yield Trouble('displacement', words, now_ns)
+        if silence := self._silence(now_ns):
+            yield Trouble('detector', silence, self._heard_ns or now_ns)
+        if heard.level == 'STALE':
+            words = f'the detector cannot trust its inputs: {heard.words}'
+            yield Trouble('inputs', words, now_ns)
+        if self._drive:
+            yield Trouble('drive', self._drive, now_ns)
+        if amplitude_m > limit_m:
+            yield Trouble('amplitude', f'amplitude {1e3 * amplitude_m:.3f} mm {above}', now_ns)
+        if heard.level == 'ERROR':
+            yield Trouble('hunting', f'the detector says ERROR: {heard.words}', now_ns)
 
-    def _silence(self, now_ns: int) -> Trouble:
-        """Return how the detector is not to be heard."""
+    def _silence(self, now_ns: int) -> str:
+        """Return how the detector is not to be heard; '' where it is."""
         if self._heard_ns is None:
-            return Trouble('detector', 'the detector has not been heard yet', now_ns)
-        words, limit = '', self.settings.status_timeout_s
+            return 'the detector has not been heard yet'
+        limit = self.settings.status_timeout_s
         silent_s = (now_ns - self._heard_ns) / NANOSECONDS
         stalled_s = (now_ns - self._moved_ns) / NANOSECONDS
         if silent_s > limit:
-            words = f'the detector is silent for {silent_s:.2f} s, more than {limit:g} s'
-        elif stalled_s > max(_STALLED_S, limit):
-            words = f'the detector has judged nothing new for {stalled_s:.1f} s'
-        elif self._real_time and self._late_s > max(_LATE_S, limit):
-            words = f'what the detector says comes {self._late_s:.1f} s late'
-        return Trouble('detector', words, self._heard_ns) if words else Trouble()
+            return f'the detector is silent for {silent_s:.2f} s, more than {limit:g} s'
+        if stalled_s > max(_STALLED_S, limit):
+            return f'the detector has judged nothing new for {stalled_s:.1f} s'
+        if self._real_time and self._late_s > max(_LATE_S, limit):
+            return f'what the detector says comes {self._late_s:.1f} s late'
+        return ''
 
     def judge(self, now_ns: int, speed_mps: float = math.nan) -> Change | None:
         """
@@ -336,20 +286,20 @@ class Interlock:
         speed_mps : float
             Of the roller; NaN: not known.
         """
-        trouble, blind = self.trouble(now_ns), self._blind(now_ns)
+        trouble, troubles = self.trouble(now_ns), list(self._troubles(now_ns))
+        blind = any(each.code in _BLIND for each in troubles)
+        seen = next((each.words for each in troubles if each.code in _SEEN), '')
         # Silence ends no hunting: what was seen lasts until its end is seen.
-        if seen := self._seen(now_ns, whatever_mode=True).words:
-            self._moving = True
-        elif not blind.words:
-            self._moving = False
+        self._moving = bool(seen) or (self._moving and blind)
         if self.state == 'tripped':
-            return self._slow_down(now_ns, speed_mps, trouble, seen)
+            return self._slow_down(now_ns, speed_mps, trouble.code, seen, blind)
         if self.state != 'armed':
             return None
-        if trouble.words and (self._watching or trouble != blind):
+        if trouble.words and (self._watching or trouble.code not in _BLIND):
             self.goal_mps = self.safe_speed_mps()
             change = self._to('tripped', trouble.words, trouble.since_ns)
-            self._slow_down(now_ns, speed_mps, trouble, seen)
+            self.code = trouble.code
+            self._slow_down(now_ns, speed_mps, trouble.code, seen, blind)
             # Hunting at a speed that the form calls safe: it has nothing to say any more.
             self._refuted = bool(seen) and speed_mps <= self.goal_mps + _THERE_MPS
             return change
@@ -361,41 +311,33 @@ class Interlock:
         return None
 
     def _slow_down(
-        self, now_ns: int, speed_mps: float, trouble: Trouble, seen: str
+        self, now_ns: int, speed_mps: float, code: str, seen: str, blind: bool
     ) -> Change | None:
         """Lower the goal of a tripped interlock; return that its model is refuted, once."""
         if not math.isnan(self.heard.motion.v_n):
             self.goal_mps = min(self.goal_mps, self.safe_speed_mps())
-        if trouble.code == 'speed':
+        if code == 'speed':
             self.goal_mps = 0.0  # the only set point that means the same to every scale
         if not self._moving:
             self._there = None
-            return None
-        if self._refuted:
+        elif self._refuted:
             lower = (0.0 if math.isnan(speed_mps) else speed_mps) - _LEAD_MPS
             self.goal_mps = max(0.0, min(self.goal_mps, lower))
-            return None
-        if speed_mps > self.goal_mps + _THERE_MPS:
-            return None
-        amplitude = self._amplitude(now_ns)
-        if self._there is None or amplitude < (1.0 - _FALLS) * self._there[1]:
-            self._there = now_ns, amplitude
-        since_ns = self._there[0]
-        if (now_ns - since_ns) / NANOSECONDS < _DIES_S:
-            return None
-        self._refuted = True
-        cause = (
-            f'the motion does not die out at {self.goal_mps:.2f} m/s, where the roller was safe:'
-            f' it goes lower ({seen or "its end has not been seen"})'
-        )
-        return self._to('tripped', cause, since_ns)
-
-    def _amplitude(self, now_ns: int) -> float:
-        """Return the amplitude: of a detector that is blind that of the sensor; NaN: unknown."""
-        if self._blind(now_ns).words:
-            return self.displacement_m
-        known = (self.heard.motion.amplitude_m, self.heard.envelope_m)
-        return max((x for x in known if not math.isnan(x)), default=math.nan)
+        elif not speed_mps > self.goal_mps + _THERE_MPS:
+            # A detector that is blind knows no amplitude.
+            known = _largest(self.heard.motion.amplitude_m, self.heard.envelope_m)
+            amplitude = self.displacement_m if blind else known
+            if self._there is None or amplitude < (1.0 - _FALLS) * self._there[1]:
+                self._there = now_ns, amplitude
+            since_ns = self._there[0]
+            self._refuted = (now_ns - since_ns) / NANOSECONDS >= _DIES_S
+            if self._refuted:
+                cause = (
+                    f'the motion does not die out at {self.goal_mps:.2f} m/s, where the roller was'
+                    f' safe: it goes lower ({seen or "its end has not been seen"})'
+                )
+                return self._to('tripped', cause, since_ns)
+        return None
 
     def refusal(self, now_ns: int) -> str:
         """Return '' or why no profile may be started or resumed."""
@@ -414,11 +356,11 @@ class Interlock:
     def unsafe(self) -> str:
         """Return '' or that the safe speed of the rig is none by the form in force."""
         v_n, given = self.heard.motion.v_n, self.settings.safe_speed_mps
-        if not v_n <= given < math.inf:
-            return ''
+        used = f'v_n, {v_n:.3f} m/s: {self.safe_speed_mps():.2f} m/s is used'
         return (
-            f'safe_speed_mps, {given:g} m/s, is not below v_n, {v_n:.3f} m/s:'
-            f' {self.safe_speed_mps():.2f} m/s is used'
+            f'safe_speed_mps, {given:g} m/s, is not below {used}'
+            if v_n <= given < math.inf
+            else ''
         )
 
     def rearm(self, now_ns: int) -> tuple[Change | None, str]:
@@ -448,13 +390,12 @@ class Interlock:
 
     def reconfigure(self, now_ns: int, settings: InterlockSettings) -> Change | None:
         """Use other settings; the mode `off` disarms, and leaving it arms."""
-        before, self.settings = self.settings, settings
-        if settings.interlock == before.interlock:
+        before, self.settings = self.settings.interlock, settings
+        mode = settings.interlock
+        if mode == before or 'off' not in (mode, before):
             return None
-        words = f'the parameter interlock is {settings.interlock} now'
-        if settings.interlock == 'off':
-            return self._to('disarmed', words, now_ns)
-        return self._to('armed', words, now_ns) if before.interlock == 'off' else None
+        words = f'the parameter interlock is {mode} now'
+        return self._to('disarmed' if mode == 'off' else 'armed', words, now_ns)
 
     def restore(self, state: str, cause: str, goal_mps: float) -> None:
         """Be tripped or disarmed again, as before the process ended."""
@@ -463,7 +404,12 @@ class Interlock:
 
     def _to(self, state: str, cause: str, since_ns: int) -> Change:
         if state != 'tripped':
-            self.goal_mps, self._refuted, self._there = math.inf, False, None
+            self.goal_mps, self._refuted, self._there, self.code = math.inf, False, None, ''
         self.state, self.cause = state, cause
         self._watching = state == 'armed'
         return Change(f'interlock_{state}', cause, since_ns)
+
+
+def _largest(*values: float) -> float:
+    """Return the largest that is known; NaN where none is."""
+    return max((value for value in values if not math.isnan(value)), default=math.nan)

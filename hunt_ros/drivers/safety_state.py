@@ -1,8 +1,9 @@
 """
 What must outlive the process that guards the roller: one small file beside the recordings.
 
-An emergency stop, a trip, a disarmed interlock and an alarm that nobody has acknowledged are in
-force again when the speed node starts again, until a person ends them.
+An emergency stop, a trip, a disarmed interlock, an alarm that nobody has acknowledged and one
+that is shelved are in force again when the speed node starts again, until a person, or for the
+last one the time, ends them.
 """
 
 from __future__ import annotations
@@ -10,17 +11,16 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
 
+from hunt_ros.drivers.alarms import Shelved
 from hunt_ros.errors import ConfigError
 
 _MOST_LINES = 200
 
 
-@dataclass
+@dataclass(frozen=True)
 class SafetyState:
     """
     What is in force, and how it came.
@@ -35,7 +35,9 @@ class SafetyState:
         Where the interlock would take the roller.
     running : bool
         The node guards, and has not ended by itself.
-    history : list of dict
+    shelved : tuple of Shelved
+        Alarms that call nobody.
+    history : tuple of dict
         What happened: `at` (UTC), `what`, `why`; the oldest first, the last 200.
     """
 
@@ -46,11 +48,12 @@ class SafetyState:
     forced_mps: float = 0.0
     safe_mps: float = 0.0
     running: bool = False
-    history: list[dict[str, str]] = field(default_factory=list)
+    shelved: tuple[Shelved, ...] = ()
+    history: tuple[dict[str, str], ...] = ()
 
-    def note(self, at: str, what: str, why: str) -> None:
-        """Add a line to the history."""
-        self.history = [*self.history[1 - _MOST_LINES :], {'at': at, 'what': what, 'why': why}]
+    def noted(self, at: str, what: str, why: str) -> tuple[dict[str, str], ...]:
+        """Return the history with one line more."""
+        return (*self.history[1 - _MOST_LINES :], {'at': at, 'what': what, 'why': why})
 
     def to_json(self) -> str:
         """Return it as the text of the file."""
@@ -72,19 +75,21 @@ def read(path: Path) -> SafetyState | None:
         If it cannot be read, or is none.
     """
     try:
-        told: Any = json.loads(path.read_text(encoding='utf-8'))
+        told = json.loads(path.read_text(encoding='utf-8'))
+        shelved = told.get('shelved', ())  # one of 0.2.0 has none
+        told['shelved'] = tuple(Shelved(**each) for each in shelved)
+        told['history'] = tuple(told['history'])
+        told |= {name: float(told[name]) for name in ('forced_mps', 'safe_mps')}
+        for item in fields(SafetyState):
+            value = told[item.name]
+            finite = not isinstance(value, float) or math.isfinite(value)
+            if type(value) is not type(item.default) or not finite:
+                raise ValueError(f'{item.name}: {value!r}')
+        state = SafetyState(**told)
     except FileNotFoundError:
         return None
-    except (OSError, ValueError) as error:
+    except (AttributeError, OSError, LookupError, TypeError, ValueError) as error:
         raise ConfigError(f'{path}: cannot read the safety state ({error})') from error
-    state = SafetyState()
-    for item in fields(SafetyState):
-        value = told.get(item.name) if isinstance(told, Mapping) else None
-        kind = type(getattr(state, item.name))
-        value = float(value) if kind is float and type(value) is int else value
-        if type(value) is not kind or (isinstance(value, float) and not math.isfinite(value)):
-            raise ConfigError(f'{path}: {item.name}: {value!r} is no safety state')
-        setattr(state, item.name, value)
     return state
 
 

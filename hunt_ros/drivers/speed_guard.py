@@ -2,17 +2,20 @@
 What the speed node decides: the set point that the drive gets, when it trips, what is said.
 
 Profile, interlock, the readings of roller and sensor, and the state that outlives the process
-come together here. No clock is read, no hardware waited for, and nothing known of ROS: the node
-hands in what came and when, and sends what is decided.
+come together here. No hardware is waited for, nothing known of ROS, and no clock read but for
+the history and what is shelved: the node hands in what came and when, and sends what is decided.
 """
 
 from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
+import time
+from dataclasses import replace
 from datetime import datetime, timezone
+from typing import Any
 
+from hunt_ros.drivers.alarms import Shelved
 from hunt_ros.drivers.command import DriveLimits, RollerCommand
 from hunt_ros.drivers.interlock import Change, Heard, Interlock, InterlockSettings
 from hunt_ros.drivers.readings import Displacement, RollerReadings
@@ -71,24 +74,22 @@ class SpeedGuard:
         self.displacement = Displacement()
         self.deciding = threading.RLock()
         self.waits = ''  # why the profile does not start by itself
-        self.state = state
+        #: The history, the alarm and what is shelved; what else is in force follows.
+        self._kept, self._saved = state, SafetyState()
         self._alarmed = False  # the detector that is heard now has said so
-        self._unsaved = True
         self._fault, self._compared_s = '', -math.inf
-        self._restore(damaged)
+        self._restore(state, damaged)
         self.autostart = autostart and not self.command.forced
 
-    def _restore(self, damaged: str) -> None:
+    def _restore(self, state: SafetyState, damaged: str) -> None:
         """Put in force again what was in force when the process before ended."""
-        state = self.state
         if state.emergency_stop:
             self.command.emergency_stop(state.forced_mps, math.nan)
         if state.running and not state.trip:
             damaged = damaged or 'the speed node ended without being asked'
         if state.trip or damaged:
-            cause = state.trip or damaged
             goal = state.forced_mps if state.trip else state.safe_mps
-            self.interlock.restore('tripped', cause, goal)
+            self.interlock.restore('tripped', state.trip or damaged, goal)
             self.command.trip(goal, math.nan)
         elif state.disarmed and self.interlock.state == 'armed':
             self.interlock.restore('disarmed', state.disarmed, 0.0)
@@ -100,17 +101,12 @@ class SpeedGuard:
             if heard.sequence < self.interlock.heard.sequence:
                 self._alarmed = False  # started again: it has forgotten, and nobody acknowledged
             if heard.alarm and not self._alarmed:
-                self.state.alarm = heard.words or 'an alarm of the detector'
-                self.remember('alarm', self.state.alarm)
-            elif self._alarmed and not heard.alarm:
-                self._acknowledge('acknowledged')
+                words = heard.words or 'an alarm of the detector'
+                self.remember('alarm', words, alarm=words)
+            elif self._alarmed and not heard.alarm and self._kept.alarm:
+                self.remember('acknowledged', '', alarm='')
             self._alarmed = heard.alarm
             self.interlock.hear(now_ns, heard)
-
-    def _acknowledge(self, what: str) -> None:
-        if self.state.alarm:
-            self.state.alarm = ''
-            self.remember(what, '')
 
     def watch(
         self, now_ns: int, lost: str, target_mps: float, measured_mps: float
@@ -142,10 +138,7 @@ class SpeedGuard:
             if self.interlock.state == 'tripped' and goal < self.command.forced_mps:
                 self.autostart = False
                 self.command.trip(goal, measured_mps)
-                self._unsaved = True
-            if change is not None:
-                self.remember(change.event, change.cause)
-            return change
+            return self._noted(change)
 
     def set_point(
         self, now_ns: int, passed_s: float, measured_mps: float, active: bool, busy: bool
@@ -225,47 +218,62 @@ class SpeedGuard:
             change, refusal = self.interlock.rearm(now_ns)
             if not refusal:
                 self.command.rearm()
-                self._acknowledge('acknowledged')
-                self.remember('rearmed', '')
+                self.remember('rearmed', '', alarm='')
             return change, refusal
 
     def arm(self, now_ns: int, armed: bool) -> tuple[Change | None, str]:
         """Arm or disarm; return the transition, and '' or why not."""
-        return self._noted(lambda: self.interlock.arm(now_ns, armed))
+        with self.deciding:
+            change, refusal = self.interlock.arm(now_ns, armed)
+            return self._noted(change), refusal
 
     def reconfigure(self, now_ns: int, settings: InterlockSettings) -> Change | None:
         """Use other settings of the interlock."""
-        change, _ = self._noted(lambda: (self.interlock.reconfigure(now_ns, settings), ''))
+        with self.deciding:
+            return self._noted(self.interlock.reconfigure(now_ns, settings))
+
+    def _noted(self, change: Change | None) -> Change | None:
+        if change is not None:
+            self.remember(change.event, change.cause)
         return change
 
-    def _noted(self, act: Callable[[], tuple[Change | None, str]]) -> tuple[Change | None, str]:
+    def shelve(self, words: str) -> str:
+        """Have an alarm call nobody for a time (`Shelved.asked`); return what is done."""
         with self.deciding:
-            change, refusal = act()
-            if change is not None:
-                self.remember(change.event, change.cause)
-            return change, refusal
+            asked = Shelved.asked(words, time.time())
+            others = tuple(each for each in self._kept.shelved if each.code != asked.code)
+            why = f'{asked.code} for {asked.minutes:g} min: {asked.reason}'
+            self.remember('shelved', why, shelved=(*others, asked) if asked.minutes else others)
+            return f'shelved {why}; levels, latched alarm and interlock stay as they are'
 
-    def remember(self, what: str, why: str) -> None:
-        """Note what happened, and what is in force now."""
-        state, interlock, command = self.state, self.interlock, self.command
-        stopped = state.emergency_stop or 'asked for' if command.stopped else ''
-        state.emergency_stop = stopped
-        state.trip = interlock.cause if interlock.state == 'tripped' else ''
-        state.disarmed = interlock.cause if interlock.state == 'disarmed' else ''
-        state.note(datetime.now(timezone.utc).isoformat(timespec='milliseconds'), what, why)
-        self._unsaved = True
+    def shelved(self) -> str:
+        """Return what calls nobody now: 'CODE until TIME (REASON); ...'."""
+        lasting = tuple(each for each in self._kept.shelved if each.lasts(time.time()))
+        for each in self._kept.shelved:
+            if each not in lasting:
+                self.remember('unshelved', each.code, shelved=lasting)
+        return '; '.join(f'{each.code} until {each.until} ({each.reason})' for each in lasting)
+
+    def remember(self, what: str, why: str, **kept: Any) -> None:
+        """Note what happened; `kept` are fields of the state that change with it."""
+        at = datetime.now(timezone.utc).isoformat(timespec='milliseconds')
+        self._kept = replace(self._kept, history=self._kept.noted(at, what, why), **kept)
 
     def unsaved(self, running: bool) -> str:
         """Return '' or what the file has to hold now."""
         with self.deciding:
-            state, safe = self.state, self.interlock.safe_speed_mps()
-            forced = self.command.forced_mps
-            forced = 0.0 if math.isinf(forced) else forced
-            if running != state.running or safe != state.safe_mps or forced != state.forced_mps:
-                state.running, state.safe_mps, state.forced_mps = running, safe, forced
-                self._unsaved = True
-            text, self._unsaved = state.to_json() if self._unsaved else '', False
-            return text
+            interlock, command, state = self.interlock, self.command, self.interlock.state
+            self._kept = replace(
+                self._kept,
+                emergency_stop='asked for' if command.stopped else '',
+                trip=interlock.cause if state == 'tripped' else '',
+                disarmed=interlock.cause if state == 'disarmed' else '',
+                forced_mps=command.forced_mps if command.forced else 0.0,
+                safe_mps=interlock.safe_speed_mps(),
+                running=running,
+            )
+            before, self._saved = self._saved, self._kept
+            return self._kept.to_json() if self._kept != before else ''
 
     def present(
         self, active: bool, trouble: tuple[str, str], measured_mps: float
@@ -285,26 +293,28 @@ class SpeedGuard:
         with self.deciding:
             interlock, command = self.interlock, self.command
             level, words = trouble
-            lost = f'; {self._fault}' if self._fault and self._fault != interlock.cause else ''
-            if words:
-                why = '' if words == interlock.cause else f' ({words})'
-                lost = f'; the safe set point is sent again and again{why}'
-            if command.stopped:
-                return 'ERROR', f'emergency stop is in force until speed/rearm{lost}'
             if command.forced:
-                return 'ERROR', f'interlock tripped: {interlock.cause}{lost}'
-            if not active:
-                if measured_mps > _STANDS_MPS:
-                    return 'ERROR', f'nobody guards: inactive at {measured_mps:.2f} m/s'
-                return ('OK', 'inactive') if not words else (level, words)
-            if words:
-                return level, words
+                tripped = f'interlock tripped: {interlock.cause}'
+                said = (
+                    'emergency stop is in force until speed/rearm' if command.stopped else tripped
+                )
+                if words:
+                    said += '; the safe set point is sent again and again'
+                if (more := words or self._fault) and more != interlock.cause:
+                    said += f' ({more})' if words else f'; {more}'
+                return 'ERROR', said
+            if not active and measured_mps > _STANDS_MPS:
+                return 'ERROR', f'nobody guards: inactive at {measured_mps:.2f} m/s'
+            if words or not active:
+                return level, words or 'inactive'
             if self._fault:
                 return 'ERROR', self._fault
             if interlock.state == 'disarmed':
                 return 'WARN', f'interlock is disarmed: {interlock.cause}'
             if unsafe := interlock.unsafe():
                 return 'WARN', unsafe
+            if shelved := self.shelved():
+                return 'WARN', f'shelved: {shelved}'
             if self.waits:
                 return Awaited('WARN'), f'the profile waits: {self.waits}'
             return 'OK', command.note or interlock.cause
@@ -313,8 +323,7 @@ class SpeedGuard:
         """Return what `speed/status` tells of profile and interlock."""
         with self.deciding:
             command, interlock = self.command, self.interlock
-            profile = command.profile
-            off = not active and not command.forced
+            profile, off = command.profile, not active and not command.forced
             return {
                 'profile': ''
                 if profile is None
@@ -325,8 +334,10 @@ class SpeedGuard:
                 'interlock': interlock.settings.interlock,
                 'interlock_state': 'off' if off else interlock.state,
                 'interlock_cause': 'the node is inactive' if off else interlock.cause,
+                'interlock_code': interlock.code,
                 'emergency_stop': str(command.stopped).lower(),
-                'alarm_kept': '' if self._alarmed else self.state.alarm,
+                'alarm_kept': '' if self._alarmed else self._kept.alarm,
+                'shelved': self.shelved(),
                 'safe_speed_mps': float(interlock.safe_speed_mps()),
                 'speed_ceiling_mps': command.limits.speed_ceiling_mps,
                 'displacement_m': interlock.displacement_m,
