@@ -10,9 +10,10 @@ import shlex
 import shutil
 import subprocess
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 
 from hunt_ros.drivers.modbus import ModbusBus, ModbusLink
 from hunt_ros.errors import ConfigError, DriverError
@@ -22,6 +23,7 @@ from hunt_ros.suite import ALARM_OUTPUTS
 
 #: A sound is played so often; one that is longer than this hangs, and so does a command, s.
 _SOUND_EVERY_S, _LONGEST_SOUND_S, _LONGEST_COMMAND_S = 2.0, 120.0, 10.0
+_fixed = partial(setting, fixed=True)
 
 
 class Condition(Enum):
@@ -87,39 +89,47 @@ class Command(AlarmOutput):
     """
 
     def __init__(self, text: str, longest_s: float = _LONGEST_COMMAND_S) -> None:
-        self._words, self._longest_s = _words(text), longest_s
+        self._longest_s = longest_s
+        try:
+            self._words = shlex.split(text)
+        except ValueError as error:
+            raise ConfigError(f'command {text!r}: {error}') from error
+        program = self._words[0] if self._words else ''
+        if shutil.which(program) is None:
+            raise ConfigError(f'command {text!r}: no program {program!r} here')
 
     def show(self, condition: Condition, cause: str) -> None:
         """Run it; raises DriverError where it fails or takes too long."""
         if condition is not Condition.WAITING:
-            _run([*self._words, condition.value, cause], self._longest_s)
+            self._run(condition.value, cause)
+
+    def _run(self, *arguments: str) -> None:
+        name, words, longest_s = self._words[0], [*self._words, *arguments], self._longest_s
+        try:
+            null = subprocess.DEVNULL
+            done = subprocess.run(words, stdin=null, capture_output=True, timeout=longest_s)
+        except subprocess.TimeoutExpired as error:
+            raise DriverError(f'{name}: ended after {longest_s:g} s') from error
+        except OSError as error:
+            raise DriverError(f'{name}: {error.strerror}') from error
+        if done.returncode:
+            said = ' '.join(done.stderr.decode(errors='replace').split())[-200:]
+            raise DriverError(f'{name}: exit code {done.returncode}{f" ({said})" if said else ""}')
 
 
-class Sound(AlarmOutput):
-    """
-    Sounds again and again while somebody must come.
-
-    Parameters
-    ----------
-    text : str
-        A command that plays a sound: 'aplay alarm.wav'.
-
-    Raises
-    ------
-    ConfigError
-        If there is no such program.
-    """
+class Sound(Command):
+    """Sounds again and again while somebody must come: its command plays a sound."""
 
     repeat_s = _SOUND_EVERY_S
     horn = True
 
     def __init__(self, text: str) -> None:
-        self._words = _words(text)
+        super().__init__(text, _LONGEST_SOUND_S)
 
     def show(self, condition: Condition, cause: str) -> None:
         """Sound once; raises DriverError where that fails."""
         if condition.calls:
-            _run(self._words, _LONGEST_SOUND_S)
+            self._run()
 
 
 class Relay(AlarmOutput):
@@ -180,22 +190,16 @@ class Relay(AlarmOutput):
 class AlarmSettings(Settings):
     """Who is called, and for what; the node declares its parameters from these fields."""
 
-    sound: str = setting(
-        '', "A command that plays a sound: 'aplay alarm.wav'; empty: none.", fixed=True
+    sound: str = _fixed('', "A command that plays a sound: 'aplay alarm.wav'; empty: none.")
+    command: str = _fixed(
+        '', 'Run at each change; last arguments: well, alarm or doubt, and the cause; empty: none.'
     )
-    command: str = setting(
-        '',
-        'Run at each change; last arguments: well, alarm or doubt, and the cause; empty: none.',
-        fixed=True,
+    relay_coil: int = _fixed(-1, 'Modbus coil of a relay; -1: none.', low=-1, high=65535)
+    relay_inverted: bool = _fixed(
+        False, 'The relay is on while all is well: a cut wire calls too.'
     )
-    relay_coil: int = setting(
-        -1, 'Modbus coil of a relay; -1: none.', low=-1, high=65535, fixed=True
-    )
-    relay_inverted: bool = setting(
-        False, 'The relay is on while all is well: a cut wire calls too.', fixed=True
-    )
-    silence_s: float = setting(
-        1.0, 'No status for so long is doubt.', unit='s', low=0.2, high=3600.0, fixed=True
+    silence_s: float = _fixed(
+        1.0, 'No status for so long is doubt.', unit='s', low=0.2, high=3600.0
     )
 
     @staticmethod
@@ -244,27 +248,3 @@ class AlarmSettings(Settings):
         if self.relay_coil >= 0:
             outputs['relay'] = Relay(bus, self.relay_coil, self.relay_inverted)
         return outputs
-
-
-def _words(text: str) -> list[str]:
-    try:
-        words = shlex.split(text)
-    except ValueError as error:
-        raise ConfigError(f'command {text!r}: {error}') from error
-    if not words or shutil.which(words[0]) is None:
-        raise ConfigError(f'command {text!r}: no program {words[0] if words else ""!r} here')
-    return words
-
-
-def _run(words: Sequence[str], timeout_s: float) -> None:
-    try:
-        done = subprocess.run(
-            words, stdin=subprocess.DEVNULL, capture_output=True, timeout=timeout_s, check=False
-        )
-    except subprocess.TimeoutExpired as error:
-        raise DriverError(f'{words[0]}: ended after {timeout_s:g} s') from error
-    except OSError as error:
-        raise DriverError(f'{words[0]}: {error.strerror}') from error
-    if done.returncode:
-        said = ' '.join(done.stderr.decode(errors='replace').split())[-200:]
-        raise DriverError(f'{words[0]}: exit code {done.returncode}{f" ({said})" if said else ""}')

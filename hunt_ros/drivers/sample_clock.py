@@ -21,8 +21,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from hunt_ros.samples import NANOSECONDS
 
-#: A point of the lower hull is kept for each part of the window.
-_PARTS = 32
+#: What is older is forgotten, ns: drift that changes within it is averaged. A point of the lower
+#: hull is kept for each part of it.
+_WINDOW_NS, _PARTS = 30 * NANOSECONDS, 32
+#: The true length of a tick is within this fraction of the nominal one. Wide: who expects another
+#: rate than the device has shall see it in the stamps.
+_TOLERANCE = 0.5
 
 
 class _Arrival(NamedTuple):
@@ -41,11 +45,6 @@ class SampleClock:
     tick_s : float
         Nominal length of a tick, s: the sample period where the ticks are sample numbers, 1e-9
         where they are stamps in ns.
-    tolerance : float
-        The true length is within this fraction of the nominal one. Wide: who expects another rate
-        than the device has shall see it in the stamps.
-    window_s : float
-        What is older is forgotten, s: drift that changes within it is averaged.
     steady_ns, host_ns : callable
         The clocks of the host, ns; for tests. The line is kept on the steady one: a host clock
         that is set moves the stamps at once and by as much.
@@ -55,14 +54,10 @@ class SampleClock:
         self,
         tick_s: float,
         *,
-        tolerance: float = 0.5,
-        window_s: float = 30.0,
         steady_ns: Callable[[], int] = time.monotonic_ns,
         host_ns: Callable[[], int] = time.time_ns,
     ) -> None:
         self._nominal_ns = tick_s * NANOSECONDS
-        self._tolerance = tolerance
-        self._window_ns = window_s * NANOSECONDS
         self._steady_ns, self._host_ns = steady_ns, host_ns
         self.reset()
 
@@ -114,13 +109,13 @@ class SampleClock:
     def _note(self, arrival: _Arrival) -> None:
         """Take an arrival into the window, and draw the line anew where it counts."""
         kept = self._arrivals
-        part_ns = self._window_ns / _PARTS
+        part_ns = _WINDOW_NS // _PARTS
         if kept and arrival.arrived_ns // part_ns == kept[-1].arrived_ns // part_ns:
             if self._delay_ns(arrival) >= self._delay_ns(kept[-1]):
                 return
             kept.pop()
         kept.append(arrival)
-        while arrival.arrived_ns - kept[0].arrived_ns > self._window_ns:
+        while arrival.arrived_ns - kept[0].arrived_ns > _WINDOW_NS:
             kept.popleft()
         self._draw()
 
@@ -149,7 +144,7 @@ class SampleClock:
             right = min(max(place, 1), len(hull) - 1)
             left = hull[right - 1]
             slope = (hull[right].arrived_ns - left.arrived_ns) / (hull[right].tick - left.tick)
-            low, high = (self._nominal_ns * (1.0 + sign * self._tolerance) for sign in (-1, 1))
+            low, high = (self._nominal_ns * (1.0 + sign * _TOLERANCE) for sign in (-1, 1))
             self._slope_ns = min(max(slope, low), high)
         self._base = min(self._arrivals, key=self._delay_ns)
 

@@ -89,20 +89,22 @@ class SimulatorServer:
                     newest = number
         return newest
 
-    def send_sensor(
-        self, channel: Channel, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]
-    ) -> None:
-        """Send samples (stamps in ns, values in m or rad, one length) to a sensor's readers."""
-        self._send(channel, stamps_ns, values, np.zeros(values.size))
-
-    def send_drive(
+    def send(
         self,
+        channel: Channel,
         stamps_ns: NDArray[np.int64],
-        angle_rad: NDArray[np.float64],
-        speed_mps: NDArray[np.float64],
+        values: NDArray[np.float64],
+        speed_mps: float | NDArray[np.float64] = 0.0,
     ) -> None:
-        """Send drive readings (one length) to the drive's readers."""
-        self._send(Channel.DRIVE, stamps_ns, angle_rad, speed_mps)
+        """Send samples (ns; m, rad, or the angle of the drive, of one length) to its readers."""
+        records = np.empty(values.size, RECORD)
+        if not records.size:
+            return
+        records['stamp_ns'], records['value'], records['speed'] = stamps_ns, values, speed_mps
+        for client in [each for each in self._clients if each.channel is channel]:
+            records['sequence'] = client.sequence + np.arange(records.size)
+            client.sequence += records.size
+            self._push(client, records.tobytes())
 
     def close(self) -> None:
         """Disconnect every driver and stop listening."""
@@ -136,17 +138,6 @@ class SimulatorServer:
             client.channel = Channel(int(code))
         else:
             self._drop(client)
-
-    def _send(self, channel: Channel, *columns: NDArray[np.generic]) -> None:
-        records = np.empty(columns[0].size, RECORD)
-        if not records.size:
-            return
-        for name, column in zip(('stamp_ns', 'value', 'speed'), columns, strict=True):
-            records[name] = column
-        for client in [each for each in self._clients if each.channel is channel]:
-            records['sequence'] = client.sequence + np.arange(records.size)
-            client.sequence += records.size
-            self._push(client, records.tobytes())
 
     def _push(self, client: _Client, data: bytes) -> None:
         """Send what the socket takes; a block once begun is finished before the next."""

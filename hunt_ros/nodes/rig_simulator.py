@@ -203,11 +203,13 @@ class RigSimulatorNode(Node):
         self._kick_if_due()
         block = self._rig.advance(count)
         stamps_ns = self._origin_ns + block.stamps_ns
-        self._server.send_sensor(Channel.LATERAL, stamps_ns, block.lateral)
-        self._server.send_sensor(Channel.YAW, stamps_ns, block.yaw)
+        self._server.send(Channel.LATERAL, stamps_ns, block.lateral)
+        self._server.send(Channel.YAW, stamps_ns, block.yaw)
         every = max(1, round(self._config.sample_rate_hz / _DRIVE_HZ))
         drive = (self._samples + np.arange(count)) % every == 0
-        self._server.send_drive(stamps_ns[drive], block.roller_angle[drive], block.speed[drive])
+        self._server.send(
+            Channel.DRIVE, stamps_ns[drive], block.roller_angle[drive], block.speed[drive]
+        )
         self._samples += count
         if self._clock_publisher is not None:
             self._time_ns = int(stamps_ns[-1])

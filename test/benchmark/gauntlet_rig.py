@@ -164,7 +164,7 @@ class Rig:
         for channel in seen:
             values = self._seen(channel, seen)
             self._cables[channel].carry(
-                lambda channel=channel, values=values: self._server.send_sensor(
+                lambda channel=channel, values=values: self._server.send(
                     channel, stamps_ns, values
                 )
             )
@@ -172,7 +172,7 @@ class Rig:
         every = stamps_ns // _STEP_NS % 2 == 0
         if self._drive != 'silent' and every.any():
             rows = stamps_ns[every], block.roller_angle[every] * told, block.speed[every] * told
-            self._cables[Channel.DRIVE].carry(lambda: self._server.send_drive(*rows))
+            self._cables[Channel.DRIVE].carry(lambda: self._server.send(Channel.DRIVE, *rows))
         moved = float(np.abs(block.true_lateral).max())
         self.truth.append((time.time(), moved, self._rig.speed, late_s))
 

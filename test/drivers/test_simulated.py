@@ -36,8 +36,8 @@ def test_a_sensor_receives_its_own_channel_only(server: SimulatorServer) -> None
     sensor = Sensor(SimulatorAddress(port=server.port), 'yaw', 500.0)
     sensor.open()
     _poll_until(server, lambda _: _connected(server))
-    server.send_sensor(Channel.LATERAL, np.array([1]), np.array([9.0]))
-    server.send_sensor(Channel.YAW, np.array([10, 20]), np.array([0.5, np.nan]))
+    server.send(Channel.LATERAL, np.array([1]), np.array([9.0]))
+    server.send(Channel.YAW, np.array([10, 20]), np.array([0.5, np.nan]))
     block = sensor.read(2.0)
     assert block.stamps_ns.tolist() == [10, 20]
     assert block.values[0] == 0.5
@@ -50,7 +50,7 @@ def test_the_drive_reads_and_takes_a_set_point(server: SimulatorServer) -> None:
     drive = Drive(SimulatorAddress(port=server.port), 0.3)
     drive.open()
     _poll_until(server, lambda _: _connected(server))
-    server.send_drive(np.array([5]), np.array([1.5]), np.array([7.25]))
+    server.send(Channel.DRIVE, np.array([5]), np.array([1.5]), np.array([7.25]))
     block = drive.read(2.0)
     assert (block.stamps_ns[0], block.angle_rad[0], block.speed_mps[0]) == (5, 1.5, 7.25)
     drive.set_speed(6.5)
@@ -65,7 +65,7 @@ def test_a_slow_reader_loses_samples_and_is_told_how_many(server: SimulatorServe
     sent = 0
     for _ in range(4000):
         stamps = np.arange(sent, sent + 500)
-        server.send_sensor(Channel.LATERAL, stamps, stamps * 1.0)
+        server.send(Channel.LATERAL, stamps, stamps * 1.0)
         sent += stamps.size
     received, lost = 0, 0
     for _ in range(2000):
@@ -75,7 +75,7 @@ def test_a_slow_reader_loses_samples_and_is_told_how_many(server: SimulatorServe
         if not block.values.size:
             if received + lost == sent:
                 break
-            server.send_sensor(Channel.LATERAL, np.array([sent]), np.array([0.0]))
+            server.send(Channel.LATERAL, np.array([sent]), np.array([0.0]))
             sent += 1
     assert lost > 0
     assert received + lost == sent

@@ -120,12 +120,9 @@ def test_readings_become_si_and_what_is_saturated_is_no_value(
     health = graph.told()
     heard = graph.collect(JointState, 'lateral')
     modbus_server.put(0, 3)
-    graph.start(
-        'lateral_sensor', driver='modbus', port=modbus_server.port, calibration=file, stuck_s=0.3
-    )
+    graph.start('lateral_sensor', driver='modbus', port=modbus_server.port, calibration=file)
     graph.spin_until(lambda: heard)
     assert heard[0].position[0] == 0.506
-    graph.spin_until(lambda: health.says('stuck at 3 for'))
     modbus_server.put(0, -9)
     graph.spin_until(lambda: math.isnan(heard[-1].position[0]))
     graph.spin_until(
@@ -136,9 +133,7 @@ def test_readings_become_si_and_what_is_saturated_is_no_value(
             for one in health
         )
     )
-    values = health.last
-    assert float(values['rate_hz']) > 0.0
-    assert float(values['jitter_ms']) >= 0.0
+    assert float(health.last['rate_hz']) > 0.0
 
 
 def test_a_modbus_drive_that_is_cut_gets_its_emergency_stop_when_it_is_back(

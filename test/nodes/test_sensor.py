@@ -25,7 +25,7 @@ def _send_until_heard(graph, server: SimulatorServer, channel: Channel, heard: l
 
     def sent_and_heard() -> bool:
         if not heard:
-            server.send_sensor(channel, np.array([10]), np.array([0.5]))
+            server.send(channel, np.array([10]), np.array([0.5]))
         return bool(heard)
 
     graph.spin_until(sent_and_heard)
@@ -41,7 +41,7 @@ def test_every_sample_is_published_with_the_stamp_of_the_driver(graph) -> None:
     heard.clear()
     stamps = 1_700_000_000_000_000_000 + 2_000_000 * np.arange(500)
     for k in range(0, 500, 10):
-        server.send_sensor(Channel.LATERAL, stamps[k : k + 10], 1e-6 * np.arange(k, k + 10.0))
+        server.send(Channel.LATERAL, stamps[k : k + 10], 1e-6 * np.arange(k, k + 10.0))
     graph.spin_until(lambda: len(heard) == 500)
     assert [to_ns(message.header.stamp) for message in heard] == stamps.tolist()
     assert [message.position[0] for message in heard] == (1e-6 * np.arange(500.0)).tolist()
@@ -70,7 +70,7 @@ def _stamps(heard: list) -> list[int]:
 
 def _send_block(server: SimulatorServer, first: int, count: int) -> list[int]:
     stamps = np.arange(first, first + count)
-    server.send_sensor(Channel.LATERAL, stamps, 1e-6 * stamps)
+    server.send(Channel.LATERAL, stamps, 1e-6 * stamps)
     return stamps.tolist()
 
 

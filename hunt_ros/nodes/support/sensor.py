@@ -7,7 +7,6 @@ A sensor node: publishes what its driver reads, stamped where the sample was tak
 from __future__ import annotations
 
 import math
-import threading
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,14 +15,17 @@ from sensor_msgs.msg import JointState
 
 from hunt_ros.drivers.base import SensorBlock, SensorDriver
 from hunt_ros.drivers.calibration import Calibration
-from hunt_ros.drivers.watch import SourceWatch
 from hunt_ros.nodes.support.conversions import joint_layout
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, NewSince
 from hunt_ros.nodes.support.driver_node import DriverNode
 from hunt_ros.nodes.support.parameters import declare, warn_unknown
 from hunt_ros.nodes.support.qos import MEASUREMENTS, stream
+from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 from hunt_ros.suite import Awaited
+
+#: The rate is away by more than this fraction of what is expected.
+_RATE = 0.05
 
 
 @dataclass(frozen=True)
@@ -45,14 +47,6 @@ class SensorConfig(Settings):
     )
     calibration: str = setting(
         '', 'File of hunt calibrate: what a reading means; empty: readings are SI.', fixed=True
-    )
-    stuck_s: float = setting(
-        1.0,
-        'A reading that stays the same for so long is no measurement; 0: never.',
-        unit='s',
-        low=0.0,
-        high=3600.0,
-        fixed=True,
     )
     frame_id: str = setting('roller_rig', 'frame_id of the messages.', fixed=True)
     autostart: bool = setting(True, 'Configure and activate without being told.', fixed=True)
@@ -79,12 +73,9 @@ class SensorNode(DriverNode[SensorDriver]):
         self._given_calibration = Calibration.read(self._config.calibration, channel)
         self._calibration = self._given_calibration  # with the range of the device
         self._device_range = (-math.inf, math.inf)
-        self._watch = SourceWatch(self._config.sample_rate_hz, self._config.stuck_s)
-        self._judging = threading.Lock()
         self._layout = joint_layout([channel], self._config.frame_id)
-        self._published = 0
-        self._lost = 0
-        self._bad = 0
+        self._published = self._lost = self._bad = self._saturated = 0
+        self._newest_ns = self._told_ns = 0  # last stamp: published, and of the last report
         self._new = NewSince()
         self._diagnostics = Diagnostics(self, self._health, hardware)
 
@@ -92,7 +83,7 @@ class SensorNode(DriverNode[SensorDriver]):
         return self.create_publisher(JointState, self._channel, stream(MEASUREMENTS))
 
     def _take(self, block: SensorBlock, publish: bool) -> None:
-        """Calibrate a block, watch it, and publish it."""
+        """Calibrate a block, and publish it."""
         if not publish:
             return
         driver = self._driver
@@ -101,28 +92,32 @@ class SensorNode(DriverNode[SensorDriver]):
             self._calibration = self._given_calibration.within(*self._device_range)
         calibration = self._calibration
         values = calibration.apply(block.values)
-        with self._judging:
-            saturated = calibration.saturated(block.values)
-            self._watch.take(block.stamps_ns, block.values, saturated)
+        self._saturated += int(np.count_nonzero(calibration.saturated(block.values)))
         self._lost += block.lost
         self._bad += int(np.count_nonzero(np.isnan(values)))
         for stamp_ns, value in zip(block.stamps_ns.tolist(), values.tolist(), strict=True):
             self._announced.publish(self._layout.encode(stamp_ns, value))
+        if block.values.size:
+            self._newest_ns = int(block.stamps_ns[-1])
         self._published += block.values.size
 
     def _lose(self, count: int) -> None:
         self._lost += count
 
     def _health(self) -> Health:
-        with self._judging:
-            count, seen, problems = self._watch.report()
+        """Say what came since the last report; the detector judges the channel itself."""
+        count = self._new('published', self._published)
+        passed_s = (self._newest_ns - self._told_ns) / NANOSECONDS if self._told_ns else math.nan
+        self._told_ns = self._newest_ns
+        expected_hz, rate_hz = self._config.sample_rate_hz, count / (passed_s or math.nan)
         lost = self._new('lost', self._lost)
-        bad = self._new('bad', self._bad)
+        bad, saturated = self._new('bad', self._bad), self._new('saturated', self._saturated)
         values = {
-            **seen,
+            'rate_hz': round(rate_hz, 1),
             'published': self._published,
             'lost': self._lost,
             'bad': self._bad,
+            'saturated': self._saturated,
         }
         if link := self._link():
             return *link, values
@@ -132,9 +127,14 @@ class SensorNode(DriverNode[SensorDriver]):
         if not count:
             level = 'STALE' if self._published else Awaited('STALE')
             return level, ', '.join(['no samples', *said]), values
-        said += problems
+        if saturated:
+            said.append(f'{saturated} samples saturated')
+        if bad > saturated:
+            said.append(f'{bad - saturated} samples are no number')
+        if abs(rate_hz / expected_hz - 1.0) > _RATE:
+            said.append(f'{rate_hz:.0f} samples/s, expected {expected_hz:.0f}')
         if bad >= count:
             return 'STALE', '; '.join(['no valid sample', *said]), values
         if said:
             return 'WARN', '; '.join(said), values
-        return 'OK', f'{seen["rate_hz"]:.0f} samples/s', values
+        return 'OK', f'{rate_hz:.0f} samples/s', values
