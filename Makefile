@@ -102,7 +102,7 @@ figures: $(VENV)/installed  ## draw the pictures of docs/
 	$(BIN)/python docs/figures.py
 	$(BIN)/python docs/animation.py
 
-settings: $(VENV)/installed  ## write docs/settings.md from the settings
+settings: $(VENV)/installed  ## write docs/settings.md, and the table of docs/alarm.md, from the code
 	$(BIN)/python docs/settings.py
 
 bench-forecast: $(VENV)/installed  ## forecast of v_c: error, spread against the bound, coverage

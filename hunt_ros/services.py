@@ -146,6 +146,13 @@ SERVICES: dict[str, Service] = {
         'normal_form_identifier',
         'go back to the normal form before',
     ),
+    'shelve-alarm': Service(
+        'speed/shelve_alarm',
+        'roller_speed',
+        'have an alarm of the detector call nobody for a time, with a reason',
+        'speed/shelve_words',
+        'code, minutes and reason, as in docs/alarm.md; 0 minutes end it',
+    ),
     'test-alarm': Service(
         'alarm/test', 'alarm_outputs', 'have sound, command and relay call for a moment'
     ),

@@ -95,8 +95,10 @@ def run(arguments: argparse.Namespace) -> int:
     names = tuple(name for name in (DRIVE,) if name in sources)
     names += (ALARM_OUTPUTS,) if alarms else ()
     names += (*LISTENERS, *simulator, *(name for name in sources if name not in GUARDS))
+    state = state_file(arguments.directory, arguments.namespace)
     parameters: dict[str, dict[str, object]] = {
-        DRIVE: {'state_file': str(state_file(arguments.directory, arguments.namespace))},
+        DRIVE: {'state_file': str(state)},
+        ALARM_OUTPUTS: {'tested_file': str(state.with_suffix('.tested'))},
         'bag_recorder': {'directory': str(arguments.directory)},
         'normal_form_identifier': {'directory': str(arguments.directory)},
     }

@@ -202,6 +202,8 @@ class AlarmSettings(Settings):
         1.0, 'No status for so long is doubt.', unit='s', low=0.2, high=3600.0
     )
 
+    tested_file: str = _fixed('', 'File whose age is that of the last test-alarm; empty: none.')
+
     @staticmethod
     def told(texts: Iterable[tuple[str, str]]) -> dict[str, AlarmOutput]:
         """

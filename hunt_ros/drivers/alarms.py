@@ -21,9 +21,9 @@ class Alarm(NamedTuple):
     """Cause, what follows by itself, what a person does, and how soon."""
 
     cause: str
-    follows: str
-    do: str
-    soon: str
+    consequence: str
+    what_to_do: str
+    how_soon: str
 
 
 _TRIP = 'trips in protect and measure'
@@ -101,6 +101,15 @@ DETECTED: dict[str, Alarm] = {
         )
     },
 }
+
+
+def table() -> str:
+    """Return the table of docs/alarm.md."""
+    rows = [('code', *(name.replace('_', ' ') for name in Alarm._fields))]
+    rows += [('---',) * len(rows[0])]
+    rows += [(f'`{code}`', *alarm) for code, alarm in {**TRIPS, **DETECTED}.items()]
+    return ''.join(f'| {" | ".join(row)} |\n' for row in rows)
+
 
 #: An alarm is shelved for no longer than this, min.
 LONGEST_MIN = 480.0

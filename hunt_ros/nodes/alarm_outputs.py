@@ -12,8 +12,10 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, wait
+from contextlib import suppress
 from datetime import datetime
 from functools import partial
+from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
@@ -57,12 +59,16 @@ class AlarmOutputsNode(Node):
         self._heard_s = -float('inf')
         self._status: dict[str, str] = {}
         self._kept = ''  # what the speed node keeps until a person ends it
+        self._shelved: set[str] = set()  # codes of what calls nobody
         self._acknowledged = False  # what is called for now
         self._judged = False  # the detector has had sound inputs once
         self._problems: dict[str, str] = {}
         #: Outputs that are being tested, and what came of it.
         self._tests: dict[str, Future[str]] = {}
+        self._proof = Path(self._config.tested_file) if self._config.tested_file else None
         self._tested = 'never'
+        if self._proof is not None and self._proof.exists():
+            self._tested = _as_clock(self._proof.stat().st_mtime)
         self._changed = {name: threading.Event() for name in self._outputs}
         self._diagnostics = Diagnostics(self, self._health)
         self.create_subscription(DiagnosticArray, 'hunting/status', self._on_status, STATUS)
@@ -94,6 +100,7 @@ class AlarmOutputsNode(Node):
         """Take what the speed node says: of an alarm that outlived its detector, and of a trip."""
         said = read_diagnostic(message)
         tripped = said.get('interlock_state') == 'tripped'
+        self._shelved = {each.split()[0] for each in said.get('shelved', '').split('; ') if each}
         self._kept = said.get('alarm_kept') or (said['interlock_cause'] if tripped else '')
 
     def _on_event(self, message: DiagnosticArray) -> None:
@@ -116,17 +123,20 @@ class AlarmOutputsNode(Node):
         """Return what is to be shown now, and why: what was an alarm is one while it is silent."""
         status, silence_s = self._status, self._config.silence_s
         words = f'{status["level"]}: {status["message"]}' if status else 'no status heard yet'
+        causes = {*status.get('causes', '').split()}
+        shelved = bool(causes) and causes <= self._shelved
         if self._kept:
             return Condition.ALARM, self._kept
         if status and (status['level'] == 'ERROR' or status.get('alarm') == 'True'):
-            return Condition.ALARM, words
+            return (Condition.WELL, f'shelved: {words}') if shelved else (Condition.ALARM, words)
         if not self._judged and time.monotonic() - self._began_s < START_S:
             return Condition.WAITING, words
         if not status:
             return Condition.DOUBT, f'no status since the start, for more than {START_S:g} s'
         if time.monotonic() - self._heard_s > silence_s:
             return Condition.DOUBT, f'no status for {silence_s:g} s'
-        return (Condition.DOUBT if status['level'] == 'STALE' else Condition.WELL), words
+        doubt = status['level'] == 'STALE' and not shelved
+        return Condition.DOUBT if doubt else Condition.WELL, words
 
     def _work(self, name: str, stopping: threading.Event) -> None:
         """Keep one output at the present condition; what fails is told, and tried again."""
@@ -171,7 +181,10 @@ class AlarmOutputsNode(Node):
         }
         if failed := '; '.join(f'{name}: {why}' for name, why in said.items() if why):
             raise DriverError(failed)
-        before, self._tested = self._tested, f'{datetime.now():%Y-%m-%d %H:%M:%S}'
+        before, self._tested = self._tested, _as_clock(time.time())
+        if self._proof is not None:
+            with suppress(OSError):  # a full disk takes nothing from the test
+                self._proof.touch()
         names = ' and '.join(self._outputs)
         return f'{names} called, and the detector is heard; last test before: {before}'
 
@@ -188,6 +201,10 @@ class AlarmOutputsNode(Node):
         if self._condition is Condition.WAITING:
             return Awaited('WARN'), self._cause, values
         return 'OK', self._condition.value, values
+
+
+def _as_clock(at_s: float) -> str:
+    return f'{datetime.fromtimestamp(at_s):%Y-%m-%d %H:%M:%S}'
 
 
 make_node = AlarmOutputsNode

@@ -32,6 +32,7 @@ from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.dynamics.profile import Motion, Profile
 from hunt_ros.dynamics.profile.run import SET_POINT_S
 from hunt_ros.errors import ConfigError, DriverError
+from hunt_ros.nodes.support.call_words import CallWords
 from hunt_ros.nodes.support.conversions import (
     JointReader,
     diagnostic,
@@ -49,6 +50,7 @@ from hunt_ros.nodes.support.set_points import SetPoints
 from hunt_ros.nodes.support.worker import Newest, Worker, answer_aside, offer
 from hunt_ros.rig import of_rig
 from hunt_ros.samples import NANOSECONDS, number_of
+from hunt_ros.services import SERVICES
 from hunt_ros.settings import Settings, setting
 from hunt_ros.suite import Awaited
 
@@ -154,11 +156,13 @@ class RollerSpeedNode(Polling, DriverNode[DriveDriver]):
             raw=True,
             qos_overriding_options=OVERRIDABLE,
         )
+        shelve_words = CallWords(self, SERVICES['shelve-alarm'].words_topic)
         for name, action in (
             ('rearm', self._rearm),
             ('stop_profile', self._guard.stop),
             ('start_profile', partial(self._set_off, self._guard.start)),
             ('resume_profile', partial(self._set_off, self._guard.resume)),
+            ('shelve_alarm', lambda: self._guard.shelve(shelve_words.take())),
         ):
             offer(self, f'speed/{name}', action)
         self.create_service(SetBool, 'speed/arm_interlock', self._arm)

@@ -85,7 +85,13 @@ def test_a_detector_that_never_comes_is_a_doubt_and_what_fails_is_tried_again(
 def test_a_test_has_every_output_call_and_says_what_does_not(graph, called, tmp_path) -> None:
     calls = called(f'[ ! -e {tmp_path}/broken ]')
     publisher = graph.node.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
-    graph.start('alarm_outputs', command=calls.program, silence_s=graph.machine.slowness * 5.0)
+    proof = tmp_path / 'tested'
+    graph.start(
+        'alarm_outputs',
+        command=calls.program,
+        silence_s=graph.machine.slowness * 5.0,
+        tested_file=proof,
+    )
     assert not graph.call('alarm/test').success, 'the detector is not heard'
     client = graph.client(Trigger, 'alarm/test')
 
@@ -102,6 +108,7 @@ def test_a_test_has_every_output_call_and_says_what_does_not(graph, called, tmp_
     graph.spin_until(lambda: asked().success)
     assert any('alarm: test of the alarm' in call for call in calls())
     assert 'command called, and the detector is heard; last test before: 2' in asked().message
+    assert proof.exists(), 'when it was done outlives the process'
     (tmp_path / 'broken').touch()
     answer = asked()
     assert not answer.success
@@ -125,6 +132,37 @@ def test_what_the_speed_node_keeps_calls_though_all_is_well_with_the_detector(
     kept.publish(diagnostic(0, 'roller_speed', 'OK', '', told, ''))
     graph.start('alarm_outputs', command=calls.program, silence_s=3600.0)
     graph.spin_until(lambda: calls()[-1:] == ['alarm: escaping at 7 m/s'])
+
+
+def test_what_is_shelved_calls_nobody_and_what_comes_beside_it_does(graph, called) -> None:
+    calls = called()
+    detector = graph.node.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
+    speed = graph.node.create_publisher(DiagnosticArray, 'speed/status', latched())
+    graph.start('alarm_outputs', command=calls.program, silence_s=3600.0)
+
+    def heard(level: str, causes: str, *expected: str, **drive: str) -> None:
+        """Say it until the next calls are these."""
+        shelved = 'limit_cycle until 12:30 (why); yaw_stuck until 13:00 (cable)'
+        told, before, said = {'shelved': shelved, **drive}, len(calls()), 0
+
+        def step() -> bool:
+            nonlocal said
+            said += 1
+            speed.publish(diagnostic(0, 'roller_speed', 'OK', '', told, ''))
+            values = {'alarm': level == 'ERROR', 'causes': causes}
+            detector.publish(diagnostic(0, 'hunting', level, causes, values, 'rig'))
+            return said > 20 and len(calls()) >= before + len(expected)
+
+        graph.spin_until(step)
+        assert calls()[before:] == list(expected)
+
+    heard('OK', '', 'well: OK: ')
+    heard('ERROR', 'limit_cycle yaw_stuck')
+    heard('STALE', 'yaw_stuck')
+    heard('ERROR', 'limit_cycle escaping', 'alarm: ERROR: limit_cycle escaping')
+    heard('ERROR', 'limit_cycle', 'well: shelved: ERROR: limit_cycle')
+    trip = {'interlock_state': 'tripped', 'interlock_cause': 'hunts'}
+    heard('ERROR', 'limit_cycle', 'alarm: hunts', **trip)
 
 
 def test_an_acknowledgement_silences_the_sound_until_something_new_and_nothing_else(

@@ -75,6 +75,16 @@ WORDS: dict[int, str] = {
     CLOCK: 'clocks differ',
 }
 
+#: Codes of what makes a channel one that cannot be trusted: part of an alarm's code.
+CODES: dict[int, str] = {
+    WAITING: 'waiting',
+    SILENT: 'silent',
+    NO_VALUE: 'no_value',
+    STUCK: 'stuck',
+    SATURATED: 'saturated',
+    CONTRADICTED: 'contradicted',
+}
+
 #: A fault is told for this long after its last sign, s: what comes and goes is one fault.
 FAULT_HOLD_S = 1.0
 #: A sensor that repeats one value for this long, s, is stuck, if the motion exceeds its steps: no

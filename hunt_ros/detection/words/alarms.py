@@ -134,6 +134,12 @@ class AlarmHistory:
         return tuple(self._alarms)
 
     @property
+    def codes(self) -> list[str]:
+        """Codes of those that nobody has acknowledged (docs/alarm.md)."""
+        open_ones = [alarm for alarm in self._alarms if not alarm.acknowledged_by]
+        return [each.test if each.reached == _FAR[0] else each.reached for each in open_ones]
+
+    @property
     def hunting_hours(self) -> float:
         """How long it hunted, until the hunting was over, h."""
         return self._hunting_rows * self._period_ns / (3600.0 * NANOSECONDS)

@@ -335,3 +335,16 @@ _DOUBTS: tuple[tuple[int, str, Callable[[np.void, Basis], str] | None], ...] = (
     (doubts.HYSTERESIS, 'hysteresis region: a disturbance can start hunting', region_cause),
     (doubts.UNSTABLE, 'above the linear critical speed', region_cause),
 )
+
+
+def causes_of(row: np.void) -> list[str]:
+    """Return the codes of what makes a row ERROR or STALE (docs/alarm.md), the gravest first."""
+    state, limits = State(int(row['state'])), int(row['limits'])
+    found = [state.label] if state in _HUNTING else []
+    for number, limit in enumerate(LIMITS):
+        if limit.severity == 'alarm' and limits >> number & 1:
+            found.append(limit.setting)
+    for channel in CHANNELS:
+        wrong = int(row[f'{channel}_wrong'])
+        found += [f'{channel}_{code}' for bit, code in health.CODES.items() if wrong & bit]
+    return found

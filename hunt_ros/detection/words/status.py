@@ -13,7 +13,7 @@ from hunt_ros.detection.door import Door
 from hunt_ros.detection.output import ESTIMATE_DTYPE, NUMBERS, PUBLIC, seconds_text
 from hunt_ros.detection.regions import Level, Region, State
 from hunt_ros.detection.words.alarms import AlarmHistory
-from hunt_ros.detection.words.reasons import absent_words
+from hunt_ros.detection.words.reasons import absent_words, causes_of
 from hunt_ros.detection.words.transitions import Transitions
 from hunt_ros.samples import CLOCK_OFFSET_NS
 
@@ -122,6 +122,7 @@ def status_of(
         'state': state.label,
         'region': region.label,
         'alarm': alarm,
+        'causes': ' '.join(dict.fromkeys([*causes_of(row), *(history.codes if alarm else ())])),
         'sequence': sequence,
         'inputs_until_ns': until_ns,
         'since_s': seconds_text(transitions.level_since_ns),

@@ -1,0 +1,134 @@
+"""Which alarms there are, and which call nobody for a time."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from hunt_ros.detection.channels import health
+from hunt_ros.detection.decision.limits import LIMITS
+from hunt_ros.detection.regions import State
+from hunt_ros.drivers.alarms import DETECTED, TRIPS, Shelved
+from hunt_ros.drivers.command import DriveLimits
+from hunt_ros.drivers.interlock import Heard, InterlockSettings
+from hunt_ros.drivers.safety_state import SafetyState, read, write
+from hunt_ros.drivers.speed_guard import SpeedGuard
+from hunt_ros.dynamics.profile import Motion
+from hunt_ros.errors import ConfigError
+
+S = 1_000_000_000
+NOON = 1_800_000_000.0
+
+
+def _guard(state: SafetyState | None = None) -> SpeedGuard:
+    settings = InterlockSettings(amplitude_limit_m=1e-3)
+    return SpeedGuard(DriveLimits(), settings, 0.3, state or SafetyState())
+
+
+def test_the_table_has_every_cause_of_the_detector() -> None:
+    causes = {State.ESCAPING.label, State.LIMIT_CYCLE.label}
+    causes |= {limit.setting for limit in LIMITS if limit.severity == 'alarm'}
+    assert {health.SEVERE & bit for bit in health.CODES} == set(health.CODES)
+    assert sum(health.CODES) == health.SEVERE
+    assert causes | {f'CHANNEL_{code}' for code in health.CODES.values()} == set(DETECTED)
+
+
+def test_the_table_has_every_cause_of_a_trip() -> None:
+    interlock, found = _guard().interlock, []
+    for step, told in enumerate(('hunting', 'amplitude', 'drive', 'inputs', 'detector')):
+        level = {'hunting': 'ERROR', 'inputs': 'STALE'}.get(told, 'OK')
+        motion = Motion(2e-3 if told == 'amplitude' else 1e-5)
+        interlock.drive('gone' if told == 'drive' else '')
+        interlock.hear(step * S, Heard(level, step, step * S, '', math.nan, motion))
+        found.append(interlock.trouble(step * S + (told == 'detector') * S).code)
+    interlock.displacement_m = 5e-3
+    found.append(interlock.trouble(step * S).code)
+    interlock.drive('', 'too fast')
+    found.append(interlock.trouble(step * S).code)
+    assert found[::-1] == [
+        'speed',
+        'displacement',
+        'detector',
+        'inputs',
+        'drive',
+        'amplitude',
+        'hunting',
+    ]
+    assert found[::-1] == list(TRIPS), 'the gravest first'
+
+
+@pytest.mark.parametrize(
+    'code', ['limit_cycle', 'alarm_yaw_mrad', 'axle_box_stuck', 'speed_silent']
+)
+def test_an_alarm_of_the_detector_is_shelved_for_a_time_with_a_reason(code) -> None:
+    shelved = Shelved.asked(f'{code} 30 the cable; Mia', NOON)
+    assert (shelved.code, shelved.reason) == (code, 'the cable, Mia')
+    lasts = [shelved.lasts(NOON + 60.0 * minutes) for minutes in (0.1, 29.9, 30.1, -600.0)]
+    assert lasts == [True, True, False, False], 'a clock that is set back makes it no longer'
+
+
+@pytest.mark.parametrize(
+    ('words', 'told'),
+    [
+        ('', 'no alarm that can be shelved'),
+        ('speed 5 why', 'no alarm'),
+        ('detector 5 why', 'no alarm'),
+        ('lateral_ 5 why', 'no alarm'),
+        ('limit_cycle 5', 'expected a reason'),
+        ('limit_cycle', 'CODE MINUTES REASON'),
+        ('limit_cycle soon why', 'CODE MINUTES REASON'),
+        ('limit_cycle nan why', 'CODE MINUTES REASON'),
+        ('limit_cycle 481 why', 'above 480'),
+        ('limit_cycle -1 why', 'below 0'),
+    ],
+)
+def test_what_cannot_be_shelved_is_refused_with_the_reason(words, told) -> None:
+    with pytest.raises(ConfigError, match=told) as caught:
+        Shelved.asked(words, NOON)
+    assert '\n' not in str(caught.value)
+
+
+def test_what_is_shelved_is_said_outlives_the_process_and_takes_no_trip(tmp_path) -> None:
+    guard = _guard()
+    guard.shelve('limit_cycle 30 the grease, Mia')
+    assert guard.values(True)['shelved'].startswith('limit_cycle until ')
+    assert guard.present(True, ('OK', ''), 0.0)[0] == 'WARN'
+    for k in range(1, 200):
+        guard.hear(k * S // 20, Heard('OK', k, k * S // 20))
+        guard.watch(k * S // 20, '', math.nan, 7.0)
+    guard.hear(10 * S, Heard('ERROR', 200, 10 * S, 'limit cycle', alarm=True))
+    assert guard.watch(10 * S, '', math.nan, 7.0).event == 'interlock_tripped'
+    assert guard.values(True)['interlock_code'] == 'hunting'
+    write(tmp_path / 'state.json', guard.unsaved(running=False))
+    assert guard.unsaved(running=False) == '', 'written once'
+    again = _guard(read(tmp_path / 'state.json'))
+    assert again.interlock.state == 'tripped'
+    assert again.values(True)['alarm_kept'] == 'limit cycle'
+    assert again.values(True)['shelved'].startswith('limit_cycle until ')
+    again.shelve('limit_cycle 0')
+    assert again.values(True)['shelved'] == ''
+
+
+@pytest.mark.parametrize(
+    'change',
+    [
+        ('{', '['),
+        ('"running": true', '"running": 1'),
+        ('"trip": ""', '"trip": null'),
+        ('"trip": "",', ''),
+        ('"forced_mps": 0.0', '"forced_mps": NaN'),
+        ('"forced_mps": 0.0', '"forced_mps": Infinity'),
+        ('"minutes": 5.0', '"minutes": "long"'),
+        ('"history": []', '"history": 3'),
+    ],
+)
+def test_a_state_that_is_none_is_refused(tmp_path, change) -> None:
+    path = tmp_path / 'state.json'
+    state = SafetyState(running=True, shelved=(Shelved('limit_cycle', NOON, 5.0, 'why'),))
+    assert read(path) is None
+    write(path, state.to_json())
+    assert read(path) == state
+    path.write_text(state.to_json().replace(*change))
+    with pytest.raises(ConfigError, match=r'state\.json: cannot read the safety state'):
+        read(path)
