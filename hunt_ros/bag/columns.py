@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hunt_ros.bag.cdr.gather import Wanted, gather
 from hunt_ros.bag.cdr.layout import joint_of
@@ -186,21 +185,23 @@ def read_record(
             f'{path.path}: no channel found, expected topics named {", ".join(CHANNELS)}'
             f' or a mapping such as --channel lateral=/topic.field; it has {listed(path)}'
         )
-    columns = read_columns(path, sources, start_ns=start_ns, end_ns=end_ns)
-    _check_span(path, {name: columns[name] for name in measured if len(columns[name])})
+    columns = read_columns(
+        path, {name: sources[name] for name in measured}, start_ns=start_ns, end_ns=end_ns
+    )
     filled = {name: columns[name] for name in CHANNELS if name in columns and len(columns[name])}
+    _check_span(path, filled)
     for name in require:
-        if name in columns and name not in filled:
+        if name in filled or (name in sources and name not in measured):
+            continue
+        if name in columns:
             raise BagError(f'{path.path}: channel {name} holds no messages')
-        if name not in filled:
-            raise BagError(
-                f'{path.path}: channel {name} is not in it, expected a topic named {name}'
-                f' or --channel {name}=...; it has {listed(path)}'
-            )
+        raise BagError(
+            f'{path.path}: channel {name} is not in it, expected a topic named {name}'
+            f' or --channel {name}=...; it has {listed(path)}'
+        )
     if not filled:
         raise BagError(f'{path.path}: its topics {", ".join(measured)} hold no messages')
-    record = Record(filled, str(path.path), _notes(path))
-    return _sampled(record, sources)
+    return with_constants(Record(filled, str(path.path), _notes(path)), sources)
 
 
 def _check_span(bag: Bag, columns: Mapping[str, Series]) -> None:
@@ -236,22 +237,20 @@ def _constants(
     return {name: Series(stamps, np.full(stamps.size, value)) for name, value in constants.items()}
 
 
-def _sampled(record: Record, sources: Mapping[str, ChannelSource]) -> Record:
-    """Sample the constant channels at their own spacing."""
-    constant = {name for name in record if sources[name].constant is not None}
-    if not constant:
+def with_constants(record: Record, sources: Mapping[str, ChannelSource]) -> Record:
+    """Return a record with its constant channels, at 100 Hz over the time of the others."""
+    constants = {
+        name: source.constant for name, source in sources.items() if source.constant is not None
+    }
+    if not constants:
         return record
-    stamps = constant_stamps(record.start_ns, record.end_ns)
-    channels = dict(record)
-    for name in constant:
-        channels[name] = Series(stamps, np.full(stamps.size, sources[name].constant))
-    return Record(channels, record.source, record.notes)
-
-
-def constant_stamps(start_ns: int, end_ns: int) -> NDArray[np.int64]:
-    """Return the stamps at which a constant channel is sampled, both ends included, ns."""
-    stamps = np.arange(start_ns, end_ns + 1, CONSTANT_STEP_NS, dtype=np.int64)
-    return stamps if stamps[-1] == end_ns else np.append(stamps, np.int64(end_ns))
+    stamps = np.arange(record.start_ns, record.end_ns + 1, CONSTANT_STEP_NS, dtype=np.int64)
+    if stamps[-1] != record.end_ns:
+        stamps = np.append(stamps, np.int64(record.end_ns))
+    added = {
+        name: Series(stamps, np.full(stamps.size, value)) for name, value in constants.items()
+    }
+    return Record({**record, **added}, record.source, record.notes)
 
 
 def _named_channels(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -143,20 +144,12 @@ def _repeats(stamps: NDArray[np.int64]) -> NDArray[Any]:
 
 def _write_csv(path: Path, stamps: NDArray[np.int64], columns: Mapping[str, Column]) -> None:
     with open(path, 'w', encoding='utf-8', newline='') as file:
-        file.write(','.join([_STAMPS, *map(_quoted, columns)]) + '\n')
+        table = csv.writer(file, lineterminator='\n')
+        table.writerow([_STAMPS, *columns])
         for begin in range(0, stamps.size, _ROWS):
             part = slice(begin, begin + _ROWS)
-            cells = [list(map(str, stamps[part].tolist()))]
-            cells += [list(map(_cell, column[part].tolist())) for column in columns.values()]
-            file.writelines(','.join(row) + '\n' for row in zip(*cells, strict=True))
-
-
-def _cell(value: float | None) -> str:
-    return '' if value is None else repr(value)
-
-
-def _quoted(name: str) -> str:
-    return '"' + name.replace('"', '""') + '"' if set(name) & set(',"\n') else name
+            cells = (column[part].tolist() for column in columns.values())
+            table.writerows(zip(stamps[part].tolist(), *cells, strict=True))
 
 
 def _write_parquet(path: Path, stamps: NDArray[np.int64], columns: Mapping[str, Column]) -> None:

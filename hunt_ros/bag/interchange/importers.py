@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.bag.channels import Channels, ChannelSource, channel_map
-from hunt_ros.bag.columns import constant_stamps, read_record
+from hunt_ros.bag.columns import read_record, with_constants
 from hunt_ros.bag.interchange.tables import Table, load_table, select
 from hunt_ros.bag.reader import STORAGES, storage_kind
 from hunt_ros.errors import BagError
@@ -80,36 +80,19 @@ def load_record(
     if rate_hz is not None and time is not None:
         raise BagError(f'{path}: either the sample rate or the column of times, not both')
     table = load_table(path)
-    constants = {name for name, source in mapping.items() if source.constant is not None}
     mapping = {**_named(table, path, mapping), **mapping}
-    sources = {name: source for name, source in mapping.items() if name not in constants}
+    sources = {name: source for name, source in mapping.items() if source.constant is None}
     for name, source in sources.items():
         _check_unit(table, name, source, path)
     runs = {name: select(table, source.source, path) for name, source in sources.items()}
-    own = {
-        name: [table.stamps_ns[source.source]]
-        for name, source in sources.items()
-        if rate_hz is None and time is None and source.source in table.stamps_ns
-    }
-    if own:
-        first = min(int(stamps[0].min()) for stamps in own.values())
-        shift = NANOSECONDS - first if first < NANOSECONDS else 0
-        own = {name: [stamps[0] + shift] for name, stamps in own.items()}
-    clock: list[NDArray[np.int64]] = []
-    if own.keys() != runs.keys():
-        clock = _clock(table, runs, rate_hz, time, path)
+    if all(run.size < 2 for several in runs.values() for run in several):
+        raise BagError(f'{path}: only constants are asked for, expected a series of the file')
+    stamps = _clocks(table, sources, runs, rate_hz, time, path)
     series = {
-        name: _series(path, sources[name], several, own.get(name, clock))
-        for name, several in runs.items()
+        name: _series(path, sources[name], several, stamps[name]) for name, several in runs.items()
     }
-    if not series:
-        raise BagError(f'{path}: only constants are asked for, expected a channel of the file')
     record = Record(series, str(path), {'source': Path(path).name})
-    spread = constant_stamps(record.start_ns, record.end_ns)
-    for name, source in mapping.items():
-        if source.constant is not None:
-            series[name] = Series(spread, np.full(spread.size, source.constant))
-    return Record(series, record.source, record.notes)
+    return with_constants(record, mapping)
 
 
 def _series(
@@ -125,7 +108,7 @@ def _series(
     for values, stamps in zip(runs, clock, strict=True):
         if values.dtype.kind == 'M':
             raise BagError(f'{path}: {source.source} holds times, expected numbers')
-        if values.size == 1 and len(runs) > 1:
+        if values.size == 1:
             values = np.full(stamps.size, values[0])
         if stamps.size != values.size:
             raise BagError(
@@ -147,34 +130,39 @@ def _series(
     return Series(stamps, values * source.scale + source.offset)
 
 
-def _clock(
+def _clocks(
     table: Table,
+    sources: Mapping[str, ChannelSource],
     runs: Mapping[str, list[NDArray[Any]]],
     rate_hz: float | None,
     time: str | None,
     path: str | Path,
-) -> list[NDArray[np.int64]]:
-    """Return the stamps of each run, ns; they begin at 1 s where the times begin near zero."""
-    if rate_hz is not None:
-        lengths = [max(one.size for one in part) for part in zip(*runs.values(), strict=False)]
-        clock = [
-            NANOSECONDS + np.rint(np.arange(n) / rate_hz * NANOSECONDS).astype(np.int64)
-            for n in lengths
-        ]
-    else:
-        source = _time_source(table, time, path)
-        clock = [_to_ns(column, source, path) for column in select(table, source.source, path)]
-    if len(clock) == 1:
-        (stamps,) = clock
-        if stamps.size and stamps[0] < NANOSECONDS:
-            stamps = stamps - stamps[0] + NANOSECONDS
-        return [stamps]
-    begin_ns, found = NANOSECONDS, []
-    for stamps in clock:
-        moved = stamps - stamps[0] + begin_ns if stamps.size else stamps
-        found.append(moved)
-        begin_ns = int(moved[-1] if moved.size else begin_ns) + round(RUN_GAP_S * NANOSECONDS)
-    return found
+) -> dict[str, list[NDArray[np.int64]]]:
+    """Return the stamps of each channel in each run, ns: its own, or those of all."""
+    clocks: dict[str, list[NDArray[np.int64]]] = {}
+    if rate_hz is None and time is None:
+        own = {name: table.stamps_ns.get(source.source) for name, source in sources.items()}
+        clocks = {name: [stamps] for name, stamps in own.items() if stamps is not None}
+    if clocks.keys() != runs.keys():
+        if rate_hz is not None:
+            lengths = (max(one.size for one in run) for run in zip(*runs.values(), strict=False))
+            steps = (np.arange(length) / rate_hz * NANOSECONDS for length in lengths)
+            times = [np.rint(step).astype(np.int64) for step in steps]
+        else:
+            source = _time_source(table, time, path)
+            times = [_to_ns(part, source, path) for part in select(table, source.source, path)]
+        clocks = dict.fromkeys(runs, times) | clocks
+    # From 1 s where the times begin near zero; runs one behind the other.
+    begin_ns, several = NANOSECONDS, max(len(clock) for clock in clocks.values()) > 1
+    laid: dict[str, list[NDArray[np.int64]]] = {name: [] for name in clocks}
+    for parts in zip(*clocks.values(), strict=False):
+        first = min((int(part[0]) for part in parts if part.size), default=begin_ns)
+        shift = begin_ns - first if several or first < NANOSECONDS else 0
+        for name, part in zip(laid, parts, strict=True):
+            laid[name].append(part + shift)
+        last = max((int(part[-1]) for part in parts if part.size), default=first)
+        begin_ns = last + shift + round(RUN_GAP_S * NANOSECONDS)
+    return laid
 
 
 def _time_source(table: Table, time: str | None, path: str | Path) -> ChannelSource:

@@ -41,7 +41,8 @@ class Table(dict[str, Any]):
 _STEP = re.compile(r'\.?([^.\[\]]+)|\[([^\[\]]*)\]')
 #: Lines of a text file by which its columns are told.
 _LOOKED_AT = 200
-#: A name with its unit behind: `lateral [mm]`, `speed (km/h)`.
+#: A date and time with its zone; a name with its unit behind: `lateral [mm]`, `speed (km/h)`.
+_ZONE = re.compile(r'^(.+:[\d.]+)\s*(?:Z|UTC|([+-])(\d\d):?(\d\d)?)$')
 _NAME_UNIT = re.compile(r'^(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))$')
 
 
@@ -96,18 +97,14 @@ def select(table: Mapping[str, Any], source: str, path: str | Path) -> list[NDAr
         If there is no such series, or it is not one-dimensional or not numeric.
     """
     value = table[source] if source in table else _follow(table, source, path)
-    runs = value.parts if isinstance(value, _All) else [value]
-    return [_series(run, source, path, alone=isinstance(value, _All)) for run in runs]
+    return [_series(run, source, path) for run in (value if isinstance(value, _All) else [value])]
 
 
-class _All:
+class _All(list[Any]):
     """All of an array of structures or cells."""
 
-    def __init__(self, parts: list[Any]) -> None:
-        self.parts = parts
 
-
-def _series(value: Any, source: str, path: str | Path, alone: bool) -> NDArray[Any]:
+def _series(value: Any, source: str, path: str | Path) -> NDArray[Any]:
     if isinstance(value, Mapping):
         raise BagError(f'{path}: {source} is a structure, expected one of {_shown(value)}')
     if _is_list(value):
@@ -118,12 +115,10 @@ def _series(value: Any, source: str, path: str | Path, alone: bool) -> NDArray[A
     array = np.asanyarray(value)
     if array.dtype.kind not in 'biufM':
         raise BagError(f'{path}: {source} is of type {array.dtype}, expected numbers')
-    if array.ndim > 1 and 1 in array.shape:
-        array = array.squeeze()
-    if array.ndim == 0 and alone:
-        array = array.reshape(1)
+    if array.size == 1 or 1 in array.shape:
+        array = array.reshape(-1)
     if array.ndim != 1:
-        shape = ' x '.join(map(str, array.shape)) or 'a single number'
+        shape = ' x '.join(map(str, array.shape))
         raise BagError(
             f'{path}: {source} is {shape}, expected a series such as {source}[0] or {source}[:,0]'
         )
@@ -157,7 +152,7 @@ def _follow(table: Mapping[str, Any], source: str, path: str | Path) -> Any:
 def _take(value: Any, name: str | None, inside: str | None, source: str, path: str | Path) -> Any:
     """Return a part of a value by its name or its index."""
     if isinstance(value, _All):
-        return _All([_take(one, name, inside, source, path) for one in value.parts])
+        return _All(_take(one, name, inside, source, path) for one in value)
     if name is not None:
         name = name.strip()
         if not isinstance(value, Mapping) or name not in value:
@@ -172,19 +167,14 @@ def _take(value: Any, name: str | None, inside: str | None, source: str, path: s
         value = [{key: part[i] if lists else part for key, part in value.items()}
                  for i in range(count)]  # fmt: skip
     try:
-        index = tuple(_index(part) for part in (inside or '').split(','))
+        parts = [part.strip() for part in (inside or '').split(',')]
+        index = tuple(slice(None) if part == ':' else int(part) for part in parts)
         if _is_list(value) and len(index) == 1:
-            one = index[0]
-            return _All(list(value)) if isinstance(one, slice) else value[one]
+            return _All(value) if isinstance(index[0], slice) else value[index[0]]
         return np.asarray(value)[index]
     except (IndexError, ValueError) as error:
         shape = ' x '.join(map(str, np.shape(value) if not _is_list(value) else (len(value),)))
         raise BagError(f'{path}: {source!r}: no [{inside}] in {shape} numbers') from error
-
-
-def _index(text: str) -> int | slice:
-    text = text.strip()
-    return slice(None) if text == ':' else int(text)
 
 
 def _shown(table: Any) -> str:
@@ -207,25 +197,18 @@ def _read_csv(path: Path) -> Table:
     names, units = [f'c{number}' for number in range(len(cells))], [''] * len(cells)
     if not all(_is_number(cell) for cell in cells):
         pairs = [_name_and_unit(cell.strip()) for cell in cells]
-        names, units = _unique([name for name, _ in pairs], path), [unit for _, unit in pairs]
+        names, units = [name for name, _ in pairs], [unit for _, unit in pairs]
+        for name in names:
+            if names.count(name) > 1:
+                raise BagError(f'{path}: the column {name!r} occurs twice, expected unique names')
         first += 1
         below = _cells(lines[first], delimiter) if first < len(lines) else []
         # A line of units under the names, in brackets or not.
         if below and not any(cell.strip() and _is_number(cell) for cell in below):
             units = [a or b.strip(' []()"') for a, b in zip(units, below, strict=False)]
             first += 1
-    columns = _columns(lines, first, delimiter, len(names), path)
-    table = Table(dict(zip(names, columns, strict=True)))
+    table = Table(_columns(lines, first, delimiter, names, path))
     table.units = {name: unit for name, unit in zip(names, units, strict=False) if unit}
-    for number, name in enumerate(names):
-        # Whole nanoseconds since 1970 do not fit into a float64.
-        if name.endswith('_ns'):
-            with suppress(ValueError):
-                whole: Any = np.loadtxt(
-                    lines[first:], np.int64, delimiter=delimiter, usecols=number, ndmin=1,
-                    comments=('#', '%'),
-                )  # fmt: skip
-                table[name] = whole
     return table
 
 
@@ -242,13 +225,6 @@ def _decoded(raw: bytes) -> str:
 def _name_and_unit(cell: str) -> tuple[str, str]:
     match = _NAME_UNIT.match(cell)
     return (match[1], (match[2] or match[3] or '').strip()) if match else (cell, '')
-
-
-def _unique(names: list[str], path: Path) -> list[str]:
-    for name in names:
-        if names.count(name) > 1:
-            raise BagError(f'{path}: the column {name!r} occurs twice, expected unique names')
-    return names
 
 
 def _delimiter(line: str) -> str | None:
@@ -271,56 +247,57 @@ def _is_number(cell: str) -> bool:
 
 
 def _columns(
-    lines: list[str], first: int, delimiter: str | None, count: int, path: Path
-) -> list[Any]:
-    """Read the numbers; an empty cell is masked, and a fault is told with its line."""
+    lines: list[str], first: int, delimiter: str | None, names: list[str], path: Path
+) -> dict[str, Any]:
+    """Read the numbers: all at once, or cell by cell where they are not all such."""
     rows = lines[first:]
     if not any(row.strip() for row in rows):
-        raise BagError(f'{path}: has names and no numbers')
-    try:
-        table = np.loadtxt(rows, delimiter=delimiter, ndmin=2, comments=('#', '%'))
-        if table.shape[1] == count:
-            return list(table.T)
-    except ValueError:
-        pass  # an empty cell, a decimal comma, or a fault: read cell by cell, and say where
-    rows_of_cells: list[list[str]] = []
+        raise BagError(f'{path}: has no numbers under its names')
+    # Whole nanoseconds since 1970 do not fit into a float64.
+    head = zip(names, _cells(rows[0], delimiter), strict=False)
+    whole = [name.endswith('_ns') and cell.strip().isdigit() for name, cell in head]
+    kind = np.dtype([(str(i), 'i8' if one else 'f8') for i, one in enumerate(whole)])
+    with suppress(ValueError):  # an empty cell, a decimal comma, or a fault: it is said where
+        table = np.loadtxt(rows, kind, delimiter=delimiter, ndmin=1, comments=('#', '%'))
+        return dict(zip(names, (table[number] for number in kind.names or ()), strict=True))
+    columns: list[list[str]] = [[] for _ in names]
     places: list[int] = []
     for number, row in enumerate(rows, first + 1):
         if not row.strip() or row[0] in '#%':
             continue
         cells = _cells(row, delimiter)
-        if len(cells) != count:
-            raise BagError(f'{path}: line {number} has {len(cells)} cells, expected {count}')
-        rows_of_cells.append(cells)
+        if len(cells) != len(names):
+            raise BagError(f'{path}: line {number} has {len(cells)} cells, expected {len(names)}')
+        for column, cell in zip(columns, cells, strict=True):
+            # A decimal comma is one where it cannot separate.
+            column.append(cell.strip() if delimiter == ',' else cell.strip().replace(',', '.'))
         places.append(number)
-    return [
-        _column(list(column), places, delimiter, path)
-        for column in zip(*rows_of_cells, strict=True)
-    ]
+    parts = zip(names, columns, whole, strict=True)
+    return {name: _column(column, one, places, path) for name, column, one in parts}
 
 
-def _column(cells: list[str], places: list[int], delimiter: str | None, path: Path) -> Any:
+def _column(cells: list[str], whole: bool, places: list[int], path: Path) -> Any:
     """Return numbers, masked where a cell is empty, or times, where all cells are such."""
-    if cells and ('T' in cells[0] or ':' in cells[0]):
+    if cells and ':' in cells[0]:
         with suppress(ValueError):
-            return np.array([cell.strip().rstrip('Z') for cell in cells], dtype='datetime64[ns]')
-    numbers = [
-        _number(cell, delimiter, line, path) for cell, line in zip(cells, places, strict=True)
-    ]
-    # None becomes NaN.
-    values = np.array(numbers, dtype=np.float64)
-    return np.ma.MaskedArray(values, [number is None for number in numbers])
+            return np.array([_date(cell) for cell in cells])
+    values: Any = np.zeros(len(cells), 'i8' if whole else 'f8')
+    for row, cell in enumerate(cells):
+        try:
+            values[row] = int(cell or 0) if whole else float(cell or 0)
+        except (ValueError, OverflowError) as error:
+            raise BagError(f'{path}: line {places[row]}: {cell!r} is not a number') from error
+    return np.ma.MaskedArray(values, [not cell for cell in cells])
 
 
-def _number(cell: str, delimiter: str | None, line: int, path: Path) -> float | None:
-    """Read a cell, None for an empty one; a decimal comma is one where it cannot separate."""
-    text = cell.strip() if delimiter == ',' else cell.strip().replace(',', '.')
-    if not text:
-        return None
-    try:
-        return float(text)
-    except ValueError as error:
-        raise BagError(f'{path}: line {line}: {cell!r} is not a number') from error
+def _date(text: str) -> np.datetime64:
+    """Read a date and time of ISO 8601, in UTC where it says its zone."""
+    match = _ZONE.match(text)
+    date = np.datetime64(match[1] if match else text, 'ns')
+    if match is None or match[2] is None:
+        return date
+    minutes = 60 * int(match[3]) + int(match[4] or 0)
+    return date - np.timedelta64(minutes if match[2] == '+' else -minutes, 'm')
 
 
 def _read_matlab(path: Path) -> Mapping[str, Any]:
