@@ -88,7 +88,7 @@ golden-bags: $(VENV)/installed  ## make the recordings in bags/ again, and the e
 clean:  ## remove what these targets made
 	rm -rf $(VENV) .venv-kilted build install log *.egg-info
 
-bench-estimation: $(VENV)/installed  ## the tracker: speed against filterpy, accuracy against the bounds
+bench-estimation: $(VENV)/installed  ## the tracker: speed, accuracy against the bounds
 	$(BIN)/python test/benchmark/bench_estimation.py
 
 $(VENV)/docs: $(VENV)/installed

@@ -1,7 +1,7 @@
 """
 Records: memory with named fields that compiled kernels and plain Python both work on.
 
-A record is declared as a class that has nothing but annotated fields: float, int, bool,
+A record is declared as a class that has nothing but annotated fields: float, complex, int, bool,
 another such class, ``Annotated[NDArray[...], shape...]`` of np.float64 or np.int64, or
 ``Annotated[list[Other], length]``. A kernel is handed a pointer to one block of memory, and
 writes `f.sensors[k].noise`; plain Python runs the same line on objects. To write
@@ -15,7 +15,12 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 import numpy as np
 
 _Kind = TypeVar('_Kind')
-_SCALARS: dict[type, type] = {float: np.float64, int: np.int64, bool: np.bool_}
+_SCALARS: dict[type, type] = {
+    float: np.float64,
+    int: np.int64,
+    bool: np.bool_,
+    complex: np.complex128,
+}
 
 
 def dtype_of(kind: type) -> np.dtype[np.void]:

@@ -7,8 +7,9 @@ The filter itself, and the model behind it, is in `hunt_ros.estimation.tracker.b
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,69 +17,32 @@ from numpy.typing import ArrayLike, NDArray
 from hunt_ros.compiled import HAVE_COMPILER
 from hunt_ros.errors import HuntError
 from hunt_ros.estimation.tracker import layout as at
-from hunt_ros.estimation.tracker.block import track_block
+from hunt_ros.estimation.tracker.block import ESTIMATE, track_block
 from hunt_ros.estimation.tracker_config import ModePoint, TrackerConfig
 from hunt_ros.records import zeros
 from hunt_ros.sensors import COORDINATES, MOTION
 
 __all__ = ['TRACK_DTYPE', 'HuntingTracker', 'ModePoint', 'TrackerConfig']
 
-#: What is told of each coordinate, of the motion, and of each sensor: the columns of the kernel.
-_OF_COORDINATE = ('amplitude', 'amplitude_std', 'amplitude_rate', 'amplitude_rate_std')
-_OF_MOTION = (
-    'phase',
-    'phase_std',
-    'frequency_hz',
-    'frequency_hz_std',
-    'growth_rate',
-    'growth_rate_std',
-    'yaw_ratio',
-    'yaw_ratio_std',
-    'yaw_lag',
-    'yaw_factor',
-    'yaw_contrary',
-    'bandwidth',
-    'second_mode_amplitude',
-    'since_kick',
-    'lateral_tied',
-)
-OF_SENSOR = (
-    'roughness',
-    'roughness_std',
-    'roughness_second',
-    'bias',
-    'residual',
-    'nis',
-    'clean',
-    'noise_std',
-)
-_NUMBERS = (
-    *(f'{name}_{what}' for name in COORDINATES for what in _OF_COORDINATE),
-    *_OF_MOTION,
-    *(f'{name}_{what}' for name in MOTION for what in OF_SENSOR),
-)
+#: Parts of a row of the kernel: whose they are, and what they hold.
+_PARTS = {'coordinates': (COORDINATES, at.Motion), 'sensors': (MOTION, at.Reading)}
 
-#: One estimate. Amplitudes in the unit of the coordinate (m, rad), what a sensor shows in its own;
-#: rates per second; phase and yaw_lag in rad (y = amplitude cos(phase)); bandwidth in 1/s;
-#: yaw_factor is the ratio of yaw to lateral over the one that is given, yaw_contrary how far it is
-#: from it in standard deviations;
-#: lateral_tied is 1 where the lateral amplitude is that of yaw through the mode shape, 0 where it
-#: is measured. A coordinate is NaN where only the other one is told and no ratio ties the two.
+
+def _columns() -> Iterator[str]:
+    """Yield the names of the numbers of a row, in the order of the kernel's memory."""
+    for name in at.Estimate.__annotations__:
+        if name in _PARTS:
+            owners, part = _PARTS[name]
+            yield from (f'{one}_{what}' for one in owners for what in part.__annotations__)
+        else:
+            yield name
+
+
+#: One estimate, with the columns of `layout.Estimate`. Amplitudes in the unit of the coordinate
+#: (m, rad), what a sensor shows in its own; NaN: not known. A coordinate is NaN where only the
+#: other one is told and no ratio ties the two.
 TRACK_DTYPE: np.dtype[np.void] = np.dtype(
-    [('stamp_ns', np.int64), *((name, np.float64) for name in _NUMBERS)]
-)
-
-#: Columns that are per second.
-_RATES = (
-    at.O_RATE,
-    at.O_RATE_STD,
-    at.N_COORDINATE + at.O_RATE,
-    at.N_COORDINATE + at.O_RATE_STD,
-    at.O_FREQUENCY,
-    at.O_FREQUENCY_STD,
-    at.O_GROWTH,
-    at.O_GROWTH_STD,
-    at.O_BANDWIDTH,
+    [(name, np.int64 if name == 'stamp_ns' else np.float64) for name in _columns()]
 )
 
 #: A sensor whose value does not change for this long is not measuring.
@@ -133,7 +97,7 @@ class HuntingTracker:
         if math.isnan(self._modes[0, 0, 2]):
             f.ratio_var = 1.0
         else:
-            f.ratio_re, f.ratio_known = 1.0, True
+            f.ratio, f.ratio_known = 1.0 + 0j, True
             f.ratio_var = self.config.yaw_ratio_std**2
         lines, slips = self.config.line_table()
         f.line_count, f.slip_count = len(lines), len(slips)
@@ -153,6 +117,7 @@ class HuntingTracker:
         for own, sensor in zip(f.sensors, sensors, strict=False):
             own.stepped, own.strange_since = -math.inf, math.inf
             own.coordinate = COORDINATES.index(sensor.coordinate)
+            own.column = MOTION.index(sensor.name)
             own.derivative, own.unit = sensor.derivative, scale**sensor.derivative
             own.scale = -1  # the first one of a coordinate says how large its motion is
             if sensor.coordinate in measured:
@@ -164,7 +129,7 @@ class HuntingTracker:
         """Write the settings, in units of time that make the nominal frequency 2.84 Hz."""
         c, scale = self.config, self.config.time_scale
         turn = 2.0 * math.pi / scale
-        cfg.second = 1e-9 * scale
+        cfg.second, cfg.scale = 1e-9 * scale, scale
         cfg.bin = round(c.bin_s / scale * 1e9) * cfg.second
         cfg.omega_min, cfg.omega_max = turn * c.frequency_min_hz, turn * c.frequency_max_hz
         cfg.ratio_std = c.yaw_ratio_std
@@ -234,41 +199,14 @@ class HuntingTracker:
             or (outputs.size > 1 and bool(np.any(outputs[1:] <= outputs[:-1])))
         ):
             raise HuntError(f'tracker: output stamps must increase, got {outputs[0]} first')
-        rows = np.full((outputs.size, at.N_OUTPUT), math.nan)
-        self._run(stamps, sensors, measured, angles, speeds, outputs, rows)
-        rows[:, _RATES] *= self.config.time_scale
-        rows[:, at.O_SINCE_KICK] /= self.config.time_scale
-        track = np.empty(outputs.size, dtype=TRACK_DTYPE)
+        numbers = np.full((outputs.size, len(TRACK_DTYPE)), math.nan)
+        track = numbers.view(TRACK_DTYPE)[:, 0]
         track['stamp_ns'] = outputs
-        numbers = track.view(np.float64).reshape(outputs.size, len(_NUMBERS) + 1)[:, 1:]
-        numbers[:, : at.O_SENSOR] = rows[:, : at.O_SENSOR]
-        for name, place in zip(MOTION, self._places(), strict=True):
-            to = at.O_SENSOR + at.N_SENSOR * MOTION.index(name)
-            numbers[:, to : to + at.N_SENSOR] = rows[:, place : place + at.N_SENSOR]
+        self._run(stamps, sensors, measured, angles, speeds, outputs, track.view(ESTIMATE))
         return track
 
-    def _places(self) -> list[int]:
-        """Return where the kernel has the columns of each sensor; those of one not in use: NaN."""
-        names = [own.name for own in self.config.sensors]
-        others = iter(range(len(names), len(MOTION)))
-        return [
-            at.O_SENSOR + at.N_SENSOR * (names.index(name) if name in names else next(others))
-            for name in MOTION
-        ]
-
-    def _run(
-        self,
-        stamps: NDArray[np.int64],
-        sensors: NDArray[np.int8],
-        values: NDArray[np.float64],
-        angles: NDArray[np.float64],
-        speeds: NDArray[np.float64],
-        outputs: NDArray[np.int64],
-        rows: NDArray[np.float64],
-    ) -> None:
-        track_block(
-            self._tracker, self._modes, stamps, sensors, values, angles, speeds, outputs, rows
-        )
+    def _run(self, *block: NDArray[Any]) -> None:
+        track_block(self._tracker, self._modes, *block)
 
     def set_modes(self, modes: Sequence[ModePoint], yaw_ratio_std: float | None = None) -> None:
         """

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from textbook_tracker import PlainTracker, ReferenceTracker
 
 from hunt_ros.estimation.kalman import HuntingTracker
 from hunt_ros.estimation.tracker_config import Shaft, TrackerConfig
@@ -53,18 +52,3 @@ def test_a_wheel_that_creeps_has_a_slip_of_its_own() -> None:
     rows = _track(tracker, (1.0, wheel), rate=500.0)[1000:]
     assert rows['lateral_amplitude'].max() < 4.0 * NOISE
     assert tracker.state[-1] == pytest.approx(1.0 / 1.004 - 1.0, abs=1e-3)
-
-
-def test_lines_and_slips_are_those_of_the_textbook_filter() -> None:
-    config = TrackerConfig(shafts=(Shaft((1.0, 1.7), 0.01), Shaft((4.42,), 0.005)))
-    rows = [
-        _track(kind(config), (1.0, 1.7, 4.42), 1.004, seconds=0.8, hunting=3e-4)
-        for kind in (HuntingTracker, PlainTracker, ReferenceTracker)
-    ]
-    for name in ('lateral_amplitude', 'lateral_roughness', 'frequency_hz', 'growth_rate'):
-        known = np.isfinite(rows[0][name])
-        assert known.any()
-        for other in rows[1:]:
-            np.testing.assert_allclose(
-                other[name][known], rows[0][name][known], rtol=1e-5, atol=1e-9
-            )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from textbook_tracker import PlainTracker, ReferenceTracker
 
 from hunt_ros.estimation.kalman import HuntingTracker, ModePoint, TrackerConfig
 
@@ -125,18 +124,6 @@ def test_a_shape_of_other_sensors_is_found_out(hunting_signal):
     rows, _ = signal.track(known(RATIO / 1.3))
     assert np.abs(rows['lateral_amplitude'][500:1900] / 2e-4 - 1.0).max() < 0.03
     assert np.abs(rows['lateral_amplitude'][2200:] / 2e-4 - 1.0).max() < 0.06
-
-
-def test_the_kernel_gives_filterpys_numbers_with_a_shape_and_a_silent_sensor(hunting_signal):
-    signal = hunting_signal(6, duration=3.0, rate=200.0, kick_at=2.0, kick=1e-4)
-    signal.lateral[(signal.stamps > 1_200_000_000) & (signal.stamps < 2_500_000_000)] = np.nan
-    tables = []
-    for tracker in (HuntingTracker(), PlainTracker(), ReferenceTracker()):
-        tracker.set_modes(modes(), 0.03)
-        tables.append(signal.track(tracker)[0])
-    for other in tables[1:]:
-        for name in ('lateral_amplitude', 'lateral_amplitude_std', 'growth_rate', 'yaw_ratio'):
-            assert np.allclose(tables[0][name], other[name], rtol=1e-8, atol=0.0, equal_nan=True)
 
 
 @pytest.mark.parametrize('factor', [0.2, 0.5, 3.0, 7.0])

@@ -1,72 +1,94 @@
-"""The compiled kernel, the same as plain Python, and the same on filterpy's matrices."""
+"""The algebra of the filter beside filterpy's matrices, which are made by differences."""
 
 from __future__ import annotations
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
-from textbook_tracker import PlainTracker, ReferenceTracker
+from filterpy.kalman import KalmanFilter
 
-from hunt_ros.compiled import HAVE_COMPILER
 from hunt_ros.estimation.kalman import HuntingTracker, ModePoint, TrackerConfig
+from hunt_ros.estimation.tracker import algebra
+from hunt_ros.estimation.tracker_config import Shaft
 from hunt_ros.sensors import SENSORS
 
-GIVEN = ModePoint(0.0, 2.84, 3.3, 9.4, 4.6 * np.exp(2.6j), 5.0 - 3.0j, second_std=0.5)
-CONFIGS = [
-    TrackerConfig(),
-    TrackerConfig(modes=(GIVEN,), bin_s=0.0),
-    TrackerConfig(sensors=SENSORS[:3]),
-]
+
+@pytest.fixture(scope='module')
+def running(hunting_signal):
+    """Return two copies of a filter that has followed three sensors, a wheel with slip too."""
+    shafts = (Shaft((1.0,)), Shaft((4.42,), 0.005))
+    modes = (ModePoint(0.0, 2.84, 3.3, 9.4, 4.6 * np.exp(2.6j)),)
+    tracker = HuntingTracker(TrackerConfig(sensors=SENSORS, shafts=shafts, modes=modes))
+    hunting_signal(0, duration=3.0, rate=500, noise=1e-6, acceleration_noise=1e-3).track(tracker)
+    filters = tracker._tracker.filters
+    filters[1] = filters[0]
+    return filters[0], filters[1]
 
 
-def assert_same(rows, other, tolerance):
-    for name in rows.dtype.names[1:]:
-        a, b = rows[name], other[name]
-        assert np.array_equal(np.isnan(a), np.isnan(b)), name
-        finite = np.isfinite(a)
-        if finite.any():
-            scale = np.abs(a[finite]).max() + 1e-300
-            assert np.abs(a[finite] - b[finite]).max() <= tolerance * scale, name
+def differences(f, copy, of):
+    """Return the Jacobian of what `of` makes of the state of a filter."""
+    n = f.states
+    steps = 1e-4 * np.sqrt(np.diag(f.P)[:n]) + 1e-12
+    columns = []
+    for i, step in enumerate(steps):
+        sides = []
+        for sign in (1.0, -1.0):
+            copy.x[:], copy.P[:] = f.x, f.P
+            copy.x[i] += sign * step
+            sides.append(np.array(of(copy), dtype=float))
+        columns.append((sides[0] - sides[1]) / (2.0 * step))
+    return np.stack(columns, axis=-1)
 
 
-@pytest.mark.parametrize('config', CONFIGS, ids=['learnt', 'given', 'with an acceleration'])
-def test_kernel_and_filterpy_give_the_same_numbers(hunting_signal, config):
-    signal = hunting_signal(
-        0, duration=3.5, rate=500, kick_at=2.5, kick=3e-4, second=2e-4, noise=5e-6
-    )
-    signal.lateral[100:140] = np.nan
-    rows, _ = signal.track(HuntingTracker(config))
-    reference, _ = signal.track(ReferenceTracker(config))
-    assert_same(rows, reference, 1e-7)
+def textbook(f):
+    """Return filterpy's filter in the state of ours."""
+    kf = KalmanFilter(dim_x=f.states, dim_z=1)
+    kf.x, kf.P = f.x[: f.states].reshape(-1, 1).copy(), f.P[: f.states, : f.states].copy()
+    return kf
 
 
-@pytest.mark.skipif(not HAVE_COMPILER, reason='numba is not installed')
-def test_compiled_and_plain_python_give_the_same_numbers(hunting_signal):
-    signal = hunting_signal(1, duration=2.5, rate=250, kick_at=1.5, kick=3e-4)
-    rows, _ = signal.track(HuntingTracker())
-    plain, _ = signal.track(PlainTracker())
-    assert_same(rows, plain, 1e-9)
+def assert_same_covariance(f, expected):
+    root = np.sqrt(np.diag(expected))
+    off = (f.P[: f.states, : f.states] - expected) / np.outer(root, root)
+    assert np.abs(off).max() < 1e-4
 
 
-def test_it_runs_without_the_compiler():
-    program = """
-import importlib.util as util
-find = util.find_spec
-util.find_spec = lambda name, *rest: None if name == 'numba' else find(name, *rest)
-import sys
-import numpy as np
-from hunt_ros.estimation import HuntingTracker, HilbertEnvelope
-stamps = np.arange(1, 401) * 4_000_000
-wave = np.cos(17.8e-9 * stamps) + 0.01 * np.random.default_rng(0).normal(size=400)
-none = np.full(400, np.nan)
-rows = HuntingTracker().update(stamps, np.zeros(400, np.int8), wave, none, none, stamps[9::10])
-assert abs(rows['lateral_amplitude'][-1] - 1.0) < 0.02, rows['lateral_amplitude'][-1]
-assert np.isfinite(HilbertEnvelope(250.0).update(wave)[-1])
-assert 'numba' not in sys.modules
-"""
-    subprocess.run([sys.executable, '-c', program], check=True, timeout=60)
+def test_a_prediction_is_that_of_the_textbook(running):
+    f, copy = running
+
+    def moved(one):
+        algebra.predict(one, 0.02)
+        return one.x[: one.states].copy()
+
+    F = differences(f, copy, moved)
+    kf = textbook(f)
+    kf.predict(F=F, Q=np.zeros_like(kf.P))
+    copy.x[:], copy.P[:] = f.x, f.P
+    z = complex(f.x[0], f.x[1]) * np.exp(complex(f.x[5], f.x[4]) * 0.02)
+    assert moved(copy)[:2] == pytest.approx([z.real, z.imag], rel=1e-12)
+    assert_same_covariance(copy, kf.P)
+
+
+@pytest.mark.parametrize('k', range(3))
+def test_a_correction_is_that_of_the_textbook(running, k):
+    f, copy = running
+    f.row.averaged, lines = 0.99, 2 * f.line_count
+    f.row.value[:lines] = copy.row.value[:lines] = np.linspace(-0.5, 0.8, lines)
+    copy.row.averaged = 0.99
+
+    def reading(one):
+        algebra.aim(one, k)
+        return algebra.expected(one, one.row.direct)
+
+    H = differences(f, copy, reading)[None, :]
+    kf, noise = textbook(f), f.sensors[k].noise
+    copy.x[:], copy.P[:] = f.x, f.P
+    off = 3.0 * np.sqrt(noise)
+    reading(copy)
+    kf.update(off + float(H[0] @ kf.x[:, 0]), R=noise, H=H)
+    algebra.correct(copy, off, algebra.project(copy) + noise)
+    root = np.sqrt(np.diag(kf.P))
+    assert np.abs((copy.x[: f.states] - kf.x[:, 0]) / root).max() < 1e-3
+    assert_same_covariance(copy, kf.P)
 
 
 def test_covariance_stays_symmetric_and_positive(hunting_signal):

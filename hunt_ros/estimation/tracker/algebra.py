@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import cmath
 import math
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled_part
 from hunt_ros.estimation.tracker import layout as at
+
+_F = NDArray[np.float64]
 
 SECOND_SHARE = 0.1  # of that, the second mode's, which is of the order of the first
 REVERSION = 30.0  # s in which frequency and growth rate fall back to the nominal ones
@@ -37,52 +43,50 @@ def known(f: at.Filter, first: int) -> float:
 
 
 @compiled_part
+def turned(v: _F, i: int, turn: complex) -> complex:
+    """Return the pair of numbers at i, as one complex, times another."""
+    return turn * complex(v[i], v[i + 1])
+
+
+@compiled_part
 def predict(f: at.Filter, dt: float) -> None:
     """Move state and covariance dt seconds on, without process noise: x = f(x), P = F P F'."""
     x, P = f.x, f.P
     growth, omega = x[at.GROWTH], x[at.OMEGA]
-    scale = math.exp(min(max(growth * dt, -5.0), 5.0))
-    c, s = scale * math.cos(omega * dt), scale * math.sin(omega * dt)
-    scale2 = math.exp(-f.mode.decay2 * dt)
-    c2, s2 = scale2 * math.cos(f.mode.omega2 * dt), scale2 * math.sin(f.mode.omega2 * dt)
-    keep_omega = keep_growth = math.exp(-dt / REVERSION)
-
+    first = cmath.exp(complex(min(max(growth * dt, -5.0), 5.0), omega * dt))
+    second = cmath.exp(complex(-f.mode.decay2, f.mode.omega2) * dt)
+    keep = math.exp(-dt / REVERSION)
     for k in range(2):
-        i, j = at.Z + 2 * k, at.W + 2 * k
-        x[i], x[i + 1] = c * x[i] - s * x[i + 1], s * x[i] + c * x[i + 1]
-        x[j], x[j + 1] = c2 * x[j] - s2 * x[j + 1], s2 * x[j] + c2 * x[j + 1]
-    x[at.OMEGA] = f.mode.omega + keep_omega * (omega - f.mode.omega)
-    x[at.GROWTH] = keep_growth * growth
-
-    # F P: the rows of everything that moves (all before at.BIAS).
+        z, w = at.Z + 2 * k, at.W + 2 * k
+        moved, fast = turned(x, z, first), turned(x, w, second)
+        x[z], x[z + 1], x[w], x[w + 1] = moved.real, moved.imag, fast.real, fast.imag
+    x[at.OMEGA] = f.mode.omega + keep * (omega - f.mode.omega)
+    x[at.GROWTH] = keep * growth
     # A phasor that is not known yet tells nothing of its frequency and growth.
     shares = (dt * known(f, at.Z), dt * known(f, at.Z + 2))
+    # The rows of everything that moves (all before at.BIAS), F P; then the same on columns.
     for j in range(f.states):
-        po, pg = P[at.OMEGA, j], P[at.GROWTH, j]
-        for k in range(2):
-            z, w = at.Z + 2 * k, at.W + 2 * k
-            a, b = x[z] * shares[k], x[z + 1] * shares[k]
-            p, q = P[z, j], P[z + 1, j]
-            P[z, j] = c * p - s * q - b * po + a * pg
-            P[z + 1, j] = s * p + c * q + a * po + b * pg
-            p, q = P[w, j], P[w + 1, j]
-            P[w, j], P[w + 1, j] = c2 * p - s2 * q, s2 * p + c2 * q
-        P[at.OMEGA, j], P[at.GROWTH, j] = keep_omega * po, keep_growth * pg
-    # (F P) F': the same on columns, where rows and columns both move.
+        predict_column(x, P[:, j], first, second, keep, shares)
     for i in range(at.BIAS):
-        po, pg = P[i, at.OMEGA], P[i, at.GROWTH]
-        for k in range(2):
-            z, w = at.Z + 2 * k, at.W + 2 * k
-            a, b = x[z] * shares[k], x[z + 1] * shares[k]
-            p, q = P[i, z], P[i, z + 1]
-            P[i, z] = c * p - s * q - b * po + a * pg
-            P[i, z + 1] = s * p + c * q + a * po + b * pg
-            p, q = P[i, w], P[i, w + 1]
-            P[i, w], P[i, w + 1] = c2 * p - s2 * q, s2 * p + c2 * q
-        P[i, at.OMEGA], P[i, at.GROWTH] = keep_omega * po, keep_growth * pg
+        predict_column(x, P[i, :], first, second, keep, shares)
     for i in range(at.BIAS):
         for j in range(i + 1, f.states):
             P[j, i] = P[i, j]
+
+
+@compiled_part
+def predict_column(
+    x: _F, p: _F, first: complex, second: complex, keep: float, shares: tuple[float, float]
+) -> None:
+    """Multiply a column by the Jacobian F of the prediction."""
+    bend = complex(p[at.GROWTH], p[at.OMEGA])
+    for k in range(2):
+        z, w = at.Z + 2 * k, at.W + 2 * k
+        moved = turned(p, z, first) + shares[k] * turned(x, z, bend)
+        fast = turned(p, w, second)
+        p[z], p[z + 1], p[w], p[w + 1] = moved.real, moved.imag, fast.real, fast.imag
+    p[at.OMEGA] *= keep
+    p[at.GROWTH] *= keep
 
 
 @compiled_part
@@ -119,25 +123,40 @@ def turn_lines(f: at.Filter, angle: float) -> None:
 
 
 @compiled_part
-def add_pair(
-    f: at.Filter, first: int, variance: float, re: float, im: float, spread: float
-) -> None:
+def add_pair(f: at.Filter, first: int, variance: float, ratio: complex, spread: float) -> None:
     """
-    Add an isotropic complex jump u at `first` and (re + i im + e) u at `first` + 2.
+    Add an isotropic complex jump u at `first` and (ratio + e) u at `first` + 2.
 
     `variance` is that of each part of u, `spread` the variance of each part of e.
     """
     P = f.P
-    other = variance * (re * re + im * im + 2.0 * spread)
+    re, im = variance * ratio.real, variance * ratio.imag
+    other = variance * (ratio.real**2 + ratio.imag**2 + 2.0 * spread)
     for i in range(2):
         P[first + i, first + i] += variance
         P[first + 2 + i, first + 2 + i] += other
-        P[first + i, first + 2 + i] += variance * re
-        P[first + 2 + i, first + i] += variance * re
-    P[first, first + 3] += variance * im
-    P[first + 3, first] += variance * im
-    P[first + 1, first + 2] -= variance * im
-    P[first + 2, first + 1] -= variance * im
+        P[first + i, first + 2 + i] += re
+        P[first + 2 + i, first + i] += re
+    P[first, first + 3] += im
+    P[first + 3, first] += im
+    P[first + 1, first + 2] -= im
+    P[first + 2, first + 1] -= im
+
+
+@compiled_part
+def add_modes(f: at.Filter, variance: float, share: float) -> None:
+    """Add a jump of the lateral phasor to both modes; `share` of the variance to the second."""
+    add_pair(f, at.Z, variance, f.rho, f.rho_var)
+    if math.isnan(f.mode.rho2.real):
+        add_pair(f, at.W, share * variance, 0j, 0.5 * ratio_power(f))
+    else:
+        add_pair(f, at.W, share * variance, f.mode.rho2, 0.0)
+
+
+@compiled_part
+def ratio_power(f: at.Filter) -> float:
+    """Expected square of the ratio of yaw to lateral."""
+    return f.rho.real**2 + f.rho.imag**2 + 2.0 * f.rho_var
 
 
 @compiled_part
@@ -211,14 +230,14 @@ def seen_of_lateral(f: at.Filter, k: int) -> float:
     """Power of the hunting in the signal of sensor k over that of the lateral motion."""
     power = magnified(f, k)
     if f.sensors[k].coordinate == 1:
-        power *= f.rho_re**2 + f.rho_im**2 + 2.0 * f.rho_var
+        power *= ratio_power(f)
     return power
 
 
 @compiled_part
 def lateral_density(f: at.Filter) -> float:
     """Noise density of all sensors together, referred to the lateral phasor."""
-    gain = f.rho_re**2 + f.rho_im**2 + 2.0 * f.rho_var
+    gain = ratio_power(f)
     lateral, yaw = measured(f, 0), measured(f, 1)
     silent = not lateral and not yaw  # all are: as they were
     if silent:
@@ -265,14 +284,9 @@ def diffuse(f: at.Filter, dt: float) -> None:
     """Add the process noise of dt seconds."""
     x, P = f.x, f.P
     q = math.exp(2.0 * f.log_bandwidth) * lateral_density(f) * dt
-    add_pair(f, at.Z, q, f.rho_re, f.rho_im, f.rho_var)
-    if math.isnan(f.mode.rho2_re):
-        size = f.rho_re**2 + f.rho_im**2 + 2.0 * f.rho_var
-        add_pair(f, at.W, q, 0.0, 0.0, 0.5 * size)
-    else:
-        add_pair(f, at.W, q, f.mode.rho2_re, f.mode.rho2_im, 0.0)
+    add_modes(f, q, 1.0)
     doubt_second(f, dt)
-    # One ratio holds for all amplitudes and speeds only to the floor: let it breathe.
+    # Process noise on the ratio: it varies with amplitude and speed.
     drift = at.RATIO_FLOOR**2 * dt * 0.5 * (x[2] * x[2] + x[3] * x[3])
     P[2, 2] += drift
     P[3, 3] += drift
@@ -303,12 +317,7 @@ def diffuse(f: at.Filter, dt: float) -> None:
 def open_modes(f: at.Filter, variance: float) -> None:
     """Open the covariance of both modes after a kick; `variance` in lateral units squared."""
     P = f.P
-    add_pair(f, at.Z, variance, f.rho_re, f.rho_im, f.rho_var)
-    if math.isnan(f.mode.rho2_re):
-        size = f.rho_re**2 + f.rho_im**2 + 2.0 * f.rho_var
-        add_pair(f, at.W, SECOND_SHARE * variance, 0.0, 0.0, 0.5 * size)
-    else:
-        add_pair(f, at.W, SECOND_SHARE * variance, f.mode.rho2_re, f.mode.rho2_im, 0.0)
+    add_modes(f, variance, SECOND_SHARE)
     f.coordinates[0].second_left = math.inf
     f.coordinates[1].second_left = math.inf
     # Another amplitude has another growth rate and frequency.
@@ -339,35 +348,34 @@ def aim(f: at.Filter, k: int) -> None:
     f.row.count = 2 * f.line_count
     reads(f, at.BIAS + k, 1.0)
     z, w = at.Z + 2 * sensor.coordinate, at.W + 2 * sensor.coordinate
-    a, b, c, d, u, v = sensor.unit, 0.0, 0.0, 0.0, sensor.unit, 0.0
-    growth, omega = x[at.GROWTH], x[at.OMEGA]
+    pole, fast = complex(x[at.GROWTH], x[at.OMEGA]), complex(-f.mode.decay2, f.mode.omega2)
+    # v^d, its derivative with respect to v, and the same power of the second mode's.
+    power, slope, second = complex(sensor.unit), 0j, complex(sensor.unit)
     for _ in range(sensor.derivative):
-        # (v^n)' = v (v^(n-1))' + v^(n-1)
-        c, d = growth * c - omega * d + a, omega * c + growth * d + b
-        a, b = growth * a - omega * b, omega * a + growth * b
-        u, v = (
-            -f.mode.decay2 * u - f.mode.omega2 * v,
-            f.mode.omega2 * u - f.mode.decay2 * v,
-        )
-    re, im = a * x[z] - b * x[z + 1], b * x[z] + a * x[z + 1]
+        slope = pole * slope + power
+        power, second = pole * power, fast * second
+    scale = 1.0 + 0j
     if sensor.scale >= 0:
-        size, turn = 1.0 + x[sensor.scale], x[sensor.scale + 1]
-        a, b = size * a - turn * b, turn * a + size * b
-        c, d = size * c - turn * d, turn * c + size * d
+        scale += complex(x[sensor.scale], x[sensor.scale + 1])
     plain = sensor.derivative == 0 and sensor.scale < 0
-    reads(f, z, f.row.averaged * a)
-    reads(f, w, u)
-    if not plain:
-        reads(f, z + 1, -f.row.averaged * b)
-        reads(f, w + 1, -v)
+    reads_phasor(f, z, f.row.averaged * scale * power, plain)
+    reads_phasor(f, w, second, plain)
     f.row.direct = f.row.count
     sure = f.row.averaged * known(f, z)
     if not plain:
-        reads(f, at.GROWTH, sure * (c * x[z] - d * x[z + 1]))
-        reads(f, at.OMEGA, -sure * (d * x[z] + c * x[z + 1]))
+        bent = sure * turned(x, z, scale * slope)
+        reads(f, at.GROWTH, bent.real)
+        reads(f, at.OMEGA, -bent.imag)
     if sensor.scale >= 0:
-        reads(f, sensor.scale, sure * re)
-        reads(f, sensor.scale + 1, -sure * im)
+        reads_phasor(f, sensor.scale, sure * turned(x, z, power), False)
+
+
+@compiled_part
+def reads_phasor(f: at.Filter, first: int, factor: complex, plain: bool) -> None:
+    """Append the real part of a phasor times a factor, which is real where it is `plain`."""
+    reads(f, first, factor.real)
+    if not plain:
+        reads(f, first + 1, -factor.imag)
 
 
 @compiled_part

@@ -1,15 +1,19 @@
-"""What the tracker remembers: named records, and where the state vector holds what."""
+"""
+What the tracker remembers and gives out: named records, and where the state vector holds what.
+
+Numbers that belong together as a phasor are complex: the ratio of yaw to lateral, innovations
+demodulated at a frequency. The state itself is real, for the Kalman algebra.
+"""
 
 from __future__ import annotations
 
-import math
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
-from hunt_ros.sensors import SENSORS
+from hunt_ros.sensors import COORDINATES, MOTION, SENSORS
 
 _F = NDArray[np.float64]
 _I = NDArray[np.int64]
@@ -22,7 +26,7 @@ NOTHING, KICK, STEP, HYPOTHESES = range(4)
 
 #: Of the tracker's time, s and rad/s at REFERENCE_HZ. Frequency and growth rate: prior standard
 #: deviation, and random walk per root of a second.
-OMEGA_STD, OMEGA_DRIFT = 0.2 * 2.0 * math.pi * REFERENCE_HZ, 0.015 * 2.0 * math.pi * REFERENCE_HZ
+OMEGA_STD, OMEGA_DRIFT = 0.2 * 2.0 * np.pi * REFERENCE_HZ, 0.015 * 2.0 * np.pi * REFERENCE_HZ
 GROWTH_STD, GROWTH_DRIFT = 1.0, 0.03
 RATIO_FLOOR = 0.03  # relative accuracy of one ratio for all amplitudes and speeds
 #: Innovation, in its standard deviations, beyond which a sample may be wrong, or the beginning of
@@ -30,6 +34,7 @@ RATIO_FLOOR = 0.03  # relative accuracy of one ratio for all amplitudes and spee
 GATE = 4.0
 NOISE_TIME, BANDWIDTH_TIME = 2.0, 1.0  # of the self-tuned sensor noise and process noise, s
 GAP = 2.0  # after a longer silence, s, the hunting phasor is known no more
+SETTLING = 0.3  # s after a kick in which nothing is tuned
 
 # --- state vector: of 10 + sensors (1 + 2 lines) + 2 scales + slips elements ----------------
 Z = 0  # hunting phasors of the coordinates: lateral 0, 1; yaw 2, 3
@@ -49,19 +54,18 @@ class Settings:
     ratio_std: float
     stuck: float
     second: float  # units of the tracker's time in a nanosecond
+    scale: float  # the same in a second
 
 
 class Mode:
     """What the table of modes says at the present speed and amplitude."""
 
     omega: float
-    rho_re: float  # ratio that is given; NaN: none
-    rho_im: float
+    rho: complex  # ratio that is given; NaN: none
     rho_std: float  # relative
     omega2: float  # second mode
     decay2: float
-    rho2_re: float
-    rho2_im: float
+    rho2: complex
     std2: float  # relative, of its eigenvalue
 
 
@@ -100,8 +104,7 @@ class LineNoise:
     """What one sensor tells of the process noise of one line."""
 
     log_bandwidth: float  # ln of the bandwidth, 1/s
-    re: float  # innovations demodulated
-    im: float
+    band: complex  # innovations demodulated
 
 
 class Input:
@@ -131,11 +134,9 @@ class Boot:
     bins: float
     samples: float
     start: float  # time
-    total: (
-        float  # of the values less the reference, their squares, their third differences squared
-    )
-    square: float
-    third: float
+    total: float  # of the values less the reference
+    square: float  # of their squares
+    third: float  # of their third differences squared
     reference: float
 
 
@@ -145,6 +146,7 @@ class Sensor:
     coordinate: int  # that it measures: 0 lateral, 1 yaw
     derivative: int  # in time, of the coordinate
     unit: float  # of the coordinate, per unit of the tracker's time to the power of `derivative`
+    column: int  # in the output
     scale: int  # where the error of its scale is in the state; -1: it is taken to be right
     alive: bool
     started_before: bool
@@ -161,12 +163,9 @@ class Sensor:
     strange_since: float  # since when it gives what is no motion; infinity: it does not
     nis: float  # recent mean of nu^2/S
     residual: float  # recent mean of the squared residual of a sample
-    stage_re: float  # innovations demodulated at hunting: first stage, second stage, quick
-    stage_im: float
-    band_re: float
-    band_im: float
-    burst_re: float
-    burst_im: float
+    stage: complex  # innovations demodulated at hunting: first stage, second stage, quick
+    band: complex
+    burst: complex
     offset: float  # at zero
     log_bias_bandwidth: float  # ln of 1/s
     clean_sum: float
@@ -198,11 +197,9 @@ class Filter:
     time: float  # s since the origin
     log_bandwidth: float  # ln of the hunting bandwidth, 1/s
     # the ratio of yaw to lateral phasor
-    ratio_re: float  # learnt, in units of the one that is given (or absolute)
-    ratio_im: float
+    ratio: complex  # learnt, in units of the one that is given (or absolute)
     ratio_var: float  # of each part
-    rho_re: float  # in force: learnt times given
-    rho_im: float
+    rho: complex  # in force: learnt times given
     rho_var: float
     ratio_time: float  # when it was last learnt
     ratio_speed: float  # where: mean speed, and mean logarithm of the lateral amplitude
@@ -262,37 +259,46 @@ class Tracker:
     stuck: int
 
 
-# --- output columns (see kalman.TRACK_DTYPE) -----------------------------------------------
-# Of each coordinate, lateral first, from O_AMPLITUDE on.
-O_AMPLITUDE, O_STD, O_RATE, O_RATE_STD, N_COORDINATE = range(5)
-(
-    O_PHASE,
-    O_PHASE_STD,
-    O_FREQUENCY,
-    O_FREQUENCY_STD,
-    O_GROWTH,
-    O_GROWTH_STD,
-    O_RATIO,
-    O_RATIO_STD,
-    O_LAG,
-    O_FACTOR,
-    O_CONTRARY,
-    O_BANDWIDTH,
-    O_SECOND,
-    O_SINCE_KICK,
-    O_TIED,
-    O_SENSOR,
-) = range(2 * N_COORDINATE, 2 * N_COORDINATE + 16)
-# Of each sensor, from O_SENSOR on.
-(
-    O_ROUGH,
-    O_ROUGH_STD,
-    O_ROUGH2,
-    O_BIAS,
-    O_RESIDUAL,
-    O_NIS,
-    O_CLEAN,
-    O_NOISE,
-    N_SENSOR,
-) = range(9)
-N_OUTPUT = O_SENSOR + MOST_SENSORS * N_SENSOR
+class Motion:
+    """What is told of one coordinate, in its unit; the rate per second."""
+
+    amplitude: float
+    amplitude_std: float
+    amplitude_rate: float
+    amplitude_rate_std: float
+
+
+class Reading:
+    """What is told of one sensor, in its unit."""
+
+    roughness: float
+    roughness_std: float
+    roughness_second: float
+    bias: float
+    residual: float
+    nis: float
+    clean: float
+    noise_std: float
+
+
+class Estimate:
+    """One row of output: the columns of `kalman.TRACK_DTYPE`, in their order."""
+
+    stamp_ns: int
+    coordinates: Annotated[list[Motion], len(COORDINATES)]
+    phase: float  # rad: y = amplitude cos(phase)
+    phase_std: float
+    frequency_hz: float
+    frequency_hz_std: float
+    growth_rate: float
+    growth_rate_std: float
+    yaw_ratio: float
+    yaw_ratio_std: float
+    yaw_lag: float  # rad
+    yaw_factor: float  # the ratio over the one that is given
+    yaw_contrary: float  # how far it is from that one, in standard deviations
+    bandwidth: float  # 1/s
+    second_mode_amplitude: float
+    since_kick: float  # s
+    lateral_tied: float  # 1: the lateral amplitude is that of yaw through the ratio
+    sensors: Annotated[list[Reading], len(MOTION)]

@@ -9,11 +9,16 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled_part
 from hunt_ros.estimation.tracker import layout as at
-from hunt_ros.estimation.tracker.algebra import lateral_density, line, measured, told
+from hunt_ros.estimation.tracker.algebra import (
+    lateral_density,
+    line,
+    measured,
+    told,
+    turned,
+)
 
 _F = NDArray[np.float64]
 
-SETTLING = 0.3  # s after a kick in which nothing is tuned
 #: A ratio that nobody gave is carried to another speed and amplitude with this doubt, relative:
 #: per change of ln(speed), and per change of ln(amplitude) up to the factor e^3. A wheelset's
 #: moves by 0.1 of the one and a few hundredths in all over the other (linear theory, full model).
@@ -28,20 +33,18 @@ AGAINST = 3.0  # standard deviations at which a ratio that is given is doubted
 
 
 @compiled_part
+def squared(z: complex) -> float:
+    """Return |z|^2."""
+    return z.real * z.real + z.imag * z.imag
+
+
+@compiled_part
 def ratio_in_force(f: at.Filter) -> None:
     """Combine the ratio that is given for this speed with what was learnt of it."""
-    re, im = f.ratio_re, f.ratio_im
-    if math.isnan(f.mode.rho_re):
-        f.rho_re, f.rho_im, f.rho_var = (
-            re,
-            im,
-            f.ratio_var,
-        )
-        return
-    a, b = f.mode.rho_re, f.mode.rho_im
-    f.rho_re = re * a - im * b
-    f.rho_im = re * b + im * a
-    f.rho_var = f.ratio_var * (a * a + b * b)
+    f.rho, f.rho_var = f.ratio, f.ratio_var
+    if not math.isnan(f.mode.rho.real):
+        f.rho *= f.mode.rho
+        f.rho_var *= squared(f.mode.rho)
 
 
 @compiled_part
@@ -54,7 +57,7 @@ def learn_ratio(f: at.Filter) -> None:
     """
     x, P = f.x, f.P
     elapsed = f.time - f.ratio_time
-    if elapsed < 0.1 or f.time - f.kick < SETTLING:
+    if elapsed < 0.1 or f.time - f.kick < at.SETTLING:
         return
     if not (measured(f, 0) and measured(f, 1)):
         return  # one that is silent tells nothing but what the other says
@@ -65,23 +68,21 @@ def learn_ratio(f: at.Filter) -> None:
     if age < 1.0:
         return  # the start is as rough as a kick
     f.ratio_time = f.time
-    a, b, p, q = x[0], x[1], x[2], x[3]
-    power = a * a + b * b
+    lateral, yaw, rho = complex(x[0], x[1]), complex(x[2], x[3]), f.rho
+    power = squared(lateral)
     if power < 12.5 * (P[0, 0] + P[1, 1]) or power == 0.0:
         return
-    re, im = f.rho_re, f.rho_im
-    size = re * re + im * im
-    cross = re * (P[0, 2] + P[1, 3]) + im * (P[0, 3] - P[1, 2])
-    variance = 0.5 * (P[2, 2] + P[3, 3] + size * (P[0, 0] + P[1, 1])) - cross
-    seen_re, seen_im = (p * a + q * b) / power, (q * a - p * b) / power
-    unit = 0.5 * (seen_re * seen_re + seen_im * seen_im)  # of a relative variance, each part
+    cross = rho.real * (P[0, 2] + P[1, 3]) + rho.imag * (P[0, 3] - P[1, 2])
+    variance = 0.5 * (P[2, 2] + P[3, 3] + squared(rho) * (P[0, 0] + P[1, 1])) - cross
+    seen = yaw * lateral.conjugate() / power
+    unit = 0.5 * squared(seen)  # of a relative variance, each part
     # Share of the motion that is made anew each second. What makes it does not push along the
     # mode alone, and what it leaves of the second mode and of other motion is in the phasors.
     renewed = math.exp(2.0 * f.log_bandwidth) * lateral_density(f) / power
     renewed = min(max(renewed, math.exp(-0.5 * age)), 1.0)  # nor is it known at first
     # No single second is believed to better than a tenth.
     variance = max(variance / power, (0.01 + FORCED * renewed) * unit) / min(elapsed, 1.0)
-    given = not math.isnan(f.mode.rho_re)
+    given = not math.isnan(f.mode.rho.real)
     breath = at.RATIO_FLOOR**2 * unit
     # A phasor that stands little above its noise gives a ratio that is biased, by as much as
     # its relative variance: no number of such seconds makes it better.
@@ -89,8 +90,7 @@ def learn_ratio(f: at.Filter) -> None:
     floor = breath + biased
     if given:
         floor += f.mode.rho_std**2 * unit
-        off = (seen_re - re) ** 2 + (seen_im - im) ** 2
-        if off > 2.0 * AGAINST**2 * (f.rho_var + floor + variance):
+        if squared(seen - rho) > 2.0 * AGAINST**2 * (f.rho_var + floor + variance):
             loosen(f, 1.5)  # the sensors are not those it was measured with
     if f.rho_var <= floor and (given or biased > breath):
         return  # it is known better than this
@@ -98,25 +98,13 @@ def learn_ratio(f: at.Filter) -> None:
     gain = drifted / (drifted + variance + floor)
     if not f.ratio_known:  # what it was before is no more than its order
         gain, drifted = 1.0, variance + floor
-    re += gain * (seen_re - re)
-    im += gain * (seen_im - im)
     note_place(f, gain, 0.5 * math.log(power))
     left = drifted if gain == 1.0 else (1.0 - gain) * drifted
-    keep_learnt(f, re, im, max(left, floor))
+    f.ratio, f.ratio_var = rho + gain * (seen - rho), max(left, floor)
+    if given:
+        f.ratio /= f.mode.rho
+        f.ratio_var /= squared(f.mode.rho)
     ratio_in_force(f)
-
-
-@compiled_part
-def keep_learnt(f: at.Filter, re: float, im: float, variance: float) -> None:
-    """Remember a ratio and the variance of its parts, relative to the one that is given."""
-    if math.isnan(f.mode.rho_re):
-        f.ratio_re, f.ratio_im, f.ratio_var = re, im, variance
-        return
-    g, h = f.mode.rho_re, f.mode.rho_im
-    norm = g * g + h * h
-    f.ratio_re = (re * g + im * h) / norm
-    f.ratio_im = (im * g - re * h) / norm
-    f.ratio_var = variance / norm
 
 
 @compiled_part
@@ -134,11 +122,11 @@ def note_place(f: at.Filter, gain: float, logarithm: float) -> None:
 @compiled_part
 def carried(f: at.Filter, amplitude: float) -> float:
     """Variance of the ratio in force, relative, of each part, where it is used by itself."""
-    size = f.rho_re**2 + f.rho_im**2
+    size = squared(f.rho)
     if size == 0.0:
         return math.inf
     doubt = float(f.rho_var / size)
-    if not math.isnan(f.mode.rho_re):
+    if not math.isnan(f.mode.rho.real):
         return float(doubt + f.mode.rho_std**2)
     speed, learnt = f.speed, f.ratio_speed
     if speed > 0.0 and learnt > 0.0:
@@ -164,20 +152,15 @@ def tie_silent(f: at.Filter, k: int) -> None:
     f.coordinates[other].tied = False
     if measured(f, other) or not f.ratio_known:
         return
-    re, im = f.rho_re, f.rho_im
-    size = re * re + im * im
-    if not 2.0 * f.rho_var < size:
+    if not 2.0 * f.rho_var < squared(f.rho):
         return  # not known to a factor
-    if other == 0:
-        re, im = re / size, -im / size
+    ratio = 1.0 / f.rho if other == 0 else f.rho
     z, o = at.Z + 2 * c, at.Z + 2 * other
-    x[o], x[o + 1] = re * x[z] - im * x[z + 1], im * x[z] + re * x[z + 1]
+    carry(x, z, o, ratio)
     for j in range(f.states):
-        a, b = P[z, j], P[z + 1, j]
-        P[o, j], P[o + 1, j] = re * a - im * b, im * a + re * b
+        carry(P[:, j], z, o, ratio)
     for j in range(f.states):
-        a, b = P[j, z], P[j, z + 1]
-        P[j, o], P[j, o + 1] = re * a - im * b, im * a + re * b
+        carry(P[j, :], z, o, ratio)
     power = x[o] * x[o] + x[o + 1] * x[o + 1]
     lateral = math.sqrt(power if other == 0 else x[z] * x[z] + x[z + 1] * x[z + 1])
     doubt = power * carried(f, lateral)
@@ -187,12 +170,18 @@ def tie_silent(f: at.Filter, k: int) -> None:
 
 
 @compiled_part
+def carry(v: _F, first: int, other: int, ratio: complex) -> None:
+    """Put the pair at `first` times the ratio at `other`."""
+    moved = turned(v, first, ratio)
+    v[other], v[other + 1] = moved.real, moved.imag
+
+
+@compiled_part
 def loosen(f: at.Filter, factor: float) -> None:
     """Doubt the ratio that ties the sensors: its variance grows by a factor, up to its square."""
     if not (measured(f, 0) and measured(f, 1)):
         return  # what one sensor says by itself is no evidence against it
-    size = f.ratio_re**2 + f.ratio_im**2
-    if f.ratio_var < size:
+    if f.ratio_var < squared(f.ratio):
         f.ratio_var *= factor
         ratio_in_force(f)
 
@@ -261,9 +250,8 @@ def put_in_force(f: at.Filter, modes: _F) -> None:
         low = modes[i, p, c] + share * (modes[j, p, c] - modes[i, p, c])
         high = modes[i, q, c] + share * (modes[j, q, c] - modes[i, q, c])
         row[c] = low + part * (high - low)
-    f.mode.omega, f.mode.rho_re, f.mode.rho_im = row[1], row[2], row[3]
-    f.mode.omega2, f.mode.decay2 = row[4], row[5]
-    f.mode.rho2_re, f.mode.rho2_im = row[6], row[7]
+    f.mode.omega, f.mode.rho = row[1], complex(row[2], row[3])
+    f.mode.omega2, f.mode.decay2, f.mode.rho2 = row[4], row[5], complex(row[6], row[7])
     f.mode.rho_std, f.mode.std2 = row[9], row[10]
     ratio_in_force(f)
 
@@ -277,32 +265,25 @@ def take_modes(f: at.Filter, modes: _F) -> None:
     and are weighed as such. With none in the new table the one in force counts as learnt.
     """
     f.modes_changed = False
-    re, im, variance = f.rho_re, f.rho_im, f.rho_var
-    known = f.ratio_known
-    before = not math.isnan(f.mode.rho_re)
+    rho, variance, known = f.rho, f.rho_var, f.ratio_known
+    before = not math.isnan(f.mode.rho.real)
     if before:
-        variance += f.mode.rho_std**2 * (re * re + im * im)
+        variance += f.mode.rho_std**2 * squared(rho)
     put_in_force(f, modes)
-    if math.isnan(f.mode.rho_re):
+    if math.isnan(f.mode.rho.real):
         if before:
             f.ratio_known = False
+            f.ratio, f.ratio_var = 0j, 1.0
             amplitude = lateral_amplitude(f)
             if known and amplitude > 0.0:
                 note_place(f, 1.0, math.log(amplitude))
-                f.ratio_re, f.ratio_im = re, im
-            else:
-                f.ratio_re, f.ratio_im, variance = 0.0, 0.0, 1.0
-            f.ratio_var = variance
+                f.ratio, f.ratio_var = rho, variance
     else:
-        given = f.cfg.ratio_std**2
-        f.ratio_re, f.ratio_im, f.ratio_var = 1.0, 0.0, given
+        f.ratio, f.ratio_var = 1.0 + 0j, f.cfg.ratio_std**2
         if known and not before:
-            a, b = f.mode.rho_re, f.mode.rho_im
-            size = a * a + b * b
-            spread = variance / size + f.mode.rho_std**2
-            share = given / (given + spread)
-            f.ratio_re += share * ((re * a + im * b) / size - 1.0)
-            f.ratio_im += share * (im * a - re * b) / size
+            spread = variance / squared(f.mode.rho) + f.mode.rho_std**2
+            share = f.ratio_var / (f.ratio_var + spread)
+            f.ratio += share * (rho / f.mode.rho - 1.0)
             f.ratio_var = share * spread
         f.ratio_known = True
     ratio_in_force(f)
@@ -314,5 +295,5 @@ def lateral_amplitude(f: at.Filter) -> float:
     x = f.x
     if told(f, 0) or f.coordinates[0].tied:
         return math.hypot(x[0], x[1])
-    size = math.hypot(f.rho_re, f.rho_im)
+    size = abs(f.rho)
     return math.hypot(x[2], x[3]) / size if size > 0.0 else 0.0

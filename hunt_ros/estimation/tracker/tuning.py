@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 
 from hunt_ros.compiled import compiled_part
@@ -12,7 +13,7 @@ from hunt_ros.estimation.tracker.algebra import (
     magnified,
     speaks,
 )
-from hunt_ros.estimation.tracker.ratio import SETTLING, loosen
+from hunt_ros.estimation.tracker.ratio import loosen, squared
 
 IN_BAND = 0.3  # s, of the whiteness measures
 OFFSET = 25.0  # power of the mean innovation over that of white noise taken for an offset
@@ -67,8 +68,7 @@ def start_sensor(f: at.Filter, k: int, t: float) -> None:
             if other.coordinate != c and other.alive:
                 size = max(size, max(other.residual, other.boot.square) / magnified(f, i))
         f.ratio_var = 4.0 * motion / size if c == 1 else size / (4.0 * motion)
-        f.ratio_re = 0.0
-        f.ratio_im = 0.0
+        f.ratio = 0j
     sensor.boot.square = spread
     sensor.started_before = True
 
@@ -119,10 +119,10 @@ def stop_sensor(f: at.Filter, k: int) -> None:
     sensor.alive = False
     sensor.wrong = 0.0
     sensor.strange_since = math.inf
-    sensor.stage_re = sensor.stage_im = sensor.band_re = sensor.band_im = 0.0
-    sensor.burst_re = sensor.burst_im = sensor.offset = 0.0
+    sensor.stage = sensor.band = sensor.burst = 0j
+    sensor.offset = 0.0
     for j in range(f.line_count):
-        sensor.lines[j].re = sensor.lines[j].im = 0.0
+        sensor.lines[j].band = 0j
 
 
 @compiled_part
@@ -174,7 +174,7 @@ def tune(f: at.Filter, k: int, dt: float, count: float) -> None:
     sensor.nis += share * (min(f.surprise, 25.0) - sensor.nis)
     explained = count * (residual * residual + left)
     sensor.residual += share * (count * residual * residual - sensor.residual)
-    settled = f.time - f.kick > SETTLING
+    settled = f.time - f.kick > at.SETTLING
     span = min(
         at.NOISE_TIME,
         max(0.3 * (f.time - sensor.boot.start), 0.1),
@@ -187,19 +187,12 @@ def tune(f: at.Filter, k: int, dt: float, count: float) -> None:
     # Innovations demodulated: u, with E |u|^2 = 1 where they are white.
     unit = innovation / math.sqrt(S)
     decay = math.exp(-dt / IN_BAND)
-    turn_c, turn_s = math.cos(x[at.OMEGA] * dt), math.sin(x[at.OMEGA] * dt)
+    turn = decay * cmath.exp(complex(0.0, x[at.OMEGA] * dt))
     step = math.sqrt(1.0 - decay * decay)
     # Two stages, so that harmonics of the limit cycle do not leak into the band.
-    re, im = sensor.stage_re, sensor.stage_im
-    re, im = (
-        decay * (turn_c * re - turn_s * im) + unit,
-        decay * (turn_s * re + turn_c * im),
-    )
-    sensor.stage_re, sensor.stage_im = re, im
-    old_re, old_im = sensor.band_re, sensor.band_im
     gain = math.sqrt((1.0 - decay * decay) ** 3 / (1.0 + decay * decay))
-    sensor.band_re = decay * (turn_c * old_re - turn_s * old_im) + gain * re
-    sensor.band_im = decay * (turn_s * old_re + turn_c * old_im) + gain * im
+    sensor.stage = turn * sensor.stage + unit
+    sensor.band = turn * sensor.band + gain * sensor.stage
     sensor.offset = decay * sensor.offset + step * unit
     if sensor.offset**2 > OFFSET * max(sensor.nis, 1.0):
         # The level drifts, more than the filter of the bias can follow.
@@ -209,23 +202,20 @@ def tune(f: at.Filter, k: int, dt: float, count: float) -> None:
         cosine, sine = f.row.value[2 * j], f.row.value[2 * j + 1]
         if cosine != 0.0 or sine != 0.0:
             size = step * unit / math.sqrt(cosine * cosine + sine * sine)
-            sensor.lines[j].re = decay * sensor.lines[j].re + size * cosine
-            sensor.lines[j].im = decay * sensor.lines[j].im + size * sine
+            sensor.lines[j].band = decay * sensor.lines[j].band + size * complex(cosine, sine)
     if not settled:
         return
     rate = 0.5 * dt / at.BANDWIDTH_TIME
     speaking = 0.0
     for i in range(f.sensor_count):
         speaking += speaks(f, i)
-    power = sensor.band_re**2 + sensor.band_im**2
+    power = squared(sensor.band)
     f.log_bandwidth = tuned(f.log_bandwidth, power, rate / max(speaking, 1.0), 0.2, 100.0)
     power = sensor.offset**2
     sensor.log_bias_bandwidth = tuned(sensor.log_bias_bandwidth, power, rate, 0.02, 3.0)
     for j in range(f.line_count):
-        power = sensor.lines[j].re ** 2 + sensor.lines[j].im ** 2
-        sensor.lines[j].log_bandwidth = tuned(
-            sensor.lines[j].log_bandwidth, power, rate, 0.05, 5.0
-        )
+        own = sensor.lines[j]
+        own.log_bandwidth = tuned(own.log_bandwidth, squared(own.band), rate, 0.05, 5.0)
 
 
 @compiled_part
