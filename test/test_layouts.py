@@ -25,8 +25,6 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
-from hunt_ros.bag import read_record
-
 ROOT = Path(__file__).parents[1]
 CONFIG = ROOT / 'config'
 BAGS = ('kick_escapes', 'hysteresis_loop', 'supercritical')
@@ -135,27 +133,6 @@ def test_what_the_foxglove_layout_names_is_published(
             assert topic in published or topic in described, path
 
 
-def test_the_foxglove_layout_shows_each_of_its_panels_once() -> None:
-    layout = foxglove()
-
-    def leaves(node: Any) -> list[str]:
-        if isinstance(node, str):
-            return [node]
-        assert node['direction'] in ('row', 'column')
-        assert 0 < node['splitPercentage'] < 100
-        return leaves(node['first']) + leaves(node['second'])
-
-    assert sorted(leaves(layout['layout'])) == sorted(layout['configById'])
-    for panel in layout['configById'].values():
-        # The two programs have the title of a panel under different keys.
-        assert panel['foxglovePanelTitle'] == panel['lichtblickPanelTitle']
-    kinds = {name.partition('!')[0] for name in layout['configById']}
-    assert kinds <= {
-        '3D', 'Plot', 'Indicator', 'Gauge', 'StateTransitions', 'DiagnosticSummary',
-        'DiagnosticStatusPanel',
-    }  # fmt: skip
-
-
 def test_the_foxglove_layout_is_that_of_the_default_rig() -> None:
     shared = yaml.safe_load((CONFIG / 'rig.yaml').read_text())['/**']['ros__parameters']
     panels = foxglove()['configById']
@@ -185,17 +162,6 @@ def test_what_the_plotjuggler_layout_names_is_published(published: dict[str, Pub
         check_field('.' + '.'.join(parts).replace('.[', '['), known, set())
 
 
-def test_the_plotjuggler_layout_asks_for_no_topic_in_vain() -> None:
-    root = ElementTree.parse(CONFIG / 'plotjuggler.xml').getroot()
-    streamer = root.find('previouslyLoaded_Streamer')
-    assert streamer is not None
-    assert streamer.get('name') in {plugin.get('ID') for plugin in root.iter('plugin')}
-    for splitter in root.iter('DockSplitter'):
-        sizes = [float(size) for size in splitter.get('sizes', '').split(';')]
-        assert len(sizes) == len(splitter) == int(splitter.get('count', ''))
-        assert sum(sizes) == pytest.approx(1.0, abs=1e-3)
-
-
 def test_what_the_rqt_perspective_plots_is_published(published: dict[str, Published]) -> None:
     """The values of a perspective are the `repr` of Python values."""
     manager = json.loads((CONFIG / 'rig.perspective').read_text())['groups']['pluginmanager']
@@ -223,12 +189,9 @@ def test_what_the_rqt_perspective_plots_is_published(published: dict[str, Publis
 class Joint(NamedTuple):
     """A joint of the model."""
 
-    type: str
-    parent: str
     child: str
     origin: np.ndarray
     axis: np.ndarray
-    limits: tuple[float, float]
     mimics: str
     multiplier: float
 
@@ -241,15 +204,12 @@ def joints() -> dict[str, Joint]:
     found = {}
     for each in model().iter('joint'):
         origin, axis = each.find('origin'), each.find('axis')
-        limit, mimic = each.find('limit'), each.find('mimic')
+        mimic = each.find('mimic')
         assert axis is not None
         found[each.get('name', '')] = Joint(
-            each.get('type', ''),
-            each.find('parent').get('link', ''),  # type: ignore[union-attr]
             each.find('child').get('link', ''),  # type: ignore[union-attr]
             vector('0 0 0' if origin is None else origin.get('xyz', '')),
             vector(axis.get('xyz', '')),
-            (-np.inf, np.inf) if limit is None else bounds(limit),
             '' if mimic is None else mimic.get('joint', ''),
             1.0 if mimic is None else float(mimic.get('multiplier', '1')),
         )
@@ -261,31 +221,10 @@ def vector(text: str) -> np.ndarray:
     return np.array([float(word) for word in text.split()])
 
 
-def bounds(limit: ElementTree.Element) -> tuple[float, float]:
-    assert float(limit.get('effort', '')) > 0.0
-    assert float(limit.get('velocity', '')) > 0.0
-    return float(limit.get('lower', '')), float(limit.get('upper', ''))
-
-
 def root_link() -> str:
     links = {link.get('name', '') for link in model().iter('link')}
     (root,) = links - {joint.child for joint in joints().values()}
     return root
-
-
-def test_the_model_is_a_tree() -> None:
-    links = [link.get('name', '') for link in model().findall('link')]
-    assert len(set(links)) == len(links)
-    parents = {joint.child: joint.parent for joint in joints().values()}
-    assert len(parents) == len(joints()), 'a link has two parents'
-    root = root_link()
-    for link in links:
-        seen = [link]
-        while seen[-1] != root:
-            assert len(seen) <= len(links), f'{link} hangs on itself'
-            seen.append(parents[seen[-1]])
-    colours = {item.get('name') for item in model().findall('material')}
-    assert {item.get('name') for item in model().findall('.//visual/material')} <= colours
 
 
 def test_the_joints_that_move_are_those_that_are_published(measured: dict[str, Published]) -> None:
@@ -307,21 +246,6 @@ def test_no_estimate_moves_the_model(published: dict[str, Published]) -> None:
     assert not estimates & set(joints())
 
 
-def test_the_limits_hold_what_a_rig_does() -> None:
-    records = [read_record(ROOT / 'bags' / name) for name in BAGS]
-    for name, joint in joints().items():
-        source = joint.mimics or name
-        low, high = joint.limits
-        assert low == -high
-        if joint.type == 'continuous':
-            assert np.isinf(high)
-            continue
-        assert joint.type == {'lateral': 'prismatic', 'yaw': 'revolute'}[source]
-        largest = max(np.abs(record[source].values).max() for record in records)
-        assert 2.0 * joint.multiplier * largest < high
-        assert high == pytest.approx(joint.multiplier * joints()[source].limits[1])
-
-
 def test_the_axes_are_those_of_rep_103() -> None:
     """Lateral to the left, yaw about the vertical; wheels and rollers roll without slip."""
     model_joints = joints()
@@ -338,41 +262,6 @@ def test_the_axes_are_those_of_rep_103() -> None:
     of_wheel = np.cross(axle.multiplier * axle.axis, -height)
     np.testing.assert_allclose(of_wheel, of_roller, rtol=1e-6)
     assert of_roller[0] < 0.0, 'the track runs backwards below a wheelset that travels ahead'
-
-
-def test_the_measures_are_those_of_the_simulated_rig() -> None:
-    rig = yaml.safe_load((CONFIG / 'wheelset.yaml').read_text())
-    model_joints = joints()
-    assert -model_joints['roller'].origin[2] == pytest.approx(rig['roller_diameter_m'] / 2)
-    assert model_joints['lateral'].origin[2] == pytest.approx(rig['wheel_radius_m'])
-    for link, radius in (
-        ('rollers', rig['roller_diameter_m'] / 2),
-        ('wheels', rig['wheel_radius_m']),
-    ):
-        discs = {
-            vector(visual.find('origin').get('xyz', ''))[1]  # type: ignore[union-attr]
-            for visual in model().findall(f"link[@name='{link}']/visual")
-            if (shape := visual.find('geometry/cylinder')) is not None
-            and float(shape.get('radius', '')) == radius
-        }
-        assert discs == {rig['half_gauge_m'], -rig['half_gauge_m']}
-
-
-def test_the_model_can_be_given_as_a_parameter() -> None:
-    """`-p robot_description:="$(cat rig.urdf)"` is read as YAML."""
-    read = yaml.safe_load((CONFIG / 'rig.urdf').read_text())
-    assert isinstance(read, str)
-    assert {each.get('name') for each in ElementTree.fromstring(read).iter('joint')} == set(
-        joints()
-    )
-
-
-def test_rviz_shows_the_model_where_it_is_published() -> None:
-    manager = yaml.safe_load((CONFIG / 'rig.rviz').read_text())['Visualization Manager']
-    assert manager['Global Options']['Fixed Frame'] == root_link()
-    (robot,) = (each for each in manager['Displays'] if each['Class'].endswith('/RobotModel'))
-    assert robot['Description Topic']['Value'] == '/rig/robot_description'
-    assert robot['Description Topic']['Durability Policy'] == 'Transient Local'
 
 
 def test_the_layouts_are_installed_and_documented(monkeypatch: pytest.MonkeyPatch) -> None:

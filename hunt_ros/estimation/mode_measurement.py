@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.errors import HuntError
 from hunt_ros.estimation.response_windows import MOST_WINDOWS
-from hunt_ros.samples import Record, Series
+from hunt_ros.samples import NANOSECONDS, Record, Series
 
 _F = NDArray[np.float64]
 
@@ -76,124 +76,102 @@ def measure_ratio(
     """
     if not (math.isfinite(frequency_hz) and frequency_hz > 0.0):
         raise HuntError(f'mode shape: the frequency must be positive, got {frequency_hz}')
+    told = {name: series.in_order().finite() for name, series in record.items()}
+    measured = [told[name] for name in ('lateral', 'yaw', 'speed') if name in told]
     rows: list[tuple[float, ...]] = []
-    if all(name in record and len(record[name]) for name in ('lateral', 'yaw', 'speed')):
-        start = min(int(record[name].stamps_ns[0]) for name in ('lateral', 'yaw'))
-        lateral, yaw = (_Channel.of(record[name], start) for name in ('lateral', 'yaw'))
-        speed = _Channel.of(record['speed'], start)
-        roller = _Channel.of(record['roller'], start) if 'roller' in record else None
-        if min(lateral.time.size, yaw.time.size, speed.time.size) > _LEAST:
-            rows = _windows(lateral, yaw, speed, roller, frequency_hz, orders)
+    if len(measured) == 3 and min(map(len, measured)) > _LEAST:
+        lines = told.get('roller'), orders
+        share = _SHARE * _CYCLES / frequency_hz
+        least = [*(max(share * one.rate_hz, _LEAST) for one in measured[:2]), 1.0]
+        for place in _places(measured, frequency_hz):
+            parts = [_part(one, place, 0.5 * _CYCLES / frequency_hz) for one in measured]
+            if all(len(part) >= fewest for part, fewest in zip(parts, least, strict=True)):
+                rows += _row(parts, place, frequency_hz, lines)
     table = np.array(rows, dtype=np.float64).reshape(-1, 6)
-    return RatioPoints(
-        table[:, 0], table[:, 1], table[:, 2], table[:, 3], table[:, 4] + 1j * table[:, 5]
-    )
+    return RatioPoints(*table[:, :4].T, table[:, 4] + 1j * table[:, 5])
 
 
-@dataclass(frozen=True, eq=False)
-class _Channel:
-    """Finite samples of a channel in order, time in s."""
-
-    time: _F
-    values: _F
-
-    @classmethod
-    def of(cls, series: Series, start_ns: int) -> _Channel:
-        told = series.in_order().finite()
-        return cls(told.seconds(start_ns), told.values)
-
-    def within(self, begin: float, end: float) -> slice:
-        first, last = np.searchsorted(self.time, [begin, end])
-        return slice(int(first), int(last))
-
-
-def _windows(
-    lateral: _Channel,
-    yaw: _Channel,
-    speed: _Channel,
-    roller: _Channel | None,
-    frequency_hz: float,
-    orders: Sequence[float],
-) -> list[tuple[float, ...]]:
-    """Return speed, amplitude, frequency, relative std and ratio of each clear window."""
-    length = _CYCLES / frequency_hz
-    begin = max(lateral.time[0], yaw.time[0])
-    end = min(lateral.time[-1], yaw.time[-1]) - length
-    count = int((end - begin) * frequency_hz / _STEP)
+def _places(measured: Sequence[Series], frequency_hz: float) -> list[int]:
+    """Return the middles of the windows, ns."""
+    half = 0.5 * _CYCLES / frequency_hz * NANOSECONDS
+    begin = max(one.stamps_ns[0] for one in measured[:2]) + half
+    end = min(one.stamps_ns[-1] for one in measured[:2]) - half
+    count = int((end - begin) * frequency_hz / (_STEP * NANOSECONDS))
     if count < 1:
         return []
-    full = [_SHARE * length / float(np.median(np.diff(c.time))) for c in (lateral, yaw)]
-    rows: list[tuple[float, ...]] = []
-    for place in np.linspace(begin, end, min(count, MOST_WINDOWS)):
-        here = speed.within(place, place + length)
-        parts = [c.within(place, place + length) for c in (lateral, yaw)]
-        sizes = [part.stop - part.start for part in parts]
-        if here.stop == here.start or any(
-            n < max(least, _LEAST) for n, least in zip(sizes, full, strict=True)
-        ):
-            continue
-        centre, frequency = place + 0.5 * length, frequency_hz
-        found = _phasor(lateral, parts[0], centre, frequency, roller, orders)
-        for _ in range(2):  # the frame turns with the motion: what is left of its turning
-            if found is None or abs(found.turning) > 0.1 * frequency_hz:
-                break
-            frequency = frequency_hz + found.turning
-            found = _phasor(lateral, parts[0], centre, frequency, roller, orders, frequency_hz)
-        if found is None or abs(found.value) < _CLEAR * found.std:
-            continue
-        seen = _phasor(yaw, parts[1], centre, frequency, roller, orders)
-        if seen is None or abs(seen.value) < _CLEAR * seen.std:
-            continue
-        ratio = seen.value / found.value
-        relative = math.hypot(found.std / abs(found.value), seen.std / abs(seen.value))
-        mean = abs(float(np.mean(speed.values[here])))
-        rows.append((mean, abs(found.value), frequency, relative, ratio.real, ratio.imag))
-    return rows
+    places = np.linspace(begin, end, min(count, MOST_WINDOWS))
+    return [int(place) for place in places]
 
 
-@dataclass(frozen=True)
-class _Phasor:
-    """Phasor at the middle of a window, its standard deviation, and its turning in Hz."""
+def _row(
+    parts: Sequence[Series],
+    centre_ns: int,
+    frequency_hz: float,
+    lines: tuple[Series | None, Sequence[float]],
+) -> list[tuple[float, ...]]:
+    """Return speed, amplitude, frequency, relative std and ratio, if they are clear of noise."""
+    lateral, yaw, speed = parts
+    half_s = 0.5 * _CYCLES / frequency_hz
+    frequency = frequency_hz
+    for _ in range(3):  # the frame turns with the motion: what is left of its turning
+        found = _phasor(lateral, centre_ns, half_s, frequency, lines)
+        if found is None or abs(found[0]) < _CLEAR * found[1]:
+            return []
+        value, std, turning = found
+        used, frequency = frequency, frequency + turning
+        if abs(frequency - frequency_hz) > 0.1 * frequency_hz:
+            break
+    seen = _phasor(yaw, centre_ns, half_s, used, lines)
+    if seen is None or abs(seen[0]) < _CLEAR * seen[1]:
+        return []
+    ratio = seen[0] / value
+    relative = math.hypot(std / abs(value), seen[1] / abs(seen[0]))
+    mean = abs(float(np.mean(speed.values)))
+    return [(mean, abs(value), used, relative, ratio.real, ratio.imag)]
 
-    value: complex
-    std: float
-    turning: float
+
+def _part(series: Series, centre_ns: int, half_s: float) -> Series:
+    """Return the samples of a window."""
+    half = round(half_s * NANOSECONDS)
+    first, last = np.searchsorted(series.stamps_ns, [centre_ns - half, centre_ns + half])
+    return Series(series.stamps_ns[first:last], series.values[first:last])
 
 
 def _phasor(
-    channel: _Channel,
-    part: slice,
-    centre: float,
+    part: Series,
+    centre_ns: int,
+    half_s: float,
     frequency_hz: float,
-    roller: _Channel | None,
-    orders: Sequence[float],
-    nominal_hz: float | None = None,
-) -> _Phasor | None:
-    """Weighted least squares in one window; None where its lines cannot be told apart."""
-    time = channel.time[part] - centre
-    half = 0.5 * _CYCLES / (nominal_hz or frequency_hz)
-    x = time / half
+    lines: tuple[Series | None, Sequence[float]],
+) -> tuple[complex, float, float] | None:
+    """
+    Weighted least squares in one window; None where its lines cannot be told apart.
+
+    Returns the phasor at the middle, its standard deviation, and its turning in Hz.
+    """
+    time = part.seconds(centre_ns)
+    x = np.clip(time / half_s, -1.0, 1.0)
     phase = 2.0 * math.pi * frequency_hz * time
     columns = [np.ones_like(x), np.cos(phase), -np.sin(phase)]
     columns += [x * columns[1], x * columns[2]]
-    if roller is not None and roller.time.size > 1:
-        angle = np.interp(channel.time[part], roller.time, roller.values)
+    roller, orders = lines
+    near = None if roller is None else _part(roller, centre_ns, 2.0 * half_s)
+    if near is not None and len(near) > 1:
+        angle = np.interp(part.stamps_ns, near.stamps_ns, near.values)
         for order in orders:
             columns += [np.cos(order * angle), np.sin(order * angle)]
     basis = np.stack(columns, axis=1)
-    weight = np.clip(0.5 + 0.5 * np.cos(math.pi * np.clip(x, -1.0, 1.0)), 0.0, None)
+    weight = 0.5 + 0.5 * np.cos(math.pi * x)
     information = basis.T @ (weight[:, None] * basis)
     if np.linalg.cond(information) > 1e6:
         return None
     inverse = np.linalg.inv(information)
-    terms = inverse @ (basis.T @ (weight * channel.values[part]))
-    left = channel.values[part] - basis @ terms
-    variance = float(np.sum(weight * left**2) / np.sum(weight))
+    terms = inverse @ (basis.T @ (weight * part.values))
+    variance = float(np.average((part.values - basis @ terms) ** 2, weights=weight))
     spread = inverse @ (basis.T @ (weight[:, None] ** 2 * basis)) @ inverse
     value = complex(terms[1], terms[2])
     if value == 0.0:
         return None
     std = math.sqrt(0.5 * max(variance * float(spread[1, 1] + spread[2, 2]), 0.0))
-    turning = (complex(terms[3], terms[4]) / value).imag / (2.0 * math.pi * half)
-    base = nominal_hz or frequency_hz
-    return _Phasor(value, std, turning + frequency_hz - base)
+    turning = (complex(terms[3], terms[4]) / value).imag / (2.0 * math.pi * half_s)
+    return value, std, turning

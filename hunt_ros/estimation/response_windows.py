@@ -9,7 +9,7 @@ the rest, under Hann's window, becomes one cross-spectral matrix a bin.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,31 +100,64 @@ def measure_response(
         Empty where a sensor is missing or stands still, takes fewer than 16 samples a period, or
         is so slow beside the other one, of another rate, that they cannot be compared.
     """
-    step = 1.0 / (_CELLS * frequency_hz)
-    steady = [window for grid in _grids(record, step) for window in grid.steady()]
-    if len(steady) > MOST_WINDOWS:
-        places = np.linspace(0, len(steady) - 1, MOST_WINDOWS).astype(np.int64)
-        steady = [steady[place] for place in places]
-    amplitudes: list[float] = []
-    spectra: list[_C] = []
-    usable: list[NDArray[np.bool_]] = []
-    for _, moved, angle in steady:
-        motion, free = _without_lines(moved, angle, orders)
-        turned = np.fft.rfft(motion * _TAPER[:, None], axis=0)[BINS]
-        amplitudes.append(math.sqrt(2.0) * float(np.std(motion[:, 0])))
-        spectra.append(step * turned[:, :, None] * turned[:, None, :].conj())
-        usable.append(free)
+    told = {name: series.in_order().finite() for name, series in record.items()}
+    windows = []
+    if all(len(told.get(name, ())) > 1 for name in ('lateral', 'yaw', 'speed')):
+        step_s = 1.0 / (_CELLS * frequency_hz)
+        found = (_window(told, start, step_s, orders) for start in _starts(told, WINDOW * step_s))
+        windows = [window for window in found if window is not None]
+    if len(windows) > MOST_WINDOWS:
+        windows = [windows[k] for k in np.linspace(0, len(windows) - 1, MOST_WINDOWS).astype(int)]
+    speed, amplitude, spectra, free = zip(*windows, strict=True) if windows else ((),) * 4
     return ResponseWindows(
-        np.array([speed for speed, _, _ in steady], dtype=np.float64),
-        np.array(amplitudes, dtype=np.float64),
+        np.array(speed, dtype=np.float64),
+        np.array(amplitude, dtype=np.float64),
         np.array(spectra, dtype=np.complex128).reshape(-1, BINS.size, 2, 2),
-        np.array(usable, dtype=np.bool_).reshape(-1, BINS.size),
+        np.array(free, dtype=np.bool_).reshape(-1, BINS.size),
     )
 
 
 _PLACE = np.linspace(-1.0, 1.0, WINDOW)
 _TAPER = np.hanning(WINDOW + 1)[:WINDOW]
 _TAPER /= math.sqrt(float(_TAPER @ _TAPER))
+
+
+def _starts(told: Mapping[str, Series], length_s: float) -> list[int]:
+    """Return where windows begin, ns, in which both sensors have a sample a cell."""
+    motion = [told[name].stamps_ns for name in ('lateral', 'yaw')]
+    first, last = max(one[0] for one in motion), min(one[-1] for one in motion)
+    length = length_s * NANOSECONDS
+    count = max(int(2.0 * (last - first) / length) - 1, 0)
+    starts = first + (0.5 * length * np.arange(count)).astype(np.int64)
+    filled = np.ones(count, dtype=np.bool_)
+    for stamps in motion:
+        held = np.searchsorted(stamps, starts + int(length)) - np.searchsorted(stamps, starts)
+        filled &= held >= (1.0 - _LOST) * WINDOW
+    return [int(start) for start in starts[filled]]
+
+
+def _window(
+    told: Mapping[str, Series], start_ns: int, step_s: float, orders: Sequence[float]
+) -> tuple[float, float, _C, NDArray[np.bool_]] | None:
+    """Return speed, amplitude, spectra and usable bins; None where the speed changes."""
+    speed = _between(told['speed'], start_ns, step_s)
+    mean, parts = abs(float(speed.mean())), speed.reshape(_PARTS, -1).mean(axis=1)
+    if not float(np.ptp(parts)) < SAME_SPEED * mean:
+        return None
+    cells = [_means(told[name], start_ns, step_s) for name in ('lateral', 'yaw')]
+    rates = [float(np.median(samples[samples > 0])) for _, samples in cells]
+    if min(rates) < _EVEN and max(rates) > 1.2 * min(rates) + 1.0:
+        return None
+    moved = _whole(np.stack([values for values, _ in cells], axis=1))
+    if moved is None:
+        return None
+    angle = np.full(WINDOW, math.nan)
+    if len(told.get('roller', ())) > 1:
+        angle = _between(told['roller'], start_ns, step_s)
+    motion, free = _without_lines(moved, angle, orders)
+    turned = np.fft.rfft(motion * _TAPER[:, None], axis=0)[BINS]
+    spectra = step_s * turned[:, :, None] * turned[:, None, :].conj()
+    return mean, math.sqrt(2.0) * float(np.std(motion[:, 0])), spectra, free
 
 
 def _whole(motion: _F) -> _F | None:
@@ -151,102 +184,26 @@ def _without_lines(motion: _F, angle: _F, orders: Sequence[float]) -> tuple[_F, 
     return motion - basis @ np.linalg.lstsq(basis, motion, rcond=None)[0], free
 
 
-@dataclass(frozen=True, eq=False)
-class _Grid:
-    """The channels in cells: motion (n, 2), speed and angle (n,); NaN where nothing is known."""
-
-    motion: _F
-    speed: _F
-    angle: _F
-
-    def steady(self) -> Iterator[tuple[float, _F, _F]]:
-        """Yield speed, m/s, motion and angle of the windows in which the speed stands still."""
-        for start in range(0, self.speed.size - WINDOW + 1, WINDOW // 2):
-            part = slice(start, start + WINDOW)
-            speed = abs(float(self.speed[part].mean()))
-            change = float(np.ptp(self.speed[part].reshape(_PARTS, -1).mean(axis=1)))
-            motion = _whole(self.motion[part]) if change < SAME_SPEED * speed else None
-            if motion is not None:
-                yield speed, motion, self.angle[part]
-
-
-def _grids(record: Record, step_s: float) -> Iterator[_Grid]:
-    """Yield the cells wherever both sensors measure; a gap as long as a window ends them."""
-    if any(name not in record for name in ('lateral', 'yaw', 'speed')):
-        return
-    told = {name: series.in_order().finite() for name, series in record.items()}
-    longest_s = WINDOW * step_s
-    for start, end in _overlaps(
-        *(_stretches(told[name], longest_s) for name in ('lateral', 'yaw'))
-    ):
-        count = int((end - start) / NANOSECONDS / step_s)
-        motion, rates = [], []
-        for name in ('lateral', 'yaw'):
-            mean, samples = _means(told[name], start, step_s, count)
-            motion.append(mean)
-            filled = samples[samples > 0]
-            rates.append(float(np.median(filled)) if filled.size else 0.0)
-        if min(rates) < _EVEN and max(rates) > 1.2 * min(rates) + 1.0:
-            continue
-        middle = np.asarray(step_s * (np.arange(count) + 0.5), dtype=np.float64)
-        speed, _ = _means(told['speed'], start, step_s, count)
-        bare = ~np.isfinite(speed)
-        speed[bare] = _between(middle[bare], told['speed'], start, longest_s)
-        angle = np.full(count, math.nan)
-        if 'roller' in told:
-            angle = _between(middle, told['roller'], start, longest_s)
-        yield _Grid(np.stack(motion, axis=1), speed, angle)
-
-
-def _stretches(series: Series, longest_s: float) -> list[tuple[int, int]]:
-    """Return first and last stamp of what is measured without a gap that is longer, ns."""
-    stamps = series.stamps_ns
-    if stamps.size < 2:
-        return []
-    ends = np.append(np.flatnonzero(np.diff(stamps) > longest_s * NANOSECONDS), stamps.size - 1)
-    starts = np.append(0, ends[:-1] + 1)
-    return [(int(stamps[a]), int(stamps[b])) for a, b in zip(starts, ends, strict=True)]
-
-
-def _overlaps(
-    one: Sequence[tuple[int, int]], other: Sequence[tuple[int, int]]
-) -> Iterator[tuple[int, int]]:
-    """Yield what lies in a stretch of either list, both in order."""
-    i = k = 0
-    while i < len(one) and k < len(other):
-        start, end = max(one[i][0], other[k][0]), min(one[i][1], other[k][1])
-        if start < end:
-            yield start, end
-        if one[i][1] < other[k][1]:
-            i += 1
-        else:
-            k += 1
-
-
-def _means(
-    series: Series, start_ns: int, step_s: float, count: int
-) -> tuple[_F, NDArray[np.int64]]:
+def _means(series: Series, start_ns: int, step_s: float) -> tuple[_F, NDArray[np.int64]]:
     """Return the mean of the samples in each cell, NaN where there is none, and their number."""
-    end_ns = start_ns + int(count * step_s * NANOSECONDS) + 1
-    first, last = np.searchsorted(series.stamps_ns, [start_ns, end_ns])
-    cell = np.floor((series.stamps_ns[first:last] - start_ns) / (step_s * NANOSECONDS))
-    cell = cell.astype(np.int64)
-    inside = cell < count
-    values = series.values[first:last][inside]
-    samples = np.bincount(cell[inside], minlength=count)
-    total = np.bincount(cell[inside], weights=values, minlength=count)
-    mean: _F = np.full(count, math.nan)
+    step_ns = step_s * NANOSECONDS
+    first, last = np.searchsorted(series.stamps_ns, [start_ns, start_ns + int(WINDOW * step_ns)])
+    cell = ((series.stamps_ns[first:last] - start_ns) / step_ns).astype(np.int64)
+    samples = np.bincount(cell, minlength=WINDOW)
+    total = np.bincount(cell, weights=series.values[first:last], minlength=WINDOW)
+    mean: _F = np.full(WINDOW, math.nan)
     np.divide(total, samples, out=mean, where=samples > 0)
     return mean, samples
 
 
-def _between(wanted: _F, series: Series, start_ns: int, longest_s: float) -> _F:
+def _between(series: Series, start_ns: int, step_s: float) -> _F:
     """Interpolate; NaN beyond the ends and in gaps: what was not measured does not stand still."""
-    if not len(series) or not wanted.size:
-        return np.full(wanted.size, math.nan)
-    seconds = series.seconds(start_ns)
-    found: _F = np.interp(wanted, seconds, series.values, left=math.nan, right=math.nan)
-    after = np.clip(np.searchsorted(seconds, wanted), 1, max(seconds.size - 1, 1))
-    if seconds.size > 1:
-        found[seconds[after] - seconds[after - 1] > longest_s] = math.nan
+    length_ns = WINDOW * step_s * NANOSECONDS
+    around = [start_ns - length_ns, start_ns + 2.0 * length_ns]
+    first, last = np.searchsorted(series.stamps_ns, around)
+    seconds = (series.stamps_ns[first:last] - start_ns) / NANOSECONDS
+    if seconds.size < 2 or np.diff(seconds).max() > WINDOW * step_s:
+        return np.full(WINDOW, math.nan)
+    wanted = step_s * (np.arange(WINDOW) + 0.5)
+    found: _F = np.interp(wanted, seconds, series.values[first:last], math.nan, math.nan)
     return found

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.estimation.response_windows import BINS, PERIODS, SAME_SPEED, WINDOW, ResponseWindows
+from hunt_ros.estimation.whittle import Whittle, inverse
 
 _F = NDArray[np.float64]
 _C = NDArray[np.complex128]
@@ -53,11 +54,12 @@ _LEFT = 0.9
 #: What is known of the second mode of any wheelset: logarithms of its decay and frequency over the
 #: frequency of hunting, with their standard deviations (of random rigs that can hunt). What the
 #: spectra put further off than this many is a line that nobody named, or the hunting once more.
-_USUAL, _USUAL_STD, _FURTHEST = np.array([-0.2, -0.15]), np.array([0.6, 0.3]), 2.5
-#: Parameters of the law.
-_PARAMETERS = 9
-#: Turns of the search, and how far one of them may go.
-_TURNS, _FAR = 100, 0.5
+#: The other parameters of the law have no prior.
+_PARAMETERS, _FURTHEST = 9, 2.5
+_USUAL = np.array([-0.2, -0.15, *[0.0] * (_PARAMETERS - 2)])
+_USUAL_STD = np.array([0.6, 0.3, *[math.inf] * (_PARAMETERS - 2)])
+#: Evaluations in a search.
+_TURNS = 200
 #: Steps in which an eigenvalue is followed from one speed to another.
 _FOLLOWED = 8
 
@@ -133,11 +135,10 @@ def second_mode(
     levels = _Levels.of(windows)
     if not np.all(levels.unit > 0.0):
         return None
-    fit = _Fit(levels, frequency_hz, hunting)
     try:
         with np.errstate(all='ignore'):
-            return _fitted(fit, hunting)
-    except (np.linalg.LinAlgError, OverflowError):
+            return _fitted(_Fit(levels, frequency_hz, hunting), hunting)
+    except np.linalg.LinAlgError:
         return None
 
 
@@ -145,20 +146,25 @@ def _fitted(fit: _Fit, hunting: HuntingMode) -> SecondMode | None:
     """Return the mode of best fit, if it is one."""
     if not fit.enough:
         return None
-    theta = min((fit.best(fit.start(turn)) for turn in (1j, -1j)), key=fit.misfit)
+    starts = [fit.whittle.least(fit.start(turn), _TURNS) for turn in (1j, -1j)]
+    theta = min((one for one in starts if one is not None), key=fit.whittle.cost, default=None)
     for _ in range(_PASSES):
-        if not fit.leave_out_lines(theta):
+        if theta is None or not fit.leave_out_lines(theta):
             break
         if not fit.enough:
             return None
-        theta = fit.best(theta)
+        theta = fit.whittle.least(theta, _TURNS)
+    if theta is None:
+        return None
     scatter = fit.scatter(theta)
-    if not scatter < _SCATTER or not np.all(np.abs(_unusual(theta)) < _FURTHEST):
+    if not (
+        scatter < _SCATTER and np.all(np.abs(theta - _USUAL)[:2] < _FURTHEST * _USUAL_STD[:2])
+    ):
         return None
     eigenvalue = fit.eigenvalues(theta)
     if eigenvalue is None:
         return None
-    covariance = max(scatter, 1.0) * np.linalg.inv(fit.slopes(theta)[1])
+    covariance = max(scatter, 1.0) * np.linalg.inv(fit.whittle.slopes(theta)[1])
     for turn in (1.0, 1j):  # as far as the ratio of the hunting is known, each way
         moved = fit.moved_by(theta, turn * hunting.ratio_std)
         covariance = covariance + np.outer(moved, moved)
@@ -168,29 +174,6 @@ def _fitted(fit: _Fit, hunting: HuntingMode) -> SecondMode | None:
         return None
     std = math.sqrt(variance) / math.hypot(*parts)
     return SecondMode(fit.speed, eigenvalue.imag / (2.0 * math.pi), -eigenvalue.real, std)
-
-
-def _determinant(matrices: _C) -> _C:
-    """Return the determinants, shape (..., 2, 2) to (...): LAPACK goes matrix by matrix."""
-    found: _C = (
-        matrices[..., 0, 0] * matrices[..., 1, 1] - matrices[..., 0, 1] * matrices[..., 1, 0]
-    )
-    return found
-
-
-def _inverse(matrices: _C) -> _C:
-    """Return the inverses, shape (..., 2, 2); not finite where there is none."""
-    adjugate = np.empty_like(matrices)
-    adjugate[..., 0, 0], adjugate[..., 1, 1] = matrices[..., 1, 1], matrices[..., 0, 0]
-    adjugate[..., 0, 1], adjugate[..., 1, 0] = -matrices[..., 0, 1], -matrices[..., 1, 0]
-    inverse: _C = adjugate / _determinant(matrices)[..., None, None]
-    return inverse
-
-
-def _unusual(theta: _F) -> _F:
-    """Return how far decay and frequency are from the usual, in standard deviations."""
-    off: _F = (theta[:2] - _USUAL) / _USUAL_STD
-    return off
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,8 +234,10 @@ class _Fit:
 
     def __init__(self, levels: _Levels, frequency_hz: float, hunting: HuntingMode) -> None:
         self.speed = levels.speed
-        self._spectra, self._windows = levels.spectra, levels.windows.copy()
-        self._all = int(np.count_nonzero(self._windows))
+        self.whittle = Whittle(
+            self._expected, levels.spectra, _NEIGHBOURS * levels.windows, _USUAL, _USUAL_STD
+        )
+        self._all = int(np.count_nonzero(levels.windows))
         self._omega = 2.0 * math.pi * frequency_hz
         self._s = 1j * _FINE / PERIODS
         self._slow = hunting.speed / levels.speed
@@ -265,7 +250,7 @@ class _Fit:
     @property
     def enough(self) -> bool:
         """Whether lines have left most of the bins, and more than there are parameters."""
-        left = int(np.count_nonzero(self._windows))
+        left = int(np.count_nonzero(self.whittle.weight))
         return left > 2 * _PARAMETERS and left >= _LEFT * self._all
 
     def start(self, turn: complex) -> _F:
@@ -274,16 +259,10 @@ class _Fit:
         theta = np.zeros(_PARAMETERS)
         theta[:4] = math.log(0.5), 0.1, ratio.real, ratio.imag
         theta[[4, 6]] = 0.5 * math.log(0.5)
-        level = float(np.median(self._seen(theta)[self._windows > 0.0]))
+        level = float(np.median(self.whittle.seen(theta)[self.whittle.weight > 0.0]))
         theta[[4, 6]] += 0.5 * math.log(max(level, 1e-300))
         theta[7:] += math.log(max(level, 1e-300))
         return theta
-
-    def _seen(self, theta: _F) -> _F:
-        """Return the power of the spectra over that of the law, shape (levels, bins)."""
-        inverse = _inverse(self._expected(theta))
-        seen: _F = 0.5 * np.trace(inverse @ self._spectra, axis1=-2, axis2=-1).real
-        return seen
 
     def _law(self, theta: _F) -> tuple[_F, _F]:
         """Return C and K, both of shape (2, 2), whose modes are the two."""
@@ -298,12 +277,15 @@ class _Fit:
         ).T.real
         return both[:, :2], both[:, 2:]
 
-    def _expected(self, theta: _F) -> _C:
-        """Return the cross-spectra that are expected, shape (levels, bins, 2, 2)."""
-        damping, stiffness = self._law(theta)
-        force = np.array([[math.exp(theta[4]), 0.0], [theta[5], math.exp(theta[6])]])
+    def _expected(self, theta: _F) -> _C | None:
+        """Return the cross-spectra that are expected, shape (levels, bins, 2, 2); None: none."""
+        try:
+            damping, stiffness = self._law(theta)
+            force = np.array([[math.exp(theta[4]), 0.0], [theta[5], math.exp(theta[6])]])
+        except (np.linalg.LinAlgError, OverflowError):
+            return None
         s = self._s[None, :, None, None]
-        response = _inverse(
+        response = inverse(
             s * s * np.eye(2) + s * self._slow[:, None, None, None] * damping + stiffness
         )
         driven = response @ force
@@ -314,84 +296,32 @@ class _Fit:
         expected: _C = seen * _GAIN[:, None, None] + np.diag(np.exp(theta[7:]))
         return expected
 
-    def misfit(self, theta: _F) -> float:
-        """Return minus the log posterior, Whittle's likelihood; infinite where it has none."""
-        try:
-            expected = self._expected(theta)
-            inverse = _inverse(expected)
-        except (np.linalg.LinAlgError, OverflowError):
-            return math.inf
-        determinant = _determinant(expected).real
-        if not np.all(determinant > 0.0):
-            return math.inf
-        traces = np.trace(inverse @ self._spectra, axis1=-2, axis2=-1).real
-        total = float(_NEIGHBOURS * np.sum(self._windows * (np.log(determinant) + traces)))
-        total += 0.5 * float(np.sum(_unusual(theta) ** 2))
-        return total if math.isfinite(total) else math.inf
-
-    def slopes(self, theta: _F) -> tuple[_F, _F]:
-        """Return gradient and Fisher information of the misfit."""
-        expected = self._expected(theta)
-        inverse = _inverse(expected)
-        slopes = []
-        for k in range(theta.size):
-            moved = theta.copy()
-            moved[k] += 1e-6
-            slopes.append(inverse @ ((self._expected(moved) - expected) / 1e-6))
-        columns = np.stack(slopes)
-        off = inverse @ (expected - self._spectra)
-        weight = _NEIGHBOURS * self._windows
-        gradient = np.einsum('lb,lbij,klbji->k', weight, off, columns, optimize=True).real
-        information = np.einsum('lb,mlbij,klbji->mk', weight, columns, columns, optimize=True).real
-        gradient[:2] += _unusual(theta) / _USUAL_STD
-        information[[0, 1], [0, 1]] += 1.0 / _USUAL_STD**2
-        return gradient, information
-
-    def best(self, theta: _F) -> _F:
-        """Return the parameters of least misfit: Fisher's scoring, damped as by Levenberg."""
-        value, damping = self.misfit(theta), 1e-2
-        for _ in range(_TURNS):
-            gradient, information = self.slopes(theta)
-            scale = np.diag(np.diag(information) + 1e-12 * np.trace(information))
-            while damping < 1e8:
-                step = np.linalg.solve(information + damping * scale, -gradient)
-                step /= max(1.0, float(np.abs(step).max()) / _FAR)
-                moved = self.misfit(theta + step)
-                if moved < value:
-                    break
-                damping *= 4.0
-            else:
-                return theta
-            gained, theta, value, damping = value - moved, theta + step, moved, damping / 5.0
-            if gained < 1e-3:
-                break
-        return theta
-
     def moved_by(self, theta: _F, turn: complex) -> _F:
         """Return how far the best parameters move with the ratio of the hunting, relative."""
         if turn == 0.0:
             return np.zeros(theta.size)
         own = self._hunting
-        before, information = self.slopes(theta)
+        before, information, _ = self.whittle.slopes(theta)
         self._hunting = replace(own, ratio=own.ratio * (1.0 + turn))
-        after, _ = self.slopes(theta)
+        after, _, _ = self.whittle.slopes(theta)
         self._hunting = own
         return np.asarray(np.linalg.solve(information, before - after), dtype=np.float64)
 
     def _off(self, theta: _F) -> _F:
         """Return how far the spectra are above the law, in standard deviations; 0: left out."""
-        off: _F = np.sqrt(2.0 * self._windows) * (self._seen(theta) - 1.0)
+        windows = self.whittle.weight / _NEIGHBOURS
+        off: _F = np.sqrt(2.0 * windows) * (self.whittle.seen(theta) - 1.0)
         return off
 
     def leave_out_lines(self, theta: _F) -> bool:
         """Leave out the bins that stand out; return False where there are none."""
         lines = self._off(theta) > _OUTLIER
-        self._windows[lines] = 0.0
+        self.whittle.weight[lines] = 0.0
         return bool(lines.any())
 
     def scatter(self, theta: _F) -> float:
         """Return the variance of the spectra about the law, over that of as many windows."""
-        freedom = np.count_nonzero(self._windows) - theta.size
+        freedom = np.count_nonzero(self.whittle.weight) - theta.size
         return float(np.sum(self._off(theta) ** 2) / max(freedom, 1))
 
     def eigenvalues(self, theta: _F) -> _C | None:

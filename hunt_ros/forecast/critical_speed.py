@@ -19,10 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ, Shaft
 from hunt_ros.forecast.damping_laws import SmoothLaw, WheelsetLaw
-from hunt_ros.forecast.level_spectrum import SpeedLevel
-from hunt_ros.forecast.quiet_levels import QuietLevels
-from hunt_ros.forecast.response_spectrum import ResponseLaw, Spectra
-from hunt_ros.forecast.whittle import WhittleFit, best_fit, critical_interval
+from hunt_ros.forecast.levels import QuietLevels, SpeedLevel
+from hunt_ros.forecast.response import Fit, ResponseLaw, Spectra, best_fit, critical_interval
 from hunt_ros.samples import NANOSECONDS, Uncertain
 
 #: What is looked at on a rig of the reference frequency, Hz.
@@ -249,7 +247,7 @@ class CriticalSpeedForecast:
             fit.misfit,
         )
 
-    def _judge(self, law: ResponseLaw, fit: WhittleFit) -> tuple[str, Uncertain | None]:
+    def _judge(self, law: ResponseLaw, fit: Fit) -> tuple[str, Uncertain | None]:
         """Say whether the fit supports a number, and which."""
         spectra = fit.spectra
         floor = math.exp(fit.theta[-1])

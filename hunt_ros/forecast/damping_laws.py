@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.dynamics.parameters import RigParameters
-from hunt_ros.forecast.level_spectrum import SpeedLevel
-from hunt_ros.forecast.response_spectrum import Spectra
+from hunt_ros.forecast.levels import SpeedLevel
+from hunt_ros.forecast.response import Spectra
 
 #: d growth / d ln v at v_c over the hunting frequency: its order of magnitude, for the start of
 #: a fit and for the unit of the cubic damping.

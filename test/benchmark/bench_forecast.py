@@ -19,8 +19,13 @@ from hunt_ros.dynamics.simulation import (
 )
 from hunt_ros.forecast import CriticalSpeedForecast
 from hunt_ros.forecast.damping_laws import SmoothLaw, WheelsetLaw
-from hunt_ros.forecast.response_spectrum import ResponseLaw, Spectra, expected_periodogram
-from hunt_ros.forecast.whittle import critical_interval, maximise
+from hunt_ros.forecast.response import (
+    ResponseLaw,
+    Spectra,
+    critical_interval,
+    expected_periodogram,
+    fitted,
+)
 
 NOISE = 5e-6
 #: v_c of the same run is also forecast on the way, from the levels up to these shares of it.
@@ -90,9 +95,9 @@ def bound(case: Case, law: ResponseLaw, levels: list) -> float:
         return math.nan
     spectra.power = exact
     if isinstance(law, WheelsetLaw):
-        fit = maximise(law, spectra, true_theta(case))
+        fit = fitted(law, spectra, true_theta(case))
     else:
-        fits = [maximise(law, spectra, start, 400) for start in law.starts(spectra)]
+        fits = [fitted(law, spectra, start, 400) for start in law.starts(spectra)]
         fit = min((fit for fit in fits if fit is not None), key=lambda found: found.cost)
     assert fit is not None
     return critical_interval(law, fit, float(spectra.speed.max())).std

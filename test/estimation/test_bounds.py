@@ -9,11 +9,7 @@ from bounds import (
     SignalModel,
     amplitude_std_bound,
     amplitude_window,
-    growth_std_bound,
-    sign_time_bound,
 )
-
-from hunt_ros.errors import ConfigError
 
 KICK = SignalModel(2.6e-4, 2.5, 0.0, 2e-5, 1000.0, roughness_hz=7.6)
 
@@ -49,29 +45,3 @@ def test_no_estimator_beats_the_bound():
         fit = least_squares(lambda p, d=data: signal(p) - d, truth)
         errors.append(1e-3 * (fit.x[0] - 1.0))
     assert np.std(errors) == pytest.approx(amplitude_std_bound(model, 0.6), rel=0.2)
-
-
-def test_each_nuisance_makes_it_harder_and_a_second_sensor_easier():
-    windows = [
-        amplitude_window(model)
-        for model in (
-            replace(KICK, known_background=True),
-            KICK,
-            replace(KICK, second_mode=(3.3, 9.4)),
-        )
-    ]
-    assert windows == sorted(windows)
-    both = replace(KICK, yaw_noise=1e-4, yaw_ratio=4.6j)
-    assert amplitude_window(both) < amplitude_window(KICK)
-
-
-def test_sign_time_is_where_the_standard_deviation_meets_the_rate():
-    time = sign_time_bound(0.4, 2e-4, 2e-5, 1e-3)
-    assert growth_std_bound(2e-4, 2e-5, 1e-3, time) == pytest.approx(0.4 / 3.0)
-
-
-def test_what_cannot_be_known_is_infinite():
-    assert amplitude_std_bound(KICK, 0.01) == math.inf
-    assert amplitude_window(replace(KICK, lateral_noise=1.0)) == math.inf
-    with pytest.raises(ConfigError, match='window'):
-        amplitude_std_bound(KICK, 0.001)

@@ -68,20 +68,3 @@ def test_a_short_gap_is_bridged_and_a_long_one_is_told():
 def test_an_impossible_band_is_refused(settings_):
     with pytest.raises(ConfigError):
         HilbertEnvelope(100.0, **settings_)
-
-
-def test_the_two_estimates_agree_within_their_uncertainty(hunting_signal):
-    from hunt_ros.estimation.kalman import HuntingTracker
-
-    signal = hunting_signal(0, growth=0.1, noise=2e-5)
-    rows, _ = signal.track(HuntingTracker())
-    filtering = HilbertEnvelope(100.0)
-    envelope = filtering.update(rows['lateral_clean']) / filtering.gain(2.84)
-    late = round(filtering.delay_s * 100.0)
-    difference = envelope[400:] - rows['lateral_amplitude'][400 - late : -late]
-    # Ten samples of 20 um are averaged into one value of the clean signal.
-    spread = np.hypot(
-        filtering.noise_gain * 2e-5 / np.sqrt(10.0),
-        rows['lateral_amplitude_std'][400 - late : -late],
-    )
-    assert np.sqrt(np.mean((difference / spread) ** 2)) < 1.6

@@ -123,14 +123,6 @@ def test_a_roughness_line_leaves_no_trace_in_the_amplitude(hunting_signal):
     assert np.std(late['lateral_clean']) < 5e-6
 
 
-def test_without_a_roller_there_is_no_roughness(hunting_signal):
-    signal = hunting_signal(0, roughness=0.0)
-    signal.angle = np.full(signal.stamps.size, np.nan)
-    rows, phasor = signal.track(HuntingTracker())
-    assert np.isnan(rows['lateral_roughness']).all()
-    assert np.abs(relative_error(rows, phasor)[400:]).max() < 0.03
-
-
 def test_a_quickly_decaying_mode_is_not_taken_for_hunting(hunting_signal):
     for seed in range(6):
         signal = hunting_signal(

@@ -14,9 +14,14 @@ from hunt_ros.dynamics.forced_response import quiet_covariance
 from hunt_ros.dynamics.linear_stability import critical_speed, hunting_mode
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.forecast.damping_laws import SmoothLaw, WheelsetLaw, held_growth
-from hunt_ros.forecast.level_spectrum import SpeedLevel
-from hunt_ros.forecast.response_spectrum import Spectra, expected_periodogram, own_bins
-from hunt_ros.forecast.whittle import best_fit, information
+from hunt_ros.forecast.levels import SpeedLevel
+from hunt_ros.forecast.response import (
+    Spectra,
+    best_fit,
+    expected_periodogram,
+    likelihood,
+    own_bins,
+)
 
 
 def flat_levels(speeds, duration=60.0):
@@ -95,7 +100,7 @@ def test_the_information_is_that_of_an_exponential_distribution():
     spectra = Spectra(flat_levels([6.0]), 1.0, 6.0)
     theta = law.prior_mean.copy()
     theta[4] = -60.0
-    matrix, _ = information(law, spectra, theta, expected_periodogram(law, spectra, theta))
+    _, matrix, _ = likelihood(law, spectra).slopes(theta)
     assert matrix[-1, -1] == pytest.approx(spectra.omega.size + law.prior_std[-1] ** -2, rel=1e-3)
 
 

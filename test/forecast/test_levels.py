@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hunt_ros.forecast import CriticalSpeedForecast
-from hunt_ros.forecast.quiet_levels import MOST_LEVELS, QuietLevels
+from hunt_ros.forecast.levels import MOST_LEVELS, QuietLevels
 
 RATE = 200.0
 

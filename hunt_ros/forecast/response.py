@@ -1,9 +1,9 @@
 """
-Expected spectra of the quiet response over the levels of a run, for any damping law.
+Spectra of the quiet response over the levels of a run, and the fit of a damping law to them.
 
 A law says, from a few global parameters, how the modes of the response to broadband
 excitation go with speed (`damping_laws`); here that becomes what a periodogram of
-finite length is expected to show.
+finite length is expected to show, and the parameters of the largest likelihood.
 """
 
 from __future__ import annotations
@@ -11,12 +11,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.forecast.level_spectrum import SpeedLevel
+from hunt_ros.estimation.whittle import Whittle
+from hunt_ros.forecast.levels import SpeedLevel
+from hunt_ros.samples import NORMAL_95, Uncertain
+
+#: A fit is not refined with fewer bins than this.
+FEWEST_BINS = 30
+#: Decay times in a window beyond which its bins count as independent.
+INDEPENDENT = 15.0
 
 
 class Spectra:
@@ -153,6 +161,17 @@ def expected_periodogram(
     return expected if expected.min() > 0.0 and np.all(np.isfinite(expected)) else None
 
 
+def likelihood(law: ResponseLaw, spectra: Spectra) -> Whittle:
+    """Return the likelihood of a law, with its priors."""
+
+    def expected(theta: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        found = expected_periodogram(law, spectra, theta)
+        return None if found is None else found[:, None, None]
+
+    power = spectra.power[:, None, None]
+    return Whittle(expected, power, spectra.weight, law.prior_mean, law.prior_std)
+
+
 def own_bins(
     law: ResponseLaw, spectra: Spectra, theta: NDArray[np.float64], share: float = 0.9
 ) -> NDArray[np.bool_]:
@@ -204,3 +223,130 @@ class ResponseLaw(Protocol):
 
     def eigenvalue(self, theta: NDArray[np.float64], speed: float) -> complex:
         """Return the eigenvalue of the hunting mode, 1/s."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """
+    Where the likelihood is largest, and how sharply.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (p,)
+    covariance : ndarray, shape (p, p)
+        Of theta: the inverse of Fisher information and prior; from `best_fit` with the
+        correlation of neighbouring bins.
+    cost : float
+        Negative logarithm of likelihood times prior.
+    misfit : float
+        Mean square of the standardised residuals of groups of bins; 1 for the right law.
+    expected : ndarray, shape (bins,)
+        The periodogram expected, m^2 s.
+    spectra : Spectra
+        The bins used: from `best_fit`, without those that show leakage.
+    """
+
+    theta: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    cost: float
+    misfit: float
+    expected: NDArray[np.float64]
+    spectra: Spectra
+
+
+def fitted(
+    law: ResponseLaw, spectra: Spectra, start: NDArray[np.float64], evaluations: int = 60
+) -> Fit | None:
+    """Return the fit of largest likelihood near `start`; None where that has none."""
+    whittle = likelihood(law, spectra)
+    theta = whittle.least(start, evaluations)
+    expected = None if theta is None else expected_periodogram(law, spectra, theta)
+    if theta is None or expected is None:
+        return None
+    covariance = np.asarray(np.linalg.inv(whittle.slopes(theta)[1]), dtype=np.float64)
+    misfit = _misfit(spectra, expected)
+    return Fit(theta, covariance, whittle.cost(theta), misfit, expected, spectra)
+
+
+def best_fit(
+    law: ResponseLaw, spectra: Spectra, before: NDArray[np.float64] | None = None
+) -> Fit | None:
+    """Return the best of the fits from all starts of the law, and from the fit `before`."""
+    starts = [*law.starts(spectra), *([] if before is None else [before])]
+    fits = [fit for fit in (fitted(law, spectra, start) for start in starts) if fit is not None]
+    if not fits:
+        return None
+    best = min(fits, key=lambda fit: fit.cost)
+    for _ in range(2):
+        kept = own_bins(law, spectra, best.theta)
+        if kept.sum() < FEWEST_BINS:
+            break
+        refined = fitted(law, spectra.only(kept), best.theta)
+        if refined is None:
+            break
+        best = refined
+    return replace(best, covariance=_covariance(law, best))
+
+
+def _covariance(law: ResponseLaw, fit: Fit) -> NDArray[np.float64]:
+    """
+    Covariance of the estimate, with the correlation of neighbouring bins (Godambe 1960).
+
+    H^-1 J H^-1 with J the variance of the score: equal to H^-1 for independent bins.
+    """
+    spectra = fit.spectra
+    _, fisher, relative = likelihood(law, spectra).slopes(fit.theta)
+    derivatives, inverse = relative[:, :, 0, 0].T, np.linalg.inv(fisher)
+    modes = law.modes(spectra.speed, fit.theta)
+    assert modes is not None  # theta was fitted
+    score = np.diag(law.prior_std**-2.0)
+    for level in range(spectra.speed.size):
+        inside = spectra.level == level
+        # The windows averaged in a level are independent: their weight counts once.
+        pull = derivatives[inside] * np.sqrt(spectra.weight[inside])[:, None]
+        slowest = float(np.min(-modes[0][level].real)) * float(spectra.duration[level])
+        if slowest > INDEPENDENT:
+            score += pull.T @ pull
+        else:
+            score += pull.T @ spectra.correlation_of_bins(level, *modes, fit.expected) @ pull
+    return np.asarray(inverse @ score @ inverse, dtype=np.float64)
+
+
+def _misfit(spectra: Spectra, expected: NDArray[np.float64], group: int = 24) -> float:
+    """Mean square of (mean of power/expected - 1) in groups of bins, in its own deviations."""
+    squares = []
+    ratio = spectra.power / expected - 1.0
+    for level in range(spectra.speed.size):
+        inside = np.flatnonzero(spectra.level == level)
+        for part in np.array_split(inside, max(inside.size // group, 1)):
+            if part.size:
+                weight = spectra.weight[part]
+                squares.append(float((weight * ratio[part]).sum() ** 2 / weight.sum()))
+    return float(np.mean(squares)) if squares else 0.0
+
+
+def critical_interval(law: ResponseLaw, fit: Fit, fastest: float) -> Uncertain:
+    """
+    v_c with its 95 % interval.
+
+    The interval is symmetric in ln(v_c / v' - 1) with v' = 0.9 times the highest speed
+    seen, or v_c where that is lower: the further the extrapolation, the more it is open
+    towards high speeds.
+    """
+    value = law.critical_speed(fit.theta)
+    if not math.isfinite(value):
+        return Uncertain(value, math.inf, 0.0, math.inf)
+    reference = 0.9 * min(fastest, value)
+    slope = np.empty(fit.theta.size)
+    for k in range(slope.size):
+        moved = fit.theta.copy()
+        moved[k] += 1e-4
+        slope[k] = math.log(law.critical_speed(moved) / value) / 1e-4
+    spread = math.sqrt(max(float(slope @ fit.covariance @ slope), 0.0) * max(fit.misfit, 1.0))
+    beyond = value / reference - 1.0
+    scaled = spread * value / (reference * beyond)
+    low, high = (
+        reference * (1.0 + beyond * math.exp(sign * min(NORMAL_95 * scaled, 30.0)))
+        for sign in (-1.0, 1.0)
+    )
+    return Uncertain(value, spread * value, low, high)
