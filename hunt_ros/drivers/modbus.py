@@ -1,5 +1,5 @@
 """
-Modbus devices, TCP or RTU: an analog input or an encoder as a sensor, a drive (extra `modbus`).
+Modbus devices, TCP or RTU: an analog input as a sensor, a drive (extra `modbus`).
 
 One transaction at a time: whoever calls from another thread waits for the one under way. A device
 that is busy, and an answer that is lost, are asked for again on the open connection.
@@ -117,7 +117,6 @@ class ModbusSensor(ModbusBus):
     scale: float = _fixed(
         1.0, 'Reading = number in the register * scale (V, mm or SI for a count).'
     )
-    counter: bool = _fixed(False, 'The register is a counter (an encoder): it wraps around.')
 
 
 @dataclass(frozen=True)
@@ -328,56 +327,43 @@ class ModbusLink:
         return response
 
 
-class _Pace:
-    """Waits for the next of evenly spaced moments on the steady clock."""
-
-    def __init__(self, rate_hz: float) -> None:
-        self._step_ns = NANOSECONDS / rate_hz
-        self._begin_ns = time.monotonic_ns()
-        self._due = 0
-        self._ended = threading.Event()
-
-    def wait(self, timeout_s: float) -> int | None:
-        """Return how many moments were missed; None where the next is not due in time."""
-        now_ns = time.monotonic_ns()
-        missed = max(0, math.floor((now_ns - self._begin_ns) / self._step_ns) - self._due)
-        due_ns = self._begin_ns + (self._due + missed) * self._step_ns
-        wait_s = max(0.0, (due_ns - now_ns) / NANOSECONDS)
-        if self._ended.wait(min(wait_s, timeout_s)) or wait_s > timeout_s:
-            return None
-        self._due += missed + 1
-        return missed
-
-    def end(self) -> None:
-        """End a wait under way in another thread."""
-        self._ended.set()
-
-
 class _Polled(Driver):
-    """A device of which some registers are read at an even rate."""
+    """A device of which some registers are read at evenly spaced moments of the steady clock."""
 
     settings: ModbusBus
 
     def _use(self, rate_hz: float, *registers: Register) -> None:
         """Make the link; nothing is opened yet."""
         self._link, self._registers = ModbusLink(self.settings), registers
-        self._poll_hz, self._pace = rate_hz, _Pace(rate_hz)
+        self._step_ns, self._closed = NANOSECONDS / rate_hz, threading.Event()
 
     def open(self) -> None:
         """Connect, and read once; raises DriverError where that fails."""
+        self._closed.clear()
         self._link.open()
         for register in self._registers:
             self._link.poll(register)
-        self._pace = _Pace(self._poll_hz)
+        self._begin_ns, self._due = time.monotonic_ns(), 0
+
+    def _wait(self, timeout_s: float) -> int | None:
+        """Return how many moments were missed; None where the next is not due in time."""
+        now_ns = time.monotonic_ns()
+        missed = max(0, math.floor((now_ns - self._begin_ns) / self._step_ns) - self._due)
+        due_ns = self._begin_ns + (self._due + missed) * self._step_ns
+        wait_s = max(0.0, (due_ns - now_ns) / NANOSECONDS)
+        if self._closed.wait(min(wait_s, timeout_s)) or wait_s > timeout_s:
+            return None
+        self._due += missed + 1
+        return missed
 
     def close(self) -> None:
-        """Disconnect."""
-        self._pace.end()
+        """Disconnect; a wait under way in another thread ends."""
+        self._closed.set()
         self._link.close()
 
 
 class Sensor(_Polled, SensorDriver):
-    """An analog input module or an encoder counter, polled at the rate that the node expects."""
+    """An analog input module, polled at the rate that the node expects."""
 
     Settings = ModbusSensor
     settings: ModbusSensor
@@ -385,21 +371,15 @@ class Sensor(_Polled, SensorDriver):
     def __init__(self, settings: ModbusSensor, channel: str, rate_hz: float) -> None:
         super().__init__(settings, channel, rate_hz)
         kind, order = settings.register_kind, settings.word_order
-        self._reading = Register(settings.register, kind, settings.register_format, order)
-        if settings.counter and settings.register_format == 'float32':
-            raise ConfigError(f'{settings}: register_format: a counter is no float32')
         check_scale(settings, 'scale')
-        self._counter = Counter(16 * self._reading.words) if settings.counter else None
-        self._use(rate_hz, self._reading)
+        self._use(rate_hz, Register(settings.register, kind, settings.register_format, order))
 
     def read(self, timeout_s: float) -> SensorBlock:
         """Poll once; raises DriverError when the device is lost or refuses."""
-        missed = self._pace.wait(timeout_s)
+        missed = self._wait(timeout_s)
         if missed is None:
             return SensorBlock()
-        sampled_ns, number = self._link.poll(self._reading)
-        if self._counter is not None:
-            number = float(self._counter.unwrap([round(number)])[0])
+        sampled_ns, number = self._link.poll(*self._registers)
         stamps_ns = np.array([sampled_ns + host_less_steady_ns()])
         return SensorBlock(stamps_ns, np.array([number * self.settings.scale]), missed)
 
@@ -432,7 +412,7 @@ class Drive(_Polled, DriveDriver):
 
     def read(self, timeout_s: float) -> DriveBlock:
         """Poll once; raises DriverError when the drive is lost or refuses."""
-        if self._pace.wait(timeout_s) is None:
+        if self._wait(timeout_s) is None:
             return DriveBlock()
         sampled_ns, angle_rad, speed_mps = 0, math.nan, math.nan
         if self._actual in self._registers:

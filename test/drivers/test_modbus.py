@@ -80,20 +80,6 @@ def test_an_analog_input_is_scaled_and_signed(modbus_server, machine) -> None:
     sensor.close()
 
 
-def test_an_encoder_counts_on_where_it_wraps_around(modbus_server, machine) -> None:
-    sensor = _sensor(
-        modbus_server, register=10, register_format='uint16', counter=True, scale=0.001
-    )
-    modbus_server.put(10, 65_500)
-    sensor.open()
-    values = []
-    for count in (65_500, 65_530, 24, 1000, 65_000):  # forward over the end, and back over it
-        modbus_server.put(10, count)
-        values.append(_read(sensor, machine).values[0])
-    assert values == pytest.approx([65.5, 65.53, 65.56, 66.536, 65.0])
-    sensor.close()
-
-
 def test_polls_that_were_missed_are_counted(modbus_server, machine) -> None:
     sensor = _sensor(modbus_server, rate_hz=200.0)
     sensor.open()
@@ -251,10 +237,6 @@ def test_a_device_that_is_not_there_is_one_line() -> None:
             'speed_scale_mps: 0',
         ),
         (lambda: Sensor(ModbusSensor(scale=math.inf), 'yaw', 100.0), 'scale: inf'),
-        (
-            lambda: Sensor(ModbusSensor(counter=True, register_format='float32'), 'yaw', 100.0),
-            'counter is no float32',
-        ),
         (lambda: ModbusSensor(register=70_000), 'register: 70000 is above 65535'),
         (lambda: ModbusSensor(device_id=300), 'device_id: 300'),
         (lambda: ModbusDrive(timeout_s=3.0), 'timeout_s: 3.0 is above 0.5'),
