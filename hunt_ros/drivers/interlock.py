@@ -141,7 +141,7 @@ class Trouble(NamedTuple):
     """
     What would trip the interlock; one without words is none.
 
-    `code` is one of `alarms.ALARMS`; `since_ns` when it began, steady clock.
+    `code` is one of `alarms.TRIPS`; `since_ns` when it began, steady clock.
     """
 
     code: str = ''

@@ -215,21 +215,7 @@ def test_a_step_that_never_heard_of_a_form_stays_and_says_so() -> None:
     assert run.finished
 
 
-def test_a_see_saw_reverses_by_the_amplitude_and_by_the_form_in_force() -> None:
+def test_a_profile_that_reacts_wants_an_amplitude_and_a_form() -> None:
     command = _command(Seesaw(300.0, watch_s=5.0))
-    form = {'v_n': 6.4, 'v_c': 8.0, 'fold_amplitude_m': 4e-4}
     assert 'tells none' in command.start(Motion())
     assert 'v_n' in command.start(Motion(amplitude_m=1e-5))
-    assert command.start(Motion(amplitude_m=1e-5, **form)) == ''
-    quiet = {'amplitude_m': 1e-5, **form}
-    assert _ride(command, 120.0, 0.25, **quiet)[-1] == pytest.approx(8.4)
-    hunting = {'amplitude_m': 6e-4, **form}
-    assert _ride(command, 24.0, 0.25, **hunting)[-1] == pytest.approx(6.3)
-    # It does not die out there: this v_n is too high.
-    assert _ride(command, 5.0, 0.25, **hunting)[-1] == pytest.approx(6.2)
-    falling = {'amplitude_m': 0.6 * 4e-4, **form}
-    watched = _ride(command, 8.0, 0.25, **falling)[-1]
-    assert 6.4 < watched < 8.0
-    # Time that a blind detector lets pass ends it too, at the lowest speed.
-    assert _ride(command, 300.0, 0.25, **quiet)[-1] == pytest.approx(6.2)
-    assert command.state == 'finished'
