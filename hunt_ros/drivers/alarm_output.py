@@ -18,7 +18,7 @@ from functools import partial
 from hunt_ros.drivers.modbus import ModbusBus, ModbusLink
 from hunt_ros.errors import ConfigError, DriverError
 from hunt_ros.rig import told_by
-from hunt_ros.settings import Settings, setting
+from hunt_ros.settings import setting
 from hunt_ros.suite import ALARM_OUTPUTS
 
 #: A sound is played so often; one that is longer than this hangs, and so does a command, s.
@@ -187,8 +187,8 @@ class Relay(AlarmOutput):
 
 
 @dataclass(frozen=True)
-class AlarmSettings(Settings):
-    """Who is called, and for what; the node declares its parameters from these fields."""
+class AlarmSettings(ModbusBus):
+    """Who is called, and for what, and the bus of the relay; parameters of the node."""
 
     sound: str = _fixed('', "A command that plays a sound: 'aplay alarm.wav'; empty: none.")
     command: str = _fixed(
@@ -201,7 +201,6 @@ class AlarmSettings(Settings):
     silence_s: float = _fixed(
         1.0, 'No status for so long is doubt.', unit='s', low=0.2, high=3600.0
     )
-
     tested_file: str = _fixed('', 'File whose age is that of the last test-alarm; empty: none.')
 
     @staticmethod
@@ -220,22 +219,16 @@ class AlarmSettings(Settings):
             Naming the file, the key and what was expected; also for a program that is not there.
         """
         known = list(texts)
-        alarm = told_by(AlarmSettings(), ALARM_OUTPUTS, known)
-        bus = told_by(ModbusBus(), ALARM_OUTPUTS, known)
+        settings = told_by(AlarmSettings(), ALARM_OUTPUTS, known)
         try:
-            return alarm.outputs(bus)
+            return settings.outputs()
         except ConfigError as error:
             sources = ', '.join(source for source, _ in known)
             raise ConfigError(f'{sources}: {ALARM_OUTPUTS}: {error}') from error
 
-    def outputs(self, bus: ModbusBus) -> dict[str, AlarmOutput]:
+    def outputs(self) -> dict[str, AlarmOutput]:
         """
         Return the outputs that are wanted, by name; none of them acts yet.
-
-        Parameters
-        ----------
-        bus : ModbusBus
-            Where the relay is.
 
         Raises
         ------
@@ -248,5 +241,5 @@ class AlarmSettings(Settings):
         if self.command:
             outputs['command'] = Command(self.command)
         if self.relay_coil >= 0:
-            outputs['relay'] = Relay(bus, self.relay_coil, self.relay_inverted)
+            outputs['relay'] = Relay(self, self.relay_coil, self.relay_inverted)
         return outputs

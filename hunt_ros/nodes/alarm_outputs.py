@@ -21,7 +21,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
 from hunt_ros.drivers.alarm_output import AlarmSettings, Condition
-from hunt_ros.drivers.modbus import ModbusBus
 from hunt_ros.errors import ConfigError, DriverError
 from hunt_ros.nodes.support.conversions import read_diagnostic
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, one_line, steady_clock
@@ -50,7 +49,7 @@ class AlarmOutputsNode(Node):
         super().__init__('alarm_outputs')
         hold_name(self)
         self._config = declare(self, AlarmSettings)
-        self._outputs = self._config.outputs(declare(self, ModbusBus))
+        self._outputs = self._config.outputs()
         warn_unknown(self)
         if not self._outputs:
             raise ConfigError('alarm_outputs: none of sound, command and relay_coil is given')
