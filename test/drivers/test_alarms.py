@@ -46,6 +46,8 @@ def test_the_table_has_every_cause_of_a_trip() -> None:
     found.append(interlock.trouble(step * S).code)
     interlock.drive('', 'too fast')
     found.append(interlock.trouble(step * S).code)
+    assert interlock.judge(step * S, 7.0).event == 'interlock_tripped', 'before all has been well'
+    assert (interlock.goal_mps, interlock.cause) == (0.0, 'too fast')
     assert found[::-1] == [
         'speed',
         'displacement',

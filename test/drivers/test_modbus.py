@@ -32,6 +32,18 @@ def _sensor(server, rate_hz: float = 200.0, **settings) -> Sensor:
     return Sensor(ModbusSensor(port=server.port, timeout_s=5.0, **settings), 'lateral', rate_hz)
 
 
+def _drive(server, **settings) -> Drive:
+    drive = Drive(ModbusDrive(port=server.port, timeout_s=0.5, **settings), 0.3)
+    drive.open()
+    return drive
+
+
+def _link(slave, timeout_s: float = 5.0) -> ModbusLink:
+    link = ModbusLink(ModbusBus(port=slave.port, timeout_s=timeout_s))
+    link.open()
+    return link
+
+
 def _read(driver, machine):
     """Return the next block that is not empty."""
     deadline = machine.deadline(10.0)
@@ -93,25 +105,20 @@ def test_polls_that_were_missed_are_counted(modbus_server, machine) -> None:
 
 
 def test_a_drive_takes_its_set_point_and_tells_speed_and_angle(modbus_server, machine) -> None:
-    drive = Drive(
-        ModbusDrive(
-            port=modbus_server.port,
-            timeout_s=0.5,
-            speed_register=40,
-            speed_format='int32',
-            speed_scale_mps=-0.001,
-            word_order='little',
-            actual_register=50,
-            actual_scale_mps=-0.01,
-            encoder_register=60,
-            encoder_counts_per_turn=-1000.0,
-            encoder_format='uint16',
-        ),
-        0.3,
-    )
     modbus_server.put(50, -650)
     modbus_server.put(60, 65_536 - 250)
-    drive.open()
+    drive = _drive(
+        modbus_server,
+        speed_register=40,
+        speed_format='int32',
+        speed_scale_mps=-0.001,
+        word_order='little',
+        actual_register=50,
+        actual_scale_mps=-0.01,
+        encoder_register=60,
+        encoder_counts_per_turn=-1000.0,
+        encoder_format='uint16',
+    )
     drive.set_speed(7.25)
     assert modbus_server.written == [(40, [0xFFFF & -7250, 0xFFFF])]
     first = _read(drive, machine)
@@ -129,8 +136,7 @@ def test_a_drive_takes_its_set_point_and_tells_speed_and_angle(modbus_server, ma
 def test_the_speed_of_a_drive_without_one_is_the_slope_of_its_encoder(
     modbus_server, machine
 ) -> None:
-    drive = Drive(ModbusDrive(port=modbus_server.port, timeout_s=0.5, encoder_register=60), 0.3)
-    drive.open()
+    drive = _drive(modbus_server, encoder_register=60)
     blocks = []
     for k in range(1, 40):
         modbus_server.put(60, *Register(0, 'input', 'uint32', 'big').encode(100 * k))
@@ -145,10 +151,7 @@ def test_the_speed_of_a_drive_without_one_is_the_slope_of_its_encoder(
 
 
 def test_a_set_point_is_sent_while_another_thread_reads(modbus_server, machine) -> None:
-    drive = Drive(
-        ModbusDrive(port=modbus_server.port, timeout_s=0.5, actual_register=5, poll_hz=1000.0), 0.3
-    )
-    drive.open()
+    drive = _drive(modbus_server, actual_register=5, poll_hz=1000.0)
     ended = threading.Event()
     blocks = []
 
@@ -336,14 +339,12 @@ def _number(value: int) -> bytes:
 def test_a_device_that_is_busy_is_asked_again_on_the_open_connection() -> None:
     answers = iter([b'\x84\x06', b'\x84\x05', _number(42)])
     slave = _Slave(lambda question: (next(answers), 0.0))
-    link = ModbusLink(ModbusBus(port=slave.port, timeout_s=5.0))
-    link.open()
+    link = _link(slave)
     assert link.read(SEVEN) == [42]
     assert (len(slave.questions), slave.connections) == (3, 1)
     link.close()
     always = _Slave(lambda question: (b'\x84\x06', 0.0))
-    link = ModbusLink(ModbusBus(port=always.port, timeout_s=5.0))
-    link.open()
+    link = _link(always)
     with pytest.raises(RefusedError, match='register 7: device busy'):
         link.read(SEVEN)
     assert len(always.questions) > 1
@@ -353,8 +354,7 @@ def test_a_device_that_is_busy_is_asked_again_on_the_open_connection() -> None:
 def test_one_lost_answer_is_no_gap_and_a_second_one_is_an_error() -> None:
     answers = iter([b'', _number(42), b'', b''])
     slave = _Slave(lambda question: (next(answers, _number(1)), 0.0))
-    link = ModbusLink(ModbusBus(port=slave.port, timeout_s=0.1))
-    link.open()
+    link = _link(slave, 0.1)
     assert link.read(SEVEN) == [42]
     with pytest.raises(DriverError, match='register 7: no answer'):
         link.read(SEVEN)
@@ -405,8 +405,7 @@ def test_a_late_answer_to_a_write_is_never_read_as_the_speed(
 def test_an_answer_with_too_many_words_or_of_another_function_is_none() -> None:
     for wrong in (b'\x04\x04\x00\x01\x00\x02', b'\x03\x02\x00\x09'):
         slave = _Slave(lambda question, wrong=wrong: (wrong, 0.0))
-        link = ModbusLink(ModbusBus(port=slave.port, timeout_s=0.5))
-        link.open()
+        link = _link(slave, 0.5)
         with pytest.raises(DriverError, match='no answer'):
             link.read(SEVEN)
         link.close()
@@ -415,8 +414,7 @@ def test_an_answer_with_too_many_words_or_of_another_function_is_none() -> None:
 def test_a_clock_that_is_set_does_not_change_the_speed_of_an_encoder(
     modbus_server, machine, monkeypatch
 ) -> None:
-    drive = Drive(ModbusDrive(port=modbus_server.port, timeout_s=0.5, encoder_register=60), 0.3)
-    drive.open()
+    drive = _drive(modbus_server, encoder_register=60)
     real = time.time_ns
     begin_s, shift_ns = time.monotonic(), 0
     monkeypatch.setattr('hunt_ros.drivers.sample_clock.time.time_ns', lambda: real() + shift_ns)
@@ -438,11 +436,7 @@ def test_a_clock_that_is_set_does_not_change_the_speed_of_an_encoder(
 
 
 def test_a_second_master_is_found_by_reading_the_set_point_back(modbus_server, machine) -> None:
-    drive = Drive(
-        ModbusDrive(port=modbus_server.port, timeout_s=0.5, speed_register=40, actual_register=50),
-        0.3,
-    )
-    drive.open()
+    drive = _drive(modbus_server, speed_register=40, actual_register=50)
 
     def foreign(write: float, other: int | None) -> set[float]:
         found = set()
