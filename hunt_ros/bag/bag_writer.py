@@ -1,7 +1,8 @@
 """
-Writing a recording.
+Writing a recording: a rosbag2 folder, which has its final name only when it is complete.
 
-A rosbag2 folder has its final name only when it is complete.
+Version 8 of its `metadata.yaml` is the newest that Humble still reads (rosbag2 #2013). The Writer
+of rosbags makes such a text too, but only of a bag that it has written itself.
 """
 
 from __future__ import annotations
@@ -9,16 +10,31 @@ from __future__ import annotations
 import os
 import shutil
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+from rosbags.rosbag2 import ReaderError
+from rosbags.rosbag2.metadata import dump_qos_v8, parse_qos
 
 from hunt_ros.bag.blocks import Topic
 from hunt_ros.bag.cdr.message_types import definition_text
 from hunt_ros.bag.mcap.writer import CHUNK_BYTES, McapWriter, Rows
-from hunt_ros.bag.metadata import NOTES, FileEntry, folder_metadata, quality_of_service
-from hunt_ros.bag.reader import ACTIVE
+from hunt_ros.bag.reader import ACTIVE, NOTES
 from hunt_ros.errors import BagError
+
+VERSION = 8
+
+
+class FileEntry(NamedTuple):
+    """A file as the description lists it; `first_ns` is None for one with no message."""
+
+    name: str
+    first_ns: int | None
+    last_ns: int
+    messages: int
 
 
 class BagWriter:
@@ -232,3 +248,98 @@ class BagWriter:
         except OSError as error:
             reason = error.strerror or error
             raise BagError(f'{self.active}: cannot write the recording ({reason})') from error
+
+
+def quality_of_service(latched: bool) -> str:
+    """Return the offered QoS of a topic as rosbag2 stores it: reliable, volatile or latched."""
+    depth, durability = (1, 1) if latched else (1000, 2)
+    ever = '{sec: 9223372036, nsec: 854775807}'
+    return (
+        f'- history: 1\n  depth: {depth}\n  reliability: 1\n  durability: {durability}\n'
+        f'  deadline: {ever}\n  lifespan: {ever}\n'
+        f'  liveliness: 1\n  liveliness_lease_duration: {ever}\n'
+        '  avoid_ros_namespace_conventions: false'
+    )
+
+
+def offered_qos(text: str) -> str:
+    """
+    Return an offered QoS as version 8 has it, whatever version wrote it; '' where there is none.
+
+    What is made up here would contradict the file: rosbags then reads no message of the topic.
+    """
+    try:
+        return dump_qos_v8(parse_qos(text)) if text else ''
+    except (ReaderError, AttributeError, KeyError, TypeError, ValueError):
+        return ''
+
+
+class _PlainDumper(yaml.SafeDumper):  # type: ignore[misc]
+    """Without anchors: rosbag2's parser reads none."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        del data
+        return True
+
+
+def folder_metadata(
+    topics: Sequence[tuple[Topic, int]], files: Sequence[FileEntry], notes: Mapping[str, str]
+) -> str:
+    """
+    Return the text of `metadata.yaml`.
+
+    Parameters
+    ----------
+    topics : sequence of (Topic, int)
+        What the folder holds, and how many messages of it.
+    files : sequence of FileEntry
+        Its files.
+    notes : mapping of str to str
+        Goes into `custom_data`.
+    """
+    filled = [entry for entry in files if entry.first_ns is not None]
+    start = min((entry.first_ns or 0 for entry in filled), default=0)
+    end = max((entry.last_ns for entry in filled), default=0)
+    info = {
+        'version': VERSION,
+        'storage_identifier': 'mcap',
+        **_times(start, end),
+        'message_count': sum(entry.messages for entry in files),
+        'topics_with_message_count': [
+            {
+                'topic_metadata': {
+                    'name': topic.name,
+                    'type': topic.type,
+                    'serialization_format': topic.encoding,
+                    'offered_qos_profiles': topic.qos,
+                    'type_description_hash': topic.type_hash,
+                },
+                'message_count': count,
+            }
+            for topic, count in topics
+        ],
+        'compression_format': '',
+        'compression_mode': '',
+        'relative_file_paths': [entry.name for entry in files],
+        'files': [
+            {
+                'path': entry.name,
+                **_times(entry.first_ns or 0, entry.last_ns),
+                'message_count': entry.messages,
+            }
+            for entry in files
+        ],
+        'custom_data': {str(key): str(value) for key, value in notes.items()} or None,
+        'ros_distro': os.environ.get('ROS_DISTRO') or 'jazzy',
+    }
+    text: str = yaml.dump(
+        {'rosbag2_bagfile_information': info}, Dumper=_PlainDumper, sort_keys=False
+    )
+    return text
+
+
+def _times(first_ns: int, last_ns: int) -> dict[str, Any]:
+    return {
+        'duration': {'nanoseconds': max(0, last_ns - first_ns)},
+        'starting_time': {'nanoseconds_since_epoch': first_ns},
+    }

@@ -12,15 +12,16 @@ from typing import Literal
 
 import numpy as np
 
-from hunt_ros.bag.cdr.gather import Wanted, gather
-from hunt_ros.bag.cdr.layout import joint_of
+from hunt_ros.bag.blocks import Topic
+from hunt_ros.bag.cdr.gather import Gathered, Wanted, gather
+from hunt_ros.bag.cdr.layout import USUAL_FIELDS, check_path, joint_of, parse_path, stamp_path
+from hunt_ros.bag.cdr.message_types import definitions_of
 from hunt_ros.bag.channels import Channels, ChannelSource, channel_map
-from hunt_ros.bag.column_buffer import ColumnBuffer
-from hunt_ros.bag.reader import Bag
+from hunt_ros.bag.reader import Bag, opened
 from hunt_ros.bag.replay_schedule import FASTEST
-from hunt_ros.bag.topic_fields import find_topic, listed, wanted_field
 from hunt_ros.errors import BagError, MessageError
 from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series
+from hunt_ros.sensors import JOINT_STATE
 
 #: Which stamp a column has: that in the message's header (log time where it has none
 #: or left it zero), or the time it was recorded at.
@@ -28,9 +29,10 @@ Stamps = Literal['header', 'log']
 
 #: How much later than it was stamped a message may be recorded, ns.
 _LATE_NS = 3600 * NANOSECONDS
-
 #: Spacing of the samples that stand for a constant channel, ns.
 CONSTANT_STEP_NS = NANOSECONDS // 100
+#: Messages that room is made for at first, and at most before they are seen.
+_FIRST, _MOST = 1 << 14, 1 << 26
 
 
 def read_columns(
@@ -70,64 +72,165 @@ def read_columns(
         where it is read.
     """
     sources = channel_map(channels, allowed=None)
-    if not isinstance(bag, Bag):
-        with Bag(bag) as opened:
-            return read_columns(opened, sources, start_ns=start_ns, end_ns=end_ns, stamps=stamps)
-    fields = {name: source for name, source in sources.items() if source.constant is None}
-    buffers = _read_fields(bag, fields, start_ns, end_ns, stamps)
-    with_log = any(buffer.needs_log for buffer in buffers.values())
-    # Joints of several publishers on one topic: the one that is named as the channel is meant.
-    shared = {name for name, buffer in buffers.items() if len(buffer.joints) > 1}
-    if with_log or shared:
-        buffers = _read_fields(bag, fields, start_ns, end_ns, stamps, with_log, shared)
-    for name, buffer in buffers.items():
-        if buffer.others and not len(buffer):
-            wanted = (joint_of(fields[name].field) or ('', name))[1]
-            raise MessageError(
-                f'{bag.path}: topic {find_topic(bag, fields[name])}: there is no joint {wanted!r},'
-                f' it has {", ".join(sorted(buffer.others))}'
-            )
-    columns = {
-        name: buffer.series(fields[name].scale, fields[name].offset)
-        for name, buffer in buffers.items()
-    }
-    return columns | _constants(sources, columns)
-
-
-def _read_fields(
-    bag: Bag,
-    fields: Mapping[str, ChannelSource],
-    start_ns: int | None,
-    end_ns: int | None,
-    stamps: Stamps,
-    with_log: bool = False,
-    shared: Collection[str] = (),
-) -> dict[str, ColumnBuffer]:
-    """Gather the fields; see `ColumnBuffer` for `with_log`, `wanted_field` for `shared`."""
-    topics = {name: find_topic(bag, source) for name, source in fields.items()}
-    sliced = start_ns is not None or end_ns is not None
-    columns = {
-        name: ColumnBuffer(0 if sliced else bag.topics[topic].messages, with_log)
-        for name, topic in topics.items()
-    }
-    plans: dict[tuple[str, str, str, str], Wanted] = {}
-    for described, block in bag.blocks(set(topics.values()), start_ns, end_ns):
-        for key, places in block.places.items():
-            topic = described[key]
-            for name in (name for name, wanted in topics.items() if wanted == topic.name):
-                plan_key = (name, topic.type, topic.definition_encoding, topic.definition)
-                if plan_key not in plans:
-                    alone = name not in shared
-                    plans[plan_key] = wanted_field(topic, fields[name], bag, alone)
-                try:
-                    found = gather(block, places, plans[plan_key])
-                except ValueError as error:
-                    raise MessageError(f'{bag.path}: topic {topic.name}: {error}') from error
-                chosen = found.log_ns if stamps == 'log' else found.stamps_ns
-                columns[name].extend(found.log_ns, chosen, found.values)
-                columns[name].joints |= found.joints
-                columns[name].others |= found.others
+    with opened(bag) as recording:
+        reader = _Reader(recording, sources, start_ns, end_ns, stamps)
+        columns = reader.columns()
+    ends = [int(end(one.stamps_ns)) for one in columns.values() if len(one) for end in (min, max)]
+    span = np.array([min(ends), max(ends)] if ends else [], dtype=np.int64)
+    for name, source in sources.items():
+        if source.constant is not None:
+            columns[name] = Series(span, np.full(span.size, source.constant))
     return columns
+
+
+class _Reader:
+    """Gathers fields of a recording."""
+
+    def __init__(
+        self,
+        bag: Bag,
+        sources: Mapping[str, ChannelSource],
+        start_ns: int | None,
+        end_ns: int | None,
+        stamps: Stamps,
+    ) -> None:
+        self.bag = bag
+        self.sources = {name: one for name, one in sources.items() if one.constant is None}
+        self.topics = {name: find_topic(bag, source) for name, source in self.sources.items()}
+        self.limits = start_ns, end_ns
+        self.stamps = stamps
+
+    def columns(self) -> dict[str, Series]:
+        """Return the columns, scaled."""
+        buffers = self._read()
+        # Joints of several publishers on one topic: the one that is named as the channel is meant.
+        shared = {name for name, buffer in buffers.items() if len(buffer.joints) > 1}
+        if shared or any(not buffer.in_order for buffer in buffers.values()):
+            buffers = self._read(True, shared)
+        columns = {}
+        for name, buffer in buffers.items():
+            source = self.sources[name]
+            columns[name] = buffer.series(source.scale, source.offset)
+            if buffer.others and not len(columns[name]):
+                wanted = (joint_of(source.field) or ('', name))[1]
+                raise MessageError(
+                    f'{self.bag.path}: topic {self.topics[name]}: there is no joint {wanted!r},'
+                    f' it has {", ".join(sorted(buffer.others))}'
+                )
+        return columns
+
+    def _read(
+        self, with_log: bool = False, shared: Collection[str] = ()
+    ) -> dict[str, _ColumnBuffer]:
+        """Read once; see `_ColumnBuffer` for `with_log`, `_wanted` for `shared`."""
+        whole = self.limits == (None, None)
+        buffers = {
+            name: _ColumnBuffer(self.bag.topics[topic].messages if whole else 0, with_log)
+            for name, topic in self.topics.items()
+        }
+        plans: dict[tuple[str, str, str, str], Wanted] = {}
+        for described, block in self.bag.blocks(set(self.topics.values()), *self.limits):
+            for key, places in block.places.items():
+                topic = described[key]
+                for name, wanted in self.topics.items():
+                    if wanted != topic.name:
+                        continue
+                    plan = name, topic.type, topic.definition_encoding, topic.definition
+                    if plan not in plans:
+                        plans[plan] = self._wanted(topic, name, name not in shared)
+                    try:
+                        found = gather(block, places, plans[plan])
+                    except ValueError as error:
+                        raise MessageError(
+                            f'{self.bag.path}: topic {topic.name}: {error}'
+                        ) from error
+                    buffers[name].extend(found, self.stamps)
+        return buffers
+
+    def _wanted(self, topic: Topic, name: str, alone: bool) -> Wanted:
+        """
+        Find the field that a source means in messages of a topic.
+
+        `alone`: where no field is named, the only joint of a message is taken, whatever its name.
+        """
+        source = self.sources[name]
+        definitions = definitions_of(topic, str(self.bag.path))
+        text = source.field or USUAL_FIELDS.get(topic.type, '')
+        stamp = stamp_path(definitions, topic.type)
+        joint = joint_of(text) if source.field else ('position', source.channel)
+        try:
+            if joint is not None and topic.type == JOINT_STATE:
+                alone = alone and not source.field
+                return Wanted(
+                    definitions, topic.type, parse_path(joint[0]), stamp, joint[1], alone
+                )
+            path = parse_path(text)
+            check_path(definitions, topic.type, path)
+        except ValueError as error:
+            raise BagError(
+                f'{self.bag.path}: topic {topic.name} ({topic.type}): {error}'
+            ) from error
+        return Wanted(definitions, topic.type, path, stamp)
+
+
+class _ColumnBuffer:
+    """
+    Collects stamps and values of one channel, with little beside their own memory.
+
+    `with_log` keeps the log times as well, to sort by them. A first pass does without, and
+    `in_order` says whether that was enough.
+    """
+
+    def __init__(self, expected: int, with_log: bool) -> None:
+        # The counts of a damaged file are not to be believed without bound.
+        capacity = min(expected, _MOST) or _FIRST
+        self._stamps = np.empty(capacity, dtype=np.int64)
+        self._values = np.empty(capacity)
+        self._log = np.empty(capacity if with_log else 0, dtype=np.int64)
+        self._with_log = with_log
+        self._size = 0
+        self._last_ns = -(1 << 63)
+        self.in_order = True
+        self.joints: set[str] = set()
+        self.others: set[str] = set()
+
+    def extend(self, found: Gathered, kind: Stamps) -> None:
+        """Append what was found in a block."""
+        self.joints |= found.joints
+        self.others |= found.others
+        log_ns, count = found.log_ns, found.values.size
+        if not count:
+            return
+        in_order = log_ns[0] >= self._last_ns and (log_ns[1:] >= log_ns[:-1]).all()
+        self.in_order = self.in_order and bool(in_order)
+        self._last_ns = int(log_ns[-1])
+        stamps = log_ns if kind == 'log' else found.stamps_ns
+        if not stamps.all():
+            # A header that nobody filled says nothing: the log time stands in.
+            stamps = np.where(stamps == 0, log_ns, stamps)
+        end = self._size + count
+        if end > self._values.size:
+            # In place where the system can: the old and the new are rarely there together.
+            capacity = max(end, 2 * self._values.size)
+            for array in (self._stamps, self._values, self._log)[: 3 if self._with_log else 2]:
+                array.resize(capacity, refcheck=False)
+        place = slice(self._size, end)
+        self._stamps[place], self._values[place] = stamps, found.values
+        if self._with_log:
+            self._log[place] = log_ns
+        self._size = end
+
+    def series(self, scale: float, offset: float) -> Series:
+        """Return what was collected, scaled, in the order of log time."""
+        stamps, values = self._stamps[: self._size], self._values[: self._size]
+        if not self.in_order:
+            order = np.argsort(self._log[: self._size], kind='stable')
+            stamps, values = stamps[order], values[order]
+        if scale != 1.0:
+            values *= scale
+        if offset:
+            values += offset
+        return Series(stamps, values)
 
 
 def read_record(
@@ -171,37 +274,34 @@ def read_record(
     BagError
         If nothing or not what is required is found, or as `read_columns`.
     """
-    if not isinstance(path, Bag):
-        with Bag(path) as opened:
-            return read_record(
-                opened, channels, start_ns=start_ns, end_ns=end_ns, require=require,
-                namespace=namespace,
-            )  # fmt: skip
-    given = channel_map(channels)
-    sources = {**_named_channels(path, set(CHANNELS) - given.keys(), namespace), **given}
-    measured = [name for name, source in sources.items() if source.constant is None]
-    if not measured:
-        raise BagError(
-            f'{path.path}: no channel found, expected topics named {", ".join(CHANNELS)}'
-            f' or a mapping such as --channel lateral=/topic.field; it has {listed(path)}'
+    with opened(path) as bag:
+        given = channel_map(channels)
+        sources = {**_named_channels(bag, set(CHANNELS) - given.keys(), namespace), **given}
+        measured = [name for name, source in sources.items() if source.constant is None]
+        if not measured:
+            raise BagError(
+                f'{bag.path}: no channel found, expected topics named {", ".join(CHANNELS)}'
+                f' or a mapping such as --channel lateral=/topic.field; it has {listed(bag)}'
+            )
+        columns = read_columns(
+            bag, {name: sources[name] for name in measured}, start_ns=start_ns, end_ns=end_ns
         )
-    columns = read_columns(
-        path, {name: sources[name] for name in measured}, start_ns=start_ns, end_ns=end_ns
-    )
-    filled = {name: columns[name] for name in CHANNELS if name in columns and len(columns[name])}
-    _check_span(path, filled)
-    for name in require:
-        if name in filled or (name in sources and name not in measured):
-            continue
-        if name in columns:
-            raise BagError(f'{path.path}: channel {name} holds no messages')
-        raise BagError(
-            f'{path.path}: channel {name} is not in it, expected a topic named {name}'
-            f' or --channel {name}=...; it has {listed(path)}'
-        )
-    if not filled:
-        raise BagError(f'{path.path}: its topics {", ".join(measured)} hold no messages')
-    return with_constants(Record(filled, str(path.path), _notes(path)), sources)
+        filled = {
+            name: columns[name] for name in CHANNELS if name in columns and len(columns[name])
+        }
+        _check_span(bag, filled)
+        for name in require:
+            if name in filled or (name in sources and name not in measured):
+                continue
+            if name in columns:
+                raise BagError(f'{bag.path}: channel {name} holds no messages')
+            raise BagError(
+                f'{bag.path}: channel {name} is not in it, expected a topic named {name}'
+                f' or --channel {name}=...; it has {listed(bag)}'
+            )
+        if not filled:
+            raise BagError(f'{bag.path}: its topics {", ".join(measured)} hold no messages')
+        return with_constants(Record(filled, str(bag.path), _notes(bag)), sources)
 
 
 def _check_span(bag: Bag, columns: Mapping[str, Series]) -> None:
@@ -220,21 +320,6 @@ def _check_span(bag: Bag, columns: Mapping[str, Series]) -> None:
         f' {abs(odd - middle) / NANOSECONDS:.3g} s from the others, in a recording that took'
         f' {(last - first) / NANOSECONDS:.4g} s: its clock was not set'
     )
-
-
-def _constants(
-    sources: Mapping[str, ChannelSource], columns: Mapping[str, Series]
-) -> dict[str, Series]:
-    """Return the channels that are constants, at the first and the last stamp of the others."""
-    constants = {
-        name: source.constant for name, source in sources.items() if source.constant is not None
-    }
-    if not constants:
-        return {}
-    filled = [series.stamps_ns for series in columns.values() if len(series)]
-    ends = [min(int(s.min()) for s in filled), max(int(s.max()) for s in filled)] if filled else []
-    stamps = np.array(ends, dtype=np.int64)
-    return {name: Series(stamps, np.full(stamps.size, value)) for name, value in constants.items()}
 
 
 def with_constants(record: Record, sources: Mapping[str, ChannelSource]) -> Record:
@@ -271,3 +356,41 @@ def _notes(bag: Bag) -> dict[str, str]:
     if bag.problems:
         notes['problems'] = '; '.join(bag.problems)
     return notes
+
+
+def find_topic(bag: Bag, source: ChannelSource, namespace: str | None = None) -> str:
+    """
+    Find the topic that a source means: by its full name, or by its last one.
+
+    Raises
+    ------
+    BagError
+        If there is none, or several.
+    """
+    if source.topic in bag.topics:
+        return source.topic
+    wanted = source.topic.strip('/')
+    found = [
+        name
+        for name in bag.topics
+        if name.endswith('/' + wanted)
+        and not source.topic.startswith('/')
+        and (namespace is None or name.strip('/') == f'{namespace.strip("/")}/{wanted}'.strip('/'))
+    ]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise BagError(
+            f'{bag.path}: channel {source.channel}: several topics end in {wanted!r}'
+            f' ({", ".join(sorted(found))}), name the one'
+        )
+    raise BagError(
+        f'{bag.path}: channel {source.channel}: no topic {source.topic!r}, it has {listed(bag)}'
+    )
+
+
+def listed(bag: Bag) -> str:
+    """Return the topics of a recording for a message, the first dozen, or why there are none."""
+    names = sorted(bag.topics)
+    shown = ', '.join(names[:12]) or ': '.join(['no topics', *bag.problems[-1:]])
+    return f'{shown} and {len(names) - 12} more' if len(names) > 12 else shown

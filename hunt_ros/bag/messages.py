@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 from hunt_ros.bag.cdr.message_types import standard_types
 from hunt_ros.bag.channels import ChannelSource
-from hunt_ros.bag.reader import Bag
-from hunt_ros.bag.topic_fields import find_topic
+from hunt_ros.bag.columns import find_topic
+from hunt_ros.bag.reader import Bag, opened
 from hunt_ros.errors import BagError
 
 STRING = 'std_msgs/msg/String'
@@ -59,23 +59,18 @@ def read_raw(
     BagError
         If a topic is not there, or the recording is damaged where it is read.
     """
-    if not isinstance(bag, Bag):
-        with Bag(bag) as opened:
-            yield from read_raw(opened, topics, start_ns, end_ns)
-        return
-    names = {find_topic(bag, ChannelSource(name, name)) for name in topics}
-    for described, block in bag.blocks(names, start_ns, end_ns):
-        rows: list[tuple[int, int, int, int]] = []
-        for key, places in block.places.items():
-            columns = (part.tolist() for part in places)
-            rows += [
-                (log, start, length, key) for log, start, length in zip(*columns, strict=True)
-            ]
-        rows.sort(key=lambda row: row[0])
-        for log_ns, start, length, key in rows:
-            topic = described[key]
-            data = block.data[start : start + length].tobytes()
-            yield RawMessage(topic.name, topic.type, log_ns, data)
+    with opened(bag) as recording:
+        names = {find_topic(recording, ChannelSource(name, name)) for name in topics}
+        for described, block in recording.blocks(names, start_ns, end_ns):
+            rows = sorted(
+                (log_ns, start, length, key)
+                for key, places in block.places.items()
+                for log_ns, start, length in zip(*(p.tolist() for p in places), strict=True)
+            )
+            for log_ns, start, length, key in rows:
+                topic = described[key]
+                data = block.data[start : start + length].tobytes()
+                yield RawMessage(topic.name, topic.type, log_ns, data)
 
 
 def read_texts(bag: str | Path | Bag, topic: str) -> list[Text]:
@@ -92,21 +87,20 @@ def read_texts(bag: str | Path | Bag, topic: str) -> list[Text]:
     BagError
         If the topic is of another type or damaged.
     """
-    if not isinstance(bag, Bag):
-        with Bag(bag) as opened:
-            return read_texts(opened, topic)
-    if not any(name == topic or name.endswith('/' + topic.lstrip('/')) for name in bag.topics):
-        return []
     found = []
-    for raw in read_raw(bag, [topic]):
-        if raw.type != STRING:
-            raise BagError(f'topic {raw.topic} is {raw.type}, expected {STRING}')
-        try:
-            message: Any = standard_types().deserialize_cdr(raw.data, STRING)
-        except Exception as error:  # whatever generated code meets in damaged bytes
-            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise BagError(
-                f'topic {raw.topic} at {raw.log_ns} ns: not a {STRING} ({reason:.80})'
-            ) from error
-        found.append(Text(raw.log_ns, message.data))
+    with opened(bag) as recording:
+        wanted = topic.lstrip('/')
+        if not any(name == topic or name.endswith('/' + wanted) for name in recording.topics):
+            return []
+        for raw in read_raw(recording, [topic]):
+            if raw.type != STRING:
+                raise BagError(f'topic {raw.topic} is {raw.type}, expected {STRING}')
+            try:
+                message: Any = standard_types().deserialize_cdr(raw.data, STRING)
+            except Exception as error:  # whatever generated code meets in damaged bytes
+                reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+                raise BagError(
+                    f'topic {raw.topic} at {raw.log_ns} ns: not a {STRING} ({reason:.80})'
+                ) from error
+            found.append(Text(raw.log_ns, message.data))
     return found

@@ -13,6 +13,7 @@ import re
 import shutil
 import tempfile
 from collections.abc import Callable, Collection, Iterator
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,13 +22,14 @@ import zstandard
 
 from hunt_ros.bag.blocks import Block, Topic, expand_messages
 from hunt_ros.bag.mcap.file import McapFile
-from hunt_ros.bag.metadata import NOTES
 from hunt_ros.bag.sqlite_file import SqliteFile
 from hunt_ros.errors import BagError
 
 #: A recording has this ending until it is closed properly.
 ACTIVE = '.active'
 NEWEST_VERSION = 9
+#: MCAP metadata record and metadata.yaml key under which rig, operator and notes stand.
+NOTES = 'hunt_ros'
 STORAGES: dict[str, type[McapFile] | type[SqliteFile]] = {'.mcap': McapFile, '.db3': SqliteFile}
 
 #: Left free where a compressed file is expanded, bytes.
@@ -254,6 +256,11 @@ class Bag:
 def storage_kind(name: Path) -> str:
     """Return '.mcap' or '.db3', looking behind '.zstd'; another ending as it is."""
     return Path(name.stem).suffix if name.suffix == '.zstd' else name.suffix
+
+
+def opened(bag: str | Path | Bag) -> AbstractContextManager[Bag]:
+    """Return a recording that is closed behind the block, unless it was open before."""
+    return nullcontext(bag) if isinstance(bag, Bag) else Bag(bag)
 
 
 def folder_files(folder: Path) -> list[Path]:

@@ -23,6 +23,7 @@ from mcap import records as peer
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from hunt_ros.bag.bag_writer import FileEntry, folder_metadata, offered_qos
 from hunt_ros.bag.blocks import Places, expand_messages
 from hunt_ros.bag.cdr.message_types import definition_text
 from hunt_ros.bag.compression import expand_zstd, is_compressed
@@ -30,7 +31,6 @@ from hunt_ros.bag.mcap import records as rec
 from hunt_ros.bag.mcap.file import McapFile, walked_places
 from hunt_ros.bag.mcap.layout import IMPOSSIBLE, Layout, walk_file
 from hunt_ros.bag.mcap.writer import McapWriter
-from hunt_ros.bag.metadata import FileEntry, folder_metadata, offered_qos
 from hunt_ros.bag.reader import ACTIVE, Bag, folder_files, open_storage
 from hunt_ros.bag.sqlite_file import SALVAGE_HINT, SqliteFile
 from hunt_ros.errors import BagError

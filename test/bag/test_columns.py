@@ -20,11 +20,11 @@ from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from hunt_ros.bag import Bag, BagWriter, ChannelSource, read_columns, read_record, write_record
+from hunt_ros.bag.columns import find_topic
 from hunt_ros.bag.inspection import inspect
 from hunt_ros.bag.interchange.exporters import export_file
 from hunt_ros.bag.interchange.importers import load_record
 from hunt_ros.bag.record_writer import serialise
-from hunt_ros.bag.topic_fields import find_topic
 from hunt_ros.errors import BagError
 from hunt_ros.samples import Record, Series
 

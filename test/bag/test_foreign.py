@@ -28,9 +28,9 @@ from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
 from hunt_ros.bag import Bag, read_columns, read_record, write_record
+from hunt_ros.bag.bag_writer import quality_of_service
 from hunt_ros.bag.cdr.message_types import definition_text
 from hunt_ros.bag.inspection import inspect
-from hunt_ros.bag.metadata import quality_of_service
 from hunt_ros.bag.record_writer import serialise
 from hunt_ros.bag.repair import repair
 from hunt_ros.cli.main import main

@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from hunt_ros.bag import Bag, BagWriter, read_record, write_record
-from hunt_ros.bag.metadata import folder_metadata
+from hunt_ros.bag.bag_writer import folder_metadata
 from hunt_ros.errors import BagError
 from hunt_ros.samples import Record, Series
 

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.bag.blocks import Block, Places, strided
-from hunt_ros.bag.cdr.layout import locate, locate_texts
+from hunt_ros.bag.cdr.layout import FieldPath, FieldPlace, locate, locate_texts
 from hunt_ros.bag.cdr.message_types import Definitions
-from hunt_ros.bag.cdr.walker import FieldPath, FieldPlace
 
 #: Layouts gathered as arrays before the rest is walked one by one.
 MOST_LAYOUTS = 8

@@ -15,12 +15,27 @@ from __future__ import annotations
 
 import re
 import struct
+from typing import Any, NamedTuple
 
 from rosbags.interfaces import Nodetype
 
 from hunt_ros.bag.cdr.message_types import Definitions
-from hunt_ros.bag.cdr.walker import KINDS, CdrWalker, FieldPath, FieldPlace, Node
 from hunt_ros.sensors import JOINT_STATE, TWIST_STAMPED
+
+FieldPath = tuple[str | int, ...]
+
+#: A type as rosbags describes it: (node type, detail); the detail's form follows the node type.
+Node = tuple[Any, Any]
+
+#: numpy kinds of the primitive types, without byte order.
+KINDS: dict[str, str] = {
+    'bool': 'u1', 'byte': 'u1', 'char': 'u1', 'int8': 'i1', 'uint8': 'u1',
+    'int16': 'i2', 'uint16': 'u2', 'int32': 'i4', 'uint32': 'u4',
+    'int64': 'i8', 'uint64': 'u8', 'float32': 'f4', 'float64': 'f8',
+}  # fmt: skip
+
+#: Messages are not nested deeper than this.
+DEEPEST = 16
 
 #: The field meant when a mapping names only a topic; of a JointState, first the joint that
 #: is named as the channel.
@@ -40,6 +55,21 @@ USUAL_FIELDS |= {
 
 _STEP = re.compile(r'\.?([A-Za-z_]\w*)|\[(\d+)\]')
 _JOINT = re.compile(r'^(position|velocity|effort)\[([^\W\d][^\[\]]*)\]$')
+
+
+class FieldPlace(NamedTuple):
+    """
+    Where a field lies in messages of one layout.
+
+    `offset` counts from the start of the message, encapsulation included, and `size` is that
+    of the field, bytes; `kind` is its numpy type with byte order, such as '<f8'; `lengths` are
+    (offset, value) of every 32-bit length on the way to it.
+    """
+
+    offset: int
+    kind: str
+    size: int
+    lengths: tuple[tuple[int, int], ...]
 
 
 def parse_path(text: str) -> FieldPath:
@@ -168,12 +198,131 @@ def locate_texts(
     raise ValueError(f'there is no sequence {field!r}')
 
 
-def _walker(definitions: Definitions, message: bytes) -> CdrWalker:
+def _walker(definitions: Definitions, message: bytes) -> _Walker:
     if len(message) < 4 or message[0] != 0 or message[1] not in (0, 1):
         raise ValueError('it does not begin as a CDR message does')
-    return CdrWalker(definitions, message, '<' if message[1] else '>')
+    return _Walker(definitions, message, '<' if message[1] else '>')
 
 
 def _show(path: FieldPath) -> str:
     text = ''.join(f'[{step}]' if isinstance(step, int) else f'.{step}' for step in path)
     return text.lstrip('.')
+
+
+class _Walker:
+    """
+    Walks over a message, and remembers the lengths it passed.
+
+    Every method raises `ValueError`, `struct.error` or `KeyError` where the message does
+    not hold what its type says.
+
+    Parameters
+    ----------
+    definitions : mapping
+        What the types are made of.
+    message : bytes
+        With its encapsulation.
+    order : str
+        '<' or '>'.
+    """
+
+    def __init__(self, definitions: Definitions, message: bytes, order: str) -> None:
+        self.definitions = definitions
+        self.message = message
+        self.order = order
+        self.position = 4
+        self.lengths: list[tuple[int, int]] = []
+        self._u32 = struct.Struct(order + 'I')
+
+    def find(self, node: Node, path: FieldPath, depth: int) -> FieldPlace:
+        """Return the place of the field that a path leads to from here."""
+        if depth > DEEPEST:
+            raise ValueError('its type is nested too deeply')
+        kind, detail = node
+        if not path:
+            size = int(KINDS[detail[0]][1])
+            self.align(size)
+            if self.position + size > len(self.message):
+                raise ValueError('the message ends before the field')
+            kind_text = self.order + KINDS[detail[0]]
+            return FieldPlace(self.position, kind_text, size, tuple(self.lengths))
+        step = path[0]
+        if kind == Nodetype.NAME:
+            for name, inner in self.definitions[str(detail)]:
+                if name == step:
+                    return self.find(inner, path[1:], depth + 1)
+                self.skip(inner, depth + 1)
+            raise ValueError(f'there is no field {step!r}')
+        inner, count = detail
+        if kind == Nodetype.SEQUENCE:
+            count = self.length()
+        if not isinstance(step, int) or step >= count:
+            raise ValueError(f'there are {count} elements, there is no [{step}]')
+        self.skip_many(inner, step, depth + 1)
+        return self.find(inner, path[1:], depth + 1)
+
+    def texts(self, node: Node) -> list[tuple[int, bytes]]:
+        """Return where the strings of the sequence here stand, and what they are."""
+        if node[0] != Nodetype.BASE or node[1][0] != 'string':
+            raise ValueError('it is no sequence of strings')
+        count = self.length()
+        if count > len(self.message):
+            raise ValueError(f'it claims {count} elements in {len(self.message)} bytes')
+        found = []
+        for _ in range(count):
+            length = self.length()
+            end = self.position + length
+            if end > len(self.message):
+                raise ValueError('the message ends before its names')
+            found.append((self.position, self.message[self.position : end]))
+            self.position = end
+        return found
+
+    def align(self, size: int) -> None:
+        """Move on to a multiple of `size`."""
+        self.position += -(self.position - 4) % size
+
+    def length(self) -> int:
+        """Read a length, and remember it."""
+        self.align(4)
+        (value,) = self._u32.unpack_from(self.message, self.position)
+        self.lengths.append((self.position, value))
+        self.position += 4
+        return int(value)
+
+    def skip(self, node: Node, depth: int) -> None:
+        """Move behind a field."""
+        if depth > DEEPEST:
+            raise ValueError('its type is nested too deeply')
+        kind, detail = node
+        if kind == Nodetype.NAME:
+            for _, inner in self.definitions[str(detail)]:
+                self.skip(inner, depth + 1)
+        elif kind == Nodetype.BASE:
+            self.skip_many(node, 1, depth)
+        else:
+            inner, count = detail
+            self.skip_many(inner, self.length() if kind == Nodetype.SEQUENCE else count, depth)
+
+    def skip_many(self, node: Node, count: int, depth: int) -> None:
+        """Move behind `count` elements."""
+        # Every element takes a byte at least: a longer claim is damage, not a message.
+        if count > len(self.message):
+            raise ValueError(f'it claims {count} elements in {len(self.message)} bytes')
+        kind, detail = node
+        if kind == Nodetype.BASE and detail[0] in KINDS:
+            if count:
+                size = int(KINDS[detail[0]][1])
+                self.align(size)
+                self.position += count * size
+        elif kind == Nodetype.BASE:
+            if detail[0] != 'string':
+                raise ValueError(f'a field of type {detail[0]} cannot be passed')
+            for _ in range(count):
+                length = self.length()  # moves the position itself
+                self.position += length
+        else:
+            for _ in range(count):
+                self.skip(node, depth + 1)
+        if self.position > len(self.message):
+            raise ValueError('the message ends before the field')
