@@ -8,8 +8,8 @@ nanoseconds.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -275,3 +275,22 @@ def counted(number: int, thing: str) -> str:
 def known(value: float | None) -> float | None:
     """Return the number, or None where it is not finite: what JSON holds for 'not known'."""
     return None if value is None or not math.isfinite(value) else float(value)
+
+
+def key(name: str) -> dict[str, str]:
+    """Metadata of a field whose key in the JSON is not its name; '': it is not in the JSON."""
+    return {'key': name}
+
+
+def as_json(entry: Any) -> Any:
+    """Return a result as JSON types: dataclasses by the keys of their fields, None for NaN."""
+    if isinstance(entry, Uncertain | Unknown):
+        return entry.to_json()
+    if is_dataclass(entry):
+        named = {item.metadata.get('key', item.name): item.name for item in fields(entry)}
+        return {name: as_json(getattr(entry, own)) for name, own in named.items() if name}
+    if isinstance(entry, Mapping):
+        return {str(name): as_json(below) for name, below in entry.items()}
+    if isinstance(entry, Sequence) and not isinstance(entry, str):
+        return [as_json(below) for below in entry]
+    return known(entry) if isinstance(entry, float) else entry

@@ -10,14 +10,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.samples import key
+
 Direction = Literal['up', 'down', 'hold']
+Bounds: TypeAlias = tuple[float | None, float | None]
 
 #: Distance of two kinds of amplitudes, quiet and hunting, at least, in ln A.
 _APART = math.log(2.5)
@@ -49,33 +52,19 @@ class SteadyState:
     start_ns, end_ns : int
     """
 
-    speed: float
-    amplitude: float
-    amplitude_std: float
+    speed: float = field(metadata=key('speed_mps'))
+    amplitude: float = field(metadata=key('amplitude_m'))
+    amplitude_std: float = field(metadata=key('amplitude_std_m'))
     direction: Direction
     cycles: int
-    maxima: float = math.nan
-    maxima_std: float = math.nan
-    noise: float = 0.0
+    maxima: float = field(default=math.nan, metadata=key('maxima_m'))
+    maxima_std: float = field(default=math.nan, metadata=key('maxima_std_m'))
+    noise: float = field(default=0.0, metadata=key(''))
     kind: Literal['plateau', 'ramp'] = 'plateau'
     source: str = ''
-    start_ns: int = 0
-    end_ns: int = 0
-    line_power: float = 0.0
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the entry of `steady_states`; what is not known is None."""
-        return {
-            'speed_mps': self.speed,
-            'amplitude_m': self.amplitude,
-            'amplitude_std_m': self.amplitude_std if math.isfinite(self.amplitude_std) else None,
-            'direction': self.direction,
-            'cycles': self.cycles,
-            'maxima_m': self.maxima if math.isfinite(self.maxima) else None,
-            'maxima_std_m': self.maxima_std if math.isfinite(self.maxima_std) else None,
-            'kind': self.kind,
-            'source': self.source,
-        }
+    start_ns: int = field(default=0, metadata=key(''))
+    end_ns: int = field(default=0, metadata=key(''))
+    line_power: float = field(default=0.0, metadata=key(''))
 
 
 def mean_of_maxima(
@@ -173,26 +162,15 @@ class ObservedCriticalSpeeds:
 
     v_c: float | None = None
     v_n: float | None = None
-    step: float | None = None
-    threshold: float | None = None
-    v_c_between: tuple[float | None, float | None] = (None, None)
-    v_n_between: tuple[float | None, float | None] = (None, None)
+    step: float | None = field(default=None, metadata=key('step_mps'))
+    threshold: float | None = field(default=None, metadata=key(''))
+    v_c_between: Bounds = field(default=(None, None), metadata=key('v_c_between_mps'))
+    v_n_between: Bounds = field(default=(None, None), metadata=key('v_n_between_mps'))
 
     @property
     def hysteresis_width(self) -> float | None:
         """v_c - v_n, m/s."""
         return None if self.v_c is None or self.v_n is None else self.v_c - self.v_n
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the entry `observed`."""
-        return {
-            'v_c': self.v_c,
-            'v_c_between_mps': list(self.v_c_between),
-            'v_n': self.v_n,
-            'v_n_between_mps': list(self.v_n_between),
-            'hysteresis_width': self.hysteresis_width,
-            'step_mps': self.step,
-        }
 
 
 def hunting_threshold(amplitudes: NDArray[np.float64]) -> float | None:
@@ -278,7 +256,7 @@ def observed_critical_speeds(
     )
 
 
-def _mean_sides(jumps: Sequence[tuple[float, float]]) -> tuple[float | None, float | None]:
+def _mean_sides(jumps: Sequence[tuple[float, float]]) -> Bounds:
     """Mean lower and mean upper speed of jumps; None without any."""
     if not jumps:
         return None, None

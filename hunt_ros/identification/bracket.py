@@ -28,6 +28,7 @@ from hunt_ros.identification.record.events import (
     Event,
     events_of,
 )
+from hunt_ros.samples import as_json
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -106,18 +107,14 @@ class Bracket:
         return {
             'lines': self.lines(),
             'criticality': 'subcritical' if self.coexistence else None,
-            'coexistence_mps': list(self.coexistence) if self.coexistence else None,
+            'coexistence_mps': as_json(self.coexistence),
             'v_n_between_mps': list(self.v_n) if self.coexistence else [None, None],
             'cycle_ends_between_mps': list(self.v_n),
             'v_c_above_mps': self.v_c,
             'began_mps': self.began,
             'unstable_amplitude': [
-                {
-                    'speed_mps': speed,
-                    'above_m': above if math.isfinite(above) else None,
-                    'below_m': below if math.isfinite(below) else None,
-                }
-                for speed, above, below in self.unstable
+                dict(zip(('speed_mps', 'above_m', 'below_m'), as_json(row), strict=True))
+                for row in self.unstable
             ],
             'because': {key: _words(event) for key, event in self.why.items()},
             'events': [event.to_json() for event in self.events],

@@ -11,13 +11,14 @@ law they came from. Paths are stochastic, one law a path.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.compiled import F1, F2, F3, I1, compiled
+from hunt_ros.dynamics.profile import Step
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.posterior import Posterior
 
@@ -42,29 +43,31 @@ _KICK_STD, _BLIND_S = 0.1, 1.0
 
 
 @dataclass(frozen=True)
-class Stretch:
+class Move:
     """
-    Go to a speed and stay there, as a leg of a profile.
+    A step of a profile, and what it is for.
 
     Parameters
     ----------
-    speed, rate, hold_s : float
-        m/s, m/s^2, s.
-    above, below : float
-        Amplitudes that end it, m; inf and 0: none.
+    step : Step
+        As the drive runs it.
     wanted : bool
         Whether a start of hunting in it is what it is for.
     kick : float
-        Size of a kick at its beginning, m; 0: none.
+        Size of a kick as soon as its speed is reached, m; 0: none.
     """
 
-    speed: float
-    rate: float
-    hold_s: float = 0.0
-    above: float = math.inf
-    below: float = 0.0
+    step: Step
     wanted: bool = False
     kick: float = 0.0
+
+    def rows(self) -> Iterator[tuple[float, ...]]:
+        """Return its legs as the kernel takes them: m/s, m/s^2, s, m, m, whether wanted, m."""
+        for leg in self.step.plan():
+            above = math.inf if math.isnan(leg.above_m) else leg.above_m
+            below = 0.0 if math.isnan(leg.below_m) else leg.below_m
+            went = leg.speed_mps, leg.rate_mps2, leg.hold_s
+            yield (*went, above, below, float(self.wanted), self.kick)
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,15 +207,15 @@ class Foresight:
             np.zeros(count),
         )
 
-    def follow(self, state: Ensemble, stretches: Sequence[Stretch]) -> tuple[Ensemble, Array]:
+    def follow(self, state: Ensemble, moves: Sequence[Move]) -> tuple[Ensemble, Array]:
         """
-        Go on along some stretches of a profile.
+        Go on along some steps of a profile.
 
         Parameters
         ----------
         state : Ensemble
             Where to begin.
-        stretches : sequence of Stretch
+        moves : sequence of Move
             One after the other.
 
         Returns
@@ -223,19 +226,12 @@ class Foresight:
             Mean of what the paths tell, in the directions of the draws.
         """
         count = state.law.size
-        legs = np.array(
-            [(x.speed, x.rate, x.hold_s, x.above, x.below, x.wanted, x.kick) for x in stretches]
-        )
+        legs = np.array([row for move in moves for row in move.rows()])
         told = np.zeros((_SPEEDS, _AMPLITUDES))
         ends = np.empty((count, 5))
         ends.T[:] = state.speed, state.amplitude, state.quiet, state.escaped, state.time
-        grid = np.array(
-            [
-                self._speeds[0],
-                self._speeds[1] - self._speeds[0],
-                self._amplitudes[1] - self._amplitudes[0],
-            ]
-        )
+        first, second = self._speeds[:2]
+        grid = np.array([first, second - first, self._amplitudes[1] - self._amplitudes[0]])
         _follow(
             legs, self._growth, self._folds, self._intensity, state.law, grid, self._normal, told,
             ends,
@@ -243,17 +239,8 @@ class Foresight:
         weight = told.ravel() / count
         information = self._slopes.T @ (weight[:, None] * self._slopes)
         speed, amplitude, quiet, escaped, time = ends.T.copy()
-        return (
-            replace(
-                state,
-                speed=speed,
-                amplitude=amplitude,
-                quiet=quiet > 0.0,
-                escaped=escaped > 0.0,
-                time=time,
-            ),
-            information,
-        )
+        after = Ensemble(state.law, speed, amplitude, quiet > 0.0, escaped > 0.0, time)
+        return after, information
 
 
 def _central(rows: Array) -> NDArray[np.bool_]:
@@ -282,7 +269,7 @@ def _follow(
     Parameters
     ----------
     legs : ndarray, shape (m, 7)
-        Fields of `Stretch`.
+        Rows of `Move`.
     growth : ndarray, shape (laws, speeds, amplitudes)
         1/s.
     folds, intensity : ndarray, shape (laws,)

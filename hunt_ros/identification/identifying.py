@@ -35,7 +35,7 @@ from hunt_ros.identification.recordings import (
 from hunt_ros.identification.result import Identification
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.uncertainty import ENOUGH_RUNS
-from hunt_ros.identification.verdict.conclusions import Evidence, conclude
+from hunt_ros.identification.verdict.verdict import Evidence, conclude
 from hunt_ros.samples import Record, counted
 
 #: Length of the blocks of a run that stand in for runs, s.
@@ -110,16 +110,7 @@ def identify(
         path, scales = _path(runs, frequency, settings)
         laws = fit_laws(path, scales, settings, observed.v_c, _floor(path))
         tell(_FITTED)
-        evidence = Evidence(
-            laws=laws,
-            scales=scales,
-            states=states,
-            bracket=bracket,
-            observed=observed,
-            segments=[segment for run in runs for segment in run.segments],
-            envelopes=[run.envelope for run in runs],
-            records=records_of(recordings),
-        )
+        evidence = Evidence(laws, runs, bracket, observed, records_of(recordings))
         result = conclude(evidence, settings, warnings)
         if result.normal_form is not None:
             found = result.normal_form

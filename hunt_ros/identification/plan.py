@@ -10,15 +10,17 @@ two actions ahead gains nothing measurable.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.dynamics.profile import Hold, Profile, Ramp, Sweep
 from hunt_ros.errors import ConfigError, IdentificationError
-from hunt_ros.identification.foresight import QUIET, Ensemble, Foresight, Stretch
-from hunt_ros.identification.plan_result import Action, Plan, Prediction, Rated
+from hunt_ros.identification.foresight import QUIET, Ensemble, Foresight, Move
 from hunt_ros.identification.plan_settings import PlanSettings
 from hunt_ros.identification.posterior import Posterior
 from hunt_ros.identification.result import Identification
@@ -34,6 +36,8 @@ _FREE = 0.3
 #: Places in the hysteresis region at which to watch, and between which A_u is wanted.
 _WATCHED = (0.2, 0.36, 0.5, 0.62, 0.74)
 _WANTED = (0.36, 0.74)
+#: Speeds beyond v_c, and below v_n, on the way from v_n (0) to v_c (1).
+_TOPS, _BOTTOMS = (1.1, 1.25), (-0.06, -0.25)
 #: Rate of a set point, m/s^2; of the first sweep, and how far it goes: down, relative to its top,
 #: and up, relative to the fastest speed so far.
 _RATE, _FIRST_RATE, _FIRST_LOW, _FIRST_HIGH = 0.2, 0.05, 0.75, 1.2
@@ -48,6 +52,122 @@ _KICKS = (0.8, 1.0)
 _LEARNT = 0.01
 #: A gain of the logarithms of the deviations in a minute that is not worth running the rig for.
 _NOTHING = 1e-3
+#: What a profile does most of the time.
+_DOES = {
+    'hold': 'holds where the growth rate is least known',
+    'sweep': 'sweeps through hunting and back',
+    'reversal': 'crosses the middle amplitudes again and again, which show the law',
+    'kick': 'kicks the wheelset near the unstable branch',
+}
+
+
+@dataclass(frozen=True)
+class Action:
+    """
+    A piece of a profile.
+
+    Parameters
+    ----------
+    kind : 'hold', 'sweep', 'reversal' or 'kick'
+    words : str
+        What it does.
+    moves : tuple of Move
+        As the drive runs it, and what each step is for.
+    """
+
+    kind: str
+    words: str
+    moves: tuple[Move, ...] = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Rated:
+    """
+    An action, run ahead.
+
+    Parameters
+    ----------
+    action : Action
+    duration_s : float
+        Expected, s.
+    gain_per_minute : float
+        Drop of the logarithms of the deviations, summed over the quantities, 1/min.
+    escape_chance : float
+        Chance that hunting has begun unwanted by its end.
+    """
+
+    action: Action
+    duration_s: float
+    gain_per_minute: float
+    escape_chance: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the entry of `actions` or `steps`."""
+        return vars(self) | {'kind': self.action.kind, 'action': self.action.words}
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """
+    A quantity: how well it is known, and how well it should be after the profile.
+
+    Parameters
+    ----------
+    name, unit : str
+    value, std, std_after : float
+    """
+
+    name: str
+    unit: str
+    value: float
+    std: float
+    std_after: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """
+    The next profile, and why.
+
+    Parameters
+    ----------
+    profile : Profile
+        For the drive.
+    reason : str
+        A sentence.
+    duration_s, longest_s : float
+        Expected, and where no amplitude ends a step early, s.
+    escape : float or None
+        Chance that hunting begins unwanted; None where too little is known to say.
+    quantities : sequence of Prediction
+        Empty where too little is known.
+    steps : sequence of Rated
+        The actions taken, in their order.
+    actions : sequence of Rated
+        All actions from where the rig is now, the best first.
+    """
+
+    profile: Profile
+    reason: str
+    duration_s: float
+    longest_s: float
+    escape: float | None = None
+    quantities: Sequence[Prediction] = ()
+    steps: Sequence[Rated] = ()
+    actions: Sequence[Rated] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what `hunt plan --json` writes."""
+        return {
+            'reason': self.reason,
+            'duration_s': self.duration_s,
+            'longest_s': self.longest_s,
+            'escape_chance': self.escape,
+            'quantities': [dict(vars(one)) for one in self.quantities],
+            'steps': [one.to_json() for one in self.steps],
+            'actions': [one.to_json() for one in self.actions],
+            'profile': self.profile.to_yaml(),
+        }
 
 
 def plan(known: Identification, settings: PlanSettings | None = None) -> Plan:
@@ -142,23 +262,26 @@ class _Planner:
         assert known.v_n is not None
         self._known, self._settings, self._ceiling = known, settings, ceiling
         self._v_c, self._v_n = known.v_c.value, known.v_n.value
-        width = self._v_c - self._v_n
-        self._low = min(slowest, self._v_n - 0.4 * width)
+        self._low = min(slowest, self._beyond(-0.4))
         self._wanted = self._where(settings.speeds_mps)
         self._foresight = Foresight(
             posterior, self._wanted, self._low, ceiling, _PATHS, settings.seed
         )
         self._fold = self._foresight.fold_amplitude
         self._start = settings.start_speed_mps or slowest
-        places = [self._v_n + share * width for share in _WATCHED]
-        self._places = [speed for speed in places if speed <= ceiling]
-        unstable = known.branch('unstable', self._places)[0] if self._places else np.zeros(0)
-        self._unstable = np.where(np.isfinite(unstable), unstable, self._fold)
+        self._places = [v for v in map(self._beyond, _WATCHED) if v <= ceiling]
+
+    def _beyond(self, share: float) -> float:
+        """Return a speed by its share of the way from v_n to v_c, m/s."""
+        return self._v_n + share * (self._v_c - self._v_n)
+
+    def _speed(self, speed: float) -> float:
+        """Return a speed as a person would write it, and never above the ceiling, m/s."""
+        return min(_rounded(speed), self._ceiling)
 
     def _where(self, asked: tuple[float, ...]) -> tuple[float, ...]:
         """Return the speeds at which the unstable amplitude is wanted; there must be one."""
-        width = self._v_c - self._v_n
-        speeds = asked or tuple(_rounded(self._v_n + share * width) for share in _WANTED)
+        speeds = asked or tuple(_rounded(self._beyond(share)) for share in _WANTED)
         there = np.isfinite(self._known.branch('unstable', speeds)[0])
         if asked and not there.all():
             speed = speeds[int(np.argmin(there))]
@@ -191,9 +314,8 @@ class _Planner:
                 f'plan: nothing within {settings.budget_s:g} s, {self._ceiling:g} m/s and a chance'
                 f' of {settings.max_escape:g} of unwanted hunting teaches anything'
             )
-        home = Ramp(_rounded(self._low), _RATE)
-        begin = Ramp(_rounded(self._start), _RATE)
-        steps = [step for one in taken for step in one.action.steps]
+        begin, home = (Ramp(self._speed(v), _RATE) for v in (self._start, self._low))
+        steps = [move.step for one in taken for move in one.action.moves]
         profile = Profile((begin, *steps, home), 'plan')
         return Plan(
             profile,
@@ -211,9 +333,9 @@ class _Planner:
         few = state.part(_RANKING)
         before = np.log(self._foresight.spread(information))
         rated = []
-        for action in self._actions(few):
-            after, told = self._foresight.follow(few, action.stretches)
-            lasted = float((after.time - few.time).mean()) + action.cost_s
+        for action in self._actions(float(np.median(few.amplitude)) > QUIET * self._fold):
+            after, told = self._foresight.follow(few, action.moves)
+            lasted = float((after.time - few.time).mean())
             if lasted <= 0.0 or lasted > left_s:
                 continue
             gain = before - np.log(self._foresight.spread(information + told))
@@ -231,108 +353,78 @@ class _Planner:
                 break
             if not settings.kicks and one.action.kind == 'kick':
                 continue
-            after, told = self._foresight.follow(state, one.action.stretches)
+            after, told = self._foresight.follow(state, one.action.moves)
             # Some of the bound is free at once, all of it at the end.
             used = float(after.time.mean()) / settings.budget_s
             escape = float(after.escaped.mean())
             if escape <= settings.max_escape * min(_FREE + (1.0 - _FREE) * used, 1.0):
-                after.time[:] += one.action.cost_s
-                return (
-                    Rated(one.action, one.duration_s, one.gain_per_minute, escape),
-                    after,
-                    told,
-                )
+                return replace(one, escape_chance=escape), after, told
         return None
 
-    def _actions(self, state: Ensemble) -> list[Action]:
-        """All actions that make sense where the rig is."""
-        v_n, v_c, fold = self._v_n, self._v_c, self._fold
-        hunts = float(np.median(state.amplitude)) > QUIET * fold
-        width = v_c - v_n
-        tops = [v for v in (v_c + 0.1 * width, v_c + 0.25 * width) if v <= self._ceiling]
-        tops = tops or ([self._ceiling] if self._ceiling > v_c else [])
-        lows = (v_n - 0.06 * width, v_n - 0.25 * width)
-        bottoms = [min(max(v, 0.1 * v_n), self._ceiling) for v in lows]
-        places = self._places
-        falls = [self._fall(low, share * fold) for low in bottoms for share in _FALLEN]
-        rises = [self._rise(top, share * fold) for top in tops for share in _GROWN]
-        watches = [self._watch(place) for place in places]
-        found = [self._wait(place) for place in (*bottoms[:1], *places, *tops)]
-        for top in tops:
-            found.append(self._sweep(bottoms[-1], top))
+    def _actions(self, hunts: bool) -> Iterator[Action]:
+        """All actions that make sense where the rig is: on the limit cycle, or not."""
+        places, fold = self._places, self._fold
+        above = [v for v in map(self._beyond, _TOPS) if v <= self._ceiling]
+        tops = above or [self._ceiling] * (self._ceiling > self._v_c)
+        bottoms = [min(max(self._beyond(x), 0.1 * self._v_n), self._ceiling) for x in _BOTTOMS]
+        falls = [self._until(v, share * fold, False) for v in bottoms for share in _FALLEN]
+        rises = [self._until(v, share * fold, True) for v in tops for share in _GROWN]
+        watches = [self._watch(v) for v in places]
+        yield from (self._wait(v) for v in (*bottoms[:1], *places, *tops))
+        yield from (self._sweep(bottoms[-1], v) for v in tops)
         if hunts:
-            found += falls
-            found += [_joined(fall, watch) for fall in falls for watch in watches]
-        else:
-            found += [*rises, *watches]
-            found += [_joined(rise, fall) for rise in rises for fall in falls]
-            found += [
-                _joined(rise, fall, watch)
-                for rise in rises[:1] + rises[2:3]
-                for fall in falls[:2]
-                for watch in watches
-            ]
-            found += [
-                self._kick(place, share * float(size))
-                for place, size in zip(places, self._unstable, strict=True)
-                for share in _KICKS
-            ]
-        return found
+            yield from falls
+            yield from (_joined(*pair) for pair in product(falls, watches))
+            return
+        yield from rises
+        yield from watches
+        yield from (_joined(*pair) for pair in product(rises, falls))
+        # Of the triggers one a top: the rest of these is worth as much.
+        triples = product(rises[:: len(_GROWN)], falls[: len(_FALLEN)], watches)
+        yield from (_joined(*triple) for triple in triples)
+        unstable = self._known.branch('unstable', places)[0] if places else np.zeros(0)
+        sizes = np.where(np.isfinite(unstable), unstable, fold).tolist()
+        for (v, size), share in product(zip(places, sizes, strict=True), _KICKS):
+            yield self._kick(v, share * size)
+
+    def _hold(
+        self,
+        speed: float,
+        hold_s: float,
+        wanted: bool,
+        above: float = 0.0,
+        below: float = 0.0,
+        kick: float = 0.0,
+        note: str = '',
+    ) -> Move:
+        above, below = _rounded(above, 3), _rounded(below, 3)
+        return Move(Hold(self._speed(speed), hold_s, _RATE, above, below, note), wanted, kick)
 
     def _wait(self, speed: float) -> Action:
-        return Action(
-            'hold',
-            f'hold {speed:.2f} m/s for {_WAIT_S:g} s',
-            (Hold(_rounded(speed), _WAIT_S, _RATE),),
-            (Stretch(speed, _RATE, _WAIT_S, wanted=speed >= self._v_c),),
-        )
+        words = f'hold {speed:.2f} m/s for {_WAIT_S:g} s'
+        return Action('hold', words, (self._hold(speed, _WAIT_S, speed >= self._v_c),))
 
     def _sweep(self, low: float, high: float) -> Action:
         words = f'sweep up to {high:.2f} and down to {low:.2f} m/s'
-        return Action(
-            'sweep',
-            words,
-            (Ramp(_rounded(high), _RATE), Ramp(_rounded(low), _RATE)),
-            (Stretch(high, _RATE, wanted=True), Stretch(low, _RATE, wanted=True)),
-        )
+        ramps = (Move(Ramp(self._speed(v), _RATE), wanted=True) for v in (high, low))
+        return Action('sweep', words, tuple(ramps))
 
-    def _rise(self, speed: float, amplitude: float) -> Action:
-        words = f'up to {speed:.2f} m/s until {_mm(amplitude)}'
-        level = _rounded(amplitude, 3)
-        return Action(
-            'reversal',
-            words,
-            (Hold(_rounded(speed), _PATIENCE_S, _RATE, until_above_m=level),),
-            (Stretch(speed, _RATE, _PATIENCE_S, above=level, wanted=True),),
-        )
-
-    def _fall(self, speed: float, amplitude: float) -> Action:
-        words = f'down to {speed:.2f} m/s until {_mm(amplitude)}'
-        level = _rounded(amplitude, 3)
-        return Action(
-            'reversal',
-            words,
-            (Hold(_rounded(speed), _PATIENCE_S, _RATE, until_below_m=level),),
-            (Stretch(speed, _RATE, _PATIENCE_S, below=level, wanted=True),),
-        )
+    def _until(self, speed: float, amplitude: float, up: bool) -> Action:
+        words = f'{"up" if up else "down"} to {speed:.2f} m/s until {_mm(amplitude)}'
+        above, below = (amplitude, 0.0) if up else (0.0, amplitude)
+        return Action('reversal', words, (self._hold(speed, _PATIENCE_S, True, above, below),))
 
     def _watch(self, speed: float) -> Action:
-        low, high = (_rounded(share * self._fold, 3) for share in (_QUIET_AGAIN, _HUNTING))
         words = f'watch {_WATCH_S:g} s at {speed:.2f} m/s where it goes'
-        step = Hold(_rounded(speed), _WATCH_S, _RATE, until_above_m=high, until_below_m=low)
-        return Action('reversal', words, (step,), (Stretch(speed, _RATE, _WATCH_S, high, low),))
+        above, below = _HUNTING * self._fold, _QUIET_AGAIN * self._fold
+        return Action('reversal', words, (self._hold(speed, _WATCH_S, False, above, below),))
 
     def _kick(self, speed: float, size: float) -> Action:
-        high = _rounded(_HUNTING * self._fold, 3)
-        note = f'kick the wheelset by {_mm(size)} now'
-        stay_s = self._settings.rearm_s + _WATCH_S
-        steps = (
-            Ramp(_rounded(speed), _RATE),
-            Hold(_rounded(speed), stay_s, _RATE, until_above_m=high, note=note),
-        )
-        ahead = Stretch(speed, _RATE), Stretch(speed, _RATE, _WATCH_S, high, kick=size)
+        note, above = f'kick the wheelset by {_mm(size)} now', _HUNTING * self._fold
+        ready = self._hold(speed, self._settings.rearm_s, False, note='get ready to kick')
+        kick = self._hold(speed, _WATCH_S, False, above, kick=size, note=note)
         words = f'at {speed:.2f} m/s {note}, and watch {_WATCH_S:g} s'
-        return Action('kick', words, steps, ahead, self._settings.rearm_s)
+        return Action('kick', words, (ready, kick))
 
     def _predicted(self, information: Array) -> list[Prediction]:
         """Return what is known of each quantity now, and will be after the action."""
@@ -353,12 +445,7 @@ class _Planner:
         kinds: dict[str, float] = {}
         for one in taken:
             kinds[one.action.kind] = kinds.get(one.action.kind, 0.0) + one.duration_s
-        words = {
-            'hold': 'holds where the growth rate is least known',
-            'sweep': 'sweeps through hunting and back',
-            'reversal': 'crosses the middle amplitudes again and again, which show the law',
-            'kick': 'kicks the wheelset near the unstable branch',
-        }[max(kinds, key=lambda kind: kinds[kind])]
+        words = _DOES[max(kinds, key=lambda kind: kinds[kind])]
         most = max(quantities, key=lambda one: one.std / max(one.std_after, 1e-300))
         return (
             f'it {words}: the deviation of {most.name} should fall from {_size(most.std, most)}'
@@ -368,12 +455,8 @@ class _Planner:
 
 def _joined(*parts: Action) -> Action:
     """One action after the other, rated as one."""
-    return Action(
-        'reversal',
-        ', then '.join(part.words for part in parts),
-        tuple(step for part in parts for step in part.steps),
-        tuple(stretch for part in parts for stretch in part.stretches),
-    )
+    words = ', then '.join(part.words for part in parts)
+    return Action('reversal', words, tuple(move for part in parts for move in part.moves))
 
 
 def _rounded(value: float, digits: int = 4) -> float:

@@ -22,7 +22,7 @@ from hunt_ros.identification.posterior import QUANTITIES, BranchName, Posterior
 from hunt_ros.identification.record.envelope import Envelope
 from hunt_ros.identification.record.segments import Segment
 from hunt_ros.identification.silence import lines_of, reason_in
-from hunt_ros.samples import Record, Uncertain, Unknown, counted, known
+from hunt_ros.samples import Record, Uncertain, Unknown, as_json, counted, key, known
 
 Array = NDArray[np.float64]
 
@@ -57,10 +57,9 @@ class BranchPoint:
         """Return the entry of `branches`."""
         entry: dict[str, Any] = {'speed_mps': self.speed}
         for name, number in (('stable', self.stable), ('unstable', self.unstable)):
-            known = None if number is None else number.to_json()
-            entry[f'{name}_amplitude_m'] = None if known is None else known['value']
-            entry[f'{name}_std_m'] = None if known is None else known['std']
-            entry[f'{name}_ci95_m'] = None if known is None else known['ci95']
+            told = as_json(number) or dict.fromkeys(('value', 'std', 'ci95'))
+            entry[f'{name}_amplitude_m'] = told['value']
+            entry |= {f'{name}_{what}_m': told[what] for what in ('std', 'ci95')}
         return entry
 
 
@@ -105,30 +104,13 @@ class FitSummary:
     segments: int
     initial_amplitudes: int
     clusters: int
-    residual_rms: float
+    residual_rms: float = field(metadata=key('residual_rms_m'))
     lack_of_fit: bool
     lack_of_fit_because: Sequence[str]
     lack_of_fit_p: float
     condition_number: float
     converged: bool
-    v_c_bound: float = math.nan
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the entry `fit`."""
-        return {
-            'method': self.method,
-            'law': self.law,
-            'why': self.why,
-            'converged': self.converged,
-            'segments': self.segments,
-            'initial_amplitudes': self.initial_amplitudes,
-            'clusters': self.clusters,
-            'residual_rms_m': known(self.residual_rms),
-            'lack_of_fit': self.lack_of_fit,
-            'lack_of_fit_because': list(self.lack_of_fit_because),
-            'lack_of_fit_p': known(self.lack_of_fit_p),
-            'condition_number': known(self.condition_number),
-        }
+    v_c_bound: float = field(default=math.nan, metadata=key(''))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -325,28 +307,21 @@ class Identification:
         dict
             With the keys of `hunt identify --json`.
         """
+        width = known(self.observed.hysteresis_width)
+        own = ('criticality', 'scales_from', 'steady_states', 'four_point', 'fit', 'segments')
+        numbers = ('v_c', 'v_n', 'hysteresis_width', 'frequency_hz', 'fold_amplitude')
+        found = {name: as_json(getattr(self, name)) for name in (*numbers, 'disturbance', *own)}
         return {
             'bracket': self.bracket.to_json(),
-            'v_c': _number(self.v_c),
-            'v_n': _number(self.v_n),
-            'hysteresis_width': _number(self.hysteresis_width),
-            'coefficients': {name: _number(self.coefficients.get(name)) for name in COEFFICIENTS},
-            'criticality': self.criticality,
+            **{_KEYS.get(name, name): entry for name, entry in found.items()},
+            'coefficients': {name: as_json(self.coefficients.get(name)) for name in COEFFICIENTS},
             'length_scale_m': self.length_scale,
             'time_scale_s': self.time_scale,
-            'scales_from': dict(self.scales_from),
             'effective': {'coefficients': list(EFFECTIVE), 'speeds_mps': list(self.speeds)},
             'coordinate': 'amplitude',
-            'frequency_hz': _number(self.frequency_hz),
-            'fold_amplitude_m': _number(self.fold_amplitude),
             'correlations': self.correlations(),
             'branches': [point.to_json() for point in self.branches],
-            'steady_states': [state.to_json() for state in self.steady_states],
-            'observed': self.observed.to_json(),
-            'disturbance_m': _number(self.disturbance),
-            'four_point': None if self.four_point is None else self.four_point.to_json(),
-            'fit': self.fit.to_json(),
-            'segments': [segment.to_json() for segment in self.segments],
+            'observed': as_json(self.observed) | {'hysteresis_width': width},
             'unknown': dict(self.unknown),
             'warnings': list(self.warnings),
         }
@@ -359,7 +334,7 @@ class Identification:
         finite = [k for k in range(len(QUANTITIES)) if math.isfinite(matrix[k, k])]
         return {
             'of': [QUANTITIES[k] for k in finite],
-            'matrix': [[known(float(matrix[i, j])) for j in finite] for i in finite],
+            'matrix': as_json(matrix[np.ix_(finite, finite)].tolist()),
         }
 
 
@@ -367,10 +342,6 @@ def _cell(number: Uncertain | Unknown) -> str:
     if isinstance(number, Unknown):
         return str(number)
     return f'{number} (95 %: {number.low:.5g} to {number.high:.5g})'
-
-
-def _number(value: Uncertain | None) -> dict[str, Any] | None:
-    return None if value is None else value.to_json()
 
 
 def _shown(value: Uncertain | None) -> str:

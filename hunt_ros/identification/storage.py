@@ -17,59 +17,38 @@ from typing import Any
 
 import numpy as np
 
-from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds, SteadyState
-from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.mode_shape import ModeShape
-from hunt_ros.dynamics.normal_form import NormalForm
+from hunt_ros import samples
+from hunt_ros.analysis import steady_state
+from hunt_ros.dynamics import identified, mode_shape, normal_form
 from hunt_ros.errors import HuntError, IdentificationError
-from hunt_ros.identification.bracket import Bracket
-from hunt_ros.identification.four_point import FourPoint
-from hunt_ros.identification.growth_law import GrowthLaw, GrowthScales
-from hunt_ros.identification.posterior import Posterior
-from hunt_ros.identification.record.envelope import Envelope
-from hunt_ros.identification.record.events import Event
-from hunt_ros.identification.record.segments import Segment
-from hunt_ros.identification.result import BranchPoint, FitSummary, Identification
-from hunt_ros.samples import Uncertain
+from hunt_ros.identification import bracket, four_point, growth_law, posterior, result
+from hunt_ros.identification.record import envelope, events, segments
+from hunt_ros.identification.result import Identification
 
 #: Version of the file: another one is refused.
 VERSION = 3
 _UNITS = 'SI: m, m/s, s, 1/s, Hz, rad; noise intensity m^2/s; stamps in ns'
 
-_CLASSES: Mapping[str, type] = {
-    one.__name__: one
-    for one in (
-        Bracket,
-        BranchPoint,
-        Envelope,
-        Event,
-        FitSummary,
-        FourPoint,
-        GrowthLaw,
-        GrowthScales,
-        Identification,
-        IdentifiedNormalForm,
-        ModeShape,
-        NormalForm,
-        ObservedCriticalSpeeds,
-        Posterior,
-        Segment,
-        SteadyState,
-        Uncertain,
-    )
+#: Rooms whose dataclasses a file may hold.
+_ROOMS = (
+    samples, steady_state, identified, mode_shape, normal_form, bracket, four_point, growth_law,
+    posterior, result, envelope, events, segments,
+)  # fmt: skip
+_CLASSES: Mapping[str, Any] = {
+    name: one for room in _ROOMS for name, one in vars(room).items() if is_dataclass(one)
 }
 
 #: Fields that are not kept: samples stay in their recordings.
 _LEFT_OUT = {'Identification': {'records': ()}}
 
 
-def save(result: Identification, path: str | PathLike[str]) -> None:
+def save(found: Identification, path: str | PathLike[str]) -> None:
     """
     Write an identification.
 
     Parameters
     ----------
-    result : Identification
+    found : Identification
         Its `records` are not written.
     path : path
         Of the file, as it is given.
@@ -83,8 +62,8 @@ def save(result: Identification, path: str | PathLike[str]) -> None:
     head = {
         'version': VERSION,
         'units': _UNITS,
-        'form': '' if result.normal_form is None else result.normal_form.fingerprint,
-        'content': _encoded(result, arrays),
+        'form': '' if found.normal_form is None else found.normal_form.fingerprint,
+        'content': _encoded(found, arrays),
     }
     try:
         with open(path, 'wb') as file:
@@ -95,7 +74,9 @@ def save(result: Identification, path: str | PathLike[str]) -> None:
         ) from error
 
 
-def load(path: str | PathLike[str], form: IdentifiedNormalForm | None = None) -> Identification:
+def load(
+    path: str | PathLike[str], form: identified.IdentifiedNormalForm | None = None
+) -> Identification:
     """
     Read an identification.
 
@@ -123,7 +104,7 @@ def load(path: str | PathLike[str], form: IdentifiedNormalForm | None = None) ->
                     f'{path}: belongs to another normal form, v_c or one of its numbers differs'
                 )
             arrays = {name: archive[name] for name in archive.files if name != 'head'}
-        result = _decoded(head['content'], arrays)
+        found = _decoded(head['content'], arrays)
     except OSError as error:
         reason = error.strerror or 'not an identification'
         raise IdentificationError(f'{path}: cannot read the identification ({reason})') from error
@@ -133,9 +114,9 @@ def load(path: str | PathLike[str], form: IdentifiedNormalForm | None = None) ->
         raise IdentificationError(
             f'{path}: is no identification that hunt identify has written'
         ) from error
-    if not isinstance(result, Identification):
+    if not isinstance(found, Identification):
         raise IdentificationError(f'{path}: is no identification that hunt identify has written')
-    return result
+    return found
 
 
 def _encoded(entry: Any, arrays: dict[str, np.ndarray[Any, Any]]) -> Any:

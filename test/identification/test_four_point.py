@@ -19,7 +19,7 @@ def test_four_exact_points_give_equation_33_back():
     found = four_point(eps, radii(eps), 0.12)
     for name in ('D4', 'D7', 'D10', 'D15'):
         assert getattr(found, name) == pytest.approx(getattr(PAPER_NORMAL_FORM, name), rel=1e-6)
-    assert found.warnings == ()
+    assert found.missed == 0
     assert found.condition_number > 100.0
 
 
@@ -38,9 +38,7 @@ def test_a_point_without_a_real_state_is_said():
     eps = np.array([-0.2, -0.1, 0.0, 0.1])
     r = np.array([4.4e-3, *radii(eps[1:])])
     found = four_point(eps, r, 0.12)
-    assert any(
-        'eps = -0.2' in warning or 'unstable branch' in warning for warning in found.warnings
-    )
+    assert found.missed >= 1
 
 
 @pytest.mark.parametrize(

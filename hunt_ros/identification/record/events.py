@@ -8,7 +8,7 @@ before it can have grown was kicked.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from hunt_ros.identification.record.envelope import WINDOW_CYCLES, Envelope
+from hunt_ros.samples import as_json, key
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -67,11 +68,11 @@ class Event:
     source: str
     start_ns: int
     end_ns: int
-    speed_low: float
-    speed_high: float
-    amplitude: float
-    kick: float = math.nan
-    spread: tuple[float, float] = (math.nan, math.nan)
+    speed_low: float = field(metadata=key(''))
+    speed_high: float = field(metadata=key(''))
+    amplitude: float = field(metadata=key('amplitude_m'))
+    kick: float = field(default=math.nan, metadata=key('kick_m'))
+    spread: tuple[float, float] = field(default=(math.nan, math.nan), metadata=key(''))
 
     @property
     def seconds(self) -> float:
@@ -85,15 +86,7 @@ class Event:
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry of `bracket.events`."""
-        return {
-            'kind': self.kind,
-            'source': self.source,
-            'start_ns': self.start_ns,
-            'end_ns': self.end_ns,
-            'speed_mps': [self.speed_low, self.speed_high],
-            'amplitude_m': self.amplitude,
-            'kick_m': self.kick if math.isfinite(self.kick) else None,
-        }
+        return {**as_json(self), 'speed_mps': [self.speed_low, self.speed_high]}
 
 
 def _is_one(speed: Array) -> bool:

@@ -8,8 +8,8 @@ they find together.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from scipy.ndimage import median_filter
 from hunt_ros.analysis.steady_state import standard_error
 from hunt_ros.identification.record.channels import Channels
 from hunt_ros.identification.record.envelope import WINDOW_CYCLES, Envelope
+from hunt_ros.samples import key
 
 Kind = Literal['plateau', 'ramp', 'kick', 'transient', 'gap']
 
@@ -54,29 +55,12 @@ class Segment:
     source: str
     start_ns: int
     end_ns: int
-    speed_start: float
-    speed_end: float
+    speed_start: float = field(metadata=key('speed_start_mps'))
+    speed_end: float = field(metadata=key('speed_end_mps'))
     used: bool
     reason: str
-    growth_rate: float = math.nan
-    growth_rate_std: float = math.nan
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the entry of `segments`."""
-        return {
-            'kind': self.kind,
-            'source': self.source,
-            'start_ns': self.start_ns,
-            'end_ns': self.end_ns,
-            'speed_start_mps': self.speed_start,
-            'speed_end_mps': self.speed_end,
-            'used': self.used,
-            'reason': self.reason,
-            'growth_rate_per_s': self.growth_rate if math.isfinite(self.growth_rate) else None,
-            'growth_rate_std_per_s': self.growth_rate_std
-            if math.isfinite(self.growth_rate_std)
-            else None,
-        }
+    growth_rate: float = field(default=math.nan, metadata=key('growth_rate_per_s'))
+    growth_rate_std: float = field(default=math.nan, metadata=key('growth_rate_std_per_s'))
 
 
 def speed_holds(

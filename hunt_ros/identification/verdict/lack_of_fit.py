@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.dynamics.covariance_root import inverse_of
@@ -16,8 +18,16 @@ from hunt_ros.identification.growth_law import TERMS, GrowthLaw
 from hunt_ros.identification.likelihood.stationary import forcing, stationary_amplitude
 from hunt_ros.identification.record.envelope import Envelope
 from hunt_ros.identification.record.segments import Segment
-from hunt_ros.identification.verdict.pure_error import LackOfFit, against_curve, against_repeats
 
+#: A discrepancy is a lack of fit if chance makes it in one case of a hundred, and it is
+#: more than this share of the amplitude.
+_LEVEL = 0.01
+_SHARE = 0.01
+#: Share of its variance that a direction of the residuals keeps at least: the covariance of a
+#: fit is not known to better.
+_LEAST_LEFT = 0.05
+#: Amplitudes are not known to better than this share.
+_FLOOR = 1e-4
 #: Logarithm of the amplitude that a state counts as off where the law has no limit cycle.
 _ABSENT = 0.3
 #: Relative deviation from which an amplitude wanders too far to be compared: which part of
@@ -27,6 +37,29 @@ _WANDERS = 0.2
 _LINGERING = 0.025
 #: Time over which random forcing adds up before damping forgets it, s.
 _MEMORY_S = 5.0
+
+
+@dataclass(frozen=True)
+class LackOfFit:
+    """
+    Result of the test.
+
+    Parameters
+    ----------
+    p : float
+        Probability of a discrepancy this large if the law held; NaN where there are too
+        few steady states to tell.
+    share : float
+        RMS of the systematic discrepancy, relative to the amplitude.
+    """
+
+    p: float = math.nan
+    share: float = 0.0
+
+    @property
+    def flagged(self) -> bool:
+        """Whether the law does not fit."""
+        return self.p < _LEVEL and self.share > _SHARE
 
 
 def lack_of_fit(
@@ -39,8 +72,8 @@ def lack_of_fit(
     Test the stable branch of a law against steady amplitudes.
 
     The logarithmic residuals are regressed on a cubic in the speed. A law that fits
-    leaves nothing for it; the scatter of the states around the cubic is the pure error. Where
-    speeds were run several times, a misfit that no cubic follows shows against the repeats.
+    leaves nothing for it; the scatter of the states around the cubic is the
+    pure error.
 
     Parameters
     ----------
@@ -86,9 +119,76 @@ def lack_of_fit(
     if residual.size < 8:
         return LackOfFit()
     residual = np.clip(residual, -_ABSENT, _ABSENT)
-    smooth = against_curve(speed, residual, error, bent)
-    repeated = against_repeats(speed, residual, error)
-    return repeated if repeated.flagged and not smooth.flagged else smooth
+    return _against_curve(speed, residual, error, bent)
+
+
+def _against_curve(
+    speed: NDArray[np.float64],
+    residual: NDArray[np.float64],
+    error: NDArray[np.float64],
+    bent: NDArray[np.float64] | None = None,
+) -> LackOfFit:
+    """
+    Regress the residuals on a cubic in the speed; what scatters about it is pure error.
+
+    A law that was fitted to these states has bent towards them. Of each direction of the cubic
+    the residuals then hold only what the fit could not take up, and count for as much.
+
+    Parameters
+    ----------
+    speed : ndarray, shape (n,)
+        m/s.
+    residual : ndarray, shape (n,)
+        ln of the measured over the expected amplitude.
+    error : ndarray, shape (n,)
+        Standard deviation of each that is expected of random motion.
+    bent : ndarray, shape (n, k), optional
+        Change of ln of each expected amplitude with k independent directions of the law's
+        coefficients, by one deviation each.
+
+    Returns
+    -------
+    LackOfFit
+
+    References
+    ----------
+    Satterthwaite, F. E. (1946), Biometrics Bulletin 2, 110-114: degrees of freedom of a sum of
+    squares of unequal variances.
+    """
+    x = (speed - speed.mean()) / max(float(np.ptp(speed)), 1e-9)
+    basis = np.vander(x, 4)
+    freedom = residual.size - 4
+    pure = np.inf
+    # Once for the scatter of all alike, once more with the wandering of each beside it.
+    for _ in range(2):
+        weight = np.ones(residual.size) if pure == np.inf else _weights(pure, error)
+        rows = basis * weight[:, None]
+        fitted = basis @ np.linalg.lstsq(rows, residual * weight, rcond=None)[0]
+        # A floor: amplitudes are not known to better than this.
+        pure = max(float(np.sum((weight * (residual - fitted)) ** 2)) / freedom, _FLOOR**2)
+    left = np.ones(4)
+    if bent is not None:
+        directions = np.linalg.qr(basis * weight[:, None])[0]
+        taken = directions.T @ (weight[:, None] * bent)
+        left = np.clip(1.0 - np.linalg.svd(taken, compute_uv=False) ** 2 / pure, _LEAST_LEFT, 1.0)
+        left = np.concatenate([left, np.ones(4 - left.size)])
+    ratio = float(np.sum((weight * fitted) ** 2)) / float(left.sum()) / pure
+    terms = float(left.sum() ** 2 / np.sum(left**2))
+    return LackOfFit(float(stats.f.sf(ratio, terms, freedom)), float(np.sqrt(np.mean(fitted**2))))
+
+
+def _weights(pure: float, error: NDArray[np.float64]) -> NDArray[np.float64]:
+    """
+    Weights of states that wander, of which all together scatter by `pure`.
+
+    A law that does not fit finds a forcing that is too strong, and would be excused by it:
+    what the states wander by is a part of what they are seen to scatter by, not more.
+    """
+    wandering = error**2
+    mean = max(float(np.mean(wandering)), _FLOOR**2)
+    variance = max(pure - mean, 0.0) + wandering * min(1.0, pure / mean)
+    weights: NDArray[np.float64] = np.sqrt(pure / np.maximum(variance, 1e-2 * pure))
+    return weights
 
 
 def _bent(
@@ -189,9 +289,9 @@ def missed_transients(
     return missed, count
 
 
-def contradictions(states: Sequence[SteadyState]) -> list[str]:
+def contradictions(states: Sequence[SteadyState]) -> str:
     """
-    Runs whose limit cycles at one speed differ beyond error and by more than a tenth.
+    Name runs whose limit cycles at one speed differ beyond error and by more than a tenth.
 
     Parameters
     ----------
@@ -200,24 +300,22 @@ def contradictions(states: Sequence[SteadyState]) -> list[str]:
 
     Returns
     -------
-    list of str
-        One line for the worst pair; empty where the runs agree.
+    str
+        Of the worst pair; '' where the runs agree.
     """
-    worst: tuple[float, str] | None = None
-    for i, one in enumerate(states):
-        for other in states[i + 1 :]:
-            if one.source == other.source:
-                continue
-            if abs(one.speed - other.speed) > 0.01 * one.speed:
-                continue
-            apart = abs(one.amplitude - other.amplitude)
-            error = math.hypot(one.amplitude_std, other.amplitude_std)
-            share = apart / max(one.amplitude, other.amplitude)
-            if share > 0.1 and apart > 5.0 * error and (worst is None or share > worst[0]):
-                worst = (
-                    share,
+    worst, said = 0.1, ''
+    for one, other in combinations(states, 2):
+        if one.source == other.source or abs(one.speed - other.speed) > 0.01 * one.speed:
+            continue
+        apart = abs(one.amplitude - other.amplitude)
+        share = apart / max(one.amplitude, other.amplitude)
+        if share > worst and apart > 5.0 * math.hypot(one.amplitude_std, other.amplitude_std):
+            worst, said = (
+                share,
+                (
                     f'runs contradict each other: at {one.speed:.3g} m/s the limit cycle is'
                     f' {1e3 * one.amplitude:.3g} mm in {one.source} and'
-                    f' {1e3 * other.amplitude:.3g} mm in {other.source}',
-                )
-    return [] if worst is None else [worst[1]]
+                    f' {1e3 * other.amplitude:.3g} mm in {other.source}'
+                ),
+            )
+    return said

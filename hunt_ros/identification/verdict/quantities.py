@@ -16,7 +16,6 @@ from hunt_ros.identification.posterior import QUANTITIES, Posterior, amplitude_a
 from hunt_ros.identification.result import BranchPoint
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.uncertainty import summary
-from hunt_ros.identification.verdict.guards import Support
 from hunt_ros.samples import Uncertain
 
 #: Step that spreads points evenly over an interval, however many there are.
@@ -57,12 +56,8 @@ class Quantities:
 
     def critical_speed(self) -> Uncertain | None:
         """Linear critical speed v_c, m/s."""
-        v_c = self._law.critical_speed
-        if v_c is None:
-            return None
-        return summary(
-            v_c, _values([one.critical_speed for one in self._drawn]), self._speed_std(v_c)
-        )
+        v_c, sample = self._law.critical_speed, [one.critical_speed for one in self._drawn]
+        return None if v_c is None else summary(v_c, _values(sample), self._speed_std(v_c))
 
     def fold(self) -> Uncertain | None:
         """Nonlinear critical speed v_n, m/s."""
@@ -81,13 +76,7 @@ class Quantities:
         v_c, v_n = self._law.critical_speed, self._fold
         if v_c is None or v_n is None:
             return None
-        ends = zip(self._drawn, self._folds, strict=True)
-        sample = _values(
-            [
-                None if fold is None or one.critical_speed is None else one.critical_speed - fold
-                for one, fold in ends
-            ]
-        )
+        sample = _values([one.critical_speed for one in self._drawn]) - _values(self._folds)
         # A scale error of the speed stretches the width, a resolution blurs both its ends.
         extra = math.hypot(
             self._settings.speed_resolution / math.sqrt(6.0),
@@ -95,13 +84,11 @@ class Quantities:
         )
         return summary(v_c - v_n, sample, extra)
 
-    def coefficients(self, support: Support) -> dict[str, Uncertain | None]:
-        """Coefficients that the data support."""
+    def coefficients(self) -> dict[str, Uncertain | None]:
+        """Return all coefficients."""
         known: dict[str, Uncertain | None] = dict.fromkeys(COEFFICIENTS)
-        if self.form is None:
-            return known
-        for name in COEFFICIENTS:
-            if support.knows(name):
+        if self.form is not None:
+            for name in COEFFICIENTS:
                 sample = _values([None if f is None else getattr(f, name) for f in self.forms])
                 known[name] = summary(getattr(self.form, name), sample)
         return known
@@ -127,12 +114,8 @@ class Quantities:
         if fold is not None and self._low < fold < self._high:
             speeds = np.unique(np.concatenate([speeds, fold + np.array([1e-4, 0.01, 0.03, 0.1])]))
         found = self._posterior.branches(speeds)
-        return tuple(
-            BranchPoint(float(speed), stable, unstable)
-            for speed, stable, unstable in zip(
-                speeds, found['stable'], found['unstable'], strict=True
-            )
-        )
+        pairs = zip(found['stable'], found['unstable'], strict=True)
+        return tuple(BranchPoint(v, *pair) for v, pair in zip(speeds.tolist(), pairs, strict=True))
 
     def disturbance(self, observed: ObservedCriticalSpeeds) -> Uncertain | None:
         """Disturbance that explains the observed jump up: A_u there, Appendix A."""
@@ -142,13 +125,10 @@ class Quantities:
         value = float(self._law.steady_amplitudes(observed.v_c)[0][0])
         # The jump lies anywhere between the two states: each draw has it elsewhere.
         share = (np.arange(len(self._drawn)) * _GOLDEN) % 1.0
-        sample = np.array(
-            [
-                float(one.steady_amplitudes(low + x * (high - low))[0][0])
-                for one, x in zip(self._drawn, share, strict=True)
-            ]
+        at = zip(self._drawn, (low + share * (high - low)).tolist(), strict=True)
+        return summary(
+            value, _values([one.steady_amplitudes(v)[0][0] for one, v in at]), least=0.5
         )
-        return summary(value, sample, least=0.5)
 
 
 def _rank_covariance(rows: NDArray[np.float64]) -> NDArray[np.float64]:

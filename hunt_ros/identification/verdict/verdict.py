@@ -1,0 +1,571 @@
+"""
+What a fit allows to say: every number has conditions, and is given where all of them hold.
+
+Nothing is reported because a fit returned it. What is not given has the first of its conditions
+that failed as its reason.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.analysis.steady_state import (
+    ObservedCriticalSpeeds,
+    SteadyState,
+    hunting_threshold,
+)
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import COEFFICIENTS, Criticality, NormalForm
+from hunt_ros.errors import IdentificationError
+from hunt_ros.identification.bracket import Bracket, contradicts, refutations
+from hunt_ros.identification.fit import FittedLaw
+from hunt_ros.identification.four_point import FourPoint, at_detunings, four_point
+from hunt_ros.identification.growth_law import GrowthLaw
+from hunt_ros.identification.posterior import Posterior
+from hunt_ros.identification.preparation import Run
+from hunt_ros.identification.record.envelope import Envelope
+from hunt_ros.identification.record.segments import Segment
+from hunt_ros.identification.result import GIVEN, PAPERS, FitSummary, Identification
+from hunt_ros.identification.settings import IdentificationSettings
+from hunt_ros.identification.silence import unknown_of
+from hunt_ros.identification.uncertainty import critical_speed_bound, draw_laws, robust_covariance
+from hunt_ros.identification.verdict.lack_of_fit import (
+    LackOfFit,
+    contradictions,
+    misfit_of,
+    missed_transients,
+)
+from hunt_ros.identification.verdict.quantities import Quantities
+from hunt_ros.samples import Record, Uncertain
+
+#: Logarithm of a noise intensity, in units of A_ref^2 / s, below which there is none to see.
+_UNSEEN = -30.0
+#: Largest deviation of the logarithm of a noise intensity that is drawn: a factor of three.
+_VAGUE_NOISE = 1.1
+#: Share of draws rejected from which it is said.
+_MANY = 0.5
+#: RMS misfit of the limit cycle from which a law is no normal form of the rig.
+_FAR_OFF = 0.05
+#: Relative range of speeds below which a record is one at one speed.
+_ONE_SPEED = 0.02
+#: Largest relative deviation of v_c that still is knowledge of it; at which the sign of a
+#: coefficient is known; at which quiet motion alone tells the time scale.
+_VAGUE_SPEED, _VAGUE, _VAGUE_D1 = 0.1, 0.5, 0.3
+#: A limit cycle so many times larger than what was measured was not seen.
+_BEYOND = 1.1
+#: Share of the laws that the data allow in which a thing must be so, to be said.
+_SURE = 0.8
+#: Cycles of free motion below which a record is too short for anything.
+_FEWEST_STEPS = 12
+#: Widths of one step of a staircase differ from it by the noise of the speed reading.
+_ONE_STEP = 1.25
+
+_FEW_DRAWS = 'too few of the laws that the data allow have one'
+_SUPERCRITICAL = 'a supercritical rig has no fold and no unstable branch'
+
+#: What must hold for what: conditions in the order in which they are asked.
+_LINEAR = ('speeds', 'believed', 'critical')
+_CUBIC = (*_LINEAR, 'time', 'cubic')
+_FOLD = (*_CUBIC, 'subcritical', 'limited', 'agree', 'fits')
+_NEEDS: Mapping[str, tuple[str, ...]] = {
+    'v_c': _LINEAR,
+    **dict.fromkeys(('coefficients.D1', 'coefficients.D7'), (*_LINEAR, 'time', 'agree', 'near')),
+    **dict.fromkeys(
+        ('coefficients.D4', 'coefficients.D10', 'coefficients.D15', 'branches'),
+        (*_CUBIC, 'agree', 'near'),
+    ),
+    'criticality': _CUBIC,
+    'correlations': (*_CUBIC, 'limited', 'agree', 'near'),
+    **dict.fromkeys(('v_n', 'hysteresis_width', 'fold_amplitude_m', 'disturbance_m'), _FOLD),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Everything the verdict is drawn from; the first law is the one to be given."""
+
+    laws: Sequence[FittedLaw]
+    runs: Sequence[Run]
+    bracket: Bracket
+    observed: ObservedCriticalSpeeds
+    records: Sequence[Record]
+
+    @property
+    def envelopes(self) -> list[Envelope]:
+        """Envelopes of all runs."""
+        return [run.envelope for run in self.runs]
+
+    @property
+    def segments(self) -> list[Segment]:
+        """Segments of all runs."""
+        return [part for run in self.runs for part in run.segments]
+
+    @property
+    def states(self) -> list[SteadyState]:
+        """Steady states of all runs."""
+        return [state for run in self.runs for state in run.states]
+
+    @property
+    def hunting(self) -> list[SteadyState]:
+        """Steady states on the limit cycle."""
+        threshold = self.observed.threshold
+        return [state for state in self.states if threshold and state.amplitude > threshold]
+
+    def along(self, name: str) -> NDArray[np.float64]:
+        """Return one trace of all envelopes in a row."""
+        return np.concatenate([getattr(one, name) for one in self.envelopes])
+
+    @property
+    def speeds(self) -> tuple[float, float]:
+        """Lowest and highest speed of the data, m/s."""
+        speed = self.along('speed')
+        return float(speed.min()), float(speed.max())
+
+
+def conclude(
+    evidence: Evidence, settings: IdentificationSettings, warnings: list[str]
+) -> Identification:
+    """
+    Draw the conclusions of a fit.
+
+    Parameters
+    ----------
+    evidence : Evidence
+        Fitted laws and what was seen in the records.
+    settings : IdentificationSettings
+        For scales, speed errors and the seed.
+    warnings : list of str
+        What was said so far; grows.
+
+    Returns
+    -------
+    Identification
+        Every null of its JSON has its reason.
+    """
+    best = evidence.laws[0]
+    misfit = misfit_of(best, evidence.hunting)
+    failed = _misfits(best, evidence, misfit, warnings)
+    lacks = [failed[name] for name in ('fits', 'believed', 'agree') if name in failed]
+    # A misfit is a systematic error, in its proportion.
+    stretch = 1.0 + (min(misfit.share / 0.01, 10.0) if lacks else 0.0)
+    drawn, rejected = draw_laws(
+        evidence.laws, settings, len(evidence.runs), stretch, _admissible(evidence)
+    )
+    if rejected > _MANY:
+        warnings.append(
+            f'{100.0 * rejected:.0f} % of the laws around the fit are of no rig, or contradict'
+            ' what was seen: the intervals are those of the others'
+        )
+    posterior = Posterior.of(
+        best.law, drawn, evidence.speeds, _intensity(best, len(drawn), settings.seed)
+    )
+    failed |= _unsupported(best, posterior, evidence, settings, warnings)
+    numbers = Quantities(posterior, settings)
+    why = {
+        name: next((failed[need] for need in needs if need in failed), '')
+        for name, needs in _NEEDS.items()
+    }
+
+    def given(name: str, number: Callable[[], Uncertain | None]) -> Uncertain | None:
+        return None if why[name] else number()
+
+    form = None if why['correlations'] else numbers.identified(best.law.name)
+    criticality = None if why['criticality'] else best.law.criticality
+    bracket = evidence.bracket
+    if bracket.coexistence is not None and criticality == 'supercritical':
+        # Rest was no longer than the slow growth of a law that fits: it shows no coexistence.
+        bracket = replace(bracket, coexistence=None)
+    elif bracket.coexistence is not None:
+        criticality = 'subcritical'
+    observed, no_hysteresis = resolved(evidence.observed, criticality)
+    four = _recipe(form, evidence, warnings)
+    found = numbers.coefficients()
+    result = Identification(
+        normal_form=form,
+        v_c=given('v_c', numbers.critical_speed),
+        v_n=given('v_n', numbers.fold),
+        hysteresis_width=given('v_n', numbers.width),
+        coefficients={x: None if why[f'coefficients.{x}'] else found[x] for x in COEFFICIENTS},
+        criticality=criticality,
+        length_scale=settings.length_unit,
+        time_scale=settings.time_unit,
+        scales_from={
+            'length': PAPERS if settings.length_scale is None else GIVEN,
+            'time': PAPERS if settings.time_scale is None else GIVEN,
+        },
+        speeds=evidence.speeds,
+        branches=() if why['branches'] else numbers.branches(),
+        steady_states=tuple(evidence.states),
+        observed=observed,
+        disturbance=given('v_n', lambda: numbers.disturbance(evidence.observed)),
+        four_point=four if isinstance(four, FourPoint) else None,
+        fit=_summary(evidence, misfit, lacks),
+        segments=tuple(evidence.segments),
+        envelopes=tuple(evidence.envelopes),
+        records=tuple(evidence.records),
+        frequency_hz=_frequency(evidence),
+        fold_amplitude=given('v_n', numbers.fold_amplitude),
+        notices=tuple(warnings),
+        posterior=posterior,
+        bracket=bracket,
+    )
+    told = _reasons(result, why, four if isinstance(four, str) else '', no_hysteresis)
+    return replace(result, unknown=unknown_of(result.to_json(), told))
+
+
+def _admissible(evidence: Evidence) -> Callable[[GrowthLaw], bool] | None:
+    """
+    Whether a law drawn can be this rig's: None where not even the one chosen can.
+
+    Growth from rest rises with the speed over the data, and what was seen stands.
+    """
+    chosen, seen = evidence.laws[0].law, tuple(evidence.bracket.why.values())
+    speeds = chosen.detuning(np.linspace(*evidence.speeds, 9))
+
+    def admissible(law: GrowthLaw) -> bool:
+        rises = all(law.linear_slope(u) > 0.0 for u in speeds.tolist())
+        return rises and not any(contradicts(law, event) for event in seen)
+
+    return admissible if admissible(chosen) else None
+
+
+def _intensity(best: FittedLaw, count: int, seed: int) -> NDArray[np.float64]:
+    """Draws of the noise intensity D at the critical speed, m^2/s; NaN where none is seen."""
+    by_speed, _, level = best.noise[:3]
+    v_c = best.law.critical_speed
+    level += 0.0 if v_c is None else by_speed * float(best.law.detuning(v_c))
+    size = 0.5 * best.law.scales.amplitude**2 * math.exp(level)
+    if level < _UNSEEN or not np.isfinite(best.fit.information).all():
+        return np.full(count, math.nan)
+    variance = np.linalg.pinv(best.fit.information, rcond=1e-13, hermitian=True)[-3, -3]
+    spread = min(math.sqrt(max(float(variance), 0.0)), _VAGUE_NOISE)
+    normal = np.random.default_rng([seed, count]).standard_normal(count)
+    return np.asarray(size * np.exp(spread * normal))
+
+
+def _misfits(
+    best: FittedLaw, evidence: Evidence, misfit: LackOfFit, warnings: list[str]
+) -> dict[str, str]:
+    """Conditions that a law fails by what it misses: 'believed', 'agree', 'fits', 'near'."""
+    name, failed = best.law.name, {}
+    astray = _astray(best, evidence)
+    if astray:
+        failed['believed'] = astray
+        warnings.append(f'lack of fit: {astray}')
+    # The paper's form may miss what a richer one follows: that too is to be known.
+    quintic = next(
+        misfit_of(one, evidence.hunting) for one in evidence.laws if one.departure == 0.0
+    )
+    if quintic.flagged and not misfit.flagged:
+        warnings.append(
+            f'lack of fit of the quintic form ({100.0 * quintic.share:.1f} %); further terms are'
+            ' let in, and D7, D10, D15 are effective coefficients'
+        )
+    if against := contradictions(evidence.hunting):
+        failed['agree'] = against
+        warnings.append(against)
+    if misfit.flagged:
+        share = f'{100.0 * misfit.share:.1f} %'
+        failed['fits'] = f'lack of fit of the law ({share})'
+        warnings.append(
+            f'lack of fit: the {name} law misses the limit cycle by {share}'
+            f' (p = {misfit.p:.1g}); no fold is claimed'
+        )
+        if misfit.share > _FAR_OFF:
+            failed['near'] = f'{failed["fits"]}: too large for a normal form'
+    return failed
+
+
+def _astray(best: FittedLaw, evidence: Evidence) -> str:
+    """Why nothing is read from a law; '' where it is believed."""
+    name = best.law.name
+    if not best.fit.converged:
+        return (
+            f'the fit of the {name} law has not converged (a gain of the log likelihood of'
+            f' {best.fit.remaining:.2g} is still in reach): nothing is read from it'
+        )
+    missed, transients = missed_transients(best, evidence.segments, evidence.envelopes)
+    if missed > max(0.3 * transients, 0.5):
+        return f'{missed} of {transients} free transients go another way than the {name} law says'
+    if refuted := refutations(best.law, evidence.bracket):
+        return f'the {name} law contradicts what was seen: {refuted[0]}'
+    # Growth that ends again inside the data is a parabola's, and no rig's.
+    other, (low, high) = best.law.other_root, evidence.speeds
+    if other is not None and low < other < high:
+        return (
+            f'the linear growth rate of the {name} law falls through zero again at'
+            f' {other:.3g} m/s, inside the speeds of the data'
+        )
+    return ''
+
+
+def _unsupported(
+    best: FittedLaw,
+    posterior: Posterior,
+    evidence: Evidence,
+    settings: IdentificationSettings,
+    warnings: list[str],
+) -> dict[str, str]:
+    """
+    Return the conditions that the data fail, with the reasons.
+
+    A critical speed needs several speeds, a time scale needs free motion, an unstable branch
+    needs amplitudes on both sides of it.
+    """
+    law, (low, high), amplitude = best.law, evidence.speeds, evidence.along('amplitude')
+    moved = any(part.kind == 'transient' for part in evidence.segments)
+    hunts = hunting_threshold(amplitude) is not None
+    failed: dict[str, str] = {}
+    speed = float(np.median(evidence.along('speed')))
+    if not high - low > _ONE_SPEED * speed:
+        growth = _growth_there(best, speed, len(evidence.runs))
+        failed['speeds'] = (
+            f'one speed only ({speed:.3g} m/s; {growth}): v_c and the coefficients cannot be known'
+        )
+    elif int(np.isfinite(amplitude).sum()) < _FEWEST_STEPS:
+        failed['speeds'] = 'too short: fewer than a few dozen hunting cycles'
+    if reason := _no_critical_speed(law, posterior, (low, high), settings):
+        failed['critical'] = reason
+    middle, std = _spread(posterior.forms, 'D1')
+    if not (moved or settings.prior_D1 is not None or std < _VAGUE_D1 * abs(middle)):
+        failed['time'] = 'no free transient: D1 cannot be known; give it with --prior-D1'
+    elif hunts and not moved:
+        warnings.append('no free transient: the time scale rests on the prior or on quiet motion')
+    middle, std = _spread(posterior.forms, 'D4')
+    if not hunts:
+        failed['cubic'] = (
+            'all amplitudes are of one kind: no passage between quiet and hunting, so that the'
+            ' nonlinear coefficients cannot be known'
+        )
+    elif not std < _VAGUE * abs(middle):
+        failed['cubic'] = 'D4 is not determined, not even its sign'
+    if law.criticality == 'supercritical':
+        failed['subcritical'] = _SUPERCRITICAL
+    elif not moved:
+        failed['subcritical'] = 'no free transient: none passed by the unstable branch'
+    size, sizes = _limit(law, high), np.array([_limit(x, high) for x in posterior.drawn])
+    endless = float(np.mean(~np.isfinite(sizes)))
+    if law.criticality != 'supercritical' and not (math.isfinite(size) and endless <= 1.0 - _SURE):
+        failed['limited'] = (
+            f'nothing ends the growth at v_c in {100.0 * endless:.0f} % of the laws that the data'
+            f' allow{"" if math.isfinite(size) else ", the likeliest among them"}: no normal form'
+            ' is given'
+        )
+    v_c, top = law.critical_speed, float(np.nanmax(amplitude))
+    if v_c is not None and not failed.keys() & {'speeds', 'critical'} and not low <= v_c <= high:
+        end = f'end at {high:.3g} m/s' if v_c > high else f'begin at {low:.3g} m/s'
+        warnings.append(f'v_c = {v_c:.3g} m/s is a forecast: the data {end}')
+    told = law.criticality != 'supercritical' and not failed.keys() & set(_CUBIC)
+    if told and size > _BEYOND * top:
+        warnings.append(
+            f'the limit cycle ({size:.2g} m at v_c) is a forecast: no amplitude above {top:.2g} m'
+            ' was measured'
+        )
+    return failed
+
+
+def _spread(forms: Sequence[NormalForm | None], name: str) -> tuple[float, float]:
+    """Median and half the central 68 % of one attribute, where enough of the draws have it."""
+    values = [getattr(form, name) for form in forms if form is not None]
+    if len(values) < max(_SURE * len(forms), 1):
+        return math.nan, math.inf
+    low, middle, high = np.percentile(values, [15.87, 50.0, 84.13])
+    return float(middle), 0.5 * float(high - low)
+
+
+def _growth_there(best: FittedLaw, speed: float, runs: int) -> str:
+    """Linear growth rate at one speed, where the motion shows its sign; or that it does not."""
+    u = float(best.law.detuning(speed))
+    rate, slopes = float(best.law.linear(best.law.detuning(speed))), best.law.linear_terms(u)
+    variance = float(slopes @ robust_covariance(best.fit, runs).matrix @ slopes)
+    if not variance < (_VAGUE * rate) ** 2:
+        return 'this motion does not show its linear growth rate'
+    return f'linear growth rate {rate:.2g} +/- {math.sqrt(variance):.1g} 1/s'
+
+
+def _no_critical_speed(
+    law: GrowthLaw,
+    posterior: Posterior,
+    speeds: tuple[float, float],
+    settings: IdentificationSettings,
+) -> str:
+    """Why v_c is not known: it must exist, in most draws, near the data, and not vaguely."""
+    v_c = law.critical_speed
+    if v_c is None:
+        return 'the linear growth rate nowhere rises through zero: v_c is not known'
+    if not _spread(posterior.forms, 'critical_speed')[1] <= _VAGUE_SPEED * v_c:
+        return 'v_c is not determined by these data'
+    low, high = speeds
+    reach = 0.5 * (high - low)
+    if low - reach <= v_c <= high + reach or settings.prior_v_c is not None:
+        return ''
+    side = 'above' if v_c > high else 'below'
+    return (
+        f'v_c would lie far {side} the speeds of the data ({low:.3g} to {high:.3g} m/s):'
+        ' it is not given'
+    )
+
+
+def _limit(law: GrowthLaw, fastest: float) -> float:
+    """Amplitude of the stable limit cycle at v_c, or where the data end before, m; or NaN."""
+    at = fastest if law.critical_speed is None else min(law.critical_speed, fastest)
+    return float(law.steady_amplitudes(at)[1][0])
+
+
+def resolved(
+    seen: ObservedCriticalSpeeds, criticality: Criticality | None
+) -> tuple[ObservedCriticalSpeeds, str]:
+    """
+    Withhold a hysteresis that the steps of the speed do not show.
+
+    Speeds of jumps are known to half a step. Two jumps one step apart are what a continuous
+    onset without any hysteresis gives as well.
+
+    Parameters
+    ----------
+    seen : ObservedCriticalSpeeds
+        As read off.
+    criticality : 'subcritical', 'supercritical' or None
+        What the fit says of the rig; None where it does not say.
+
+    Returns
+    -------
+    speeds : ObservedCriticalSpeeds
+    reason : str
+        Why v_n and the width are not given although the amplitude fell; '' where they are,
+        or where it did not fall.
+    """
+    width, step = seen.hysteresis_width, seen.step
+    reason = ''
+    if seen.v_n is None:
+        return seen, ''
+    if criticality == 'supercritical':
+        reason = 'the rig is supercritical: its amplitude falls without a jump'
+    elif width is not None and step is not None and width < -_ONE_STEP * step:
+        reason = (
+            f'the amplitude fell at a higher speed than it rose ({-width:.2g} m/s): no hysteresis'
+            ' does that'
+        )
+    elif width is not None and step is not None and width <= _ONE_STEP * step:
+        reason = (
+            f'the amplitude rose and fell at speeds {width:.2g} m/s apart, no more than one step'
+            f' of the speed ({step:.2g} m/s): no hysteresis is resolved'
+        )
+    return (replace(seen, v_n=None, v_n_between=(None, None)), reason) if reason else (seen, '')
+
+
+def _recipe(
+    identified: IdentifiedNormalForm | None, evidence: Evidence, warnings: list[str]
+) -> FourPoint | str:
+    """Run the paper's recipe on the limit cycles at its four detunings; or why not."""
+    if identified is None:
+        return 'the four-point recipe needs v_c and D1 of a normal form, and none is given'
+    form = identified.form
+    chosen = at_detunings(evidence.hunting, evidence.segments, form.critical_speed)
+    if isinstance(chosen, str):
+        return chosen
+    eps = np.array([state.speed / form.critical_speed - 1.0 for state in chosen])
+    radii = np.array([state.amplitude for state in chosen]) / (2.0 * form.length_scale)
+    try:
+        recipe = four_point(eps, radii, form.D1)
+    except (IdentificationError, np.linalg.LinAlgError) as error:
+        return f'four-point recipe: {error}'
+    if recipe.missed:
+        warnings.append(
+            f'four-point recipe: {recipe.missed} of its 4 amplitudes are no stable limit cycle of'
+            f' its own coefficients (condition number {recipe.condition_number:.3g})'
+        )
+    return recipe
+
+
+def _summary(evidence: Evidence, misfit: LackOfFit, lacks: Sequence[str]) -> FitSummary:
+    """Return how the best law was fitted, and how well it fits."""
+    best = evidence.laws[0]
+    inside = best.fit.innovations
+    used = (inside[:, 0] * np.exp(0.5 * inside[:, 2]))[inside[:, 2] != 0.0]
+    rms = float(np.sqrt(np.mean(used**2))) if used.size else math.nan
+    paper = sum(one.weight for one in evidence.laws if one.departure == 0.0)
+    return FitSummary(
+        method='trajectory likelihood',
+        law=best.law.name,
+        why=f"share of the evidence: the paper's form {paper:.2g}, further terms {1 - paper:.2g}",
+        segments=sum(segment.used for segment in evidence.segments),
+        initial_amplitudes=int(best.path.starts.sum()),
+        clusters=best.path.clusters,
+        residual_rms=best.law.scales.amplitude * rms,
+        lack_of_fit=bool(lacks),
+        lack_of_fit_because=tuple(lacks),
+        lack_of_fit_p=misfit.p,
+        converged=best.fit.converged,
+        condition_number=robust_covariance(best.fit, len(evidence.runs)).condition_number,
+        v_c_bound=critical_speed_bound(best),
+    )
+
+
+def _frequency(evidence: Evidence) -> Uncertain:
+    """Hunting frequency: the frame's, weighted by the power of the mode, and its spread."""
+    frequency, power = evidence.along('frequency'), evidence.along('amplitude') ** 2
+    power = np.nan_to_num(power)
+    mean = float(np.average(frequency, weights=power if power.sum() > 0.0 else None))
+    spread = float(np.sqrt(np.mean((frequency - mean) ** 2)))
+    return Uncertain(mean, max(spread, 0.01))
+
+
+def _reasons(
+    result: Identification, why: dict[str, str], no_recipe: str, no_hysteresis: str
+) -> dict[str, str]:
+    """Key of the JSON, or its beginning -> why it is null, where it is."""
+    fold = why['v_n'] or f'no fold of the law lies near the speeds of the data, or {_FEW_DRAWS}'
+    lesser = dict.fromkeys(('v_n', 'hysteresis_width', 'fold_amplitude_m'), fold)
+    branches = why['branches'] or 'at some speeds the law has no such limit cycle'
+    disturbance = fold
+    if result.v_n is not None:
+        v_c = result.observed.v_c
+        disturbance = (
+            'no jump up was observed, speed rising'
+            if v_c is None
+            else f'the unstable branch does not reach {v_c:.3g} m/s, the observed jump'
+        )
+    told = {name: reason or _FEW_DRAWS for name, reason in why.items()}
+    told |= {**lesser, 'branches': branches, 'disturbance_m': disturbance}
+    told |= {'four_point': no_recipe, **dict(_unobserved(result, no_hysteresis))}
+    return told | dict(_unseen(result.bracket))
+
+
+def _unobserved(result: Identification, no_hysteresis: str) -> Iterator[tuple[str, str]]:
+    """Why what runs show by themselves is not known."""
+    observed = result.observed
+    if observed.threshold is None:
+        yield 'observed', 'all amplitudes are of one kind: nothing jumped'
+        return
+    jump = 'no run shows steady states either side of a jump {0}, speed {1}, without a kick'
+    up, down = jump.format('up', 'rising'), no_hysteresis or jump.format('down', 'falling')
+    yield from ((f'observed.v_c{end}', up) for end in ('', '_between_mps'))
+    yield from ((f'observed.v_n{end}', down) for end in ('', '_between_mps'))
+    yield 'observed.hysteresis_width', up if observed.v_c is None else down
+    yield 'observed.step_mps', 'no jump was observed'
+
+
+def _unseen(bracket: Bracket) -> Iterator[tuple[str, str]]:
+    """Why what is seen without a model bounds a quantity on one side only, or not."""
+    if not bracket.events:
+        yield (
+            'bracket',
+            'all amplitudes are of one kind: rest and a limit cycle cannot be told apart',
+        )
+        return
+    apart = 'rest and a limit cycle were not seen at one speed'
+    none_stayed = 'no motion as large as a limit cycle died, or none stayed'
+    yield 'bracket.criticality', apart
+    yield 'bracket.coexistence_mps', apart
+    yield 'bracket.v_n_between_mps', none_stayed if bracket.coexistence else apart
+    yield 'bracket.cycle_ends_between_mps', none_stayed
+    yield 'bracket.v_c_above_mps', 'rest was not seen for long at one speed'
+    yield 'bracket.began_mps', 'nothing grew out of rest unkicked, and stayed'
+    yield 'bracket.unstable_amplitude', 'kicks bound it on one side, or on none'
+    yield 'bracket.events', 'not every motion was kicked'
