@@ -33,7 +33,6 @@ from hunt_ros.identification.record.hunting_frequency import (
     tracked_envelope,
 )
 from hunt_ros.identification.record.mode import Motions
-from hunt_ros.identification.record.plateaus import analyse_record
 from hunt_ros.identification.record.screening import (
     Digest,
     Stretch,
@@ -41,7 +40,7 @@ from hunt_ros.identification.record.screening import (
     moving,
     without_contact,
 )
-from hunt_ros.identification.record.segments import Segment
+from hunt_ros.identification.record.segments import Segment, analyse_record
 from hunt_ros.identification.record.stops import ignoring, measuring
 from hunt_ros.identification.record.turning import is_assumed, with_angle
 from hunt_ros.identification.settings import IdentificationSettings

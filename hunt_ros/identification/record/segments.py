@@ -1,27 +1,51 @@
 """
-What a record is made of, found by itself: holds of the speed, kicks, steady tails.
+What a record is made of, found by itself: plateaus, ramps, kicks, free transients, gaps.
 
-Each function looks at one trace and knows nothing of the others; `plateaus` puts what
-they find together.
+The speed parts a record into holds and ramps; the envelope shows where something else
+than the growth law moved the wheelset (a kick), and where it moved freely between the
+quiet state and the limit cycle (a transient). Each stretch says whether it was used, and
+if not, why.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
+from scipy.signal import find_peaks
 
-from hunt_ros.analysis.steady_state import standard_error
+from hunt_ros.analysis.steady_state import (
+    Direction,
+    SteadyState,
+    hunting_threshold,
+    mean_of_maxima,
+    standard_error,
+)
 from hunt_ros.identification.record.channels import Channels
 from hunt_ros.identification.record.envelope import WINDOW_CYCLES, Envelope
+from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import key
 
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Kind = Literal['plateau', 'ramp', 'kick', 'transient', 'gap']
 
+#: Fewest instants of a steady amplitude; of a piece of a ramp, and of a transient.
+_SPAN = 6
+#: Relative error of an amplitude from which the beat with the roughness is not removed.
+_LOCKED = 0.02
+#: Change of ln A from half to half up to which a steady amplitude stands still, where its scatter
+#: is smaller, and up to which it follows a ramp of the speed.
+_STILL, _FOLLOWING = 0.01, 0.05
+#: A limit cycle that is smaller than so much of itself meanwhile is none.
+_DIPS = 0.7
 #: A kick leaves a jump in its window: a residual this many times the usual one, and this
 #: share of the amplitude. It only spares the other windows the likelihoods, which decide: that of
 #: some hundred samples is off by a tenth, and a step that is told at all stands out more.
@@ -63,9 +87,258 @@ class Segment:
     growth_rate_std: float = field(default=math.nan, metadata=key('growth_rate_std_per_s'))
 
 
-def speed_holds(
-    time: NDArray[np.float64], speed: NDArray[np.float64], shortest_s: float
-) -> list[tuple[int, int]]:
+def analyse_record(
+    channels: Channels,
+    envelope: Envelope,
+    corrected: Envelope,
+    settings: IdentificationSettings,
+) -> tuple[list[Segment], list[SteadyState]]:
+    """
+    Part one record into segments, and read its steady amplitudes.
+
+    Parameters
+    ----------
+    channels : Channels
+        The record.
+    envelope : Envelope
+        Its hunting component.
+    corrected : Envelope
+        The same without the beat of roughness and hunting.
+    settings : IdentificationSettings
+        Says what counts as a plateau.
+
+    Returns
+    -------
+    segments : list of Segment
+    states : list of SteadyState
+        In the order of time.
+    """
+    one = _Analysis(channels, envelope, corrected, find_kicks(channels, envelope, settings.orders))
+    time, speed = envelope.time, envelope.speed
+    gaps = runs(~np.isfinite(envelope.amplitude))
+    kick = 'motion that no growth law makes; a new segment begins'
+    gap = 'no lateral samples, or none that the sensor measured'
+    free = 'free motion between quiet and limit cycle'
+    segments = [one.segment('kick', *ends, False, kick) for ends in runs(one.kicked)]
+    segments += [one.segment('gap', *ends, False, gap) for ends in gaps]
+    segments += [
+        one.segment('transient', *ends, True, free, *mean_growth(envelope, *ends))
+        for ends in find_transients(envelope, one.kicked)
+    ]
+    states: list[SteadyState] = []
+    edge = 0
+    for start, end in [*speed_holds(time, speed, settings.minimum_hold_s), (time.size, time.size)]:
+        if start - edge > 1:
+            for low, high in one.one_way(edge, start):
+                found = one.along_ramp(low, high)
+                used = f'{len(found)} nearly steady amplitudes' if found else ''
+                reason = used or 'too short for an amplitude'
+                segments.append(one.segment('ramp', low, high, bool(found), reason))
+                states += found
+        if end > start:
+            state, reason = one.on_plateau(start, end)
+            segments.append(one.segment('plateau', start, end, state is not None, reason))
+            states += [state] if state is not None else []
+        edge = end
+    return sorted(segments, key=lambda segment: segment.start_ns), states
+
+
+@dataclass(frozen=True, eq=False)
+class _Analysis:
+    """A record and its envelope, with and without the beat; where it was kicked."""
+
+    channels: Channels
+    envelope: Envelope
+    corrected: Envelope
+    kicked: Mask
+
+    @cached_property
+    def threshold(self) -> float:
+        """Amplitude that parts quiet from hunting, m; inf where all is of one kind."""
+        found = hunting_threshold(self.envelope.amplitude)
+        return math.inf if found is None else found
+
+    @cached_property
+    def tolerance(self) -> float:
+        """Change of the speed that is none, m/s."""
+        return 0.004 * float(np.median(np.abs(self.envelope.speed)))
+
+    def stamp(self, k: int) -> int:
+        """Return the stamp of an instant, ns."""
+        return self.envelope.start_ns + int(1e9 * self.envelope.time[k])
+
+    def segment(
+        self,
+        kind: Kind,
+        start: int,
+        end: int,
+        used: bool,
+        reason: str,
+        rate: float = math.nan,
+        error: float = math.nan,
+    ) -> Segment:
+        """Return the segment from an instant to before another."""
+        source, ends = self.envelope.source, (self.stamp(start), self.stamp(end - 1))
+        speeds = float(self.envelope.speed[start]), float(self.envelope.speed[end - 1])
+        return Segment(kind, source, *ends, *speeds, used, reason, rate, error)
+
+    def state(
+        self, start: int, end: int, kind: Literal['plateau', 'ramp'], direction: Direction
+    ) -> SteadyState | None:
+        """Return the steady state of a stretch; None where it has too few amplitudes."""
+        part, envelope = slice(start, end), self.envelope
+        amplitude = _known(self.corrected.amplitude[part])
+        locked = 0.0
+        if amplitude.size < 3:
+            # Locked to the roughness line: the amplitude is real, but not hunting's alone.
+            amplitude, locked = _known(envelope.amplitude[part]), _LOCKED
+        if amplitude.size < 3:
+            return None
+        noise, mean = float(np.nanmedian(envelope.noise[part])), float(np.mean(amplitude))
+        hz, power = float(np.mean(envelope.frequency[part])), _known(envelope.line_power[part])
+        duration = float(envelope.time[end - 1] - envelope.time[start]) + envelope.step
+        maxima = maxima_std = math.nan
+        if kind == 'plateau':
+            time, ends = self.channels.time, envelope.time[[start, end - 1]]
+            inside = self.channels.lateral[(time >= ends[0]) & (time <= ends[1])]
+            maxima, maxima_std, _ = mean_of_maxima(inside, self.channels.rate_hz, hz)
+        return SteadyState(
+            speed=float(np.mean(envelope.speed[part])),
+            # The mean square holds the noise of two parts; take it out again.
+            amplitude=math.sqrt(max(mean**2 - noise**2, 0.0)),
+            amplitude_std=math.hypot(standard_error(amplitude), locked * mean),
+            direction=direction,
+            cycles=int(duration * hz),
+            maxima=maxima,
+            maxima_std=maxima_std,
+            noise=noise,
+            kind=kind,
+            source=envelope.source,
+            start_ns=self.stamp(start),
+            end_ns=self.stamp(end - 1),
+            line_power=float(np.median(power)) if power.size else 0.0,
+        )
+
+    def on_plateau(self, start: int, end: int) -> tuple[SteadyState | None, str]:
+        """Steady amplitude at the end of a plateau, and what is to be said of it."""
+        amplitude = self.envelope.amplitude[start:end]
+        broken = np.flatnonzero(self.kicked[start:end] | ~np.isfinite(amplitude))
+        first = int(broken[-1]) + 1 if broken.size else 0
+        if amplitude.size - first < _SPAN:
+            return None, 'too short after the last kick or gap'
+        tail = steady_part(amplitude[first:], _SPAN)
+        steady = amplitude[first:][tail] if tail is not None else amplitude[:0]
+        dips = steady.size and steady.min() < _DIPS * steady.max()
+        if tail is None or (dips and steady.mean() > self.threshold):
+            return None, 'the amplitude is still changing at its end'
+        state = self.state(start + first + tail.start, end, 'plateau', self.direction(start, end))
+        if state is None:
+            return None, 'too few instants'
+        return state, f'steady amplitude over {state.cycles} cycles'
+
+    def direction(self, start: int, end: int) -> Direction:
+        """Which way the speed came from: the last change before a stretch, or within it."""
+        speed = self.envelope.speed
+        within, here = float(speed[end - 1] - speed[start]), float(np.mean(speed[start:end]))
+        if abs(within) <= 2.0 * self.tolerance:
+            other = np.flatnonzero(np.abs(speed[:start] - here) > 2.0 * self.tolerance)
+            if not other.size:
+                return 'hold'
+            within = here - float(speed[other[-1]])
+        return 'up' if within > 0.0 else 'down'
+
+    def along_ramp(self, low: int, high: int) -> list[SteadyState]:
+        """Nearly steady amplitudes along a ramp, where the amplitude follows the speed."""
+        direction: Direction = (
+            'up' if self.envelope.speed[high - 1] > self.envelope.speed[low] else 'down'
+        )
+        states = []
+        for begin in range(low, high - _SPAN + 1, _SPAN):
+            amplitude = self.envelope.amplitude[begin : begin + _SPAN]
+            if self.kicked[begin : begin + _SPAN].any() or not np.isfinite(amplitude).all():
+                continue
+            if amplitude.mean() > self.threshold and abs(drift(amplitude)) > _FOLLOWING:
+                continue
+            state = self.state(begin, begin + _SPAN, 'ramp', direction)
+            states += [state] if state is not None else []
+        return states
+
+    def one_way(self, start: int, end: int) -> list[tuple[int, int]]:
+        """Part a stretch where its speed turns round by more than the tolerance."""
+        speed = self.envelope.speed[start:end]
+        turns = [find_peaks(x, prominence=2.0 * self.tolerance)[0] for x in (speed, -speed)]
+        edges = [start, *(start + 1 + np.sort(np.concatenate(turns))).tolist(), end]
+        return [(a, b) for a, b in pairwise(edges) if b - a > 1]
+
+
+def _known(values: Array) -> Array:
+    return values[np.isfinite(values)]
+
+
+def drift(amplitude: Array) -> float:
+    """Change of ln A from the first half of a stretch to the second."""
+    half = amplitude.size // 2
+    return math.log(float(amplitude[half:].mean() / amplitude[:half].mean()))
+
+
+def steady_part(amplitude: Array, least: int) -> slice | None:
+    """
+    Longest tail over which the amplitude does not drift.
+
+    Parameters
+    ----------
+    amplitude : ndarray, shape (n,)
+        m, free of NaN.
+    least : int
+        Fewest instants that count.
+
+    Returns
+    -------
+    slice or None
+        None where it drifts to the very end.
+    """
+    n = amplitude.size
+    start = 0
+    while n - start >= least:
+        tail = amplitude[start:]
+        # The error is that of the second half, or an approach would excuse itself.
+        half = tail[tail.size // 2 :]
+        x = np.linspace(-0.5, 0.5, half.size)
+        error = standard_error(half - half.mean() - x * float(x @ half / (x @ x)))
+        error = np.nan_to_num(error) / float(tail.mean())
+        if abs(drift(tail)) <= max(5.0 * error, _STILL):
+            return slice(start, n)
+        start += max(1, (n - start) // 10)
+    return None
+
+
+def mean_growth(envelope: Envelope, start: int, end: int) -> tuple[float, float]:
+    """Slope of ln A over the small part of a transient, and its deviation, 1/s."""
+    amplitude, time = envelope.amplitude[start:end], envelope.time[start:end]
+    small = amplitude < 0.5 * float(amplitude.max())
+    if small.sum() < 5:
+        return math.nan, math.nan
+    line, covariance = np.polyfit(time[small], np.log(amplitude[small]), 1, cov=True)
+    return float(line[0]), math.sqrt(float(covariance[0, 0]))
+
+
+def find_transients(envelope: Envelope, kicked: Mask) -> list[tuple[int, int]]:
+    """Stretches in which the amplitude is on its way from one state to another."""
+    amplitude = envelope.amplitude
+    threshold = hunting_threshold(amplitude)
+    moving = np.zeros(amplitude.size, dtype=bool)
+    if threshold is None or amplitude.size <= _SPAN:
+        return []
+    logs = np.log(np.where((amplitude > 0.0) & ~kicked, amplitude, np.nan))
+    pieces = sliding_window_view(logs, _SPAN + 1)
+    change, scatter = np.abs(pieces[:, -1] - pieces[:, 0]), np.std(np.diff(pieces), axis=1)
+    # A drift against the scatter of its own steps, and not a small one; NaN is none.
+    for k in np.flatnonzero((change > 0.3) & (change > 2.0 * math.sqrt(_SPAN) * scatter)):
+        moving[k : k + _SPAN + 1] = True
+    return [(a, b) for a, b in runs(moving) if np.nanmax(amplitude[a:b]) > 0.5 * threshold]
+
+
+def speed_holds(time: Array, speed: Array, shortest_s: float) -> list[tuple[int, int]]:
     """
     Stretches at one speed.
 
@@ -105,15 +378,13 @@ def speed_holds(
     return holds
 
 
-def _drifts(time: NDArray[np.float64], speed: NDArray[np.float64], tolerance: float) -> bool:
+def _drifts(time: Array, speed: Array, tolerance: float) -> bool:
     """Whether the speed runs through its whole tolerance: a slow ramp, not a hold."""
     slope = float(np.polyfit(time - time[0], speed, 1)[0])
     return abs(slope) * float(time[-1] - time[0]) > 1.5 * tolerance
 
 
-def find_kicks(
-    channels: Channels, envelope: Envelope, orders: NDArray[np.float64]
-) -> NDArray[np.bool_]:
+def find_kicks(channels: Channels, envelope: Envelope, orders: Array) -> Mask:
     """
     Instants at which the amplitude changed as no growth law changes it.
 
@@ -153,9 +424,7 @@ def find_kicks(
     return kicked
 
 
-def step_ratio(
-    channels: Channels, envelope: Envelope, orders: NDArray[np.float64], k: int
-) -> float:
+def step_ratio(channels: Channels, envelope: Envelope, orders: Array, k: int) -> float:
     """
     Log likelihood of a step of the phasor in a window, less that of smooth growth.
 
@@ -213,9 +482,7 @@ def step_ratio(
     return min(ratio(order) for order in range(1, _SMOOTH_ORDER + 1))
 
 
-def _left(
-    root: NDArray[np.float64], y: NDArray[np.float64], columns: list[NDArray[np.float64]]
-) -> float:
+def _left(root: Array, y: Array, columns: list[Array]) -> float:
     """Weighted sum of squares that columns leave over of samples."""
     basis = np.concatenate(columns, axis=1) * root[:, None]
     wanted = root * y
@@ -223,41 +490,7 @@ def _left(
     return max(float(left @ left), 1e-300)
 
 
-def steady_part(amplitude: NDArray[np.float64], least: int) -> slice | None:
-    """
-    Longest tail over which the amplitude does not drift.
-
-    Parameters
-    ----------
-    amplitude : ndarray, shape (n,)
-        m, free of NaN.
-    least : int
-        Fewest instants that count.
-
-    Returns
-    -------
-    slice or None
-        None where it drifts to the very end.
-    """
-    n = amplitude.size
-    start = 0
-    while n - start >= least:
-        tail = amplitude[start:]
-        third = max(tail.size // 3, 2)
-        drift = abs(float(tail[-third:].mean() - tail[:third].mean()))
-        # The error is that of the second half, or an approach would excuse itself.
-        half = tail[tail.size // 2 :]
-        x = np.linspace(-0.5, 0.5, half.size)
-        level = half - half.mean() - x * float(x @ half / (x @ x))
-        error = standard_error(level)
-        error = 2.0 * error if math.isfinite(error) else 0.0
-        if drift <= max(2.5 * error, 0.01 * float(tail.mean())):
-            return slice(start, n)
-        start += max(1, (n - start) // 10)
-    return None
-
-
-def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def runs(mask: Mask) -> list[tuple[int, int]]:
     """Return first and one past the last index of each stretch of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]

@@ -14,8 +14,7 @@ from hunt_ros.dynamics.simulation import (
 from hunt_ros.identification.record.beat import without_beat
 from hunt_ros.identification.record.channels import channels_of
 from hunt_ros.identification.record.hunting_frequency import find_frequency, tracked_envelope
-from hunt_ros.identification.record.plateaus import analyse_record
-from hunt_ros.identification.record.segments import speed_holds, steady_part
+from hunt_ros.identification.record.segments import analyse_record, speed_holds, steady_part
 from hunt_ros.identification.settings import IdentificationSettings
 
 SETTINGS = IdentificationSettings()
