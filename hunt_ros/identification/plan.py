@@ -397,8 +397,15 @@ class _Planner:
         kick: float = 0.0,
         note: str = '',
     ) -> Move:
-        above, below = _rounded(above, 3), _rounded(below, 3)
-        return Move(Hold(self._speed(speed), hold_s, _RATE, above, below, note), wanted, kick)
+        step = Hold(
+            self._speed(speed),
+            hold_s,
+            _RATE,
+            until_above_m=_rounded(above, 3),
+            until_below_m=_rounded(below, 3),
+            note=note,
+        )
+        return Move(step, wanted, kick)
 
     def _wait(self, speed: float) -> Action:
         words = f'hold {speed:.2f} m/s for {_WAIT_S:g} s'

@@ -7,7 +7,6 @@ what the functions return goes on.
 
 from __future__ import annotations
 
-import hashlib
 import pickle
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -24,10 +23,9 @@ from hunt_ros.estimation.record_lines import ForcedLine, Motion, turns_per_metre
 from hunt_ros.estimation.response_windows import measure_response
 from hunt_ros.identification.record.beat import without_beat
 from hunt_ros.identification.record.channels import Channels
-from hunt_ros.identification.record.envelope import Envelope
+from hunt_ros.identification.record.envelope import WINDOW_CYCLES, Envelope, fewest_samples
 from hunt_ros.identification.record.hunting_frequency import (
     Power,
-    find_frequency,
     motion_of_channels,
     power_on,
     tracked_envelope,
@@ -38,13 +36,14 @@ from hunt_ros.identification.record.screening import (
     Stretch,
     free_of_contact,
     moving,
+    sketch_of,
     without_contact,
 )
 from hunt_ros.identification.record.segments import Segment, analyse_record
 from hunt_ros.identification.record.stops import ignoring, measuring
 from hunt_ros.identification.record.turning import is_assumed, with_angle
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.samples import Record
+from hunt_ros.samples import Record, Series
 
 #: A recording, or what reads it.
 Source: TypeAlias = Record | Callable[[], Record]
@@ -62,14 +61,15 @@ class Recording:
         1 for the first.
     settings : IdentificationSettings
         What the user tells of it.
+    name : str
+        What it is called among all recordings; '': as it says itself.
     """
 
-    #: What it is called among all recordings.
-    name = ''
-
-    def __init__(self, source: Source, number: int, settings: IdentificationSettings) -> None:
-        self._given = source, number, settings
-        self.source, self.settings = source, settings
+    def __init__(
+        self, source: Source, number: int, settings: IdentificationSettings, name: str = ''
+    ) -> None:
+        self._given = source, number, settings, name
+        self.source, self.number, self.settings, self.name = self._given
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _held, (pickle.dumps(self._given),)
@@ -77,7 +77,7 @@ class Recording:
     @cached_property
     def prepared(self) -> Prepared:
         """All its samples, ready for the fit."""
-        return prepare(*self._given)
+        return prepare(self.source, self.number, self.settings)
 
     @cached_property
     def digest(self) -> Digest:
@@ -149,7 +149,6 @@ class Run:
 def prepare(source: Source, number: int, settings: IdentificationSettings) -> Prepared:
     """Read a recording and bring it onto its lateral samples."""
     record = source if isinstance(source, Record) else source()
-    fingerprint = _fingerprint(record)
     record, ignored = ignoring(record, number, settings)
     said: list[str] = []
     refused, measures, turning = '', False, record
@@ -166,7 +165,8 @@ def prepare(source: Source, number: int, settings: IdentificationSettings) -> Pr
         source=record.source or 'record',
         rig=record.notes.get('rig', '').strip(),
         problems=record.notes.get('problems', ''),
-        fingerprint=fingerprint,
+        span=(record.start_ns, record.end_ns),
+        sketch=sketch_of(record.get('lateral', Series(np.zeros(0, dtype=np.int64), np.zeros(0)))),
         ignored=ignored,
         said=tuple(said),
         refused=refused,
@@ -175,16 +175,6 @@ def prepare(source: Source, number: int, settings: IdentificationSettings) -> Pr
         stretches=tuple(map(Stretch.of, channels)),
     )
     return Prepared(record, turning, tuple(channels), digest)
-
-
-def _fingerprint(record: Record) -> str:
-    digest = hashlib.sha256()
-    for name in ('lateral', 'speed'):
-        if name in record:
-            digest.update(name.encode())
-            digest.update(record[name].stamps_ns.tobytes())
-            digest.update(record[name].values.tobytes())
-    return digest.hexdigest()
 
 
 def digest_of(recording: Recording) -> Digest:
@@ -198,15 +188,6 @@ def motion_in(recording: Recording, stretch: int) -> Motion | None:
     return motion_of_channels(without_contact(channels, recording.settings))
 
 
-def frequency_in(recording: Recording, stretch: int) -> float | None:
-    """Return the hunting frequency of one of its stretches alone, Hz; None if it shows none."""
-    try:
-        channels, settings = recording.prepared.channels[stretch], recording.settings
-        return find_frequency(without_contact(channels, settings), settings)
-    except IdentificationError:
-        return None  # too short or too broken to say; it is dealt with where it is fitted
-
-
 def powers_in(
     recording: Recording, bare: bool, grid: NDArray[np.float64], forced: Sequence[ForcedLine]
 ) -> list[Power]:
@@ -217,7 +198,7 @@ def powers_in(
 
 
 def runs_in(
-    recording: Recording, name: str, bare: bool, frequency_hz: float, clearance_m: float
+    recording: Recording, bare: bool, frequency_hz: float, clearance_m: float
 ) -> tuple[list[Run], list[str]]:
     """
     Return envelope, segments and steady amplitudes of each of its stretches.
@@ -226,8 +207,6 @@ def runs_in(
     ----------
     recording : Recording
         From which they are taken.
-    name : str
-        What it is called among all.
     bare : bool
         Whether an angle of the roller that nobody gave is left out.
     frequency_hz : float
@@ -245,11 +224,17 @@ def runs_in(
     runs: list[Run] = []
     said: list[str] = []
     for channels in recording.stretches(bare):
-        channels = replace(channels, source=name)
+        channels = replace(channels, source=recording.name or channels.source)
         seen = tracked_envelope(channels, frequency_hz, settings)
         envelope = free_of_contact(seen, clearance_m, said)
         if np.isfinite(envelope.amplitude).sum() < 4:
-            said.append(f'left out: {name}: no stretch is free of drop-outs')
+            least = fewest_samples(channels, settings) * frequency_hz / WINDOW_CYCLES
+            said.append(
+                f'left out: {channels.source}: {channels.rate_hz:.3g} samples a second are too few'
+                f' to tell a motion of {frequency_hz:.3g} Hz from its lines, expected {least:.3g}'
+                if channels.rate_hz < least
+                else f'left out: {channels.source}: no stretch is free of drop-outs'
+            )
             continue
         corrected = without_beat(envelope)
         segments, states = analyse_record(channels, envelope, corrected, settings)

@@ -22,7 +22,6 @@ from hunt_ros.identification.preparation import (
     Run,
     Source,
     digest_of,
-    frequency_in,
     motion_in,
     motions_in,
     powers_in,
@@ -33,13 +32,11 @@ from hunt_ros.identification.record.mode import measured_shape
 from hunt_ros.identification.record.screening import (
     Stretch,
     above_noise,
-    distinct,
     doubts,
     held_amplitude,
-    maybe_other_rig,
-    other_rig,
+    refuse_two_rigs,
+    repeated,
 )
-from hunt_ros.identification.record.stops import nothing_ignored
 from hunt_ros.identification.record.turning import lines_above
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import Record
@@ -80,12 +77,15 @@ def usable(
                 f'ignore: recording {number} of {count} has no interval to leave out'
             )
     given = [Recording(source, k, settings) for k, source in enumerate(sources, start=1)]
-    digests = collected(pool.map(digest_of, given), count, tell)
-    warnings += nothing_ignored([one.ignored for one in digests], settings)
-    recordings = []
-    for k, name in distinct(digests, warnings):
-        given[k].name, given[k].digest = name, digests[k]
-        recordings.append(given[k])
+    for one, digest in zip(given, collected(pool.map(digest_of, given), count, tell), strict=True):
+        one.digest = digest
+    left_out = zip(settings.ignore, *(one.digest.ignored for one in given), strict=True)
+    warnings += [
+        f'ignore: no sample is between {low:g} and {high:g} s'
+        for (low, high, _), *some in left_out
+        if not any(some)
+    ]
+    recordings = _distinct(given, warnings)
     warnings += [line for one in recordings for line in one.digest.said]
     refused = [one.digest.refused for one in recordings if one.digest.refused]
     if refused and len(recordings) == 1:
@@ -94,14 +94,33 @@ def usable(
     if len(refused) == len(recordings):
         reason = f' (the first: {warnings[0]})' if warnings else ''
         raise IdentificationError(f'none of {len(recordings)} records can be used{reason}')
-    places = _places(recordings)
-    stretches = [stretch for _, _, stretch in places]
-    warnings += doubts(stretches, settings)
-    chosen = [places[k] for k in maybe_other_rig(stretches, settings)]
-    found = pool.map(frequency_in, [one for one, _, _ in chosen], [k for _, k, _ in chosen])
-    pairs = zip(found, [stretch for _, _, stretch in chosen], strict=True)
-    warnings += other_rig([(hz, stretch) for hz, stretch in pairs if hz is not None])
+    warnings += doubts([stretch for _, _, stretch in _places(recordings)], settings)
     return recordings
+
+
+def _distinct(given: Sequence[Recording], warnings: list[str]) -> list[Recording]:
+    """Leave out what was given twice, and give each recording a name of its own."""
+    refuse_two_rigs([one.digest for one in given])
+    named: dict[str, int] = {}
+    kept: list[Recording] = []
+    for one in given:
+        digest, source, settings = one.digest, one.digest.source, one.settings
+        if digest.problems:
+            warnings.append(f'{source}: damaged: {digest.problems}')
+        again = repeated(digest, [other.digest for other in kept])
+        if again is not None:
+            low, high, whose = again
+            cut = '' if math.isinf(high) else f' from {low:.4g} to {high:.4g} s'
+            warnings.append(f'left out: {source}{cut}: the same samples as {whose}')
+            if not cut:
+                continue
+            settings = replace(settings, ignore=(*settings.ignore, (low, high, 0)))
+        count = named[source] = named.get(source, 0) + 1
+        name = source if count == 1 else f'{source} ({count})'
+        kept.append(Recording(one.source, one.number, settings, name))
+        if again is None:
+            kept[-1].digest = digest
+    return kept
 
 
 def _places(recordings: Sequence[Recording]) -> list[tuple[Recording, int, Stretch]]:
@@ -199,9 +218,8 @@ def runs_of(
     """
 
     def all_runs(clearance_m: float, tell: Tell | None) -> tuple[list[Run], list[str]]:
-        names = [one.name for one in recordings]
         work = partial(runs_in, bare=bare, frequency_hz=frequency_hz, clearance_m=clearance_m)
-        found = collected(pool.map(work, recordings, names), len(names), tell)
+        found = collected(pool.map(work, recordings), len(recordings), tell)
         return [run for some, _ in found for run in some], [x for _, said in found for x in said]
 
     runs, said = all_runs(clearance_m, tell)
@@ -214,8 +232,7 @@ def runs_of(
             runs, said = all_runs(held, None)
     warnings += said
     if not runs:
-        count = len(_places(recordings))
-        raise IdentificationError(f'none of {count} records has a stretch free of drop-outs')
+        raise IdentificationError(said[0].removeprefix('left out: '))
     above_noise([run.envelope for run in runs])
     return runs
 

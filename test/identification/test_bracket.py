@@ -27,7 +27,7 @@ def seen_in(*records):
     runs = [
         run
         for record in records
-        for run in runs_in(Recording(record, 1, settings), record.source, False, 2.835, 0.0)[0]
+        for run in runs_in(Recording(record, 1, settings), False, 2.835, 0.0)[0]
     ]
     return bracket_of([run.seen for run in runs], [run.kicked for run in runs])
 

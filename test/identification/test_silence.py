@@ -220,8 +220,31 @@ def test_the_same_recording_twice_counts_once(outcome, records):
     assert twice['fit'] == once['fit']
 
 
-def test_runs_of_two_rigs_are_told_by_their_frequency(outcome):
-    assert any('one rig' in warning for warning in outcome('runs of two rigs')['warnings'])
+def test_data_that_are_given_twice_in_part_count_once(records):
+    """A copy with another last bit, or cuts that overlap, made intervals narrower by a third."""
+    loop = records['sweep'][0]
+    lateral = loop['lateral']
+    values = lateral.values.copy()
+    values[100] += 1e-9
+    copy = Record({**loop, 'lateral': Series(lateral.stamps_ns, values)}, 'copy')
+    once, twice = identify(loop), identify([loop, copy])
+    assert any('left out: copy: the same samples' in line for line in twice.notices)
+    assert twice.v_n == once.v_n
+    start, length = loop.start_ns, loop.end_ns - loop.start_ns
+    first = loop.between(start, start + int(0.7 * length))
+    last = loop.between(start + int(0.3 * length), loop.end_ns)
+    cuts = identify([first, Record(dict(last), 'last')])
+    assert any(line.startswith('left out: last from 0 to ') for line in cuts.notices)
+    counts = [np.isfinite(one.amplitude).sum() for one in cuts.envelopes]
+    assert sum(counts) <= np.isfinite(once.envelopes[0].amplitude).sum()
+
+
+def test_too_few_samples_a_cycle_are_no_drop_outs(records):
+    loop = records['sweep'][0]
+    lateral = loop['lateral']
+    few = Series(lateral.stamps_ns[::14], lateral.values[::14])
+    with pytest.raises(HuntError, match=r'14.3 samples a second are too few .* expected 1\d'):
+        identify(Record({**loop, 'lateral': few}, loop.source))
 
 
 def test_recordings_that_name_different_rigs_are_refused(records):

@@ -44,11 +44,15 @@ class Channels:
 
     def thinned(self, stride: int) -> Channels:
         """Return every so many-th sample."""
-        if stride <= 1:
-            return self
-        time, lateral, speed = (x[::stride] for x in (self.time, self.lateral, self.speed))
-        roller, rate = self.roller[::stride], self.rate_hz / stride
-        return replace(self, time=time, lateral=lateral, speed=speed, roller=roller, rate_hz=rate)
+        return replace(self._at(slice(None, None, stride)), rate_hz=self.rate_hz / stride)
+
+    def part(self, first: int, last: int) -> Channels:
+        """Return the samples from first to before last; the time of the record stays."""
+        return self._at(slice(first, last))
+
+    def _at(self, place: slice) -> Channels:
+        names = ('time', 'lateral', 'speed', 'roller')
+        return replace(self, **{name: getattr(self, name)[place] for name in names})
 
 
 def channels_of(record: Record) -> Channels:

@@ -194,6 +194,11 @@ def _local_phasors(
         out[k, 5] = math.sqrt(left)
 
 
+def fewest_samples(channels: Channels, settings: IdentificationSettings) -> int:
+    """Return how many samples a window must hold, for its hunting and its lines."""
+    return 2 * (5 + 2 * (settings.orders.size if channels.roller.size else 0))
+
+
 def envelope_of(
     channels: Channels,
     frequency: NDArray[np.float64],

@@ -64,20 +64,6 @@ def frequency_grid(lines: RecordLines, settings: IdentificationSettings) -> NDAr
     return near
 
 
-def find_frequency(record: Channels, settings: IdentificationSettings) -> float:
-    """
-    Frequency of the hunting in one stretch alone, Hz.
-
-    Raises
-    ------
-    IdentificationError
-        If no piece is long enough, or the sampling is too slow for the range.
-    """
-    lines = RecordLines([motion_of_channels(record)], settings.frequency_range_hz)
-    grid = frequency_grid(lines, settings)
-    return strongest(grid, [power_on(record, grid, lines.forced(), settings)])
-
-
 def strongest(grid: NDArray[np.float64], powers: Sequence[Power]) -> float:
     """
     Frequency of the hunting, Hz: of the motion that changes most, or of the strongest line.

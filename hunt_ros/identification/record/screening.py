@@ -7,7 +7,8 @@ file twice) is left out with its reason; where none is left the first reason is 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,8 +19,9 @@ from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.record.channels import Channels, channels_of
 from hunt_ros.identification.record.envelope import Envelope
+from hunt_ros.identification.record.segments import runs
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.samples import Record
+from hunt_ros.samples import NANOSECONDS, Record, Series
 
 #: Below this share of its highest speed a rig stands: there is nothing to learn there.
 _STANDING = 0.05
@@ -36,8 +38,9 @@ _TOUCHES = 0.95
 _FLAT = 0.15
 #: ... seen at so many speeds, over so much of the speed.
 _FLAT_STATES, _FLAT_RANGE = 4, 0.1
-#: Factor between the hunting frequencies of two runs at one speed that one rig does not show.
-_OTHER_RIG = 1.35
+#: One sample in so many stands in the sketch of a recording, whichever cut holds it; so many in
+#: common, of which half are the same, are of one experiment; of so much of it, all is.
+_SKETCHED, _COMMON, _ALL = 64, 8, 0.99
 
 
 @dataclass(frozen=True)
@@ -80,7 +83,7 @@ class Stretch:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Digest:
     """
     What is known of a recording without its samples.
@@ -91,8 +94,10 @@ class Digest:
         What it is called, and its rig ('' for none).
     problems : str
         What opening it showed to be wrong.
-    fingerprint : str
-        Hash of lateral samples and speed, by which a repeated recording is known.
+    span : (int, int)
+        First and last stamp, ns.
+    sketch : Series
+        Some of the lateral samples, by which those that were given twice are known.
     ignored : tuple of int
         Samples that each of the intervals of `ignore` leaves out.
     said : tuple of str
@@ -110,7 +115,8 @@ class Digest:
     source: str
     rig: str
     problems: str
-    fingerprint: str
+    span: tuple[int, int]
+    sketch: Series
     ignored: tuple[int, ...]
     said: tuple[str, ...]
     refused: str
@@ -119,45 +125,42 @@ class Digest:
     stretches: tuple[Stretch, ...]
 
 
-def distinct(recordings: Sequence[Digest], warnings: list[str]) -> list[tuple[int, str]]:
+def sketch_of(lateral: Series) -> Series:
+    """Return some samples, chosen by their stamps alone: of any cut the same."""
+    mixed = lateral.stamps_ns.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+    chosen = mixed < np.uint64(2**64 // _SKETCHED)
+    return Series(lateral.stamps_ns[chosen], lateral.values[chosen])
+
+
+def repeated(one: Digest, others: Sequence[Digest]) -> tuple[float, float, str] | None:
     """
-    Leave out what was given twice, and give each recording a name of its own.
+    Return the interval of a recording that another one holds too, s since its start, and whose.
 
-    Parameters
-    ----------
-    recordings : sequence of Digest
-        As given by the user.
-    warnings : list of str
-        Grows by what was left out, and by what opening showed to be wrong.
+    Data that are given twice, whole or in cuts that overlap, would count twice.
+    """
+    start, end = one.span
+    for other in others:
+        low, high = max(start, other.span[0]), min(end, other.span[1])
+        _, mine, its = np.intersect1d(
+            one.sketch.stamps_ns, other.sketch.stamps_ns, return_indices=True
+        )
+        same = one.sketch.values[mine] == other.sketch.values[its]
+        if same.size >= _COMMON and same.mean() > 0.5:
+            if high - low > _ALL * (end - start):
+                return 0.0, math.inf, other.source
+            return (low - start) / NANOSECONDS, (high + 1 - start) / NANOSECONDS, other.source
+    return None
 
-    Returns
-    -------
-    list of (int, str)
-        Place and name of those that are kept.
+
+def refuse_two_rigs(recordings: Sequence[Digest]) -> None:
+    """
+    Refuse recordings of which two name different rigs.
 
     Raises
     ------
     IdentificationError
-        If the recordings say that they are of different rigs.
+        Naming both.
     """
-    _one_rig(recordings)
-    seen: dict[str, str] = {}
-    named: dict[str, int] = {}
-    kept = []
-    for place, one in enumerate(recordings):
-        if one.problems:
-            warnings.append(f'{one.source}: damaged: {one.problems}')
-        if one.fingerprint in seen:
-            warnings.append(f'left out: {one.source}: the same samples as {seen[one.fingerprint]}')
-            continue
-        seen[one.fingerprint] = one.source
-        count = named[one.source] = named.get(one.source, 0) + 1
-        kept.append((place, one.source if count == 1 else f'{one.source} ({count})'))
-    return kept
-
-
-def _one_rig(recordings: Sequence[Digest]) -> None:
-    """Refuse recordings of which two name different rigs."""
     rigs: dict[str, str] = {}
     for one in recordings:
         if one.rig:
@@ -196,13 +199,9 @@ def moving(record: Record) -> list[Channels]:
         raise IdentificationError(
             f'{channels.source}: speed is 0 throughout, expected a running speed'
         )
-    runs = channels.speed > _STANDING * top
-    if runs.all():
-        return [channels]
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], runs, [False]]).astype(np.int8)))
     parts = [
-        _cut(channels, int(first), int(last))
-        for first, last in edges.reshape(-1, 2)
+        channels.part(first, last)
+        for first, last in runs(channels.speed > _STANDING * top)
         if last - first >= 50 and channels.time[last - 1] - channels.time[first] >= 3.0
     ]
     if not parts:
@@ -212,63 +211,27 @@ def moving(record: Record) -> list[Channels]:
     return parts
 
 
-def _cut(channels: Channels, first: int, last: int) -> Channels:
-    """Return the samples from first to before last; the time of the record stays."""
-    part = slice(first, last)
-    return replace(
-        channels,
-        time=channels.time[part],
-        lateral=channels.lateral[part],
-        speed=channels.speed[part],
-        roller=channels.roller[part] if channels.roller.size else channels.roller,
-    )
-
-
-def doubts(stretches: Sequence[Stretch], settings: IdentificationSettings) -> list[str]:
-    """
-    Say what is taken from the paper's rig, and what looks like a wrong unit.
-
-    Parameters
-    ----------
-    stretches : sequence of Stretch
-        All that are used.
-    settings : IdentificationSettings
-        For d0.
-
-    Returns
-    -------
-    list of str
-        One line for each doubt.
-    """
-    found = _assumed(settings)
-    low, high = (bound * settings.length_unit for bound in _LATERAL_RANGE)
+def doubts(stretches: Sequence[Stretch], settings: IdentificationSettings) -> Iterator[str]:
+    """Say what is taken from the paper's rig, and what looks like a wrong unit."""
+    unit, time = settings.length_unit, settings.time_unit
+    assumed = [f'd0 = {unit:.4g} m (--length-scale)'] * (settings.length_scale is None)
+    assumed += [f'1/omega_psi = {time:.4g} s (--time-scale)'] * (settings.time_scale is None)
+    if assumed:
+        yield (
+            f'not given, and taken from the rig of the paper: {" and ".join(assumed)}; the'
+            ' coefficients of another rig are then not in its own scales'
+        )
     for one in stretches:
-        if not low <= one.swing <= high:
-            found.append(
-                f'{one.source}: lateral motion of {one.swing:.2g} m with d0 ='
-                f' {settings.length_unit:g} m: is the unit right? (metres; SOURCE*0.001 for mm)'
+        if not _LATERAL_RANGE[0] <= one.swing / unit <= _LATERAL_RANGE[1]:
+            yield (
+                f'{one.source}: lateral motion of {one.swing:.2g} m with d0 = {unit:g} m: is the'
+                ' unit right? (metres; SOURCE*0.001 for mm)'
             )
         if not _SPEED_RANGE[0] <= one.speed <= _SPEED_RANGE[1]:
-            found.append(
+            yield (
                 f'{one.source}: speed of {one.speed:.3g} m/s: is the unit right?'
                 ' (metres a second; SOURCE*0.001 for mm/s)'
             )
-    return found
-
-
-def _assumed(settings: IdentificationSettings) -> list[str]:
-    """Say which units of the coefficients are those of the paper's rig, because none was given."""
-    assumed = []
-    if settings.length_scale is None:
-        assumed.append(f'd0 = {settings.length_unit:.4g} m (--length-scale)')
-    if settings.time_scale is None:
-        assumed.append(f'1/omega_psi = {settings.time_unit:.4g} s (--time-scale)')
-    if not assumed:
-        return []
-    return [
-        f'not given, and taken from the rig of the paper: {" and ".join(assumed)}; the'
-        ' coefficients of another rig are then not in its own scales'
-    ]
 
 
 def above_noise(envelopes: Sequence[Envelope]) -> None:
@@ -292,30 +255,6 @@ def above_noise(envelopes: Sequence[Envelope]) -> None:
             f' ({float(np.sqrt(np.median(power[known]))):.2g} m at'
             f' {float(np.median(envelopes[0].frequency)):.3g} Hz, its strongest line)'
         )
-
-
-def maybe_other_rig(stretches: Sequence[Stretch], settings: IdentificationSettings) -> list[int]:
-    """Return the places of those that move: their frequencies tell whether they are of one rig."""
-    if len(stretches) < 2 or settings.frequency_hz is not None:
-        return []
-    largest = max(one.swing for one in stretches)
-    moving = [k for k, one in enumerate(stretches) if one.swing > 0.3 * largest]
-    return moving if len(moving) > 1 else []
-
-
-def other_rig(known: Sequence[tuple[float, Stretch]]) -> list[str]:
-    """Compare the hunting frequencies, Hz, of stretches at one speed."""
-    known = sorted(known, key=lambda pair: pair[0])
-    for low, one in known:
-        for high, other in reversed(known):
-            if high < _OTHER_RIG * low:
-                break
-            if abs(one.speed / other.speed - 1.0) < 0.1:
-                return [
-                    f'{one.source} moves at {low:.3g} Hz and {other.source} at {high:.3g} Hz at'
-                    ' one speed: are they of one rig?'
-                ]
-    return []
 
 
 def without_contact(channels: Channels, settings: IdentificationSettings) -> Channels:

@@ -9,7 +9,6 @@ out, and said: what they would show is an amplitude that the sensor made.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -61,38 +60,17 @@ def ignoring(
     counts : tuple of int
         Samples that each interval leaves out.
     """
-    counts = []
-    for low, high, which in settings.ignore:
-        count = 0
-        if which in (0, number):
-            record, count = _ignoring(record, low, high)
-        counts.append(count)
-    return record, tuple(counts)
-
-
-def nothing_ignored(
-    counts: Sequence[Sequence[int]], settings: IdentificationSettings
-) -> list[str]:
-    """Name the intervals in which no recording has anything to leave out."""
-    return [
-        f'ignore: no sample is between {low:g} and {high:g} s'
-        for (low, high, _), some in zip(settings.ignore, zip(*counts, strict=True), strict=True)
-        if not any(some)
-    ]
-
-
-def _ignoring(record: Record, low: float, high: float) -> tuple[Record, int]:
-    """Return the record without an interval, s since its start, and how many samples went."""
-    channels, count = dict(record), 0
-    for name in ('lateral', 'yaw'):
-        if name in record:
-            series = record[name]
-            time = series.seconds(record.start_ns)
-            inside = (time >= low) & (time < high)
-            count += int(inside.sum())
-            values = np.where(inside, np.nan, series.values)
+    channels, counts = dict(record), [0] * len(settings.ignore)
+    for name in channels.keys() & {'lateral', 'yaw'}:
+        series = channels[name]
+        time, values = series.seconds(record.start_ns), series.values.copy()
+        for k, (low, high, which) in enumerate(settings.ignore):
+            inside = (time >= low) & (time < high) & (which in (0, number))
+            values[inside] = np.nan
+            counts[k] += int(inside.sum())
+        if any(counts):
             channels[name] = Series(series.stamps_ns, values)
-    return (replace(record, channels=channels), count) if count else (record, 0)
+    return replace(record, channels=channels), tuple(counts)
 
 
 def measuring(record: Record, warnings: list[str], lateral_range_m: float = 0.0) -> Record:

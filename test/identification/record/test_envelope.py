@@ -4,9 +4,16 @@ import numpy as np
 import pytest
 
 from hunt_ros.errors import IdentificationError
+from hunt_ros.estimation.record_lines import RecordLines
 from hunt_ros.identification.record.channels import channels_of
 from hunt_ros.identification.record.envelope import envelope_of
-from hunt_ros.identification.record.hunting_frequency import find_frequency, tracked_envelope
+from hunt_ros.identification.record.hunting_frequency import (
+    frequency_grid,
+    motion_of_channels,
+    power_on,
+    strongest,
+    tracked_envelope,
+)
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import Record, Series
 
@@ -33,7 +40,7 @@ def test_the_amplitude_is_free_of_roughness_and_bias():
     roller = 7.0 / 0.15 * time
     lateral = hunting(time) + 1e-4 * np.cos(roller) + 5e-5 * np.sin(2 * roller) + 1e-3
     channels = channels_of(record(time, lateral, roller=roller))
-    envelope = tracked_envelope(channels, find_frequency(channels, SETTINGS), SETTINGS)
+    envelope = tracked_envelope(channels, 2.8, SETTINGS)
     assert envelope.amplitude == pytest.approx(3e-4, rel=1e-3)
     assert envelope.roughness == pytest.approx(1e-4, rel=1e-3)
 
@@ -44,7 +51,10 @@ def test_the_hunting_line_is_found_under_a_stronger_roughness_line():
     channels = channels_of(
         record(time, hunting(time, 5e-5) + 3e-4 * np.cos(roller), roller=roller)
     )
-    assert find_frequency(channels, SETTINGS) == pytest.approx(2.8, abs=0.03)
+    lines = RecordLines([motion_of_channels(channels)], SETTINGS.frequency_range_hz)
+    grid = frequency_grid(lines, SETTINGS)
+    found = strongest(grid, [power_on(channels, grid, lines.forced(), SETTINGS)])
+    assert found == pytest.approx(2.8, abs=0.03)
 
 
 def test_dropped_and_late_samples_cost_only_their_weight():

@@ -13,7 +13,7 @@ from hunt_ros.dynamics.simulation import (
 )
 from hunt_ros.identification.record.beat import without_beat
 from hunt_ros.identification.record.channels import channels_of
-from hunt_ros.identification.record.hunting_frequency import find_frequency, tracked_envelope
+from hunt_ros.identification.record.hunting_frequency import tracked_envelope
 from hunt_ros.identification.record.segments import analyse_record, speed_holds, steady_part
 from hunt_ros.identification.settings import IdentificationSettings
 
@@ -22,7 +22,7 @@ SETTINGS = IdentificationSettings()
 
 def analysed(record):
     channels = channels_of(record)
-    envelope = tracked_envelope(channels, find_frequency(channels, SETTINGS), SETTINGS)
+    envelope = tracked_envelope(channels, 2.8, SETTINGS)
     return analyse_record(channels, envelope, without_beat(envelope), SETTINGS)
 
 
