@@ -81,6 +81,10 @@ def cases(make, records):
         'millimetres as metres': [changed(loop, lateral=lambda y: 1e3 * y)],
         'metres as millimetres': [changed(loop, lateral=lambda y: 1e-3 * y)],
         'speed in mm/s': [changed(loop, speed=lambda v: 1e3 * v)],
+        'a channel that blows up': [
+            changed(loop, lateral=lambda y: y * np.exp(0.005 * np.arange(y.size)))
+        ],
+        'second speed in km/h': [loop, changed(loop, 'kmh', speed=lambda v: 3.6 * v)],
         'lateral of infinities': [
             changed(loop, lateral=lambda y: np.where(np.arange(y.size) % 50, y, np.inf))
         ],
@@ -112,7 +116,8 @@ NAMES = [
     'never hunts', 'never hunts, no noise', 'ten samples', 'five seconds', 'contradictory runs',
     'dropped out', 'nine of ten dropped out', 'long gaps', 'speed zero',
     'speed NaN', 'speed of infinity', 'stands at first', 'constant lateral', 'lateral zero',
-    'millimetres as metres', 'metres as millimetres', 'speed in mm/s', 'lateral of infinities',
+    'millimetres as metres', 'metres as millimetres', 'speed in mm/s',
+    'a channel that blows up', 'second speed in km/h', 'lateral of infinities',
     'yaw only', 'no speed', 'given twice', 'noise only', 'stamps all equal', 'stamps in reverse',
     'an empty record', 'no record', 'runs of two rigs',
 ]  # fmt: skip
@@ -178,6 +183,7 @@ def test_bad_input_is_refused_in_a_line_or_every_null_has_its_reason(outcome, na
         ('noise only', 'no hunting motion stands out'),
         ('stamps all equal', 'too few'),
         ('no record', 'none of 0'),
+        ('a channel that blows up', 'no displacement of a wheelset'),
     ],
 )
 def test_what_cannot_be_used_is_refused_by_its_own_name(outcome, name, words):
@@ -202,7 +208,8 @@ def test_no_coefficient_and_no_fold_without_support(outcome, name):
 
 
 @pytest.mark.parametrize(
-    'name', ['millimetres as metres', 'metres as millimetres', 'speed in mm/s']
+    'name',
+    ['millimetres as metres', 'metres as millimetres', 'speed in mm/s', 'second speed in km/h'],
 )
 def test_a_wrong_unit_is_doubted(outcome, name):
     assert any('is the unit right?' in warning for warning in outcome(name)['warnings'])

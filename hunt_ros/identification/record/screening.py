@@ -29,6 +29,9 @@ _STANDING = 0.05
 #: range (m/s), are rather a wrong unit.
 _LATERAL_RANGE = (2e-5, 5.0)
 _SPEED_RANGE = (0.05, 150.0)
+#: Factor between the speeds of two recordings that is rather another unit; and a displacement that
+#: is none of a wheelset, m.
+_OTHER_UNIT, _ABSURD = 3.0, 1e3
 #: Power of the motion over that of the noise, at its 95th percentile.
 _ABOVE_NOISE = 5.0
 #: Share of the clearance from which on a flange touches now and then.
@@ -194,6 +197,11 @@ def moving(record: Record) -> list[Channels]:
             f'{channels.source}: lateral is {finite[0]:.3g} m throughout: a sensor that measures'
             ' nothing'
         )
+    if float(np.abs(finite).max()) > _ABSURD:
+        raise IdentificationError(
+            f'{channels.source}: lateral reaches {np.abs(finite).max():.3g} m: no displacement of'
+            ' a wheelset (metres)'
+        )
     top = float(channels.speed.max())
     if top <= 0.0:
         raise IdentificationError(
@@ -232,6 +240,13 @@ def doubts(stretches: Sequence[Stretch], settings: IdentificationSettings) -> It
                 f'{one.source}: speed of {one.speed:.3g} m/s: is the unit right?'
                 ' (metres a second; SOURCE*0.001 for mm/s)'
             )
+    speeds = [one.speed for one in stretches]
+    if speeds and max(speeds) > _OTHER_UNIT * min(speeds):
+        one, other = (stretches[speeds.index(end(speeds))] for end in (min, max))
+        yield (
+            f'{one.source} runs at {one.speed:.3g} and {other.source} at {other.speed:.3g} m/s:'
+            ' is the unit right? (SOURCE*0.2778 for km/h)'
+        )
 
 
 def above_noise(envelopes: Sequence[Envelope]) -> None:
@@ -327,16 +342,29 @@ def held_amplitude(states: Sequence[SteadyState], threshold: float | None) -> tu
         What was seen, and what would tell more.
     """
     cycle = [s for s in states if threshold is not None and s.amplitude > threshold]
-    speed = np.array([state.speed for state in cycle])
-    if speed.size < _FLAT_STATES or speed.max() < (1.0 + _FLAT_RANGE) * speed.min():
+    if not _flat(cycle):
         return 0.0, ''
-    amplitude = np.array([state.amplitude for state in cycle])
-    found = linregress(np.log(speed), np.log(amplitude))
-    if abs(found.slope) + 2.0 * found.stderr >= _FLAT:
+    # Neither is that of a recording alone: one of them may have another unit.
+    alone = [[s for s in cycle if s.source == source] for source in {s.source for s in cycle}]
+    if any(_several(some) and not _flat(some) for some in alone):
         return 0.0, ''
-    low, high = float(amplitude.min()), float(amplitude.max())
+    amplitude, speed = [s.amplitude for s in cycle], [s.speed for s in cycle]
+    low, high = min(amplitude), max(amplitude)
     return low, (
         f'the amplitude of the limit cycle does not depend on the speed ({1e3 * low:.3g} to'
-        f' {1e3 * high:.3g} mm from {speed.min():.3g} to {speed.max():.3g} m/s), as if the flanges'
+        f' {1e3 * high:.3g} mm from {min(speed):.3g} to {max(speed):.3g} m/s), as if the flanges'
         ' held it: it is not fitted; flange_clearance_m (--clearance) says where they touch'
     )
+
+
+def _several(cycle: Sequence[SteadyState]) -> bool:
+    """Whether limit cycles were seen at enough speeds to tell how they depend on it."""
+    speed = [state.speed for state in cycle]
+    return len(speed) >= _FLAT_STATES and max(speed) >= (1.0 + _FLAT_RANGE) * min(speed)
+
+
+def _flat(cycle: Sequence[SteadyState]) -> bool:
+    if not _several(cycle):
+        return False
+    found = linregress(*np.log([(s.speed, s.amplitude) for s in cycle]).T)
+    return bool(abs(found.slope) + 2.0 * found.stderr < _FLAT)
