@@ -84,7 +84,10 @@ def cases(make, records):
         'a channel that blows up': [
             changed(loop, lateral=lambda y: y * np.exp(0.005 * np.arange(y.size)))
         ],
-        'second speed in km/h': [loop, changed(loop, 'kmh', speed=lambda v: 3.6 * v)],
+        'second speed in km/h': [
+            loop,
+            changed(records['staircase'][0], 'kmh', speed=lambda v: 3.6 * v),
+        ],
         'lateral of infinities': [
             changed(loop, lateral=lambda y: np.where(np.arange(y.size) % 50, y, np.inf))
         ],
