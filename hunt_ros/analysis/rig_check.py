@@ -40,6 +40,8 @@ _DIAMETER_SHARE, _DIAMETER_FAILS = 0.01, 0.05
 _TURNING_MPS = 0.2
 #: A noise of this share of the flange clearance hides the motion that matters.
 _NOISE_SHARE = 0.01
+#: Roller of the built-in rig, m.
+_ROLLER_M = 0.3
 #: Steps of an angle of more than this are a wrap, rad.
 _WRAP = math.pi
 
@@ -282,12 +284,17 @@ def _roller(record: Record, rig: Rig) -> Iterator[Finding]:
     way = 'forwards' if rate > 0.0 else 'backwards'
     wraps = f', and wraps every turn ({int(leaps.sum())} times)' if leaps.any() else ''
     quick = float(np.nanquantile(np.abs(steps[~leaps]), 0.99)) if not leaps.all() else math.inf
+    running = 0.0 if speed is None else float(np.nanmean(np.abs(speed.values)))
+    if leaps.any():
+        # What wraps between two readings looks slower than it is: the speed says how fast it is.
+        diameter_m = rig.roller_diameter_m or _ROLLER_M
+        quick = max(quick, 2.0 * running / diameter_m * span / (len(roller) - 1))
     text = f'the angle runs {way} at {abs(rate):.4g} rad/s{wraps}'
     advice = 'it turns by more than a quarter from reading to reading: read it more often'
-    yield _judged('encoder', 'roller', quick > 0.5 * _WRAP, text, advice, rate, 'rad/s')
-    if speed is None or len(speed) < _FEWEST:
-        return
-    yield _diameter(float(np.nanmean(np.abs(speed.values))), abs(rate), rig)
+    seldom = quick > 0.5 * _WRAP
+    yield _judged('encoder', 'roller', seldom, text, advice, rate, 'rad/s')
+    if speed is not None and len(speed) >= _FEWEST and not seldom:
+        yield _diameter(running, abs(rate), rig)
 
 
 def _diameter(speed: float, rate: float, rig: Rig) -> Finding:

@@ -171,7 +171,9 @@ def prepare(source: Source, number: int, settings: IdentificationSettings) -> Pr
         said=tuple(said),
         refused=refused,
         measures=measures,
-        turns_per_metre=turns_per_metre(record, settings.roller_diameter_m),
+        turns_per_metre=turns_per_metre(
+            record if is_assumed(turning) else turning, settings.roller_diameter_m
+        ),
         stretches=tuple(map(Stretch.of, channels)),
     )
     return Prepared(record, turning, tuple(channels), digest)

@@ -41,6 +41,9 @@ from hunt_ros.identification.record.turning import lines_above
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import Record
 
+#: Distance of a line from the hunting, relative, within which it is the hunting.
+_ITSELF = 0.15
+
 
 def usable(
     sources: Sequence[Source],
@@ -156,47 +159,34 @@ def hunting_frequency(
     chosen = [places[k] for k in looked_at(stretches)]
     motions = pool.map(motion_in, [one for one, _, _ in chosen], [k for _, k, _ in chosen])
     lines = RecordLines(list(motions), settings.frequency_range_hz)
-    turns = [one.digest.turns_per_metre for one in recordings if one.digest.measures]
-    warnings += _forced(lines, turns, settings)
-    frequency = _strongest(recordings, lines, False, settings, pool)
-    if not any(stretch.assumed for stretch in stretches):
-        return frequency, False
-    plain = _strongest(recordings, lines, True, settings, pool)
-    assumed = (
-        f'no roller angle, and a roller of {RigParameters.roller_diameter_m:g} m assumed: its'
-        ' lines'
-    )
-    if lines_above(stretches, settings, min(frequency, plain)):
-        warnings.append(f'{assumed} are removed where the speed has them')
-        return frequency, False
-    # A line of a roller that nobody named must not be the hunting itself.
-    warnings.append(f'{assumed} would be near the hunting, none is removed')
-    return plain, True
-
-
-def _strongest(
-    recordings: Sequence[Recording],
-    lines: RecordLines,
-    bare: bool,
-    settings: IdentificationSettings,
-    pool: Executor,
-) -> float:
-    if settings.frequency_hz is not None:
-        return settings.frequency_hz
     grid = frequency_grid(lines, settings)
-    work = partial(powers_in, bare=bare, grid=grid, forced=lines.forced())
-    powers = pool.map(work, recordings)
-    return strongest(grid, [power for some in powers for power in some])
 
+    def found(bare: bool) -> float:
+        if settings.frequency_hz is not None:
+            return settings.frequency_hz
+        work = partial(powers_in, bare=bare, grid=grid, forced=lines.forced())
+        return strongest(grid, [power for some in pool.map(work, recordings) for power in some])
 
-def _forced(
-    lines: RecordLines, turns: Sequence[float], settings: IdentificationSettings
-) -> list[str]:
-    """Name the forced lines that are not known ones: none of them is taken for the hunting."""
+    frequency, bare = found(bare=False), False
+    if any(stretch.assumed for stretch in stretches):
+        # A line of a roller that nobody named must not be the hunting itself.
+        plain = found(bare=True)
+        bare = not lines_above(stretches, settings, min(frequency, plain))
+        frequency = plain if bare else frequency
+        warnings.append(
+            f'no roller angle, and a roller of {RigParameters.roller_diameter_m:g} m assumed: its'
+            f' lines {"would be near the hunting, none is" if bare else "are"} removed'
+            f'{"" if bare else " where the speed has them"}'
+        )
+    turns = [one.digest.turns_per_metre for one in recordings if one.digest.measures]
     known = [one for one in turns if math.isfinite(one)]
     roller = float(np.median(known)) if known else math.nan
-    orders = [order * roller for order in settings.orders.tolist() if known]
-    return [line.words(roller) for line in lines.forced(orders)]
+    for line in lines.forced([order * roller for order in settings.orders.tolist() if known]):
+        at = [line.frequency_hz, *(line.turns_per_metre * one.speed for one in stretches)]
+        # A limit cycle that stays as it is for most of the time looks forced.
+        if not any(abs(math.log(hz / frequency)) < _ITSELF for hz in at):
+            warnings.append(line.words(roller))
+    return frequency, bare
 
 
 def runs_of(

@@ -69,6 +69,9 @@ FAULTS: dict[str, tuple[Callable[[Channels], Channels], str, str, str, str]] = {
                   'fail', 'factor -1'),
     'slow encoder': (_with('roller', lambda s: Series(s.stamps_ns[::8], s.values[::8])),
                      'encoder', 'roller', 'fail', 'more often'),
+    'slow encoder that wraps': (
+        _with('roller', lambda s: Series(s.stamps_ns[::20], s.values[::20] % (2.0 * np.pi))),
+        'encoder', 'roller', 'fail', 'more often'),
     'diameter': (_with('roller', lambda s: Series(s.stamps_ns, 1.1 * s.values)), 'diameter',
                  'roller', 'fail', 'counts of the encoder'),
     'standing': (_with('roller', lambda s: Series(s.stamps_ns, 0.0 * s.values)), 'encoder',
@@ -116,6 +119,8 @@ def test_a_fault_is_found_and_says_what_to_do(check, fault: str) -> None:
     assert one['state'] == state, one
     assert words in one['advice'], one
     assert all(one['advice'] for one in found.values() if one['state'] != 'ok')
+    # An angle that is read too seldom tells no diameter.
+    assert what != 'encoder' or ('diameter', 'roller') not in found
 
 
 def test_an_encoder_may_wrap_and_run_backwards(check) -> None:

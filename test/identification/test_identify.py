@@ -407,6 +407,15 @@ def test_a_critical_speed_below_the_data_is_a_forecast_from_where_they_begin(mak
     assert 'the data begin at 8.2 m/s' in said
 
 
+def test_a_limit_cycle_that_stays_for_most_of_the_time_is_not_called_forced(make):
+    knots = (0.0, 240.0, 480.0)
+    sweep = make(lambda t: np.interp(t, knots, (6.0, 8.8, 6.0)), 500.0, 0, forcing=4e-6)
+    hunting = make(lambda t: np.full_like(t, 8.6), 600.0, 5, start=7e-4, forcing=5e-6)
+    result = identify([sweep, hunting])
+    assert not any('forced, not hunting' in line for line in result.notices)
+    assert within(result.v_c, 8.0, 1.5)
+
+
 def test_ten_samples_are_refused_in_one_line(records):
     record = records['sweep'][0]
     ten = Record({k: Series(s.stamps_ns[:10], s.values[:10]) for k, s in record.items()}, 'ten')

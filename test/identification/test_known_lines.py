@@ -89,6 +89,27 @@ def test_the_angle_of_a_record_is_continuous_and_forward(
     assert np.ptp(off[20:-20]) < (1.5 * step if pulses else 1e-9)
 
 
+@pytest.mark.parametrize('rate_hz', [5.0, 10.0])
+@pytest.mark.parametrize('diameter_m', [0.0, 0.3])
+def test_an_encoder_that_wraps_between_two_readings_is_unwrapped_by_the_speed(
+    rate_hz: float, diameter_m: float
+) -> None:
+    time = np.arange(0.0, 120.0, 0.01)
+    speed = 6.0 + 0.02 * time
+    angle = np.cumsum(speed) * 0.01 / 0.15
+    stamps = np.round(1e9 * time).astype(np.int64)
+    every = round(100.0 / rate_hz)
+    channels = {
+        'lateral': Series(stamps, np.zeros(time.size)),
+        'speed': Series(stamps, 1.003 * speed),
+        'roller': Series(stamps[::every], -np.mod(angle[::every], 2.0 * np.pi)),
+    }
+    record = Record(channels)
+    got = with_angle(record, IdentificationSettings(roller_diameter_m=diameter_m))['roller']
+    off = np.abs(got.values - got.values[0]) - (angle[::every] - angle[0])
+    assert np.ptp(off) < 1e-6
+
+
 def test_an_impossible_line_is_refused() -> None:
     with pytest.raises(ConfigError, match='lines'):
         IdentificationSettings(lines=(1.0, -1.0))

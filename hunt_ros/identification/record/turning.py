@@ -29,6 +29,11 @@ _CELL_S, _WINDOW_S = 0.02, 2.0
 _MOST = 3.0 * SPEED_STD
 #: Time over which the scale of the speed is taken to be one, s (standard deviation of the weight).
 _STEADY_S = 8.0
+#: An angle that stays within this begins anew with each turn, rad; more than this from reading to
+#: reading is not told from less the other way.
+_WITHIN, _HALF = 2.5 * np.pi, 0.9 * np.pi
+#: Ratios of turning and speed that are tried: rollers of 0.05 to 3 m, 1/m.
+_RATIOS = (2.0 / 3.0, 2.0 / 0.05, 400)
 #: What the record says of itself where the diameter was not given.
 _ASSUMED = 'assumed'
 
@@ -54,7 +59,7 @@ def with_angle(record: Record, settings: IdentificationSettings) -> Record:
         With the channel `roller`.
     """
     if 'roller' in record and np.isfinite(record['roller'].values).sum() > 10:
-        return _with_roller(record, continuous(record['roller']), '')
+        return _with_roller(record, _encoded(record, settings.roller_diameter_m), '')
     if not all(name in record and len(record[name]) > 10 for name in ('lateral', 'speed')):
         return record
     motion, told = record['lateral'].in_order(), record['speed'].in_order()
@@ -70,6 +75,31 @@ def with_angle(record: Record, settings: IdentificationSettings) -> Record:
     return _with_roller(
         record, Series(stamps, angle), '' if settings.roller_diameter_m else _ASSUMED
     )
+
+
+def _encoded(record: Record, diameter_m: float) -> Series:
+    """
+    Return the angle of an encoder, by the speed where that wraps between two readings.
+
+    Steps that are a turn short show it: they follow the speed with another ratio, 2 / D, than
+    they seem to; the true one has the steps in phase with what the speed tells.
+    """
+    encoder = record['roller'].in_order().finite()
+    if 'speed' not in record or float(np.ptp(encoder.values)) > _WITHIN:
+        return continuous(record['roller'])
+    told = record['speed'].in_order().finite()
+    time = encoder.seconds(record.start_ns)
+    speed = np.interp(time, told.seconds(record.start_ns), np.abs(told.values))
+    way, step = 0.5 * (speed[1:] + speed[:-1]) * np.diff(time), np.diff(encoder.values)
+    ratios = 2.0 / np.array([diameter_m]) if diameter_m else np.linspace(*_RATIOS)
+    ratios = np.concatenate([ratios, -ratios])
+    some = slice(None, None, max(step.size // 2000, 1))
+    phases = np.exp(1j * (step[some] - ratios[:, None] * way[some]))
+    turned = ratios[int(np.argmax(np.abs(phases.mean(axis=1))))] * way
+    if not np.median(np.abs(turned)) > _HALF:
+        return continuous(record['roller'])
+    angle = np.cumsum(turned + (step - turned + np.pi) % (2.0 * np.pi) - np.pi)
+    return Series(encoder.stamps_ns, encoder.values[0] + np.concatenate([[0.0], angle]))
 
 
 def _with_roller(record: Record, roller: Series, remark: str) -> Record:
