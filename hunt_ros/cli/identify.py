@@ -78,8 +78,7 @@ def _parameter_file(text: str) -> Path:
 
 def describe(result: Identification) -> str:
     """Return the result as a few lines for a person."""
-    from hunt_ros.identification.result import EFFECTIVE
-    from hunt_ros.identification.silence import lines_of
+    from hunt_ros.identification.result import EFFECTIVE, lines_of
 
     lines = result.bracket.lines()
 

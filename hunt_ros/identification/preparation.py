@@ -16,14 +16,16 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.errors import IdentificationError
 from hunt_ros.estimation.mode_measurement import measure_ratio
 from hunt_ros.estimation.record_lines import ForcedLine, Motion, turns_per_metre
 from hunt_ros.estimation.response_windows import measure_response
-from hunt_ros.identification.record.beat import without_beat
 from hunt_ros.identification.record.channels import Channels
-from hunt_ros.identification.record.envelope import WINDOW_CYCLES, Envelope, fewest_samples
+from hunt_ros.identification.record.envelope import (
+    WINDOW_CYCLES,
+    fewest_samples,
+    without_beat,
+)
 from hunt_ros.identification.record.hunting_frequency import (
     Power,
     motion_of_channels,
@@ -39,7 +41,7 @@ from hunt_ros.identification.record.screening import (
     sketch_of,
     without_contact,
 )
-from hunt_ros.identification.record.segments import Segment, analyse_record
+from hunt_ros.identification.record.segments import Run, analyse_record
 from hunt_ros.identification.record.stops import ignoring, measuring
 from hunt_ros.identification.record.turning import is_assumed, with_angle
 from hunt_ros.identification.settings import IdentificationSettings
@@ -118,32 +120,6 @@ class Prepared:
     turning: Record
     channels: tuple[Channels, ...]
     digest: Digest
-
-
-@dataclass(frozen=True, eq=False)
-class Run:
-    """One stretch of a recording: all that was `seen`, and what of it enters the fit."""
-
-    seen: Envelope
-    envelope: Envelope
-    corrected: Envelope
-    segments: Sequence[Segment]
-    states: Sequence[SteadyState]
-
-    @property
-    def kicks(self) -> list[tuple[str, int]]:
-        """Source and stamp, ns, of each kick."""
-        return [(part.source, part.start_ns) for part in self.segments if part.kind == 'kick']
-
-    @property
-    def kicked(self) -> NDArray[np.bool_]:
-        """Instants whose windows hold a kick."""
-        stamp = self.envelope.start_ns + 1e9 * self.envelope.time
-        kicked = np.zeros(stamp.size, dtype=bool)
-        for part in self.segments:
-            if part.kind == 'kick':
-                kicked |= (stamp >= part.start_ns - 1e6) & (stamp <= part.end_ns + 1e6)
-        return kicked
 
 
 def prepare(source: Source, number: int, settings: IdentificationSettings) -> Prepared:

@@ -20,7 +20,7 @@ from hunt_ros.errors import HuntError, IdentificationError
 from hunt_ros.identification import IdentificationSettings, identify
 from hunt_ros.identification.bracket import contradicts
 from hunt_ros.identification.likelihood import trajectory_fit
-from hunt_ros.identification.silence import reason_in
+from hunt_ros.identification.result import reason_in
 from hunt_ros.samples import Record, Series
 
 FLUTTER = Path(__file__).parents[2] / '../shared/data/flutter_rig'

@@ -10,6 +10,7 @@ if not, why.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -85,6 +86,32 @@ class Segment:
     reason: str
     growth_rate: float = field(default=math.nan, metadata=key('growth_rate_per_s'))
     growth_rate_std: float = field(default=math.nan, metadata=key('growth_rate_std_per_s'))
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One stretch of a recording: all that was `seen`, and what of it enters the fit."""
+
+    seen: Envelope
+    envelope: Envelope
+    corrected: Envelope
+    segments: Sequence[Segment]
+    states: Sequence[SteadyState]
+
+    @property
+    def kicks(self) -> list[tuple[str, int]]:
+        """Source and stamp, ns, of each kick."""
+        return [(part.source, part.start_ns) for part in self.segments if part.kind == 'kick']
+
+    @property
+    def kicked(self) -> NDArray[np.bool_]:
+        """Instants whose windows hold a kick."""
+        stamp = self.envelope.start_ns + 1e9 * self.envelope.time
+        kicked = np.zeros(stamp.size, dtype=bool)
+        for part in self.segments:
+            if part.kind == 'kick':
+                kicked |= (stamp >= part.start_ns - 1e6) & (stamp <= part.end_ns + 1e6)
+        return kicked
 
 
 def analyse_record(

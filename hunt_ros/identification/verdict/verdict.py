@@ -27,12 +27,10 @@ from hunt_ros.identification.fit import FittedLaw
 from hunt_ros.identification.four_point import FourPoint, at_detunings, four_point
 from hunt_ros.identification.growth_law import GrowthLaw
 from hunt_ros.identification.posterior import Posterior
-from hunt_ros.identification.preparation import Run
 from hunt_ros.identification.record.envelope import Envelope
-from hunt_ros.identification.record.segments import Segment
-from hunt_ros.identification.result import GIVEN, PAPERS, FitSummary, Identification
+from hunt_ros.identification.record.segments import Run, Segment
+from hunt_ros.identification.result import GIVEN, PAPERS, FitSummary, Identification, unknown_of
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.identification.silence import unknown_of
 from hunt_ros.identification.uncertainty import critical_speed_bound, draw_laws, robust_covariance
 from hunt_ros.identification.verdict.lack_of_fit import (
     LackOfFit,

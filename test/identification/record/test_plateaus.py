@@ -11,8 +11,8 @@ from hunt_ros.dynamics.simulation import (
     SimulationSettings,
     simulate,
 )
-from hunt_ros.identification.record.beat import without_beat
 from hunt_ros.identification.record.channels import channels_of
+from hunt_ros.identification.record.envelope import without_beat
 from hunt_ros.identification.record.hunting_frequency import tracked_envelope
 from hunt_ros.identification.record.segments import analyse_record, speed_holds, steady_part
 from hunt_ros.identification.settings import IdentificationSettings
