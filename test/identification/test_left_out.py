@@ -87,12 +87,6 @@ def test_a_limit_cycle_of_one_amplitude_at_every_speed_asks_for_the_flange(power
     assert bool(asked) is said
 
 
-def test_the_shortest_hold_and_the_range_of_frequencies_are_settings(loop):
-    assert replace(IdentificationSettings(), minimum_hold_s=3.0).minimum_hold_s == 3.0
-    with pytest.raises(ConfigError):
-        IdentificationSettings(flange_clearance_m=-1.0)
-
-
 @pytest.mark.parametrize('seed', [1, 2, 3])
 def test_the_frequency_is_that_of_hunting_and_not_of_contact_with_a_flange_that_is_told(seed):
     clearance = 0.65e-3

@@ -207,6 +207,7 @@ def test_no_coefficient_and_no_fold_without_support(outcome, name):
     assert document['v_n'] is None
     assert document['hysteresis_width'] is None
     assert document['coefficients']['D15'] is None
+    assert document['correlations'] is None  # no normal form
     assert document['branches'] == []
 
 
