@@ -27,8 +27,9 @@ _NEAR = 0.15
 _COARSE = 40.0
 
 
+Array = NDArray[np.float64]
 #: Power of each frequency of a grid, added up over the pieces of a stretch, and how many.
-Power: TypeAlias = tuple[NDArray[np.float64], int]
+Power: TypeAlias = tuple[Array, int]
 
 
 def motion_of_channels(channels: Channels) -> Motion | None:
@@ -55,16 +56,16 @@ def looked_at(stretches: Sequence[Stretch]) -> list[int]:
     return sorted(by_swing[:: max(every, 1)])
 
 
-def frequency_grid(lines: RecordLines, settings: IdentificationSettings) -> NDArray[np.float64]:
+def frequency_grid(lines: RecordLines, settings: IdentificationSettings) -> Array:
     """Return the frequencies at which the hunting is looked for, Hz."""
     grid = np.arange(*settings.frequency_range_hz, 0.02)
     if lines.hunting_hz is None:
         return grid
-    near: NDArray[np.float64] = grid[np.abs(np.log(grid / lines.hunting_hz)) < _NEAR]
+    near: Array = grid[np.abs(np.log(grid / lines.hunting_hz)) < _NEAR]
     return near
 
 
-def strongest(grid: NDArray[np.float64], powers: Sequence[Power]) -> float:
+def strongest(grid: Array, powers: Sequence[Power]) -> float:
     """
     Frequency of the hunting, Hz: of the motion that changes most, or of the strongest line.
 
@@ -92,7 +93,7 @@ def strongest(grid: NDArray[np.float64], powers: Sequence[Power]) -> float:
 
 def power_on(
     record: Channels,
-    grid: NDArray[np.float64],
+    grid: Array,
     forced: Sequence[ForcedLine],
     settings: IdentificationSettings,
 ) -> Power:
@@ -125,43 +126,39 @@ def power_on(
             f'{record.source}: {record.rate_hz:.3g} samples a second are too few for a mode'
             f' of {low:g} Hz'
         )
-    power = np.zeros(grid.size)
-    pieces = 0
+    power, pieces = np.zeros(grid.size), 0
     length = min(_PIECE_S, 0.9 * float(record.time[-1] - record.time[0]))
     even = np.arange(length * rate) / rate
-    window = np.hanning(even.size)
+    window = np.hanning(even.size)[:, None]
     known = np.isfinite(record.lateral)
     way = np.concatenate([[0.0], np.cumsum(record.speed[1:] * np.diff(record.time))])
+    orders = settings.orders if record.roller.size else np.zeros(0)
     for start in np.arange(record.time[0], record.time[-1] - length + 1e-6, 0.5 * length):
-        first, last = np.searchsorted(record.time, [start, start + length])
-        part = slice(int(first), int(last))
-        here = known[part]
+        part = slice(*np.searchsorted(record.time, [start, start + length]))
+        here, time = known[part], record.time[part]
         if here.sum() < max(0.6 * here.size, 30):
             continue
-        piece = np.interp(start + even, record.time[part][here], record.lateral[part][here])
-        columns = [np.ones_like(even), even]
-        if record.roller.size:
-            angle = np.interp(start + even, record.time[part], record.roller[part])
-            for order in settings.orders:
-                columns += [np.cos(order * angle), np.sin(order * angle)]
-        covered = np.interp(start + even, record.time[part], way[part])
-        for line in forced:
-            turns = (
-                line.frequency_hz * even
-                if math.isfinite(line.frequency_hz)
-                else line.turns_per_metre * covered
-            )
-            columns += [np.cos(2.0 * np.pi * turns), np.sin(2.0 * np.pi * turns)]
-        basis = np.stack(columns, axis=1)
-        weighted = basis * window[:, None]
-        solution = np.linalg.lstsq(weighted, piece * window, rcond=None)[0]
-        left = (piece - basis @ solution) * window
+        piece = np.interp(start + even, time[here], record.lateral[part][here])[:, None]
+        covered = np.interp(start + even, time, way[part])
+        angles = [2.0 * np.pi * _turns(line, even, covered) for line in forced]
+        if orders.size:
+            angle = np.interp(start + even, time, record.roller[part])
+            angles += [order * angle for order in orders]
+        columns = [np.ones_like(even), even, *np.cos(angles), *np.sin(angles)]
+        basis = np.stack(columns, axis=1) * window
+        left = piece * window - basis @ np.linalg.lstsq(basis, piece * window, rcond=None)[0]
         size = 1 << (math.ceil(math.log2(left.size)) + 2)
-        spectrum = np.abs(np.fft.rfft(left, size)) ** 2
+        spectrum = np.abs(np.fft.rfft(left[:, 0], size)) ** 2
         at_grid = np.interp(grid, np.fft.rfftfreq(size, 1.0 / rate), spectrum, right=0.0)
         power += at_grid / left.size**2
         pieces += 1
     return power, pieces
+
+
+def _turns(line: ForcedLine, time: Array, way: Array) -> Array:
+    """Turns of a forced line along a piece, s and m since its start."""
+    in_time = math.isfinite(line.frequency_hz)
+    return line.frequency_hz * time if in_time else line.turns_per_metre * way
 
 
 def tracked_envelope(
@@ -199,37 +196,25 @@ def tracked_envelope(
     return envelope_of(record, along, settings)
 
 
-def _frequency_offset(envelope: Envelope) -> NDArray[np.float64] | None:
+def _frequency_offset(envelope: Envelope) -> Array | None:
     """Frequency against the frame, Hz, by regression on speed and amplitude squared; (n,)."""
-    if envelope.time.size < 4:
-        return None
-    z, step = envelope.phasor, envelope.step
+    z, step, speed = envelope.phasor, envelope.step, envelope.speed
     turned = z[1:] * np.conj(z[:-1])
     good = np.isfinite(turned)
     if good.sum() < 6:
         return None
-    angle = np.angle(turned[good])
-    weight = np.abs(turned[good])
     # One global turn first, so that the rest does not wrap.
-    common = np.angle(np.sum(turned[good]))
-    angle = np.angle(np.exp(1j * (angle - common)))
-    speed = envelope.speed
+    common = float(np.angle(np.sum(turned[good])))
+    angle = np.angle(turned[good] * np.exp(-1j * common))
     u = (speed - np.mean(speed)) / max(float(np.ptp(speed)), 1e-9)
-    power = np.where(np.isfinite(z), np.abs(z) ** 2, 0.0)
+    power = np.nan_to_num(np.abs(z) ** 2)
     w = power / max(float(power.max()), 1e-300)
-    columns = [np.ones_like(u)]
-    if np.ptp(speed) > 1e-3 * np.mean(np.abs(speed)):
-        columns += [u, u**2]
-    columns += [w, w**2]
-    basis = np.stack(columns, axis=1)
-    middle = 0.5 * (basis[1:] + basis[:-1])[good]
-    root = np.sqrt(weight)
+    moves = np.ptp(speed) > 1e-3 * np.mean(np.abs(speed))
+    basis = np.stack([np.ones_like(u), *([u, u**2] if moves else []), w, w**2], axis=1)
+    root = np.sqrt(np.abs(turned[good]))
     # The ridge keeps columns the record does not move from inventing a frequency.
-    ridge = 1e-3 * root.sum() / root.size * np.sqrt(root.size)
-    solution = np.linalg.lstsq(
-        np.concatenate([middle * root[:, None], ridge * np.eye(basis.shape[1])]),
-        np.concatenate([angle * root, np.zeros(basis.shape[1])]),
-        rcond=None,
-    )[0]
-    offset: NDArray[np.float64] = (common + basis @ solution) / (2.0 * np.pi * step)
-    return offset
+    ridge = 1e-3 * root.sum() / np.sqrt(root.size) * np.eye(basis.shape[1])
+    rows = np.concatenate([0.5 * (basis[1:] + basis[:-1])[good] * root[:, None], ridge])
+    wanted = np.concatenate([angle * root, np.zeros(basis.shape[1])])
+    offset: Array = common + basis @ np.linalg.lstsq(rows, wanted, rcond=None)[0]
+    return offset / (2.0 * np.pi * step)

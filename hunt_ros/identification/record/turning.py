@@ -85,7 +85,8 @@ def _encoded(record: Record, diameter_m: float) -> Series:
     they seem to; the true one has the steps in phase with what the speed tells.
     """
     encoder = record['roller'].in_order().finite()
-    if 'speed' not in record or float(np.ptp(encoder.values)) > _WITHIN:
+    wraps = len(encoder) > 10 and float(np.ptp(encoder.values)) < _WITHIN
+    if 'speed' not in record or not wraps:
         return continuous(record['roller'])
     told = record['speed'].in_order().finite()
     time = encoder.seconds(record.start_ns)
