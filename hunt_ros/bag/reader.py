@@ -13,7 +13,7 @@ import re
 import shutil
 import tempfile
 from collections.abc import Callable, Collection, Iterator
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -78,21 +78,35 @@ class Bag:
         self.files: list[McapFile | SqliteFile] = []
         self.problems: list[str] = []
         self.metadata: dict[str, Any] = {}
-        self._scratch: tempfile.TemporaryDirectory[str] | None = None
+        self._stack = ExitStack()
         try:
             self._open()
         except BaseException:
             self.close()
             raise
-        self.notes = self._collect_notes()
-        self.topics = self._collect_topics()
+        custom = self.metadata.get('custom_data')
+        told = custom if isinstance(custom, dict) else {}
+        self.notes = {str(key): str(value) for key, value in told.items()} | self.strings(NOTES)
+        self.notes.pop('problems', None)  # of the recording that this one was made of
+        self.topics: dict[str, TopicSummary] = {}
+        for file in self.files:
+            for topic in file.topics:
+                before = self.topics.get(topic.name)
+                count = file.counts.get(topic.id, 0) + (before.messages if before else 0)
+                self.topics[topic.name] = TopicSummary(topic.name, topic.type, count)
 
     def _open(self) -> None:
-        names = self._open_folder() if self.path.is_dir() else [self.path]
-        for name in names:
-            file = self._open_file(name)
-            if file is None:
+        for name in self._listed() if self.path.is_dir() else [self.path]:
+            if self.path.is_dir() and name.is_file() and not name.stat().st_size:
+                # A recorder killed in its first moment leaves a file without a byte.
+                self.problems.append(f'{name.name}: the file is empty')
                 continue
+            scratch = self.path
+            if name.suffix == '.zstd':
+                folder = tempfile.TemporaryDirectory(prefix='hunt_ros_bag_')
+                scratch = Path(self._stack.enter_context(folder))
+            file = open_storage(name, scratch)
+            self._stack.callback(file.close)
             self.files.append(file)
             self.problems += [f'{name.name}: {problem}' for problem in file.problems]
         if not self.files:
@@ -102,82 +116,35 @@ class Bag:
         if isinstance(claimed, int) and claimed != there and not self.problems:
             self.problems.append(f'{there} messages are in it, {claimed} by its metadata.yaml')
 
-    def _open_folder(self) -> list[Path]:
-        """Return the files of a recording, by metadata.yaml where it can be used."""
+    def _listed(self) -> list[Path]:
+        """Return the files of a folder, by metadata.yaml where it can be used."""
         description = self.path / 'metadata.yaml'
         present = folder_files(self.path)
-        if not description.exists():
-            if not present:
-                raise BagError(
-                    f'{self.path}: no .mcap or .db3 file in it, expected a rosbag2 recording'
-                    f'{_recordings_below(self.path)}'
-                )
-            self.problems.append('it was not closed: there is no metadata.yaml')
-            return present
         try:
-            self.metadata = read_metadata(description)
-            return self._listed()
+            if description.exists():
+                self.metadata = read_metadata(description)
+                return [self._place(Path(name)) for name in self.metadata['relative_file_paths']]
+            self.problems.append('it was not closed: there is no metadata.yaml')
         except BagError as error:
             if not present:
                 raise
             self.problems.append(str(error))
-            return present
-
-    def _listed(self) -> list[Path]:
-        """Return the files that metadata.yaml names."""
-        if str(self.metadata.get('compression_mode') or '').lower() in ('file', 'message'):
-            form = str(self.metadata.get('compression_format') or '')
-            if form != 'zstd':
-                raise BagError(f'{self.path}: compression {form!r} is not known, expected zstd')
-        names = self.metadata.get('relative_file_paths')
-        if not isinstance(names, list) or not names:
-            raise BagError(f'{self.path}/metadata.yaml: relative_file_paths is missing')
-        listed = [self._place(Path(str(name))) for name in names]
-        missing = [name.name for name in listed if not name.exists()]
-        if missing:
-            raise BagError(f'{self.path}: {missing[0]} is named in metadata.yaml and missing')
-        return listed
+        if not present:
+            raise BagError(
+                f'{self.path}: no .mcap or .db3 file in it, expected a rosbag2 recording'
+                f'{_recordings_below(self.path)}'
+            )
+        return present
 
     def _place(self, name: Path) -> Path:
         """Return where a file that metadata.yaml names is, in the folder or below it."""
         # Versions before 4 put the folder's name in front: there the last part holds.
         below = self.path / name
         inside = '..' not in name.parts and not name.is_absolute()
-        return below if inside and below.exists() else self.path / name.name
-
-    def _open_file(self, name: Path) -> McapFile | SqliteFile | None:
-        """Open one file; None for an empty one of a recording that was killed."""
-        try:
-            if name.suffix == '.zstd' and self._scratch is None:
-                self._scratch = tempfile.TemporaryDirectory(prefix='hunt_ros_bag_')
-            return open_storage(name, Path(self._scratch.name if self._scratch else '.'))
-        except BagError as error:
-            # A recorder killed in its first moment leaves a file without a byte.
-            if self.path.is_dir() and name.stat().st_size == 0:
-                self.problems.append(str(error))
-                return None
-            raise
-
-    def _collect_notes(self) -> dict[str, str]:
-        notes: dict[str, str] = {}
-        custom = self.metadata.get('custom_data')
-        if isinstance(custom, dict):
-            notes |= {str(key): str(value) for key, value in custom.items()}
-        for file in self.files:
-            for name, strings in file.metadata:
-                if name == NOTES:
-                    notes |= strings
-        notes.pop('problems', None)  # of the recording that this one was made of
-        return notes
-
-    def _collect_topics(self) -> dict[str, TopicSummary]:
-        topics: dict[str, TopicSummary] = {}
-        for file in self.files:
-            for topic in file.topics:
-                before = topics.get(topic.name)
-                count = file.counts.get(topic.id, 0) + (before.messages if before else 0)
-                topics[topic.name] = TopicSummary(topic.name, topic.type, count)
-        return topics
+        found = below if inside and below.exists() else self.path / name.name
+        if not found.exists():
+            raise BagError(f'{self.path}: {name.name} is named in metadata.yaml and missing')
+        return found
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
@@ -240,11 +207,7 @@ class Bag:
 
     def close(self) -> None:
         """Let go of the files."""
-        for file in self.files:
-            file.close()
-        if self._scratch is not None:
-            self._scratch.cleanup()
-            self._scratch = None
+        self._stack.close()
 
     def __enter__(self) -> Bag:
         return self
@@ -350,15 +313,16 @@ def read_metadata(path: Path) -> dict[str, Any]:
         if path.stat().st_size > _LARGEST_METADATA:
             raise BagError(f'{path}: {path.stat().st_size} bytes, too large for a description')
         document = yaml.load(path.read_text(encoding='utf-8'), Loader=_Loader)
-        info = document['rosbag2_bagfile_information']
+        info = dict(document['rosbag2_bagfile_information'])
         version = int(info['version'])
+        info['relative_file_paths'] = [str(name) for name in info['relative_file_paths']]
     except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
         raise BagError(f'{path}: cannot be read ({str(error).splitlines()[0]})') from error
     except (KeyError, TypeError, ValueError) as error:
-        raise BagError(f'{path}: not a rosbag2 description, or without a version') from error
+        raise BagError(f'{path}: not a rosbag2 description, it has no version or files') from error
     if version > NEWEST_VERSION:
         raise BagError(f'{path}: version {version}, expected at most {NEWEST_VERSION}')
-    return dict(info)
+    return info
 
 
 def _existing(path: Path) -> Path:

@@ -13,6 +13,7 @@ with one page of zeros 5,933 (mean of 60 places). (rosbags 0.11.9)
 from __future__ import annotations
 
 import sqlite3
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 
@@ -49,8 +50,6 @@ class SqliteFile:
         self.problems: list[str] = []
         self.remarks: list[tuple[str, str]] = []
         self.metadata: list[tuple[str, dict[str, str]]] = []
-        if not Path(path).is_file():
-            raise BagError(f'{path}: no such file, expected a .db3 recording')
         try:
             self._base = sqlite3.connect(f'{Path(path).resolve().as_uri()}?mode=ro', uri=True)
             self._base.text_factory = lambda raw: raw.decode('utf-8', 'replace')
@@ -61,12 +60,11 @@ class SqliteFile:
         except (sqlite3.Error, TypeError, ValueError, BagError) as error:
             self._base.close()
             raise error if isinstance(error, BagError) else self._damage(error) from error
+        self.counts: dict[int, int] = {}
         try:
-            self.counts = self._read_counts()
-            self._compare()
+            self._count()
         except (sqlite3.Error, TypeError, ValueError) as error:
             # The topics are known: what can be read of the messages, the reading shows.
-            self.counts = {}
             self.problems.append(str(self._damage(error)))
 
     def _read_topics(self) -> list[Topic]:
@@ -87,21 +85,18 @@ class SqliteFile:
             topics.append(Topic(int(key), str(name), str(kind), str(encoding), *about))
         return topics
 
-    def _read_counts(self) -> dict[int, int]:
-        query = f'SELECT topic_id, COUNT(*) FROM messages WHERE {_IN_TIME} GROUP BY topic_id'
-        return {int(key): int(count) for key, count in self._base.execute(query)}
-
-    def _compare(self) -> None:
-        """Say of how many messages neither the topic nor the time is known."""
-        known = {topic.id for topic in self.topics}
-        homeless = sum(count for key, count in self.counts.items() if key not in known)
-        if homeless:
-            self.problems.append(f'{homeless} messages are of topics described nowhere')
-        (count,) = self._base.execute(
-            f'SELECT COUNT(*) FROM messages WHERE NOT ({_IN_TIME})'
-        ).fetchone()
-        if count:
-            self.problems.append(f'{count} messages of an impossible time')
+    def _count(self) -> None:
+        """Count the messages, and say of how many neither the topic nor the time is known."""
+        query = f'SELECT topic_id, {_IN_TIME} AS possible, COUNT(*) FROM messages GROUP BY 1, 2'
+        lost: Counter[str] = Counter()
+        for key, possible, count in self._base.execute(query):
+            if not possible:
+                lost['messages of an impossible time'] += count
+                continue
+            self.counts[int(key)] = int(count)
+            if int(key) not in {topic.id for topic in self.topics}:
+                lost['messages of topics described nowhere'] += count
+        self.problems += [f'{count} {what}' for what, count in lost.items()]
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
@@ -146,32 +141,28 @@ class SqliteFile:
             query, values = f'{query} AND timestamp < ?', [*values, end_ns]
         cursor: sqlite3.Cursor | None = None
         failure: Exception | None = None
-        while failure is None:
+        count = 1
+        while count and failure is None:
             messages: dict[int, list[tuple[int, bytes]]] = {}
             count = size = 0
             try:
                 cursor = cursor or self._base.execute(f'{query} ORDER BY {order}', values)
                 while count < _ROWS and size < _BYTES and (row := cursor.fetchone()) is not None:
-                    key, stamp, raw = int(row[0]), int(row[1]), _message(row[2])
+                    key, stamp, raw = row
+                    if not isinstance(raw, bytes):
+                        raise ValueError(f'a message is a {type(raw).__name__}, expected bytes')
                     messages.setdefault(key, []).append((stamp, raw))
                     count, size = count + 1, size + len(raw)
             except (sqlite3.Error, TypeError, ValueError, OverflowError) as error:
                 failure = error
             if count:
                 yield pack_messages(messages)
-            elif failure is None:
-                return
-        if damaged is None:
-            raise self._damage(failure) from failure
-        damaged(self._damage(failure))
+        if failure is not None:
+            if damaged is None:
+                raise self._damage(failure) from failure
+            damaged(self._damage(failure))
 
     def _damage(self, error: Exception) -> BagError:
         reason = ' '.join(str(error).split())
         hint = '' if 'not a database' in reason else SALVAGE_HINT
         return BagError(f'{self.path}: not a sound SQLite recording ({reason:.120}){hint}')
-
-
-def _message(value: object) -> bytes:
-    if not isinstance(value, bytes):
-        raise ValueError(f'a message is a {type(value).__name__}, expected bytes')
-    return value

@@ -80,51 +80,59 @@ def load_record(
     if rate_hz is not None and time is not None:
         raise BagError(f'{path}: either the sample rate or the column of times, not both')
     table = load_table(path)
-    mapping = {**_named(table, path, mapping), **mapping}
-    sources = {name: source for name, source in mapping.items() if source.constant is None}
-    for name, source in sources.items():
-        _check_unit(table, name, source, path)
-    runs = {name: select(table, source.source, path) for name, source in sources.items()}
-    if all(run.size < 2 for several in runs.values() for run in several):
-        raise BagError(f'{path}: only constants are asked for, expected a series of the file')
-    stamps = _clocks(table, sources, runs, rate_hz, time, path)
-    series = {
-        name: _series(path, sources[name], several, stamps[name]) for name, several in runs.items()
-    }
+    try:
+        series, mapping = _channels(table, mapping, rate_hz, time)
+    except BagError as error:
+        raise BagError(f'{path}: {error}') from error
     record = Record(series, str(path), {'source': Path(path).name})
     return with_constants(record, mapping)
 
 
+def _channels(
+    table: Table, given: Mapping[str, ChannelSource], rate_hz: float | None, time: str | None
+) -> tuple[dict[str, Series], dict[str, ChannelSource]]:
+    """Return the series of the channels, and where each comes from."""
+    mapping = {**_named(table, given), **given}
+    sources = {name: source for name, source in mapping.items() if source.constant is None}
+    for name, source in sources.items():
+        _check_unit(table, name, source)
+    runs = {name: select(table, source.source) for name, source in sources.items()}
+    if all(run.size < 2 for several in runs.values() for run in several):
+        raise BagError('only constants are asked for, expected a series of the file')
+    stamps = _clocks(table, sources, runs, rate_hz, time)
+    series = {
+        name: _series(sources[name], several, stamps[name]) for name, several in runs.items()
+    }
+    return series, mapping
+
+
 def _series(
-    path: str | Path,
     source: ChannelSource,
     runs: list[NDArray[Any]],
     clock: list[NDArray[np.int64]],
 ) -> Series:
     """Return the samples of a channel over all runs."""
     if len(runs) != len(clock):
-        raise BagError(f'{path}: {source.source} has {len(runs)} runs, the times {len(clock)}')
+        raise BagError(f'{source.source} has {len(runs)} runs, the times {len(clock)}')
     stamps_of, values_of = [], []
     for values, stamps in zip(runs, clock, strict=True):
         if values.dtype.kind == 'M':
-            raise BagError(f'{path}: {source.source} holds times, expected numbers')
+            raise BagError(f'{source.source} holds times, expected numbers')
         if values.size == 1:
             values = np.full(stamps.size, values[0])
         if stamps.size != values.size:
-            raise BagError(
-                f'{path}: {source.source} has {values.size} values for {stamps.size} times'
-            )
+            raise BagError(f'{source.source} has {values.size} values for {stamps.size} times')
         # An empty cell is no sample; one that says "nan" is a sample that failed.
         there = ~np.ma.getmaskarray(values)
         stamps_of.append(stamps[there])
         values_of.append(np.ma.getdata(values)[there].astype(np.float64))
     stamps, values = np.concatenate(stamps_of), np.concatenate(values_of)
     if not np.isfinite(values).any():
-        raise BagError(f'{path}: {source.source} holds no finite number')
+        raise BagError(f'{source.source} holds no finite number')
     times = np.unique(stamps).size
     if 2 * times <= values.size and times < values.size:
         raise BagError(
-            f'{path}: {source.source} has {values.size} values at {times} different times,'
+            f'{source.source} has {values.size} values at {times} different times,'
             ' expected times with more digits, or the sample rate (--rate)'
         )
     return Series(stamps, values * source.scale + source.offset)
@@ -136,7 +144,6 @@ def _clocks(
     runs: Mapping[str, list[NDArray[Any]]],
     rate_hz: float | None,
     time: str | None,
-    path: str | Path,
 ) -> dict[str, list[NDArray[np.int64]]]:
     """Return the stamps of each channel in each run, ns: its own, or those of all."""
     clocks: dict[str, list[NDArray[np.int64]]] = {}
@@ -149,8 +156,8 @@ def _clocks(
             steps = (np.arange(length) / rate_hz * NANOSECONDS for length in lengths)
             times = [np.rint(step).astype(np.int64) for step in steps]
         else:
-            source = _time_source(table, time, path)
-            times = [_to_ns(part, source, path) for part in select(table, source.source, path)]
+            source = _time_source(table, time)
+            times = [_to_ns(part, source) for part in select(table, source.source)]
         clocks = dict.fromkeys(runs, times) | clocks
     # From 1 s where the times begin near zero; runs one behind the other.
     begin_ns, several = NANOSECONDS, max(len(clock) for clock in clocks.values()) > 1
@@ -165,12 +172,12 @@ def _clocks(
     return laid
 
 
-def _time_source(table: Table, time: str | None, path: str | Path) -> ChannelSource:
+def _time_source(table: Table, time: str | None) -> ChannelSource:
     """Return the column of the times; its scale makes seconds of it."""
     if time is not None:
         source = ChannelSource.of('time', time)
         if source.constant is not None:
-            raise BagError(f'{path}: the time is a constant, expected a column')
+            raise BagError('the time is a constant, expected a column')
         return source
     names = {str(name).lower(): str(name) for name in table}
     usual = next((name for name in TIMES if name in names), '')
@@ -178,7 +185,7 @@ def _time_source(table: Table, time: str | None, path: str | Path) -> ChannelSou
              and column.dtype.kind == 'M']  # fmt: skip
     if not usual and not dates:
         raise BagError(
-            f'{path}: no column of times ({", ".join(TIMES)}), expected one, or the'
+            f'no column of times ({", ".join(TIMES)}), expected one, or the'
             ' sample rate (--rate), or --time COLUMN'
         )
     if not usual:
@@ -186,14 +193,14 @@ def _time_source(table: Table, time: str | None, path: str | Path) -> ChannelSou
     name = names[usual]
     unit = _plain(table.units.get(name, ''))
     if unit and unit not in TIME_UNITS:
-        raise BagError(f'{path}: column {name}: unknown unit {unit!r} of a time, expected --time')
+        raise BagError(f'column {name}: unknown unit {unit!r} of a time, expected --time')
     told = TIMES[usual]
     if unit and '_' in usual and TIME_UNITS[unit] != told:
-        raise BagError(f'{path}: column {name} is in {unit} by the line of units: expected --time')
+        raise BagError(f'column {name} is in {unit} by the line of units: expected --time')
     return ChannelSource('time', name, TIME_UNITS.get(unit, told))
 
 
-def _to_ns(column: NDArray[Any], source: ChannelSource, path: str | Path) -> NDArray[np.int64]:
+def _to_ns(column: NDArray[Any], source: ChannelSource) -> NDArray[np.int64]:
     """Return times as whole nanoseconds, and whole ones as they are: float64 has no room."""
     if column.dtype.kind == 'M':
         bad = np.isnat(column)
@@ -204,18 +211,16 @@ def _to_ns(column: NDArray[Any], source: ChannelSource, path: str | Path) -> NDA
         bad = ~np.isfinite(raw)
         seconds = np.where(bad, 0.0, raw) * source.scale + source.offset
         if (np.abs(seconds) > LATEST_S).any():
-            raise BagError(
-                f'{path}: {source.source} reaches beyond {LATEST_S:g} s, expected seconds'
-            )
+            raise BagError(f'{source.source} reaches beyond {LATEST_S:g} s, expected seconds')
         stamps = np.rint(seconds * NANOSECONDS).astype(np.int64)
         if source.scale == 1e-9 and not source.offset:
             exact = column if column.dtype.kind in 'iu' else np.rint(raw)
             stamps = np.asarray(exact).astype(np.int64)
     if bad.any():
-        raise BagError(f'{path}: {source.source} is not finite in row {np.flatnonzero(bad)[0]}')
+        raise BagError(f'{source.source} is not finite in row {np.flatnonzero(bad)[0]}')
     backwards = np.flatnonzero(np.diff(stamps) < 0)
     if backwards.size:
-        raise BagError(f'{path}: {source.source} goes backwards in row {backwards[0] + 1}')
+        raise BagError(f'{source.source} goes backwards in row {backwards[0] + 1}')
     return stamps
 
 
@@ -226,20 +231,18 @@ def _plain(unit: str) -> str:
     return text.replace('sec', 's').replace('/', 'p')
 
 
-def _check_unit(table: Table, channel: str, source: ChannelSource, path: str | Path) -> None:
+def _check_unit(table: Table, channel: str, source: ChannelSource) -> None:
     """Refuse a column that is taken as it is, and is not in SI by what the file says."""
     unit = _plain(table.units.get(source.source, ''))
     factor = UNITS[channel].get(unit, 1.0)
     if source.scale == 1.0 and factor != 1.0:
         raise BagError(
-            f'{path}: column {source.source} is in {unit}, expected a factor:'
+            f'column {source.source} is in {unit}, expected a factor:'
             f' {channel}={source.source}*{factor:.7g}'
         )
 
 
-def _named(
-    table: Table, path: str | Path, given: Mapping[str, ChannelSource]
-) -> dict[str, ChannelSource]:
+def _named(table: Table, given: Mapping[str, ChannelSource]) -> dict[str, ChannelSource]:
     """Find the channels by the names of the columns, `lateral_mm` or `lateral`."""
     found: dict[str, ChannelSource] = {}
     for channel in CHANNELS:
@@ -247,34 +250,34 @@ def _named(
         if channel in given or not names:
             continue
         units = UNITS[channel]
-        told = {name: _unit_of(table, channel, name, path) for name in names}
+        told = {name: _unit_of(table, channel, name) for name in names}
         known = {name: unit for name, unit in told.items() if not unit or unit in units}
         if not known and given:
             continue  # a further column with a name like it, as speed_setpoint
         if not known:
             expected = ', '.join(f'{channel}_{unit}' for unit in units)
             raise BagError(
-                f'{path}: column {names[0]}: unknown unit of {channel}, expected {expected}, or'
+                f'column {names[0]}: unknown unit of {channel}, expected {expected}, or'
                 f' --channel {channel}=...'
             )
         if len(known) > 1:
             raise BagError(
-                f'{path}: {" and ".join(known)} are both {channel}, expected one, or'
+                f'{" and ".join(known)} are both {channel}, expected one, or'
                 f' --channel {channel}=...'
             )
         ((name, unit),) = known.items()
         found[channel] = ChannelSource(channel, name, units.get(unit, 1.0))
     if not found and not given:
         raise BagError(
-            f'{path}: no column named {", ".join(CHANNELS)}, expected one or'
+            f'no column named {", ".join(CHANNELS)}, expected one or'
             f' --channel lateral=...; it has {", ".join(map(str, list(table)[:12]))}'
         )
     return found
 
 
-def _unit_of(table: Table, channel: str, name: str, path: str | Path) -> str:
+def _unit_of(table: Table, channel: str, name: str) -> str:
     """Return the unit of a column by its name or by what the file says; '' for SI."""
     ending, told = name[len(channel) + 1 :].lower(), _plain(table.units.get(name, ''))
     if told and ending and ending in UNITS[channel] and told != ending:
-        raise BagError(f'{path}: column {name} is in {told} by the line of units: which is it?')
+        raise BagError(f'column {name} is in {told} by the line of units: which is it?')
     return ending or told

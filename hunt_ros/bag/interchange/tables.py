@@ -56,29 +56,29 @@ def load_table(path: str | Path) -> Table:
         If it cannot be read, its format is unknown, or a package for it is missing.
     """
     file = Path(path)
-    reader = _READERS.get(file.suffix.lower())
-    if reader is None:
-        raise BagError(f'{path}: unknown format {file.suffix!r}, expected {", ".join(_READERS)}')
-    if not file.is_file():
-        raise BagError(f'{path}: no such file')
+    ending = file.suffix.lower()
     try:
-        table = reader(file)
-    except BagError:
-        raise
+        if ending not in _READERS:
+            raise BagError(f'unknown format {file.suffix!r}, expected {", ".join(_READERS)}')
+        if not file.is_file():
+            raise BagError('no such file')
+        table = _READERS[ending](file)
+        if not table:
+            raise BagError('holds no numbers')
+    except BagError as error:
+        raise BagError(f'{path}: {error}') from error
     except ImportError as error:
-        extra = {'.tdms': 'tdms', '.parquet': 'parquet'}.get(file.suffix.lower(), 'matlab73')
+        extra = {'.tdms': 'tdms', '.parquet': 'parquet'}.get(ending, 'matlab73')
         raise BagError(
             f'{path}: {error.name} is not installed (pip install "hunt_ros[{extra}]")'
         ) from error
     except Exception as error:  # foreign readers raise what they meet in a damaged file
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise BagError(f'{path}: cannot be read as {file.suffix} ({reason:.120})') from error
-    if not table:
-        raise BagError(f'{path}: holds no numbers')
     return table if isinstance(table, Table) else Table(table)
 
 
-def select(table: Mapping[str, Any], source: str, path: str | Path) -> list[NDArray[Any]]:
+def select(table: Mapping[str, Any], source: str) -> list[NDArray[Any]]:
     """
     Pick a series out of a table: `y`, `data[1]`, `data[:,2]`, `runs[6].force`, `runs[:].force`.
 
@@ -96,31 +96,31 @@ def select(table: Mapping[str, Any], source: str, path: str | Path) -> list[NDAr
     BagError
         If there is no such series, or it is not one-dimensional or not numeric.
     """
-    value = table[source] if source in table else _follow(table, source, path)
-    return [_series(run, source, path) for run in (value if isinstance(value, _All) else [value])]
+    value = table[source] if source in table else _follow(table, source)
+    return [_series(run, source) for run in (value if isinstance(value, _All) else [value])]
 
 
 class _All(list[Any]):
     """All of an array of structures or cells."""
 
 
-def _series(value: Any, source: str, path: str | Path) -> NDArray[Any]:
+def _series(value: Any, source: str) -> NDArray[Any]:
     if isinstance(value, Mapping):
-        raise BagError(f'{path}: {source} is a structure, expected one of {_shown(value)}')
+        raise BagError(f'{source} is a structure, expected one of {_shown(value)}')
     if _is_list(value):
         raise BagError(
-            f'{path}: {source} is an array of {len(value)} structures, expected one such as'
+            f'{source} is an array of {len(value)} structures, expected one such as'
             f' {source}[0].{_shown(value[0]) or "..."}, or all of them, {source}[:]'
         )
     array = np.asanyarray(value)
     if array.dtype.kind not in 'biufM':
-        raise BagError(f'{path}: {source} is of type {array.dtype}, expected numbers')
+        raise BagError(f'{source} is of type {array.dtype}, expected numbers')
     if array.size == 1 or 1 in array.shape:
         array = array.reshape(-1)
     if array.ndim != 1:
         shape = ' x '.join(map(str, array.shape))
         raise BagError(
-            f'{path}: {source} is {shape}, expected a series such as {source}[0] or {source}[:,0]'
+            f'{source} is {shape}, expected a series such as {source}[0] or {source}[:,0]'
         )
     series: NDArray[Any] = array if array.dtype.kind in 'iuM' else array.astype(np.float64)
     return series
@@ -133,33 +133,33 @@ def _is_list(value: Any) -> bool:
     return isinstance(value, list) and any(isinstance(one, Mapping | list) for one in value[:1])
 
 
-def _follow(table: Mapping[str, Any], source: str, path: str | Path) -> Any:
+def _follow(table: Mapping[str, Any], source: str) -> Any:
     """Return what a path such as `run.y[:,0]` stands for."""
     base = source.partition('[')[0].strip()
     value: Any = table[base] if base and base in table else table
     position = source.index(base) + len(base) if value is not table else 0
     if not base:
-        raise BagError(f'{path}: {source!r} names nothing, expected one of {_shown(table)}')
+        raise BagError(f'{source!r} names nothing, expected one of {_shown(table)}')
     while position < len(source.rstrip()):
         match = _STEP.match(source, position)
         if match is None:
-            raise BagError(f'{path}: {source!r}: expected an index such as [0] or [:,0]')
-        value = _take(value, match[1], match[2], source, path)
+            raise BagError(f'{source!r}: expected an index such as [0] or [:,0]')
+        value = _take(value, match[1], match[2], source)
         position = match.end()
     return value
 
 
-def _take(value: Any, name: str | None, inside: str | None, source: str, path: str | Path) -> Any:
+def _take(value: Any, name: str | None, inside: str | None, source: str) -> Any:
     """Return a part of a value by its name or its index."""
     if isinstance(value, _All):
-        return _All(_take(one, name, inside, source, path) for one in value)
+        return _All(_take(one, name, inside, source) for one in value)
     if name is not None:
         name = name.strip()
         if not isinstance(value, Mapping) or name not in value:
             known = _shown(value) if isinstance(value, Mapping) else 'no parts'
             if _is_list(value):
                 known = f'{len(value)} structures: [0] to [{len(value) - 1}], or [:] for all'
-            raise BagError(f'{path}: there is no {name!r} for {source!r}, it has {known}')
+            raise BagError(f'there is no {name!r} for {source!r}, it has {known}')
         return value[name]
     if isinstance(value, Mapping):  # one structure, or in version 7.3 the lists of several
         lists = [part for part in value.values() if isinstance(part, list)]
@@ -174,7 +174,7 @@ def _take(value: Any, name: str | None, inside: str | None, source: str, path: s
         return np.asarray(value)[index]
     except (IndexError, ValueError) as error:
         shape = ' x '.join(map(str, np.shape(value) if not _is_list(value) else (len(value),)))
-        raise BagError(f'{path}: {source!r}: no [{inside}] in {shape} numbers') from error
+        raise BagError(f'{source!r}: no [{inside}] in {shape} numbers') from error
 
 
 def _shown(table: Any) -> str:
@@ -187,7 +187,7 @@ def _read_csv(path: Path) -> Table:
     lines = _decoded(path.read_bytes()).splitlines()
     told = [i for i, line in enumerate(lines[:_LOOKED_AT]) if line.strip() and line[0] not in '#%']
     if not told:
-        raise BagError(f'{path}: has no lines of numbers')
+        raise BagError('has no lines of numbers')
     delimiter = Counter(_delimiter(lines[i]) for i in told).most_common(1)[0][0]
     widths = {i: len(_cells(lines[i], delimiter)) for i in told}
     # Lines in front that have another number of cells say something about the file.
@@ -200,14 +200,14 @@ def _read_csv(path: Path) -> Table:
         names, units = [name for name, _ in pairs], [unit for _, unit in pairs]
         for name in names:
             if names.count(name) > 1:
-                raise BagError(f'{path}: the column {name!r} occurs twice, expected unique names')
+                raise BagError(f'the column {name!r} occurs twice, expected unique names')
         first += 1
         below = _cells(lines[first], delimiter) if first < len(lines) else []
         # A line of units under the names, in brackets or not.
         if below and not any(cell.strip() and _is_number(cell) for cell in below):
             units = [a or b.strip(' []()"') for a, b in zip(units, below, strict=False)]
             first += 1
-    table = Table(_columns(lines, first, delimiter, names, path))
+    table = Table(_columns(lines, first, delimiter, names))
     table.units = {name: unit for name, unit in zip(names, units, strict=False) if unit}
     return table
 
@@ -247,12 +247,12 @@ def _is_number(cell: str) -> bool:
 
 
 def _columns(
-    lines: list[str], first: int, delimiter: str | None, names: list[str], path: Path
+    lines: list[str], first: int, delimiter: str | None, names: list[str]
 ) -> dict[str, Any]:
     """Read the numbers: all at once, or cell by cell where they are not all such."""
     rows = lines[first:]
     if not any(row.strip() for row in rows):
-        raise BagError(f'{path}: has no numbers under its names')
+        raise BagError('has no numbers under its names')
     # Whole nanoseconds since 1970 do not fit into a float64.
     head = zip(names, _cells(rows[0], delimiter), strict=False)
     whole = [name.endswith('_ns') and cell.strip().isdigit() for name, cell in head]
@@ -267,16 +267,16 @@ def _columns(
             continue
         cells = _cells(row, delimiter)
         if len(cells) != len(names):
-            raise BagError(f'{path}: line {number} has {len(cells)} cells, expected {len(names)}')
+            raise BagError(f'line {number} has {len(cells)} cells, expected {len(names)}')
         for column, cell in zip(columns, cells, strict=True):
             # A decimal comma is one where it cannot separate.
             column.append(cell.strip() if delimiter == ',' else cell.strip().replace(',', '.'))
         places.append(number)
     parts = zip(names, columns, whole, strict=True)
-    return {name: _column(column, one, places, path) for name, column, one in parts}
+    return {name: _column(column, one, places) for name, column, one in parts}
 
 
-def _column(cells: list[str], whole: bool, places: list[int], path: Path) -> Any:
+def _column(cells: list[str], whole: bool, places: list[int]) -> Any:
     """Return numbers, masked where a cell is empty, or times, where all cells are such."""
     if cells and ':' in cells[0]:
         with suppress(ValueError):
@@ -286,7 +286,7 @@ def _column(cells: list[str], whole: bool, places: list[int], path: Path) -> Any
         try:
             values[row] = int(cell or 0) if whole else float(cell or 0)
         except (ValueError, OverflowError) as error:
-            raise BagError(f'{path}: line {places[row]}: {cell!r} is not a number') from error
+            raise BagError(f'line {places[row]}: {cell!r} is not a number') from error
     return np.ma.MaskedArray(values, [not cell for cell in cells])
 
 

@@ -196,7 +196,7 @@ def test_faults_are_named_with_their_place(tmp_path: Path, name, text, channels,
 def test_shapes_that_are_no_series_say_what_is_there(matrix, tmp_path: Path) -> None:
     np.save(tmp_path / 'a.npy', matrix)
     table = load_table(tmp_path / 'a.npy')
-    np.testing.assert_array_equal(select(table, 'data[:,3]', 'a')[0], matrix[:, 3])
+    np.testing.assert_array_equal(select(table, 'data[:,3]')[0], matrix[:, 3])
     for source, words in (
         ('data', 'data is 6 x 500, expected a series'),
         ('data[9]', r'no \[9\] in 6 x 500'),
@@ -204,7 +204,7 @@ def test_shapes_that_are_no_series_say_what_is_there(matrix, tmp_path: Path) -> 
         ('data[x]', r'no \[x\]'),
     ):
         with pytest.raises(BagError, match=words):
-            select(table, source, 'a')
+            select(table, source)
 
 
 def test_a_pickle_is_never_opened(tmp_path: Path) -> None:
