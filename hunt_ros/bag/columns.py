@@ -14,7 +14,7 @@ import numpy as np
 
 from hunt_ros.bag.blocks import Topic
 from hunt_ros.bag.cdr.gather import Gathered, Wanted, gather
-from hunt_ros.bag.cdr.layout import USUAL_FIELDS, check_path, joint_of, parse_path, stamp_path
+from hunt_ros.bag.cdr.layout import USUAL_FIELDS, PathError, joint_of, parse_path, stamp_path
 from hunt_ros.bag.cdr.message_types import definitions_of
 from hunt_ros.bag.channels import Channels, ChannelSource, channel_map
 from hunt_ros.bag.reader import Bag, opened
@@ -141,9 +141,8 @@ class _Reader:
                     try:
                         found = gather(block, places, plans[plan])
                     except ValueError as error:
-                        raise MessageError(
-                            f'{self.bag.path}: topic {topic.name}: {error}'
-                        ) from error
+                        kind = BagError if isinstance(error, PathError) else MessageError
+                        raise kind(f'{self.bag.path}: topic {topic.name}: {error}') from error
                     buffers[name].extend(found, self.stamps)
         return buffers
 
@@ -158,19 +157,13 @@ class _Reader:
         text = source.field or USUAL_FIELDS.get(topic.type, '')
         stamp = stamp_path(definitions, topic.type)
         joint = joint_of(text) if source.field else ('position', source.channel)
-        try:
-            if joint is not None and topic.type == JOINT_STATE:
-                alone = alone and not source.field
-                return Wanted(
-                    definitions, topic.type, parse_path(joint[0]), stamp, joint[1], alone
-                )
-            path = parse_path(text)
-            check_path(definitions, topic.type, path)
-        except ValueError as error:
-            raise BagError(
-                f'{self.bag.path}: topic {topic.name} ({topic.type}): {error}'
-            ) from error
-        return Wanted(definitions, topic.type, path, stamp)
+        if joint is None or topic.type != JOINT_STATE:
+            try:
+                return Wanted(definitions, topic.type, parse_path(text), stamp)
+            except ValueError as error:
+                raise BagError(f'{self.bag.path}: topic {topic.name}: {error}') from error
+        alone = alone and not source.field
+        return Wanted(definitions, topic.type, parse_path(joint[0]), stamp, joint[1], alone)
 
 
 class _ColumnBuffer:
@@ -240,7 +233,6 @@ def read_record(
     start_ns: int | None = None,
     end_ns: int | None = None,
     require: Collection[str] = (),
-    namespace: str | None = None,
 ) -> Record:
     """
     Read the measurements of a rig out of a recording.
@@ -259,8 +251,6 @@ def read_record(
         As `read_columns`.
     require : collection of str
         Channels without which the record is of no use.
-    namespace : str, optional
-        Of the rig, where the recording holds several.
 
     Returns
     -------
@@ -276,7 +266,7 @@ def read_record(
     """
     with opened(path) as bag:
         given = channel_map(channels)
-        sources = {**_named_channels(bag, set(CHANNELS) - given.keys(), namespace), **given}
+        sources = {**_named_channels(bag, set(CHANNELS) - given.keys()), **given}
         measured = [name for name, source in sources.items() if source.constant is None]
         if not measured:
             raise BagError(
@@ -338,17 +328,14 @@ def with_constants(record: Record, sources: Mapping[str, ChannelSource]) -> Reco
     return Record({**record, **added}, record.source, record.notes)
 
 
-def _named_channels(
-    bag: Bag, wanted: Collection[str], namespace: str | None
-) -> dict[str, ChannelSource]:
+def _named_channels(bag: Bag, wanted: Collection[str]) -> dict[str, ChannelSource]:
     """Return the topics whose last part is the name of a channel that is wanted."""
-    found: dict[str, ChannelSource] = {}
-    for channel in CHANNELS:
-        ends = [name for name in bag.topics if name.rpartition('/')[2] == channel]
-        if channel in wanted and ends:
-            topic = find_topic(bag, ChannelSource(channel, channel), namespace)
-            found[channel] = ChannelSource(channel, topic)
-    return found
+    last = {name.rpartition('/')[2] for name in bag.topics}
+    return {
+        channel: ChannelSource(channel, find_topic(bag, ChannelSource(channel, channel)))
+        for channel in CHANNELS
+        if channel in wanted and channel in last
+    }
 
 
 def _notes(bag: Bag) -> dict[str, str]:
@@ -358,7 +345,7 @@ def _notes(bag: Bag) -> dict[str, str]:
     return notes
 
 
-def find_topic(bag: Bag, source: ChannelSource, namespace: str | None = None) -> str:
+def find_topic(bag: Bag, source: ChannelSource) -> str:
     """
     Find the topic that a source means: by its full name, or by its last one.
 
@@ -369,24 +356,17 @@ def find_topic(bag: Bag, source: ChannelSource, namespace: str | None = None) ->
     """
     if source.topic in bag.topics:
         return source.topic
-    wanted = source.topic.strip('/')
-    found = [
-        name
-        for name in bag.topics
-        if name.endswith('/' + wanted)
-        and not source.topic.startswith('/')
-        and (namespace is None or name.strip('/') == f'{namespace.strip("/")}/{wanted}'.strip('/'))
-    ]
+    ending = '/' + source.topic.strip('/')
+    local = not source.topic.startswith('/')
+    found = sorted(name for name in bag.topics if local and name.endswith(ending))
     if len(found) == 1:
         return found[0]
-    if found:
-        raise BagError(
-            f'{bag.path}: channel {source.channel}: several topics end in {wanted!r}'
-            f' ({", ".join(sorted(found))}), name the one'
-        )
-    raise BagError(
-        f'{bag.path}: channel {source.channel}: no topic {source.topic!r}, it has {listed(bag)}'
+    why = (
+        f'several topics end in {source.topic!r} ({", ".join(found)}), name the one'
+        if found
+        else f'no topic {source.topic!r}, it has {listed(bag)}'
     )
+    raise BagError(f'{bag.path}: channel {source.channel}: {why}')
 
 
 def listed(bag: Bag) -> str:

@@ -110,31 +110,35 @@ def inspect(
         If it cannot be opened at all.
     """
     with Bag(path) as bag:
-        problems = [_opening(problem) for problem in bag.problems]
-        times = _read_times(bag, problems, advance)
+        times, damage = _read_times(bag, advance)
         filled = [stamps for stamps in times.values() if stamps.size]
-        start = min((int(stamps.min()) for stamps in filled), default=None)
+        start = min((int(stamps.min()) for stamps in filled), default=0)
         end = max((int(stamps.max()) for stamps in filled), default=0)
         report = Inspection(
             bag.path,
             sum(Path(file.path).stat().st_size for file in bag.files),
             [Path(file.path).name for file in bag.files],
-            start,
-            0.0 if start is None else (end - start) / NANOSECONDS,
+            start if filled else None,
+            (end - start) / NANOSECONDS,
             bag.notes,
-            problems=problems,
+            problems=[_opening(problem) for problem in bag.problems] + damage,
         )
         for name, summary in sorted(bag.topics.items()):
             stamps = times.get(name, np.zeros(0, np.int64))
-            report.topics.append(_topic(name, summary.type, stamps, start))
-            if stamps.size and start is not None:
-                problems += _in_time(name, stamps, start, end)
-        names = {name.rpartition('/')[2] for name, stamps in times.items() if stamps.size}
-        problems += _measurements(bag)
+            topic = TopicReport(name, summary.type, int(stamps.size), None, None, None)
+            report.topics.append(topic)
+            if stamps.size:
+                first, last = int(stamps.min()), int(stamps.max())
+                if last > first:
+                    topic.rate_hz = (stamps.size - 1) / ((last - first) / NANOSECONDS)
+                topic.first_s, topic.last_s = ((at - start) / NANOSECONDS for at in (first, last))
+                report.problems += _in_time(name, stamps, start, end)
+        report.problems += _measurements(bag)
+    names = {name.rpartition('/')[2] for name, stamps in times.items() if stamps.size}
     if names & set(CHANNELS):
         for either in lacking(names):
             text = f'no topic {" or ".join(either)} with messages'
-            problems.append(Problem('missing_channel', text))
+            report.problems.append(Problem('missing_channel', text))
     return report
 
 
@@ -156,10 +160,11 @@ def _opening(problem: str) -> Problem:
 
 
 def _read_times(
-    bag: Bag, problems: list[Problem], advance: Callable[[float], None]
-) -> dict[str, NDArray[np.int64]]:
-    """Log times of every topic in the order of the files; damaged chunks become problems."""
+    bag: Bag, advance: Callable[[float], None]
+) -> tuple[dict[str, NDArray[np.int64]], list[Problem]]:
+    """Return the log times of every topic in the order of the files, and what is damaged."""
     parts: dict[str, list[NDArray[np.int64]]] = {}
+    problems: list[Problem] = []
     total = max(1, sum(topic.messages for topic in bag.topics.values()))
     done = 0
 
@@ -178,48 +183,35 @@ def _read_times(
         advance(min(1.0, done / total))
     for file in bag.files:
         problems += [Problem(kind, f'{file.path}: {text}') for kind, text in file.remarks[:10]]
-    return {name: np.concatenate(several) for name, several in parts.items()}
-
-
-def _topic(name: str, kind: str, stamps: NDArray[np.int64], start: int | None) -> TopicReport:
-    """Return how many messages a topic has, how fast and from when to when."""
-    if not stamps.size or start is None:
-        return TopicReport(name, kind, 0, None, None, None)
-    first, last = int(stamps.min()), int(stamps.max())
-    span = (last - first) / NANOSECONDS
-    return TopicReport(
-        name,
-        kind,
-        int(stamps.size),
-        (stamps.size - 1) / span if span > 0 else None,
-        (first - start) / NANOSECONDS,
-        (last - start) / NANOSECONDS,
-    )
+    return {name: np.concatenate(several) for name, several in parts.items()}, problems
 
 
 def _in_time(name: str, stamps: NDArray[np.int64], start: int, end: int) -> list[Problem]:
     """Look for jumps of the clock, gaps, and an end before the end of the recording."""
-    problems = []
     steps = np.diff(stamps)
-    for row in np.flatnonzero(steps < 0)[:10].tolist():
-        at = (int(stamps[row]) - start) / NANOSECONDS
-        back = -int(steps[row]) / NANOSECONDS
-        problems.append(Problem('clock_jump', f'{name}: the clock jumps back by {back:.3f} s', at))
+
+    def problem(kind: str, at_ns: int, text: str) -> Problem:
+        return Problem(kind, f'{name}: {text}', (at_ns - start) / NANOSECONDS)
+
+    problems = [
+        problem(
+            'clock_jump', int(stamps[row]),
+            f'the clock jumps back by {-int(steps[row]) / NANOSECONDS:.3f} s',
+        )
+        for row in np.flatnonzero(steps < 0)[:10].tolist()
+    ]  # fmt: skip
     if stamps.size < STEADY_COUNT:
         return problems
     step = float(np.median(steps))
     # A topic that comes in bursts or by chance has no gaps.
-    steady = step > 0 and float(np.percentile(steps, 90)) < 3.0 * step
-    if not steady:
+    if not step > 0 or float(np.percentile(steps, 90)) >= 3.0 * step:
         return problems
     longest = max(GAP_STEPS * step, GAP_S * NANOSECONDS)
     for row in np.flatnonzero(steps > longest)[:10].tolist():
-        at = (int(stamps[row]) - start) / NANOSECONDS
-        text = f'{name}: nothing for {int(steps[row]) / NANOSECONDS:.3f} s'
-        problems.append(Problem('gap', text, at))
-    silent = end - int(stamps.max())
-    if silent > max(longest, STOPPED_S * NANOSECONDS):
-        at = (int(stamps.max()) - start) / NANOSECONDS
-        text = f'{name}: stops {silent / NANOSECONDS:.3f} s before the end'
-        problems.append(Problem('stopped', text, at))
+        text = f'nothing for {int(steps[row]) / NANOSECONDS:.3f} s'
+        problems.append(problem('gap', int(stamps[row]), text))
+    last = int(stamps.max())
+    if end - last > max(longest, STOPPED_S * NANOSECONDS):
+        text = f'stops {(end - last) / NANOSECONDS:.3f} s before the end'
+        problems.append(problem('stopped', last, text))
     return problems

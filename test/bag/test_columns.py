@@ -349,7 +349,7 @@ def test_a_type_described_in_idl_is_read(tmp_path: Path) -> None:
     assert columns['b'].stamps_ns.tolist() == [1, 2, 3]
 
 
-def test_two_rigs_in_one_bag_need_a_namespace(tmp_path: Path, new_record, same) -> None:
+def test_of_two_rigs_in_one_bag_the_topics_are_named(tmp_path: Path, new_record, same) -> None:
     from hunt_ros.bag.record_writer import record_rows
 
     first, second = new_record(seconds=0.2, seed=1), new_record(seconds=0.2, seed=2)
@@ -359,7 +359,7 @@ def test_two_rigs_in_one_bag_need_a_namespace(tmp_path: Path, new_record, same) 
                 writer.write_rows(rows)
     with pytest.raises(BagError, match='several topics'):
         read_record(tmp_path / 'two')
-    same(second, read_record(tmp_path / 'two', namespace='b'))
+    same(second, read_record(tmp_path / 'two', {name: f'/b/{name}' for name in second}))
     with Bag(tmp_path / 'two') as bag:
         assert find_topic(bag, ChannelSource('x', 'a/lateral')) == '/a/lateral'
 

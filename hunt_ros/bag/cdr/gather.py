@@ -8,17 +8,19 @@ left is walked message by message.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.bag.blocks import Block, Places, strided
-from hunt_ros.bag.cdr.layout import FieldPath, FieldPlace, locate, locate_texts
-from hunt_ros.bag.cdr.message_types import Definitions
+from hunt_ros.bag.cdr.layout import FieldPath, FieldPlace, locate
+from hunt_ros.bag.cdr.message_types import Definitions, standard_types
 
 #: Layouts gathered as arrays before the rest is walked one by one.
 MOST_LAYOUTS = 8
+#: Where the header of a message has its stamp behind it: the frame follows, bytes.
+_BEHIND_STAMP = 12
 
 
 class Wanted(NamedTuple):
@@ -137,17 +139,20 @@ def _layout(message: bytes, wanted: Wanted) -> _Layout:
     # "CDR" and its byte order, and every length on the way: what fixes the field's place.
     expected = {0: message[:2]}
     if wanted.joint:
-        names, lengths = locate_texts(wanted.definitions, wanted.type, message, 'name')
-        expected |= {at: message[at : at + 4] for at, _ in lengths} | dict(names)
-        texts = [text.rstrip(b'\0').decode('utf-8', 'replace') for _, text in names]
-        alone = wanted.alone and len(texts) < 2
-        if not alone and wanted.joint not in texts:
-            more = f' and {len(texts) - 12} more' if len(texts) > 12 else ''
-            shown = f'{", ".join(texts[:12]) or "none"}{more}'
-            end = max(at + len(raw) for at, raw in expected.items())
-            return _Layout(None, None, end, _checks(expected), shown)
-        path = (*path, 0 if alone else texts.index(wanted.joint))
-        joint = wanted.joint if not alone else ''.join(texts)
+        names = _joints(message, wanted.type)
+        # What stands between the stamp and the values: frame, names, and how many there are.
+        try:
+            first = locate(wanted.definitions, wanted.type, message, (*path, 0)).offset
+        except ValueError:  # without values: another publisher's
+            first = len(message)
+        expected[_BEHIND_STAMP] = message[_BEHIND_STAMP:first]
+        alone = wanted.alone and len(names) < 2
+        if not alone and wanted.joint not in names:
+            more = f' and {len(names) - 12} more' if len(names) > 12 else ''
+            shown = f'{", ".join(names[:12]) or "none"}{more}'
+            return _Layout(None, None, first, _checks(expected), shown)
+        path = (*path, 0 if alone else names.index(wanted.joint))
+        joint = wanted.joint if not alone else ''.join(names)
     field = locate(wanted.definitions, wanted.type, message, path)
     places, stamp = [field], None
     if wanted.stamp is not None:
@@ -155,10 +160,20 @@ def _layout(message: bytes, wanted: Wanted) -> _Layout:
         rest = locate(wanted.definitions, wanted.type, message, (*wanted.stamp, 'nanosec'))
         stamp = (seconds, rest)
         places.append(rest)
-    for place in places:
-        expected |= {at: message[at : at + 4] for at, _ in place.lengths}
+    if not wanted.joint:
+        for place in places:
+            expected |= {at: message[at : at + 4] for at, _ in place.lengths}
     end = max(place.offset + place.size for place in places)
     return _Layout(field, stamp, end, _checks(expected), joint)
+
+
+def _joints(message: bytes, message_type: str) -> list[str]:
+    """Return the names of the joints in a message."""
+    try:
+        found: Any = standard_types().deserialize_cdr(message, message_type)
+    except Exception as error:  # whatever generated code meets in damaged bytes
+        raise ValueError('the message is shorter than its type') from error
+    return list(found.name)
 
 
 def _checks(expected: dict[int, bytes]) -> list[tuple[int, str, int]]:

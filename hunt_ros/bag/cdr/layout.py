@@ -34,8 +34,6 @@ KINDS: dict[str, str] = {
     'int64': 'i8', 'uint64': 'u8', 'float32': 'f4', 'float64': 'f8',
 }  # fmt: skip
 
-#: Messages are not nested deeper than this.
-DEEPEST = 16
 
 #: The field meant when a mapping names only a topic; of a JointState, first the joint that
 #: is named as the channel.
@@ -108,41 +106,8 @@ def stamp_path(definitions: Definitions, message_type: str) -> FieldPath | None:
     return None
 
 
-def check_path(definitions: Definitions, message_type: str, path: FieldPath) -> None:
-    """
-    Check that a path leads to a number in messages of a type, whatever their lengths.
-
-    Raises
-    ------
-    ValueError
-        Naming the fields there are where the path goes wrong.
-    """
-    node: Node = (Nodetype.NAME, message_type)
-    for number, step in enumerate(path):
-        done = _show(path[:number]) or message_type
-        kind, detail = node
-        if kind == Nodetype.NAME and isinstance(step, str):
-            fields = dict(definitions.get(detail, ()))
-            if step not in fields:
-                raise ValueError(f'no field {step!r} in {done}, expected one of {list(fields)}')
-            node = fields[step]
-        elif kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) and isinstance(step, int):
-            if kind == Nodetype.ARRAY and step >= detail[1]:
-                raise ValueError(f'{done} has {detail[1]} elements, there is no [{step}]')
-            node = detail[0]
-        elif isinstance(step, int):
-            raise ValueError(f'{done} is not an array, there is no [{step}]')
-        else:
-            raise ValueError(f'{done} has no fields, there is no {step!r}')
-    kind, detail = node
-    where = _show(path) or message_type
-    if kind == Nodetype.NAME:
-        names = [name for name, _ in definitions.get(detail, ())]
-        raise ValueError(f'{where} is not a number, expected one of its fields {names}')
-    if kind != Nodetype.BASE:
-        raise ValueError(f'{where} is an array, expected an element such as {where}[0]')
-    if detail[0] not in KINDS:
-        raise ValueError(f'{where} is a {detail[0]}, expected a number')
+class PathError(ValueError):
+    """A path that leads to no number, whatever the message."""
 
 
 def locate(
@@ -158,50 +123,25 @@ def locate(
     message : bytes
         With its encapsulation.
     path : tuple
-        As `parse_path` gives it, and checked by `check_path`.
+        As `parse_path` gives it.
 
     Raises
     ------
     ValueError
-        If the message has no such element, or is no message of this type.
+        If the message has no such element, or is no message of this type; `PathError` naming
+        the fields there are, where the path leads to no number.
     """
-    walker = _walker(definitions, message)
-    try:
-        return walker.find((Nodetype.NAME, message_type), path, 0)
-    except struct.error as error:
-        raise ValueError('the message is shorter than its type') from error
-    except KeyError as error:
-        raise ValueError(f'its type has a part {error}, which is described nowhere') from error
-
-
-def locate_texts(
-    definitions: Definitions, message_type: str, message: bytes, field: str
-) -> tuple[list[tuple[int, bytes]], list[tuple[int, int]]]:
-    """
-    Return where the strings of a top-level sequence stand, and what they are.
-
-    Beside them stands every length on the way, as in `FieldPlace`.
-
-    Raises
-    ------
-    ValueError
-        If the message has no such sequence of strings, or is no message of this type.
-    """
-    walker = _walker(definitions, message)
-    try:
-        for name, (kind, detail) in definitions[message_type]:
-            if name == field and kind == Nodetype.SEQUENCE:
-                return walker.texts(detail[0]), walker.lengths
-            walker.skip((kind, detail), 1)
-    except (struct.error, KeyError) as error:
-        raise ValueError('the message is shorter than its type') from error
-    raise ValueError(f'there is no sequence {field!r}')
-
-
-def _walker(definitions: Definitions, message: bytes) -> _Walker:
     if len(message) < 4 or message[0] != 0 or message[1] not in (0, 1):
         raise ValueError('it does not begin as a CDR message does')
-    return _Walker(definitions, message, '<' if message[1] else '>')
+    walker = _Walker(definitions, message, '<' if message[1] else '>')
+    try:
+        return walker.find((Nodetype.NAME, message_type), path)
+    except struct.error as error:
+        raise ValueError('the message is shorter than its type') from error
+    except RecursionError as error:
+        raise ValueError('its type is nested too deeply') from error
+    except KeyError as error:
+        raise ValueError(f'its type has a part {error}, which is described nowhere') from error
 
 
 def _show(path: FieldPath) -> str:
@@ -213,17 +153,8 @@ class _Walker:
     """
     Walks over a message, and remembers the lengths it passed.
 
-    Every method raises `ValueError`, `struct.error` or `KeyError` where the message does
-    not hold what its type says.
-
-    Parameters
-    ----------
-    definitions : mapping
-        What the types are made of.
-    message : bytes
-        With its encapsulation.
-    order : str
-        '<' or '>'.
+    Every method raises `ValueError`, `struct.error`, `KeyError` or `RecursionError` where the
+    message does not hold what its type says; `order` is '<' or '>'.
     """
 
     def __init__(self, definitions: Definitions, message: bytes, order: str) -> None:
@@ -234,49 +165,44 @@ class _Walker:
         self.lengths: list[tuple[int, int]] = []
         self._u32 = struct.Struct(order + 'I')
 
-    def find(self, node: Node, path: FieldPath, depth: int) -> FieldPlace:
-        """Return the place of the field that a path leads to from here."""
-        if depth > DEEPEST:
-            raise ValueError('its type is nested too deeply')
+    def find(self, node: Node, path: FieldPath) -> FieldPlace:
+        """Return the place of the field that a path leads to."""
+        for number, step in enumerate(path):
+            done = _show(path[:number]) or 'the message'
+            kind, detail = node
+            if kind == Nodetype.BASE:
+                raise PathError(f'{done} is a {detail[0]}, there is no {step!r} in it')
+            if kind == Nodetype.NAME:
+                fields = dict(self.definitions[str(detail)])
+                if step not in fields:
+                    raise PathError(f'no field {step!r} in {done}, expected one of {list(fields)}')
+                for name, node in fields.items():
+                    if name == step:
+                        break
+                    self.skip(node)
+                continue
+            node, count = detail
+            if not isinstance(step, int):
+                raise PathError(f'{done} is an array, expected an element such as {done}[0]')
+            if kind == Nodetype.SEQUENCE:
+                count = self.length()
+            if step >= count:
+                raise ValueError(f'{done} has {count} elements, there is no [{step}]')
+            self.skip_many(node, step)
         kind, detail = node
-        if not path:
-            size = int(KINDS[detail[0]][1])
-            self.align(size)
-            if self.position + size > len(self.message):
-                raise ValueError('the message ends before the field')
-            kind_text = self.order + KINDS[detail[0]]
-            return FieldPlace(self.position, kind_text, size, tuple(self.lengths))
-        step = path[0]
+        where = _show(path) or 'the message'
         if kind == Nodetype.NAME:
-            for name, inner in self.definitions[str(detail)]:
-                if name == step:
-                    return self.find(inner, path[1:], depth + 1)
-                self.skip(inner, depth + 1)
-            raise ValueError(f'there is no field {step!r}')
-        inner, count = detail
-        if kind == Nodetype.SEQUENCE:
-            count = self.length()
-        if not isinstance(step, int) or step >= count:
-            raise ValueError(f'there are {count} elements, there is no [{step}]')
-        self.skip_many(inner, step, depth + 1)
-        return self.find(inner, path[1:], depth + 1)
-
-    def texts(self, node: Node) -> list[tuple[int, bytes]]:
-        """Return where the strings of the sequence here stand, and what they are."""
-        if node[0] != Nodetype.BASE or node[1][0] != 'string':
-            raise ValueError('it is no sequence of strings')
-        count = self.length()
-        if count > len(self.message):
-            raise ValueError(f'it claims {count} elements in {len(self.message)} bytes')
-        found = []
-        for _ in range(count):
-            length = self.length()
-            end = self.position + length
-            if end > len(self.message):
-                raise ValueError('the message ends before its names')
-            found.append((self.position, self.message[self.position : end]))
-            self.position = end
-        return found
+            names = [name for name, _ in self.definitions[str(detail)]]
+            raise PathError(f'{where} is not a number, expected one of its fields {names}')
+        if kind != Nodetype.BASE:
+            raise PathError(f'{where} is an array, expected an element such as {where}[0]')
+        if detail[0] not in KINDS:
+            raise PathError(f'{where} is a {detail[0]}, expected a number')
+        size = int(KINDS[detail[0]][1])
+        self.align(size)
+        if self.position + size > len(self.message):
+            raise ValueError('the message ends before the field')
+        return FieldPlace(self.position, self.order + KINDS[detail[0]], size, tuple(self.lengths))
 
     def align(self, size: int) -> None:
         """Move on to a multiple of `size`."""
@@ -290,21 +216,19 @@ class _Walker:
         self.position += 4
         return int(value)
 
-    def skip(self, node: Node, depth: int) -> None:
+    def skip(self, node: Node) -> None:
         """Move behind a field."""
-        if depth > DEEPEST:
-            raise ValueError('its type is nested too deeply')
         kind, detail = node
         if kind == Nodetype.NAME:
             for _, inner in self.definitions[str(detail)]:
-                self.skip(inner, depth + 1)
+                self.skip(inner)
         elif kind == Nodetype.BASE:
-            self.skip_many(node, 1, depth)
+            self.skip_many(node, 1)
         else:
             inner, count = detail
-            self.skip_many(inner, self.length() if kind == Nodetype.SEQUENCE else count, depth)
+            self.skip_many(inner, self.length() if kind == Nodetype.SEQUENCE else count)
 
-    def skip_many(self, node: Node, count: int, depth: int) -> None:
+    def skip_many(self, node: Node, count: int) -> None:
         """Move behind `count` elements."""
         # Every element takes a byte at least: a longer claim is damage, not a message.
         if count > len(self.message):
@@ -323,6 +247,6 @@ class _Walker:
                 self.position += length
         else:
             for _ in range(count):
-                self.skip(node, depth + 1)
+                self.skip(node)
         if self.position > len(self.message):
             raise ValueError('the message ends before the field')
