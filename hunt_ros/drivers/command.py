@@ -126,9 +126,8 @@ class RollerCommand:
             What else speaks against it; '' where nothing does.
         """
         motion = motion or Motion()
-        against = self._refusal or ('' if self.profile else 'no profile is given') or against
-        if against or self.profile is None:
-            return against
+        if self.profile is None or self._refusal or against:
+            return self._refusal or ('no profile is given' if self.profile is None else against)
         if self.profile.reacts and math.isnan(motion.amplitude_m):
             return 'the profile reacts to the amplitude, and the detector tells none'
         if lacking := self.profile.missing(motion):

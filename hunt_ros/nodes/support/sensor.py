@@ -75,7 +75,8 @@ class SensorNode(DriverNode[SensorDriver]):
         self._device_range = (-math.inf, math.inf)
         self._layout = joint_layout([channel], self._config.frame_id)
         self._published = self._lost = self._bad = self._saturated = 0
-        self._newest_ns = self._told_ns = 0  # last stamp: published, and of the last report
+        self._progress = 0, 0  # published, and the last stamp; set by the driver's thread at once
+        self._told_ns = 0  # the last stamp of the last report
         self._new = NewSince()
         self._diagnostics = Diagnostics(self, self._health, hardware)
 
@@ -97,18 +98,18 @@ class SensorNode(DriverNode[SensorDriver]):
         self._bad += int(np.count_nonzero(np.isnan(values)))
         for stamp_ns, value in zip(block.stamps_ns.tolist(), values.tolist(), strict=True):
             self._announced.publish(self._layout.encode(stamp_ns, value))
-        if block.values.size:
-            self._newest_ns = int(block.stamps_ns[-1])
         self._published += block.values.size
+        self._progress = self._published, int(block.stamps_ns[-1])
 
     def _lose(self, count: int) -> None:
         self._lost += count
 
     def _health(self) -> Health:
         """Say what came since the last report; the detector judges the channel itself."""
-        count = self._new('published', self._published)
-        passed_s = (self._newest_ns - self._told_ns) / NANOSECONDS if self._told_ns else math.nan
-        self._told_ns = self._newest_ns
+        published, newest_ns = self._progress
+        count = self._new('published', published)
+        passed_s = (newest_ns - self._told_ns) / NANOSECONDS if self._told_ns else math.nan
+        self._told_ns = newest_ns
         expected_hz, rate_hz = self._config.sample_rate_hz, count / (passed_s or math.nan)
         lost = self._new('lost', self._lost)
         bad, saturated = self._new('bad', self._bad), self._new('saturated', self._saturated)
