@@ -29,6 +29,7 @@ from hunt_ros.drivers.base import (
     SensorBlock,
     SensorDriver,
     check_scale,
+    of_extra,
 )
 from hunt_ros.drivers.sample_clock import Counter, host_less_steady_ns
 from hunt_ros.errors import ConfigError, DriverError, RefusedError
@@ -217,12 +218,8 @@ class ModbusLink:
         DriverError
             If nobody answers there.
         """
-        try:
+        with of_extra('modbus', self._bus):
             from pymodbus.client import ModbusSerialClient, ModbusTcpClient
-        except ImportError as error:
-            raise ConfigError(
-                f"{self._bus}: pymodbus is not installed (pip install 'hunt_ros[modbus]')"
-            ) from error
         # What it logs is said by our errors; without a handler it goes to standard error.
         logging.getLogger('pymodbus').addHandler(logging.NullHandler())
         bus = self._bus

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from hunt_ros.drivers.base import SensorBlock, SensorDriver
+from hunt_ros.drivers.base import SensorBlock, SensorDriver, of_extra
 from hunt_ros.drivers.sample_clock import SampleClock
 from hunt_ros.errors import ConfigError, DriverError, RefusedError
 from hunt_ros.settings import Settings, setting
@@ -68,13 +68,9 @@ class Sensor(SensorDriver):
         DriverError
             With the reason of NI-DAQmx.
         """
-        try:
+        with of_extra('nidaqmx', self):
             import nidaqmx
             from nidaqmx.constants import AcquisitionType, TerminalConfiguration
-        except ImportError as error:
-            raise ConfigError(
-                f"{self}: nidaqmx is not installed (pip install 'hunt_ros[nidaqmx]')"
-            ) from error
         settings = self.settings
         try:
             self._task = nidaqmx.Task()

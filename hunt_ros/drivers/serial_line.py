@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from hunt_ros.drivers.base import SensorBlock, SensorDriver, check_scale
+from hunt_ros.drivers.base import SensorBlock, SensorDriver, check_scale, of_extra
 from hunt_ros.drivers.sample_clock import SampleClock
 from hunt_ros.errors import ConfigError, DriverError, RefusedError
 from hunt_ros.samples import NANOSECONDS
@@ -81,12 +81,8 @@ class Sensor(SensorDriver):
         DriverError
             If the port is not there or taken.
         """
-        try:
+        with of_extra('serial', self):
             import serial
-        except ImportError as error:
-            raise ConfigError(
-                f"{self}: pyserial is not installed (pip install 'hunt_ros[serial]')"
-            ) from error
         settings = self.settings
         try:
             self._port = serial.Serial(settings.serial_port, settings.baud_rate, exclusive=True)

@@ -72,3 +72,14 @@ def test_an_old_description_of_the_package_hides_no_driver(tmp_path, monkeypatch
     (old / 'entry_points.txt').write_text('[console_scripts]\n')
     monkeypatch.syspath_prepend(tmp_path)
     assert driver_class('simulated', 'Sensor')
+
+
+@pytest.mark.parametrize('name', ['modbus', 'serial_line', 'nidaqmx'])
+def test_a_library_that_is_missing_is_named_with_its_extra(name, monkeypatch) -> None:
+    library = {'modbus': 'pymodbus', 'serial_line': 'serial', 'nidaqmx': 'nidaqmx'}[name]
+    for known in [known for known in sys.modules if known.partition('.')[0] == library]:
+        monkeypatch.delitem(sys.modules, known)
+    monkeypatch.setitem(sys.modules, library, None)
+    kind = driver_class(name, 'Sensor')
+    with pytest.raises(ConfigError, match=rf'{library}.* is not installed .*hunt_ros\['):
+        kind(kind.Settings(), 'yaw', 100.0).open()
