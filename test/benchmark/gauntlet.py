@@ -478,7 +478,9 @@ def _read(path: Path) -> tuple[float, float] | str:
     try:
         stamps = [series.stamps_ns for series in read_record(path).values()]
     except Exception as error:
-        return f'{type(error).__name__}: {error}'
+        # A reader that joins late may wait for seconds for the middleware: sound, and empty.
+        empty = 'hold no messages' in str(error)
+        return (math.inf, -math.inf) if empty else f'{type(error).__name__}: {error}'
     return min(each[0] for each in stamps) * 1e-9, max(each[-1] for each in stamps) * 1e-9
 
 
