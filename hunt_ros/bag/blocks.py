@@ -4,6 +4,10 @@ A block: some megabytes of a recording as bytes, with the place of every message
 Every storage (MCAP, SQLite, compressed or not) hands out blocks, and everything
 above works on blocks: the columns gather from them in numpy, the texts are cut
 out of them.
+
+Compressed bytes are expanded within a bound: a damaged or hostile bag may claim any size, and
+nothing is allocated before the claim has been compared with what is there. The Reader of rosbags
+has no such bound: for one message of 98 kB it asks for 3 GiB.
 """
 
 from __future__ import annotations
@@ -12,11 +16,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import lz4.frame
 import numpy as np
+import zstandard
 from numpy.typing import NDArray
 
-from hunt_ros.bag.compression import LARGEST_CHUNK, expand_zstd, is_compressed
 from hunt_ros.errors import BagError
+
+#: No chunk and no message may be larger than this when expanded (bytes).
+LARGEST_CHUNK = 1 << 30
 
 
 class Topic(NamedTuple):
@@ -66,18 +74,6 @@ class Block:
 
     data: NDArray[np.uint8]
     places: dict[int, Places]
-
-
-def within(places: Places, start_ns: int | None, end_ns: int | None) -> Places:
-    """Return the places with start_ns <= log time < end_ns."""
-    if start_ns is None and end_ns is None:
-        return places
-    inside = np.ones(places.log_ns.size, dtype=bool)
-    if start_ns is not None:
-        inside &= places.log_ns >= start_ns
-    if end_ns is not None:
-        inside &= places.log_ns < end_ns
-    return places if inside.all() else Places(*(part[inside] for part in places))
 
 
 def pack_messages(messages: dict[int, list[tuple[int, bytes]]]) -> Block:
@@ -151,3 +147,71 @@ def strided(data: NDArray[np.uint8], kind: str, offset: int) -> NDArray[Any]:
     count = max(0, data.size - offset - step + 1)
     view: NDArray[Any] = np.ndarray((count,), dtype=kind, buffer=data, offset=offset, strides=(1,))
     return view
+
+
+def is_compressed(data: bytes) -> bool:
+    """Return True for what begins as a zstd frame (RFC 8878, 3.1.1), and so not as CDR."""
+    return data[:4] == zstandard.FRAME_HEADER
+
+
+def compress(data: bytes, compression: str) -> bytes:
+    """Compress a chunk; '' leaves it as it is."""
+    if compression == 'zstd':
+        return zstandard.ZstdCompressor(level=1).compress(data)
+    if compression == 'lz4':
+        packed: bytes = lz4.frame.compress(data)
+        return packed
+    return data
+
+
+def expand(data: bytes | memoryview, compression: str, size: int) -> bytes | memoryview:
+    """
+    Decompress a chunk that claims to hold `size` bytes.
+
+    Raises
+    ------
+    ValueError
+        If the compression is unknown, the claim is impossible, or it is not kept.
+    """
+    if size > LARGEST_CHUNK:
+        raise ValueError(f'it claims to hold {size} bytes, at most {LARGEST_CHUNK} are accepted')
+    if compression == '':
+        expanded: bytes | memoryview = data
+    elif compression == 'zstd':
+        expanded = expand_zstd(data, size)
+    elif compression == 'lz4':
+        expanded = _expand_lz4(data, size)
+    else:
+        raise ValueError(f'compression {compression!r} is unknown, expected lz4 or zstd')
+    if len(expanded) != size:
+        raise ValueError(f'it claims to hold {size} bytes and holds {len(expanded)}')
+    return expanded
+
+
+def expand_zstd(data: bytes | memoryview, limit: int = LARGEST_CHUNK) -> bytes:
+    """
+    Decompress one zstd frame of at most `limit` bytes.
+
+    Raises
+    ------
+    ValueError
+        If it is not a zstd frame, or expands beyond the limit.
+    """
+    try:
+        claimed = zstandard.frame_content_size(data)
+        if claimed > limit:
+            raise ValueError(f'a zstd frame claims {claimed} bytes, expected at most {limit}')
+        # With an unknown content size (-1) the library needs the bound; 0 means none to it.
+        bound = limit if claimed < 0 else claimed
+        return zstandard.ZstdDecompressor().decompress(data, max_output_size=max(bound, 1))
+    except (zstandard.ZstdError, MemoryError) as error:
+        raise ValueError(f'zstd cannot expand it ({error})') from error
+
+
+def _expand_lz4(data: bytes | memoryview, size: int) -> bytes:
+    try:
+        machine = lz4.frame.LZ4FrameDecompressor()
+        expanded: bytes = machine.decompress(bytes(data), max_length=size + 1)
+        return expanded
+    except (RuntimeError, MemoryError, EOFError, ValueError) as error:
+        raise ValueError(f'lz4 cannot expand it ({error})') from error

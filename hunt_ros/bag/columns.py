@@ -36,12 +36,7 @@ _FIRST, _MOST = 1 << 14, 1 << 26
 
 
 def read_columns(
-    bag: str | Path | Bag,
-    channels: Channels,
-    *,
-    start_ns: int | None = None,
-    end_ns: int | None = None,
-    stamps: Stamps = 'header',
+    bag: str | Path | Bag, channels: Channels, *, stamps: Stamps = 'header'
 ) -> dict[str, Series]:
     """
     Read numeric fields of a recording as arrays.
@@ -53,8 +48,6 @@ def read_columns(
     channels : mapping or sequence
         Any names: `{'a': '/imu.linear_acceleration.y', 'b': '/daq.data[3]*0.001'}`, or a list
         as on the command line, `['a=/imu.linear_acceleration.y']`.
-    start_ns, end_ns : int, optional
-        Only messages with start_ns <= log time < end_ns; the rest is not read.
     stamps : str
         'header' (default) or 'log': see `Stamps`.
 
@@ -73,8 +66,7 @@ def read_columns(
     """
     sources = channel_map(channels, allowed=None)
     with opened(bag) as recording:
-        reader = _Reader(recording, sources, start_ns, end_ns, stamps)
-        columns = reader.columns()
+        columns = _Reader(recording, sources, stamps).columns()
     ends = [int(end(one.stamps_ns)) for one in columns.values() if len(one) for end in (min, max)]
     span = np.array([min(ends), max(ends)] if ends else [], dtype=np.int64)
     for name, source in sources.items():
@@ -86,18 +78,10 @@ def read_columns(
 class _Reader:
     """Gathers fields of a recording."""
 
-    def __init__(
-        self,
-        bag: Bag,
-        sources: Mapping[str, ChannelSource],
-        start_ns: int | None,
-        end_ns: int | None,
-        stamps: Stamps,
-    ) -> None:
+    def __init__(self, bag: Bag, sources: Mapping[str, ChannelSource], stamps: Stamps) -> None:
         self.bag = bag
         self.sources = {name: one for name, one in sources.items() if one.constant is None}
         self.topics = {name: find_topic(bag, source) for name, source in self.sources.items()}
-        self.limits = start_ns, end_ns
         self.stamps = stamps
 
     def columns(self) -> dict[str, Series]:
@@ -123,13 +107,12 @@ class _Reader:
         self, with_log: bool = False, shared: Collection[str] = ()
     ) -> dict[str, _ColumnBuffer]:
         """Read once; see `_ColumnBuffer` for `with_log`, `_wanted` for `shared`."""
-        whole = self.limits == (None, None)
         buffers = {
-            name: _ColumnBuffer(self.bag.topics[topic].messages if whole else 0, with_log)
+            name: _ColumnBuffer(self.bag.topics[topic].messages, with_log)
             for name, topic in self.topics.items()
         }
         plans: dict[tuple[str, str, str, str], Wanted] = {}
-        for described, block in self.bag.blocks(set(self.topics.values()), *self.limits):
+        for described, block in self.bag.blocks(set(self.topics.values())):
             for key, places in block.places.items():
                 topic = described[key]
                 for name, wanted in self.topics.items():
@@ -230,8 +213,6 @@ def read_record(
     path: str | Path | Bag,
     channels: Channels = (),
     *,
-    start_ns: int | None = None,
-    end_ns: int | None = None,
     require: Collection[str] = (),
 ) -> Record:
     """
@@ -247,8 +228,6 @@ def read_record(
         Folder, file, or an opened recording.
     channels : mapping or sequence, optional
         `{'lateral': '/daq/ch0.data[3]*0.001', 'speed': 16.3}`, or a list as on the command line.
-    start_ns, end_ns : int, optional
-        As `read_columns`.
     require : collection of str
         Channels without which the record is of no use.
 
@@ -273,9 +252,7 @@ def read_record(
                 f'{bag.path}: no channel found, expected topics named {", ".join(CHANNELS)}'
                 f' or a mapping such as --channel lateral=/topic.field; it has {listed(bag)}'
             )
-        columns = read_columns(
-            bag, {name: sources[name] for name in measured}, start_ns=start_ns, end_ns=end_ns
-        )
+        columns = read_columns(bag, {name: sources[name] for name in measured})
         filled = {
             name: columns[name] for name in CHANNELS if name in columns and len(columns[name])
         }

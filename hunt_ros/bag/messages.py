@@ -36,12 +36,7 @@ class Text(NamedTuple):
     text: str
 
 
-def read_raw(
-    bag: str | Path | Bag,
-    topics: Collection[str],
-    start_ns: int | None = None,
-    end_ns: int | None = None,
-) -> Iterator[RawMessage]:
+def read_raw(bag: str | Path | Bag, topics: Collection[str]) -> Iterator[RawMessage]:
     """
     Yield messages as they were on the wire, in the order of log time within each block.
 
@@ -51,8 +46,6 @@ def read_raw(
         Folder, file, or an opened recording.
     topics : collection of str
         Full names, or last names that occur once.
-    start_ns, end_ns : int, optional
-        Only start_ns <= log time < end_ns.
 
     Raises
     ------
@@ -61,7 +54,7 @@ def read_raw(
     """
     with opened(bag) as recording:
         names = {find_topic(recording, ChannelSource(name, name)) for name in topics}
-        for described, block in recording.blocks(names, start_ns, end_ns):
+        for described, block in recording.blocks(names):
             rows = sorted(
                 (log_ns, start, length, key)
                 for key, places in block.places.items()

@@ -168,21 +168,15 @@ class Bag:
         return found
 
     def blocks(
-        self,
-        names: Collection[str],
-        start_ns: int | None = None,
-        end_ns: int | None = None,
-        damaged: Callable[[BagError], None] | None = None,
+        self, names: Collection[str], damaged: Callable[[BagError], None] | None = None
     ) -> Iterator[tuple[dict[int, Topic], Block]]:
         """
-        Yield the messages of topics with start_ns <= log time < end_ns.
+        Yield the messages of topics.
 
         Parameters
         ----------
         names : collection of str
             Full names.
-        start_ns, end_ns : int, optional
-            Bounds, ns.
         damaged : callable, optional
             Told of each damaged part, which is then passed over; without it the first
             one ends the reading with its error.
@@ -202,7 +196,7 @@ class Bag:
             topics = {topic.id: topic for topic in file.topics if topic.name in names}
             if not topics:
                 continue
-            for block in file.blocks(topics.keys(), start_ns, end_ns, damaged):
+            for block in file.blocks(topics.keys(), damaged):
                 yield topics, expand_messages(block, topics, file.path)
 
     def close(self) -> None:

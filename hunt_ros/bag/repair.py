@@ -24,9 +24,8 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from hunt_ros.bag.bag_writer import FileEntry, folder_metadata, offered_qos
-from hunt_ros.bag.blocks import Places, expand_messages
+from hunt_ros.bag.blocks import Places, expand_messages, expand_zstd, is_compressed
 from hunt_ros.bag.cdr.message_types import definition_text
-from hunt_ros.bag.compression import expand_zstd, is_compressed
 from hunt_ros.bag.mcap import records as rec
 from hunt_ros.bag.mcap.file import McapFile, walked_places
 from hunt_ros.bag.mcap.layout import IMPOSSIBLE, Layout, walk_file

@@ -115,13 +115,11 @@ class SqliteFile:
     def blocks(
         self,
         wanted: Collection[int],
-        start_ns: int | None = None,
-        end_ns: int | None = None,
         damaged: Callable[[BagError], None] | None = None,
         order: str = 'timestamp, id',
     ) -> Iterator[Block]:
         """
-        Yield the messages of these topics with start_ns <= log time < end_ns, in log order.
+        Yield the messages of these topics, in log order.
 
         `damaged` is told where the file cannot be read on. Read in the order of 'id', a
         damaged file gives what stands before the damage; sorting would meet it first.
@@ -134,11 +132,6 @@ class SqliteFile:
         marks = ','.join('?' * len(wanted))
         query = 'SELECT topic_id, timestamp, data FROM messages'
         query = f'{query} WHERE topic_id IN ({marks}) AND {_IN_TIME}'
-        values: list[int] = list(wanted)
-        if start_ns is not None:
-            query, values = f'{query} AND timestamp >= ?', [*values, start_ns]
-        if end_ns is not None:
-            query, values = f'{query} AND timestamp < ?', [*values, end_ns]
         cursor: sqlite3.Cursor | None = None
         failure: Exception | None = None
         count = 1
@@ -146,7 +139,7 @@ class SqliteFile:
             messages: dict[int, list[tuple[int, bytes]]] = {}
             count = size = 0
             try:
-                cursor = cursor or self._base.execute(f'{query} ORDER BY {order}', values)
+                cursor = cursor or self._base.execute(f'{query} ORDER BY {order}', [*wanted])
                 while count < _ROWS and size < _BYTES and (row := cursor.fetchone()) is not None:
                     key, stamp, raw = row
                     if not isinstance(raw, bytes):

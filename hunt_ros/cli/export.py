@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 
 from hunt_ros.cli.support import options
-from hunt_ros.errors import ConfigError
 
 SUMMARY = 'write channels of a recording as CSV, Parquet or NumPy arrays'
 EXAMPLE = "hunt export bags/kick_escapes run.csv --channel y='/rig/lateral.position[0]' --to 20"
@@ -26,24 +25,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read the columns, write the table."""
-    from hunt_ros.bag.interchange.exporters import export_file, log_span
+    from hunt_ros.bag.interchange.exporters import export_file
     from hunt_ros.cli.support.output import write_json
 
     options.check_stretch(arguments)
-    limits: list[int | None] = [None, None]
-    if arguments.start is not None or arguments.end is not None:
-        origin, last = log_span(arguments.bag)
-        if arguments.start is not None and arguments.start * 1e9 > last - origin:
-            raise ConfigError(
-                f'--from: {arguments.start:g} s is behind the end of {arguments.bag}, which'
-                f' lasts {(last - origin) / 1e9:.3f} s'
-            )
-        for place, seconds in enumerate((arguments.start, arguments.end)):
-            if seconds is not None:
-                limits[place] = origin + round(seconds * 1e9)
     channels = options.channels_of(arguments, allowed=None)
     rows = export_file(
-        arguments.bag, arguments.out, channels, start_ns=limits[0], end_ns=limits[1]
+        arguments.bag, arguments.out, channels, from_s=arguments.start, to_s=arguments.end
     )
     if arguments.json != '-':
         print(f'{arguments.out}: {rows} rows')

@@ -187,32 +187,6 @@ def test_older_metadata_reads_the_same(new_record, same, tmp_path: Path, version
     same(record, read_record(path))
 
 
-@given(st.integers(-100, 9000), st.integers(-100, 9000))
-@settings(max_examples=40, deadline=None)
-def test_a_time_slice_is_that_part_of_the_whole(bag: Path, record, first: int, last: int) -> None:
-    start, end = record.start_ns + first * 10**6, record.start_ns + last * 10**6
-    columns = read_columns(bag, ['a=/rig/lateral', 'b=/rig/speed'], start_ns=start, end_ns=end)
-    for name, channel in (('a', 'lateral'), ('b', 'speed')):
-        expected = record[channel].between(start, end)
-        np.testing.assert_array_equal(columns[name].stamps_ns, expected.stamps_ns)
-        np.testing.assert_array_equal(columns[name].values, expected.values)
-
-
-def test_a_time_slice_does_not_open_the_other_chunks(bag: Path, record, tmp_path: Path) -> None:
-    with Bag(bag) as opened:
-        chunks = opened.files[0].layout.chunks
-        assert len(chunks) > 1
-        damaged = bytearray(next(bag.glob('*.mcap')).read_bytes())
-        damaged[chunks[-1].data + 40] ^= 0xFF
-    file = tmp_path / 'damaged.mcap'
-    file.write_bytes(damaged)
-    end = chunks[0].last_ns
-    part = read_columns(file, ['a=/rig/lateral'], end_ns=end)
-    assert len(part['a']) == len(record['lateral'].between(0, end))
-    with pytest.raises(BagError, match=r'chunk at byte \d+.*--repair'):
-        read_columns(file, ['a=/rig/lateral'])
-
-
 def test_scale_offset_and_constants(bag: Path, record) -> None:
     columns = read_columns(bag, ['a=/rig/lateral*1000', 'b=speed/2+1', 'c=16.3'])
     np.testing.assert_array_equal(columns['a'].values, record['lateral'].values * 1000)

@@ -177,22 +177,9 @@ def _joints(message: bytes, message_type: str) -> list[str]:
 
 
 def _checks(expected: dict[int, bytes]) -> list[tuple[int, str, int]]:
-    """
-    Put expected bytes together where they touch, and cut them into numbers to compare.
-
-    Returns
-    -------
-    list of (offset, kind, value)
-        As few as there can be: each costs a gather over all messages.
-    """
-    runs: list[tuple[int, bytes]] = []
-    for offset, raw in sorted(expected.items()):
-        if runs and runs[-1][0] + len(runs[-1][1]) == offset:
-            runs[-1] = (runs[-1][0], runs[-1][1] + raw)
-        else:
-            runs.append((offset, raw))
+    """Cut expected bytes into (offset, kind, value) of few numbers: each costs a gather."""
     checks = []
-    for offset, raw in runs:
+    for offset, raw in expected.items():
         while raw:
             size = next(size for size in (8, 4, 2, 1) if size <= len(raw))
             checks.append((offset, f'<u{size}', int.from_bytes(raw[:size], 'little')))

@@ -44,12 +44,8 @@ USUAL_FIELDS: dict[str, str] = {
     'geometry_msgs/msg/Vector3Stamped': 'vector.x',
     'geometry_msgs/msg/Vector3': 'x',
     'geometry_msgs/msg/PointStamped': 'point.x',
+    **{f'std_msgs/msg/{kind.title().replace("Uint", "UInt")}': 'data' for kind in KINDS},
 }
-USUAL_FIELDS |= {
-    f'std_msgs/msg/{name}': 'data'
-    for name in ('Float32', 'Float64', 'Int8', 'Int16', 'Int32', 'Int64', 'UInt8', 'UInt16',
-                 'UInt32', 'UInt64', 'Bool')
-}  # fmt: skip
 
 _STEP = re.compile(r'\.?([A-Za-z_]\w*)|\[(\d+)\]')
 _JOINT = re.compile(r'^(position|velocity|effort)\[([^\W\d][^\[\]]*)\]$')

@@ -15,7 +15,7 @@ from hunt_ros.bag.channels import Channels, channel_map
 from hunt_ros.bag.columns import read_columns, read_record
 from hunt_ros.bag.reader import Bag
 from hunt_ros.errors import BagError
-from hunt_ros.samples import CHANNELS, Series
+from hunt_ros.samples import CHANNELS, NANOSECONDS, Series
 from hunt_ros.sensors import SENSORS
 
 #: Column names of the measured channels: the unit is in the name.
@@ -37,8 +37,8 @@ def export_file(
     out: str | Path,
     channels: Channels = (),
     *,
-    start_ns: int | None = None,
-    end_ns: int | None = None,
+    from_s: float | None = None,
+    to_s: float | None = None,
 ) -> int:
     """
     Write channels of a recording as CSV, Parquet or NumPy arrays.
@@ -57,8 +57,8 @@ def export_file(
     channels : mapping or sequence
         Any names and fields: `{'a': '/rig/hunting/amplitude.position[0]'}`. Without any,
         the measurements of the rig.
-    start_ns, end_ns : int, optional
-        Only start_ns <= log time < end_ns.
+    from_s, to_s : float, optional
+        Only from_s <= stamp < to_s, in s since the recording began.
 
     Returns
     -------
@@ -77,14 +77,27 @@ def export_file(
         raise BagError(f'{out}: unknown format {target.suffix!r}, expected {", ".join(_WRITERS)}')
     if target.exists():
         raise BagError(f'{out}: exists already, expected the name of a new file')
-    series: Mapping[str, Series]
-    if channels:
-        if _STAMPS in channel_map(channels, allowed=None):
-            raise BagError(f'{out}: {_STAMPS} is the column of the stamps, expected another name')
-        series = read_columns(path, channels, start_ns=start_ns, end_ns=end_ns)
-    else:
-        record = read_record(path, start_ns=start_ns, end_ns=end_ns)
-        series = {COLUMN_NAMES[name]: record[name] for name in CHANNELS if name in record}
+    with Bag(path) as bag:
+        origin, last = bag.span_ns or (0, 0)
+        if from_s is not None and from_s * NANOSECONDS > last - origin:
+            raise BagError(
+                f'{path}: lasts {(last - origin) / NANOSECONDS:.3f} s, from {from_s:g} s is behind'
+                ' the end'
+            )
+        series: Mapping[str, Series]
+        if channels:
+            if _STAMPS in channel_map(channels, allowed=None):
+                raise BagError(
+                    f'{out}: {_STAMPS} is the column of the stamps, expected another name'
+                )
+            series = read_columns(bag, channels)
+        else:
+            record = read_record(bag)
+            series = {COLUMN_NAMES[name]: record[name] for name in CHANNELS if name in record}
+    if from_s is not None or to_s is not None:
+        begin = origin + round((from_s or 0.0) * NANOSECONDS)
+        end = last + 1 if to_s is None else origin + round(to_s * NANOSECONDS)
+        series = {name: one.between(begin, end) for name, one in series.items()}
     stamps, columns = aligned(series)
     if not stamps.size:
         raise BagError(f'{path}: no samples in this time')
@@ -175,19 +188,3 @@ _WRITERS: dict[str, Callable[[Path, NDArray[np.int64], Mapping[str, Column]], No
     '.parquet': _write_parquet,
     '.npz': _write_numpy,
 }
-
-
-def log_span(path: str | Path) -> tuple[int, int]:
-    """
-    Return the first and the last log time of a recording, ns.
-
-    Raises
-    ------
-    BagError
-        If it holds no message.
-    """
-    with Bag(path) as bag:
-        span = bag.span_ns
-    if span is None:
-        raise BagError(f'{path}: holds no messages')
-    return span

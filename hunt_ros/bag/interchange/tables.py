@@ -96,12 +96,26 @@ def select(table: Mapping[str, Any], source: str) -> list[NDArray[Any]]:
     BagError
         If there is no such series, or it is not one-dimensional or not numeric.
     """
-    value = table[source] if source in table else _follow(table, source)
-    return [_series(run, source) for run in (value if isinstance(value, _All) else [value])]
-
-
-class _All(list[Any]):
-    """All of an array of structures or cells."""
+    if source in table:
+        return [_series(table[source], source)]
+    base = source.partition('[')[0].strip()
+    if not base:
+        raise BagError(f'{source!r} names nothing, expected one of {_shown(table)}')
+    values: list[Any] = [table]
+    position, end = 0, len(source.rstrip())
+    if base in table:
+        values, position = [table[base]], source.index(base) + len(base)
+    while position < end:
+        match = _STEP.match(source, position)
+        if match is None:
+            raise BagError(f'{source!r}: expected an index such as [0] or [:,0]')
+        name, inside = match.groups()
+        if name is not None:
+            values = [_part(value, name.strip(), source) for value in values]
+        else:
+            values = [one for value in values for one in _elements(value, inside, source)]
+        position = match.end()
+    return [_series(value, source) for value in values]
 
 
 def _series(value: Any, source: str) -> NDArray[Any]:
@@ -133,45 +147,31 @@ def _is_list(value: Any) -> bool:
     return isinstance(value, list) and any(isinstance(one, Mapping | list) for one in value[:1])
 
 
-def _follow(table: Mapping[str, Any], source: str) -> Any:
-    """Return what a path such as `run.y[:,0]` stands for."""
-    base = source.partition('[')[0].strip()
-    value: Any = table[base] if base and base in table else table
-    position = source.index(base) + len(base) if value is not table else 0
-    if not base:
-        raise BagError(f'{source!r} names nothing, expected one of {_shown(table)}')
-    while position < len(source.rstrip()):
-        match = _STEP.match(source, position)
-        if match is None:
-            raise BagError(f'{source!r}: expected an index such as [0] or [:,0]')
-        value = _take(value, match[1], match[2], source)
-        position = match.end()
-    return value
-
-
-def _take(value: Any, name: str | None, inside: str | None, source: str) -> Any:
-    """Return a part of a value by its name or its index."""
-    if isinstance(value, _All):
-        return _All(_take(one, name, inside, source) for one in value)
-    if name is not None:
-        name = name.strip()
-        if not isinstance(value, Mapping) or name not in value:
-            known = _shown(value) if isinstance(value, Mapping) else 'no parts'
-            if _is_list(value):
-                known = f'{len(value)} structures: [0] to [{len(value) - 1}], or [:] for all'
-            raise BagError(f'there is no {name!r} for {source!r}, it has {known}')
+def _part(value: Any, name: str, source: str) -> Any:
+    """Return a part of a structure by its name."""
+    if isinstance(value, Mapping) and name in value:
         return value[name]
+    known = _shown(value) if isinstance(value, Mapping) else 'no parts'
+    if _is_list(value):
+        known = f'{len(value)} structures: [0] to [{len(value) - 1}], or [:] for all'
+    raise BagError(f'there is no {name!r} for {source!r}, it has {known}')
+
+
+def _elements(value: Any, inside: str, source: str) -> list[Any]:
+    """Return a part of an array by its index; of an array of structures, `[:]` takes all."""
     if isinstance(value, Mapping):  # one structure, or in version 7.3 the lists of several
         lists = [part for part in value.values() if isinstance(part, list)]
-        count = len(lists[0]) if lists else 1
-        value = [{key: part[i] if lists else part for key, part in value.items()}
-                 for i in range(count)]  # fmt: skip
+        value = (
+            [dict(zip(value, parts, strict=True)) for parts in zip(*value.values(), strict=True)]
+            if lists
+            else [value]
+        )
     try:
-        parts = [part.strip() for part in (inside or '').split(',')]
+        parts = [part.strip() for part in inside.split(',')]
         index = tuple(slice(None) if part == ':' else int(part) for part in parts)
         if _is_list(value) and len(index) == 1:
-            return _All(value) if isinstance(index[0], slice) else value[index[0]]
-        return np.asarray(value)[index]
+            return list(value) if parts == [':'] else [value[index[0]]]
+        return [np.asarray(value)[index]]
     except (IndexError, ValueError) as error:
         shape = ' x '.join(map(str, np.shape(value) if not _is_list(value) else (len(value),)))
         raise BagError(f'{source!r}: no [{inside}] in {shape} numbers') from error

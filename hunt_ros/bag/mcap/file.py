@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag.blocks import Block, Places, strided, within
+from hunt_ros.bag.blocks import Block, Places, strided
 from hunt_ros.bag.mcap import records as rec
 from hunt_ros.bag.mcap.layout import (
     ENTRY_BYTES,
@@ -130,14 +130,10 @@ class McapFile:
             self._map.close()
 
     def blocks(
-        self,
-        wanted: Collection[int],
-        start_ns: int | None = None,
-        end_ns: int | None = None,
-        damaged: Callable[[BagError], None] | None = None,
+        self, wanted: Collection[int], damaged: Callable[[BagError], None] | None = None
     ) -> Iterator[Block]:
         """
-        Yield the messages of these topics with start_ns <= log time < end_ns.
+        Yield the messages of these topics.
 
         `damaged` is told of each damaged chunk, which is passed over.
 
@@ -151,7 +147,7 @@ class McapFile:
         group: list[_Opened] = []
         size = 0
         for chunk in self.layout.chunks:
-            if not self._concerns(chunk, topics, start_ns, end_ns):
+            if topics.isdisjoint(self.layout.indexes.get(chunk.offset, topics)):
                 continue
             try:
                 opened = self._opened(whole, chunk, topics)
@@ -161,27 +157,15 @@ class McapFile:
                 damaged(error)
                 continue
             if group and size + chunk.size > BLOCK_BYTES:
-                yield _block(whole, group, start_ns, end_ns)
+                yield _block(whole, group)
                 group, size = [], 0
             group.append(opened)
             size += chunk.size
         if group:
-            yield _block(whole, group, start_ns, end_ns)
+            yield _block(whole, group)
         loose = {key: places for key, places in self.layout.loose.items() if key in topics}
         if loose:
-            parts = {key: within(places, start_ns, end_ns) for key, places in loose.items()}
-            yield Block(whole, parts)
-
-    def _concerns(
-        self, chunk: rec.Chunk, topics: set[int], start_ns: int | None, end_ns: int | None
-    ) -> bool:
-        """Return True if a chunk may hold messages of these topics in this time."""
-        if start_ns is not None and chunk.last_ns < start_ns:
-            return False
-        if end_ns is not None and chunk.first_ns >= end_ns:
-            return False
-        index = self.layout.indexes.get(chunk.offset)
-        return index is None or not topics.isdisjoint(index)
+            yield Block(whole, loose)
 
     def _opened(self, whole: NDArray[np.uint8], chunk: rec.Chunk, topics: set[int]) -> _Opened:
         """Expand a chunk, check its CRC, and find the messages in it."""
@@ -217,9 +201,7 @@ class McapFile:
         )
 
 
-def _block(
-    whole: NDArray[np.uint8], group: list[_Opened], start_ns: int | None, end_ns: int | None
-) -> Block:
+def _block(whole: NDArray[np.uint8], group: list[_Opened]) -> Block:
     """Put opened chunks together."""
     if all(opened.chunk.compression == '' for opened in group):
         # The file itself is the buffer: nothing is copied.
@@ -235,14 +217,13 @@ def _block(
         for key, places in opened.places.items():
             moved = Places(places.log_ns, places.starts + base, places.lengths)
             found.setdefault(key, []).append(moved)
-    joined = {key: within(_join(part), start_ns, end_ns) for key, part in found.items()}
+    joined = {
+        key: several[0]
+        if len(several) == 1
+        else Places(*map(np.concatenate, zip(*several, strict=True)))
+        for key, several in found.items()
+    }
     return Block(data, joined)
-
-
-def _join(several: list[Places]) -> Places:
-    if len(several) == 1:
-        return several[0]
-    return Places(*(np.concatenate(parts) for parts in zip(*several, strict=True)))
 
 
 def _indexed_places(

@@ -17,7 +17,7 @@ from mcap import records as peer
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.opcode import Opcode
 
-from hunt_ros.bag.compression import expand
+from hunt_ros.bag.blocks import expand
 
 MAGIC = b'\x89MCAP0\r\n'
 

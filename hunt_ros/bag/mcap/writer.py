@@ -24,8 +24,7 @@ from mcap import records as peer
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from hunt_ros.bag.blocks import Topic
-from hunt_ros.bag.compression import compress
+from hunt_ros.bag.blocks import Topic, compress
 from hunt_ros.bag.mcap import records as rec
 
 #: Chunks are closed at this many bytes, before compression.
