@@ -274,14 +274,6 @@ def offered_qos(text: str) -> str:
         return ''
 
 
-class _PlainDumper(yaml.SafeDumper):  # type: ignore[misc]
-    """Without anchors: rosbag2's parser reads none."""
-
-    def ignore_aliases(self, data: Any) -> bool:
-        del data
-        return True
-
-
 def folder_metadata(
     topics: Sequence[tuple[Topic, int]], files: Sequence[FileEntry], notes: Mapping[str, str]
 ) -> str:
@@ -332,9 +324,7 @@ def folder_metadata(
         'custom_data': {str(key): str(value) for key, value in notes.items()} or None,
         'ros_distro': os.environ.get('ROS_DISTRO') or 'jazzy',
     }
-    text: str = yaml.dump(
-        {'rosbag2_bagfile_information': info}, Dumper=_PlainDumper, sort_keys=False
-    )
+    text: str = yaml.safe_dump({'rosbag2_bagfile_information': info}, sort_keys=False)
     return text
 
 

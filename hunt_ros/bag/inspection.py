@@ -8,9 +8,9 @@ goes on: it reads everything, checks every chunk, and looks at the time of every
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,8 @@ STEADY_COUNT = 50
 STOPPED_S = 2.0
 
 
-class Problem(NamedTuple):
+@dataclass(frozen=True)
+class Problem:
     """
     One thing that is wrong.
 
@@ -78,17 +79,7 @@ class Inspection:
 
     def to_json(self) -> dict[str, Any]:
         """Return it as JSON types."""
-        return {
-            'path': str(self.path),
-            'size_bytes': self.size_bytes,
-            'files': self.files,
-            'start_ns': self.start_ns,
-            'duration_s': self.duration_s,
-            'messages': self.messages,
-            'notes': self.notes,
-            'topics': [vars(topic) for topic in self.topics],
-            'problems': [problem._asdict() for problem in self.problems],
-        }
+        return {**asdict(self), 'path': str(self.path), 'messages': self.messages}
 
 
 def inspect(

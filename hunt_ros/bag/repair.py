@@ -27,8 +27,8 @@ from hunt_ros.bag.bag_writer import FileEntry, folder_metadata, offered_qos
 from hunt_ros.bag.blocks import Places, expand_messages, expand_zstd, is_compressed
 from hunt_ros.bag.cdr.message_types import definition_text
 from hunt_ros.bag.mcap import records as rec
-from hunt_ros.bag.mcap.file import McapFile, walked_places
-from hunt_ros.bag.mcap.layout import IMPOSSIBLE, Layout, walk_file
+from hunt_ros.bag.mcap.file import McapFile
+from hunt_ros.bag.mcap.layout import IMPOSSIBLE, Layout, walk_file, walked_places
 from hunt_ros.bag.mcap.writer import McapWriter
 from hunt_ros.bag.reader import ACTIVE, Bag, folder_files, open_storage
 from hunt_ros.bag.sqlite_file import SALVAGE_HINT, SqliteFile
@@ -175,8 +175,8 @@ def _copy_mcap(file: McapFile, writer: McapWriter, report: Repair) -> None:
 
 def _copy_chunk(view: memoryview, chunk: rec.Chunk, layout: Layout, writer: McapWriter) -> None:
     """Copy a sound chunk as it is; message by message where one in it must not be copied."""
-    data = np.frombuffer(rec.expand_chunk(view, chunk), np.uint8)
-    found = walked_places(data)
+    raw = rec.expand_chunk(view, chunk)
+    data, found = np.frombuffer(raw, np.uint8), walked_places(raw)
     times = [(int(part.log_ns.min()), int(part.log_ns.max())) for part in found.values()]
     if not times:
         return

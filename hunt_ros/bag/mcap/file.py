@@ -10,11 +10,10 @@ from __future__ import annotations
 
 import itertools
 import mmap
-from array import array
 from collections.abc import Callable, Collection, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +27,7 @@ from hunt_ros.bag.mcap.layout import (
     Layout,
     read_summary,
     walk_file,
+    walked_places,
 )
 from hunt_ros.errors import BagError
 
@@ -35,12 +35,8 @@ from hunt_ros.errors import BagError
 BLOCK_BYTES = 1 << 22
 
 
-class _Opened(NamedTuple):
-    """A chunk, expanded and checked, and where its messages lie in it."""
-
-    chunk: rec.Chunk
-    data: NDArray[np.uint8]
-    places: dict[int, Places]
+#: A chunk, expanded and checked, and where its messages lie in it.
+_Opened: TypeAlias = tuple[rec.Chunk, NDArray[np.uint8], dict[int, Places]]
 
 
 class McapFile:
@@ -175,7 +171,7 @@ class McapFile:
             places = None if index is None else _indexed_places(data, index, whole, topics)
             if places is None:
                 self._remark(chunk, index is None)
-                places = walked_places(data)
+                places = walked_places(data.data)
                 places = {key: places[key] for key in topics & places.keys()}
         except ValueError as error:
             raise self._damage(chunk, str(error)) from error
@@ -184,7 +180,7 @@ class McapFile:
         if lost:
             text = f'chunk at byte {chunk.offset}: {lost} {IMPOSSIBLE}'
             self.remarks.append(('damaged_message', text))
-        return _Opened(chunk, data, possible)
+        return chunk, data, possible
 
     def _remark(self, chunk: rec.Chunk, absent: bool) -> None:
         # In a file that was cut, the index of the last chunk is not trusted, whole or not;
@@ -203,18 +199,18 @@ class McapFile:
 
 def _block(whole: NDArray[np.uint8], group: list[_Opened]) -> Block:
     """Put opened chunks together."""
-    if all(opened.chunk.compression == '' for opened in group):
+    chunks, parts, places_of = zip(*group, strict=True)
+    if not any(chunk.compression for chunk in chunks):
         # The file itself is the buffer: nothing is copied.
-        begin = group[0].chunk.data
-        data = whole[begin : group[-1].chunk.end]
-        bases = [opened.chunk.data - begin for opened in group]
+        begin = chunks[0].data
+        data = whole[begin : chunks[-1].end]
+        bases = [chunk.data - begin for chunk in chunks]
     else:
-        data = np.concatenate([opened.data for opened in group])
-        sizes = [opened.data.size for opened in group]
-        bases = [0, *itertools.accumulate(sizes[:-1])]
+        data = np.concatenate(parts)
+        bases = [0, *itertools.accumulate(part.size for part in parts[:-1])]
     found: dict[int, list[Places]] = {}
-    for opened, base in zip(group, bases, strict=True):
-        for key, places in opened.places.items():
+    for several, base in zip(places_of, bases, strict=True):
+        for key, places in several.items():
             moved = Places(places.log_ns, places.starts + base, places.lengths)
             found.setdefault(key, []).append(moved)
     joined = {
@@ -267,28 +263,3 @@ def _checked_places(
         and (lengths <= data.size - starts).all()
     )
     return Places(log_ns.view(np.int64), starts, lengths) if sound else None
-
-
-def walked_places(data: NDArray[np.uint8]) -> dict[int, Places]:
-    """
-    Find the messages of a chunk record by record.
-
-    Raises
-    ------
-    ValueError
-        If it is no sequence of records, or a message has no head.
-    """
-    rows: dict[int, array[int]] = {}
-    for opcode, offset, length in rec.records(data.data, 0, data.size):
-        if opcode == rec.MESSAGE:
-            if length < rec.MESSAGE_HEAD.size:
-                raise ValueError(f'the message at byte {offset} has no head')
-            channel, _, log_ns, _ = rec.MESSAGE_HEAD.unpack_from(
-                data.data, offset + rec.RECORD.size
-            )
-            place = log_ns, offset + rec.MESSAGE_PREFIX, length - rec.MESSAGE_HEAD.size
-            rows.setdefault(channel, array('Q')).extend(place)
-    return {
-        key: Places(*np.frombuffer(several, dtype=np.int64).reshape(-1, 3).T.copy())
-        for key, several in rows.items()
-    }

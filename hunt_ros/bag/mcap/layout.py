@@ -9,6 +9,7 @@ from __future__ import annotations
 from array import array
 from bisect import bisect_right
 from collections import Counter
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TypeAlias
@@ -257,11 +258,7 @@ class _Walk:
         layout = self.layout
         payload = self.view[offset + 9 : offset + 9 + length]
         if opcode == Opcode.MESSAGE:
-            if length < rec.MESSAGE_HEAD.size:
-                raise ValueError(f'the message at byte {offset} has no head')
-            channel, _, log_ns, _ = rec.MESSAGE_HEAD.unpack_from(payload)
-            place = log_ns, offset + rec.MESSAGE_PREFIX, length - rec.MESSAGE_HEAD.size
-            self._loose.setdefault(channel, array('Q')).extend(place)
+            _add_message(self._loose, self.view, offset, length)
         elif opcode == Opcode.CHUNK:
             layout.chunks.append(rec.unpack_chunk(self.view, offset, length))
         elif opcode == Opcode.MESSAGE_INDEX and layout.chunks:
@@ -288,27 +285,15 @@ class _Walk:
             found = {key: count for key, (_, count) in (index or {}).items()}
             if index is None or not index.keys() <= layout.channels.keys():
                 with suppress(ValueError):  # damaged: reading it says so
-                    found = self._look_inside(chunk)
+                    inside = walked_places(rec.expand_chunk(self.view, chunk), layout.describe)
+                    found = {key: places.log_ns.size for key, places in inside.items()}
             layout.counts.update(found)
-        for key, rows in self._loose.items():
-            places = Places(*np.frombuffer(rows, dtype=np.int64).reshape(-1, 3).T.copy())
+        for key, places in _places(self._loose).items():
             layout.loose[key] = places.possible()
             layout.counts[key] += layout.loose[key].log_ns.size
             layout.left_out[IMPOSSIBLE] += places.log_ns.size - layout.loose[key].log_ns.size
         unknown = (count for key, count in layout.counts.items() if key not in layout.channels)
         layout.left_out['messages of topics described nowhere'] += sum(unknown)
-
-    def _look_inside(self, chunk: Chunk) -> Counter[int]:
-        """Take the descriptions in a chunk, and count its messages."""
-        inner = memoryview(rec.expand_chunk(self.view, chunk))
-        found: Counter[int] = Counter()
-        for opcode, offset, length in rec.records(inner, 0, len(inner)):
-            payload = inner[offset + 9 : offset + 9 + length]
-            if opcode == Opcode.MESSAGE:
-                found[int.from_bytes(payload[:2], 'little')] += 1
-            else:
-                self.layout.describe(opcode, payload)
-        return found
 
 
 def walk_file(data: bytes | memoryview) -> Layout:
@@ -318,6 +303,49 @@ def walk_file(data: bytes | memoryview) -> Layout:
     Chunks are opened only where their topics are not known from elsewhere.
     """
     return _Walk(memoryview(data)).run()
+
+
+def walked_places(
+    raw: bytes | memoryview, describe: Callable[[int, memoryview], None] | None = None
+) -> dict[int, Places]:
+    """
+    Find the messages of a chunk record by record.
+
+    Parameters
+    ----------
+    raw : bytes
+        The expanded chunk.
+    describe : callable, optional
+        Told of every other record: its opcode and its payload.
+
+    Raises
+    ------
+    ValueError
+        If it is no sequence of records, or a message has no head.
+    """
+    view = memoryview(raw)
+    rows: dict[int, array[int]] = {}
+    for opcode, offset, length in rec.records(view, 0, len(view)):
+        if opcode == rec.MESSAGE:
+            _add_message(rows, view, offset, length)
+        elif describe is not None:
+            describe(opcode, view[offset + 9 : offset + 9 + length])
+    return _places(rows)
+
+
+def _add_message(rows: dict[int, array[int]], view: memoryview, offset: int, length: int) -> None:
+    if length < rec.MESSAGE_HEAD.size:
+        raise ValueError(f'the message at byte {offset} has no head')
+    channel, _, log_ns, _ = rec.MESSAGE_HEAD.unpack_from(view, offset + rec.RECORD.size)
+    place = log_ns, offset + rec.MESSAGE_PREFIX, length - rec.MESSAGE_HEAD.size
+    rows.setdefault(channel, array('Q')).extend(place)
+
+
+def _places(rows: dict[int, array[int]]) -> dict[int, Places]:
+    return {
+        key: Places(*np.frombuffer(several, dtype=np.int64).reshape(-1, 3).T.copy())
+        for key, several in rows.items()
+    }
 
 
 def _named_chunks(view: memoryview) -> list[int]:
