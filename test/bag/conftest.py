@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Literal
 
@@ -74,6 +75,19 @@ def new_record() -> Callable[..., Record]:
     return make_record
 
 
+def write_messages(path: Path, record: Record, **options: Any) -> Path:
+    """The same record message by message, as the live recorder writes."""
+    with BagWriter(path, **options) as writer:
+        rows = []
+        for name, series in record.items():
+            key = writer.topic(f'/rig/{name}', CHANNEL_FIELDS[name][0])
+            messages = map(bytes, serialise(name, series))
+            rows += zip(series.stamps_ns.tolist(), [key] * len(series), messages, strict=True)
+        for at, key, message in sorted(rows, key=itemgetter(0)):
+            writer.write(key, at, message)
+    return path
+
+
 def write_mcap(path: Path, record: Record, **options: Any) -> Path:
     """The same record by the writer of the package mcap."""
     with open(path, 'wb') as file:
@@ -121,3 +135,8 @@ def by_mcap() -> Callable[..., Path]:
 @pytest.fixture(scope='session')
 def by_rosbags() -> Callable[..., Path]:
     return write_rosbags
+
+
+@pytest.fixture(scope='session')
+def by_message() -> Callable[..., Path]:
+    return write_messages

@@ -22,19 +22,17 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from conftest import write_messages, write_rosbags
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
-from hunt_ros.bag import Bag, BagWriter, read_record
+from hunt_ros.bag import Bag, read_record
 from hunt_ros.bag.inspection import inspect
 from hunt_ros.bag.mcap.layout import walk_file
 from hunt_ros.bag.mcap.records import records
 from hunt_ros.bag.messages import read_raw, read_texts
-from hunt_ros.bag.record_writer import serialise
 from hunt_ros.bag.repair import repair
 from hunt_ros.errors import BagError
 from hunt_ros.samples import Record, Series
-from hunt_ros.sensors import CHANNEL_FIELDS
 
 #: Memory that a case may take beyond what the program holds, and its time.
 MEMORY_BYTES = 3 << 30
@@ -66,32 +64,14 @@ def originals(folder: Path) -> dict[str, Path]:
     found = {}
     for compression in ('', 'lz4', 'zstd'):
         name = f'mcap_{compression or "none"}'
-        with BagWriter(folder / name, compression=compression, chunk_bytes=2500) as writer:
-            text = writer.topic('/rig/hunting/normal_form', 'std_msgs/msg/String', latched=True)
-            writer.write(text, record.start_ns, b'\x00\x01\x00\x00\x02\x00\x00\x00x\x00')
-            for channel, series in record.items():
-                key = writer.topic(f'/rig/{channel}', CHANNEL_FIELDS[channel][0])
-                messages = serialise(channel, series)
-                for at, message in zip(series.stamps_ns.tolist(), messages, strict=True):
-                    writer.write(key, at, bytes(message))
-        (found[name],) = (folder / name).glob('*.mcap')
-    store = get_typestore(Stores.ROS2_JAZZY)
+        path = write_messages(folder / name, record, compression=compression, chunk_bytes=2500)
+        (found[name],) = path.glob('*.mcap')
     for name, plugin, mode in (
         ('sqlite', StoragePlugin.SQLITE3, None),
         ('file_zstd', StoragePlugin.MCAP, CompressionMode.FILE),
         ('message_zstd', StoragePlugin.MCAP, CompressionMode.MESSAGE),
     ):
-        writer = Writer(folder / name, version=8, storage_plugin=plugin)
-        if mode:
-            writer.set_compression(mode, CompressionFormat.ZSTD)
-        with writer:
-            for channel, series in record.items():
-                kind = CHANNEL_FIELDS[channel][0]
-                key = writer.add_connection(f'/rig/{channel}', kind, typestore=store)
-                messages = serialise(channel, series)
-                for at, message in zip(series.stamps_ns.tolist(), messages, strict=True):
-                    writer.write(key, at, bytes(message))
-        (found[name],) = (p for p in (folder / name).iterdir() if p.name != 'metadata.yaml')
+        found[name] = write_rosbags(folder / name, record, 8, plugin, mode)
     return found
 
 

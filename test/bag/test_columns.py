@@ -22,8 +22,6 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from hunt_ros.bag import Bag, BagWriter, ChannelSource, read_columns, read_record, write_record
 from hunt_ros.bag.columns import find_topic
 from hunt_ros.bag.inspection import inspect
-from hunt_ros.bag.interchange.exporters import export_file
-from hunt_ros.bag.interchange.importers import load_record
 from hunt_ros.bag.record_writer import serialise
 from hunt_ros.errors import BagError
 from hunt_ros.samples import Record, Series
@@ -361,17 +359,3 @@ def test_messages_in_any_order_come_out_in_the_order_of_log_time(tmp_path: Path)
             writer.write(key, at + 1, b'\0\1\0\0' + struct.pack('<d', at))
     column = read_columns(tmp_path / 'run', ['a=p'])['a']
     np.testing.assert_array_equal(column.values, np.arange(500.0))
-
-
-def test_every_reader_takes_a_mapping_of_names_to_sources(tmp_path: Path) -> None:
-    stamps = 10**9 + np.arange(50) * 10_000_000
-    record = Record({name: Series(stamps, np.arange(50.0)) for name in ('lateral', 'speed')})
-    bag = write_record(tmp_path / 'run', record)
-    columns = read_columns(bag, {'y': '/rig/lateral.position[0]*2', 'seven': 7.0})
-    np.testing.assert_array_equal(columns['y'].values, 2.0 * np.arange(50.0))
-    assert set(columns['seven'].values) == {7.0}
-    assert set(read_record(str(bag), {'speed': 16.3})['speed'].values) == {16.3}
-    table = tmp_path / 'out.csv'
-    assert export_file(bag, table, {'y': '/rig/lateral.position[0]'}) == 50
-    again = load_record(table, {'lateral': 'y*0.5', 'speed': 3}, rate_hz=10.0)
-    np.testing.assert_array_equal(again['lateral'].values, 0.5 * np.arange(50.0))

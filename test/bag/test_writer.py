@@ -102,20 +102,8 @@ def test_split_files_read_as_one(record, same, tmp_path: Path) -> None:
         assert sum(1 for _ in reader.messages()) == sum(map(len, record.values()))
 
 
-def test_message_by_message_is_the_same_as_in_rows(record, same, tmp_path: Path) -> None:
-    from hunt_ros.bag.record_writer import serialise
-    from hunt_ros.sensors import CHANNEL_FIELDS
-
-    with BagWriter(tmp_path / 'run', chunk_bytes=5000) as writer:
-        rows = []
-        for name, series in record.items():
-            key = writer.topic(f'/rig/{name}', CHANNEL_FIELDS[name][0])
-            messages = serialise(name, series)
-            stamps = series.stamps_ns.tolist()
-            rows += [(at, key, bytes(m)) for at, m in zip(stamps, messages, strict=True)]
-        for at, key, message in sorted(rows):
-            writer.write(key, at, message)
-    same(record, read_record(tmp_path / 'run'))
+def test_message_by_message_is_the_same_as_in_rows(record, same, by_message, tmp_path) -> None:
+    same(record, read_record(by_message(tmp_path / 'run', record, chunk_bytes=5000)))
 
 
 def test_nothing_stays_under_the_final_name_after_an_error(record, tmp_path: Path) -> None:
