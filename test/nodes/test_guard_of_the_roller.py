@@ -15,9 +15,12 @@ from geometry_msgs.msg import TwistStamped
 from lifecycle_msgs.msg import Transition
 from sensor_msgs.msg import JointState
 from speed_rig import UNGUARDED, Drive, Rig
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
 from hunt_ros.nodes.support.conversions import to_time
-from hunt_ros.nodes.support.qos import latched
+from hunt_ros.nodes.support.qos import latched, stream
+from hunt_ros.services import SERVICES
 
 pytestmark = pytest.mark.ros
 
@@ -258,6 +261,25 @@ def test_an_alarm_that_nobody_acknowledged_outlives_its_detector(
     detector.alarm = False  # acknowledged
     graph.spin(0.5)
     assert rig.status['alarm_kept'] == ''
+
+
+def test_a_call_with_words_shelves_an_alarm_and_no_trip(graph, resident, detector) -> None:
+    drive = Drive(6.0)
+    rig = _held_at(graph, resident, detector, drive)
+    words = graph.node.create_publisher(String, SERVICES['shelve-alarm'].words_topic, stream(10))
+
+    def shelve(text: str) -> Trigger.Response:
+        words.publish(String(data=text))
+        return graph.call('speed/shelve_alarm')
+
+    graph.spin_until(lambda: shelve('limit_cycle 30 the grease, Mia').success)
+    rig.until(level='WARN')
+    assert rig.status['shelved'].endswith('(the grease, Mia)')
+    graph.spin_until(lambda: 'no alarm that can be shelved' in shelve('speed 5 why').message)
+    detector.level = 'ERROR'
+    rig.until(interlock_state='tripped', interlock_code='hunting')
+    graph.spin_until(lambda: shelve('limit_cycle 0').success)
+    rig.until(shelved='')
 
 
 def test_an_inactive_node_says_that_nobody_guards(graph, resident, detector) -> None:
