@@ -58,7 +58,8 @@ class AlarmOutputsNode(Node):
         self._heard_s = -float('inf')
         self._status: dict[str, str] = {}
         self._kept = ''  # what the speed node keeps until a person ends it
-        self._shelved: set[str] = set()  # codes of what calls nobody
+        self._shelved: set[str] = set()  # codes of what calls nobody, as the speed node says
+        self._drive_s = -float('inf')  # when it was heard last
         self._acknowledged = False  # what is called for now
         self._judged = False  # the detector has had sound inputs once
         self._problems: dict[str, str] = {}
@@ -99,6 +100,7 @@ class AlarmOutputsNode(Node):
         """Take what the speed node says: of an alarm that outlived its detector, and of a trip."""
         said = read_diagnostic(message)
         tripped = said.get('interlock_state') == 'tripped'
+        self._drive_s = time.monotonic()
         self._shelved = {each.split()[0] for each in said.get('shelved', '').split('; ') if each}
         self._kept = said.get('alarm_kept') or (said['interlock_cause'] if tripped else '')
 
@@ -123,19 +125,23 @@ class AlarmOutputsNode(Node):
         status, silence_s = self._status, self._config.silence_s
         words = f'{status["level"]}: {status["message"]}' if status else 'no status heard yet'
         causes = {*status.get('causes', '').split()}
-        shelved = bool(causes) and causes <= self._shelved
+        # Of a speed node that is gone nobody knows what is shelved.
+        known = time.monotonic() - self._drive_s < silence_s
+        shelved = known and bool(causes) and causes <= self._shelved
         if self._kept:
             return Condition.ALARM, self._kept
-        if status and (status['level'] == 'ERROR' or status.get('alarm') == 'True'):
-            return (Condition.WELL, f'shelved: {words}') if shelved else (Condition.ALARM, words)
+        alarm = bool(status) and (status['level'] == 'ERROR' or status.get('alarm') == 'True')
+        if alarm and not shelved:
+            return Condition.ALARM, words
         if not self._judged and time.monotonic() - self._began_s < START_S:
             return Condition.WAITING, words
         if not status:
             return Condition.DOUBT, f'no status since the start, for more than {START_S:g} s'
         if time.monotonic() - self._heard_s > silence_s:
             return Condition.DOUBT, f'no status for {silence_s:g} s'
-        doubt = status['level'] == 'STALE' and not shelved
-        return Condition.DOUBT if doubt else Condition.WELL, words
+        if shelved:  # a detector that is silent calls all the same
+            return Condition.WELL, f'shelved: {words}'
+        return Condition.DOUBT if status['level'] == 'STALE' else Condition.WELL, words
 
     def _work(self, name: str, stopping: threading.Event) -> None:
         """Keep one output at the present condition; what fails is told, and tried again."""
