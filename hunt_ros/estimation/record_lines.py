@@ -40,6 +40,9 @@ _STEADY = 0.01
 #: A line follows the speed where its steady power against the way is so many times that
 #: against time: at one speed both are the same.
 _FOLLOWS = 1.2
+#: ... and where the speeds at which its power is found are so far apart (standard deviation,
+#: relative): half the width of the window, so that what stays at one frequency leaves it.
+_APART = 0.04
 #: So near to a line that was taken out, relative, what stands out is the rest of it.
 _LEFT = 0.12
 #: A line is a known one if their orders differ by less than this, relative.
@@ -326,7 +329,8 @@ class RecordLines:
                 continue
             # Over time it would be somewhere between these.
             others = self._near(0.95 * slow * frequency, 1.05 * fast * frequency)
-            if lasting[place] > _FOLLOWS * max(power.lasting for power in others):
+            clear = lasting[place] > _FOLLOWS * max(power.lasting for power in others)
+            if clear and _changes_with_speed(ways, frequency / mean):
                 found.append(_exact(ways, frequency / mean))
         for order in found:
             for way in ways:
@@ -353,6 +357,8 @@ class RecordLines:
             return False
         order = frequency * float(weight.sum() / (weight @ speed[known]))
         ways = [way for way in self._ways if way is not None]
+        if not _changes_with_speed(ways, order):
+            return False
         against_way = [_Power.of(ways, one * order).steady for one in np.linspace(0.9, 1.1, 9)]
         others = self._near(0.9 * frequency, 1.1 * frequency)
         return max(against_way) > _FOLLOWS * max(power.steady for power in others)
@@ -410,6 +416,18 @@ def _amplitudes(lines: Sequence[_Line]) -> tuple[_F, _F]:
     """Return amplitude, m, NaN in gaps, and speed of a line in all records, in a row."""
     amplitude = np.concatenate([np.zeros(0), *(np.abs(line.phasor) for line in lines)])
     return amplitude, np.concatenate([np.zeros(0), *(line.speed for line in lines)])
+
+
+def _changes_with_speed(ways: Sequence[Motion], order: float) -> bool:
+    """Return True if a line, cycles a metre, is seen at speeds between which it must move."""
+    amplitude, speed = _amplitudes([way.line(order) for way in ways])
+    known = np.isfinite(amplitude) & np.isfinite(speed)
+    weight = amplitude[known] ** 2
+    if not weight.sum() > 0.0:
+        return False
+    mean = float(np.average(speed[known], weights=weight))
+    apart = math.sqrt(float(np.average((speed[known] - mean) ** 2, weights=weight)))
+    return apart > _APART * mean
 
 
 def _exact(motions: Sequence[Motion], frequency: float) -> float:
