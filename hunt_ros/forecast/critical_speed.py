@@ -30,6 +30,7 @@ COLLECTING = 'collecting speed levels'
 NO_EXCITATION = 'not enough excitation'
 NOT_FALLING = 'the damping seen so far does not tell where it vanishes'
 NO_FIT = 'the response does not follow the damping law'
+RESTED = 'the rig has rested at speeds at which the damping seen should have vanished'
 
 
 #: A new forecast after this time at the latest.
@@ -39,6 +40,9 @@ FEWEST_LEVELS, SPAN = 3, 0.1
 #: No number where half the 95 % interval is wider than this, or where it is further than this
 #: beyond the highest speed, relative.
 WIDEST, FARTHEST = 0.25, 0.6
+#: No number whose interval ends so far below a speed at which the rig has rested, relative: what
+#: its own amplitude holds down (supercritical) may be quiet a little beyond v_c, no further.
+HELD = 0.1
 #: How far the peak must stand above the noise floor (power), and the law above white noise (ln of
 #: the likelihood ratio, whatever the parameters of the law).
 CLEARANCE, LIKELIER = 2.0, 30.0
@@ -223,7 +227,7 @@ class CriticalSpeedForecast:
             return
         for law in self._laws:
             self._forecast = self._by_law(law, levels, stamp_ns)
-            if self._forecast.reason != NO_FIT:
+            if self._forecast.reason not in (NO_FIT, RESTED):
                 break
 
     def _by_law(self, law: ResponseLaw, levels: list[SpeedLevel], stamp_ns: int) -> Forecast:
@@ -258,9 +262,12 @@ class CriticalSpeedForecast:
             return NO_EXCITATION, None
         if fit.misfit > WORST_MISFIT:
             return NO_FIT, None
-        critical = critical_interval(law, fit, float(np.max(spectra.speed)))
+        fastest = float(np.max(spectra.speed))
+        critical = critical_interval(law, fit, fastest)
+        if fastest > (1.0 + HELD) * critical.high:
+            return RESTED, None
         half = 0.5 * (critical.high - critical.low)
-        beyond = critical.value / float(np.max(spectra.speed)) - 1.0
+        beyond = critical.value / fastest - 1.0
         if not (half <= WIDEST * critical.value and beyond <= FARTHEST):
             return NOT_FALLING, None
         return '', critical

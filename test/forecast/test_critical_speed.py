@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hunt_ros.dynamics.linear_stability import critical_speed
+from hunt_ros.dynamics.linear_stability import critical_speed as theory
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.simulation import (
     RollerRig,
@@ -15,11 +15,8 @@ from hunt_ros.dynamics.simulation import (
     SimulationSettings,
     SpeedProfile,
 )
-from hunt_ros.forecast import (
-    COLLECTING,
-    NO_EXCITATION,
-    CriticalSpeedForecast,
-)
+from hunt_ros.forecast import COLLECTING, NO_EXCITATION, CriticalSpeedForecast, critical_speed
+from hunt_ros.samples import Uncertain
 
 RATE = 200.0
 TRUTH = 8.0
@@ -83,7 +80,7 @@ def test_another_rig_that_hunts_at_twice_the_speed(law):
         lateral_frequency_rad_per_s=0.7 * small.lateral_frequency_rad_per_s,
         yaw_frequency_rad_per_s=0.7 * small.yaw_frequency_rad_per_s,
     ).with_linear(2.2, 2.2)
-    truth = critical_speed(rig)
+    truth = theory(rig)
     assert truth > 12.0
     columns = staircase(2e-5, rig=rig, speeds=np.linspace(0.5 * truth, 0.9 * truth, 9))
     guess = rig.with_linear(1.5, 3.0) if law == 'wheelset' else None
@@ -178,3 +175,15 @@ def test_a_sweep_through_v_c_of_a_supercritical_rig_is_not_forecast_too_high(law
     # Unbiased: all six on one side have a probability of 3 %, and so far away of much less.
     away = [(one.value - TRUTH) / one.std for one in given]
     assert abs(np.mean(away)) < 3.0 / np.sqrt(len(given))
+
+
+@pytest.mark.parametrize(('value', 'told'), [(6.0, False), (6.9, True)])
+def test_rest_excludes_a_critical_speed_far_below_it(climb, monkeypatch, value, told):
+    """A law may say so where the friction damps least at middle amplitudes."""
+    said = Uncertain(value, 0.1)
+    monkeypatch.setattr(critical_speed, 'critical_interval', lambda *fit: said)
+    forecast = CriticalSpeedForecast(live=False)
+    forecast.update(*climb)
+    found = forecast.finish()
+    assert (found.critical_speed == said) is told
+    assert (found.reason == critical_speed.RESTED) is not told
