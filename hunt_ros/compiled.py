@@ -24,7 +24,6 @@ import re
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -53,8 +52,8 @@ R1 = Annotated[NDArray[np.float64], 1, 'readonly']
 #: Where code for all processors of the last ten years is made, instead of for this one alone.
 _COMMON_CPU = 'x86-64-v3'
 _COMMON_FEATURES = ('avx2', 'bmi', 'bmi2', 'f16c', 'fma', 'lzcnt', 'movbe')
-#: How long all kernels take, s of one core, and how often they are heard of.
-_USUAL_S, _PROGRESS_S = 80, 5.0
+#: How long all kernels take, s of one core.
+_USUAL_S = 80
 _PACKAGE = Path(__file__).parent
 _NAME = _PACKAGE.name
 _TAG = str(sys.implementation.cache_tag)
@@ -181,7 +180,7 @@ def compile_all(processes: int | None = None) -> int:
     int
         How many were compiled; 0 also where machine code can be kept nowhere, which is said.
     """
-    from concurrent.futures import ProcessPoolExecutor, as_completed
+    from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 
     if not HAVE_COMPILER or is_complete():
@@ -198,12 +197,14 @@ def compile_all(processes: int | None = None) -> int:
         # The largest first: with two at work, it decides how long it takes.
         missing.sort(key=lambda name: -len(_source(KERNELS[name].py_func)))
         count = min(processes or os.cpu_count() or 1, len(missing))
+        if missing:
+            _say(f'compiling {len(missing)} kernels, once: about {_USUAL_S} s')
         if count > 1:
             with ProcessPoolExecutor(count, get_context('spawn')) as pool:
-                done = as_completed([pool.submit(_compile_one, name) for name in missing])
-                _report((one.result() for one in done), len(missing))
+                list(pool.map(_compile_one, missing))
         else:
-            _report(map(_compile_one, missing), len(missing))
+            for name in missing:
+                _compile_one(name)
         names = [kernel._cache.name() for kernel in KERNELS.values()]
         _write(f'all.{_TAG}.{_sources()}.complete', '\n'.join(names).encode())
         for path in (_PACKAGE / 'machine_code').glob(f'{_NAME}.*.{_TAG}.*.code'):
@@ -224,23 +225,12 @@ def load() -> None:
         _implementation(kernel)
 
 
-def _report(done: Iterator[str], count: int) -> None:
-    began = told = time.monotonic()
-    if count:
-        _say(f'compiling {count} kernels, once: about {_USUAL_S} s')
-    for k, _ in enumerate(done, 1):
-        if time.monotonic() - told > _PROGRESS_S:
-            told = time.monotonic()
-            _say(f'compiling kernels: {told - began:.0f} s, {k} of {count} done')
-
-
-def _compile_one(name: str) -> str:
+def _compile_one(name: str) -> None:
     """Compile a kernel, in a process that may know none yet."""
     for module in _kernel_modules():
         if name.startswith(f'{module}.'):
             import_module(module)
     _ready(KERNELS[name])
-    return name
 
 
 def _implementation(kernel: Any) -> Callable[..., Any]:

@@ -47,6 +47,11 @@ _OTHERS = ('use_sim_time', 'qos_overrides', 'normal_form')
 _EITHER = ' or '.join(DISPLACEMENTS)
 
 
+def _known(description: str, unit: str = '', high: float | None = None) -> Any:
+    """Declare a number of the rig that a running node cannot change; 0: it is not known."""
+    return setting(0.0, description, unit=unit, low=0.0, high=high, fixed=True)
+
+
 @dataclass(frozen=True)
 class Rig(Settings):
     """
@@ -76,12 +81,8 @@ class Rig(Settings):
         ' lateral=/daq/ch0.data[3]*0.001',
         fixed=True,
     )
-    constant_speed_mps: float = setting(
-        0.0,
-        'running speed where there is no speed channel (0: from the channel)',
-        unit='m/s',
-        low=0.0,
-        fixed=True,
+    constant_speed_mps: float = _known(
+        'running speed where there is no speed channel (0: from the channel)', 'm/s'
     )
     lateral_range_m: float = setting(
         0.0,
@@ -92,43 +93,26 @@ class Rig(Settings):
     yaw_range_rad: float = setting(
         0.0, 'yaw readings of this size and more are saturated (0: no limit)', unit='rad', low=0.0
     )
-    lateral_resolution_m: float = setting(
-        0.0, 'smallest step of the lateral reading (0: not known)', unit='m', low=0.0, fixed=True
+    lateral_resolution_m: float = _known(
+        'smallest step of the lateral reading (0: not known)', 'm'
     )
-    yaw_resolution_rad: float = setting(
-        0.0, 'smallest step of the yaw reading (0: not known)', unit='rad', low=0.0, fixed=True
+    yaw_resolution_rad: float = _known('smallest step of the yaw reading (0: not known)', 'rad')
+    speed_resolution_mps: float = _known(
+        'smallest step of the speed reading (0: not known)', 'm/s', 100.0
     )
-    speed_resolution_mps: float = setting(
-        0.0,
-        'smallest step of the speed reading (0: not known)',
-        unit='m/s',
-        low=0.0,
-        high=100.0,
-        fixed=True,
+    speed_scale_std: float = _known(
+        'relative standard deviation of the scale of the speed reading', high=1.0
     )
-    speed_scale_std: float = setting(
-        0.0,
-        'relative standard deviation of the scale of the speed reading',
-        low=0.0,
-        high=1.0,
-        fixed=True,
-    )
-    roller_diameter_m: float = setting(
-        0.0,
+    roller_diameter_m: float = _known(
         'of the roller: where its lines are without a roller channel (0: as the built-in rig,'
         ' 0.3 m), and the speed checked by its angle with one (0: learnt while both move)',
-        unit='m',
-        low=0.0,
-        high=10.0,
-        fixed=True,
+        'm',
+        10.0,
     )
-    wheel_diameter_m: float = setting(
-        0.0,
+    wheel_diameter_m: float = _known(
         'of the wheel, whose own line is known with it (0: none; needs roller_diameter_m)',
-        unit='m',
-        low=0.0,
-        high=10.0,
-        fixed=True,
+        'm',
+        10.0,
     )
     lines: tuple[float, ...] = setting(
         (1.0, 2.0),
@@ -136,46 +120,23 @@ class Rig(Settings):
         ' what is forced at these orders is no hunting (0.0: none)',
         fixed=True,
     )
-    hunting_frequency_hz: float = setting(
-        0.0,
+    hunting_frequency_hz: float = _known(
         'nominal hunting frequency; 30 % off costs nothing'
         ' (0: that of the normal form, else 2.84 Hz)',
-        unit='Hz',
-        low=0.0,
-        high=50.0,
-        fixed=True,
+        'Hz',
+        50.0,
     )
-    hunting_frequency_min_hz: float = setting(
-        0.0,
-        'lowest hunting frequency considered (0: 0.35 of the nominal one)',
-        unit='Hz',
-        low=0.0,
-        high=40.0,
-        fixed=True,
+    hunting_frequency_min_hz: float = _known(
+        'lowest hunting frequency considered (0: 0.35 of the nominal one)', 'Hz', 40.0
     )
-    hunting_frequency_max_hz: float = setting(
-        0.0,
-        'highest hunting frequency considered (0: 2.1 of the nominal one)',
-        unit='Hz',
-        low=0.0,
-        high=150.0,
-        fixed=True,
+    hunting_frequency_max_hz: float = _known(
+        'highest hunting frequency considered (0: 2.1 of the nominal one)', 'Hz', 150.0
     )
-    length_scale_m: float = setting(
-        0.0,
-        'd0: the unit of amplitude of the coefficients (0: of the built-in rig)',
-        unit='m',
-        low=0.0,
-        high=1e3,
-        fixed=True,
+    length_scale_m: float = _known(
+        'd0: the unit of amplitude of the coefficients (0: of the built-in rig)', 'm', 1e3
     )
-    time_scale_s: float = setting(
-        0.0,
-        '1 / omega_psi: the unit of time of the coefficients (0: of the built-in rig)',
-        unit='s',
-        low=0.0,
-        high=1e3,
-        fixed=True,
+    time_scale_s: float = _known(
+        '1 / omega_psi: the unit of time of the coefficients (0: of the built-in rig)', 's', 1e3
     )
     prior_v_c: tuple[float, ...] = setting(
         (), 'known v_c and its standard deviation, m/s (none: not known)', fixed=True
@@ -183,13 +144,8 @@ class Rig(Settings):
     prior_D1: tuple[float, ...] = setting(
         (), 'known D1 and its standard deviation (none: not known)', fixed=True
     )
-    flange_clearance_m: float = setting(
-        0.0,
-        'lateral displacement at which the flange meets the rail (0: not known)',
-        unit='m',
-        low=0.0,
-        high=1.0,
-        fixed=True,
+    flange_clearance_m: float = _known(
+        'lateral displacement at which the flange meets the rail (0: not known)', 'm', 1.0
     )
     speed_ceiling_mps: float = setting(
         math.inf, 'no set point is above this (.inf: no ceiling)', unit='m/s', low=0.0
