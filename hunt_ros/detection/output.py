@@ -19,19 +19,12 @@ from hunt_ros.sensors import COORDINATES, DISPLACEMENTS, MOTION
 #: Columns of the tracker that stay inside: of use to the detector, or to who tunes the filter.
 _INSIDE = {
     'stamp_ns',
-    *(
-        f'{name}_{what}'
-        for name in MOTION
-        for what in ('roughness_second', 'residual', 'nis', 'clean')
-    ),
+    *(f'{name}_{what}' for name in MOTION for what in ('roughness_second', 'nis', 'clean')),
     'yaw_ratio',
     'yaw_ratio_std',
     'yaw_lag',
     'yaw_factor',
     'yaw_contrary',
-    'bandwidth',
-    'second_mode_amplitude',
-    'since_kick',
     'lateral_tied',
 }
 #: Columns that are taken over from the tracker.

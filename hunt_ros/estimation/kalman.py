@@ -248,11 +248,6 @@ class HuntingTracker:
         return covariance
 
     @property
-    def kicks(self) -> int:
-        """Kicks since the start, as it seems now: one may turn out to have been something else."""
-        return int(self._filter.kicks)
-
-    @property
     def restarts(self) -> int:
         """Sensors started anew because their signal was no more the one they had given."""
         return int(self._filter.restarts)

@@ -175,21 +175,19 @@ def speaks(f: at.Filter, k: int) -> bool:
 
 
 @compiled_part
-def started(f: at.Filter, coordinate: int) -> bool:
-    """Return True if a sensor of the coordinate has started."""
+def newest(f: at.Filter, coordinate: int) -> float:
+    """Return when a sensor of the coordinate has spoken last; minus infinity: none has started."""
+    last = -math.inf
     for k in range(f.sensor_count):
         if f.sensors[k].coordinate == coordinate and f.sensors[k].alive:
-            return True
-    return False
+            last = max(last, f.sensors[k].last)
+    return last
 
 
 @compiled_part
 def measured(f: at.Filter, coordinate: int) -> bool:
-    """Return True if a sensor of the coordinate speaks."""
-    for k in range(f.sensor_count):
-        if f.sensors[k].coordinate == coordinate and speaks(f, k):
-            return True
-    return False
+    """Return True if a sensor of the coordinate was not silent for a hunting period."""
+    return (f.time - newest(f, coordinate)) * f.mode.omega <= 2.0 * math.pi
 
 
 @compiled_part
@@ -199,20 +197,8 @@ def told(f: at.Filter, coordinate: int) -> bool:
 
     What fell silent a hunting period before the other coordinate, or more, is of the past.
     """
-    if not started(f, coordinate):
-        return False
-    behind = newest(f, 1 - coordinate) - newest(f, coordinate)
-    return behind * f.mode.omega <= 2.0 * math.pi
-
-
-@compiled_part
-def newest(f: at.Filter, coordinate: int) -> float:
-    """Return when a sensor of the coordinate has spoken last; minus infinity: never."""
-    last = -math.inf
-    for k in range(f.sensor_count):
-        if f.sensors[k].coordinate == coordinate and f.sensors[k].alive:
-            last = max(last, f.sensors[k].last)
-    return last
+    own, other = newest(f, coordinate), newest(f, 1 - coordinate)
+    return own > -math.inf and (other - own) * f.mode.omega <= 2.0 * math.pi
 
 
 @compiled_part
@@ -241,7 +227,7 @@ def lateral_density(f: at.Filter) -> float:
     lateral, yaw = measured(f, 0), measured(f, 1)
     silent = not lateral and not yaw  # all are: as they were
     if silent:
-        lateral = started(f, 0)
+        lateral = newest(f, 0) > -math.inf
     information = 0.0
     for k in range(f.sensor_count):
         sensor = f.sensors[k]

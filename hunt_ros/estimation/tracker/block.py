@@ -68,9 +68,9 @@ from hunt_ros.estimation.tracker import layout as at
 from hunt_ros.estimation.tracker.algebra import (
     diffuse,
     line,
+    newest,
     open_modes,
     predict,
-    started,
     told,
     turn_lines,
 )
@@ -97,7 +97,7 @@ def advance(f: at.Filter, t: float) -> None:
     """Bring the filter to time t, s."""
     x, P = f.x, f.P
     dt = t - f.time
-    if dt <= 0.0 or not (started(f, 0) or started(f, 1)):
+    if dt <= 0.0 or max(newest(f, 0), newest(f, 1)) == -math.inf:
         return
     f.time = t
     if dt > at.GAP:
@@ -241,7 +241,6 @@ def measures(t: at.Tracker, k: int, stamp: int, value: float) -> bool:
     elif time - own.value_since > cfg.stuck:
         t.stuck += 1
         return False
-    t.used += 1
     return True
 
 
@@ -364,9 +363,6 @@ def write_row(t: at.Tracker, row: at.Estimate) -> None:
             doubt = f.ratio_var + f.mode.rho_std**2 + f.cfg.ratio_std**2
             row.yaw_factor = abs(f.ratio)
             row.yaw_contrary = abs(f.ratio - 1.0) / math.sqrt(doubt)
-    row.bandwidth = per_s * math.exp(f.log_bandwidth)
-    row.second_mode_amplitude = math.hypot(x[at.W], x[at.W + 1])
-    row.since_kick = (f.time - f.kick) / per_s
 
 
 @compiled_part
@@ -379,7 +375,6 @@ def write_reading(f: at.Filter, k: int, reading: at.Reading) -> None:
         if f.line_count > 1:
             reading.roughness_second = math.hypot(x[r + 2], x[r + 3])
     reading.bias = x[at.BIAS + k]
-    reading.residual = math.sqrt(max(sensor.residual, 0.0))
     reading.nis = sensor.nis
     reading.noise_std = math.sqrt(sensor.noise)
     if sensor.clean_count > 0.0:

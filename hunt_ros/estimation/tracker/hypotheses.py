@@ -128,7 +128,6 @@ def open_kick(f: at.Filter, k: int, dt: float) -> None:
     open_modes(f, min(OPENED * OPENED * scale, RESOLVED * sensor.noise) / size)
     since = f.time - f.kick
     if since > at.SETTLING:
-        f.kicks += 1
         f.kick_chain = f.time
     # A kick is over in a quarter of a period. What goes on, or comes again at once, is noise
     # or motion outside the model.

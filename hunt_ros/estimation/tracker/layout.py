@@ -215,7 +215,6 @@ class Filter:
     speed_seen: float  # where the growth rate was last opened for a change of speed
     modes_changed: bool  # the table of modes is another one since the last sample
     mode: Mode
-    mode_row: Annotated[_F, 11]  # the same as a row of the table
     angle: float  # that the lines were last moved to, rad; NaN: not known
     line_count: int
     slip_count: int
@@ -226,7 +225,6 @@ class Filter:
     sensors: Annotated[list[Sensor], MOST_SENSORS]
     cfg: Settings
     glitches: int  # bins left out
-    kicks: int
     resets: int
     restarts: int
 
@@ -252,8 +250,7 @@ class Tracker:
     bin_number: int
     last_stamp: int  # ns
     last_output: int
-    # samples taken, and left out by reason
-    used: int
+    # samples left out, by reason
     not_finite: int
     backwards: int
     stuck: int
@@ -275,7 +272,6 @@ class Reading:
     roughness_std: float
     roughness_second: float
     bias: float
-    residual: float
     nis: float
     clean: float
     noise_std: float
@@ -297,8 +293,5 @@ class Estimate:
     yaw_lag: float  # rad
     yaw_factor: float  # the ratio over the one that is given
     yaw_contrary: float  # how far it is from that one, in standard deviations
-    bandwidth: float  # 1/s
-    second_mode_amplitude: float
-    since_kick: float  # s
     lateral_tied: float  # 1: the lateral amplitude is that of yaw through the ratio
     sensors: Annotated[list[Reading], len(MOTION)]

@@ -223,29 +223,23 @@ def doubt_lines(f: at.Filter, change: float) -> None:
 
 
 @compiled_part
+def between(grid: _F, value: float) -> tuple[int, int, float]:
+    """Return the places of a grid around a value, and the share of the second."""
+    last = grid.size - 1
+    i = 0
+    while i < last - 1 and grid[i + 1] <= value:
+        i += 1
+    j = min(i + 1, last)
+    share = (value - grid[i]) / (grid[j] - grid[i]) if j > i else 0.0
+    return i, j, min(max(share, 0.0), 1.0)
+
+
+@compiled_part
 def put_in_force(f: at.Filter, modes: _F) -> None:
     """Interpolate the table of modes in speed and amplitude; it is held at its ends."""
-    speed = f.speed
-    last = modes.shape[0] - 1
-    i = 0
-    while i < last - 1 and modes[i + 1, 0, 0] <= speed:
-        i += 1
-    share = 0.0
-    j = min(i + 1, last)
-    if j > i:
-        share = (speed - modes[i, 0, 0]) / (modes[j, 0, 0] - modes[i, 0, 0])
-        share = min(max(share, 0.0), 1.0)
-    last = modes.shape[1] - 1
-    amplitude = lateral_amplitude(f) if last > 0 else 0.0
-    p = 0
-    while p < last - 1 and modes[0, p + 1, 8] <= amplitude:
-        p += 1
-    part = 0.0
-    q = min(p + 1, last)
-    if q > p:
-        part = (amplitude - modes[0, p, 8]) / (modes[0, q, 8] - modes[0, p, 8])
-        part = min(max(part, 0.0), 1.0)
-    row = f.mode_row
+    i, j, share = between(modes[:, 0, 0], f.speed)
+    p, q, part = between(modes[0, :, 8], lateral_amplitude(f) if modes.shape[1] > 1 else 0.0)
+    row = np.empty(modes.shape[2])
     for c in range(row.size):
         low = modes[i, p, c] + share * (modes[j, p, c] - modes[i, p, c])
         high = modes[i, q, c] + share * (modes[j, q, c] - modes[i, q, c])
