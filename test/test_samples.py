@@ -25,14 +25,6 @@ def series(draw: st.DrawFn) -> Series:
     return Series(times, values)
 
 
-@given(series())
-def test_a_series_keeps_every_value_and_stamp_it_was_given(one: Series) -> None:
-    again = Series(one.stamps_ns, one.values)
-    assert again.stamps_ns.dtype == np.int64
-    np.testing.assert_array_equal(again.stamps_ns, one.stamps_ns)
-    np.testing.assert_array_equal(again.values, one.values)  # NaN and inf included
-
-
 @given(series(), st.integers(0, 2 * 10**18), st.integers(0, 2 * 10**18))
 def test_cutting_a_series_in_two_loses_and_doubles_nothing(
     one: Series, first: int, second: int
@@ -56,11 +48,6 @@ def test_a_series_needs_one_stamp_a_value(times: np.ndarray) -> None:
         Series(times, np.zeros(times.size + 1))
 
 
-def test_a_series_has_one_dimension() -> None:
-    with pytest.raises(HuntError, match=r'\(2, 2\) stamps'):
-        Series(np.zeros((2, 2)), np.zeros((2, 2)))
-
-
 @given(st.integers(0, 2**62), st.integers(2, 50), st.integers(1, 10**9))
 def test_seconds_and_rate_do_not_lose_nanoseconds_to_the_epoch(
     start: int, count: int, step: int
@@ -74,10 +61,6 @@ def test_seconds_and_rate_do_not_lose_nanoseconds_to_the_epoch(
 @pytest.mark.parametrize('times', [[], [7], [7, 7, 7]])
 def test_a_rate_that_cannot_be_known_is_nan(times: list[int]) -> None:
     assert math.isnan(Series(np.array(times), np.zeros(len(times))).rate_hz)
-
-
-def test_seconds_of_an_empty_series_are_empty() -> None:
-    assert Series(np.array([]), np.array([])).seconds().shape == (0,)
 
 
 @given(st.dictionaries(st.sampled_from(CHANNELS), series()))
@@ -111,11 +94,6 @@ def test_an_interval_that_is_not_given_is_the_normal_one(value: float, std: floa
     number = Uncertain(value, std)
     assert number.low <= value <= number.high
     assert number.high - number.low == pytest.approx(2 * 1.959964 * std, rel=1e-9, abs=1e-3)
-
-
-def test_an_interval_that_is_given_is_kept() -> None:
-    skewed = Uncertain(1.0, 0.1, 0.7, 1.05)
-    assert (skewed.low, skewed.high) == (0.7, 1.05)
 
 
 @given(st.floats(), st.floats(0.0), st.floats(), st.floats())

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hunt_ros.errors import HuntError
-from hunt_ros.estimation.kalman import TRACK_DTYPE, HuntingTracker, ModePoint, TrackerConfig
+from hunt_ros.estimation.kalman import HuntingTracker, ModePoint, TrackerConfig
 
 BOTH, LATERAL, YAW = (0, 1), (0,), (1,)
 #: The second mode of the signals is the one of the settings: let the tracker be sure of it.
@@ -235,27 +235,6 @@ def test_rate_of_the_amplitude_is_growth_times_amplitude(hunting_signal):
     error = late['lateral_amplitude_rate'] - truth
     assert np.sqrt(np.mean((error / late['lateral_amplitude_rate_std']) ** 2)) < 1.6
     np.testing.assert_allclose(late['lateral_amplitude_rate'], truth, rtol=0.25)
-
-
-def test_blocks_of_two_samples_keep_the_latency_of_one(hunting_signal):
-    # An estimate at a stamp uses the samples up to it, also within an open bin.
-    signal = hunting_signal(7, duration=1.0)
-    whole, _ = signal.track(HuntingTracker(TrackerConfig(bin_s=0.02)), rate_hz=500)
-    assert np.isfinite(whole['lateral_amplitude'][-100:]).all()
-    changed = signal.lateral.copy()
-    changed[801] += 1e-4
-    signal.lateral = changed
-    other, _ = signal.track(HuntingTracker(TrackerConfig(bin_s=0.02)), rate_hz=500)
-    a, b = whole['lateral_amplitude'], other['lateral_amplitude']
-    first = int(np.flatnonzero((a != b) & np.isfinite(a))[0])
-    assert whole['stamp_ns'][first] == signal.stamps[801]
-
-
-def test_no_samples_no_numbers():
-    rows = HuntingTracker().update([], [], [], [], [], [10, 20])
-    assert rows.dtype == TRACK_DTYPE
-    assert list(rows['stamp_ns']) == [10, 20]
-    assert np.isnan(rows['lateral_amplitude']).all()
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hunt_ros.errors import ConfigError
 from hunt_ros.estimation.line_search import LineSearch
 
 RATE = 100.0
@@ -91,8 +90,3 @@ def test_a_motion_at_the_limit_of_being_seen_does_not_chatter() -> None:
     signal = swell * np.cos(2.0 * np.pi * 9.0 * time) + hunting + 0.02 * rng.normal(size=time.size)
     seen = np.isfinite(LineSearch(RATE, 1.0, 6.0).update(signal)[0])
     assert np.count_nonzero(np.diff(seen)) <= 2
-
-
-def test_a_range_beyond_the_rate_is_refused() -> None:
-    with pytest.raises(ConfigError, match='inside'):
-        LineSearch(10.0, 1.0, 6.0)

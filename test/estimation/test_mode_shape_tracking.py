@@ -39,13 +39,6 @@ def test_yaw_alone_tells_the_lateral_amplitude_through_a_known_shape(hunting_sig
         assert relative.max() < 0.06
 
 
-def test_without_a_shape_a_sensor_that_never_spoke_gives_nothing(hunting_signal):
-    signal = hunting_signal(0, duration=8.0)
-    rows, _ = signal.track(HuntingTracker(), sensors=(1,))
-    assert np.isnan(rows['lateral_amplitude']).all()
-    assert np.isfinite(rows['yaw_amplitude'][100:]).all()
-
-
 def test_the_error_of_a_ratio_learnt_on_noise_is_within_what_is_claimed(hunting_signal):
     """Learnt on a small motion made by noise, used on a large one after a kick."""
     scores = []
