@@ -99,14 +99,18 @@ class HuntingTracker:
         else:
             f.ratio, f.ratio_known = 1.0 + 0j, True
             f.ratio_var = self.config.yaw_ratio_std**2
-        lines, slips = self.config.line_table()
-        f.line_count, f.slip_count = len(lines), len(slips)
+        for shaft in self.config.shafts:
+            slip = -1
+            if shaft.slip_std > 0.0 and shaft.orders:
+                slip, f.slip_count = f.slip_count, f.slip_count + 1
+                f.slips[slip].deviation = shaft.slip_std
+            for order in shaft.orders:
+                line, f.line_count = f.lines[f.line_count], f.line_count + 1
+                line.order, line.slip = order, slip
         self._set_up_sensors(f)
-        for j, (order, slip) in enumerate(lines):
-            f.lines[j].order, f.lines[j].slip = order, slip
-        for j, std in enumerate(slips):
-            own = f.states - len(slips) + j
-            f.slips[j].deviation, f.P[own, own] = std, std * std
+        for j in range(f.slip_count):
+            own = f.states - f.slip_count + j
+            f.P[own, own] = f.slips[j].deviation ** 2
 
     def _set_up_sensors(self, f: at.Filter) -> None:
         """Lay out the state: what each sensor has in it, and the slips behind."""

@@ -129,27 +129,6 @@ class TrackerConfig:
         scale = self.time_scale
         return ModePoint(0.0, self.frequency_hz, 3.3 * scale, 9.4 * scale, second_std=0.5)
 
-    def line_table(self) -> tuple[list[tuple[float, int]], list[float]]:
-        """
-        Return the known lines as the filter keeps them.
-
-        Returns
-        -------
-        lines : list of (float, int)
-            Order, and which slip it turns with (-1: none).
-        slips : list of float
-            Prior standard deviation of each.
-        """
-        lines: list[tuple[float, int]] = []
-        slips: list[float] = []
-        for shaft in self.shafts:
-            place = -1
-            if shaft.slip_std > 0.0 and shaft.orders:
-                place = len(slips)
-                slips.append(shaft.slip_std)
-            lines += [(order, place) for order in shaft.orders]
-        return lines, slips
-
     def mode_table(self) -> NDArray[np.float64]:
         """
         Return the modes as the kernel reads them.
@@ -163,26 +142,25 @@ class TrackerConfig:
             Frequencies and the decay are in rad and 1 per unit of the tracker's time, see
             `time_scale`.
         """
-        scale = self.time_scale
-        unknown = complex(math.nan, math.nan)
-        rows = []
-        for point in self.modes or (self.usual_mode,):
-            ratio = unknown if point.yaw_ratio is None else complex(point.yaw_ratio)
-            second = unknown if point.second_yaw_ratio is None else complex(point.second_yaw_ratio)
-            rows.append(
-                (
-                    point.speed,
-                    2.0 * math.pi * point.frequency_hz / scale,
-                    ratio.real,
-                    ratio.imag,
-                    2.0 * math.pi * point.second_frequency_hz / scale,
-                    point.second_decay / scale,
-                    second.real,
-                    second.imag,
-                    point.amplitude,
-                    point.yaw_ratio_std,
-                    point.second_std,
-                )
+        turn, scale = 2.0 * math.pi / self.time_scale, self.time_scale
+        rows = [
+            (
+                point.speed,
+                turn * point.frequency_hz,
+                *_parts(point.yaw_ratio),
+                turn * point.second_frequency_hz,
+                point.second_decay / scale,
+                *_parts(point.second_yaw_ratio),
+                point.amplitude,
+                point.yaw_ratio_std,
+                point.second_std,
             )
+            for point in self.modes or (self.usual_mode,)
+        ]
         speeds = len({row[0] for row in rows})
         return np.array(rows, dtype=np.float64).reshape(speeds, -1, 11)
+
+
+def _parts(ratio: complex | None) -> tuple[float, float]:
+    """Return real and imaginary part; NaN: unknown."""
+    return (math.nan, math.nan) if ratio is None else (ratio.real, ratio.imag)

@@ -274,19 +274,20 @@ def empty_bin(t: at.Tracker, k: int) -> None:
 
 
 @compiled_part
+def along(P: _F, i: int, a: float, b: float) -> float:
+    """Variance of a number of the pair at i, a times the first and b times the second."""
+    variance = a * a * P[i, i] + 2.0 * a * b * P[i, i + 1] + b * b * P[i + 1, i + 1]
+    return max(float(variance), 0.0)
+
+
+@compiled_part
 def radial(f: at.Filter, first: int) -> float:
     """Variance of the modulus of the phasor at `first`."""
     x, P = f.x, f.P
-    a, b = x[first], x[first + 1]
-    power = a * a + b * b
+    power = x[first] ** 2 + x[first + 1] ** 2
     if power == 0.0:
         return float(0.5 * (P[first, first] + P[first + 1, first + 1]))
-    inner = (
-        a * a * P[first, first]
-        + 2.0 * a * b * P[first, first + 1]
-        + b * b * P[first + 1, first + 1]
-    )
-    return float(max(inner / power, 0.0))
+    return along(P, first, x[first], x[first + 1]) / power
 
 
 @compiled_part
@@ -345,12 +346,8 @@ def write_row(t: at.Tracker, row: at.Estimate) -> None:
     power = x[z] ** 2 + x[z + 1] ** 2
     row.phase = math.atan2(x[z + 1], x[z])
     if power > 0.0:
-        around = (
-            x[z + 1] ** 2 * P[z, z]
-            - 2.0 * x[z] * x[z + 1] * P[z, z + 1]
-            + x[z] ** 2 * P[z + 1, z + 1]
-        ) / (power * power)
-        row.phase_std = min(math.sqrt(max(around, 0.0)), math.pi / math.sqrt(3.0))
+        around = math.sqrt(along(P, z, x[z + 1], -x[z])) / power
+        row.phase_std = min(around, math.pi / math.sqrt(3.0))
     row.frequency_hz = per_s * x[at.OMEGA] / (2.0 * math.pi)
     row.frequency_hz_std = per_s * math.sqrt(max(P[at.OMEGA, at.OMEGA], 0.0)) / (2.0 * math.pi)
     row.growth_rate = per_s * growth

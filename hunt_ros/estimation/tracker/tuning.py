@@ -126,6 +126,15 @@ def stop_sensor(f: at.Filter, k: int) -> None:
 
 
 @compiled_part
+def third_difference(f: at.Filter, k: int, value: float) -> float:
+    """Return that of the last values of sensor k and this one."""
+    sensor = f.sensors[k]
+    third = value - 3.0 * (sensor.before1 - sensor.before2) - sensor.before3
+    sensor.before3, sensor.before2, sensor.before1 = sensor.before2, sensor.before1, value
+    return float(third)
+
+
+@compiled_part
 def gather_start(f: at.Filter, k: int, t: float, mean: float, count: float) -> None:
     """Take one bin of a sensor that has not started yet; start it when there are enough."""
     sensor = f.sensors[k]
@@ -135,12 +144,9 @@ def gather_start(f: at.Filter, k: int, t: float, mean: float, count: float) -> N
         sensor.boot.start = t
         sensor.boot.reference = mean
     value = mean - sensor.boot.reference
+    third = third_difference(f, k, value)
     if sensor.boot.bins >= 3.0:
-        third = value - 3.0 * (sensor.before1 - sensor.before2) - sensor.before3
         sensor.boot.third += third * third
-    sensor.before3 = sensor.before2
-    sensor.before2 = sensor.before1
-    sensor.before1 = value
     sensor.boot.bins += 1.0
     sensor.boot.samples += count
     sensor.boot.total += value
@@ -164,10 +170,7 @@ def tune(f: at.Filter, k: int, dt: float, count: float) -> None:
     left = f.noise * (1.0 - f.noise / S)
     dt = min(dt, 0.05)
     noise = sensor.noise
-    third = innovation - 3.0 * (sensor.before1 - sensor.before2) - sensor.before3
-    sensor.before3 = sensor.before2
-    sensor.before2 = sensor.before1
-    sensor.before1 = innovation
+    third = third_difference(f, k, innovation)
     share = 1.0 - math.exp(-dt / 0.5)
     quick = count * third * third / 20.0
     sensor.quick_noise += share * (min(quick, 9.0 * noise) - sensor.quick_noise)
