@@ -148,8 +148,8 @@ class Shelved(Settings):
             Saying what was expected.
         """
         code, minutes, reason = (*words.split(None, 2), '', '', '')[:3]
-        rests = (code.removeprefix(f'{channel}_') for channel in CHANNELS)
-        if not {code, *(f'CHANNEL_{rest}' for rest in rests if rest != code)} & set(DETECTED):
+        known = {key.replace('CHANNEL', channel) for key in DETECTED for channel in CHANNELS}
+        if code not in known:
             raise ConfigError(f'{code!r}: no alarm that can be shelved, docs/alarm.md has them')
         try:
             asked = cls(code, now_s, float(minutes), reason.replace(';', ','))

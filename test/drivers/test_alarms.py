@@ -76,7 +76,7 @@ def test_an_alarm_of_the_detector_is_shelved_for_a_time_with_a_reason(code) -> N
         ('', 'no alarm that can be shelved'),
         ('speed 5 why', 'no alarm'),
         ('detector 5 why', 'no alarm'),
-        ('lateral_ 5 why', 'no alarm'),
+        ('CHANNEL_stuck 5 why', 'no alarm'),
         ('limit_cycle 5', 'expected a reason'),
         ('limit_cycle', 'CODE MINUTES REASON'),
         ('limit_cycle soon why', 'CODE MINUTES REASON'),
