@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
+from hunt_ros.bag import read_record
 from hunt_ros.cli.identify import describe
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.linear_stability import eigenvalues
@@ -23,7 +24,8 @@ from hunt_ros.identification.likelihood import trajectory_fit
 from hunt_ros.identification.result import reason_in
 from hunt_ros.samples import Record, Series
 
-FLUTTER = Path(__file__).parents[2] / '../shared/data/flutter_rig'
+DATA = Path(__file__).parents[2] / '../shared/data'
+FLUTTER = DATA / 'flutter_rig'
 
 
 @pytest.fixture(scope='module')
@@ -407,6 +409,36 @@ def test_real_flutter_recordings_give_amplitudes_and_flag_the_quintic_form():
     grew = [s for s in result.segments if s.kind == 'transient' and s.growth_rate > 0.0]
     assert {25.5} <= {round(s.speed_start, 1) for s in grew}
     assert any('no roller angle' in warning for warning in result.warnings)
+
+
+@pytest.mark.skipif(not (DATA / 'wing').is_dir(), reason='the wing is not on this machine')
+def test_a_wing_that_rests_and_cycles_at_one_speed_is_subcritical_by_what_was_seen():
+    records = []
+    for name in ('g1', 'g3'):
+        given = np.load(DATA / 'wing' / f'{name}.npz')
+        stamps = np.round(1e9 * given['t']).astype(np.int64)
+        channels = {x: Series(stamps, given[x]) for x in ('lateral', 'yaw', 'speed')}
+        records.append(Record(channels, name))
+    result = identify(records, IdentificationSettings(lines=(), frequency_hz=4.0))
+    first = describe(result).splitlines()[:5]
+    assert 'subcritical: rest (' in first[0]
+    assert 'limit cycle (' in first[0]
+    assert first[1].startswith('seen: v_n between ')
+    assert 'died out at' in first[1]
+    assert 'stayed for' in first[1]
+    low, high = result.bracket.v_n
+    assert 16.0 <= low < high <= 18.4
+    assert result.criticality == 'subcritical'
+    assert result.observed.v_c is None
+    assert result.v_c is None or result.v_c.high > 18.6
+
+
+@pytest.mark.skipif(not (DATA / 'demo_without_form').is_dir(), reason='it is not on this machine')
+def test_the_demo_that_was_refused_its_form_gets_it():
+    result = identify(read_record(DATA / 'demo_without_form'))
+    assert result.normal_form is not None
+    assert within(result.v_n, 6.433, 1.5)
+    assert within(result.v_c, 8.0, 1.5)
 
 
 @pytest.mark.parametrize('given', ['bags/run', Path('bags/run'), ['bags/run'], [None]])
