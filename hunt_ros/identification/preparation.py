@@ -125,6 +125,7 @@ class Prepared:
 def prepare(source: Source, number: int, settings: IdentificationSettings) -> Prepared:
     """Read a recording and bring it onto its lateral samples."""
     record = source if isinstance(source, Record) else source()
+    record = replace(record, channels={name: one.in_order() for name, one in record.items()})
     record, ignored = ignoring(record, number, settings)
     said: list[str] = []
     refused, measures, turning = '', False, record

@@ -8,13 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.errors import IdentificationError
-from hunt_ros.samples import Record, Series
-
-
-def _sorted(series: Series, start_ns: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return time (s) in order without repeats, and the values with it."""
-    series = series.in_order()
-    return series.seconds(start_ns), series.values
+from hunt_ros.samples import Record
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +51,7 @@ class Channels:
 
 def channels_of(record: Record) -> Channels:
     """
-    Bring a record onto the time of its lateral samples.
+    Bring a record, its channels in order, onto the time of its lateral samples.
 
     Raises
     ------
@@ -72,31 +66,26 @@ def channels_of(record: Record) -> Channels:
             raise IdentificationError(
                 f'{name}: channel {channel!r} has no finite sample among {len(record[channel])}'
             )
-    start_ns = int(record['lateral'].stamps_ns.min())
-    time, lateral = _sorted(record['lateral'], start_ns)
+    lateral = record['lateral']
+    start_ns, time, values = int(lateral.stamps_ns[0]), lateral.seconds(), lateral.values
     if time.size < 50 or time[-1] < 3.0:
         raise IdentificationError(
-            f'{name}: {time.size} lateral samples over {time[-1] - time[0]:.1f} s are too few,'
+            f'{name}: {time.size} lateral samples over {time[-1]:.1f} s are too few,'
             f' expected at least 50 over 3 s'
         )
-    speed_time, speed = _sorted(record['speed'], start_ns)
-    known = np.isfinite(speed)
-    on_time = np.interp(time, speed_time[known], speed[known])
+    told = record['speed'].finite()
+    speed = np.interp(time, told.seconds(start_ns), told.values)
     roller = np.zeros(0)
     if 'roller' in record and np.isfinite(record['roller'].values).sum() > 10:
-        roller_time, angle = _sorted(record['roller'], start_ns)
-        known = np.isfinite(angle)
-        roller = np.interp(time, roller_time[known], angle[known])
+        angle = record['roller'].finite()
+        known = angle.seconds(start_ns)
+        roller = np.interp(time, known, angle.values)
         # Beyond the encoder's own samples the angle is not known, and neither is the line.
-        outside = (time < roller_time[known][0]) | (time > roller_time[known][-1])
-        lateral = np.where(outside, np.nan, lateral)
-    if (on_time < 0.0).any():
+        values = np.where((time < known[0]) | (time > known[-1]), np.nan, values)
         # In reverse a wheelset hunts as it does ahead: the roller turns the other way.
-        if roller.size:
-            turned = np.diff(roller) * np.sign(on_time[1:])
-            roller = roller[0] + np.concatenate([[0.0], np.cumsum(turned)])
-        on_time = np.abs(on_time)
-    if roller.size and roller[-1] < roller[0]:
-        roller = -roller  # an encoder that counts down: forward is the sense of the running
+        turned = np.diff(roller) * np.sign(speed[1:]) if (speed < 0.0).any() else np.diff(roller)
+        # An encoder that counts down: forward is the sense of the running.
+        sense = -1.0 if turned.sum() < 0.0 else 1.0
+        roller = roller[0] + sense * np.concatenate([[0.0], np.cumsum(turned)])
     rate = 1.0 / float(np.median(np.diff(time)))
-    return Channels(name, start_ns, time, lateral, on_time, roller, rate)
+    return Channels(name, start_ns, time, values, np.abs(speed), roller, rate)

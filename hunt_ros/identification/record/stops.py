@@ -18,7 +18,10 @@ from numpy.typing import NDArray
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.record.segments import runs
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.samples import NANOSECONDS, Record, Series
+from hunt_ros.samples import Record, Series
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 #: Readings at the end of the range over those in a band of the same width below it. A sine
 #: has 2.4; one with its top flattened by its third harmonic as far as it stays single, 5.3.
@@ -114,40 +117,29 @@ def measuring(record: Record, warnings: list[str], lateral_range_m: float = 0.0)
 
 def _without_stops(series: Series, limit: float) -> tuple[Series, str]:
     """Return the series with NaN where the sensor stops, and what was found; '' for nothing."""
-    order = np.argsort(series.stamps_ns, kind='stable')
-    time = (series.stamps_ns[order] - series.stamps_ns[order[:1]]) / NANOSECONDS
-    values = series.values[order]
-    finite = np.isfinite(values)
-    if finite.sum() < _FEWEST or float(np.ptp(values[finite])) == 0.0:
+    known = series.finite()
+    time, readings = known.seconds(), known.values
+    if readings.size < _FEWEST or float(np.ptp(readings)) == 0.0:
         return series, ''  # a channel that is dead throughout is refused by that name
-    time, known = time[finite], values[finite]
-    step = float(np.median(np.diff(time)))
-    lost = _standing(time, known)
-    said = []
+    step, lost, said = float(np.median(np.diff(time))), _standing(time, readings), []
     if lost.any():
         said.append(f'is stuck at one reading for {step * lost.sum():.3g} s')
     moves = np.flatnonzero(~lost)
-    clipped = np.zeros(known.size, dtype=bool)
+    clipped = np.zeros(readings.size, dtype=bool)
     levels = []
     for sign in (1.0, -1.0):
-        readings = sign * known[moves]
-        at_end = readings >= (1.0 - _AT_END) * limit if limit else end_of_range(readings)
-        if at_end.any():
-            clipped[moves] |= _stretches(time[moves], at_end)
-            levels.append(f'{float(np.median(known[moves][at_end])):.3g}')
+        ends = end_of_range(sign * readings[moves], limit)
+        if ends.any():
+            clipped[moves] |= _stretches(time[moves], ends)
+            levels.append(f'{float(np.median(readings[moves][ends])):.3g}')
     if levels:
         said.append(f'is saturated at {" and ".join(levels)} ({step * clipped.sum():.3g} s)')
-        lost |= clipped
-    if not said:
-        return series, ''
-    kept = values.copy()
-    kept[np.flatnonzero(finite)[lost]] = np.nan
-    result = np.empty_like(kept)
-    result[order] = kept
-    return Series(series.stamps_ns, result), ' and '.join(said)
+    values = series.values.copy()
+    values[np.flatnonzero(np.isfinite(values))[lost | clipped]] = np.nan
+    return (Series(series.stamps_ns, values) if said else series), ' and '.join(said)
 
 
-def end_of_range(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+def end_of_range(values: Array, limit: float = 0.0) -> Mask:
     """
     Readings at the upper end of a sensor's range.
 
@@ -158,12 +150,16 @@ def end_of_range(values: NDArray[np.float64]) -> NDArray[np.bool_]:
     ----------
     values : ndarray, shape (n,)
         Finite readings in the order of time, any unit.
+    limit : float
+        The end, where it is known; 0: looked for.
 
     Returns
     -------
     ndarray of bool, shape (n,)
         All False where the largest readings are those of a motion that turns round.
     """
+    if limit:
+        return values >= (1.0 - _AT_END) * limit
     nothing = np.zeros(values.size, dtype=bool)
     if values.size < _FEWEST or float(np.ptp(values)) == 0.0:
         return nothing
@@ -173,66 +169,51 @@ def end_of_range(values: NDArray[np.float64]) -> NDArray[np.bool_]:
     # No finer than the readings' own resolution, or each of their steps is a pile.
     width = max(1.01 * float(levels.min()) if levels.size else 0.0, span / 2.0**_FINEST)
     while width <= span / 2.0**_COARSEST:
-        at_end: NDArray[np.bool_] = values > top - width
+        at_end: Mask = values > top - width
         below = int(np.sum(values > top - 2.0 * width)) - int(at_end.sum())
-        if (
-            at_end.sum() >= max(_FEWEST, _PILED * (below + 2))
-            and _stays(values, at_end)
-            and _returns(values, at_end, top - 4.0 * width)
-        ):
+        piled = at_end.sum() >= max(_FEWEST, _PILED * (below + 2))
+        if piled and _visits(values, at_end, top - 4.0 * width):
             return at_end
         width *= 2.0
     return nothing
 
 
-def _stays(values: NDArray[np.float64], at_end: NDArray[np.bool_]) -> bool:
+def _visits(values: Array, at_end: Mask, well_below: float) -> bool:
     """
-    Whether visits last for more samples than a rounded top sampled coarsely, or a spike.
+    Whether a motion stays at an end, and leaves it, again and again.
 
-    Of a parabola with five samples in a band the next lie less than a band further down, so
-    that they would have been counted there. Readings that repeat need fewer.
+    Visits last for more samples than a rounded top sampled coarsely, or a spike: of a parabola
+    with five samples in a band the next lie less than a band further down, so that they would
+    have been counted there. Readings that repeat need fewer. An offset of a quiet signal stays.
     """
     visits = runs(at_end)
-    mean = float(at_end.sum()) / max(len(visits), 1)
-    repeated = (
-        float(np.mean(np.diff(values)[at_end[1:] & at_end[:-1]] == 0.0)) if mean > 1 else 0.0
-    )
-    return mean >= _LASTING or (mean >= 0.5 * _LASTING and repeated > 0.5)
-
-
-def _returns(values: NDArray[np.float64], at_end: NDArray[np.bool_], well_below: float) -> bool:
-    """Whether the motion leaves the end again and again: an offset of a quiet signal stays."""
-    visits = runs(at_end)
+    last = float(at_end.sum()) / len(visits)
+    same = np.diff(values)[at_end[1:] & at_end[:-1]] == 0.0
+    lasting = _LASTING if not same.size or np.mean(same) <= 0.5 else 0.5 * _LASTING
     left = [bool(values[a[1] : b[0]].min() < well_below) for a, b in pairwise(visits)]
-    return len(left) >= _VISITS - 1 and sum(left) >= 0.5 * len(left)
+    return last >= lasting and len(left) >= _VISITS - 1 and sum(left) >= 0.5 * len(left)
 
 
-def _stretches(time: NDArray[np.float64], at_end: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _stretches(time: Array, at_end: Mask) -> Mask:
     """Join visits that follow one another into stretches: between them it is clipped too."""
     visits = runs(at_end)
     gaps = [float(time[b[0]] - time[a[1] - 1]) for a, b in pairwise(visits)]
-    joined: NDArray[np.bool_] = at_end.copy()
+    joined: Mask = at_end.copy()
     for (before, after), gap in zip(pairwise(visits), gaps, strict=True):
         if gap <= _APART * float(np.median(gaps)):
             joined[before[1] : after[0]] = True
     return joined
 
 
-def _standing(time: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _standing(time: Array, values: Array) -> Mask:
     """Readings that repeat for longer than any that is measured: a stuck sensor's."""
     still = np.zeros(values.size, dtype=bool)
     for first, last in runs(np.diff(values) == 0.0):
         if last - first >= _FEWEST and time[last] - time[first] >= _STILL_S:
-            if first > 0:
-                beside = (time >= time[first] - _STILL_S) & (time <= time[first])
-            else:
-                beside = (time >= time[last]) & (time <= time[last] + _STILL_S)
-            still[first : last + 1] = _moved(values[beside])
+            away = time[first] - time if first > 0 else time - time[last]
+            beside = values[(away >= 0.0) & (away <= _STILL_S)]
+            steps = np.abs(np.diff(beside))
+            # There was motion worth several steps of the reading, and not one that died out.
+            least = float(steps[steps > 0.0].min(initial=np.inf))
+            still[first : last + 1] = float(np.ptp(beside)) > _RESOLVED * least
     return still
-
-
-def _moved(values: NDArray[np.float64]) -> bool:
-    """Whether there was motion worth several steps of the reading, and not one that died out."""
-    steps = np.abs(np.diff(values))
-    steps = steps[steps > 0.0]
-    return bool(steps.size) and float(np.ptp(values)) > _RESOLVED * float(steps.min())

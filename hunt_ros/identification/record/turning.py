@@ -18,7 +18,7 @@ from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.estimation.turning import ASSUMED_ABOVE, SPEED_STD, continuous
 from hunt_ros.identification.record.screening import Stretch
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.samples import NANOSECONDS, Record, Series
+from hunt_ros.samples import Record, Series
 
 _F = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ def with_angle(record: Record, settings: IdentificationSettings) -> Record:
     Parameters
     ----------
     record : Record
-        With `lateral` and `speed`, else it is handed back.
+        With `lateral` and `speed`, in order, else it is handed back.
     settings : IdentificationSettings
         Diameter of the roller, and the lines.
 
@@ -62,18 +62,16 @@ def with_angle(record: Record, settings: IdentificationSettings) -> Record:
         return _with_roller(record, _encoded(record, settings.roller_diameter_m), '')
     if not all(name in record and len(record[name]) > 10 for name in ('lateral', 'speed')):
         return record
-    motion, told = record['lateral'].in_order(), record['speed'].in_order()
-    stamps, lateral, speed = motion.stamps_ns, motion.values, np.abs(told.values)
-    known = np.isfinite(speed)
-    if not known.any() or not np.isfinite(lateral).any() or not settings.orders.size:
+    motion, told = record['lateral'], record['speed'].finite()
+    if not len(told) or not len(motion.finite()) or not settings.orders.size:
         return record
-    time = (stamps - stamps[0]) / NANOSECONDS
-    running = np.interp(time, (told.stamps_ns[known] - stamps[0]) / NANOSECONDS, speed[known])
+    time, lateral = motion.seconds(), motion.values
+    running = np.interp(time, told.seconds(int(motion.stamps_ns[0])), np.abs(told.values))
     turning = running * 2.0 / (settings.roller_diameter_m or RigParameters.roller_diameter_m)
     angle = np.concatenate([[0.0], np.cumsum(0.5 * (turning[1:] + turning[:-1]) * np.diff(time))])
     angle = follow_lines(time, lateral, angle, settings.orders)
     return _with_roller(
-        record, Series(stamps, angle), '' if settings.roller_diameter_m else _ASSUMED
+        record, Series(motion.stamps_ns, angle), '' if settings.roller_diameter_m else _ASSUMED
     )
 
 
@@ -84,11 +82,11 @@ def _encoded(record: Record, diameter_m: float) -> Series:
     Steps that are a turn short show it: they follow the speed with another ratio, 2 / D, than
     they seem to; the true one has the steps in phase with what the speed tells.
     """
-    encoder = record['roller'].in_order().finite()
+    encoder = record['roller'].finite()
     wraps = len(encoder) > 10 and float(np.ptp(encoder.values)) < _WITHIN
     if 'speed' not in record or not wraps:
         return continuous(record['roller'])
-    told = record['speed'].in_order().finite()
+    told = record['speed'].finite()
     time = encoder.seconds(record.start_ns)
     speed = np.interp(time, told.seconds(record.start_ns), np.abs(told.values))
     way, step = 0.5 * (speed[1:] + speed[:-1]) * np.diff(time), np.diff(encoder.values)

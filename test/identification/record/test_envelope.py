@@ -23,8 +23,8 @@ SETTINGS = IdentificationSettings()
 def record(stamps_s, lateral, speed=7.0, roller=None) -> Record:
     stamps = np.round(np.asarray(stamps_s) * 1e9).astype(np.int64)
     channels = {
-        'lateral': Series(stamps, lateral),
-        'speed': Series(stamps, np.full(stamps.size, speed)),
+        'lateral': Series(stamps, lateral).in_order(),
+        'speed': Series(stamps, np.full(stamps.size, speed)).in_order(),
     }
     if roller is not None:
         channels['roller'] = Series(stamps, roller)
