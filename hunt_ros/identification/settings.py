@@ -13,6 +13,14 @@ from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.errors import ConfigError
 from hunt_ros.rig import Rig
 
+#: Names of settings, and their range.
+_RANGES = (
+    (('length_scale', 'time_scale', 'frequency_hz', 'minimum_hold_s'), 1e-300, math.inf),
+    (('speed_resolution', 'speed_scale_std', 'seed'), 0.0, math.inf),
+    (('lateral_range_m', 'flange_clearance_m'), 0.0, 1e300),
+    (('roller_diameter_m', 'wheel_diameter_m'), 0.0, 10.0),
+)
+
 
 @dataclass(frozen=True)
 class IdentificationSettings:
@@ -83,33 +91,23 @@ class IdentificationSettings:
     cluster: str = ''
 
     def __post_init__(self) -> None:
-        for name in ('length_scale', 'time_scale', 'minimum_hold_s'):
-            value = getattr(self, name)
-            _require(name, value, value is None or value > 0.0, 'a positive number')
-        for name in ('speed_resolution', 'speed_scale_std', 'seed'):
-            _require(name, getattr(self, name), getattr(self, name) >= 0, 'zero or more')
+        for names, low, high in _RANGES:
+            for name in names:
+                value = getattr(self, name)
+                fine = value is None or low <= value <= high
+                _require(name, value, fine, f'within {low:g}..{high:g}')
         low, high = self.frequency_range_hz
         _require('frequency_range_hz', self.frequency_range_hz, 0.0 < low < high, '0 < low < high')
-        if self.frequency_hz is not None:
-            _require('frequency_hz', self.frequency_hz, self.frequency_hz > 0.0, 'positive')
-        lines = self.lines
-        _require('lines', lines, all(0.0 < order <= 100.0 for order in lines), 'within 0..100')
-        for name in ('roller_diameter_m', 'wheel_diameter_m'):
-            value = getattr(self, name)
-            _require(name, value, 0.0 <= value <= 10.0, 'within 0..10 m')
-        for name in ('lateral_range_m', 'flange_clearance_m'):
-            value = getattr(self, name)
-            _require(name, value, 0.0 <= value < math.inf, 'zero or more')
-        for start, end, number in self.ignore:
-            fine = 0.0 <= start < end < math.inf and number >= 0
-            _require('ignore', (start, end, number), fine, '0 <= from < to, and a number')
-        given = self.wheel_diameter_m == 0.0 or self.roller_diameter_m > 0.0
-        _require('roller_diameter_m', 0.0, given, 'given with wheel_diameter_m')
+        fine = all(0.0 < order <= 100.0 for order in self.lines)
+        _require('lines', self.lines, fine, 'within 0..100')
+        fine = all(0.0 <= a < b < math.inf and number >= 0 for a, b, number in self.ignore)
+        _require('ignore', self.ignore, fine, '0 <= from < to, and a number')
+        fine = self.wheel_diameter_m == 0.0 or self.roller_diameter_m > 0.0
+        _require('roller_diameter_m', 0.0, fine, 'given with wheel_diameter_m')
         for name in ('prior_v_c', 'prior_D1'):
-            prior = getattr(self, name)
-            if prior is not None:
-                fine = math.isfinite(prior[0]) and prior[0] > 0.0 and prior[1] > 0.0
-                _require(name, prior, fine, 'a positive value and a positive standard deviation')
+            prior = getattr(self, name) or (1.0, 1.0)
+            fine = 0.0 < prior[0] < math.inf and prior[1] > 0.0
+            _require(name, prior, fine, 'a positive value and a positive standard deviation')
 
     @classmethod
     def of_rig(cls, rig: Rig, **given: Any) -> IdentificationSettings:
@@ -129,7 +127,9 @@ class IdentificationSettings:
             For a value out of its range.
         """
         low, high = cls.frequency_range_hz
+        names = ('roller_diameter_m', 'wheel_diameter_m', 'lateral_range_m', 'flange_clearance_m')
         told = {
+            **{name: getattr(rig, name) for name in (*names, 'speed_scale_std')},
             'length_scale': rig.length_scale_m or None,
             'time_scale': rig.time_scale_s or None,
             'frequency_hz': rig.hunting_frequency_hz or None,
@@ -138,14 +138,9 @@ class IdentificationSettings:
                 rig.hunting_frequency_max_hz or high,
             ),
             'lines': tuple(order for order in rig.lines if order > 0.0),
-            'roller_diameter_m': rig.roller_diameter_m,
-            'wheel_diameter_m': rig.wheel_diameter_m,
-            'lateral_range_m': rig.lateral_range_m,
-            'flange_clearance_m': rig.flange_clearance_m,
             'prior_v_c': rig.prior_v_c or None,
             'prior_D1': rig.prior_D1 or None,
             'speed_resolution': rig.speed_resolution_mps,
-            'speed_scale_std': rig.speed_scale_std,
         }
         return cls(**told | {name: value for name, value in given.items() if value is not None})
 

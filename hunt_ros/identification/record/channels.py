@@ -49,6 +49,19 @@ class Channels:
         return replace(self, **{name: getattr(self, name)[place] for name in names})
 
 
+def refuse(bad: bool, name: str, words: str) -> None:
+    """
+    Refuse a recording.
+
+    Raises
+    ------
+    IdentificationError
+        If it is bad.
+    """
+    if bad:
+        raise IdentificationError(f'{name}: {words}')
+
+
 def channels_of(record: Record) -> Channels:
     """
     Bring a record, its channels in order, onto the time of its lateral samples.
@@ -60,19 +73,14 @@ def channels_of(record: Record) -> Channels:
     """
     name = record.source or 'record'
     for channel in ('lateral', 'speed'):
-        if channel not in record or not len(record[channel]):
-            raise IdentificationError(f'{name}: no channel {channel!r}, identification needs it')
-        if not np.isfinite(record[channel].values).any():
-            raise IdentificationError(
-                f'{name}: channel {channel!r} has no finite sample among {len(record[channel])}'
-            )
+        absent = channel not in record or not len(record[channel])
+        refuse(absent, name, f'no channel {channel!r}, identification needs it')
+        none = f'channel {channel!r} has no finite sample among {len(record[channel])}'
+        refuse(not len(record[channel].finite()), name, none)
     lateral = record['lateral']
     start_ns, time, values = int(lateral.stamps_ns[0]), lateral.seconds(), lateral.values
-    if time.size < 50 or time[-1] < 3.0:
-        raise IdentificationError(
-            f'{name}: {time.size} lateral samples over {time[-1]:.1f} s are too few,'
-            f' expected at least 50 over 3 s'
-        )
+    few = f'{time.size} lateral samples over {time[-1]:.1f} s are too few'
+    refuse(time.size < 50 or time[-1] < 3.0, name, f'{few}, expected at least 50 over 3 s')
     told = record['speed'].finite()
     speed = np.interp(time, told.seconds(start_ns), told.values)
     roller = np.zeros(0)

@@ -17,7 +17,7 @@ from scipy.stats import linregress
 
 from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.errors import IdentificationError
-from hunt_ros.identification.record.channels import Channels, channels_of
+from hunt_ros.identification.record.channels import Channels, channels_of, refuse
 from hunt_ros.identification.record.envelope import Envelope
 from hunt_ros.identification.record.segments import runs
 from hunt_ros.identification.settings import IdentificationSettings
@@ -164,15 +164,12 @@ def refuse_two_rigs(recordings: Sequence[Digest]) -> None:
     IdentificationError
         Naming both.
     """
-    rigs: dict[str, str] = {}
-    for one in recordings:
-        if one.rig:
-            rigs.setdefault(one.rig, one.source)
+    rigs = {one.rig: one.source for one in reversed(recordings) if one.rig}
     if len(rigs) > 1:
-        (one_rig, first), (other, second) = list(rigs.items())[:2]
+        first, second = list(reversed(rigs.items()))[:2]
         raise IdentificationError(
-            f'recordings of different rigs: {one_rig!r} in {first} and {other!r} in {second},'
-            ' expected those of one rig'
+            f'recordings of different rigs: {first[0]!r} in {first[1]} and {second[0]!r} in'
+            f' {second[1]}, expected those of one rig'
         )
 
 
@@ -187,35 +184,21 @@ def moving(record: Record) -> list[Channels]:
         is zero throughout.
     """
     channels = channels_of(record)
-    finite = channels.lateral[np.isfinite(channels.lateral)]
-    if finite.size == 0:
-        raise IdentificationError(
-            f'{channels.source}: no lateral sample lies within the time of the roller channel'
-        )
-    if float(np.ptp(finite)) == 0.0:
-        raise IdentificationError(
-            f'{channels.source}: lateral is {finite[0]:.3g} m throughout: a sensor that measures'
-            ' nothing'
-        )
-    if float(np.abs(finite).max()) > _ABSURD:
-        raise IdentificationError(
-            f'{channels.source}: lateral reaches {np.abs(finite).max():.3g} m: no displacement of'
-            ' a wheelset (metres)'
-        )
+    name, finite = channels.source, channels.lateral[np.isfinite(channels.lateral)]
+    refuse(not finite.size, name, 'no lateral sample lies within the time of the roller channel')
+    dead = f'lateral is {finite[0]:.3g} m throughout: a sensor that measures nothing'
+    refuse(float(np.ptp(finite)) == 0.0, name, dead)
+    most = float(np.abs(finite).max())
+    absurd = f'lateral reaches {most:.3g} m: no displacement of a wheelset (metres)'
+    refuse(most > _ABSURD, name, absurd)
     top = float(channels.speed.max())
-    if top <= 0.0:
-        raise IdentificationError(
-            f'{channels.source}: speed is 0 throughout, expected a running speed'
-        )
+    refuse(top <= 0.0, name, 'speed is 0 throughout, expected a running speed')
     parts = [
         channels.part(first, last)
         for first, last in runs(channels.speed > _STANDING * top)
         if last - first >= 50 and channels.time[last - 1] - channels.time[first] >= 3.0
     ]
-    if not parts:
-        raise IdentificationError(
-            f'{channels.source}: the rig never runs for 3 s on end (highest speed {top:.3g} m/s)'
-        )
+    refuse(not parts, name, f'the rig never runs for 3 s on end (highest speed {top:.3g} m/s)')
     return parts
 
 
