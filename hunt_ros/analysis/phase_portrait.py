@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,14 +22,11 @@ class PhasePortrait:
         m and m/s (or rad and rad/s), smoothed alike, the mean removed.
     first : int
         Index in the record of the first point: half a window is lost at each end.
-    area : float
-        Area the mean cycle encloses, m^2/s: pi A^2 omega for a sinusoid.
     """
 
     displacement: NDArray[np.float64]
     velocity: NDArray[np.float64]
     first: int
-    area: float
 
 
 def phase_portrait(values: ArrayLike, rate_hz: float, highest_hz: float = 12.0) -> PhasePortrait:
@@ -67,10 +63,4 @@ def phase_portrait(values: ArrayLike, rate_hz: float, highest_hz: float = 12.0) 
     smooth = signal.savgol_filter(array - array.mean(), **options)
     rate = signal.savgol_filter(array - array.mean(), deriv=1, delta=1.0 / rate_hz, **options)
     smooth, rate = smooth[half : array.size - half], rate[half : array.size - half]
-    # The angle turned, from cycle to cycle, and the area swept (Leibniz's sector formula).
-    scale = float(np.std(rate)) / max(float(np.std(smooth)), 1e-300)
-    turned = np.unwrap(np.arctan2(-rate, smooth * scale))
-    turns = abs(float(turned[-1] - turned[0])) / (2.0 * math.pi) if turned.size else 0.0
-    swept = 0.5 * abs(float(np.sum(smooth[:-1] * np.diff(rate) - rate[:-1] * np.diff(smooth))))
-    area = swept / turns if turns >= 1.0 else math.nan
-    return PhasePortrait(smooth, rate, half, area)
+    return PhasePortrait(smooth, rate, half)

@@ -36,9 +36,6 @@ _OF_LAW: dict[Law, Kind] = {
     'undecided': 'undecided',
 }
 
-#: Mean fourth power of the whitened distance: 8 for a Gaussian cloud, 4 for a ring (Mardia).
-CLOUD, RING = 8.0, 4.0
-
 #: Spread of a section, relative to the orbit, that passes for one sharp point.
 SHARP = 0.02
 
@@ -81,13 +78,6 @@ class PoincareSection:
         too little evidence).
     period : int
         Revolutions (or hunting cycles) after which a periodic orbit closes; 0 for the rest.
-    ring : float
-        0 for a Gaussian cloud, 1 for a ring, by the kurtosis.
-    ring_std : float
-        Its standard deviation.
-    rotation_number : float
-        Turns of the curve a revolution, in [0, 1/2]: the distance of f_h/f_r from the
-        nearest whole number; NaN for a point.
     spread : float
         Size of the section over that of the whole orbit: small for a sharp point.
     cut : 'revolution' or 'hunting'
@@ -98,9 +88,6 @@ class PoincareSection:
     velocity: NDArray[np.float64]
     kind: Kind
     period: int
-    ring: float
-    ring_std: float
-    rotation_number: float
     spread: float
     cut: Cut = 'revolution'
 
@@ -139,7 +126,7 @@ def poincare_section(
 
     References
     ----------
-    The paper, Sect. 2.4, Figs. 5 and 7. Mardia 1970, Biometrika 57, 519-530 (kurtosis).
+    The paper, Sect. 2.4, Figs. 5 and 7.
     """
     array = checked(values, 64, 'Poincare section')
     portrait = phase_portrait(array, rate_hz)
@@ -172,7 +159,7 @@ def poincare_section(
         return replace(found, kind=_OF_LAW[law])
     if found.spread > MOSTLY_NOISE:
         return replace(found, kind='noise-driven')
-    return replace(found, kind='periodic', period=1, rotation_number=math.nan)
+    return replace(found, kind='periodic', period=1)
 
 
 def own_section(
@@ -212,7 +199,6 @@ def own_section(
     displacement = np.interp(place + later, count, portrait.displacement)
     velocity = np.interp(place, count, portrait.velocity)
     found = replace(_section(displacement, velocity, portrait)[0], cut='hunting')
-    found = replace(found, rotation_number=math.nan)
     if found.period:
         return found
     # A cycle that comes late has turned back against one that keeps the mean time.
@@ -252,21 +238,14 @@ def _section(
     centred = points - points.mean(axis=0)
     spread = math.sqrt(float(np.mean(np.sum(centred**2, axis=1))) / 2.0)
     values, axes = np.linalg.eigh(centred.T @ centred / len(points))
-    ring, ring_std, rotation = 0.0, math.inf, math.nan
     closed = 1 if spread < SHARP else _closing(centred)
     white = np.zeros(len(points), dtype=np.complex128)
     if values[0] > 1e-12 * max(values[1], 1e-300):
         # The sign of an axis only mirrors the points, which changes nothing below.
         first, second = (centred @ axes / np.sqrt(values)).T
         white = first + 1j * second
-        fourth = np.abs(white) ** 4
-        ring = (CLOUD - float(np.mean(fourth))) / (CLOUD - RING)
-        ring_std = _block_std(fourth) / (CLOUD - RING)
-        rotation = abs(_turn(white)) / (2.0 * math.pi)
-    if closed == 1:
-        rotation = math.nan
     kind: Kind = 'periodic' if closed else 'undecided'
-    found = PoincareSection(displacement, velocity, kind, closed, ring, ring_std, rotation, spread)
+    found = PoincareSection(displacement, velocity, kind, closed, spread)
     return found, white
 
 
@@ -314,10 +293,3 @@ def _closing(centred: NDArray[np.float64]) -> int:
         if sum(float(np.sum(np.var(cloud, axis=0))) for cloud in clouds) / period < 0.05 * size:
             return period
     return 0
-
-
-def _block_std(values: NDArray[np.float64], blocks: int = 10) -> float:
-    """Standard deviation of the mean of a correlated sequence, by the means of blocks."""
-    parts = np.array_split(values, min(blocks, max(values.size // 4, 2)))
-    means = np.array([part.mean() for part in parts])
-    return float(np.std(means, ddof=1)) / math.sqrt(means.size)

@@ -8,7 +8,6 @@ from scipy.stats import binom
 
 from hunt_ros.analysis.phase_portrait import phase_portrait
 from hunt_ros.analysis.poincare import own_section, poincare_section
-from hunt_ros.analysis.spectrum import roughness_frequency
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.simulation import (
     RollerRig,
@@ -47,7 +46,6 @@ def test_below_the_critical_speed_the_section_is_a_point(speed, broadband):
     lateral, angle = running(speed, broadband=broadband)
     section = poincare_section(lateral, RATE, angle)
     assert (section.kind, section.period) == ('periodic', 1)
-    assert math.isnan(section.rotation_number)
 
 
 @pytest.mark.parametrize('broadband', [0.0, 8e-6, 2e-5])
@@ -56,17 +54,12 @@ def test_a_hunting_wheelset_draws_a_closed_curve(speed, kick, broadband):
     lateral, angle = running(speed, kick, broadband)
     section = poincare_section(lateral, RATE, angle)
     assert section.kind == 'quasi-periodic'
-    assert section.ring == pytest.approx(1.0, abs=0.1)
-    ratio = 2.835 / roughness_frequency(speed)
-    assert section.rotation_number == pytest.approx(abs(ratio - round(ratio)), abs=0.01)
 
 
 def test_without_an_encoder_the_speed_says_when_a_revolution_is_over():
-    lateral, angle = running(8.3, 1e-3)
+    lateral, _ = running(8.3, 1e-3)
     by_speed = poincare_section(lateral, RATE, speed=8.3)
     assert by_speed.kind == 'quasi-periodic'
-    by_angle = poincare_section(lateral, RATE, angle)
-    assert by_speed.rotation_number == pytest.approx(by_angle.rotation_number, abs=0.003)
 
 
 def test_a_locked_orbit_is_a_few_points():
@@ -104,7 +97,6 @@ def test_the_portrait_of_a_sinusoid_is_its_ellipse():
     portrait = phase_portrait(0.5e-3 * np.cos(18.0 * time) + 3e-3, RATE)
     velocity = -0.5e-3 * 18.0 * np.sin(18.0 * time)[portrait.first : -portrait.first]
     assert portrait.velocity == pytest.approx(velocity, abs=0.02 * 0.5e-3 * 18.0)
-    assert portrait.area == pytest.approx(math.pi * 0.5e-3**2 * 18.0, rel=0.03)
 
 
 def test_turning_backwards_makes_no_difference():
@@ -189,7 +181,6 @@ def test_without_a_roller_a_limit_cycle_is_a_point_of_its_own_section(with_yaw):
     assert (section.kind, section.period) == ('periodic', 1)
     assert section.displacement.size == pytest.approx(60 * 2.5, abs=3)
     assert abs(section.displacement).mean() == pytest.approx(1e-3, rel=0.05)
-    assert math.isnan(section.rotation_number)
 
 
 @pytest.mark.parametrize('with_yaw', [False, True])
