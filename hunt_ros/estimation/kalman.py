@@ -203,7 +203,7 @@ class HuntingTracker:
             or (outputs.size > 1 and bool(np.any(outputs[1:] <= outputs[:-1])))
         ):
             raise HuntError(f'tracker: output stamps must increase, got {outputs[0]} first')
-        numbers = np.full((outputs.size, len(TRACK_DTYPE)), math.nan)
+        numbers = np.full((outputs.size, len(TRACK_DTYPE.names or ())), math.nan)
         track = numbers.view(TRACK_DTYPE)[:, 0]
         track['stamp_ns'] = outputs
         self._run(stamps, sensors, measured, angles, speeds, outputs, track.view(ESTIMATE))

@@ -88,7 +88,8 @@ def measure_ratio(
             if all(len(part) >= fewest for part, fewest in zip(parts, least, strict=True)):
                 rows += _row(parts, place, frequency_hz, lines)
     table = np.array(rows, dtype=np.float64).reshape(-1, 6)
-    return RatioPoints(*table[:, :4].T, table[:, 4] + 1j * table[:, 5])
+    speed, amplitude, frequency, relative, real, imaginary = table.T
+    return RatioPoints(speed, amplitude, frequency, relative, real + 1j * imaginary)
 
 
 def _places(measured: Sequence[Series], frequency_hz: float) -> list[int]:

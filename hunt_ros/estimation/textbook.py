@@ -84,12 +84,12 @@ def compared_amplitudes(
     if np.count_nonzero(clear) < _SETTLED * _CELLS:
         return None
     count = np.bincount(cell, minlength=ends.size)[: ends.size]
-    means = [
+    mean, turned = (
         np.bincount(cell, weights=column, minlength=ends.size)[: ends.size] / np.fmax(count, 1)
         for column in (readings.values, angle)
-    ]
+    )
     turns = float(np.median(rows['frequency_hz'][clear])) * step_ns / NANOSECONDS
-    theirs = _textbook(*means, count > 0, 2.0 * math.pi * turns, orders)
+    theirs = _textbook(mean, turned, count > 0, 2.0 * math.pi * turns, orders)
     theirs /= np.sinc(turns)  # what a mean over a cell leaves of it
     return float(np.median(ours[clear])), float(np.median(theirs[clear]))
 

@@ -89,7 +89,7 @@ from hunt_ros.records import dtype_of
 _F = NDArray[np.float64]
 
 #: One row of output.
-ESTIMATE: np.dtype[np.record] = np.dtype((np.record, dtype_of(at.Estimate)))
+ESTIMATE: np.dtype[np.void] = np.dtype((np.record, dtype_of(at.Estimate)))
 
 
 @compiled_part
@@ -284,7 +284,7 @@ def along(P: _F, i: int, a: float, b: float) -> float:
 def radial(f: at.Filter, first: int) -> float:
     """Variance of the modulus of the phasor at `first`."""
     x, P = f.x, f.P
-    power = x[first] ** 2 + x[first + 1] ** 2
+    power: float = x[first] ** 2 + x[first + 1] ** 2
     if power == 0.0:
         return float(0.5 * (P[first, first] + P[first + 1, first + 1]))
     return along(P, first, x[first], x[first + 1]) / power
