@@ -120,20 +120,17 @@ def expand_messages(block: Block, topics: Mapping[int, Topic], path: str) -> Blo
     }
     if not packed:
         return block
-    messages: dict[int, list[tuple[int, bytes]]] = {}
     budget = LARGEST_CHUNK
+    messages: dict[int, list[tuple[int, bytes]]] = {key: [] for key in block.places}
     for topic, places in block.places.items():
-        rows: list[tuple[int, bytes]] = []
         for stamp, start, length in zip(*(part.tolist() for part in places), strict=True):
             raw = block.data[start : start + length].tobytes()
-            if topic in packed:
-                try:
-                    raw = expand_zstd(raw, budget)
-                except ValueError as error:
-                    raise BagError(f'{path}: a message at {stamp} ns: {error}') from error
+            try:
+                raw = expand_zstd(raw, budget) if topic in packed else raw
+            except ValueError as error:
+                raise BagError(f'{path}: a message at {stamp} ns: {error}') from error
             budget -= len(raw)
-            rows.append((stamp, raw))
-        messages[topic] = rows
+            messages[topic].append((stamp, raw))
     return pack_messages(messages)
 
 

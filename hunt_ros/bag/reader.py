@@ -268,23 +268,17 @@ def _expanded(name: Path, scratch: Path, partial: bool) -> Path:
     """Expand a file that is compressed as a whole; `partial` takes what there is of it."""
     target = scratch / name.stem
     free = shutil.disk_usage(scratch).free - _RESERVE
+    machine = zstandard.ZstdDecompressor()
     try:
-        with (
-            open(name, 'rb') as packed,
-            open(target, 'wb') as out,
-            zstandard.ZstdDecompressor().stream_reader(packed) as stream,
-        ):
-            try:
-                while part := stream.read(1 << 20):
-                    free -= len(part)
-                    if free < 0:
-                        raise BagError(f'{name}: no space in {scratch} to expand it')
-                    out.write(part)
-            except zstandard.ZstdError:
-                if not partial:
-                    raise
+        with open(name, 'rb') as packed, open(target, 'wb') as out:
+            for part in machine.read_to_iter(packed):
+                free -= len(part)
+                if free < 0:
+                    raise BagError(f'{name}: no space in {scratch} to expand it')
+                out.write(part)
     except (OSError, zstandard.ZstdError, MemoryError) as error:
-        raise BagError(f'{name}: cannot be expanded ({error})') from error
+        if not partial or isinstance(error, OSError):
+            raise BagError(f'{name}: cannot be expanded ({error})') from error
     return target
 
 

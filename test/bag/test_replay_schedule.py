@@ -104,8 +104,8 @@ def test_rate_changes_without_a_jump_in_time() -> None:
         ({'rate': 0.05}, 'rate'),
         ({'rate': 51.0}, 'rate'),
         ({'rate': float('nan')}, 'rate'),
-        ({'from_s': 11.0}, 'from'),
-        ({'from_s': 5.0, 'to_s': 4.0}, 'before'),
+        ({'from_s': 11.0}, 'no message from 11 s'),
+        ({'from_s': 5.0, 'to_s': 4.0}, 'no message from 5 s to 4 s'),
     ],
 )
 def test_what_cannot_be_played_is_refused_by_name(options, words) -> None:

@@ -203,6 +203,8 @@ class McapWriter:
     def _extend(self, first_ns: int, last_ns: int) -> None:
         before = self._span or (first_ns, last_ns)
         self._span = (min(before[0], first_ns), max(before[1], last_ns))
+        self.first_ns = first_ns if self.first_ns is None else min(self.first_ns, first_ns)
+        self.last_ns = max(self.last_ns, last_ns)
 
     def flush(self) -> None:
         """Close the chunk at hand and hand it to the operating system."""
@@ -230,7 +232,10 @@ class McapWriter:
             By topic: (log time, offset) of each message in it, 8 bytes each.
         """
         self.flush()
+        chunk = rec.unpack_chunk(raw, 0, len(raw) - rec.RECORD.size)
+        self._extend(chunk.first_ns, chunk.last_ns)
         self._put_chunk(raw, entries)
+        self._span = None
 
     def _put_chunk(self, raw: bytes, entries: Mapping[int, bytes]) -> None:
         """Write a chunk with its message indexes, or nothing of it."""
@@ -265,9 +270,6 @@ class McapWriter:
         self._chunk_count += 1
         for topic, body in entries.items():
             self.counts[topic] += len(body) // _ENTRY.size
-        first, last = chunk.first_ns, chunk.last_ns
-        self.first_ns = first if self.first_ns is None else min(self.first_ns, first)
-        self.last_ns = max(self.last_ns, last)
 
     @property
     def pending_bytes(self) -> int:
@@ -277,9 +279,7 @@ class McapWriter:
     @property
     def span_ns(self) -> int:
         """Log time from the first message to the last, the chunk at hand included, ns."""
-        firsts = [value for value in (self.first_ns, self._span and self._span[0]) if value]
-        last = max(self.last_ns, self._span[1] if self._span else 0)
-        return last - min(firsts) if firsts else 0
+        return 0 if self.first_ns is None else self.last_ns - self.first_ns
 
     def sync(self) -> None:
         """See what is in the file on the disk."""
