@@ -67,7 +67,9 @@ def read_columns(
     sources = channel_map(channels, allowed=None)
     with opened(bag) as recording:
         columns = _Reader(recording, sources, stamps).columns()
-    ends = [int(end(one.stamps_ns)) for one in columns.values() if len(one) for end in (min, max)]
+    ends = [
+        int(end(one.stamps_ns)) for one in columns.values() if len(one) for end in (np.min, np.max)
+    ]
     span = np.array([min(ends), max(ends)] if ends else [], dtype=np.int64)
     for name, source in sources.items():
         if source.constant is not None:

@@ -8,7 +8,8 @@ left is walked message by message.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Iterator
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,10 @@ from hunt_ros.bag.cdr.message_types import Definitions, standard_types
 MOST_LAYOUTS = 8
 #: Where the header of a message has its stamp behind it: the frame follows, bytes.
 _BEHIND_STAMP = 12
+
+
+#: Some rows, or all of them.
+_Rows: TypeAlias = NDArray[np.int64] | slice
 
 
 class Wanted(NamedTuple):
@@ -50,8 +55,8 @@ class Gathered(NamedTuple):
     log_ns: NDArray[np.int64]
     stamps_ns: NDArray[np.int64]
     values: NDArray[np.float64]
-    joints: frozenset[str] = frozenset()
-    others: frozenset[str] = frozenset()
+    joints: set[str]
+    others: set[str]
 
 
 def gather(block: Block, places: Places, wanted: Wanted) -> Gathered:
@@ -72,47 +77,44 @@ def gather(block: Block, places: Places, wanted: Wanted) -> Gathered:
     ValueError
         If a message has no such element, or is no message of its type.
     """
-    count = places.starts.size
-    stamps = places.log_ns.copy()
-    values = np.empty(count)
-    layouts: list[_Layout] = []
-    without: list[NDArray[np.int64]] = []
-    # While every message has fitted, all are addressed as they are, without selecting.
-    left: NDArray[np.int64] | None = None
-
-    def take(layout: _Layout, starts: NDArray[np.int64], rows: NDArray[np.int64] | None) -> None:
-        layouts.append(layout)
+    stamps, values = places.log_ns.copy(), np.empty(places.starts.size)
+    kept = np.ones(places.starts.size, dtype=bool)
+    joints: set[str] = set()
+    others: set[str] = set()
+    for rows, layout in _layouts(block, places, wanted):
         if layout.field is None:
-            without.append(np.arange(count) if rows is None else rows)
+            others.add(layout.joint)
+            kept[rows] = False
         else:
-            _take(
-                block.data, starts, layout, slice(None) if rows is None else rows, stamps, values
-            )
+            joints.add(layout.joint)
+            _take(block.data, places.starts[rows], layout, rows, stamps, values)
+    if others:
+        return Gathered(places.log_ns[kept], stamps[kept], values[kept], joints, others)
+    return Gathered(places.log_ns, stamps, values, joints, others)
 
-    for _ in range(MOST_LAYOUTS):
-        starts = places.starts if left is None else places.starts[left]
-        lengths = places.lengths if left is None else places.lengths[left]
-        if not starts.size:
-            break
-        layout = _layout(_message(block, int(starts[0]), int(lengths[0])), wanted)
-        fits = _fits(block.data, starts, lengths, layout)
-        if fits is None:
-            take(layout, starts, left)
-            left = np.zeros(0, dtype=np.int64)
-            break
-        take(layout, starts[fits], np.flatnonzero(fits) if left is None else left[fits])
-        left = np.flatnonzero(~fits) if left is None else left[~fits]
-    for row in [] if left is None else left.tolist():
+
+def _layouts(block: Block, places: Places, wanted: Wanted) -> Iterator[tuple[_Rows, _Layout]]:
+    """Yield the layouts of the messages, and the rows of those that have each."""
+
+    def layout_of(row: int) -> _Layout:
         start, length = int(places.starts[row]), int(places.lengths[row])
-        one = np.array([row], dtype=np.int64)
-        take(_layout(_message(block, start, length), wanted), places.starts[one], one)
-    joints = frozenset(layout.joint for layout in layouts if layout.field is not None)
-    if not without:
-        return Gathered(places.log_ns, stamps, values, joints)
-    kept = np.ones(count, dtype=bool)
-    kept[np.concatenate(without)] = False
-    others = frozenset(layout.joint for layout in layouts if layout.field is None)
-    return Gathered(places.log_ns[kept], stamps[kept], values[kept], joints, others)
+        return _layout(block.data[start : start + length].tobytes(), wanted)
+
+    # While every message has fitted, all are addressed as they are, without selecting.
+    left: _Rows = slice(None)
+    rows = np.arange(places.starts.size)
+    for _ in range(MOST_LAYOUTS):
+        if not rows.size:
+            return
+        layout = layout_of(int(rows[0]))
+        fits = _fits(block.data, places.starts[left], places.lengths[left], layout)
+        if fits is None:
+            yield left, layout
+            return
+        yield rows[fits], layout
+        left = rows = rows[~fits]
+    for row in rows.tolist():
+        yield np.array([row]), layout_of(row)
 
 
 class _Layout(NamedTuple):
@@ -127,10 +129,6 @@ class _Layout(NamedTuple):
     end: int
     checks: list[tuple[int, str, int]]
     joint: str = ''
-
-
-def _message(block: Block, start: int, length: int) -> bytes:
-    return block.data[start : start + length].tobytes()
 
 
 def _layout(message: bytes, wanted: Wanted) -> _Layout:
@@ -207,7 +205,7 @@ def _take(
     data: NDArray[np.uint8],
     starts: NDArray[np.int64],
     layout: _Layout,
-    rows: NDArray[np.int64] | slice,
+    rows: _Rows,
     stamps: NDArray[np.int64],
     values: NDArray[np.float64],
 ) -> None:
