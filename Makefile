@@ -27,6 +27,10 @@ wheel: $(VENV)/installed  ## a wheel in build/ with the machine code: who instal
 demo: $(VENV)/installed  ## sweep the simulated rig through hunting and back; refit it; 3 minutes
 	$(BIN)/hunt demo
 
+demo-proof: $(VENV)/installed  ## the demo 20 times idle, 20 times beside two busy loops; RUNS=2: fewer
+	$(BIN)/python test/benchmark/demo_proof.py --runs $${RUNS:-20}
+	$(BIN)/python test/benchmark/demo_proof.py --runs $${RUNS:-20} --busy 2
+
 PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --durations=20
 
 test: $(VENV)/installed check  ## all checks and tests but those of whole rigs, on two cores
@@ -107,6 +111,10 @@ bench-forecast: $(VENV)/installed  ## forecast of v_c: error, spread against the
 bench-identification: $(VENV)/installed  ## identification beside its truth: the full model, other rigs, an hour, coverage
 	$(BIN)/python test/benchmark/bench_identification.py
 
+bench-peer: $(VENV)/installed  ## identification beside pysindy
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'pysindy>=2.0'
+	$(BIN)/python test/benchmark/bench_peer.py
+
 bench-plan: $(VENV)/installed  ## what to measure next: hunt plan in the loop against the staircase; FAST=1: 2 seeds
 	$(BIN)/python test/benchmark/bench_plan.py $(if $(FAST),--fast)
 
@@ -116,4 +124,4 @@ bench-day: $(VENV)/installed  ## the detector on 500 random rigs and days; DAYS=
 bench-detection: $(VENV)/installed  ## the detector against the railway criteria; SCALE=0.05: a quick look (1: 24 h quiet, 10 min)
 	$(BIN)/python test/benchmark/bench_detection.py --scale $${SCALE:-1} --publish
 
-.PHONY: gauntlet bench-day settings test-rig wheel soak docs bench-trip bench-interlock faults bench-plan bench-detection bench-identification figures bench-bags fuzz golden-bags help install demo test test-kilted test-nodes test-elsewhere check format clean bench-live bench-forecast bench-estimation
+.PHONY: gauntlet bench-day settings test-rig wheel demo-proof soak docs bench-trip bench-interlock faults bench-plan bench-detection bench-identification bench-peer figures bench-bags fuzz golden-bags help install demo test test-kilted test-nodes test-elsewhere check format clean bench-live bench-forecast bench-estimation

@@ -66,6 +66,7 @@ setup(
         'cluster': ['distributed>=2024.1'],
         'dashboard': ['tornado>=6.3'],
         'completion': ['shtab>=1.6'],
+        'bench': ['pysindy>=2.0'],
         'docs': ['mkdocs-material>=9.5,<10', 'mkdocstrings[python]>=0.27'],
         'test': [
             'pytest>=7.4',

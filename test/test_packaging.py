@@ -53,7 +53,7 @@ ROSDEP = {
     'python3-hypothesis': {'hypothesis': '6.98.15'},
 }
 #: Extras that a lab PC has no use for: ROS is there, and these check or measure the package.
-NOT_THERE = {'ros', 'ros-kilted', 'test', 'docs', 'colcon'}
+NOT_THERE = {'ros', 'ros-kilted', 'test', 'bench', 'docs', 'colcon'}
 
 
 def declared() -> dict[str, Any]:
