@@ -16,7 +16,6 @@ from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import SimulationSettings, simulate
 from hunt_ros.errors import BagError, IdentificationError
 from hunt_ros.identification import IdentificationSettings, identify
-from hunt_ros.identification.executors import executor
 from hunt_ros.identification.record.hunting_frequency import looked_at
 from hunt_ros.identification.record.screening import Stretch
 from hunt_ros.samples import Record
@@ -92,12 +91,6 @@ def test_what_a_worker_raises_is_raised_here(readings, local, tmp_path):
     settings = IdentificationSettings(cluster=local.scheduler_address)
     with pytest.raises(BagError, match='nowhere'):
         identify([*readings, partial(read_record, tmp_path / 'nowhere')], settings)
-
-
-def test_results_come_in_order_wherever_the_work_is_done(local):
-    for cluster in ('', local.scheduler_address):
-        with executor(cluster) as pool:
-            assert list(pool.map(np.add, [1.0, 2.0, 3.0], [0.5] * 3)) == [1.5, 2.5, 3.5]
 
 
 def test_a_cluster_that_does_not_answer_is_named(readings):

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from hunt_ros.analysis.steady_state import (
     ObservedCriticalSpeeds,
@@ -49,6 +50,9 @@ _VAGUE_NOISE = 1.1
 _MANY = 0.5
 #: RMS misfit of the limit cycle from which a law is no normal form of the rig.
 _FAR_OFF = 0.05
+#: Share of the free transients that noise takes another way than a law that holds says, and
+#: probability below which more of them are no chance.
+_STRAYS, _BY_CHANCE = 0.1, 0.02
 #: Relative range of speeds below which a record is one at one speed.
 _ONE_SPEED = 0.02
 #: Largest relative deviation of v_c that still is knowledge of it; at which the sign of a
@@ -288,7 +292,7 @@ def _astray(best: FittedLaw, evidence: Evidence) -> str:
             f' {best.fit.remaining:.2g} is still in reach): nothing is read from it'
         )
     missed, transients = missed_transients(best, evidence.segments, evidence.envelopes)
-    if missed > max(0.3 * transients, 0.5):
+    if stats.binom.sf(missed - 1, transients, _STRAYS) < _BY_CHANCE:
         return f'{missed} of {transients} free transients go another way than the {name} law says'
     if refuted := refutations(best.law, evidence.bracket):
         return f'the {name} law contradicts what was seen: {refuted[0]}'
