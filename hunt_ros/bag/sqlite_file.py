@@ -6,8 +6,8 @@ Its messages come as blocks, as those of an MCAP file do. They are not taken fro
 million messages), but loses messages. It opens a file as one that nobody writes: of 12,000
 messages, 2,000 of them in the write-ahead log of a recorder that runs or was killed, it gives
 10,000 and no error. It counts the messages when it opens a file, and so opens none that is
-damaged: of 10,000 messages in a file cut at 60 % a repair here saves 5,887, of those in a file
-with one page of zeros 5,933 (mean of 60 places). (rosbags 0.11.9)
+damaged: of 10,000 messages in a file with one page of zeros a repair here saves 5,933 (mean of 60
+places). (rosbags 0.11.9)
 """
 
 from __future__ import annotations

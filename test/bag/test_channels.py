@@ -93,10 +93,6 @@ def test_channels_are_given_as_a_mapping_or_as_on_the_command_line(given) -> Non
     assert found['speed'].constant == 16.3
 
 
-def test_one_channel_needs_no_list() -> None:
-    assert list(channel_map('speed=7')) == list(channel_map({'speed': 7})) == ['speed']
-
-
 @pytest.mark.parametrize('value', [None, True, ['/daq.data'], float('nan'), ''])
 def test_a_channel_of_a_mapping_without_a_source_is_named(value) -> None:
     with pytest.raises(BagError, match='channel lateral') as caught:

@@ -89,19 +89,6 @@ def test_metadata_is_version_8_and_counts_what_is_there(bag: Path, record) -> No
     assert span == (record.start_ns, record.end_ns - record.start_ns)
 
 
-def test_split_files_read_as_one(record, same, tmp_path: Path) -> None:
-    from hunt_ros.bag.record_writer import record_rows
-
-    with BagWriter(tmp_path / 'run', notes=record.notes) as writer:
-        for rows in record_rows(record, writer.topic, 'rig'):
-            writer.write_rows(rows)
-            writer.split()
-    assert len(list((tmp_path / 'run').glob('*.mcap'))) > 2
-    same(record, read_record(tmp_path / 'run'))
-    with AnyReader([tmp_path / 'run']) as reader:
-        assert sum(1 for _ in reader.messages()) == sum(map(len, record.values()))
-
-
 def test_message_by_message_is_the_same_as_in_rows(record, same, by_message, tmp_path) -> None:
     same(record, read_record(by_message(tmp_path / 'run', record, chunk_bytes=5000)))
 
