@@ -18,15 +18,14 @@ from functools import partial
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.node import Node
 
 from hunt_ros.drivers.alarm_output import AlarmSettings, Condition
 from hunt_ros.errors import ConfigError, DriverError
 from hunt_ros.nodes.support.conversions import read_diagnostic
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, one_line, steady_clock
+from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare, warn_unknown
 from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched
-from hunt_ros.nodes.support.sole import hold_name
 from hunt_ros.nodes.support.worker import Worker, answer_aside
 from hunt_ros.suite import START_S, Awaited
 
@@ -40,14 +39,13 @@ _TEST = 'test of the alarm, asked for by a person'
 _BEGINS = ('escaping', 'limit_cycle', 'limit_exceeded', 'interlock_tripped')
 
 
-class AlarmOutputsNode(Node):
+class AlarmOutputsNode(SuiteNode):
     """Shows the detector's alarm outside of the screen."""
 
     closing_s = 5.0
 
     def __init__(self) -> None:
         super().__init__('alarm_outputs')
-        hold_name(self)
         self._config = declare(self, AlarmSettings)
         self._outputs = self._config.outputs()
         warn_unknown(self)

@@ -16,11 +16,11 @@ from concurrent.futures import Future
 from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.node import Node
 from std_msgs.msg import String
 
 from hunt_ros.nodes.support.caller import Answer, Caller
 from hunt_ros.nodes.support.conversions import read_diagnostic, to_ns
+from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched
 from hunt_ros.services import KEYS, SERVICES
 
@@ -32,11 +32,11 @@ _WRITING = threading.Lock()
 _IN_FORCE = ('level', 'state', 'alarm', 'emergency_stop', 'interlock_state', 'profile_state')
 
 
-class ConsoleNode(Node):
+class ConsoleNode(SuiteNode):
     """Prints statuses, events, health, normal forms and closed recordings; calls services."""
 
     def __init__(self) -> None:
-        super().__init__('console')
+        super().__init__('console', alone=False)
         self._printed: dict[str, tuple[float, list[str | None]]] = {}
         for topic, quality, take in (
             ('hunting/events', EVENTS, self._print),

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.node import Node
 from std_msgs.msg import String
 
 from hunt_ros.dashboard.access import access
@@ -21,12 +20,11 @@ from hunt_ros.dashboard.recordings import Recordings
 from hunt_ros.dashboard.server import PageServer
 from hunt_ros.nodes.support.caller import Caller
 from hunt_ros.nodes.support.conversions import read_diagnostic, to_ns
-from hunt_ros.nodes.support.detector_inbox import DetectorInbox
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, steady_clock
+from hunt_ros.nodes.support.hearing import Channels, waiting
+from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare, declare_normal_form, warn_unknown
-from hunt_ros.nodes.support.polled import Polling, waiting
 from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched, stream
-from hunt_ros.nodes.support.sole import hold_name
 from hunt_ros.samples import counted
 from hunt_ros.sensors import DISPLACEMENTS
 from hunt_ros.settings import Settings, setting
@@ -64,12 +62,11 @@ class DashboardConfig(Settings):
     )
 
 
-class DashboardNode(Polling, Node):
+class DashboardNode(SuiteNode):
     """Serves the page."""
 
     def __init__(self) -> None:
         super().__init__('dashboard')
-        hold_name(self)
         config = declare(self, DashboardConfig)
         settings = declare(self, PageSettings)
         form = declare_normal_form(self)
@@ -86,7 +83,7 @@ class DashboardNode(Polling, Node):
         )
         self._model = PageModel(settings, form, self.get_namespace())
         self._diagnostics = Diagnostics(self, self._health)
-        self._inbox = DetectorInbox(self, DISPLACEMENTS)
+        self._inbox = Channels(self, DISPLACEMENTS)
         self._heard = [
             (self.create_polled_subscription(kind, topic, qos), take)
             for kind, topic, qos, take in (

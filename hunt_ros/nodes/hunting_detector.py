@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.lifecycle import LifecycleNode, State, TransitionCallbackReturn
+from rclpy.lifecycle import State, TransitionCallbackReturn
 from std_msgs.msg import String
 
 from hunt_ros.compiled import load
@@ -25,17 +25,14 @@ from hunt_ros.detection.regions import Level
 from hunt_ros.detection.words.status import DetectorStatus
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
-from hunt_ros.nodes.support.call_words import CallWords
 from hunt_ros.nodes.support.companion_worker import CompanionWorker
 from hunt_ros.nodes.support.conversions import diagnostic
-from hunt_ros.nodes.support.detector_inbox import DetectorInbox
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, NewSince, log, steady_clock
 from hunt_ros.nodes.support.estimate_publishers import EstimatePublishers
+from hunt_ros.nodes.support.hearing import CallWords, Channels
+from hunt_ros.nodes.support.node import ManagedNode
 from hunt_ros.nodes.support.parameters import declare, declare_normal_form, warn_unknown
-from hunt_ros.nodes.support.polled import Polling
 from hunt_ros.nodes.support.qos import EVENTS, JOURNAL, STATUS, latched
-from hunt_ros.nodes.support.sole import hold_name
-from hunt_ros.nodes.support.transitions import says_why
 from hunt_ros.nodes.support.worker import offer
 from hunt_ros.rig import of_rig
 from hunt_ros.settings import Settings, setting
@@ -56,13 +53,11 @@ class DetectorNodeConfig(Settings):
     rig_name: str = of_rig('rig_name')
 
 
-class HuntingDetectorNode(Polling, LifecycleNode):
+class HuntingDetectorNode(ManagedNode):
     """Feeds a `HuntingDetector` from the topics, and publishes what it says."""
 
     def __init__(self) -> None:
         super().__init__('hunting_detector')
-        hold_name(self)
-        self.failure = ''
         self._settings = declare(self, DetectorNodeConfig)
         self._config = declare(self, DetectorConfig, self._reconfigure)
         self._form = declare_normal_form(self, self._settings.rig_name)
@@ -76,7 +71,7 @@ class HuntingDetectorNode(Polling, LifecycleNode):
         self._new = NewSince()
         load()  # no first sample waits for its machine code
         self._detector = HuntingDetector(self._config, self._form)
-        self._configured = self._active = False
+        self._configured = False
         self._alarms_said = ''
         self._status = self.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
         self._events = self.create_publisher(DiagnosticArray, 'hunting/events', EVENTS)
@@ -96,39 +91,31 @@ class HuntingDetectorNode(Polling, LifecycleNode):
         self.create_timer(_TICK_S, self._tick, clock=steady_clock())
         self.create_timer(_STATUS_S, self._publish_status, clock=steady_clock())
 
-    @says_why
-    def on_configure(self, state: State) -> TransitionCallbackReturn:
+    def _configure(self) -> None:
         """Subscribe to the channels, and advertise the estimates; both stay until the end."""
         if not self._configured:
             rate_hz, frame_id = self._config.output_rate_hz, self._settings.frame_id
-            self._inbox = DetectorInbox(self, self._config.channels)
+            self._inbox = Channels(self, self._config.channels)
             self._estimates = EstimatePublishers(self, rate_hz, frame_id)
             self._configured = True
-        return super().on_configure(state)
 
     def on_activate(self, state: State) -> TransitionCallbackReturn:
         """Go on after a pause: an alarm that nobody has acknowledged is still there."""
         self._detector.restart()
         self._companions.reset()
         self._inbox.clear()
-        self._active = True
         return super().on_activate(state)
-
-    def on_deactivate(self, state: State) -> TransitionCallbackReturn:
-        """Stop listening and publishing: the status goes silent, which counts as STALE."""
-        self._active = False
-        return super().on_deactivate(state)
 
     def _drain(self) -> None:
         """Hand what has come to the detector, and publish what it says."""
-        if not (self._active and self._inbox.begun()):
+        if not (self._active.is_set() and self._inbox.begun()):
             return
         for channel, stamps_ns, values in self._inbox.take():
             self._publish(self._detector.update(channel, stamps_ns, values))
 
     def _tick(self) -> None:
         """Let the detector know what time it is: channels may be silent."""
-        if not (self._active and self._inbox.begun()):
+        if not (self._active.is_set() and self._inbox.begun()):
             return
         # No backlog may be mistaken for silence; and the clock is read after the samples: on a
         # busy machine some would come from the future otherwise.
@@ -163,7 +150,7 @@ class HuntingDetectorNode(Polling, LifecycleNode):
         log(self, event.level.label, text)
 
     def _publish_status(self) -> None:
-        if self._active:
+        if self._active.is_set():
             self._status.publish(status_message(self._detector.status, self._rig))
             self._estimates.beside |= self._critical_speed()
 
@@ -237,14 +224,13 @@ class HuntingDetectorNode(Polling, LifecycleNode):
         return ''
 
     def _health(self) -> Health:
-        if not self._active:
+        if not self._active.is_set():
             return 'STALE', 'inactive', {}
         status = self._detector.status
-        missed = sum(one.count for one in self._inbox.missed.values())
         values: dict[str, object] = {
             'received': self._inbox.received,
             'unreadable': self._inbox.unreadable,
-            'missed': missed,
+            'missed': self._inbox.missed,
             'dropped': sum(status.dropped.values()),
         }
         values |= {f'clock_offset_s {name}': x for name, x in status.clock_offsets_s.items()}
@@ -254,7 +240,7 @@ class HuntingDetectorNode(Polling, LifecycleNode):
             values['forecast_v_c'] = forecast.reason if v_c is None else f'{v_c.value:.3f}'
             values['forecast_v_c_std'] = math.nan if v_c is None else v_c.std
         unreadable = self._new('unreadable', self._inbox.unreadable)
-        lately = self._new('missed', missed)
+        lately = self._new('missed', self._inbox.missed)
         problems = [self._inbox.problem()]
         if unreadable:
             problems.append(f'{unreadable} messages without the expected joint')
@@ -269,7 +255,7 @@ class HuntingDetectorNode(Polling, LifecycleNode):
     def _alarm(self) -> Health:
         """Return what the detector judges of the motion."""
         status = self._detector.status
-        if not self._active:
+        if not self._active.is_set():
             return 'STALE', 'the detector is inactive', {}
         text = f'{status.state.label}, region {status.region.label}'
         said = '; '.join([text, *status.reasons, *status.absent])

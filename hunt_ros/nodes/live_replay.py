@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
 from hunt_ros.bag import ChannelSource, read_record
@@ -24,9 +23,9 @@ from hunt_ros.bag.replay_schedule import ReplaySchedule
 from hunt_ros.errors import BagError, ConfigError
 from hunt_ros.nodes.support.conversions import channel_writer, to_time
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health
+from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare, warn_unknown
 from hunt_ros.nodes.support.qos import MEASUREMENTS, stream
-from hunt_ros.nodes.support.sole import hold_name
 from hunt_ros.nodes.support.worker import Worker, offer
 from hunt_ros.samples import CHANNELS, NANOSECONDS
 from hunt_ros.sensors import DISPLACEMENTS, MOTION
@@ -59,12 +58,11 @@ class ReplayConfig(Settings):
     frame_id: str = setting('roller_rig', 'frame_id of the messages.', fixed=True)
 
 
-class LiveReplayNode(Node):
+class LiveReplayNode(SuiteNode):
     """Plays the channels of a recording, and `/clock`."""
 
     def __init__(self) -> None:
         super().__init__('live_replay')
-        hold_name(self)
         self._config = declare(self, ReplayConfig, self._set_rate)
         warn_unknown(self)
         if not self._config.bag:

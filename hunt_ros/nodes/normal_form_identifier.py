@@ -20,7 +20,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from queue import Empty, SimpleQueue
 
-from rclpy.node import Node
 from std_msgs.msg import String
 
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
@@ -28,10 +27,10 @@ from hunt_ros.errors import HuntError
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, one_line
 from hunt_ros.nodes.support.form_files import FormFiles, recordings_of, with_recordings
+from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare, declare_normal_form, warn_unknown
 from hunt_ros.nodes.support.qos import latched
 from hunt_ros.nodes.support.refit import refit
-from hunt_ros.nodes.support.sole import hold_name
 from hunt_ros.nodes.support.worker import Worker, offer
 from hunt_ros.rig import Rig, of_rig
 from hunt_ros.samples import counted
@@ -74,12 +73,11 @@ class IdentifierConfig(Settings):
         return IdentificationSettings.of_rig(Rig.of(self))
 
 
-class NormalFormIdentifierNode(Node):
+class NormalFormIdentifierNode(SuiteNode):
     """Recordings in, normal form out."""
 
     def __init__(self) -> None:
         super().__init__('normal_form_identifier')
-        hold_name(self)
         self._config = declare(self, IdentifierConfig, self._reconfigure)
         warn_unknown(self)
         self._files = FormFiles(Path(self._config.directory))

@@ -12,13 +12,13 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
-from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
 
-from hunt_ros.nodes.support.conversions import channel_reader
+from hunt_ros.nodes.support.conversions import ChannelReader
 from hunt_ros.nodes.support.diagnostics import steady_clock
+from hunt_ros.nodes.support.hearing import waiting
+from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare
-from hunt_ros.nodes.support.polled import Polling, waiting
 from hunt_ros.nodes.support.qos import MEASUREMENTS, stream
 from hunt_ros.rig import of_rig
 from hunt_ros.settings import Settings, setting
@@ -38,21 +38,19 @@ class ListenerConfig(Settings):
     )
 
 
-class RigListenerNode(Polling, Node):
+class RigListenerNode(SuiteNode):
     """Listens, prints, and is done."""
 
-    done = False
-
     def __init__(self) -> None:
-        super().__init__('rig_listener')
+        super().__init__('rig_listener', alone=False)
         config = declare(self, ListenerConfig)
         self._inputs = {}
         self._heard: dict[str, dict[str, list[Any]]] = {}
         for channel in config.channels:
-            kind, reader = channel_reader(channel)
+            reader = ChannelReader(channel)
             qos = stream(MEASUREMENTS)
             qos.reliability = ReliabilityPolicy.BEST_EFFORT
-            subscription = self.create_polled_subscription(kind, channel, qos, raw=True)
+            subscription = self.create_polled_subscription(reader.kind, channel, qos, raw=True)
             self._inputs[channel] = subscription, reader
             self._heard[channel] = {'stamps_ns': [], 'arrivals_ns': [], 'values': []}
         self._begins = time.monotonic() + _SETTLE_S

@@ -14,7 +14,6 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
 from hunt_ros.drivers.simulated import Channel
@@ -23,10 +22,10 @@ from hunt_ros.dynamics.simulation import RollerRig, Roughness, SensorModel, Simu
 from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.support.conversions import to_time
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health
+from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.pace import Pace
 from hunt_ros.nodes.support.parameters import declare, read_wheelset, warn_unknown
 from hunt_ros.nodes.support.qos import stream
-from hunt_ros.nodes.support.sole import hold_name
 from hunt_ros.nodes.support.worker import Worker, offer
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
@@ -102,12 +101,11 @@ class SimulatorConfig(Settings):
     )
 
 
-class RigSimulatorNode(Node):
+class RigSimulatorNode(SuiteNode):
     """Runs the simulation in real time, in a thread of its own."""
 
     def __init__(self) -> None:
         super().__init__('rig_simulator')
-        hold_name(self)
         self._config = config = declare(self, SimulatorConfig, self._reconfigure)
         warn_unknown(self)
         self._kicks = _kick_plan(config)

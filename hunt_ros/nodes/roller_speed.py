@@ -32,19 +32,18 @@ from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.dynamics.profile import Motion, Profile
 from hunt_ros.dynamics.profile.run import SET_POINT_S
 from hunt_ros.errors import ConfigError, DriverError
-from hunt_ros.nodes.support.call_words import CallWords
 from hunt_ros.nodes.support.conversions import (
-    JointReader,
+    ChannelReader,
     diagnostic,
-    joint_layout,
+    joint_writer,
     read_diagnostic,
     to_ns,
     twist,
 )
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, NewSince, log, steady_clock
 from hunt_ros.nodes.support.driver_node import DriverNode
+from hunt_ros.nodes.support.hearing import CallWords, waiting
 from hunt_ros.nodes.support.parameters import declare, warn_unknown
-from hunt_ros.nodes.support.polled import Polling, waiting
 from hunt_ros.nodes.support.qos import EVENTS, MEASUREMENTS, OVERRIDABLE, STATUS, latched, stream
 from hunt_ros.nodes.support.set_points import SetPoints
 from hunt_ros.nodes.support.worker import Newest, Worker, answer_aside, offer
@@ -99,12 +98,11 @@ class SpeedConfig(Settings):
     autostart: bool = setting(True, 'Configure and activate without being told.', fixed=True)
 
 
-class RollerSpeedNode(Polling, DriverNode[DriveDriver]):
+class RollerSpeedNode(DriverNode[DriveDriver]):
     """Publishes `roller` and `speed`; hands in and sends what the guard of the roller decides."""
 
     #: The longest way down, s: from 100 m/s at 1 m/s2.
     winding_s = 120.0
-    failed = ''
 
     def __init__(self) -> None:
         super().__init__('roller_speed')
@@ -143,12 +141,12 @@ class RollerSpeedNode(Polling, DriverNode[DriveDriver]):
         self._published = 0
         self._ends_s: float | None = None  # when the node ends at the latest, steady clock
         self._new = NewSince()
-        self._layout = joint_layout(['roller'], self._config.frame_id, velocity=True)
+        self._written = joint_writer(['roller'], self._config.frame_id, velocity=True)
         self._target = self.create_publisher(TwistStamped, 'speed/target', STATUS)
         self._status = self.create_publisher(DiagnosticArray, 'speed/status', latched())
         self._events = self.create_publisher(DiagnosticArray, 'hunting/events', EVENTS)
         self.create_subscription(DiagnosticArray, 'hunting/status', self._on_detector, STATUS)
-        self._lateral_reader = JointReader('lateral')
+        self._lateral_reader = ChannelReader('lateral')
         self._lateral = self.create_polled_subscription(
             JointState,
             'lateral',
@@ -269,7 +267,7 @@ class RollerSpeedNode(Polling, DriverNode[DriveDriver]):
         for stamp_ns, angle_rad, speed_mps in readings:
             rate = 2.0 * speed_mps / self._diameter_m
             if not math.isnan(angle_rad):  # a drive may have no encoder
-                self._roller.publish(self._layout.encode(stamp_ns, angle_rad, rate))
+                self._roller.publish(self._written(stamp_ns, angle_rad, rate))
             self._speed.publish(twist(stamp_ns, speed_mps, self._config.frame_id))
         self._published += block.stamps_ns.size
 

@@ -10,9 +10,8 @@ import json
 from concurrent.futures import Future
 from dataclasses import dataclass
 
-from rclpy.node import Node
-
 from hunt_ros.nodes.support.caller import Answer, Caller
+from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.services import SERVICES
 from hunt_ros.settings import Settings, setting
@@ -30,13 +29,11 @@ class CallConfig(Settings):
     words: str = setting('', 'Published before the call.', fixed=True)
 
 
-class ServiceCallNode(Node):
+class ServiceCallNode(SuiteNode):
     """Calls, prints, and is done."""
 
-    done = False
-
     def __init__(self) -> None:
-        super().__init__('service_call')
+        super().__init__('service_call', alone=False)
         config = declare(self, CallConfig)
         log = self.get_logger()
         self._caller = Caller(

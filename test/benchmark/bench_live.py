@@ -32,7 +32,7 @@ from usage import LOSSES, Usage, losses
 
 from hunt_ros.cli.support import suite
 from hunt_ros.cli.support.supervisor import Supervisor
-from hunt_ros.nodes.support.conversions import JointReader, read_diagnostic
+from hunt_ros.nodes.support.conversions import ChannelReader, read_diagnostic
 from hunt_ros.nodes.support.qos import STATUS, stream
 from hunt_ros.nodes.support.runtime import cheapest_executor
 from hunt_ros.suite import LISTENERS, SIMULATOR, SOURCES
@@ -51,7 +51,7 @@ class Probe:
     def __init__(self) -> None:
         rclpy.init()
         self._node = rclpy.create_node('bench_probe', namespace='rig')
-        self._reader = JointReader('lateral_amplitude')
+        self._reader = ChannelReader('lateral_amplitude')
         self.arrivals: list[tuple[int, int]] = []
         self.health: dict[str, dict[str, str]] = {}
         self._node.create_subscription(

@@ -13,7 +13,7 @@ from std_msgs.msg import String
 from hunt_ros.bag import read_record
 from hunt_ros.detection import HuntingDetector
 from hunt_ros.detection.replay import missing_samples, replay_journal
-from hunt_ros.nodes.support.conversions import joint_layout, to_ns, twist
+from hunt_ros.nodes.support.conversions import joint_writer, to_ns, twist
 from hunt_ros.nodes.support.qos import latched, stream
 from hunt_ros.recorded_run import recorded_run
 
@@ -34,7 +34,7 @@ class Host:
         self._joints = {
             name: (
                 node.create_publisher(JointState, name, stream(1000)),
-                joint_layout([name], 'roller_rig'),
+                joint_writer([name], 'roller_rig'),
             )
             for name in ('lateral', 'yaw', 'roller')
         }
@@ -54,9 +54,9 @@ class Host:
                 'yaw': 4.7 * self.amplitude_m * np.cos(phase + 2.6) + 2e-5 * noise[1],
                 'roller': 48.0 * time,
             }
-            for name, (publisher, layout) in self._joints.items():
+            for name, (publisher, written) in self._joints.items():
                 if name not in self.muted:
-                    publisher.publish(layout.encode(stamp_ns, float(values[name])))
+                    publisher.publish(written(stamp_ns, float(values[name])))
             self._speed.publish(twist(stamp_ns, 7.2, 'roller_rig'))
 
 

@@ -16,15 +16,14 @@ from dataclasses import fields
 from functools import partial
 from typing import Any, Generic, Literal, TypeVar, cast
 
-from rclpy.lifecycle import LifecycleNode, State, TransitionCallbackReturn
+from rclpy.lifecycle import State, TransitionCallbackReturn
 from rclpy.publisher import Publisher
 
 from hunt_ros.drivers.base import DriveDriver, SensorDriver, driver_class
 from hunt_ros.errors import ConfigError, DriverError, RefusedError
 from hunt_ros.nodes.support.diagnostics import Diagnostics, one_line
+from hunt_ros.nodes.support.node import ManagedNode
 from hunt_ros.nodes.support.parameters import declare
-from hunt_ros.nodes.support.sole import hold_name
-from hunt_ros.nodes.support.transitions import says_why
 from hunt_ros.nodes.support.worker import Worker
 from hunt_ros.suite import Awaited
 
@@ -46,7 +45,7 @@ _SETTLED_S, _SETTLE_MOST_S = 0.5, 3.0
 _D = TypeVar('_D', SensorDriver, DriveDriver)
 
 
-class DriverNode(LifecycleNode, ABC, Generic[_D]):
+class DriverNode(ManagedNode, ABC, Generic[_D]):
     """
     A lifecycle node around one driver.
 
@@ -64,15 +63,12 @@ class DriverNode(LifecycleNode, ABC, Generic[_D]):
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
-        hold_name(self)
-        self.failure = ''
         #: Open; None while there is no connection. Only the thread sets it.
         self._driver: _D | None = None
         self._worker: Worker | None = None
         self._advertised = False
         #: Held by the thread that owns the device: one that ends late delays its successor.
         self._device = threading.Lock()
-        self._active = threading.Event()
         self._connecting = False  # for the first time
         self._trouble = ''  # of the connection
         self._found = False  # what it connects to has been there once
@@ -115,8 +111,7 @@ class DriverNode(LifecycleNode, ABC, Generic[_D]):
         self._make_driver = cast('Callable[[], _D]', partial(kind, settings, *rest))
         return f'{name}: {self._make_driver()}'
 
-    @says_why
-    def on_configure(self, state: State) -> TransitionCallbackReturn:
+    def _configure(self) -> None:
         """
         Advertise, and begin to open the driver; missing hardware is tried again and again.
 
@@ -127,17 +122,6 @@ class DriverNode(LifecycleNode, ABC, Generic[_D]):
             self._announced, self._advertised = self._advertise(), True
         self._connecting = True
         self._worker = Worker(self._diagnostics.failed, 'driver', self._work)
-        return TransitionCallbackReturn.SUCCESS
-
-    def on_activate(self, state: State) -> TransitionCallbackReturn:
-        """Publish from now on."""
-        self._active.set()
-        return super().on_activate(state)
-
-    def on_deactivate(self, state: State) -> TransitionCallbackReturn:
-        """Stop publishing; the driver stays open."""
-        self._active.clear()
-        return super().on_deactivate(state)
 
     def on_cleanup(self, state: State) -> TransitionCallbackReturn:
         """Close the driver."""

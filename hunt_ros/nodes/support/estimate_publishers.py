@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 
-from hunt_ros.nodes.support.conversions import FixedLayout, joint_layout
+from hunt_ros.nodes.support.conversions import joint_writer
 from hunt_ros.nodes.support.qos import stream
 from hunt_ros.samples import NORMAL_95
 
@@ -130,7 +130,7 @@ class _Output:
 
     topic: EstimateTopic
     publisher: Publisher
-    layout: FixedLayout
+    written: Callable[..., bytes]
 
 
 class EstimatePublishers:
@@ -161,7 +161,7 @@ class EstimatePublishers:
             _Output(
                 topic,
                 node.create_publisher(JointState, topic.name, qos),
-                joint_layout(topic.joints, frame, topic.rate, topic.std),
+                joint_writer(topic.joints, frame, topic.rate, topic.std),
             )
             for topic in ESTIMATES
         ]
@@ -185,7 +185,7 @@ class EstimatePublishers:
     def _write(self, out: _Output, rows: np.ndarray) -> None:
         values = [self._values(rows, column) for column in out.topic.columns]
         for stamp_ns, *numbers in zip(rows['stamp_ns'].tolist(), *values, strict=True):
-            out.publisher.publish(out.layout.encode(stamp_ns, *numbers))
+            out.publisher.publish(out.written(stamp_ns, *numbers))
 
     def _values(self, rows: np.ndarray, column: str) -> list[float]:
         if column in _MADE:

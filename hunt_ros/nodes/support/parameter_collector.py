@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from typing import Any
 
 import yaml
-from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import GetParameters, GetParameterTypes, ListParameters
-from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
-from rclpy.task import Future
 
 from hunt_ros.nodes.support.worker import Aside, Failed
 
 _LOOK_S = 0.5
 #: A node that is still starting has not declared all: it is asked again after this time, s, and
-#: again after twice as long each time.
-_AGAIN_S = 1.5
+#: again after twice as long each time. One that does not answer is given up after the second.
+_AGAIN_S, _ANSWER_S = 1.5, 2.0
 
 
 class ParameterCollector:
@@ -38,81 +36,57 @@ class ParameterCollector:
 
     def __init__(self, node: Node, failed: Failed, tell: Callable[[str, str], None]) -> None:
         self._tell = tell
-        self._clients: dict[str, tuple[Client, ...]] = {}
+        self._clients: dict[str, dict[type, Any]] = {}
         self.ask_again()
         self._aside = Aside(node, failed, 'parameters', _LOOK_S, self._round)
+        self.close = self._aside.close
 
     def ask_again(self) -> None:
         """Ask every node anew: another recording has begun."""
-        self._next: dict[str, tuple[float, float]] = {}  # when to ask, steady clock; wait after
+        self._due: dict[str, tuple[float, float]] = {}  # when to ask, steady clock; wait after
         self._told: dict[str, str] = {}
-        self._looked_s = 0.0
-
-    def close(self) -> None:
-        """Stop asking."""
-        self._aside.close()
 
     def _round(self) -> None:
-        """Ask every node that there is."""
-        if time.monotonic() - self._looked_s < _LOOK_S:
-            return  # an answer came
-        self._looked_s = time.monotonic()
+        """Ask every node where it is due."""
         for name, namespace in self._aside.node.get_node_names_and_namespaces():
-            if not name.startswith('_'):
-                self._ask(f'{namespace.rstrip("/")}/{name}')
+            full, now_s = f'{namespace.rstrip("/")}/{name}', time.monotonic()
+            due_s, wait_s = self._due.get(full, (now_s, _AGAIN_S))
+            if name.startswith('_') or now_s < due_s:
+                continue
+            values = self._values(full)
+            if values is None:
+                continue  # not there yet: in the next round
+            self._due[full] = now_s + wait_s, 2.0 * wait_s
+            document = {full: {'ros__parameters': values}}
+            text = yaml.safe_dump(document, default_flow_style=None, width=99)
+            if self._told.get(full) != text:
+                self._told[full] = text
+                self._tell(full, text)
 
-    def _ask(self, node: str) -> None:
-        """Ask a node for its parameters where it is due: names, types, then values."""
-        now = time.monotonic()
-        due, wait = self._next.get(node, (now, _AGAIN_S))
-        if now < due:
-            return
-        if node not in self._clients:
-            client = self._aside.node.create_client
-            self._clients[node] = (
-                client(ListParameters, f'{node}/list_parameters'),
-                client(GetParameterTypes, f'{node}/get_parameter_types'),
-                client(GetParameters, f'{node}/get_parameters'),
-            )
-        clients = lister, typer, getter = self._clients[node]
-        if not all(client.service_is_ready() for client in clients):
-            return
-        self._next[node] = now + wait, 2.0 * wait
+    def _values(self, node: str) -> dict[str, Any] | None:
+        """Return the parameters of a node; None where it does not answer, or they change."""
+        listed = self._ask(node, ListParameters, 'list_parameters')
+        if listed is None:
+            return None
+        names = list(listed.result.names)
+        kinds = self._ask(node, GetParameterTypes, 'get_parameter_types', names=names)
+        if kinds is None or len(kinds.types) != len(names):
+            return None
+        # A node gives no values at all where one of those asked for has none.
+        known = [name for name, kind in zip(names, kinds.types, strict=True) if kind]
+        got = self._ask(node, GetParameters, 'get_parameters', names=known)
+        if got is None or len(got.values) != len(known):
+            return None
+        values = map(parameter_value_to_python, got.values)
+        return {name: each for name, each in zip(known, values, strict=True) if each is not None}
 
-        def listed(future: Future) -> None:
-            """Ask for the types of the parameters."""
-            names = list(future.result().result.names)
-            request = GetParameterTypes.Request(names=names)
-            typer.call_async(request).add_done_callback(lambda reply: typed(names, reply))
-
-        def typed(names: list[str], future: Future) -> None:
-            """Ask for the values of those that have one."""
-            # A node gives no values at all where one of those asked for has none.
-            kinds = future.result().types
-            if len(kinds) < len(names):
-                return  # undeclared in the meantime: next time
-            known = [name for name, kind in zip(names, kinds, strict=True) if kind]
-            request = GetParameters.Request(names=known)
-            getter.call_async(request).add_done_callback(lambda reply: got(known, reply))
-
-        def got(names: list[str], future: Future) -> None:
-            """Hand the values on where they are others than before."""
-            values = future.result().values
-            if len(values) < len(names):
-                return
-            text = _parameter_text(node, names, values)
-            if self._told.get(node) != text:
-                self._told[node] = text
-                self._tell(node, text)
-
-        lister.call_async(ListParameters.Request()).add_done_callback(listed)
-
-
-def _parameter_text(node: str, names: Sequence[str], values: Sequence[ParameterValue]) -> str:
-    """Return a parameter file that gives a node the values it has."""
-    found = {
-        name: parameter_value_to_python(value) for name, value in zip(names, values, strict=True)
-    }
-    parameters = {name: value for name, value in found.items() if value is not None}
-    document = {node: {'ros__parameters': parameters}}
-    return yaml.safe_dump(document, default_flow_style=None, width=99)
+    def _ask(self, node: str, kind: type, service: str, **request: Any) -> Any:
+        """Return the answer of a service; None where there is none in time."""
+        clients = self._clients.setdefault(node, {})
+        if kind not in clients:
+            clients[kind] = self._aside.node.create_client(kind, f'{node}/{service}')
+        if not clients[kind].service_is_ready():
+            return None
+        asked = clients[kind].call_async(kind.Request(**request))  # type: ignore[attr-defined]
+        self._aside.executor.spin_until_future_complete(asked, _ANSWER_S)
+        return asked.result() if asked.done() else None

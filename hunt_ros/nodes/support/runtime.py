@@ -14,19 +14,17 @@ import os
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import rclpy
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidParameterValueException, ParameterException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
-from rclpy.lifecycle import LifecycleNode
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from hunt_ros.errors import HuntError
 from hunt_ros.nodes.support.ending import CLOSING_S, Ending
+from hunt_ros.nodes.support.node import ManagedNode, SuiteNode
 
 _SPIN_S = 0.05
 #: For the last messages to arrive, s.
@@ -61,17 +59,14 @@ def _events_executor() -> Callable[..., Executor] | None:
 
 
 def run(
-    makers: Sequence[Callable[[], Node]], ending: Ending, arguments: Sequence[str] | None = None
+    makers: Sequence[Callable[[], SuiteNode]],
+    ending: Ending,
+    arguments: Sequence[str] | None = None,
 ) -> int:
     """
-    Run nodes until they are asked to end.
+    Run nodes until they are asked to end, or done; where it is safe comes first.
 
     A lifecycle node with the parameter `autostart` is configured and activated.
-    A node may have a method `close()`, called before its publishers are gone, and the
-    attributes `closing_s`, the time that this may take; `failed`, a line on what ended it,
-    printed before exit code 2; and `done`, True where its work is done. A guard has a method
-    `wind_down()`, called while the node runs on after it was asked to end, until it returns True,
-    and `winding_s`, the longest that this may take.
 
     Parameters
     ----------
@@ -92,7 +87,7 @@ def run(
         os.environ.setdefault('ROS_LOG_DIR', tempfile.gettempdir())
     words = None if arguments is None else list(arguments)
     rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
-    nodes: list[Node] = []
+    nodes: list[SuiteNode] = []
     executor = cheapest_executor()
     try:
         for make_node in makers:
@@ -107,13 +102,11 @@ def run(
         while rclpy.ok() and not ending.asked.is_set():
             executor.spin_once(timeout_sec=_SPIN_S)
             _raise_failures(nodes)
-            if all(getattr(node, 'done', False) for node in nodes):
+            if all(node.done for node in nodes):
                 return 0
-        guards: list[Any] = [node for node in nodes if hasattr(node, 'wind_down')]
-        if guards:
-            most_s = max(guard.winding_s for guard in guards)
-            ending.grant('taking the rig to where it is safe', most_s, patient=False)
-        while rclpy.ok() and not all(guard.wind_down() for guard in guards):
+        if winding_s := max(node.winding_s for node in nodes):
+            ending.grant('taking the rig to where it is safe', winding_s, patient=False)
+        while rclpy.ok() and not all(node.wind_down() for node in nodes):
             executor.spin_once(timeout_sec=_SPIN_S)
         _raise_failures(nodes)
     except (HuntError, InvalidParameterValueException, ParameterException) as error:
@@ -122,12 +115,10 @@ def run(
     except ExternalShutdownException:
         pass
     finally:
-        closing_s = sum(getattr(node, 'closing_s', CLOSING_S) for node in nodes)
-        ending.grant('closing', closing_s or CLOSING_S)
+        ending.grant('closing', sum(node.closing_s for node in nodes) or CLOSING_S)
         executor.shutdown()  # before anything it holds is destroyed
         for node in reversed(nodes):
-            if hasattr(node, 'close'):
-                node.close()
+            node.close()
             _deliver(node)
         for node in nodes:
             node.destroy_node()
@@ -135,14 +126,13 @@ def run(
     return 0
 
 
-def _raise_failures(nodes: Sequence[Node]) -> None:
-    """Raise what a node says has ended it."""
+def _raise_failures(nodes: Sequence[SuiteNode]) -> None:
     for node in nodes:
-        if failed := getattr(node, 'failed', ''):
-            raise HuntError(failed)
+        if node.failed:
+            raise HuntError(node.failed)
 
 
-def _deliver(node: Node) -> None:
+def _deliver(node: SuiteNode) -> None:
     """Wait, not for long, until everybody who listens has what the node said last."""
     deadline = time.monotonic() + _DELIVERY_S
     for publisher in node.publishers:
@@ -150,11 +140,9 @@ def _deliver(node: Node) -> None:
         publisher.wait_for_all_acked(Duration(nanoseconds=round(1e9 * left_s)))
 
 
-def _start(node: Node) -> None:
+def _start(node: SuiteNode) -> None:
     """Configure and activate a lifecycle node that wants to start by itself."""
-    if not isinstance(node, LifecycleNode):
-        return
-    if node.get_parameter('autostart').value:
+    if isinstance(node, ManagedNode) and node.get_parameter('autostart').value:
         for trigger in (node.trigger_configure, node.trigger_activate):
             if trigger().name != 'SUCCESS':
-                raise HuntError(getattr(node, 'failure', '') or f'{trigger.__name__} failed')
+                raise HuntError(node.failure or f'{trigger.__name__} failed')

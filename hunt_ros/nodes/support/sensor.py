@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 
 from hunt_ros.drivers.base import SensorBlock, SensorDriver
 from hunt_ros.drivers.calibration import Calibration
-from hunt_ros.nodes.support.conversions import joint_layout
+from hunt_ros.nodes.support.conversions import joint_writer
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, NewSince
 from hunt_ros.nodes.support.driver_node import DriverNode
 from hunt_ros.nodes.support.parameters import declare, warn_unknown
@@ -73,7 +73,7 @@ class SensorNode(DriverNode[SensorDriver]):
         self._given_calibration = Calibration.read(self._config.calibration, channel)
         self._calibration = self._given_calibration  # with the range of the device
         self._device_range = (-math.inf, math.inf)
-        self._layout = joint_layout([channel], self._config.frame_id)
+        self._written = joint_writer([channel], self._config.frame_id)
         self._published = self._lost = self._bad = self._saturated = 0
         self._progress = 0, 0  # published, and the last stamp; set by the driver's thread at once
         self._told_ns = 0  # the last stamp of the last report
@@ -97,7 +97,7 @@ class SensorNode(DriverNode[SensorDriver]):
         self._lost += block.lost
         self._bad += int(np.count_nonzero(np.isnan(values)))
         for stamp_ns, value in zip(block.stamps_ns.tolist(), values.tolist(), strict=True):
-            self._announced.publish(self._layout.encode(stamp_ns, value))
+            self._announced.publish(self._written(stamp_ns, value))
         self._published += block.values.size
         self._progress = self._published, int(block.stamps_ns[-1])
 

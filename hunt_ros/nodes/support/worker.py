@@ -74,7 +74,7 @@ class Aside:
     name : str
         What it is for.
     every_s, work : float and callable
-        What it does so often beside its services.
+        What it does at least so often beside its services.
     """
 
     def __init__(
@@ -86,6 +86,8 @@ class Aside:
         work: Callable[[], None] = lambda: None,
     ) -> None:
         self.node = hidden_node(f'_{node.get_name()}_{name}', node.get_namespace())
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
         self._every_s, self._round = every_s, work
         self._worker = Worker(failed, name, self._work)
 
@@ -94,16 +96,14 @@ class Aside:
         self._worker.stop(timeout_s)
 
     def _work(self, stopping: threading.Event) -> None:
-        executor = SingleThreadedExecutor()
-        executor.add_node(self.node)
         try:
             while not stopping.is_set():
-                executor.spin_once(timeout_sec=self._every_s)
+                self.executor.spin_once(timeout_sec=self._every_s)
                 self._round()
         except ExternalShutdownException:
             pass
         finally:
-            executor.shutdown()
+            self.executor.shutdown()
 
 
 def offer(node: Node, name: str, answer: Callable[[], str], of: Node | None = None) -> None:

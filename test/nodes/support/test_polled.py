@@ -6,10 +6,10 @@ import pytest
 
 rclpy = pytest.importorskip('rclpy', reason='the extra ros is not installed')
 
-from rclpy.node import Node  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
-from hunt_ros.nodes.support.polled import Polling, waiting  # noqa: E402
+from hunt_ros.nodes.support.hearing import waiting  # noqa: E402
+from hunt_ros.nodes.support.node import SuiteNode  # noqa: E402
 from hunt_ros.nodes.support.qos import stream  # noqa: E402
 from hunt_ros.nodes.support.runtime import cheapest_executor  # noqa: E402
 
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.ros
 _MANY = 500
 
 
-class Listener(Polling, Node):
+class Listener(SuiteNode):
     """One polled subscription, and one for the executor."""
 
     def __init__(self, context) -> None:

@@ -1,0 +1,211 @@
+"""How topics are heard: polled, many messages at a time, and what never came is counted."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from rclpy.node import Node
+from rclpy.qos import ReliabilityPolicy
+from rclpy.subscription import Subscription
+from std_msgs.msg import String
+
+from hunt_ros.nodes.support.conversions import ChannelReader
+from hunt_ros.nodes.support.node import SuiteNode
+from hunt_ros.nodes.support.qos import MEASUREMENTS, OVERRIDABLE, stream
+from hunt_ros.samples import NANOSECONDS
+from hunt_ros.services import spoken
+
+#: Sensor nodes that start together have all begun to publish this long after the first, s.
+_TOGETHER_S = 5.0
+#: Words that came longer ago than this do not belong to a call that comes now, s.
+_FRESH_S = 5.0
+
+
+def waiting(subscription: Subscription) -> Iterator[tuple[Any, dict[str, Any]]]:
+    """
+    Take what waits in the reader of a subscription, and no more than it holds.
+
+    Parameters
+    ----------
+    subscription : Subscription
+        Made by `create_polled_subscription`.
+
+    Yields
+    ------
+    message : bytes or message
+        Bytes where the subscription is raw.
+    info : dict
+        `source_timestamp`, `received_timestamp` (ns) and `publication_sequence_number`. In the
+        order of the messages no `received_timestamp` is before an earlier one: what came
+        early waited for one that was sent again.
+    """
+    handle = subscription.handle
+    received_ns = 0
+    with handle:
+        for _ in range(max(1, subscription.qos_profile.depth)):
+            taken = handle.take_message(subscription.msg_type, subscription.raw)
+            if taken is None:
+                return
+            # Since Kilted the middleware says when a message came in, not when it was its turn.
+            received_ns = max(received_ns, taken[1]['received_timestamp'])
+            taken[1]['received_timestamp'] = received_ns
+            yield taken
+
+
+class Missed:
+    """
+    Counts the messages of a topic that were published and never came.
+
+    A writer keeps its last messages for readers that missed some; a reader that was held up for
+    longer does not get them, and the middleware does not say so. Each publisher numbers its
+    messages: where there are several, nothing is counted.
+    """
+
+    def __init__(self, node: Node, topic: str) -> None:
+        self._node, self._topic = node, topic
+        self.count = 0  # messages that were missed
+        self.restart()
+
+    def restart(self) -> None:
+        """Take the next message for the first one: those before it were not asked for."""
+        self._last = 0
+
+    def take(self, info: dict[str, Any]) -> int:
+        """Get what `waiting` says of the next message; return how many are missing before it."""
+        number = info['publication_sequence_number']
+        missing = number - self._last - 1 if self._last else 0
+        self._last = number
+        # A publisher that was started again begins anew.
+        if missing <= 0 or self._node.count_publishers(self._topic) != 1:
+            return 0
+        self.count += missing
+        return missing
+
+
+class Channels:
+    """
+    Hears the channels of a rig, and hands over their samples.
+
+    It begins when all of them are there: a sensor that starts a second after another one is not
+    silent. What is missing `_TOGETHER_S` after the first is not waited for.
+
+    Parameters
+    ----------
+    node : SuiteNode
+        Gets the subscriptions.
+    channels : sequence of str
+        Topics: the names of the channels.
+
+    Attributes
+    ----------
+    received, unreadable : int
+        Samples handed over; messages without the expected joint.
+    """
+
+    def __init__(self, node: SuiteNode, channels: Sequence[str]) -> None:
+        self.received = self.unreadable = 0
+        self._node = node
+        self._readers = {channel: ChannelReader(channel) for channel in channels}
+        self._heard = {
+            channel: node.create_polled_subscription(
+                reader.kind,
+                channel,
+                stream(MEASUREMENTS),
+                raw=True,
+                qos_overriding_options=OVERRIDABLE,
+            )
+            for channel, reader in self._readers.items()
+        }
+        self._missed = {name: Missed(node, each.topic_name) for name, each in self._heard.items()}
+        self.clear()
+
+    @property
+    def missed(self) -> int:
+        """Messages that were lost on their way here."""
+        return sum(each.count for each in self._missed.values())
+
+    def clear(self) -> None:
+        """Forget what has come, and begin anew."""
+        self._began_s, self._absent = 0.0, set(self._heard)
+        for channel, subscription in self._heard.items():
+            list(waiting(subscription))
+            self._missed[channel].restart()
+
+    def begun(self) -> bool:
+        """Return True once samples are handed over; those of before are left out."""
+        if not self._absent:
+            return True
+        for channel, subscription in self._heard.items():
+            if list(waiting(subscription)):
+                self._absent.discard(channel)
+                self._began_s = self._began_s or time.monotonic()
+        if self._began_s and time.monotonic() - self._began_s > _TOGETHER_S:
+            self._absent.clear()
+        return not self._absent
+
+    def take(self) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+        """Hand over what has come: channel, stamps (ns), values."""
+        for channel, subscription in self._heard.items():
+            read, missed = self._readers[channel].read, self._missed[channel]
+            samples = []
+            for wire, info in waiting(subscription):
+                missed.take(info)
+                samples.append(read(wire))
+            readable = [sample for sample in samples if sample is not None]
+            self.unreadable += len(samples) - len(readable)
+            self.received += len(readable)
+            if readable:
+                stamps, values = zip(*readable, strict=True)
+                yield channel, np.array(stamps, dtype=np.int64), np.array(values)
+
+    def problem(self) -> str:
+        """Return what is wrong with the publishers of the channels, and what to do; or ''."""
+        return '; '.join(filter(None, map(self._problem, self._heard.values())))
+
+    def _problem(self, subscription: Subscription) -> str:
+        topic = subscription.topic_name
+        publishers = self._node.get_publishers_info_by_topic(topic)
+        if len(publishers) > 1:
+            names = sorted(f'{p.node_namespace.rstrip("/")}/{p.node_name}' for p in publishers)
+            return (
+                f'{topic} has {len(names)} publishers ({", ".join(names)}), expected one: end the'
+                ' others, or give the second rig another namespace'
+            )
+        ways = [subscription.qos_profile, *(each.qos_profile for each in publishers)]
+        heard, *said = [way.reliability == ReliabilityPolicy.BEST_EFFORT for way in ways]
+        if heard or not any(said):
+            return ''
+        return (
+            f'{topic} is published with best effort and not heard: set the parameter'
+            f' qos_overrides.{topic}.subscription.reliability to best_effort'
+        )
+
+
+class CallWords:
+    """
+    Words that go with the call of a service: a name, a remark.
+
+    A Trigger request carries none. Who calls publishes them on a topic first.
+
+    Parameters
+    ----------
+    node : SuiteNode
+        Which offers the service.
+    topic : str
+        std_msgs/String, below the namespace.
+    """
+
+    def __init__(self, node: SuiteNode, topic: str) -> None:
+        self._subscription = node.create_polled_subscription(String, topic, stream(10))
+
+    def take(self) -> str:
+        """Return the last that came since the last call, in one line; '' if that is long ago."""
+        words = ''
+        for message, info in waiting(self._subscription):
+            came_ns = info['received_timestamp'] or time.time_ns()  # not all middleware says when
+            age_s = (time.time_ns() - came_ns) / NANOSECONDS
+            words = spoken(message.data) if age_s < _FRESH_S else ''
+        return words

@@ -1,0 +1,147 @@
+"""
+What every node of the suite is: alone of its name, heard at its own pace, and ended in order.
+
+An executor has an event for every message. At some thousand messages a second that is most of
+what a node does, and on a machine that cannot keep up the events queue without a bound: a call
+of a service, which has its place behind them, is never answered. A polled subscription, which
+`hearing.waiting` empties, costs half as much a message, and leaves the executor free.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import socket
+import sys
+from collections.abc import Iterator
+from threading import Event
+from typing import Any
+
+from rclpy.lifecycle import LifecycleNode, State, TransitionCallbackReturn
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+
+from hunt_ros.errors import ConfigError
+from hunt_ros.nodes.support.diagnostics import one_line
+from hunt_ros.nodes.support.ending import CLOSING_S
+
+
+class SuiteNode(Node):
+    """
+    A node that `runtime.run` runs. To stand first in the bases.
+
+    Parameters
+    ----------
+    name : str
+        Of the node.
+    alone : bool
+        A second one of its full name, on this machine and in this ROS domain, refuses to start.
+    **keywords : object
+        As `Node` takes them.
+
+    Attributes
+    ----------
+    closing_s, winding_s : float
+        `close` and `wind_down` take so long at most, s.
+    failed : str
+        What has ended it, in one line, before exit code 2; '' while nothing has.
+    done : bool
+        Its work is done.
+
+    Raises
+    ------
+    ConfigError
+        If it is not `alone`.
+    """
+
+    closing_s, winding_s = CLOSING_S, 0.0
+    failed, done = '', False
+    _polled: frozenset[Subscription] = frozenset()
+
+    def __init__(self, name: str, alone: bool = True, **keywords: Any) -> None:
+        super().__init__(name, **keywords)
+        if alone and sys.platform == 'linux':
+            self._hold_name()
+
+    def _hold_name(self) -> None:
+        """
+        Hold the full name until the ROS context is shut down.
+
+        Two speed nodes would drive one roller. The kernel gives an abstract socket to one process
+        of a network namespace, which is what can meet in a ROS domain, and takes it back however
+        that process ends. Namesakes on other machines are seen by `diagnostics`.
+        """
+        name, domain = self.get_fully_qualified_name(), self.context.get_domain_id()
+        key = hashlib.sha256(f'{domain} {name}'.encode()).hexdigest()
+        self._held = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            self._held.bind(f'\0hunt_ros/{key}')
+        except OSError as error:
+            self._held.close()
+            raise ConfigError(
+                f'{name} runs already on this machine in ROS domain {domain}:'
+                ' choose another namespace or ROS_DOMAIN_ID'
+            ) from error
+        self.context.on_shutdown(self._held.close)
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """The subscriptions that an executor waits for."""
+        return (each for each in super().subscriptions if each not in self._polled)
+
+    def create_polled_subscription(
+        self, kind: type, topic: str, *args: Any, **keywords: Any
+    ) -> Subscription:
+        """Subscribe like `create_subscription`, without a callback: see `hearing.waiting`."""
+        subscription = self.create_subscription(kind, topic, _never, *args, **keywords)
+        self._polled |= {subscription}
+        return subscription
+
+    def wind_down(self) -> bool:
+        """Go where it is safe, while the node runs on; return True once nothing is left to do."""
+        return True
+
+    def close(self) -> None:
+        """Let go of what it holds, before its publishers are gone."""
+
+
+def _never(message: object) -> None:
+    raise AssertionError('a polled subscription was given to an executor')
+
+
+class ManagedNode(SuiteNode, LifecycleNode):
+    """
+    A lifecycle node.
+
+    Attributes
+    ----------
+    failure : str
+        Why the last configuration failed: rclpy keeps it to itself.
+    """
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.failure = ''
+        self._active = Event()
+
+    def _configure(self) -> None:
+        """Do what `configure` stands for; what it raises is why it fails."""
+
+    def on_configure(self, state: State) -> TransitionCallbackReturn:
+        """Configure, or say why that fails."""
+        try:
+            self._configure()
+        except Exception as error:  # of parameters, and of whatever a library wants
+            self.failure = one_line(error)
+            self.get_logger().error(self.failure)
+            return TransitionCallbackReturn.FAILURE
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_activate(self, state: State) -> TransitionCallbackReturn:
+        """Publish from now on."""
+        self._active.set()
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: State) -> TransitionCallbackReturn:
+        """Stop publishing."""
+        self._active.clear()
+        return super().on_deactivate(state)
