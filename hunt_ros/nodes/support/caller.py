@@ -12,10 +12,8 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterable
-from concurrent.futures import Future
-from dataclasses import dataclass, field
-from functools import partial
-from typing import Any, NamedTuple
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from typing import NamedTuple
 
 from rclpy.client import Client
 from rclpy.duration import Duration
@@ -45,19 +43,6 @@ class Answer(NamedTuple):
     heard: bool = True
 
 
-@dataclass
-class _Call:
-    """A call that has no answer yet."""
-
-    word: str
-    service: Service
-    words: str
-    answer: Future[Answer] = field(default_factory=Future)
-    began_s: float = field(default_factory=time.monotonic)
-    asked_s: float = 0.0
-    times: int = 0
-
-
 class Caller:
     """
     Calls the services of `SERVICES` by their words. A call never waits for another.
@@ -83,12 +68,13 @@ class Caller:
         answer_s: float = 10.0,
     ) -> None:
         self._found_s, self._answer_s = found_s, answer_s
+        self._aside = Aside(node, failed, 'caller')
+        self._node = self._aside.node
+        self._calls = ThreadPoolExecutor(len(SERVICES))
         self._lock = threading.Lock()
-        self._open: list[_Call] = []
         self._clients: dict[str, Client] = {}
         self._topics: dict[str, Publisher] = {}
-        self._ready_s: dict[str, float] = {}  # when each service was found
-        self._aside = Aside(node, failed, 'caller', _LOOK_S, self._round)
+        self._ready_s: dict[str, float] = {}  # since when each service is known to be there
         for word in words:
             self._client(word)
 
@@ -107,91 +93,68 @@ class Caller:
         -------
         Future of Answer
         """
-        service = SERVICES.get(word)
-        if service is None:
-            refused: Future[Answer] = Future()
-            refused.set_result(Answer(False, f'{word[:40]!r} is no service', False))
-            return refused
-        call = _Call(word, service, spoken(words) if service.words_topic else '')
-        with self._lock:
-            self._open.append(call)
-            if not call.words:
-                self._advance(call)
-        return call.answer
+        return self._calls.submit(self._call, word, spoken(words))
 
     def close(self) -> None:
         """Take no more calls."""
+        self._calls.shutdown(wait=False, cancel_futures=True)
         self._aside.close()
 
     def _client(self, word: str) -> Client:
-        if word not in self._clients:
-            service = SERVICES[word]
-            kind = SetBool if service.switch else Trigger
-            self._clients[word] = self._aside.node.create_client(kind, service.name)
-        return self._clients[word]
-
-    def _topic(self, call: _Call) -> Publisher:
-        """Return the publisher of the words that go with a call."""
-        name = call.service.words_topic
-        if name not in self._topics:
-            self._topics[name] = self._aside.node.create_publisher(String, name, stream(10))
-        return self._topics[name]
-
-    def _round(self) -> None:
-        """Go on with every call, and forget those that were answered."""
+        service = SERVICES[word]
         with self._lock:
-            self._open = [call for call in self._open if not call.answer.done()]
-            for call in self._open:
-                self._advance(call)
+            if word not in self._clients:
+                kind = SetBool if service.switch else Trigger
+                self._clients[word] = self._node.create_client(kind, service.name)
+            return self._clients[word]
 
-    def _advance(self, call: _Call) -> None:
-        """Ask where the service is there, again where that does no harm, or give the call up."""
-        now_s, service = time.monotonic(), call.service
-        if not call.times:
-            if self._introduced(call, now_s):
-                self._ask(call, now_s)
-            elif now_s - call.began_s > self._found_s:
-                self._end(call, Answer(False, self._nobody(service), False))
-        elif now_s - call.began_s > self._found_s + self._answer_s:
-            said = f'{service.node} has not answered for {self._answer_s:.0f} s'
-            self._end(call, Answer(False, said, False))
-        elif service.repeatable and call.times < _MOST and now_s - call.asked_s > _AGAIN_S:
-            self._ask(call, now_s)
+    def _topic(self, service: Service) -> Publisher | None:
+        """Return the publisher of the words that go with a service; None where it takes none."""
+        name = service.words_topic
+        with self._lock:
+            if name and name not in self._topics:
+                self._topics[name] = self._node.create_publisher(String, name, stream(10))
+            return self._topics.get(name)
 
-    def _introduced(self, call: _Call, now_s: float) -> bool:
-        """Return True if the service, and who takes the words, are there."""
-        if not self._client(call.word).service_is_ready():
-            self._ready_s.pop(call.word, None)
-            return False
-        since_s = self._ready_s.setdefault(call.word, now_s)
-        if call.words and not self._topic(call).get_subscription_count():
-            return False
-        return call.service.repeatable or now_s - since_s >= INTRODUCED_S
-
-    def _ask(self, call: _Call, now_s: float) -> None:
-        """Send the words and the request."""
-        if call.words:
-            topic = self._topic(call)
-            topic.publish(String(data=call.words))
+    def _call(self, word: str, words: str) -> Answer:
+        service = SERVICES.get(word)
+        if service is None:
+            return Answer(False, f'{word[:40]!r} is no service', False)
+        client, topic = self._client(word), self._topic(service) if words else None
+        gives_up_s = time.monotonic() + self._found_s
+        while not (client.service_is_ready() and (not topic or topic.get_subscription_count())):
+            self._ready_s.pop(word, None)
+            if time.monotonic() > gives_up_s:
+                return Answer(False, self._nobody(service), False)
+            time.sleep(_LOOK_S)
+        since_s = self._ready_s.setdefault(word, time.monotonic())
+        if not service.repeatable:
+            time.sleep(max(0.0, since_s + INTRODUCED_S - time.monotonic()))
+        if topic:
+            topic.publish(String(data=words))
             topic.wait_for_all_acked(Duration(seconds=1.0))  # the words come first
-        call.times, call.asked_s = call.times + 1, now_s
-        switch = call.service.switch
-        request = SetBool.Request(data=switch == 'on') if switch else Trigger.Request()
-        asked = self._client(call.word).call_async(request)
-        asked.add_done_callback(partial(self._answered, call))
+        request = SetBool.Request(data=service.switch == 'on') if service.switch else None
+        answered: Future[Answer] = Future()
 
-    def _answered(self, call: _Call, reply: Any) -> None:
-        self._end(call, Answer(reply.result().success, reply.result().message))
+        def answer(reply: object) -> None:
+            """Take the first answer; that of an earlier request may come after a later one."""
+            said = reply.result()  # type: ignore[attr-defined]
+            if not answered.done():
+                answered.set_result(Answer(said.success, said.message))
 
-    @staticmethod
-    def _end(call: _Call, answer: Answer) -> None:
-        """Hand over the first answer; that of an earlier request may come after a later one."""
-        if not call.answer.done():
-            call.answer.set_result(answer)
+        gives_up_s = time.monotonic() + self._answer_s
+        for left in reversed(range(_MOST if service.repeatable else 1)):
+            client.call_async(request or Trigger.Request()).add_done_callback(answer)
+            patience_s = gives_up_s - time.monotonic()
+            wait([answered], min(_AGAIN_S, patience_s) if left else patience_s)
+            if answered.done():
+                return answered.result()
+        said = f'{service.node} has not answered for {self._answer_s:.0f} s'
+        return Answer(False, said, False)
 
     def _nobody(self, service: Service) -> str:
         """Say that nobody offers a service, and where else it is offered."""
-        node = self._aside.node
+        node = self._node
         full, end = node.resolve_service_name(service.name), f'/{service.name}'
         names = sorted({name for name, _ in node.get_service_names_and_types()} - {full})
         others = [n.removesuffix(end).strip('/') for n in names if n.endswith(end)]

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 
 from hunt_ros.nodes.support.conversions import joint_writer
@@ -26,8 +25,7 @@ _LOOK_S = 0.2
 _SLOW_NS = 50_000_000
 
 
-@dataclass(frozen=True)
-class EstimateTopic:
+class EstimateTopic(NamedTuple):
     """
     One topic: a JointState that has the value in `position`.
 
@@ -124,15 +122,6 @@ def topics_table() -> str:
     return '\n'.join(lines)
 
 
-@dataclass(frozen=True)
-class _Output:
-    """A topic that is published, and the bytes of its message."""
-
-    topic: EstimateTopic
-    publisher: Publisher
-    written: Callable[..., bytes]
-
-
 class EstimatePublishers:
     """
     Publishes rows of estimates on the topics of `ESTIMATES`, where somebody listens.
@@ -158,14 +147,14 @@ class EstimatePublishers:
     def __init__(self, node: Node, rate_hz: float, frame: str) -> None:
         qos = stream(int(rate_hz))
         self._outputs = [
-            _Output(
+            (
                 topic,
                 node.create_publisher(JointState, topic.name, qos),
                 joint_writer(topic.joints, frame, topic.rate, topic.std),
             )
             for topic in ESTIMATES
         ]
-        self._heard: list[_Output] = []
+        self._heard = self._outputs[:0]
         self._look_at = 0.0
         self._slot = -1
         self.beside = {'critical_speed': np.nan, 'critical_speed_std': np.nan}
@@ -175,21 +164,18 @@ class EstimatePublishers:
         now = time.monotonic()
         if now >= self._look_at:
             self._look_at = now + _LOOK_S
-            self._heard = [out for out in self._outputs if out.publisher.get_subscription_count()]
+            self._heard = [each for each in self._outputs if each[1].get_subscription_count()]
         slots = rows['stamp_ns'] // _SLOW_NS
         slow = rows[np.diff(slots, prepend=self._slot) != 0]
         self._slot = slots[-1]
-        for out in self._heard:
-            self._write(out, rows if out.topic.fast else slow)
-
-    def _write(self, out: _Output, rows: np.ndarray) -> None:
-        values = [self._values(rows, column) for column in out.topic.columns]
-        for stamp_ns, *numbers in zip(rows['stamp_ns'].tolist(), *values, strict=True):
-            out.publisher.publish(out.written(stamp_ns, *numbers))
+        for topic, publisher, written in self._heard:
+            chosen = rows if topic.fast else slow
+            values = [self._values(chosen, column) for column in topic.columns]
+            for stamp_ns, *numbers in zip(chosen['stamp_ns'].tolist(), *values, strict=True):
+                publisher.publish(written(stamp_ns, *numbers))
 
     def _values(self, rows: np.ndarray, column: str) -> list[float]:
-        if column in _MADE:
-            return _MADE[column](rows).tolist()
         if column in self.beside:
             return [self.beside[column]] * len(rows)
-        return rows[column].tolist()
+        values = _MADE[column](rows) if column in _MADE else rows[column]
+        return values.tolist()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
@@ -17,8 +18,7 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from hunt_ros.dynamics.identified import PARAMETERS, SCALES, IdentifiedNormalForm
-from hunt_ros.dynamics.mode_shape import KEYS as MODE_SHAPE
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.errors import ConfigError
 from hunt_ros.rig import PARAMETERS as RIG
@@ -32,7 +32,7 @@ _ARRAYS = {
     'tuple[float, ...]': Parameter.Type.DOUBLE_ARRAY,
     'tuple[int, ...]': Parameter.Type.INTEGER_ARRAY,
 }
-_FIXED = 'set at the start only'
+_FIXED, _FORM = 'set at the start only', 'normal_form.'
 #: Gets the settings by their class as they would be, those that do not change among them.
 Check = Callable[[Mapping[type, Any]], None]
 
@@ -85,10 +85,10 @@ def declare(
         values[item.name] = item.default if value is None else _frozen(value)
     config = kind(**values)
     if follow is not None:
-        if node not in _CHANGES:
-            _CHANGES[node] = _Changes()
-            node.add_on_set_parameters_callback(_CHANGES[node].take)
-        _CHANGES[node].groups.append(_Group(config, follow, check))
+        if node not in _FOLLOWED:
+            _FOLLOWED[node] = []
+            node.add_on_set_parameters_callback(partial(_take, _FOLLOWED[node]))
+        _FOLLOWED[node].append(_Group(config, follow, check))
     return config
 
 
@@ -101,41 +101,34 @@ class _Group:
     check: Check | None
 
     def renewed(self, parameters: Sequence[Parameter]) -> Any:
-        """Return the settings with new values; None where none of them is meant."""
+        """Return the settings with new values; the same where none of them is meant."""
         names = {item.name for item in fields(self.config)}
         changes = {p.name: _frozen(p.value) for p in parameters if p.name in names}
-        return replace(self.config, **changes) if changes else None
+        return replace(self.config, **changes) if changes else self.config
 
 
-class _Changes:
-    """Takes new values of a node's parameters: all are checked before one takes effect."""
-
-    def __init__(self) -> None:
-        self.groups: list[_Group] = []
-
-    def take(self, parameters: Sequence[Parameter]) -> SetParametersResult:
-        """Refuse with the reason, or put into force; rclpy asks nobody after this."""
-        try:
-            renewed = [(group, group.renewed(parameters)) for group in self.groups]
-            changed = [(group, config) for group, config in renewed if config is not None]
-            configs = {type(g.config): config or g.config for g, config in renewed}
-            for check in {group.check for group, _ in changed if group.check is not None}:
-                check(configs)
-        except ConfigError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        for group, config in changed:
-            group.config = config
-            group.follow(config)
-        return SetParametersResult(successful=True)
+_FOLLOWED: WeakKeyDictionary[Node, list[_Group]] = WeakKeyDictionary()
 
 
-_CHANGES: WeakKeyDictionary[Node, _Changes] = WeakKeyDictionary()
+def _take(groups: Sequence[_Group], parameters: Sequence[Parameter]) -> SetParametersResult:
+    """Refuse new values with the reason, or put all into force; rclpy asks nobody after this."""
+    try:
+        configs = [group.renewed(parameters) for group in groups]
+        changed = [(g, new) for g, new in zip(groups, configs, strict=True) if new is not g.config]
+        for check in {group.check for group, _ in changed if group.check is not None}:
+            check({type(config): config for config in configs})
+    except ConfigError as error:
+        return SetParametersResult(successful=False, reason=str(error))
+    for group, config in changed:
+        group.config = config
+        group.follow(config)
+    return SetParametersResult(successful=True)
 
 
 def warn_unknown(node: Node, also: Sequence[str] = ()) -> None:
     """Name every parameter that was given to the node but means nothing to it."""
     for name in sorted(node._parameter_overrides):  # rclpy has no public list of them
-        foreign = name.startswith(('qos_overrides.', 'normal_form.', *also))
+        foreign = name.startswith(('qos_overrides.', _FORM, *also))
         # The rig is described to all nodes, and each takes what it needs.
         if not node.has_parameter(name) and not foreign and name not in RIG:
             node.get_logger().warning(f'unknown parameter {name!r} is ignored')
@@ -195,7 +188,7 @@ def _descriptor(item: Field[Any], live: bool) -> ParameterDescriptor:
 
 def declare_normal_form(node: Node, rig_name: str = '') -> IdentifiedNormalForm | None:
     """
-    Declare the parameters `normal_form.*`, and read the normal form given in them.
+    Declare the parameters `normal_form.*` that were given, and read the normal form in them.
 
     Parameters
     ----------
@@ -214,22 +207,18 @@ def declare_normal_form(node: Node, rig_name: str = '') -> IdentifiedNormalForm 
     ConfigError
         Naming the value that is missing or impossible, or the other rig.
     """
-    given: dict[str, Any] = {}
-    kinds = dict.fromkeys((*PARAMETERS, *SCALES), Parameter.Type.DOUBLE)
-    kinds |= dict.fromkeys(('covariance', 'draws'), Parameter.Type.DOUBLE_ARRAY)
-    kinds |= dict.fromkeys(MODE_SHAPE, Parameter.Type.DOUBLE_ARRAY)
-    kinds |= {'provenance': Parameter.Type.STRING_ARRAY, 'rig_name': Parameter.Type.STRING}
-    for name, kind in kinds.items():
-        full = f'normal_form.{name}'
-        descriptor = ParameterDescriptor(
-            description=f'Identified normal form: {name}.',
-            additional_constraints=f'{_FIXED}; then by the topic hunting/normal_form',
-            read_only=True,
-        )
-        node.declare_parameter(full, kind, descriptor)
-        value = node.get_parameter_or(full).value
-        if value is not None:
-            given[name] = _frozen(value)
+    given = {}
+    fixed = f'{_FIXED}; then by the topic hunting/normal_form'
+    for full, override in node._parameter_overrides.items():  # rclpy has no public list of them
+        if full.startswith(_FORM):
+            name = full.removeprefix(_FORM)
+            descriptor = ParameterDescriptor(
+                description=f'Identified normal form: {name}.',
+                additional_constraints=fixed,
+                read_only=True,
+            )
+            node.declare_parameter(full, override.value, descriptor)
+            given[name] = _frozen(override.value)
     if 'v_c' not in given:
         return None
     form = IdentifiedNormalForm.from_parameters(given, 'parameters normal_form')
