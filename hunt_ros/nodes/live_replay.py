@@ -33,7 +33,7 @@ from hunt_ros.settings import Settings, setting
 from hunt_ros.suite import PAGE
 
 _CLOCK_S = 0.01
-_DISCOVERY_S = 2.0
+_LOOK_S, _DISCOVERY_ROUNDS = 0.1, 20
 _LISTENERS_S = 20.0
 #: They show and keep what is there, and judge nothing: a replay does not begin for them.
 _ONLOOKERS = (PAGE, 'bag_recorder')
@@ -63,25 +63,35 @@ class LiveReplayNode(SuiteNode):
 
     def __init__(self) -> None:
         super().__init__('live_replay')
-        self._config = declare(self, ReplayConfig, self._set_rate)
+        self._config = config = declare(self, ReplayConfig, self._set_rate)
         warn_unknown(self)
-        if not self._config.bag:
+        if not config.bag:
             raise ConfigError('live_replay: the parameter bag names no recording')
-        self._read()
-        end = None if math.isinf(self._config.to_s) else self._config.to_s
+        record = read_record(config.bag, [ChannelSource.parse(word) for word in config.channels])
+        self._names = names = [name for name in CHANNELS if name in record]
+        if not set(DISPLACEMENTS) & set(names):
+            raise BagError(f'{config.bag}: neither {" nor ".join(DISPLACEMENTS)} in it')
+        # The measurements in one order, that of their stamps.
+        stamps = np.concatenate([record[name].stamps_ns for name in names])
+        values = np.concatenate([record[name].values for name in names])
+        which = np.concatenate([np.full(len(record[n]), k) for k, n in enumerate(names)])
+        order = np.argsort(stamps, kind='stable')
+        self._stamps, self._values = stamps[order].tolist(), values[order].tolist()
+        self._which = which[order].tolist()
         self._schedule = ReplaySchedule(
             self._stamps,
-            rate=self._config.rate,
-            from_s=self._config.from_s,
-            to_s=end,
-            loop=self._config.loop,
+            rate=config.rate,
+            from_s=config.from_s,
+            to_s=None if math.isinf(config.to_s) else config.to_s,
+            loop=config.loop,
         )
-        self._refuse_company()
+        for _ in range(_DISCOVERY_ROUNDS):
+            time.sleep(_LOOK_S)
+            if company := self._company(ours=0):
+                raise ConfigError(company)
         self._clock_publisher = self.create_publisher(Clock, '/clock', stream(100))
-        self._outputs = [self._output(name) for name in self._names]
+        self._outputs = [self._output(name) for name in names]
         self._lock = threading.Lock()
-        self.finished = False
-        self.failed = ''
         self._heard = False
         offer(self, 'replay/pause', self._pause)
         offer(self, 'replay/resume', self._resume)
@@ -92,29 +102,6 @@ class LiveReplayNode(SuiteNode):
         """Stop playing."""
         self._worker.stop()
 
-    def _read(self) -> None:
-        """Read the measurements and put them into one order, that of their stamps."""
-        sources = [ChannelSource.parse(word) for word in self._config.channels]
-        record = read_record(self._config.bag, sources)
-        self._names = [name for name in CHANNELS if name in record]
-        if not set(DISPLACEMENTS) & set(self._names):
-            raise BagError(f'{self._config.bag}: neither {" nor ".join(DISPLACEMENTS)} in it')
-        stamps = np.concatenate([record[name].stamps_ns for name in self._names])
-        values = np.concatenate([record[name].values for name in self._names])
-        which = np.concatenate([np.full(len(record[n]), k) for k, n in enumerate(self._names)])
-        order = np.argsort(stamps, kind='stable')
-        self._stamps, self._values = stamps[order], values[order].tolist()
-        self._which = which[order].tolist()
-
-    def _refuse_company(self) -> None:
-        """Fail where another publisher exists of what is about to be published."""
-        deadline = time.monotonic() + _DISCOVERY_S
-        while time.monotonic() < deadline:
-            time.sleep(0.1)
-            company = self._company(ours=0)
-            if company:
-                raise ConfigError(company)
-
     def _company(self, ours: int) -> str:
         """
         Return one line on another publisher of these topics; empty where there is none.
@@ -122,8 +109,7 @@ class LiveReplayNode(SuiteNode):
         Publishers are counted, not told apart by the names of their nodes: another replay
         has the same name. `ours` is how many of each are our own.
         """
-        topics = [self.resolve_topic_name(name) for name in self._names] + ['/clock']
-        for topic in topics:
+        for topic in (*map(self.resolve_topic_name, self._names), '/clock'):
             if self.count_publishers(topic) > ours:
                 return f'{topic} is published by another node: a recording must not mix with a rig'
         return ''
@@ -145,20 +131,16 @@ class LiveReplayNode(SuiteNode):
     def _work(self, stopping: threading.Event) -> None:
         """Wait for listeners, then publish each message when it is due."""
         deadline = time.monotonic() + _LISTENERS_S
-        while not (self._somebody_listens() or stopping.is_set()):
+        while not (self._somebody_listens() or stopping.wait(_LOOK_S)):
             if time.monotonic() > deadline:
                 self.get_logger().warning('nobody listens; playing all the same')
                 break
-            time.sleep(0.1)
         self._heard = True
         self._diagnostics.publish()  # who shows the first sample knows that it is a replay
-        self._clock_publisher.publish(Clock(clock=to_time(max(0, int(self._stamps[0]) - 1))))
+        self._say_time(max(0, self._stamps[0] - 1))
         time.sleep(0.5)  # clocks of the listeners take the first time before the first sample
-        with self._lock:
-            self._schedule.play(time.monotonic_ns())
-        stamps = self._stamps.tolist()
-        checked_ns = 0
-        looked_ns = time.monotonic_ns()
+        self._resume()
+        checked_ns = looked_ns = time.monotonic_ns()
         while not stopping.is_set() and not self._schedule.finished:
             now_ns = time.monotonic_ns()
             if now_ns - looked_ns > _PAUSE_NS and self._schedule.playing:
@@ -176,12 +158,14 @@ class LiveReplayNode(SuiteNode):
                 reached_ns = self._schedule.time_ns(now_ns)
                 wait_ns = self._schedule.wait_ns(now_ns)
             for i in due:
-                self._outputs[self._which[i]](stamps[i], self._values[i])
-            self._clock_publisher.publish(Clock(clock=to_time(reached_ns)))
+                self._outputs[self._which[i]](self._stamps[i], self._values[i])
+            self._say_time(reached_ns)
             pause_s = _CLOCK_S if wait_ns is None else min(_CLOCK_S, wait_ns / NANOSECONDS)
             time.sleep(max(1e-3, pause_s))
-        self.finished = True
         self.get_logger().info('the recording has been played')
+
+    def _say_time(self, stamp_ns: int) -> None:
+        self._clock_publisher.publish(Clock(clock=to_time(stamp_ns)))
 
     def _pause(self) -> str:
         with self._lock:
@@ -198,20 +182,19 @@ class LiveReplayNode(SuiteNode):
             self._schedule.set_rate(time.monotonic_ns(), config.rate)
 
     def _health(self) -> Health:
+        with self._lock:
+            playing, rate = self._schedule.playing, self._schedule.rate
+            finished = self._schedule.finished
+            at_s = (self._schedule.time_ns(time.monotonic_ns()) - self._stamps[0]) / NANOSECONDS
         values: dict[str, object] = {
             'bag': Path(self._config.bag).name,
-            'length_s': float(self._stamps[-1] - self._stamps[0]) / NANOSECONDS,
-            'finished': self.finished,
+            'length_s': (self._stamps[-1] - self._stamps[0]) / NANOSECONDS,
+            'finished': finished,
         }
-        if self.finished:
+        if finished:
             return 'OK', 'finished', values | {'position_s': values['length_s']}
         if not self._heard:
             return 'OK', 'waiting for a listener', values | {'listening': False}
-        with self._lock:
-            playing, rate = self._schedule.playing, self._schedule.rate
-            at_s = (
-                self._schedule.time_ns(time.monotonic_ns()) - int(self._stamps[0])
-            ) / NANOSECONDS
         text = f'at {at_s:.1f} s' if playing else f'paused at {at_s:.1f} s'
         return 'OK', text, values | {'position_s': at_s, 'playing': playing, 'rate': rate}
 

@@ -18,7 +18,6 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from queue import Empty, SimpleQueue
 
 from std_msgs.msg import String
 
@@ -36,7 +35,7 @@ from hunt_ros.rig import Rig, of_rig
 from hunt_ros.samples import counted
 from hunt_ros.settings import Settings, setting
 
-_TASK = 'identification'
+_TASK, _LOOK_S = 'identification', 0.5
 
 
 @dataclass(frozen=True)
@@ -88,7 +87,7 @@ class NormalFormIdentifierNode(SuiteNode):
         self._failure = ''  # of the last identification
         self._reverts = 0
         self._lock = threading.Lock()
-        self._orders: SimpleQueue[None] = SimpleQueue()
+        self._ordered = threading.Event()
         self._state = ('OK', 'no recording yet')
         self._forms = 0
         self._publisher = self.create_publisher(String, 'hunting/normal_form', latched())
@@ -131,13 +130,13 @@ class NormalFormIdentifierNode(SuiteNode):
             self._seen.append(path)
             self._waiting.append(path)
         if self._config.on_close:
-            self._orders.put(None)
+            self._ordered.set()
 
     def _on_identify(self) -> str:
         """Begin an identification; no success where there is nothing, or the last one failed."""
         if not self._seen:
             raise HuntError('no recording was closed yet')
-        self._orders.put(None)
+        self._ordered.set()
         said = f'identifying from {counted(self._recordings, "recording")}'
         if self._failure:
             raise HuntError(f'{said}; the last identification failed: {self._failure}')
@@ -165,10 +164,9 @@ class NormalFormIdentifierNode(SuiteNode):
     def _work(self, stopping: threading.Event) -> None:
         """Identify whenever it is ordered (in the worker's thread)."""
         while not stopping.is_set():
-            try:
-                self._orders.get(timeout=0.5)
-            except Empty:
+            if not self._ordered.wait(_LOOK_S):
                 continue
+            self._ordered.clear()
             try:
                 self._identify(stopping)
             except HuntError as error:

@@ -8,16 +8,13 @@ own, so that it is as any other driver: one thread opens it, waits in `read`, an
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
@@ -25,11 +22,12 @@ from hunt_ros.bag import ChannelSource
 from hunt_ros.bag.cdr.layout import USUAL_FIELDS, joint_of, parse_path
 from hunt_ros.drivers.base import SensorBlock, SensorDriver
 from hunt_ros.errors import BagError, ConfigError, DriverError, RefusedError
-from hunt_ros.nodes.support.conversions import to_ns
+from hunt_ros.nodes.support.conversions import message_class, to_ns
+from hunt_ros.nodes.support.hearing import waiting
 from hunt_ros.nodes.support.worker import hidden_node
 from hunt_ros.settings import Settings, setting
 
-_LOOK_S = 0.05
+_LOOK_S, _WAIT_S = 0.05, 0.005
 #: Samples that may wait for the thread that reads.
 _DEPTH = 5000
 
@@ -66,40 +64,34 @@ class Sensor(SensorDriver):
 
     def open(self) -> None:
         """Find the topic and listen; raises DriverError where there is none, or no such field."""
-        self._waiting: list[tuple[int, float]] = []
-        self._problem = ''
         self._context = rclpy.Context()
         rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self._node = hidden_node(f'_{self.channel}_source', context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
         kind_name = self._find_type()
-        package, _, name = kind_name.partition('/msg/')
-        try:
-            kind = getattr(import_module(f'{package}.msg'), name)
-        except (ImportError, AttributeError) as error:
-            raise RefusedError(f'{self}: its type {kind_name} is not installed here') from error
+        if (kind := message_class(kind_name)) is None:
+            raise RefusedError(f'{self}: its type {kind_name} is not installed here')
         self._value = _reader(self._source, kind_name)
         # A best-effort subscription hears publishers of either kind.
         profile = QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
-        take: Any = self._take  # with what the middleware says of a message, as rclpy allows
-        self._node.create_subscription(kind, self._source.topic, take, profile)
+        self._heard = self._node.create_subscription(kind, self._source.topic, print, profile)
 
     def read(self, timeout_s: float) -> SensorBlock:
         """Wait for messages; raises DriverError where they have not the field."""
         if self._context is None:
             raise DriverError(f'{self}: not open')
-        self._executor.spin_once(timeout_sec=timeout_s)
-        while True:  # what else is there
-            count = len(self._waiting)
-            self._executor.spin_once(timeout_sec=0.0)
-            if len(self._waiting) == count or count > _DEPTH:
-                break
-        if self._problem:
-            raise DriverError(f'{self}: {self._problem}')
-        waiting, self._waiting = self._waiting, []
-        stamps = np.array([stamp for stamp, _ in waiting], dtype=np.int64)
-        values = np.array([value for _, value in waiting])
+        deadline_s = time.monotonic() + timeout_s
+        while not (taken := list(waiting(self._heard))) and time.monotonic() < deadline_s:
+            time.sleep(_WAIT_S)
+        stamps = np.zeros(len(taken), dtype=np.int64)
+        values = np.zeros(len(taken))
+        for number, (message, info) in enumerate(taken):
+            try:
+                values[number] = float(self._value(message))
+            except (AttributeError, LookupError, TypeError, ValueError) as error:
+                raise DriverError(f'{self}: {type(message).__name__}: {error}') from error
+            header = getattr(message, 'header', None)
+            stamp_ns = to_ns(header.stamp) if header is not None else 0
+            stamps[number] = stamp_ns or info['source_timestamp']
         return SensorBlock(stamps, values * self._source.scale + self._source.offset)
 
     def close(self) -> None:
@@ -119,49 +111,27 @@ class Sensor(SensorDriver):
             time.sleep(_LOOK_S)
         raise DriverError(f'{self}: nobody publishes {topic}')
 
-    def _take(self, message: Any, info: dict[str, int]) -> None:
-        try:
-            value = float(self._value(message))
-        except (AttributeError, IndexError, LookupError, TypeError, ValueError) as error:
-            self._problem = f'{type(message).__name__}: {error}'
-            return
-        header = getattr(message, 'header', None)
-        stamp_ns = to_ns(header.stamp) if header is not None else 0
-        self._waiting.append((stamp_ns or info['source_timestamp'], value))
-
     def __str__(self) -> str:
         return f'topic {self._source.source}'
 
 
 def _reader(source: ChannelSource, kind_name: str) -> Callable[[Any], float]:
-    """Return what takes the number out of a message."""
+    """Return what takes the number out of a message; without a field, the usual one."""
     text = source.field or USUAL_FIELDS.get(kind_name, '')
-    joint = joint_of(text)
-    if joint is None and not source.field and kind_name == 'sensor_msgs/msg/JointState':
-        joint = ('position', source.channel)
-    if joint is not None:
-        field, name = joint
-
-        def of_joint(message: Any) -> float:
-            """Return the number of the joint; a single one without a name counts as it."""
-            if name in message.name:
-                return getattr(message, field)[message.name.index(name)]
-            if not source.field and len(message.position) == 1:
-                return message.position[0]
-            raise LookupError(f'no joint {name!r}, it has {", ".join(message.name)}')
-
-        return of_joint
     if not text:
         raise RefusedError(
             f'topic {source.source}: {kind_name} has no usual field, expected /topic.field'
         )
+    if (joint := joint_of(text)) is not None:
+        field, name = joint
+        return lambda message: getattr(message, field)[list(message.name).index(name)]
+
     steps = parse_path(text)
 
     def of_field(message: Any) -> float:
         """Follow the path of the field."""
-        value = message
         for step in steps:
-            value = getattr(value, step) if isinstance(step, str) else value[step]
-        return math.nan if value is None else value
+            message = getattr(message, step) if isinstance(step, str) else message[step]
+        return message
 
     return of_field

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 
 from hunt_ros.criteria import Verdict
 from hunt_ros.detection.companions import CompanionConfig, Companions
@@ -75,28 +75,20 @@ class CompanionWorker:
 
     def _work(self, stopping: threading.Event) -> None:
         while not stopping.wait(_ROUND_S):
+            motions: list[Motion] = []
             try:
-                self._round()
+                for _ in range(self._queue.qsize()):
+                    if (motion := self._queue.get()) is not None:
+                        motions.append(motion)
+                        continue
+                    self._take(motions)
+                    motions = []
+                    self._companions.reset()
+                    self._diagnostics.done(_TASK)
+                self._take(motions)
             except Exception as error:  # any: numbers of a rig that nobody has seen
                 self._diagnostics.failed(_TASK, error)
                 self._companions.reset()
-
-    def _round(self) -> None:
-        """Work on what has come."""
-        motions: list[Motion] = []
-        while True:
-            try:
-                motion = self._queue.get_nowait()
-            except Empty:
-                break
-            if motion is None:
-                self._take(motions)
-                motions.clear()
-                self._companions.reset()
-                self._diagnostics.done(_TASK)
-            else:
-                motions.append(motion)
-        self._take(motions)
 
     def _take(self, motions: Sequence[Motion]) -> None:
         if motions:
