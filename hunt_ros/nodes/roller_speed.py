@@ -33,7 +33,6 @@ from hunt_ros.dynamics.profile import Motion, Profile
 from hunt_ros.dynamics.profile.run import SET_POINT_S
 from hunt_ros.errors import ConfigError, DriverError
 from hunt_ros.nodes.support.conversions import (
-    ChannelReader,
     diagnostic,
     joint_writer,
     read_diagnostic,
@@ -42,9 +41,9 @@ from hunt_ros.nodes.support.conversions import (
 )
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, NewSince, log, steady_clock
 from hunt_ros.nodes.support.driver_node import DriverNode
-from hunt_ros.nodes.support.hearing import CallWords, waiting
+from hunt_ros.nodes.support.hearing import CallWords, Channels
 from hunt_ros.nodes.support.parameters import declare, warn_unknown
-from hunt_ros.nodes.support.qos import EVENTS, MEASUREMENTS, OVERRIDABLE, STATUS, latched, stream
+from hunt_ros.nodes.support.qos import EVENTS, MEASUREMENTS, STATUS, latched, stream
 from hunt_ros.nodes.support.set_points import SetPoints
 from hunt_ros.nodes.support.worker import Newest, Worker, answer_aside, offer
 from hunt_ros.rig import of_rig
@@ -146,14 +145,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         self._status = self.create_publisher(DiagnosticArray, 'speed/status', latched())
         self._events = self.create_publisher(DiagnosticArray, 'hunting/events', EVENTS)
         self.create_subscription(DiagnosticArray, 'hunting/status', self._on_detector, STATUS)
-        self._lateral_reader = ChannelReader('lateral')
-        self._lateral = self.create_polled_subscription(
-            JointState,
-            'lateral',
-            stream(MEASUREMENTS),
-            raw=True,
-            qos_overriding_options=OVERRIDABLE,
-        )
+        self._lateral = Channels(self, ['lateral'])
         shelve_words = CallWords(self, SERVICES['shelve-alarm'].words_topic)
         for name, action in (
             ('rearm', self._rearm),
@@ -308,9 +300,9 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
     def _watch(self) -> None:
         """Have the interlock judge, and slow the roller down at once where it trips."""
         self._decided_s = now_s = time.monotonic()
-        samples = [self._lateral_reader.read(wire) for wire, _ in waiting(self._lateral)]
-        if samples:
-            self._guard.displacement.take(now_s, [each for each in samples if each is not None])
+        for _, stamps_ns, values in self._lateral.take():
+            samples = list(zip(stamps_ns.tolist(), values.tolist(), strict=True))
+            self._guard.displacement.take(now_s, samples)
         active = self._active.is_set()
         if text := self._guard.unsaved(running=active):
             self._to_keep.post(text)
@@ -512,17 +504,11 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
             'interlock': self._guard.interlock.state,
         }
         level, text = self._present()
-        if level != 'OK' or not self._active.is_set():
-            return level, text, values
-        if refused:
-            return 'WARN', f'{refused} set points were refused', values
-        if not fresh:
-            return (
-                'STALE' if self._published else Awaited('STALE'),
-                'the drive sends nothing',
-                values,
-            )
-        return 'OK', f'{self._guard.readings.speed_mps:.2f} m/s', values
+        if level == 'OK' and refused:
+            level, text = 'WARN', f'{refused} set points were refused'
+        elif level == 'OK' and self._active.is_set():
+            text = f'{self._guard.readings.speed_mps:.2f} m/s'
+        return level, text, values
 
 
 def _done(refusal: str) -> str:
