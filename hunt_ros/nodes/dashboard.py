@@ -84,16 +84,32 @@ class DashboardNode(SuiteNode):
         self._model = PageModel(settings, form, self.get_namespace())
         self._diagnostics = Diagnostics(self, self._health)
         self._inbox = Channels(self, DISPLACEMENTS)
+        model, now = self._model, time.monotonic
         self._heard = [
             (self.create_polled_subscription(kind, topic, qos), take)
             for kind, topic, qos, take in (
-                (DiagnosticArray, 'hunting/status', STATUS, self._on_status),
-                (DiagnosticArray, 'hunting/events', EVENTS, self._on_event),
-                (DiagnosticArray, '/diagnostics', EVENTS, self._on_health),
-                (DiagnosticArray, 'speed/status', latched(), self._on_speed_status),
-                (String, 'hunting/alarms', latched(), self._on_alarms),
-                (String, 'hunting/normal_form', latched(), self._on_form),
-                (String, 'recording/mark', stream(10), self._on_mark),
+                (
+                    DiagnosticArray,
+                    'hunting/status',
+                    STATUS,
+                    lambda at_ns, told: model.take_status(at_ns, told, now()),
+                ),
+                (DiagnosticArray, 'hunting/events', EVENTS, model.take_event),
+                (
+                    DiagnosticArray,
+                    '/diagnostics',
+                    EVENTS,
+                    lambda _, told: model.take_health(told, now()),
+                ),
+                (
+                    DiagnosticArray,
+                    'speed/status',
+                    latched(),
+                    lambda _, told: model.take_speed_status(told, now()),
+                ),
+                (String, 'hunting/alarms', latched(), model.take_alarms),
+                (String, 'hunting/normal_form', latched(), self._take_form),
+                (String, 'recording/mark', stream(10), model.take_mark),
             )
         ]
         self._caller = Caller(self, self._diagnostics.failed)
@@ -113,34 +129,16 @@ class DashboardNode(SuiteNode):
             self._model.take_samples(channel, stamps_ns, values)
         for subscription, take in self._heard:
             for message, _ in waiting(subscription):
-                take(message)
+                if isinstance(message, String):
+                    take(message.data)
+                else:
+                    take(to_ns(message.header.stamp), read_diagnostic(message))
         self._model.take_viewers(len(self._server.site.live.viewers))
         self._server.publish(self._model.view(time.monotonic()))
 
-    def _on_status(self, message: DiagnosticArray) -> None:
-        self._model.take_status(
-            to_ns(message.header.stamp), read_diagnostic(message), time.monotonic()
-        )
-
-    def _on_event(self, message: DiagnosticArray) -> None:
-        self._model.take_event(to_ns(message.header.stamp), read_diagnostic(message))
-
-    def _on_health(self, message: DiagnosticArray) -> None:
-        self._model.take_health(read_diagnostic(message), time.monotonic())
-
-    def _on_speed_status(self, message: DiagnosticArray) -> None:
-        self._model.take_speed_status(read_diagnostic(message), time.monotonic())
-
-    def _on_alarms(self, message: String) -> None:
-        self._model.take_alarms(message.data)
-
-    def _on_form(self, message: String) -> None:
-        problem = self._model.take_form(message.data)
-        if problem:
+    def _take_form(self, text: str) -> None:
+        if problem := self._model.take_form(text):
             self.get_logger().error(problem)
-
-    def _on_mark(self, message: String) -> None:
-        self._model.take_mark(message.data)
 
     def _health(self) -> Health:
         values = {

@@ -38,7 +38,10 @@ class Drive:
         """Work again."""
         self.refusal = ''
         self.absent = self.mute = self.breaks = False
-        self.obeys, self.scale, self.hangs_s = True, 1.0, 0.0
+        self.obeys, self.scale = True, 1.0
+        self.hangs = False  # in a call, until it is released
+        self.released = threading.Event()
+        self.released.set()
 
     def open(self) -> None:
         if self.absent:
@@ -60,7 +63,9 @@ class Drive:
     def set_speed(self, speed_mps: float) -> None:
         if self.refusal or self.absent:
             raise DriverError(self.refusal or 'gone')
-        time.sleep(self.hangs_s)
+        self.hangs = not self.released.is_set()
+        self.released.wait()
+        self.hangs = False
         self.taken_s.append(time.monotonic())
         self.set_points.append(speed_mps)
         if self.obeys:

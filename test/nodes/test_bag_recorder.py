@@ -48,14 +48,20 @@ def start(graph, **parameters: object) -> Path:
     return closed
 
 
-def test_a_node_that_is_still_starting_is_asked_again(graph) -> None:
+def test_a_node_that_is_still_starting_is_asked_again(graph, monkeypatch) -> None:
+    asked: list[None] = []
+    answer_with = graph.node.list_parameters
+    monkeypatch.setattr(
+        graph.node, 'list_parameters', lambda *words: asked.append(None) or answer_with(*words)
+    )
     graph.node.declare_parameter('early', 1)
     graph.node.declare_parameter('empty', Parameter.Type.DOUBLE_ARRAY)
     closed = graph.collect(String, 'recording/closed', LATCHED)
     start(graph)
-    graph.spin(2.0)
+    graph.spin_until(lambda: asked)
     graph.node.declare_parameter('late', 2)
-    graph.spin(5.0)
+    count = len(asked)
+    graph.spin_until(lambda: len(asked) > count + 1)  # so the answers of the one before are there
     answer = graph.call('recording/stop')
     assert answer.success, answer.message
     graph.spin_until(lambda: closed)

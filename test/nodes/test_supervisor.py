@@ -329,8 +329,6 @@ def test_who_presses_twice_is_told_that_the_roller_still_turns(run, graph) -> No
     rig.hunt.send_signal(signal.SIGINT)
     graph.spin_until(lambda: 'on its way to 5.9' in rig.screen)
     graph.spin(1.0)
-    began = time.monotonic()
     assert rig.end(signal.SIGINT) == 1
-    assert time.monotonic() - began < 30.0, 'the whole way down takes longer'
-    assert rig.speed > SAFE + 0.5
+    assert rig.speed > SAFE + 0.5, 'it was not waited for'
     assert 'THE ROLLER RUNS AT 7.' in rig.screen
