@@ -8,10 +8,12 @@ time, once an update; the web server has a thread of its own.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
 from hunt_ros.dashboard.access import access
@@ -85,7 +87,7 @@ class DashboardNode(SuiteNode):
         self._diagnostics = Diagnostics(self, self._health)
         self._inbox = Channels(self, DISPLACEMENTS)
         model, now = self._model, time.monotonic
-        self._heard = [
+        self._heard: list[tuple[Subscription, Callable[..., None]]] = [
             (self.create_polled_subscription(kind, topic, qos), take)
             for kind, topic, qos, take in (
                 (
