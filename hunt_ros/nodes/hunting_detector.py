@@ -8,7 +8,10 @@ and what it says is published. Silence enters through its `tick`, on the node's 
 from __future__ import annotations
 
 import math
+import threading
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from queue import SimpleQueue
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.lifecycle import State, TransitionCallbackReturn
@@ -17,23 +20,28 @@ from std_msgs.msg import String
 from hunt_ros.compiled import load
 from hunt_ros.criteria import Verdict
 from hunt_ros.detection.acceptance import objections
-from hunt_ros.detection.companions import CompanionConfig, criterion_event
+from hunt_ros.detection.companions import CompanionConfig, Companions, criterion_event
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.detector import HuntingDetector
-from hunt_ros.detection.output import EVENT_NUMBERS, Event, Output
+from hunt_ros.detection.output import EVENT_NUMBERS, Event, Motion, Output
 from hunt_ros.detection.regions import Level
 from hunt_ros.detection.words.status import DetectorStatus
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
-from hunt_ros.nodes.support.companion_worker import CompanionWorker
+from hunt_ros.forecast import Forecast
 from hunt_ros.nodes.support.conversions import diagnostic
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, NewSince, log, steady_clock
 from hunt_ros.nodes.support.estimate_publishers import EstimatePublishers
 from hunt_ros.nodes.support.hearing import CallWords, Channels
 from hunt_ros.nodes.support.node import ManagedNode
-from hunt_ros.nodes.support.parameters import declare, declare_normal_form, warn_unknown
+from hunt_ros.nodes.support.parameters import (
+    declare,
+    declare_normal_form,
+    read_wheelset,
+    warn_unknown,
+)
 from hunt_ros.nodes.support.qos import EVENTS, JOURNAL, STATUS, latched
-from hunt_ros.nodes.support.worker import offer
+from hunt_ros.nodes.support.worker import Worker, offer
 from hunt_ros.rig import of_rig
 from hunt_ros.settings import Settings, setting
 from hunt_ros.suite import Awaited
@@ -42,6 +50,9 @@ from hunt_ros.suite import Awaited
 _HAND_OVER_S = 0.02
 _TICK_S = 0.05
 _STATUS_S = 0.05
+#: What has come is worked on this often, s: seldom enough to cost little.
+_ROUND_S = 0.1
+_TASK = 'criteria and forecast'
 
 
 @dataclass(frozen=True)
@@ -51,6 +62,82 @@ class DetectorNodeConfig(Settings):
     frame_id: str = setting('roller_rig', 'frame_id of the messages.', fixed=True)
     autostart: bool = setting(True, 'Configure and activate without being told.', fixed=True)
     rig_name: str = of_rig('rig_name')
+
+
+class CompanionWorker:
+    """
+    Feeds `Companions` from a queue, in a thread of its own: a refit delays no estimate.
+
+    Parameters
+    ----------
+    config : CompanionConfig
+        What to run.
+    detector : DetectorConfig
+        What the detector is told of the rig.
+    tell : callable
+        Gets each `Verdict`, in the worker's thread.
+    diagnostics : Diagnostics
+        Told of an error: what runs beside the detector then begins anew.
+    """
+
+    def __init__(
+        self,
+        config: CompanionConfig,
+        detector: DetectorConfig,
+        tell: Callable[[Verdict], None],
+        diagnostics: Diagnostics,
+    ) -> None:
+        rig = read_wheelset(config.forecast_rig) if config.forecast == 'wheelset' else None
+        self._companions = Companions.of(config, detector, rig)
+        self._tell = tell
+        self._diagnostics = diagnostics
+        self._queue: SimpleQueue[Motion | None] = SimpleQueue()
+        self._worker: Worker | None = None
+        if not self._companions.idle:
+            self._worker = Worker(diagnostics.failed, _TASK, self._work)
+
+    @property
+    def forecast(self) -> Forecast | None:
+        """The latest forecast; None where none is made."""
+        return self._companions.forecast
+
+    def offer(self, output: Output) -> None:
+        """Hand over what the detector has given out; returns at once."""
+        if self._worker is not None:
+            for motion in output.motion:
+                self._queue.put(motion)
+
+    def reset(self) -> None:
+        """Begin anew with the next samples."""
+        if self._worker is not None:
+            self._queue.put(None)
+
+    def close(self) -> None:
+        """Stop working."""
+        if self._worker is not None:
+            self._worker.stop()
+
+    def _work(self, stopping: threading.Event) -> None:
+        while not stopping.wait(_ROUND_S):
+            motions: list[Motion] = []
+            try:
+                for _ in range(self._queue.qsize()):
+                    if (motion := self._queue.get()) is not None:
+                        motions.append(motion)
+                        continue
+                    self._take(motions)
+                    motions = []
+                    self._companions.reset()
+                    self._diagnostics.done(_TASK)
+                self._take(motions)
+            except Exception as error:  # any: numbers of a rig that nobody has seen
+                self._diagnostics.failed(_TASK, error)
+                self._companions.reset()
+
+    def _take(self, motions: Sequence[Motion]) -> None:
+        if motions:
+            for verdict in self._companions.take(Motion.joined(motions)):
+                self._tell(verdict)
 
 
 class HuntingDetectorNode(ManagedNode):

@@ -11,21 +11,23 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
 from hunt_ros.drivers.simulated import Channel
 from hunt_ros.drivers.simulator_server import SimulatorServer
 from hunt_ros.dynamics.simulation import RollerRig, Roughness, SensorModel, SimulationSettings
 from hunt_ros.errors import ConfigError
-from hunt_ros.nodes.support.conversions import to_time
+from hunt_ros.nodes.support.conversions import to_ns, to_time
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health
 from hunt_ros.nodes.support.node import SuiteNode
-from hunt_ros.nodes.support.pace import Pace
 from hunt_ros.nodes.support.parameters import declare, read_wheelset, warn_unknown
-from hunt_ros.nodes.support.qos import stream
+from hunt_ros.nodes.support.qos import STATUS, stream
 from hunt_ros.nodes.support.worker import Worker, offer
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
@@ -39,6 +41,13 @@ _FIRST_STAMP_NS = NANOSECONDS
 _BLOCK_S = 4e-3
 #: After a pause of the machine, at most this much of the rig's time is caught up at once.
 _MOST_BEHIND_S = 0.5
+#: Below the time after which the detector calls a sensor silent where time runs fast: a pause of
+#: the machine is then a longer one of the rig (`hunt demo` sets its `..._timeout_s` to 3 s).
+_LEAD_NS = NANOSECONDS
+#: A detector that makes no headway for so long is dead, s of real time: a busy machine may take a
+#: minute for its turn. Until then time goes on by this share of real time: in that minute by the
+#: 2 s that are left of the 3 s.
+_DEAD_S, _CREEP = 60.0, 1.0 / 30.0
 
 
 @dataclass(frozen=True)
@@ -99,6 +108,57 @@ class SimulatorConfig(Settings):
     start_with_detector: bool = setting(
         False, 'Hold it, where /clock is published, until the detector is heard.', fixed=True
     )
+
+
+class Pace:
+    """
+    Compares simulated time with the newest estimate of the detector, once that is heard.
+
+    A machine that is slow, or has other work, cannot follow a rig at any multiple of real time:
+    samples would be lost between processes, and the run would show silence and faults that no rig
+    had. Simulated time therefore waits for the detector, which is the last of the chain. It never
+    stands still: the detector may wait in its turn for samples that come only as time goes on.
+
+    Before its first estimate the time counts at which it was first heard: samples that come to
+    it by several ways must not be seconds of the rig apart when it begins.
+
+    Parameters
+    ----------
+    node : Node
+        Gets the subscription to `hunting/status`.
+    clock : callable, optional
+        Real time, s.
+
+    Attributes
+    ----------
+    heard : bool
+        True once the detector has said anything.
+    """
+
+    def __init__(self, node: Node, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self.heard = False
+        self._judged_ns = 0
+        self._progress_s = clock()
+        self._subscription = node.create_subscription(
+            DiagnosticArray, 'hunting/status', self._on_status, STATUS
+        )
+
+    def must_wait(self, now_ns: int) -> bool:
+        """Return True if simulated time `now_ns` is as far ahead as it may be."""
+        if not self.heard:
+            return False
+        if not self._judged_ns:
+            self._judged_ns, self._progress_s = now_ns, self._clock()
+        waited_s = self._clock() - self._progress_s
+        ahead_ns = _LEAD_NS + _CREEP * waited_s * NANOSECONDS
+        return waited_s < _DEAD_S and now_ns - self._judged_ns >= ahead_ns
+
+    def _on_status(self, message: DiagnosticArray) -> None:
+        self.heard = True
+        judged_ns = to_ns(message.header.stamp)
+        if judged_ns and judged_ns != self._judged_ns:
+            self._judged_ns, self._progress_s = judged_ns, self._clock()
 
 
 class RigSimulatorNode(SuiteNode):

@@ -32,30 +32,12 @@ _DELIVERY_S = 0.4
 
 
 def cheapest_executor(context: Context | None = None) -> Executor:
-    """Return the executor that costs least."""
-    return (_events_executor() or SingleThreadedExecutor)(context=context)
-
-
-def lacking() -> str:
-    """Return in one line what the nodes miss in this ROS, as in Humble; '' for nothing."""
-    distribution = os.environ.get('ROS_DISTRO', 'as installed')
-    lacks = []
-    if _events_executor() is None:
-        lacks.append('no EventsExecutor: the nodes take more CPU')
-    if distribution == 'humble' and os.environ.get('ROS_LOCALHOST_ONLY') != '1':
-        lacks.append(
-            'ROS_AUTOMATIC_DISCOVERY_RANGE has no effect:'
-            ' ROS_LOCALHOST_ONLY=1 keeps the nodes on this host'
-        )
-    return f'ROS 2 {distribution}: {"; ".join(lacks)}' if lacks else ''
-
-
-def _events_executor() -> Callable[..., Executor] | None:
+    """Return the executor that costs least in this ROS: Humble has no EventsExecutor."""
     try:
         from rclpy.experimental import EventsExecutor
     except ImportError:
-        return None
-    return EventsExecutor
+        return SingleThreadedExecutor(context=context)
+    return EventsExecutor(context=context)
 
 
 def run(
@@ -93,8 +75,6 @@ def run(
         for make_node in makers:
             nodes.append(make_node())
             _start(nodes[-1])
-        if lacks := lacking():
-            nodes[0].get_logger().warning(lacks)
         for node in nodes:
             executor.add_node(node)
         ending.doing = 'running'

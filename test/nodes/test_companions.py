@@ -13,7 +13,7 @@ pytest.importorskip('rclpy', reason='the extra ros is not installed')
 from hunt_ros.criteria import Verdict
 from hunt_ros.detection import CompanionConfig, DetectorConfig
 from hunt_ros.detection.output import Motion
-from hunt_ros.nodes.support.companion_worker import CompanionWorker
+from hunt_ros.nodes.hunting_detector import CompanionWorker
 
 CRITERION = CompanionConfig(criteria=('cfr_213_333',), criteria_scale=0.02, forecast='off')
 SECOND = 10**9

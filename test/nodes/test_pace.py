@@ -9,8 +9,8 @@ pytest.importorskip('rclpy', reason='the extra ros is not installed')
 from diagnostic_msgs.msg import DiagnosticArray
 from rosgraph_msgs.msg import Clock
 
+from hunt_ros.nodes.rig_simulator import Pace
 from hunt_ros.nodes.support.conversions import diagnostic, to_ns
-from hunt_ros.nodes.support.pace import Pace
 from hunt_ros.nodes.support.qos import STATUS, stream
 
 pytestmark = pytest.mark.ros
@@ -81,9 +81,8 @@ def test_samples_that_nobody_heard_yet_do_not_leave_all_waiting(
     graph, resident, monkeypatch
 ) -> None:
     from hunt_ros.nodes import rig_simulator
-    from hunt_ros.nodes.support import pace
 
-    monkeypatch.setattr(pace, '_DEAD_S', 1e9)
+    monkeypatch.setattr(rig_simulator, '_DEAD_S', 1e9)
     statuses = graph.collect(DiagnosticArray, 'hunting/status', STATUS)
     follows = {'use_sim_time': True}
     graph.start('hunting_detector', sensor_timeout_s=3.0, **follows)
