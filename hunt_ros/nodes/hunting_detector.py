@@ -158,7 +158,6 @@ class HuntingDetectorNode(ManagedNode):
         self._new = NewSince()
         load()  # no first sample waits for its machine code
         self._detector = HuntingDetector(self._config, self._form)
-        self._configured = False
         self._alarms_said = ''
         self._status = self.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
         self._events = self.create_publisher(DiagnosticArray, 'hunting/events', EVENTS)
@@ -178,13 +177,10 @@ class HuntingDetectorNode(ManagedNode):
         self.create_timer(_TICK_S, self._tick, clock=steady_clock())
         self.create_timer(_STATUS_S, self._publish_status, clock=steady_clock())
 
-    def _configure(self) -> None:
-        """Subscribe to the channels, and advertise the estimates; both stay until the end."""
-        if not self._configured:
-            rate_hz, frame_id = self._config.output_rate_hz, self._settings.frame_id
-            self._inbox = Channels(self, self._config.channels)
-            self._estimates = EstimatePublishers(self, rate_hz, frame_id)
-            self._configured = True
+    def _advertise(self) -> None:
+        rate_hz, frame_id = self._config.output_rate_hz, self._settings.frame_id
+        self._inbox = Channels(self, self._config.channels)
+        self._estimates = EstimatePublishers(self, rate_hz, frame_id)
 
     def on_activate(self, state: State) -> TransitionCallbackReturn:
         """Go on after a pause: an alarm that nobody has acknowledged is still there."""

@@ -19,7 +19,6 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from rclpy.lifecycle import State, TransitionCallbackReturn
-from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 
@@ -236,10 +235,9 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
     def _reconfigure_interlock(self, settings: InterlockSettings) -> None:
         self._tell(self._guard.reconfigure(self._steady_ns(), settings))
 
-    def _advertise(self) -> Publisher:
+    def _advertise(self) -> None:
         self._speed = self.create_publisher(TwistStamped, 'speed', stream(MEASUREMENTS))
-        self._roller = self.create_publisher(JointState, 'roller', stream(MEASUREMENTS))
-        return self._roller
+        self._announced = self.create_publisher(JointState, 'roller', stream(MEASUREMENTS))
 
     def _attend(self, driver: DriveDriver) -> None:
         self._set_points.hand_over(driver)
@@ -259,7 +257,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         for stamp_ns, angle_rad, speed_mps in readings:
             rate = 2.0 * speed_mps / self._diameter_m
             if not math.isnan(angle_rad):  # a drive may have no encoder
-                self._roller.publish(self._written(stamp_ns, angle_rad, rate))
+                self._announced.publish(self._written(stamp_ns, angle_rad, rate))
             self._speed.publish(twist(stamp_ns, speed_mps, self._config.frame_id))
         self._published += block.stamps_ns.size
 

@@ -57,7 +57,7 @@ class DriverNode(ManagedNode, ABC, Generic[_D]):
 
     #: Makes a driver that is not open yet.
     _make_driver: Callable[[], _D]
-    #: A publisher whose listeners are waited for before the first sample; since `on_configure`.
+    #: What every listener has, who is waited for before the first sample; by `_advertise`.
     _announced: Publisher
     _diagnostics: Diagnostics
 
@@ -66,7 +66,6 @@ class DriverNode(ManagedNode, ABC, Generic[_D]):
         #: Open; None while there is no connection. Only the thread sets it.
         self._driver: _D | None = None
         self._worker: Worker | None = None
-        self._advertised = False
         #: Held by the thread that owns the device: one that ends late delays its successor.
         self._device = threading.Lock()
         self._connecting = False  # for the first time
@@ -112,14 +111,7 @@ class DriverNode(ManagedNode, ABC, Generic[_D]):
         return f'{name}: {self._make_driver()}'
 
     def _configure(self) -> None:
-        """
-        Advertise, and begin to open the driver; missing hardware is tried again and again.
-
-        The topics stay until the process ends: the EventsExecutor can crash on what is gone
-        (ros2/rclpy #1644).
-        """
-        if not self._advertised:
-            self._announced, self._advertised = self._advertise(), True
+        """Begin to open the driver; missing hardware is tried again and again."""
         self._connecting = True
         self._worker = Worker(self._diagnostics.failed, 'driver', self._work)
 
@@ -253,10 +245,6 @@ class DriverNode(ManagedNode, ABC, Generic[_D]):
 
     def _attend(self, driver: _D) -> None:
         """Do what else the device needs; called by its thread before each read."""
-
-    @abstractmethod
-    def _advertise(self) -> Publisher:
-        """Make the publishers of what is measured; return one that every listener has."""
 
     @abstractmethod
     def _take(self, block: Any, publish: bool) -> None:

@@ -122,13 +122,25 @@ class ManagedNode(SuiteNode, LifecycleNode):
         super().__init__(name)
         self.failure = ''
         self._active = Event()
+        self._advertised = False
+
+    def _advertise(self) -> None:
+        """
+        Make what is measured heard and what is said known, at the first configuration.
+
+        It stays until the process ends: the EventsExecutor can crash on what is gone
+        (ros2/rclpy #1644).
+        """
 
     def _configure(self) -> None:
-        """Do what `configure` stands for; what it raises is why it fails."""
+        """Do what else `configure` stands for; what it raises is why it fails."""
 
     def on_configure(self, state: State) -> TransitionCallbackReturn:
         """Configure, or say why that fails."""
         try:
+            if not self._advertised:
+                self._advertise()
+                self._advertised = True
             self._configure()
         except Exception as error:  # of parameters, and of whatever a library wants
             self.failure = one_line(error)

@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 
 from hunt_ros.drivers.base import SensorBlock, SensorDriver
@@ -80,8 +79,8 @@ class SensorNode(DriverNode[SensorDriver]):
         self._new = NewSince()
         self._diagnostics = Diagnostics(self, self._health, hardware)
 
-    def _advertise(self) -> Publisher:
-        return self.create_publisher(JointState, self._channel, stream(MEASUREMENTS))
+    def _advertise(self) -> None:
+        self._announced = self.create_publisher(JointState, self._channel, stream(MEASUREMENTS))
 
     def _take(self, block: SensorBlock, publish: bool) -> None:
         """Calibrate a block, and publish it."""
