@@ -62,15 +62,8 @@ def test_an_emergency_stop_says_whether_the_drive_took_it_in_every_state(graph, 
 def test_a_refused_set_point_stays_in_the_diagnostics(graph, resident) -> None:
     drive = Drive(6.0)
     health = graph.told()
-
-    resident(
-        node_on(drive),
-        autostart=False,
-        interlock=UNGUARDED,
-        profile=graph.profile('hold: {speed_mps: 6, duration_s: 10}'),
-        profile_autostart=True,
-    )
-    configure(graph, activate=True)
+    profile = graph.profile('hold: {speed_mps: 6, duration_s: 10}')
+    Rig(graph, resident, drive, interlock=UNGUARDED, profile=profile, profile_autostart=True)
     graph.spin_until(lambda: drive.set_points)
     drive.refusal = 'drive: illegal data address'
     graph.spin_until(lambda: health.says(drive.refusal, level='ERROR'))
@@ -85,13 +78,8 @@ def test_a_step_of_the_machines_clock_does_not_move_the_roller(
 ) -> None:
     drive = Drive(6.0)
     targets = graph.collect(TwistStamped, 'speed/target')
-    resident(
-        node_on(drive),
-        autostart=False,
-        interlock=UNGUARDED,
-        profile=graph.profile('ramp: {speed_mps: 20.0, rate_mps2: 0.1}'),
-    )
-    configure(graph, activate=True)
+    profile = graph.profile('ramp: {speed_mps: 20.0, rate_mps2: 0.1}')
+    Rig(graph, resident, drive, interlock=UNGUARDED, profile=profile)
     graph.spin_until(lambda: graph.call('speed/start_profile').success)
     graph.spin_until(lambda: len(targets) > 3)
     _step_clock(monkeypatch, 200.0)
@@ -115,20 +103,13 @@ def test_a_second_speed_node_of_the_same_name_refuses_to_start_or_is_an_error(
 ) -> None:
     drive = Drive(6.0)
     health = graph.told()
-    resident(
-        node_on(drive),
-        autostart=False,
-        interlock='measure',
-        status_timeout_s=20.0,
-        profile=graph.profile('hold: {speed_mps: 6, duration_s: 9}'),
-    )
-    configure(graph, activate=True)
-    statuses = graph.told('speed/status', latched())
-    graph.spin_until(lambda: statuses.last.get('interlock_cause') == 'no reason to trip')
+    profile = graph.profile('hold: {speed_mps: 6, duration_s: 9}')
+    rig = Rig(graph, resident, drive, interlock='measure', profile=profile)
+    rig.until(interlock_cause='no reason to trip')
     namesake = graph.beside('roller_speed')  # as of another machine, which holds its own names
 
     graph.spin_until(lambda: health.says('another node is named /rig/roller_speed'))
-    graph.spin_until(lambda: 'commands the drive, too' in statuses.last['message'])
+    graph.spin_until(lambda: 'commands the drive, too' in rig.status['message'])
     assert 'commands the drive, too' in graph.call('speed/rearm').message
     assert not graph.call('speed/start_profile').success
     namesake.destroy_node()

@@ -8,6 +8,7 @@ import signal
 from pathlib import Path
 
 import pytest
+from processes import children
 from std_msgs.msg import String
 
 from hunt_ros.nodes.normal_form_identifier import NormalFormIdentifierNode
@@ -23,16 +24,7 @@ BAGS = Path(__file__).resolve().parents[2] / 'bags'
 
 def _at_work(node: int = os.getpid()) -> list[int]:
     """Return the processes of a node that identify."""
-    found = []
-    for folder in Path('/proc').glob('[0-9]*'):
-        try:
-            words = (folder / 'cmdline').read_text().split('\0')
-            parent = int((folder / 'stat').read_text().rpartition(')')[2].split()[1])
-        except OSError:
-            continue  # it has ended meanwhile
-        if parent == node and 'hunt_ros.nodes.support.refit' in words:
-            found.append(int(folder.name))
-    return found
+    return children(node, 'hunt_ros.nodes.support.refit')
 
 
 def test_work_that_is_killed_is_told_and_the_next_recording_is_tried_again(

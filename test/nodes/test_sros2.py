@@ -66,27 +66,16 @@ def _node_enclaves() -> dict[str, str]:
 def test_the_policy_is_as_sros2_expects_it() -> None:
     root = ElementTree.parse(POLICY).getroot()
     assert (root.tag, root.attrib) == ('policy', {'version': '0.2.0'})
-    (enclaves,) = root
-    assert enclaves.tag == 'enclaves'
-    paths = [enclave.get('path') for enclave in enclaves]
+    paths = [enclave.get('path') for enclave in root.iter('enclave')]
     assert len(set(paths)) == len(paths)
-    nodes = []
-    for enclave in enclaves:
-        assert (enclave.tag, set(enclave.attrib)) == ('enclave', {'path'})
-        (profiles,) = enclave
-        assert profiles.tag == 'profiles'
-        for profile in profiles:
-            assert (profile.tag, set(profile.attrib)) == ('profile', {'ns', 'node'})
-            nodes.append(profile.get('node'))
-            for several in profile:
-                child, rules = _LISTS[several.tag]
-                assert several.attrib
-                assert set(several.attrib) <= rules
-                assert set(several.attrib.values()) <= {'ALLOW', 'DENY'}
-                assert len(several)
-                assert {one.tag for one in several} == {child}
-                assert all(one.text and one.text.strip() == one.text for one in several)
-    assert len(set(nodes)) == len(nodes)
+    profiles = list(root.iter('profile'))
+    assert len({profile.get('node') for profile in profiles}) == len(profiles)
+    for several in (each for profile in profiles for each in profile):
+        child, rules = _LISTS[several.tag]
+        assert set() < set(several.attrib) <= rules
+        assert set(several.attrib.values()) <= {'ALLOW', 'DENY'}
+        assert {one.tag for one in several} == {child}
+        assert all(one.text and one.text.strip() == one.text for one in several)
 
 
 def test_only_the_speed_node_drives_and_only_operators_act() -> None:

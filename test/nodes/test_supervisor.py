@@ -21,6 +21,8 @@ import pytest
 pytest.importorskip('rclpy', reason='the extra ros is not installed')
 
 
+from processes import children
+
 from hunt_ros.cli.support.processes import NodeSpec
 from hunt_ros.cli.support.supervisor import Supervisor, _Child
 from hunt_ros.nodes.support.qos import STATUS, latched
@@ -101,16 +103,7 @@ class Run:
 
     def child(self, name: str) -> int:
         """Return the process of a node."""
-        found = []
-        for path in Path('/proc').glob('[0-9]*'):
-            try:
-                parent = int((path / 'stat').read_text().rpartition(')')[2].split()[1])
-                words = (path / 'cmdline').read_bytes().split(b'\0')
-            except OSError:
-                continue  # it ended meanwhile
-            if parent == self.hunt.pid and name.encode() in words:
-                found.append(int(path.name))
-        (pid,) = found
+        (pid,) = children(self.hunt.pid, name)
         return pid
 
     def kill(self, name: str, process: str = '') -> None:

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from processes import children
 
 from hunt_ros.bag import read_record
 
@@ -106,20 +107,6 @@ def on_terminal(machine, domain) -> Iterator[Callable[..., Terminal]]:
         os.close(made.theirs)
 
 
-def _suite(pid: int) -> int:
-    """Return the process of the nodes."""
-    found = []
-    for path in Path('/proc').glob('[0-9]*'):
-        try:
-            parent = int((path / 'stat').read_text().rpartition(')')[2].split()[1])
-            if parent == pid and b'hunting_detector' in (path / 'cmdline').read_bytes():
-                found.append(int(path.name))
-        except OSError:
-            continue  # it ended meanwhile
-    (suite,) = found
-    return suite
-
-
 @pytest.mark.skipif(not Path('/proc/self/stat').exists(), reason='looks for processes in /proc')
 def test_level_changes_are_seen_silence_is_loud_and_ctrl_c_restores_it(
     on_terminal, machine, tmp_path
@@ -142,7 +129,8 @@ def test_level_changes_are_seen_silence_is_loud_and_ctrl_c_restores_it(
         assert not deadline.passed, terminal.drawing()
         time.sleep(0.05)
     wait('EMERGENCY STOP IS IN FORCE', '▲ WARN')
-    os.kill(_suite(terminal.program.pid), signal.SIGSTOP)
+    (suite,) = children(terminal.program.pid, 'hunting_detector')
+    os.kill(suite, signal.SIGSTOP)
     wait('? STALE', 'NO WORD FROM THE DETECTOR', 'INTERLOCK TRIPPED')
     wait('▲ WARN', timeout_s=90.0)  # a suite that does not answer is ended and started again
     terminal.press('\x03')
