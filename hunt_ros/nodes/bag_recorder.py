@@ -32,7 +32,7 @@ from std_msgs.msg import String
 from hunt_ros.bag.messages import DIAGNOSTIC_ARRAY, STRING
 from hunt_ros.bag.recording import Recording, RecordingLimits, RecordingState
 from hunt_ros.bag.repair import finalise_left
-from hunt_ros.errors import BagError
+from hunt_ros.errors import BagError, ConfigError
 from hunt_ros.nodes.support.conversions import message_class
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, steady_clock
 from hunt_ros.nodes.support.estimate_publishers import ESTIMATES
@@ -108,6 +108,11 @@ class RecorderConfig(RecordingLimits):
     extra_topics: tuple[str, ...] = setting(
         (), 'Full names of topics outside of the namespace to record as well.', fixed=True
     )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if '/' in self.prefix:
+            raise ConfigError(f'prefix: {self.prefix!r} names another folder, expected no /')
 
 
 class _Topic:

@@ -148,27 +148,27 @@ class Graph:
             self._clients[key] = self.node.create_client(kind, service)
         return self._clients[key]
 
-    def call(self, service: str, timeout_s: float = 30.0) -> Trigger.Response:
-        known = (Trigger, service) in self._clients
-        client = self.client(Trigger, service)
+    def ask(self, kind: type, service: str, timeout_s: float = 30.0, **request: object):
+        """Return the answer of a service, once that is there and knows who asks."""
+        known = (kind, service) in self._clients
+        client = self.client(kind, service)
         self.spin_until(client.service_is_ready, timeout_s)
         if not known:
             self.spin(INTRODUCED_S)
-        future = client.call_async(Trigger.Request())
+        future = client.call_async(kind.Request(**request))
         self.spin_until(future.done, timeout_s)
         return future.result()
 
-    def set_parameters(self, node: str, **values: object) -> None:
-        """Set parameters of a node that runs; what it refuses fails the test."""
-        client = self.client(SetParameters, f'{node}/set_parameters')
-        self.spin_until(client.service_is_ready)
+    def call(self, service: str, timeout_s: float = 30.0) -> Trigger.Response:
+        return self.ask(Trigger, service, timeout_s)
+
+    def set_parameters(self, node: str, **values: object) -> str:
+        """Set parameters of a node that runs; return '' or why it refuses one."""
         wanted = [
             Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
         ]
-        future = client.call_async(SetParameters.Request(parameters=wanted))
-        self.spin_until(future.done)
-        refused = [each.reason for each in future.result().results if not each.successful]
-        assert not refused, refused
+        answer = self.ask(SetParameters, f'{node}/set_parameters', parameters=wanted)
+        return '; '.join(each.reason for each in answer.results if not each.successful)
 
     def change_state(self, node: str, transition: int, timeout_s: float = 30.0) -> None:
         change = self.client(ChangeState, f'{node}/change_state')

@@ -166,11 +166,7 @@ class Rig:
         self.graph.spin_until(lambda: values.items() <= self.status.items())
 
     def arm(self, armed: bool) -> SetBool.Response:
-        client = self.graph.client(SetBool, 'speed/arm_interlock')
-        self.graph.spin_until(client.service_is_ready)
-        future = client.call_async(SetBool.Request(data=armed))
-        self.graph.spin_until(future.done)
-        return future.result()
+        return self.graph.ask(SetBool, 'speed/arm_interlock', data=armed)
 
     def set(self, **values: object) -> tuple[bool, str]:
         words = [Parameter(name, value=value) for name, value in values.items()]

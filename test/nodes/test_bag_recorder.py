@@ -285,9 +285,21 @@ def test_a_recorder_without_room_stays_says_so_and_records_when_there_is(
     graph.spin_until(lambda: health.says(level='ERROR'))
     assert not list((graph.folder / 'bags').glob('hunt_*'))
     health.clear()
-    graph.set_parameters('bag_recorder', least_free_mib=1.0)
+    assert not graph.set_parameters('bag_recorder', least_free_mib=1.0)
     graph.spin_until(lambda: list((graph.folder / 'bags').glob('hunt_*')))
     graph.spin_until(lambda: health.says(level='OK'))
+
+
+def test_a_folder_that_is_moved_away_is_said_and_another_recording_follows(graph) -> None:
+    folder = graph.folder / 'recordings'
+    health = graph.told()
+    graph.start('bag_recorder', directory=str(folder))
+    graph.spin_until(lambda: list(folder.glob('*.active')))
+    folder.rename(graph.folder / 'tidied')
+    graph.spin_until(lambda: health.says('No such file', level='ERROR'))
+    graph.spin_until(lambda: list(folder.glob('*.active')))
+    refused = graph.set_parameters('bag_recorder', prefix='../../escaped')
+    assert 'names another folder' in refused
 
 
 @pytest.mark.slow
