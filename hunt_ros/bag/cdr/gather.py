@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.bag.blocks import Block, Places, strided
-from hunt_ros.bag.cdr.layout import FieldPath, FieldPlace, locate
+from hunt_ros.bag.cdr.layout import FieldPath, FieldPlace, end_of, locate
 from hunt_ros.bag.cdr.message_types import Definitions, standard_types
 
 #: Layouts gathered as arrays before the rest is walked one by one.
@@ -137,7 +137,7 @@ def _layout(message: bytes, wanted: Wanted) -> _Layout:
     # "CDR" and its byte order, and every length on the way: what fixes the field's place.
     expected = {0: message[:2]}
     if wanted.joint:
-        names = _joints(message, wanted.type)
+        names = _joints(message, wanted)
         # What stands between the stamp and the values: frame, names, and how many there are.
         try:
             first = locate(wanted.definitions, wanted.type, message, (*path, 0)).offset
@@ -165,10 +165,11 @@ def _layout(message: bytes, wanted: Wanted) -> _Layout:
     return _Layout(field, stamp, end, _checks(expected), joint)
 
 
-def _joints(message: bytes, message_type: str) -> list[str]:
+def _joints(message: bytes, wanted: Wanted) -> list[str]:
     """Return the names of the joints in a message."""
     try:
-        found: Any = standard_types().deserialize_cdr(message, message_type)
+        message = message[: end_of(wanted.definitions, wanted.type, message)]
+        found: Any = standard_types().deserialize_cdr(message, wanted.type)
     except Exception as error:  # whatever generated code meets in damaged bytes
         raise ValueError('the message is shorter than its type') from error
     return list(found.name)

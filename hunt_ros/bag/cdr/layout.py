@@ -140,6 +140,13 @@ def locate(
         raise ValueError(f'its type has a part {error}, which is described nowhere') from error
 
 
+def end_of(definitions: Definitions, message_type: str, message: bytes) -> int:
+    """Return where a message ends: a publisher may have sent more, as hunt_ros 0.2 did."""
+    walker = _Walker(definitions, message, '<' if message[1] else '>')
+    walker.skip((Nodetype.NAME, message_type))
+    return walker.position
+
+
 def _show(path: FieldPath) -> str:
     text = ''.join(f'[{step}]' if isinstance(step, int) else f'.{step}' for step in path)
     return text.lstrip('.')

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
+from hunt_ros.bag.cdr.message_types import standard_types
 from hunt_ros.nodes.support.conversions import (
     ChannelReader,
     diagnostic,
@@ -24,6 +25,7 @@ from hunt_ros.nodes.support.conversions import (
     to_time,
     twist,
 )
+from hunt_ros.sensors import JOINT_STATE
 
 stamps = st.integers(0, 2**31 * 10**9 - 1)
 numbers = st.floats(allow_nan=False)
@@ -42,6 +44,16 @@ def test_a_written_joint_state_is_read_by_ros(stamp, values, frame) -> None:
     message = deserialize_message(wire, JointState)
     assert (message.position[0], message.effort[0]) == values
     assert len(message.velocity) == 0
+
+
+@pytest.mark.parametrize(('velocity', 'effort'), [(0, 0), (1, 0), (0, 1), (1, 1)])
+def test_a_written_joint_state_has_no_byte_too_many(velocity, effort) -> None:
+    values = range(2 * (1 + velocity + effort))
+    wire = joint_writer(['a', 'b'], 'rig', velocity, effort)(5, *values)
+    standard_types().deserialize_cdr(wire, JOINT_STATE)  # refuses what is left over
+    message = deserialize_message(wire, JointState)
+    assert len(message.velocity) == 2 * velocity
+    assert len(message.effort) == 2 * effort
 
 
 @given(stamp=stamps, value=numbers, rate=numbers)
