@@ -192,14 +192,13 @@ class BagRecorderNode(SuiteNode):
         #: A recording is wanted, and tried again at this time where it cannot be, steady clock.
         self._wanted, self._again_s = self._config.autostart, 0.0
         self._look_around()
-        self.create_timer(_ROUND_S, self._listen, clock=steady_clock())
+        self.create_timer(_ROUND_S, self._round, clock=steady_clock())
         self.create_timer(_LOOK_S, self._look_around, clock=steady_clock())
 
     def close(self) -> None:
         """Take what has arrived, and close the recording."""
         self._collector.close()
         self._answers.close(0.0)
-        self._listen()
         try:
             if self._recording is not None:
                 self._finish()
@@ -247,6 +246,7 @@ class BagRecorderNode(SuiteNode):
     def _finish(self) -> Path:
         """Let no more messages into the recording, and close it; waits for the disk."""
         with self._busy:
+            self._listen()
             recording = self._finishing = self._running()
             self._recording = None
         try:
@@ -334,12 +334,15 @@ class BagRecorderNode(SuiteNode):
     def _now_ns(self) -> int:
         return self.get_clock().now().nanoseconds
 
+    def _round(self) -> None:
+        self._listened_s += _ROUND_S
+        self._listen()
+
     def _listen(self) -> None:
         """Take what has come on all topics, in the order in which it came."""
         if not self._now_ns():
             return  # of a simulated rig, which has no time yet: it waits in the readers
         with self._busy:
-            self._listened_s += _ROUND_S
             come: list[tuple[int, int, int, bytes, _Topic]] = []
             for topic in self._topics.values():
                 before = len(come)
@@ -400,6 +403,7 @@ class BagRecorderNode(SuiteNode):
         later is, or when no more were sent again.
         """
         with self._busy:
+            self._listen()
             for topic in self._topics.values():
                 waited_s = self._listened_s - topic.heard_s
                 if 0 < topic.newest_ns <= stopped_ns and waited_s < _RESENT_S:
