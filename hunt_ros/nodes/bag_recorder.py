@@ -178,20 +178,20 @@ class BagRecorderNode(SuiteNode):
         self._closed = self.create_publisher(String, OWN_TOPIC, latched())
         self._mark = self.create_publisher(String, _MARK_TOPIC, stream(10))
         self._words = CallWords(self, SERVICES['mark'].words_topic)
+        self._diagnostics = Diagnostics(self, self._health)
+        failed = self._diagnostics.failed
+        self._collector = ParameterCollector(self, failed, self._note_parameters)
+        #: A recording is wanted, and tried again at this time where it cannot be, steady clock.
+        self._wanted, self._again_s = self._config.autostart, 0.0
+        self._look_around()  # who sees that it listens may count on the recording
         for names, is_latched in ((DESIGN_TOPICS, False), (LATCHED_TOPICS, True)):
             for name, kind in names.items():
                 self._subscribe(self._full(name), kind, True, is_latched)
-        self._diagnostics = Diagnostics(self, self._health)
-        failed = self._diagnostics.failed
         words = ('start', 'stop', 'split', 'mark')
         answers = {f'recording/{word}': getattr(self, f'_on_{word}') for word in words}
         self._answers = answer_aside(self, failed, answers)
         # A long repair of an earlier recording must not keep this one from beginning.
         Worker(failed, 'closing earlier recordings', self._finalise)
-        self._collector = ParameterCollector(self, failed, self._note_parameters)
-        #: A recording is wanted, and tried again at this time where it cannot be, steady clock.
-        self._wanted, self._again_s = self._config.autostart, 0.0
-        self._look_around()
         self.create_timer(_ROUND_S, self._round, clock=steady_clock())
         self.create_timer(_LOOK_S, self._look_around, clock=steady_clock())
 
