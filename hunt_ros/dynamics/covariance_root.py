@@ -34,7 +34,7 @@ def covariance_root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def inverse_of(information: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the inverse, brought to a unit diagonal first; zeros for what was held."""
-    size = np.sqrt(np.diag(information))
+    size = np.sqrt(np.maximum(np.diag(information), 0.0))
     unit = np.where(size > 0.0, size, 1.0)
     scaled = np.linalg.pinv(information / np.outer(unit, unit), rcond=1e-13, hermitian=True)
     inverse: NDArray[np.float64] = scaled / np.outer(unit, unit)

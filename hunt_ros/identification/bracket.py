@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from hunt_ros.analysis.steady_state import hunting_threshold
-from hunt_ros.identification.growth_law import GrowthLaw
+from hunt_ros.dynamics.growth_law import GrowthLaw
 from hunt_ros.identification.record.envelope import Envelope
 from hunt_ros.identification.record.events import (
     ABOVE_NOISE,

@@ -18,20 +18,25 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from hunt_ros.dynamics.normal_form import NormalForm
-from hunt_ros.identification.growth_law import (
+from hunt_ros.dynamics.growth_law import (
+    FELT,
     PAPER_TERMS,
+    TERMS,
     GrowthLaw,
     GrowthScales,
-    LawPrior,
-    law_prior,
+    from_normal_form,
     lawful,
 )
+from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.identification.likelihood.integral_fit import integral_start
-from hunt_ros.identification.likelihood.path import Path
-from hunt_ros.identification.likelihood.path_likelihood import NOISE_TERMS
-from hunt_ros.identification.likelihood.trajectory_fit import Prior, TrajectoryFit, fit_path
-from hunt_ros.identification.normal_form_map import from_normal_form
+from hunt_ros.identification.likelihood.path_likelihood import NOISE_TERMS, Path
+from hunt_ros.identification.likelihood.trajectory_fit import (
+    LawPrior,
+    Prior,
+    TrajectoryFit,
+    fit_path,
+    learnt,
+)
 from hunt_ros.identification.settings import IdentificationSettings
 
 #: Scales of the departure from the paper's form, and what each is given beforehand: half for
@@ -115,7 +120,7 @@ def fit_laws(
     for departure in DEPARTURES:
         prior = law_prior(scales, departure, size, line)
         if departure > 0.0:
-            fit = fit_path(path, fit.theta, prior, priors)
+            fit = fit_path(path, fit.theta, prior, priors, own=fit.own, spread=fit.spread)
         fitted.append(FittedLaw(GrowthLaw(fit.law, scales), fit, path, prior, departure, 0.0))
     return _weighed(fitted)
 
@@ -170,7 +175,8 @@ def _fit_paper(
         fit_path(path, np.concatenate([lawful(law), noise]), prior, priors, 8) for law in laws
     ]
     best = max(starts, key=lambda one: one.log_likelihood)
-    fit = fit_path(path, best.theta, prior, priors)
+    fit = fit_path(path, best.theta, prior, priors, own=best.own)
+    fit = learnt(path, fit, prior, priors)
     # A kick too small to be seen in its window shows as a step of the path: start anew there.
     for _ in range(_GATES):
         steps = _steps(fit)
@@ -178,7 +184,7 @@ def _fit_paper(
         if not steps.any() or steps.sum() > 3 + _MOST_JUMPS * steps.size:
             break
         path = path.broken_at(steps)
-        fit = fit_path(path, fit.theta, prior, priors)
+        fit = fit_path(path, fit.theta, prior, priors, own=fit.own, spread=fit.spread)
     return fit, path
 
 
@@ -230,6 +236,39 @@ def _steps(fit: TrajectoryFit) -> NDArray[np.bool_]:
     return steps
 
 
+def law_prior(
+    scales: GrowthScales, departure: float, size: NDArray[np.float64] | None, line: bool
+) -> LawPrior:
+    """
+    Prior of the law for a rig that departs from the paper's form by so much.
+
+    Parameters
+    ----------
+    scales : GrowthScales
+        Units. No mode that still oscillates grows faster than its own angular frequency.
+    departure : float
+        Scale of the further terms relative to those they belong to; 0 for the paper's form.
+    size : ndarray, shape (6,), optional
+        Coefficients of the paper's form; not needed for `departure` 0.
+    line : bool
+        Whether there is a line of the roller.
+
+    Returns
+    -------
+    LawPrior
+    """
+    mean, std = np.zeros(TERMS), np.zeros(TERMS)
+    std[:PAPER_TERMS] = scales.fastest_rate
+    mean[FELT], std[FELT] = 1.0, 0.5 if line else 0.0
+    if departure > 0.0 and size is not None:
+        # In a series in u and w each term is about as large as the one before, less w^3 / 6.
+        amplitude = float(np.max(np.abs(size[[3, 5]])))
+        std[[6, 7, 8, 9]] = departure * np.array(
+            [amplitude, 0.3 * amplitude, abs(float(size[1])), amplitude]
+        )
+    return LawPrior(mean, std)
+
+
 def priors_of(scales: GrowthScales, settings: IdentificationSettings) -> Sequence[Prior]:
     """Turn what is known from elsewhere into functions of the law's coefficients."""
     priors: list[Prior] = []
@@ -240,7 +279,7 @@ def priors_of(scales: GrowthScales, settings: IdentificationSettings) -> Sequenc
         def offset(p: NDArray[np.float64]) -> float:
             # How far the root of the linear growth rate is from v_c, to first order.
             law = GrowthLaw(p, scales)
-            slope = max(law.linear_slope(u), 1e-3 * scales.fastest_rate)
+            slope = max(float(law.linear_slope(u)), 1e-3 * scales.fastest_rate)
             return float(law.linear(u)) / slope * scales.speed
 
         priors.append((offset, 0.0, std))
@@ -250,7 +289,7 @@ def priors_of(scales: GrowthScales, settings: IdentificationSettings) -> Sequenc
             v_c = GrowthLaw(p, scales).critical_speed
             if v_c is None:
                 return float(p[1]) * scales.time_scale
-            slope = GrowthLaw(p, scales).linear_slope(v_c / scales.speed - 1.0)
+            slope = float(GrowthLaw(p, scales).linear_slope(v_c / scales.speed - 1.0))
             return slope * v_c / scales.speed * scales.time_scale
 
         priors.append((linear, *settings.prior_D1))

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from hunt_ros.analysis.steady_state import hunting_threshold, observed_critical_speeds
+from hunt_ros.dynamics.growth_law import GrowthScales
 from hunt_ros.dynamics.mode_shape import ModeShape
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.dynamics.parameters import RigParameters
@@ -22,8 +23,7 @@ from hunt_ros.estimation.record_lines import RecordLines
 from hunt_ros.identification.bracket import bracket_of
 from hunt_ros.identification.executors import Tell, collected, executor
 from hunt_ros.identification.fit import fit_laws
-from hunt_ros.identification.growth_law import GrowthScales
-from hunt_ros.identification.likelihood.path import Path
+from hunt_ros.identification.likelihood.path_likelihood import Path
 from hunt_ros.identification.preparation import (
     Recording,
     Source,
@@ -349,8 +349,15 @@ def _path(
         reach=WINDOW_REACH * half,
         overlap=WINDOW_OVERLAP,
         line=np.concatenate([_line(run.envelope) for run in runs]) / scales.amplitude**2,
+        recording=np.repeat(_recordings(runs), [run.envelope.time.size for run in runs]),
     )
     return path, scales
+
+
+def _recordings(runs: Sequence[Run]) -> list[int]:
+    """Return of which recording each run is, 0-based."""
+    names = list(dict.fromkeys(run.envelope.source for run in runs))
+    return [names.index(run.envelope.source) for run in runs]
 
 
 def _line(envelope: Envelope) -> NDArray[np.float64]:

@@ -7,8 +7,8 @@ v_n and the amplitude there) hangs together here, at any speed, long after the f
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from hunt_ros.dynamics.growth_law import GrowthLaw, normal_form_of
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, NormalForm
-from hunt_ros.identification.growth_law import TERMS, GrowthLaw
-from hunt_ros.identification.normal_form_map import normal_form_of
 from hunt_ros.identification.uncertainty import summary
 from hunt_ros.samples import Uncertain
 
@@ -52,36 +51,14 @@ class Posterior:
     intensity: Array
     speeds: tuple[float, float]
 
-    @classmethod
-    def of(
-        cls,
-        law: GrowthLaw,
-        drawn: Sequence[GrowthLaw],
-        speeds: tuple[float, float],
-        intensity: Array | None = None,
-    ) -> Posterior:
-        """
-        Collect draws.
-
-        Parameters
-        ----------
-        law : GrowthLaw
-            The one chosen.
-        drawn : sequence of GrowthLaw
-            In the same scales.
-        speeds : (float, float)
-            Lowest and highest speed of the data, m/s.
-        intensity : ndarray, shape (n,), optional
-            Noise intensity of each draw, m^2/s.
-        """
-        p = np.array([one.p for one in drawn]).reshape(-1, TERMS)
-        if intensity is None:
-            intensity = np.full(len(drawn), np.nan)
-        return cls(law, p, intensity, speeds)
+    @cached_property
+    def laws(self) -> GrowthLaw:
+        """All laws drawn, at once."""
+        return GrowthLaw(self.p, self.law.scales)
 
     @cached_property
     def drawn(self) -> list[GrowthLaw]:
-        """The laws drawn."""
+        """The laws drawn, one by one."""
         return [GrowthLaw(row, self.law.scales) for row in self.p]
 
     @property
@@ -96,22 +73,25 @@ class Posterior:
         return [normal_form_of(one, *self.speeds) for one in self.drawn]
 
     @cached_property
-    def folds(self) -> list[float | None]:
-        """Nonlinear critical speed of each draw, m/s; None where it has no fold."""
-        return [one.saddle_node(self.lowest) for one in self.drawn]
-
-    @cached_property
     def table(self) -> Array:
         """The draws of `QUANTITIES`, SI units, shape (n, 8); NaN for what a draw has not."""
-        rows = np.full((len(self.p), len(QUANTITIES)), np.nan)
-        for row, law, fold, form in zip(rows, self.drawn, self.folds, self.forms, strict=True):
-            if law.critical_speed is not None:
-                row[0] = law.critical_speed
-            if fold is not None:
-                row[1:3] = fold, amplitude_at(law, fold)
-            if form is not None:
-                row[3:] = [getattr(form, name) for name in COEFFICIENTS]
-        return rows
+        nothing = [math.nan] * len(COEFFICIENTS)
+        rows = [
+            nothing if form is None else [getattr(form, name) for name in COEFFICIENTS]
+            for form in self.forms
+        ]
+        return np.column_stack([self.laws.critical_speeds, *self.laws.folds(self.lowest), rows])
+
+    @cached_property
+    def chosen(self) -> Array:
+        """`QUANTITIES` of the law chosen, shape (8,)."""
+        row: Array = replace(self, p=self.law.p[None]).table[0]
+        return row
+
+    def number(self, name: str, extra_std: float = 0.0) -> Uncertain | None:
+        """Return one of `QUANTITIES` with its interval; None where too few draws have it."""
+        k = QUANTITIES.index(name)
+        return summary(self.chosen[k], self.table[:, k], extra_std)
 
     def correlations(self) -> Array:
         """
@@ -165,14 +145,16 @@ class Posterior:
 
     def continued(self, speeds: Array) -> Array:
         """Both branches of each draw, continued beyond their ends, m, shape (n, 2, speeds)."""
-        pairs = zip(self.drawn, self.folds, strict=True)
-        return np.array([_continued(one, below, speeds) for one, below in pairs])
-
-
-def amplitude_at(law: GrowthLaw, fold: float) -> float:
-    """Amplitude at which the two limit cycles of a law meet, m."""
-    unstable, stable = law.steady_amplitudes(np.array([fold]))
-    return 0.5 * float(unstable[0] + stable[0])
+        unstable, stable = self.laws.steady_amplitudes(speeds)
+        v_c, fold, end = self.table[:, :3].T[:, :, None]
+        with np.errstate(invalid='ignore'):
+            soft = np.isnan(stable) & (speeds <= v_c) & self.laws.soft[:, None]
+            unstable = np.where(np.isnan(unstable) & (speeds >= v_c), 0.0, unstable)
+            stable = np.where(soft, 0.0, stable)
+            below = speeds <= fold
+        unstable = np.where(below & np.isnan(unstable), end, unstable)
+        stable = np.where(below & np.isnan(stable), end, stable)
+        return np.stack([unstable, stable], axis=1)
 
 
 def normal_scores(rows: Array) -> Array:
@@ -181,19 +163,3 @@ def normal_scores(rows: Array) -> Array:
     scores = stats.norm.ppf((ranks + 0.5) / len(rows))
     found: Array = scores / np.sqrt(np.mean(scores[:, :1] ** 2))
     return found
-
-
-def _continued(law: GrowthLaw, fold: float | None, speeds: Array) -> tuple[Array, Array]:
-    """Branches of a draw, continued beyond their ends."""
-    unstable, stable = law.steady_amplitudes(speeds)
-    v_c = law.critical_speed
-    if v_c is not None:
-        unstable = np.where(np.isnan(unstable) & (speeds >= v_c), 0.0, unstable)
-        if law.criticality == 'supercritical':
-            stable = np.where(np.isnan(stable) & (speeds <= v_c), 0.0, stable)
-    if fold is not None:
-        end = amplitude_at(law, fold)
-        below = speeds <= fold
-        unstable = np.where(below & np.isnan(unstable), end, unstable)
-        stable = np.where(below & np.isnan(stable), end, stable)
-    return unstable, stable

@@ -19,9 +19,9 @@ import numpy as np
 
 from hunt_ros import samples
 from hunt_ros.analysis import steady_state
-from hunt_ros.dynamics import identified, mode_shape, normal_form
+from hunt_ros.dynamics import growth_law, identified, mode_shape, normal_form
 from hunt_ros.errors import HuntError, IdentificationError
-from hunt_ros.identification import bracket, four_point, growth_law, posterior, result
+from hunt_ros.identification import bracket, four_point, posterior, result
 from hunt_ros.identification.record import envelope, events, segments
 from hunt_ros.identification.result import Identification
 

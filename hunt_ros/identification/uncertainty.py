@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from hunt_ros.dynamics.covariance_root import covariance_root, inverse_of
+from hunt_ros.dynamics.growth_law import PAPER_TERMS, TERMS, GrowthLaw, reading
 from hunt_ros.identification.fit import FittedLaw
-from hunt_ros.identification.growth_law import PAPER_TERMS, TERMS, GrowthLaw
 from hunt_ros.identification.likelihood.trajectory_fit import TrajectoryFit
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import NORMAL_95, Uncertain
@@ -144,7 +144,7 @@ def draw_laws(
     runs: int,
     stretch: float = 1.0,
     admissible: Callable[[GrowthLaw], bool] | None = None,
-) -> tuple[list[GrowthLaw], float]:
+) -> tuple[NDArray[np.float64], float]:
     """
     Draw laws as the data leave them open: of each scale of departure by its share.
 
@@ -153,7 +153,7 @@ def draw_laws(
     laws : sequence of FittedLaw
         With their weights.
     settings : IdentificationSettings
-        For the seed.
+        For the seed, and how well the scale of the speed is known.
     runs : int
         Independent runs.
     stretch : float
@@ -163,45 +163,32 @@ def draw_laws(
 
     Returns
     -------
-    laws : list of GrowthLaw
+    p : ndarray, shape (n, 11)
+        Student draws of the coefficients.
     rejected : float
         Share of the draws that was rejected.
     """
     kept = [one for one in laws if one.weight >= _NEGLIGIBLE]
     total = sum(one.weight for one in kept)
-    drawn: list[GrowthLaw] = []
+    drawn: list[NDArray[np.float64]] = []
     tried = 0
-    may_be = admissible or (lambda law: True)
     for number, one in enumerate(kept):
         share = max(round(_DRAWS * one.weight / total), 1)
-        found: list[GrowthLaw] = []
+        wanted = len(drawn) + share
         covariance = robust_covariance(one.fit, runs)
-        seed = [settings.seed, number]
-        for p in _student(one.law.p, covariance, _TRIES * share, seed, stretch):
-            law = replace(one.law, p=p)
+        root = covariance_root(covariance.matrix)
+        generator = np.random.default_rng([settings.seed, number])
+        normal = generator.standard_normal((_TRIES * share, TERMS))
+        scale = np.sqrt(covariance.degrees / generator.chisquare(covariance.degrees, len(normal)))
+        for p in one.law.p + stretch * (normal * scale[:, None]) @ root.T:
             tried += 1
-            if may_be(law):
-                found.append(law)
-                if len(found) == share:
+            if admissible is None or admissible(replace(one.law, p=p)):
+                drawn.append(p)
+                if len(drawn) == wanted:
                     break
-        drawn += found
-    return drawn, 1.0 - len(drawn) / max(tried, 1)
-
-
-def _student(
-    centre: NDArray[np.float64],
-    covariance: Covariance,
-    count: int,
-    seed: list[int],
-    stretch: float,
-) -> NDArray[np.float64]:
-    """Student draws, shape (count, terms): normal ones over a chi-square."""
-    generator = np.random.default_rng(seed)
-    root = covariance_root(covariance.matrix)
-    normal = generator.standard_normal((count, centre.size))
-    scale = np.sqrt(covariance.degrees / generator.chisquare(covariance.degrees, count))
-    drawn: NDArray[np.float64] = centre + stretch * (normal * scale[:, None]) @ root.T
-    return drawn
+    scales = settings.speed_scale_std * np.random.default_rng(settings.seed).standard_normal(tried)
+    told = [reading(0.0, float(scale)) @ p for p, scale in zip(drawn, scales, strict=False)]
+    return np.array(told).reshape(-1, TERMS), 1.0 - len(drawn) / max(tried, 1)
 
 
 def summary(
@@ -217,7 +204,7 @@ def summary(
     sample : ndarray, shape (n,)
         Draws; NaN where a draw has no such quantity.
     extra_std : float
-        Independent deviation to add (scale and resolution of the speed).
+        Independent deviation to add (resolution of the speed).
     least : float
         Share of the draws that must have the quantity.
 

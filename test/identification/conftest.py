@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds
+from hunt_ros.dynamics.growth_law import (
+    QUINTIC,
+    TERMS,
+    GrowthLaw,
+    GrowthScales,
+    from_normal_form,
+    lawful,
+)
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
@@ -22,14 +29,6 @@ from hunt_ros.dynamics.simulation import (
     simulate,
 )
 from hunt_ros.identification import Identification, IdentificationSettings
-from hunt_ros.identification.growth_law import (
-    QUINTIC,
-    TERMS,
-    GrowthLaw,
-    GrowthScales,
-    lawful,
-)
-from hunt_ros.identification.normal_form_map import from_normal_form
 from hunt_ros.identification.posterior import Posterior
 from hunt_ros.identification.result import FitSummary
 from hunt_ros.identification.verdict.quantities import Quantities
@@ -137,10 +136,8 @@ def identification_of_the_paper(seed: int = 1) -> Identification:
     rng = np.random.default_rng(seed)
     vague = lawful([0.03, 0.03, 0.1, 0.02, 0.05, 0.02], felt=0.0)
     p = law.p + np.abs(law.p) * vague * rng.standard_normal((400, TERMS))
-    drawn = [replace(law, p=row) for row in p]
-    posterior = Posterior.of(
-        law, drawn, (6.0, 8.8), 5e-12 * np.exp(0.2 * rng.standard_normal(400))
-    )
+    intensity = 5e-12 * np.exp(0.2 * rng.standard_normal(400))
+    posterior = Posterior(law, p, intensity, (6.0, 8.8))
     settings = IdentificationSettings()
     numbers = Quantities(posterior, settings)
     return Identification(

@@ -8,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hunt_ros.dynamics.growth_law import GrowthLaw, GrowthScales, from_normal_form, lawful
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.identification import identify
 from hunt_ros.identification.bracket import Bracket, bracket_of, contradicts, refutations
-from hunt_ros.identification.growth_law import GrowthLaw, GrowthScales, lawful
-from hunt_ros.identification.normal_form_map import from_normal_form
 from hunt_ros.identification.preparation import Recording, runs_in
 from hunt_ros.identification.settings import IdentificationSettings
 

@@ -6,13 +6,18 @@ import numpy as np
 import pytest
 
 from hunt_ros.analysis.steady_state import SteadyState
+from hunt_ros.dynamics.growth_law import QUINTIC
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.identification import IdentificationSettings, identify
 from hunt_ros.identification.fit import DEPARTURES, _evidence, fit_laws
-from hunt_ros.identification.growth_law import QUINTIC
 from hunt_ros.identification.identifying import _path
 from hunt_ros.identification.preparation import Recording, Run, runs_in
-from hunt_ros.identification.uncertainty import draw_laws, robust_covariance, summary
+from hunt_ros.identification.uncertainty import (
+    critical_speed_bound,
+    draw_laws,
+    robust_covariance,
+    summary,
+)
 from hunt_ros.identification.verdict.lack_of_fit import lack_of_fit, missed_transients
 
 SETTINGS = IdentificationSettings()
@@ -55,9 +60,9 @@ def test_draws_are_reproducible_and_scatter_as_the_covariance_says(fitted):
     laws, _ = fitted
     one = draw_laws(laws[:1], SETTINGS, 30)[0]
     again = draw_laws(laws[:1], SETTINGS, 30)[0]
-    np.testing.assert_array_equal([law.p for law in one], [law.p for law in again])
+    np.testing.assert_array_equal(one, again)
     varied = laws[0].prior.std > 0.0
-    spread = np.std([law.p for law in one], axis=0)[varied]
+    spread = np.std(one, axis=0)[varied]
     expected = np.sqrt(np.diag(robust_covariance(laws[0].fit, 30).matrix))[varied]
     np.testing.assert_allclose(spread, expected, rtol=0.25)
 
@@ -65,11 +70,11 @@ def test_draws_are_reproducible_and_scatter_as_the_covariance_says(fitted):
 def test_draws_that_no_rig_can_be_are_rejected_and_counted(fitted):
     laws, _ = fitted
     every, none = draw_laws(laws[:1], SETTINGS, 30)
-    middle = np.median([law.p[1] for law in every])
+    middle = np.median(every[:, 1])
     some, rejected = draw_laws(laws[:1], SETTINGS, 30, admissible=lambda law: law.p[1] > middle)
     assert none == 0.0
     assert len(some) == len(every)
-    assert all(law.p[1] > middle for law in some)
+    assert (some[:, 1] > middle).all()
     assert rejected == pytest.approx(0.5, abs=0.1)
 
 
@@ -101,6 +106,25 @@ def test_a_limit_cycle_that_the_law_does_not_follow_is_a_lack_of_fit(fitted):
     assert test.flagged
     assert test.share == pytest.approx(0.066, rel=0.2)
     assert not lack_of_fit(law, states(right)[:5]).flagged
+
+
+def test_recordings_with_gains_of_their_own_give_the_law_of_all(fitted):
+    laws, runs = fitted
+    path, scales = _path(runs, 2.835, SETTINGS)
+    alike = laws[0].fit
+    assert (alike.spread[:3] < 2e-3).all()
+    odd = path.recording % 2 == 1
+    mixed = replace(path, phasor=np.where(odd, 1.02, 1.0) * path.phasor)
+    found = fit_laws(mixed, scales, SETTINGS, None, 0.02)[0]
+    gain = found.fit.own[:, 0]
+    # Those that reach the limit cycle tell their gain, the others nothing.
+    assert 0.5 * np.log(1.02) < np.mean(gain[1::2]) - np.mean(gain[::2]) < 1.1 * np.log(1.02)
+    assert 0.005 < found.fit.spread[0] < 0.02
+    # A gain is no speed: what the speeds tell is told as well.
+    assert found.law.critical_speed == pytest.approx(laws[0].law.critical_speed, abs=0.01)
+    assert found.law.saddle_node(5.0) == pytest.approx(laws[0].law.saddle_node(5.0), abs=0.01)
+    ratio = critical_speed_bound(found) / critical_speed_bound(laws[0])
+    assert ratio == pytest.approx(1.0, abs=0.25)
 
 
 def test_a_summary_of_draws_without_the_quantity_is_not_known():

@@ -16,7 +16,7 @@ from hunt_ros.dynamics.linear_stability import eigenvalues
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
-from hunt_ros.dynamics.simulation import SensorModel, SimulationSettings, simulate
+from hunt_ros.dynamics.simulation import Kick, SensorModel, SimulationSettings, simulate
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification import IdentificationSettings, identify
 from hunt_ros.identification.bracket import contradicts
@@ -248,6 +248,9 @@ def test_resolution_and_scale_of_the_speed_enter_the_intervals(records, from_swe
     assert coarse.v_n.std > np.hypot(0.2 / np.sqrt(12), 0.064) * 0.99
     assert coarse.v_c.std > from_sweep.v_c.std
     assert coarse.normal_form.std('v_c') > 0.08
+    # A branch at a speed is as uncertain as the speed is.
+    wide, narrow = (one.branch('stable', [7.0]) for one in (coarse, from_sweep))
+    assert wide[2][0] - wide[1][0] > 2.0 * (narrow[2][0] - narrow[1][0])
 
 
 def test_scales_are_only_units(records, from_sweep):
@@ -325,6 +328,20 @@ def test_the_limit_cycle_at_one_speed_says_nothing_of_the_linear_growth_rate(mak
     said = next(line for line in identify([record]).warnings if 'one speed only' in line)
     assert 'does not show its linear growth rate' in said
     assert '1/s' not in said
+
+
+def test_where_only_the_limit_cycle_was_seen_no_critical_speed_is_told():
+    """Hysteresis entered from above: from the limit cycle at 8.8 m/s down to rest."""
+    profile = SpeedProfile.staircase(*np.arange(8.8, 5.9, -0.2), hold_s=25.0)
+    settings = SimulationSettings(sample_rate_hz=100.0, broadband=8e-6)
+    kick = [Kick(0.5, lateral_m=6e-4)]
+    for seed in range(3):
+        result = identify([simulate(paper_rig(), settings, profile, kicks=kick, seed=seed)])
+        assert result.v_c is None
+        assert 'small motion was seen between 6 and 6.4 m/s only' in result.unknown['v_c']
+        assert result.v_n.low < 6.433 < result.v_n.high
+        assert result.normal_form is None
+        assert result.hysteresis_width is None
 
 
 def test_two_contradictory_runs_are_named(records):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hunt_ros.identification.growth_law import LawPrior, lawful
-from hunt_ros.identification.likelihood.path import Path
-from hunt_ros.identification.likelihood.trajectory_fit import fit_path
+from hunt_ros.dynamics.growth_law import lawful
+from hunt_ros.identification.likelihood.path_likelihood import Path
+from hunt_ros.identification.likelihood.trajectory_fit import LawPrior, fit_path
 from hunt_ros.identification.record.channels import Channels
 from hunt_ros.identification.record.envelope import (
     WINDOW_CYCLES,

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.identification.growth_law import monomials
-from hunt_ros.identification.likelihood.path import Path
+from hunt_ros.dynamics.growth_law import monomials
+from hunt_ros.identification.likelihood.path_likelihood import Path
 
 #: Length of the integration, in steps of the envelope.
 _SPAN = 4

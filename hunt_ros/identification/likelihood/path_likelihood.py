@@ -3,31 +3,252 @@ How likely a measured envelope is under the growth law: the inner loop of the fi
 
     dz = z g(v, |z|) dt + sqrt(Q) dW,     y_k = z_k + sqrt(R) n_k
 
-Between two samples amplitude and its sensitivity follow the growth law (`amplitude_step`); at
-each sample a radial and a tangential Kalman step compare it with the measurement. Without process
-noise (Q = 0) this is the trajectory fit by nonlinear least squares with a free initial
-amplitude for each segment; with it the random walk that throws a rig out of the quiet
-state, and the quiet motion before, are part of the model, so that nothing is selected
-by its outcome. The derivatives by law and noise are carried along.
+Between two samples amplitude and its sensitivity follow the growth law (`_propagate`), and a
+window shows it as large as `_blurred` says; at each sample a radial and a tangential Kalman step
+compare it with the measurement. Without process noise (Q = 0) this is the trajectory fit by
+nonlinear least squares with a free initial amplitude for each segment; with it the random walk
+that throws a rig out of the quiet state, and the quiet motion before, are part of the model, so
+that nothing is selected by its outcome. The derivatives by law and noise are carried along.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.compiled import B1, F1, F2, F3, I1, compiled, compiled_part
-from hunt_ros.identification.growth_law import TERMS
-from hunt_ros.identification.likelihood.amplitude_step import blurred, propagate
-from hunt_ros.identification.likelihood.path import Path
+from hunt_ros.dynamics.growth_law import TERMS, powers_of_w, terms_at
 
 #: Number of parameters behind those of the law: how ln Q changes with u and with w, then
 #: ln Q (at u = w = 0), ln R and the log of the phase noise.
 NOISE_TERMS = 5
 #: Number of all of them.
 ALL_TERMS = TERMS + NOISE_TERMS
+#: Longest step of the integration relative to the fastest rate met, 1: where the law changes
+#: the number of steps, the likelihood jumps by its error, here below a hundredth.
+_STEP = 0.3
+#: Largest w = (A / A_ref)^2 the law is evaluated at: beyond it a trial law may blow up.
+_LARGEST = 25.0
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """
+    The envelope of all records in a row, in the variables of the fit.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        s, rising within each run, evenly.
+    u : ndarray, shape (n,)
+        v / v_ref - 1.
+    phasor : ndarray of complex, shape (n,)
+        z / A_ref; NaN where nothing was measured.
+    restart : ndarray of bool, shape (n,)
+        True where a run begins.
+    cluster : ndarray of int, shape (n,)
+        Run or block each instant belongs to, 0-based, for robust variances.
+    blur : float
+        Variance of the window in which each phasor was measured, s^2.
+    reach : float
+        Mean distance of two instants of such a window, s.
+    overlap : float
+        Correlation of the noise of neighbouring windows, below 1/2.
+    line : ndarray, shape (n,), optional
+        Power (B / A_ref)^2 of the lines that the roller forces on y beside hunting.
+    recording : ndarray of int, shape (n,), optional
+        Recording each instant belongs to, 0-based and in a row; all to one where it is not given.
+    """
+
+    time: NDArray[np.float64]
+    u: NDArray[np.float64]
+    phasor: NDArray[np.complex128]
+    restart: NDArray[np.bool_]
+    cluster: NDArray[np.int64]
+    blur: float = 0.0
+    reach: float = 0.0
+    overlap: float = 0.0
+    line: NDArray[np.float64] | None = None
+    recording: NDArray[np.int64] | None = None
+
+    @cached_property
+    def recordings(self) -> list[Path]:
+        """The paths of the recordings, one by one."""
+        if self.recording is None or not self.recording.any():
+            return [self]
+        edges = np.searchsorted(self.recording, np.arange(int(self.recording.max()) + 2))
+        return [
+            Path(
+                self.time[a:b],
+                self.u[a:b],
+                self.phasor[a:b],
+                self.restart[a:b],
+                self.cluster[a:b],
+                self.blur,
+                self.reach,
+                self.overlap,
+                None if self.line is None else self.line[a:b],
+            )
+            for a, b in itertools.pairwise(edges.tolist())
+        ]
+
+    @property
+    def clusters(self) -> int:
+        """Number of clusters."""
+        return int(self.cluster.max()) + 1 if self.cluster.size else 0
+
+    @cached_property
+    def starts(self) -> NDArray[np.bool_]:
+        """
+        Instants at which a segment begins, shape (n,): the amplitude there is free.
+
+        Each run begins one, and each gap: what went on in a gap is not known (the speed may
+        have gone anywhere, random motion may have decided for another state), so that no law
+        is integrated over it.
+        """
+        known = np.isfinite(self.phasor)
+        before = np.concatenate([[False], known[:-1]])
+        starts: NDArray[np.bool_] = known & (self.restart | ~before)
+        return starts
+
+    def broken_at(self, jumps: NDArray[np.bool_]) -> Path:
+        """Return the path with new segments after `jumps`, whose windows are left out."""
+        hit = jumps.copy()
+        hit[:-1] |= jumps[1:]
+        hit[1:] |= jumps[:-1] & ~self.restart[1:]
+        return replace(self, phasor=np.where(hit, np.nan, self.phasor))
+
+
+@compiled_part
+def _propagate(
+    p: NDArray[np.float64],
+    u0: float,
+    u1: float,
+    dt: float,
+    log_amplitude: float,
+    line: float,
+    sensitive: bool,
+    work: NDArray[np.float64],
+) -> tuple[float, float, float, float]:
+    """
+    Carry ln A over dt while u goes from u0 to u1.
+
+    Returns ln A, the integral of the derivative of the growth rate by ln A, and the derivatives
+    of both by the first ln A; rows 0 and 1 of `work` are filled with those by the coefficients.
+    """
+    w = min(math.exp(2.0 * log_amplitude), _LARGEST)
+    c0, c1, c2, c3 = powers_of_w(p, u0, line)
+    rate = c0 + (c1 + (c2 + c3 * w) * w) * w
+    fastest = abs(2.0 * w * (c1 + (2.0 * c2 + 3.0 * c3 * w) * w)) + 2.0 * abs(rate)
+    count = int(min(max(math.ceil(dt * fastest / _STEP), 2.0), 60.0))
+    h = dt / count
+    du = (u1 - u0) / count
+    total = 0.0
+    # By the start: of w and of the integral; by each coefficient: rows of work.
+    dw0 = 2.0 * w
+    dt0 = 0.0
+    if sensitive:
+        work[:, :] = 0.0
+    # In w instead of ln A: no exponential in the inner loop.
+    for i in range(count):
+        start = w
+        d_start = dw0
+        moved = 0.0
+        d_moved = 0.0
+        bent = 0.0
+        d_bent = 0.0
+        k = 0.0
+        dk = 0.0
+        if sensitive:
+            for j in range(TERMS):
+                work[2, j] = 0.0
+                work[3, j] = 0.0
+                work[4, j] = 0.0
+        for stage in range(4):
+            lead = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
+            share = 1.0 if stage == 0 or stage == 3 else 2.0
+            if stage != 2:
+                at = u0 + (i + (0.0 if stage == 0 else (1.0 if stage == 3 else 0.5))) * du
+                c0, c1, c2, c3 = powers_of_w(p, at, line)
+            here = start + lead * k
+            inside = 1e-18 < here < _LARGEST
+            here = min(max(here, 0.0), _LARGEST)
+            g = c0 + (c1 + (c2 + c3 * here) * here) * here
+            gw = c1 + (2.0 * c2 + 3.0 * c3 * here) * here
+            dk_before = dk
+            k = 2.0 * here * g
+            moved += share * k
+            bent += share * 2.0 * here * gw
+            if sensitive:
+                gww = 2.0 * c2 + 6.0 * c3 * here
+                by_w = 2.0 * (g + here * gw)
+                bent_by_w = 2.0 * (gw + here * gww)
+                d_here = d_start + lead * dk_before if inside else 0.0
+                dk = by_w * d_here
+                d_moved += share * dk
+                d_bent += share * bent_by_w * d_here
+                terms_at(p, at, here, line, work[5], work[6])
+                for j in range(TERMS):
+                    d_j = work[7, j] + lead * work[2, j] if inside else 0.0
+                    work[2, j] = by_w * d_j + 2.0 * here * work[5, j]
+                    work[3, j] += share * work[2, j]
+                    work[4, j] += share * (bent_by_w * d_j + 2.0 * here * work[6, j])
+        total += h * bent / 6.0
+        new = start + h * moved / 6.0
+        inside = 1e-18 < new < _LARGEST
+        w = min(max(new, 1e-18), _LARGEST)
+        if sensitive:
+            dt0 += h * d_bent / 6.0
+            dw0 = d_start + h * d_moved / 6.0 if inside else 0.0
+            for j in range(TERMS):
+                work[1, j] += h * work[4, j] / 6.0
+                work[7, j] = work[7, j] + h * work[3, j] / 6.0 if inside else 0.0
+    if sensitive:
+        for j in range(TERMS):
+            work[0, j] = 0.5 * work[7, j] / w
+    return 0.5 * math.log(w), total, 0.5 * dw0 / w, dt0
+
+
+@compiled_part
+def _blurred(
+    p: NDArray[np.float64],
+    u: float,
+    amplitude: float,
+    line: float,
+    blur: float,
+    sensitive: bool,
+    work: NDArray[np.float64],
+) -> tuple[float, float]:
+    """
+    How much larger a window shows an amplitude that bends: 1 + sigma^2 A'' / 2 A.
+
+    Also its derivative by the amplitude; those by the coefficients fill row 0 of `work`.
+    """
+    w = min(amplitude * amplitude, _LARGEST)
+    c0, c1, c2, c3 = powers_of_w(p, u, line)
+    rate = c0 + (c1 + (c2 + c3 * w) * w) * w
+    by_w = c1 + (2.0 * c2 + 3.0 * c3 * w) * w
+    both = rate + 2.0 * w * by_w
+    bend = 0.5 * blur * rate * both
+    by_amplitude = 0.0
+    if sensitive:
+        if -0.3 < bend < 0.5:
+            twice = 2.0 * c2 + 6.0 * c3 * w
+            change = by_w * both + rate * (3.0 * by_w + 2.0 * w * twice)
+            by_amplitude = 0.5 * blur * change * 2.0 * amplitude
+            terms_at(p, u, w, line, work[5], work[6])
+            for j in range(TERMS):
+                more = work[5, j] + 2.0 * w * work[6, j]
+                work[0, j] = 0.5 * blur * (work[5, j] * both + rate * more)
+        else:
+            for j in range(TERMS):
+                work[0, j] = 0.0
+    return 1.0 + max(min(bend, 0.5), -0.3), by_amplitude
 
 
 @compiled_part
@@ -82,9 +303,9 @@ def _walk(
             continue
         if starts[k]:
             seen = max(math.sqrt(real[k] * real[k] + imag[k] * imag[k]), 1e-9)
-            gain, _ = blurred(p, u[k], seen, line[k], blur, sensitive, edge)
+            gain, _ = _blurred(p, u[k], seen, line[k], blur, sensitive, edge)
             inner = 1.0 / gain
-            gain, bend = blurred(p, u[k], seen * inner, line[k], blur, sensitive, work)
+            gain, bend = _blurred(p, u[k], seen * inner, line[k], blur, sensitive, work)
             sharp = 1.0 / gain
             a_re = real[k] * sharp
             a_im = imag[k] * sharp
@@ -116,7 +337,7 @@ def _walk(
         near = min(before * before, 2.0)
         push = noise[2] + noise[0] * u[k] + noise[1] * near
         q = math.exp(min(max(push, -40.0), 10.0))
-        x, slope, x_by, slope_by = propagate(
+        x, slope, x_by, slope_by = _propagate(
             p, u[last], u[k], dt, math.log(before), 0.5 * (line[last] + line[k]), sensitive, work
         )
         grown = x - math.log(before)
@@ -131,7 +352,7 @@ def _walk(
         turning = jitter * amplitude * amplitude
         m_r = pow_r * p_r + q * dt * mean_r
         m_t = pow_t * p_t + q * dt * mean_t + turning * dt
-        gain, gain_by = blurred(p, u[k], amplitude, line[k], blur, sensitive, edge)
+        gain, gain_by = _blurred(p, u[k], amplitude, line[k], blur, sensitive, edge)
         n_r = c * e_re + s * e_im
         n_t = c * e_im - s * e_re
         i_r = c * real[k] + s * imag[k] - gain * amplitude - shared * n_r

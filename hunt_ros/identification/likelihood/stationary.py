@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.identification.growth_law import GrowthLaw
+from hunt_ros.dynamics.growth_law import GrowthLaw
 
 Array = NDArray[np.float64]
 

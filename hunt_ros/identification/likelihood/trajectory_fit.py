@@ -1,8 +1,11 @@
 """
 The fit: maximum likelihood of the measured paths, by Fisher scoring.
 
-With negligible process noise it is the trajectory fit by nonlinear least squares. Score
-and information are kept for each cluster, so that robust variances come from the same numbers.
+With negligible process noise it is the trajectory fit by nonlinear least squares. Recordings of
+one rig differ: each has a gain, a scale of the speed, a critical speed, forcing and noise of its
+own, whose spread is learnt from them (`learnt`). What is kept of them beside their values is what
+they leave known of the law: its information, and the scores of each cluster, from which robust
+variances come.
 """
 
 from __future__ import annotations
@@ -14,18 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.dynamics.covariance_root import inverse_of
-from hunt_ros.identification.growth_law import FELT, PAPER_TERMS, TERMS, LawPrior
+from hunt_ros.dynamics.growth_law import FELT, PAPER_TERMS, TERMS, reading
 from hunt_ros.identification.likelihood.damping_bias import damping_correction
-from hunt_ros.identification.likelihood.path import Path
 from hunt_ros.identification.likelihood.path_likelihood import (
     ALL_TERMS,
     NOISE_TERMS,
+    Path,
     innovations,
     sensitivities,
 )
 
+Array = NDArray[np.float64]
 #: A prior: function of the law's coefficients, expected value, standard deviation.
-Prior = tuple[Callable[[NDArray[np.float64]], float], float, float]
+Prior = tuple[Callable[[Array], float], float, float]
 
 #: Standard deviations of the prior on d ln Q / du, forcing that rises with a power of v, and
 #: on d ln Q / dw; and where they end: forcing is no other than that, it cannot stand in for
@@ -42,6 +46,30 @@ _MOST_FELT = 3.0
 _REACHED = 0.05
 #: Bounds of ln Q, ln R, ln phase noise: beyond them nothing changes any more.
 _LOG_LOW, _LOG_HIGH = -32.0, 5.0
+#: What a recording has of its own: logarithms of its gain and of its scale of the speed, the
+#: relative shift of its critical speed, and logarithms of its forcing Q and noise R.
+_OWN = 5
+#: Spreads of these among recordings that are tried, the least of them none at all, and the scale
+#: on which a larger one is less likely beforehand.
+_SPREADS = np.array([1.0, 1.0, 1.0, 100.0, 100.0])[:, None] * np.geomspace(1e-4, 0.1, 19)
+_USUAL = np.array([0.02, 0.01, 0.01, 1.0, 1.0])
+#: Rounds in which the spreads are learnt.
+_ROUNDS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class LawPrior:
+    """
+    What is known of the law's coefficients before the data are seen: independent normal numbers.
+
+    Parameters
+    ----------
+    mean, std : ndarray, shape (11,)
+        1/s; a coefficient with std 0 is held at its mean.
+    """
+
+    mean: Array
+    std: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,16 +82,23 @@ class TrajectoryFit:
     theta : ndarray, shape (11 + 5,)
         Law, then the noise as in `path_likelihood.innovations`.
     information : ndarray, shape (16, 16)
-        Fisher information, with the priors.
+        Fisher information, with the priors; what the recordings have of their own is unknown.
     scores : ndarray, shape (clusters, 16)
-        Gradient of the log likelihood of each cluster at `theta`.
+        Gradient of the log likelihood of each cluster at `theta`, in the same sense.
     log_likelihood : float
+        With the priors, and the mean over what the recordings have of their own.
     innovations : ndarray, shape (n, 4)
     iterations : int
     remaining : float
         Gain of the log likelihood that the last step still promises, within the bounds.
     correction : ndarray, shape (11,)
         What to add to the law for the bias of the damping of its quiet motion.
+    own : ndarray, shape (recordings, 5)
+        What each recording has of its own: logarithms of measured over true amplitude and of
+        true over measured speed, shift of its v_c over v_ref, logarithms of its forcing Q and
+        its noise R over those of the law.
+    spread : ndarray, shape (5,)
+        Its standard deviations among recordings; 0: they are taken as alike.
     """
 
     theta: NDArray[np.float64]
@@ -74,6 +109,8 @@ class TrajectoryFit:
     iterations: int
     remaining: float
     correction: NDArray[np.float64]
+    own: NDArray[np.float64]
+    spread: NDArray[np.float64]
 
     @property
     def converged(self) -> bool:
@@ -87,16 +124,66 @@ class TrajectoryFit:
         return law
 
 
+def as_read(theta: Array, own: Array) -> Array:
+    """Return law and noise as the readings of a recording have them, shape (16,)."""
+    gain, speed, shift, push, noise = own.tolist()
+    read: Array = theta.copy()
+    read[0] -= shift * theta[1]
+    read[:TERMS] = reading(gain, speed) @ read[:TERMS]
+    by_speed, by_power = theta[TERMS : TERMS + 2]
+    faster = np.expm1(speed)
+    read[TERMS:-1] = (
+        by_speed * (1.0 + faster),
+        by_power * np.exp(-2.0 * gain),
+        theta[TERMS + 2] + by_speed * faster + 2.0 * gain + push,
+        theta[TERMS + 3] + noise,
+    )
+    return read
+
+
+def _derivatives(theta: Array, own: Array) -> Array:
+    """Return those of `as_read` by theta and by what the recording has, shape (16, 16 + 4)."""
+    matrix = np.zeros((theta.size, theta.size + _OWN))
+    matrix[:TERMS, :TERMS] = reading(own[0], own[1])
+    matrix[:TERMS, 1] -= own[2] * matrix[:TERMS, 0]
+    faster = np.expm1(own[1])
+    noise = np.arange(TERMS, theta.size)
+    matrix[noise, noise] = 1.0 + faster, np.exp(-2.0 * own[0]), 1.0, 1.0, 1.0
+    matrix[TERMS + 2, TERMS] = faster
+    for k in range(_OWN):
+        step = 1e-6 * np.eye(_OWN)[k]
+        matrix[:, theta.size + k] = (
+            as_read(theta, own + step) - as_read(theta, own - step)
+        ) / 2e-6
+    return matrix
+
+
 @dataclass(frozen=True, eq=False)
 class _Expansion:
-    """The log likelihood about a point: gradient, information, and what the paths add to them."""
+    """
+    The log likelihood about a point.
+
+    `gradient` and `information` are those of the law alone, `scores` what each cluster adds to
+    the gradient; `own_slope` and `own_block` (its prior in it) and `cross` are those of what the
+    recordings have of their own, by which they were reduced.
+    """
 
     value: float
-    gradient: NDArray[np.float64]
-    information: NDArray[np.float64]
-    scores: NDArray[np.float64]
-    innovations: NDArray[np.float64]
-    derivative: NDArray[np.float64]
+    gradient: Array
+    information: Array
+    scores: Array
+    innovations: Array
+    derivative: Array
+    own_slope: Array
+    own_block: Array
+    cross: Array
+
+    def follow(self, step: Array, damping: float) -> Array:
+        """Return the step of what the recordings have that goes with one of the law."""
+        wanted = self.own_slope - np.einsum('rjk,j->rk', self.cross, step)
+        matrix = self.own_block * (1.0 + damping * np.eye(_OWN))
+        found: Array = np.linalg.solve(matrix, wanted[..., None])[..., 0]
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,9 +191,10 @@ class _Problem:
     """What is maximised: the likelihood of a path with what is known beforehand."""
 
     path: Path
-    mean: NDArray[np.float64]
-    std: NDArray[np.float64]
+    mean: Array
+    std: Array
     priors: Sequence[Prior]
+    spread: Array
 
     @property
     def varied(self) -> NDArray[np.bool_]:
@@ -119,41 +207,71 @@ class _Problem:
         """Parameters with a normal prior of their own."""
         return np.flatnonzero(self.std > 0.0)
 
-    def away(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
+    def away(self, theta: Array) -> Array:
         """Distance of these from the means of their priors, in deviations."""
         k = self.told
-        distance: NDArray[np.float64] = (theta[k] - self.mean[k]) / self.std[k]
+        distance: Array = (theta[k] - self.mean[k]) / self.std[k]
         return distance
 
-    def value(self, theta: NDArray[np.float64], out: NDArray[np.float64]) -> float:
+    @property
+    def differ(self) -> bool:
+        """Whether recordings have something of their own."""
+        return bool(self.spread.any())
+
+    def value(self, theta: Array, own: Array, out: Array) -> float:
         """Negative log posterior of innovations found at theta, and never NaN."""
         value = 0.5 * float(np.sum(out[:, :2] ** 2 + out[:, 2:]))
         value += 0.5 * float(np.sum(self.away(theta) ** 2))
+        if self.differ:
+            value += 0.5 * float(np.sum((own / self.spread) ** 2))
         for function, mean, std in self.priors:
             value += 0.5 * ((function(theta[:TERMS]) - mean) / std) ** 2
         return value if np.isfinite(value) else float('inf')
 
-    def objective(self, theta: NDArray[np.float64]) -> float:
+    def objective(self, theta: Array, own: Array) -> float:
         """Negative log posterior."""
-        return self.value(theta, innovations(theta, self.path))
+        parts = [
+            innovations(as_read(theta, one), part)
+            for one, part in zip(own, self.path.recordings, strict=True)
+        ]
+        return self.value(theta, own, np.concatenate(parts))
 
-    def expand(self, theta: NDArray[np.float64]) -> _Expansion:
+    def expand(self, theta: Array, own: Array) -> _Expansion:
         """Value, gradient, expected information and scores by cluster."""
-        base, derivative = sensitivities(theta, self.path, self.varied)
-        e, d_e, d_l = base[:, :2], derivative[:, :, :2], derivative[:, :, 2:]
-        point = -np.einsum('jnc,nc->nj', d_e, e) - 0.5 * d_l.sum(axis=2).T
-        scores = np.zeros((self.path.clusters, theta.size))
-        np.add.at(scores, self.path.cluster, point)
-        mean = (d_e + 0.5 * e[None] * d_l).reshape(theta.size, -1)
-        spread = d_l.reshape(theta.size, -1)
-        information = mean @ mean.T + 0.5 * spread @ spread.T
-        gradient = scores.sum(axis=0)
+        n, parts = theta.size, self.path.recordings
+        scores = np.zeros((self.path.clusters, n))
+        gradient, information = np.zeros(n), np.zeros((n, n))
+        base, derivative = [], []
+        slopes, blocks = np.zeros((len(parts), _OWN)), np.tile(np.eye(_OWN), (len(parts), 1, 1))
+        cross = np.zeros((len(parts), n, _OWN))
+        for r, (one, part) in enumerate(zip(own, parts, strict=True)):
+            out, by_read = sensitivities(as_read(theta, one), part, self.varied)
+            way = _derivatives(theta, one)
+            way[:, :n] *= self.varied
+            by = np.tensordot(way.T, by_read, axes=1)
+            e, d_e, d_l = out[:, :2], by[:, :, :2], by[:, :, 2:]
+            point = -np.einsum('jnc,nc->nj', d_e, e) - 0.5 * d_l.sum(axis=2).T
+            mean = (d_e + 0.5 * e[None] * d_l).reshape(len(by), -1)
+            wide = d_l.reshape(len(by), -1)
+            whole = mean @ mean.T + 0.5 * wide @ wide.T
+            lean = np.zeros((n, _OWN))
+            if self.differ:
+                slopes[r] = point[:, n:].sum(axis=0) - one / self.spread**2
+                blocks[r] = whole[n:, n:] + np.diag(self.spread**-2)
+                cross[r] = whole[:n, n:]
+                lean = np.linalg.solve(blocks[r], cross[r].T).T
+            reduced = point[:, :n] - point[:, n:] @ lean.T
+            np.add.at(scores, part.cluster, reduced)
+            gradient += point[:, :n].sum(axis=0) - lean @ slopes[r]
+            information += whole[:n, :n] - lean @ cross[r].T
+            base.append(out)
+            derivative.append(d_e[:n])
         k = self.told
         gradient[k] -= self.away(theta) / self.std[k]
         information[k, k] += 1.0 / self.std[k] ** 2
         law = theta[:TERMS]
         for function, expected, std in self.priors:
-            slope = np.zeros(theta.size)
+            slope = np.zeros(n)
             for j in range(PAPER_TERMS):
                 h = 1e-5 * max(abs(law[j]), 0.1)
                 above, below = law.copy(), law.copy()
@@ -163,10 +281,22 @@ class _Problem:
             if np.isfinite(slope).all():
                 gradient -= slope * (function(law) - expected) / std**2
                 information += np.outer(slope, slope) / std**2
-        return _Expansion(self.value(theta, base), gradient, information, scores, base, d_e)
+        joined = np.concatenate(base)
+        value = self.value(theta, own, joined)
+        return _Expansion(
+            value,
+            gradient,
+            information,
+            scores,
+            joined,
+            np.concatenate(derivative, axis=1),
+            slopes,
+            blocks,
+            cross,
+        )
 
 
-def _remaining(theta: NDArray[np.float64], at: _Expansion) -> float:
+def _remaining(theta: Array, at: _Expansion) -> float:
     """
     Half the squared Newton decrement over what no bound holds; inf where it cannot be told.
 
@@ -178,17 +308,18 @@ def _remaining(theta: NDArray[np.float64], at: _Expansion) -> float:
         return float('inf')
     free = _free(theta, at.gradient)
     pull, block = at.gradient[free], at.information[np.ix_(free, free)]
-    return 0.5 * float(pull @ inverse_of(block) @ pull)
+    own = np.linalg.solve(at.own_block, at.own_slope[..., None])[..., 0]
+    return 0.5 * float(pull @ inverse_of(block) @ pull + np.sum(at.own_slope * own))
 
 
-def _free(theta: NDArray[np.float64], gradient: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _free(theta: Array, gradient: Array) -> NDArray[np.bool_]:
     """Parameters that no bound holds against the gradient."""
     low, high = _bounds()
     free: NDArray[np.bool_] = ~((theta <= low) & (gradient < 0.0))
     return free & ~((theta >= high) & (gradient > 0.0))
 
 
-def _bounds() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _bounds() -> tuple[Array, Array]:
     """Lowest and highest value of each parameter; the law itself has no bounds."""
     high = np.full(ALL_TERMS, np.inf)
     low = -high
@@ -200,10 +331,12 @@ def _bounds() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 def fit_path(
     path: Path,
-    start: NDArray[np.float64],
+    start: Array,
     prior: LawPrior,
     priors: Sequence[Prior] = (),
     iterations: int = 100,
+    own: Array | None = None,
+    spread: Array | None = None,
 ) -> TrajectoryFit:
     """
     Fit the growth law to a path.
@@ -220,6 +353,10 @@ def fit_path(
         What is known from elsewhere.
     iterations : int
         At most.
+    own : ndarray, shape (recordings, 5), optional
+        What the recordings have of their own, to start from.
+    spread : ndarray, shape (5,), optional
+        How far they differ in it; as is usual where it is not given.
 
     Returns
     -------
@@ -230,18 +367,22 @@ def fit_path(
     Fisher scoring with Levenberg's damping; the likelihood is that of the extended Kalman
     filter (Ljung, L., System Identification, 1999, Sect. 7.4).
     """
+    several = len(path.recordings) > 1
+    spread = _USUAL * several if spread is None else spread
     problem = _Problem(
         path,
         np.concatenate([prior.mean, np.zeros(_SLOPES.size)]),
         np.concatenate([prior.std, _SLOPES]),
         priors,
+        spread,
     )
     low, high = _bounds()
     theta = np.array(start, dtype=np.float64)
     held = np.flatnonzero(prior.std == 0.0)
     theta[held] = prior.mean[held]
     theta = np.clip(theta, low, high)
-    current = problem.expand(theta)
+    own = np.zeros((len(path.recordings), _OWN)) if own is None else own
+    current = problem.expand(theta, own)
     damping = 1e-3
     count = 0
     while count < iterations and _remaining(theta, current) > _GAIN:
@@ -260,30 +401,107 @@ def fit_path(
             step *= min(1.0, 0.7 / longest) if longest > 0.0 else 1.0
             step[-3:] = np.clip(step[-3:], -3.0, 2.0)
             trial = np.clip(theta + step, low, high)
-            value = problem.objective(trial)
+            moved = np.zeros(own.shape)
+            if problem.differ:
+                moved = current.follow(trial - theta, damping)
+            value = problem.objective(trial, own + moved)
             if value < current.value:
                 # Along a curved ridge the step is in the right direction, and too short.
                 while True:
                     further = np.clip(theta + 2.0 * (trial - theta), low, high)
-                    beyond = problem.objective(further)
+                    beyond = problem.objective(further, own + 2.0 * moved)
                     if not beyond < value - 0.1 * _GAIN:
                         break
-                    trial, value = further, beyond
+                    trial, value, moved = further, beyond, 2.0 * moved
                 stalled = current.value - value < 0.1 * _GAIN
-                theta = trial
+                theta, own = trial, own + moved
                 damping = max(damping / 8.0, 1e-9)
-                current = problem.expand(theta)
+                current = problem.expand(theta, own)
                 break
             damping *= 6.0
         if stalled:
             break
+    unknown = 0.0
+    if problem.differ:
+        unit = spread[:, None] * spread
+        unknown = 0.5 * float(np.linalg.slogdet(current.own_block * unit)[1].sum())
     return TrajectoryFit(
         theta,
         current.information,
         current.scores,
-        -current.value,
+        -current.value - unknown,
         current.innovations,
         count,
         _remaining(theta, current),
         damping_correction(theta, path, current.derivative, current.information),
+        own,
+        spread,
     )
+
+
+def learnt(
+    path: Path, fit: TrajectoryFit, prior: LawPrior, priors: Sequence[Prior]
+) -> TrajectoryFit:
+    """
+    Learn how far recordings differ, and fit anew with that.
+
+    The spreads are those that make the recordings likeliest, averaged over the law and over what
+    each of them has of its own, by the expansion of the likelihood about the fit (restricted
+    maximum likelihood); each is drawn towards none by its prior. They are learnt from few: a
+    spread from R recordings is taken (R + 1) / (R - 1) times as wide, in variance, as it seems.
+
+    References
+    ----------
+    Pinheiro, J. C., Bates, D. M., Mixed-Effects Models in S and S-PLUS (2000), Sect. 7.2.
+    """
+    count = len(path.recordings)
+    if count < 2:
+        return fit
+    for _ in range(_ROUNDS):
+        spread = _likeliest(path, fit, prior, priors)
+        settled = (np.abs(np.log(spread / fit.spread)) < 0.5).all()
+        if settled:
+            spread = spread * np.sqrt((count + 1.0) / (count - 1.0))
+        fit = fit_path(path, fit.theta, prior, priors, own=fit.own, spread=spread)
+        if settled:
+            break
+    return fit
+
+
+def _likeliest(path: Path, fit: TrajectoryFit, prior: LawPrior, priors: Sequence[Prior]) -> Array:
+    """Spreads of what recordings have of their own that explain them best, shape (5,)."""
+    problem = _Problem(
+        path,
+        np.concatenate([prior.mean, np.zeros(_SLOPES.size)]),
+        np.concatenate([prior.std, _SLOPES]),
+        priors,
+        fit.spread,
+    )
+    at, precision = problem.expand(fit.theta, fit.own), np.diag(fit.spread**-2.0)
+    bare = at.own_block - precision
+    lean = np.linalg.solve(at.own_block, at.cross.transpose(0, 2, 1))
+    # The information on the law and its gradient with what the recordings have held, at zero.
+    law = at.information + np.einsum('rjk,rki->ji', at.cross, lean)
+    pull = at.gradient + np.einsum('rki,rk->i', lean, at.own_slope)
+    pull = pull + np.einsum('rjk,rk->j', at.cross, fit.own)
+    wanted = at.own_slope + fit.own / fit.spread**2 + np.einsum('rjk,rk->rj', bare, fit.own)
+    free = np.flatnonzero(np.diag(law) > 0.0)
+
+    def evidence(spread: Array) -> float:
+        block = bare + np.diag(spread**-2.0)
+        weighed = np.linalg.solve(block, at.cross.transpose(0, 2, 1))
+        seen = np.linalg.solve(block, wanted[..., None])[..., 0]
+        reduced = (law - np.einsum('rjk,rki->ji', at.cross, weighed))[np.ix_(free, free)]
+        left = (pull - np.einsum('rki,rk->i', weighed, wanted))[free]
+        gain = np.sum(wanted * seen) + left @ np.linalg.solve(reduced, left)
+        width = np.linalg.slogdet(block * spread[:, None] * spread)[1].sum()
+        width += np.linalg.slogdet(reduced)[1]
+        return float(0.5 * (gain - width) - np.sum(spread / _USUAL))
+
+    spread: Array = fit.spread.copy()
+    for _ in range(3):
+        for k in range(_OWN):
+            tried = np.tile(spread, (_SPREADS.shape[1], 1))
+            tried[:, k] = _SPREADS[k]
+            spread = tried[int(np.argmax([evidence(one) for one in tried]))]
+    return spread

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Literal
@@ -112,6 +112,26 @@ class Run:
             if part.kind == 'kick':
                 kicked |= (stamp >= part.start_ns - 1e6) & (stamp <= part.end_ns + 1e6)
         return kicked
+
+    def read(self, gain: float, scale: float) -> Run:
+        """Return it with the amplitudes over a gain and the speeds times a scale."""
+        envelope = replace(
+            self.envelope,
+            phasor=self.envelope.phasor / gain,
+            speed=self.envelope.speed * scale,
+            line_power=self.envelope.line_power / gain**2,
+        )
+        states = [
+            replace(
+                state,
+                speed=state.speed * scale,
+                amplitude=state.amplitude / gain,
+                amplitude_std=state.amplitude_std / gain,
+                line_power=state.line_power / gain**2,
+            )
+            for state in self.states
+        ]
+        return replace(self, envelope=envelope, states=states)
 
 
 def analyse_record(

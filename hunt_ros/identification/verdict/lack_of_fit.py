@@ -13,8 +13,8 @@ from scipy import stats
 
 from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.dynamics.covariance_root import inverse_of
+from hunt_ros.dynamics.growth_law import TERMS, GrowthLaw
 from hunt_ros.identification.fit import FittedLaw
-from hunt_ros.identification.growth_law import TERMS, GrowthLaw
 from hunt_ros.identification.likelihood.stationary import forcing, stationary_amplitude
 from hunt_ros.identification.record.envelope import Envelope
 from hunt_ros.identification.record.segments import Segment

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds
+from hunt_ros.dynamics.growth_law import normal_form_of
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import COEFFICIENTS
-from hunt_ros.identification.normal_form_map import normal_form_of
-from hunt_ros.identification.posterior import QUANTITIES, Posterior, amplitude_at, normal_scores
+from hunt_ros.identification.posterior import Posterior, normal_scores
 from hunt_ros.identification.result import BranchPoint
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.uncertainty import summary
@@ -40,95 +39,72 @@ class Quantities:
     """
 
     def __init__(self, posterior: Posterior, settings: IdentificationSettings) -> None:
-        self._posterior, self._settings = posterior, settings
-        self._law, self._drawn = posterior.law, posterior.drawn
-        self._low, self._high = posterior.speeds
-        self._folds, self.forms = posterior.folds, posterior.forms
-        self._fold = self._law.saddle_node(posterior.lowest)
-        self.form = normal_form_of(self._law, self._low, self._high)
-
-    def _speed_std(self, speed: float) -> float:
-        """Deviation of a speed by resolution and scale of the reading, m/s."""
-        return math.hypot(
-            self._settings.speed_resolution / math.sqrt(12.0),
-            self._settings.speed_scale_std * speed,
-        )
+        self._posterior = posterior
+        self.form = normal_form_of(posterior.law, *posterior.speeds)
+        #: Deviation of a speed by the resolution of its reading, m/s.
+        self._speed_std = settings.speed_resolution / math.sqrt(12.0)
 
     def critical_speed(self) -> Uncertain | None:
         """Linear critical speed v_c, m/s."""
-        v_c, sample = self._law.critical_speed, [one.critical_speed for one in self._drawn]
-        return None if v_c is None else summary(v_c, _values(sample), self._speed_std(v_c))
+        return self._posterior.number('v_c', self._speed_std)
 
     def fold(self) -> Uncertain | None:
         """Nonlinear critical speed v_n, m/s."""
-        v_n = self._fold
-        return None if v_n is None else summary(v_n, _values(self._folds), self._speed_std(v_n))
+        return self._posterior.number('v_n', self._speed_std)
 
     def fold_amplitude(self) -> Uncertain | None:
         """Amplitude at which the two limit cycles meet, at v_n, m."""
-        if self._fold is None:
-            return None
-        sample = self._posterior.table[:, QUANTITIES.index('fold_amplitude')]
-        return summary(amplitude_at(self._law, self._fold), sample)
+        return self._posterior.number('fold_amplitude')
 
     def width(self) -> Uncertain | None:
         """Hysteresis width v_c - v_n, m/s."""
-        v_c, v_n = self._law.critical_speed, self._fold
-        if v_c is None or v_n is None:
-            return None
-        sample = _values([one.critical_speed for one in self._drawn]) - _values(self._folds)
-        # A scale error of the speed stretches the width, a resolution blurs both its ends.
-        extra = math.hypot(
-            self._settings.speed_resolution / math.sqrt(6.0),
-            self._settings.speed_scale_std * (v_c - v_n),
-        )
-        return summary(v_c - v_n, sample, extra)
+        v_c, v_n = self._posterior.chosen[:2]
+        both = self._posterior.table[:, :2]
+        return summary(v_c - v_n, both[:, 0] - both[:, 1], math.sqrt(2.0) * self._speed_std)
 
     def coefficients(self) -> dict[str, Uncertain | None]:
         """Return all coefficients."""
-        known: dict[str, Uncertain | None] = dict.fromkeys(COEFFICIENTS)
-        if self.form is not None:
-            for name in COEFFICIENTS:
-                sample = _values([None if f is None else getattr(f, name) for f in self.forms])
-                known[name] = summary(getattr(self.form, name), sample)
-        return known
+        return {name: self._posterior.number(name) for name in COEFFICIENTS}
 
     def identified(self, name: str) -> IdentifiedNormalForm | None:
         """Normal form with its covariance."""
         if self.form is None:
             return None
-        rows = np.array([IdentifiedNormalForm(f).vector for f in self.forms if f is not None])
+        known = [form for form in self._posterior.forms if form is not None]
+        rows = np.array([IdentifiedNormalForm(form).vector for form in known])
         matrix = _rank_covariance(rows)
-        speed_std = self._speed_std(self.form.critical_speed)
-        matrix[0, 0] += speed_std**2
+        matrix[0, 0] += self._speed_std**2
         provenance = {'method': 'trajectory likelihood', 'law': name}
         sample = rows[np.linspace(0, len(rows) - 1, _SAMPLE).round().astype(np.intp)]
-        sample[:, 0] += speed_std * np.random.default_rng(0).standard_normal(_SAMPLE)
+        sample[:, 0] += self._speed_std * np.random.default_rng(0).standard_normal(_SAMPLE)
         sample = np.vectorize(lambda x: float(f'{x:.6g}'))(sample)  # as short as it is sure
         return IdentifiedNormalForm(self.form, matrix, provenance, sample=sample)
 
     def branches(self) -> tuple[BranchPoint, ...]:
         """Both limit cycles over the speeds of the data."""
-        speeds = np.linspace(self._low, self._high, _BRANCH_POINTS)
-        fold = self._fold
-        if fold is not None and self._low < fold < self._high:
+        low, high = self._posterior.speeds
+        speeds, fold = np.linspace(low, high, _BRANCH_POINTS), self._posterior.chosen[1]
+        if low < fold < high:
             speeds = np.unique(np.concatenate([speeds, fold + np.array([1e-4, 0.01, 0.03, 0.1])]))
         found = self._posterior.branches(speeds)
-        pairs = zip(found['stable'], found['unstable'], strict=True)
-        return tuple(BranchPoint(v, *pair) for v, pair in zip(speeds.tolist(), pairs, strict=True))
+        return tuple(
+            BranchPoint(float(speed), stable, unstable)
+            for speed, stable, unstable in zip(
+                speeds, found['stable'], found['unstable'], strict=True
+            )
+        )
 
     def disturbance(self, observed: ObservedCriticalSpeeds) -> Uncertain | None:
         """Disturbance that explains the observed jump up: A_u there, Appendix A."""
         low, high = observed.v_c_between
         if observed.v_c is None or low is None or high is None:
             return None
-        value = float(self._law.steady_amplitudes(observed.v_c)[0][0])
+        law, laws = self._posterior.law, self._posterior.laws
+        value = float(law.steady_amplitudes(observed.v_c)[0][0])
         # The jump lies anywhere between the two states: each draw has it elsewhere.
-        share = (np.arange(len(self._drawn)) * _GOLDEN) % 1.0
-        at = zip(self._drawn, (low + share * (high - low)).tolist(), strict=True)
-        return summary(
-            value, _values([one.steady_amplitudes(v)[0][0] for one, v in at]), least=0.5
-        )
+        share = (np.arange(len(laws.p)) * _GOLDEN) % 1.0
+        sample = laws.steady_amplitudes(low + share[:, None] * (high - low))[0][:, 0]
+        return summary(value, sample, least=0.5)
 
 
 def _rank_covariance(rows: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -153,7 +129,3 @@ def _rank_covariance(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     std = 0.5 * (above - below)
     covariance: NDArray[np.float64] = correlation * np.outer(std, std)
     return covariance
-
-
-def _values(values: Sequence[float | None]) -> NDArray[np.float64]:
-    return np.array([math.nan if value is None else value for value in values])

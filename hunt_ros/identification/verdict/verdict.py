@@ -20,13 +20,13 @@ from hunt_ros.analysis.steady_state import (
     SteadyState,
     hunting_threshold,
 )
+from hunt_ros.dynamics.growth_law import GrowthLaw
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, Criticality, NormalForm
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.bracket import Bracket, contradicts, refutations
 from hunt_ros.identification.fit import FittedLaw
 from hunt_ros.identification.four_point import FourPoint, at_detunings, four_point
-from hunt_ros.identification.growth_law import GrowthLaw
 from hunt_ros.identification.posterior import Posterior
 from hunt_ros.identification.record.envelope import Envelope
 from hunt_ros.identification.record.segments import Run, Segment
@@ -62,6 +62,8 @@ _VAGUE_SPEED, _VAGUE, _VAGUE_D1 = 0.1, 0.5, 0.3
 _BEYOND = 1.1
 #: Share of the laws that the data allow in which a thing must be so, to be said.
 _SURE = 0.8
+#: Share of the largest amplitude below which motion shows linear growth.
+_SMALL = 0.3
 #: Cycles of free motion below which a record is too short for anything.
 _FEWEST_STEPS = 12
 #: Widths of one step of a staircase differ from it by the noise of the speed reading.
@@ -71,9 +73,20 @@ _FEW_DRAWS = 'too few of the laws that the data allow have one'
 _SUPERCRITICAL = 'a supercritical rig has no fold and no unstable branch'
 
 #: What must hold for what: conditions in the order in which they are asked.
-_LINEAR = ('speeds', 'believed', 'critical')
+_LINEAR = ('speeds', 'believed', 'critical', 'small')
 _CUBIC = (*_LINEAR, 'time', 'cubic')
-_FOLD = (*_CUBIC, 'subcritical', 'limited', 'agree', 'fits')
+#: The fold is seen where hunting ends: it needs no small motion near v_c.
+_FOLD = (
+    'speeds',
+    'believed',
+    'critical',
+    'time',
+    'cubic',
+    'subcritical',
+    'limited',
+    'agree',
+    'fits',
+)
 _NEEDS: Mapping[str, tuple[str, ...]] = {
     'v_c': _LINEAR,
     **dict.fromkeys(('coefficients.D1', 'coefficients.D7'), (*_LINEAR, 'time', 'agree', 'near')),
@@ -83,7 +96,8 @@ _NEEDS: Mapping[str, tuple[str, ...]] = {
     ),
     'criticality': _CUBIC,
     'correlations': (*_CUBIC, 'limited', 'agree', 'near'),
-    **dict.fromkeys(('v_n', 'hysteresis_width', 'fold_amplitude_m', 'disturbance_m'), _FOLD),
+    **dict.fromkeys(('v_n', 'fold_amplitude_m'), _FOLD),
+    **dict.fromkeys(('hysteresis_width', 'disturbance_m'), (*_FOLD, 'small')),
 }
 
 
@@ -111,6 +125,13 @@ class Evidence:
     def states(self) -> list[SteadyState]:
         """Steady states of all runs."""
         return [state for run in self.runs for state in run.states]
+
+    def alike(self) -> Evidence:
+        """Return it with the recordings brought to one gain and one scale of the speed."""
+        own = np.exp(self.laws[0].fit.own[:, :2])
+        sources = dict.fromkeys(run.envelope.source for run in self.runs)
+        given = {source: tuple(one) for source, one in zip(sources, own.tolist(), strict=True)}
+        return replace(self, runs=[run.read(*given[run.envelope.source]) for run in self.runs])
 
     @property
     def hunting(self) -> list[SteadyState]:
@@ -150,8 +171,9 @@ def conclude(
         Every null of its JSON has its reason.
     """
     best = evidence.laws[0]
-    misfit = misfit_of(best, evidence.hunting)
-    failed = _misfits(best, evidence, misfit, warnings)
+    alike = evidence.alike()
+    misfit = misfit_of(best, alike.hunting)
+    failed = _misfits(best, evidence, alike, misfit, warnings)
     lacks = [failed[name] for name in ('fits', 'believed', 'agree') if name in failed]
     # A misfit is a systematic error, in its proportion.
     stretch = 1.0 + (min(misfit.share / 0.01, 10.0) if lacks else 0.0)
@@ -163,8 +185,8 @@ def conclude(
             f'{100.0 * rejected:.0f} % of the laws around the fit are of no rig, or contradict'
             ' what was seen: the intervals are those of the others'
         )
-    posterior = Posterior.of(
-        best.law, drawn, evidence.speeds, _intensity(best, len(drawn), settings.seed)
+    posterior = Posterior(
+        best.law, drawn, _intensity(best, len(drawn), settings.seed), evidence.speeds
     )
     failed |= _unsupported(best, posterior, evidence, settings, warnings)
     numbers = Quantities(posterior, settings)
@@ -191,7 +213,7 @@ def conclude(
         normal_form=form,
         v_c=given('v_c', numbers.critical_speed),
         v_n=given('v_n', numbers.fold),
-        hysteresis_width=given('v_n', numbers.width),
+        hysteresis_width=given('hysteresis_width', numbers.width),
         coefficients={x: None if why[f'coefficients.{x}'] else found[x] for x in COEFFICIENTS},
         criticality=criticality,
         length_scale=settings.length_unit,
@@ -204,7 +226,7 @@ def conclude(
         branches=() if why['branches'] else numbers.branches(),
         steady_states=tuple(evidence.states),
         observed=observed,
-        disturbance=given('v_n', lambda: numbers.disturbance(evidence.observed)),
+        disturbance=given('disturbance_m', lambda: numbers.disturbance(evidence.observed)),
         four_point=four if isinstance(four, FourPoint) else None,
         fit=_summary(evidence, misfit, lacks),
         segments=tuple(evidence.segments),
@@ -251,18 +273,16 @@ def _intensity(best: FittedLaw, count: int, seed: int) -> NDArray[np.float64]:
 
 
 def _misfits(
-    best: FittedLaw, evidence: Evidence, misfit: LackOfFit, warnings: list[str]
+    best: FittedLaw, evidence: Evidence, alike: Evidence, misfit: LackOfFit, warnings: list[str]
 ) -> dict[str, str]:
     """Conditions that a law fails by what it misses: 'believed', 'agree', 'fits', 'near'."""
     name, failed = best.law.name, {}
-    astray = _astray(best, evidence)
+    astray = _astray(best, alike)
     if astray:
         failed['believed'] = astray
         warnings.append(f'lack of fit: {astray}')
     # The paper's form may miss what a richer one follows: that too is to be known.
-    quintic = next(
-        misfit_of(one, evidence.hunting) for one in evidence.laws if one.departure == 0.0
-    )
+    quintic = next(misfit_of(one, alike.hunting) for one in evidence.laws if one.departure == 0.0)
     if quintic.flagged and not misfit.flagged:
         warnings.append(
             f'lack of fit of the quintic form ({100.0 * quintic.share:.1f} %); further terms are'
@@ -333,6 +353,8 @@ def _unsupported(
         failed['speeds'] = 'too short: fewer than a few dozen hunting cycles'
     if reason := _no_critical_speed(law, posterior, (low, high), settings):
         failed['critical'] = reason
+    elif settings.prior_v_c is None and (reason := _no_small_motion(law, evidence)):
+        failed['small'] = reason
     middle, std = _spread(posterior.forms, 'D1')
     if not (moved or settings.prior_D1 is not None or std < _VAGUE_D1 * abs(middle)):
         failed['time'] = 'no free transient: D1 cannot be known; give it with --prior-D1'
@@ -410,6 +432,23 @@ def _no_critical_speed(
     return (
         f'v_c would lie far {side} the speeds of the data ({low:.3g} to {high:.3g} m/s):'
         ' it is not given'
+    )
+
+
+def _no_small_motion(law: GrowthLaw, evidence: Evidence) -> str:
+    """Why v_c is not known: no motion so small that it shows linear growth was seen near it."""
+    speed, amplitude = evidence.along('speed'), evidence.along('amplitude')
+    hunts = hunting_threshold(amplitude) is not None
+    most = _SMALL * np.nanmax(amplitude) if hunts else np.inf
+    small, v_c = speed[amplitude < most], law.critical_speed
+    low, high = float(small.min()), float(small.max())
+    reach = 0.5 * (high - low)
+    if v_c is None or low - reach <= v_c <= high + reach:
+        return ''
+    return (
+        f'v_c would lie near {v_c:.2g} m/s, and small motion was seen between {low:.3g} and'
+        f' {high:.3g} m/s only: elsewhere only the limit cycle, which does not show where rest'
+        ' becomes unstable'
     )
 
 

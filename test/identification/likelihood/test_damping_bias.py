@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hunt_ros.identification.growth_law import LawPrior, lawful
-from hunt_ros.identification.likelihood.path import Path
-from hunt_ros.identification.likelihood.trajectory_fit import fit_path
+from hunt_ros.dynamics.growth_law import lawful
+from hunt_ros.identification.likelihood.path_likelihood import Path
+from hunt_ros.identification.likelihood.trajectory_fit import LawPrior, fit_path
 
 STEP, HOLD_S, DAMPING, FORCING = 0.5, 25.0, 0.35, 3e-3
 #: A growth rate that may change with u, and nothing else of the law.

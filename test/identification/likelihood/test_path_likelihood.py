@@ -5,12 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hunt_ros.dynamics.growth_law import FELT, GrowthLaw, GrowthScales, from_normal_form, lawful
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-from hunt_ros.identification.growth_law import FELT, GrowthLaw, GrowthScales, lawful
 from hunt_ros.identification.likelihood import path_likelihood
-from hunt_ros.identification.likelihood.path import Path
-from hunt_ros.identification.likelihood.path_likelihood import innovations, sensitivities
-from hunt_ros.identification.normal_form_map import from_normal_form
+from hunt_ros.identification.likelihood.path_likelihood import Path, innovations, sensitivities
 
 SCALES = GrowthScales(7.4, 7e-4, 0.0485, 1.0 / 25.91, 2.84)
 LAW = lawful(from_normal_form(PAPER_NORMAL_FORM, SCALES))

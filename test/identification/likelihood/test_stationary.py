@@ -7,10 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from hunt_ros.dynamics.growth_law import GrowthLaw, GrowthScales, from_normal_form, lawful
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
-from hunt_ros.identification.growth_law import GrowthLaw, GrowthScales, lawful
 from hunt_ros.identification.likelihood.stationary import stationary_amplitude
-from hunt_ros.identification.normal_form_map import from_normal_form
 
 SOFT = NormalForm(8.0, 0.12, -450.0, -0.06, 0.0, -3.4e6)
 SCALES = GrowthScales(8.0, 6e-4, 0.0485, 1.0 / 25.91, 2.84)

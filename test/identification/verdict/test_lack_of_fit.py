@@ -9,10 +9,9 @@ import pytest
 from scipy import stats
 
 from hunt_ros.analysis.steady_state import SteadyState
+from hunt_ros.dynamics.growth_law import GrowthLaw, GrowthScales, from_normal_form, lawful
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.identification import identify
-from hunt_ros.identification.growth_law import GrowthLaw, GrowthScales, lawful
-from hunt_ros.identification.normal_form_map import from_normal_form
 from hunt_ros.identification.verdict.lack_of_fit import lack_of_fit
 from hunt_ros.samples import Record, Series
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds
+from hunt_ros.dynamics.growth_law import GrowthLaw, GrowthScales, from_normal_form, lawful
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-from hunt_ros.identification.growth_law import GrowthLaw, GrowthScales, lawful
-from hunt_ros.identification.normal_form_map import from_normal_form
 from hunt_ros.identification.posterior import Posterior
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.verdict.quantities import Quantities
@@ -19,13 +18,11 @@ LAW = GrowthLaw(lawful(from_normal_form(PAPER_NORMAL_FORM, SCALES)), SCALES)
 def quantities():
     """Of the paper's form, v_n known to 0.03 m/s and v_c to 0.05 m/s."""
     rng = np.random.default_rng(1)
-    drawn = []
-    for _ in range(400):
-        p = LAW.p.copy()
-        p[0] += 0.02 * rng.standard_normal()
-        p[5] *= 1.0 + 0.01 * rng.standard_normal()
-        drawn.append(GrowthLaw(p, SCALES))
-    return Quantities(Posterior.of(LAW, drawn, (6.2, 8.8)), IdentificationSettings())
+    p = np.tile(LAW.p, (400, 1))
+    p[:, 0] += 0.02 * rng.standard_normal(400)
+    p[:, 5] *= 1.0 + 0.01 * rng.standard_normal(400)
+    posterior = Posterior(LAW, p, np.full(400, np.nan), (6.2, 8.8))
+    return Quantities(posterior, IdentificationSettings())
 
 
 @pytest.fixture(scope='module')

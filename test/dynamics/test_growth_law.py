@@ -5,20 +5,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM, NormalForm
-from hunt_ros.identification.growth_law import (
+from hunt_ros.dynamics.growth_law import (
     FELT,
     QUINTIC,
     GrowthLaw,
     GrowthScales,
-    lawful,
-)
-from hunt_ros.identification.normal_form_map import (
     from_normal_form,
+    lawful,
     normal_form_of,
+    reading,
     to_normal_form,
 )
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM, NormalForm
 
 SCALES = GrowthScales(7.4, 7e-4, 0.0485, 1.0 / 25.91, 2.84)
 PAPER = lawful(from_normal_form(PAPER_NORMAL_FORM, SCALES))
@@ -47,9 +46,32 @@ def test_normal_form_and_law_are_inverses(v_c, d1, d4, d7, d10, d15):
     assert rate == pytest.approx(form.growth_rate(speeds, amplitudes), rel=1e-9, abs=1e-9)
 
 
+@given(st.integers(0, 10**6), st.floats(-0.1, 0.1), st.floats(-0.1, 0.1))
+@settings(max_examples=60, deadline=None)
+def test_a_law_read_with_another_gain_and_scale_is_the_same_law(seed, gain, scale):
+    p = np.random.default_rng(seed).standard_normal(PAPER.size)
+    speed, amplitude, line = np.array([6.0, 7.3, 9.0]), np.array([1e-4, 4e-4, 8e-4]), 1e-8
+    read = GrowthLaw(reading(gain, scale) @ p, SCALES)
+    measured = speed * np.exp(-scale), amplitude * np.exp(gain), line * np.exp(2.0 * gain)
+    expected = GrowthLaw(p, SCALES).growth_rate(speed, amplitude, line)
+    assert read.growth_rate(*measured) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+def test_many_laws_at_once_give_what_each_gives_alone():
+    p = PAPER * (1.0 + 0.1 * np.random.default_rng(2).standard_normal((40, PAPER.size)))
+    many, speeds = GrowthLaw(p, SCALES), np.linspace(6.2, 8.6, 9)
+    branches, folds = many.steady_amplitudes(speeds), many.folds(5.0)
+    for k, row in enumerate(p):
+        one = GrowthLaw(row, SCALES)
+        speeds_of_one = [one.critical_speed or np.nan, one.saddle_node(5.0) or np.nan]
+        assert speeds_of_one == pytest.approx([many.critical_speeds[k], folds[0, k]], nan_ok=True)
+        for alone, together in zip(one.steady_amplitudes(speeds), branches, strict=True):
+            np.testing.assert_allclose(alone, together[k], rtol=1e-9)
+
+
 def test_branches_and_fold_are_those_of_the_normal_form():
     law = GrowthLaw(PAPER, SCALES)
-    speeds = np.linspace(6.0, 8.8, 15)
+    speeds = np.linspace(6.05, 8.85, 15)
     unstable, stable = law.steady_amplitudes(speeds)
     expected = PAPER_NORMAL_FORM.steady_amplitudes(speeds)
     np.testing.assert_allclose(unstable, expected[0], rtol=1e-9)

@@ -1,0 +1,492 @@
+"""
+The growth law: Eq. (24), and terms that it leaves out; its branches, its fold, its other units.
+
+    d ln A / dt = sum_j p_j u^i w^k,    u = v / v_ref - 1,    w = (A / A_ref)^2,
+
+with the powers i and k of `U_POWERS` and `W_POWERS`. The first six terms are the paper's form
+without a critical speed in it: of order one, and defined even where the data hold no critical
+speed. The others are what a rig may add to it.
+
+A line of amplitude B that the roller forces on y beside hunting takes part in the nonlinear
+terms: A^2 -> A^2 + 2 B^2, A^4 -> A^4 + 6 A^2 B^2 + 3 B^4,
+A^6 -> A^6 + 12 A^4 B^2 + 18 A^2 B^4 + 4 B^6. Of its power the wheelset feels the share p10: a
+line that is partly run-out of the sensor acts less. The law is that of a rig without the line.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hunt_ros.compiled import compiled_part
+from hunt_ros.dynamics.normal_form import Criticality, NormalForm
+
+Array = NDArray[np.float64]
+
+#: Powers of u and of w of each term: the paper's form first.
+U_POWERS = (0, 1, 2, 0, 1, 0, 1, 0, 3, 2)
+W_POWERS = (0, 0, 0, 1, 1, 2, 2, 3, 0, 1)
+#: Numbers of coefficients: of the paper's form, of the law, and with the share of the line.
+PAPER_TERMS, TERMS = 6, 11
+#: Place of the share of the roller's line that the wheelset feels.
+FELT = 10
+#: Places of the terms without amplitude, and their powers of u.
+LINEAR, LINEAR_POWERS = (0, 1, 2, 8), (0, 1, 2, 3)
+#: Names of the law, as results give them: as the paper has it, and with further terms.
+QUINTIC, EXTENDED = 'quintic', 'quintic with shrunken terms'
+
+#: Largest w = (A / A_ref)^2 at which a limit cycle is looked for, and the largest detuning at
+#: which a critical speed is: ten times the speed of the data.
+_LARGEST = 9.0
+#: What a coefficient may differ from the law's costs so much of an error of ln A on the branches,
+#: for a difference as large as the cubic terms.
+_LEFT_OPEN = 0.01
+
+
+def _powers_of_w(p: Any, u: Any, line: Any) -> tuple[Any, Any, Any, Any]:
+    """
+    Coefficients of 1, w, w^2 and w^3 in the growth rate at one speed: the law itself.
+
+    Parameters
+    ----------
+    p : ndarray, shape (11,) or (11, ...)
+        Coefficients.
+    u, line : float or ndarray
+        Detuning, and power (B / A_ref)^2 of the roller's line.
+    """
+    b = p[10] * line
+    first = p[3] + (p[4] + p[9] * u) * u
+    second = p[5] + p[6] * u
+    third = p[7]
+    rest = p[0] + (p[1] + (p[2] + p[8] * u) * u) * u
+    return (
+        rest + (2.0 * first + (3.0 * second + 4.0 * third * b) * b) * b,
+        first + (6.0 * second + 18.0 * third * b) * b,
+        second + 12.0 * third * b,
+        third + 0.0 * b,
+    )
+
+
+#: The same for the compiled likelihood.
+powers_of_w = compiled_part(_powers_of_w)
+
+
+@compiled_part
+def terms_at(p: Array, u: float, w: float, line: float, value: Array, slope: Array) -> None:
+    """Fill in the derivatives of growth rate and of its derivative by w, by each coefficient."""
+    b = p[10] * line
+    of_u = (1.0, u, u * u, u * u * u)
+    of_w = (
+        1.0,
+        w + 2.0 * b,
+        w * w + (6.0 * w + 3.0 * b) * b,
+        ((w + 12.0 * b) * w + 18.0 * b * b) * w + 4.0 * b * b * b,
+    )
+    by_w = (0.0, 1.0, 2.0 * w + 6.0 * b, (3.0 * w + 24.0 * b) * w + 18.0 * b * b)
+    by_b = (0.0, 2.0, 6.0 * w + 6.0 * b, (12.0 * w + 36.0 * b) * w + 12.0 * b * b)
+    by_both = (0.0, 0.0, 6.0, 24.0 * w + 36.0 * b)
+    value[10] = 0.0
+    slope[10] = 0.0
+    for j in range(10):
+        x, k = of_u[U_POWERS[j]], W_POWERS[j]
+        value[j] = x * of_w[k]
+        slope[j] = x * by_w[k]
+        value[10] += line * p[j] * x * by_b[k]
+        slope[10] += line * p[j] * x * by_both[k]
+
+
+def monomials(u: Array, w: Array) -> Array:
+    """Return the columns that multiply p in the paper's form, shape (n, 6)."""
+    pairs = zip(U_POWERS[:PAPER_TERMS], W_POWERS[:PAPER_TERMS], strict=True)
+    return np.stack([u**i * w**k for i, k in pairs], axis=-1)
+
+
+def lawful(paper: ArrayLike, felt: float = 1.0) -> Array:
+    """Return coefficients, shape (11,), from those of the paper's form, shape (6,)."""
+    p = np.zeros(TERMS)
+    p[:PAPER_TERMS] = paper
+    p[FELT] = felt
+    return p
+
+
+def reading(log_gain: float, log_speed: float) -> Array:
+    """
+    Return the matrix that turns the coefficients of a law into those of its readings.
+
+    Parameters
+    ----------
+    log_gain : float
+        Logarithm of measured over true amplitude.
+    log_speed : float
+        Logarithm of true over measured speed.
+
+    Returns
+    -------
+    ndarray, shape (11, 11)
+        Exact: with 1 + u = s (1 + u') a power of u is a polynomial in u' of the same degree.
+    """
+    s, shrunk = math.exp(log_speed), math.exp(-2.0 * log_gain)
+    matrix = np.zeros((TERMS, TERMS))
+    matrix[FELT, FELT] = 1.0
+    for into in range(FELT):
+        for out, (i, k) in enumerate(zip(U_POWERS, W_POWERS, strict=True)):
+            j = U_POWERS[into]
+            if W_POWERS[into] == k and j <= i:
+                matrix[into, out] = math.comb(i, j) * (s - 1.0) ** (i - j) * s**j * shrunk**k
+    return matrix
+
+
+@dataclass(frozen=True)
+class GrowthScales:
+    """
+    Units of the law's variables.
+
+    Parameters
+    ----------
+    speed : float
+        v_ref, m/s.
+    amplitude : float
+        A_ref, m.
+    length_scale, time_scale : float
+        d0 (m) and 1 / omega_psi (s) of the normal form.
+    frequency_hz : float
+        Hunting frequency.
+    """
+
+    speed: float
+    amplitude: float
+    length_scale: float
+    time_scale: float
+    frequency_hz: float
+
+    @property
+    def ratio(self) -> float:
+        """(A_ref / 2 d0)^2: turns w into r^2."""
+        return (self.amplitude / (2.0 * self.length_scale)) ** 2
+
+    @property
+    def fastest_rate(self) -> float:
+        """Largest sensible growth rate, 1/s: the angular frequency of the mode itself."""
+        return 2.0 * math.pi * self.frequency_hz
+
+
+@dataclass(frozen=True, eq=False)
+class GrowthLaw:
+    """
+    The growth law with its coefficients, or many laws at once.
+
+    Parameters
+    ----------
+    p : ndarray, shape (11,) or (laws, 11)
+        1/s, and the share of the roller's line that is felt.
+    scales : GrowthScales
+    """
+
+    p: Array
+    scales: GrowthScales
+
+    @property
+    def name(self) -> str:
+        """Name of the law, as results give it."""
+        return EXTENDED if np.any(self.p[..., PAPER_TERMS:FELT] != 0.0) else QUINTIC
+
+    @property
+    def _columns(self) -> Array:
+        """The coefficients, each as a scalar or, of many laws, as a column, (laws, 1)."""
+        return self.p if self.p.ndim == 1 else self.p.T[:, :, None]
+
+    def detuning(self, speed: ArrayLike) -> Array:
+        """Return u = v / v_ref - 1 for speeds in m/s, any shape."""
+        return np.asarray(speed, dtype=np.float64) / self.scales.speed - 1.0
+
+    def linear(self, u: Array | float) -> Array:
+        """Linear growth rate, 1/s; of many laws shape (laws, ...)."""
+        p = self._columns
+        value: Array = p[0] + (p[1] + (p[2] + p[8] * u) * u) * u
+        return value
+
+    def linear_slope(self, u: Array | float) -> Array:
+        """Change of the linear growth rate with u, 1/s; of many laws shape (laws, ...)."""
+        p = self._columns
+        slope: Array = p[1] + (2.0 * p[2] + 3.0 * p[8] * u) * u
+        return slope
+
+    def linear_terms(self, u: float) -> Array:
+        """Return what multiplies each coefficient in the linear growth rate, shape (11,)."""
+        terms = np.zeros(TERMS)
+        terms[list(LINEAR)] = u ** np.array(LINEAR_POWERS)
+        return terms
+
+    def _in_w(self, speed: ArrayLike, line: ArrayLike) -> tuple[Array, Array, Array, Array]:
+        """Coefficients of the powers of w, for a line of power B^2 in m^2."""
+        b = np.asarray(line, dtype=np.float64) / self.scales.amplitude**2
+        return _powers_of_w(self._columns, self.detuning(speed), b)
+
+    def growth_rate(self, speed: ArrayLike, amplitude: ArrayLike, line: ArrayLike = 0.0) -> Array:
+        """
+        Growth rate d ln A / dt.
+
+        Parameters
+        ----------
+        speed, amplitude, line : array_like
+            m/s, m and B^2 in m^2; broadcast; of many laws with shape (laws, 1) or (laws, n).
+
+        Returns
+        -------
+        ndarray
+            1/s.
+        """
+        w = (np.asarray(amplitude, dtype=np.float64) / self.scales.amplitude) ** 2
+        rest, first, second, third = self._in_w(speed, line)
+        rate: Array = rest + (first + (second + third * w) * w) * w
+        return rate
+
+    def _zero(self, sign: float) -> Array:
+        """Speeds where the linear growth rate rises, or falls, through zero; NaN without one."""
+        p = np.atleast_2d(self.p)
+        u = _cubic_roots(p[:, 8], p[:, 2], p[:, 1], p[:, 0])
+        with np.errstate(invalid='ignore', over='ignore'):
+            slope = p[:, 1] + (2.0 * p[:, 2] + 3.0 * p[:, 8] * u) * u
+            there = (u > -1.0) & (u < _LARGEST) & (sign * slope > 0.0)
+        nearest = np.argmin(np.where(there, np.abs(u), np.inf), axis=0)
+        found = np.take_along_axis(np.where(there, u, np.nan), nearest[None], axis=0)[0]
+        speeds: Array = self.scales.speed * (1.0 + found)
+        return speeds
+
+    @property
+    def critical_speeds(self) -> Array:
+        """
+        Speeds where the linear growth rates rise through zero, m/s, shape (laws,); NaN: none.
+
+        Of several the one nearest to the speeds of the data.
+        """
+        return self._zero(1.0)
+
+    @property
+    def critical_speed(self) -> float | None:
+        """Critical speed of the one law, m/s; None without one."""
+        return _known(self.critical_speeds[0])
+
+    @property
+    def other_root(self) -> float | None:
+        """Speed where the linear growth rate falls through zero again, m/s."""
+        return _known(self._zero(-1.0)[0])
+
+    @property
+    def soft(self) -> NDArray[np.bool_]:
+        """Whether the cubic term at v_c is stabilising, shape (laws,); False without v_c."""
+        many = GrowthLaw(np.atleast_2d(self.p), self.scales)
+        cubic: Array = many._in_w(self.critical_speeds[:, None], 0.0)[1][:, 0]
+        return np.asarray(cubic <= 0.0)
+
+    @property
+    def criticality(self) -> Criticality | None:
+        """'subcritical' where the cubic term at v_c is destabilising; None without v_c."""
+        if self.critical_speed is None:
+            return None
+        return 'supercritical' if self.soft[0] else 'subcritical'
+
+    def steady_amplitudes(self, speed: ArrayLike, line: ArrayLike = 0.0) -> tuple[Array, Array]:
+        """
+        Nontrivial steady states.
+
+        Parameters
+        ----------
+        speed : array_like, shape (n,)
+            m/s; of many laws also (laws, n).
+        line : array_like, shape (n,) or ()
+            B^2, m^2.
+
+        Returns
+        -------
+        unstable, stable : ndarray, shape (n,) or (laws, n)
+            m; NaN where there is none. The stable one is the smallest amplitude at which growth
+            turns into decay: what growth from rest meets, and the first state beyond the basin
+            of rest. The unstable one lies below it, where decay turns into growth. An unstable
+            one with no stable one above it is where a law runs away, outside what it was fitted
+            to: no state of a rig. Neither asks for the sign of the growth from rest, which at
+            v_c is a matter of rounding.
+        """
+        rest, first, second, third = np.broadcast_arrays(*self._in_w(np.atleast_1d(speed), line))
+        w = _cubic_roots(third, second, first, rest)
+        with np.errstate(invalid='ignore', over='ignore'):
+            slope = first + (2.0 * second + 3.0 * third * w) * w
+            exists = (w > 0.0) & (w < _LARGEST)
+            stable = np.min(np.where(exists & (slope < 0.0), w, np.inf), axis=0)
+            barrier = exists & (slope > 0.0) & (w < stable) & np.isfinite(stable)
+            unstable = np.min(np.where(barrier, w, np.inf), axis=0)
+        size = self.scales.amplitude
+        return size * _root(unstable), size * _root(stable)
+
+    def folds(self, lowest: float) -> Array:
+        """
+        Nonlinear critical speeds, where the pairs of limit cycles end, and the amplitudes there.
+
+        Parameters
+        ----------
+        lowest : float
+            Speed below which none is looked for, m/s.
+
+        Returns
+        -------
+        ndarray, shape (2, laws)
+            m/s and m; NaN where there is no fold between `lowest` and v_c.
+        """
+        many = GrowthLaw(np.atleast_2d(self.p), self.scales)
+        v_c = many.critical_speeds
+        speeds = lowest + np.maximum(v_c - lowest, 0.0)[:, None] * np.linspace(0.0, 1.0, 121)[:-1]
+        pair: NDArray[np.bool_] = ~np.isnan(np.add(*many.steady_amplitudes(speeds)))
+        folds = (v_c > lowest) & pair[:, -1] & ~pair.all(axis=1)
+        rows = np.arange(len(v_c))
+        last = np.minimum(119 - np.argmin(pair[:, ::-1], axis=1), 118)
+        low, high = speeds[rows, last], speeds[rows, last + 1]
+        for _ in range(24):
+            middle = 0.5 * (low + high)
+            there = np.isfinite(np.add(*many.steady_amplitudes(middle[:, None])))[:, 0]
+            low, high = np.where(there, low, middle), np.where(there, middle, high)
+        amplitude = 0.5 * np.add(*many.steady_amplitudes(high[:, None]))[:, 0]
+        return np.where(folds, [high, amplitude], np.nan)
+
+    def saddle_node(self, lowest: float) -> float | None:
+        """Nonlinear critical speed v_n of the one law, m/s; None without one above `lowest`."""
+        return _known(self.folds(lowest)[0, 0])
+
+
+def _cubic_roots(a: Array, b: Array, c: Array, d: Array) -> Array:
+    """
+    Real roots of a x^3 + b x^2 + c x + d, shape (3, ...); NaN where there is none.
+
+    References
+    ----------
+    Press, W. H., et al., Numerical Recipes (2007), Sect. 5.6.
+    """
+    with np.errstate(all='ignore'):
+        q = -0.5 * (c + np.copysign(np.sqrt(c * c - 4.0 * b * d), c))
+        square = np.stack([q / b, d / q, np.full_like(q, np.nan)])
+        b3, c3, d3 = b / a, c / a, d / a
+        big_q = (b3 * b3 - 3.0 * c3) / 9.0
+        big_r = (2.0 * b3**3 - 9.0 * b3 * c3 + 27.0 * d3) / 54.0
+        angle = np.arccos(big_r / big_q**1.5) / 3.0
+        turns = np.multiply.outer(2.0 * np.pi / 3.0 * np.array([0.0, 1.0, -1.0]), np.ones(q.shape))
+        three = -2.0 * np.sqrt(big_q) * np.cos(angle + turns) - b3 / 3.0
+        root = np.cbrt(np.abs(big_r) + np.sqrt(big_r**2 - big_q**3))
+        root = -np.copysign(root, big_r)
+        one = np.where(root == 0.0, 0.0, root + big_q / root) - b3 / 3.0
+        alone = np.stack([one, np.full_like(one, np.nan), np.full_like(one, np.nan)])
+        full = np.where(np.isfinite(angle), three, alone)
+        # A leading term that changes nothing within reach: the others decide, and it is added.
+        slight = np.abs(a) * _LARGEST**2 < 1e-6 * (np.abs(b) * _LARGEST + np.abs(c))
+        x = np.where(slight, square, full)
+        for _ in range(2):
+            step = (((a * x + b) * x + c) * x + d) / ((3.0 * a * x + 2.0 * b) * x + c)
+            x = np.where(np.abs(step) < 0.1 * np.abs(x), x - step, x)
+    return x
+
+
+def _root(w: Array) -> Array:
+    """Square root with NaN for what is not there."""
+    return np.sqrt(np.where(np.isfinite(w), w, math.nan))
+
+
+def _known(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def normal_form_of(law: GrowthLaw, low: float, high: float) -> NormalForm | None:
+    """
+    Normal form of a law: exact for the paper's form, else the nearest on its branches.
+
+    Parameters
+    ----------
+    law : GrowthLaw
+        With or without further terms.
+    low, high : float
+        Range of speeds over which it shall hold, m/s.
+
+    Returns
+    -------
+    NormalForm or None
+        In the amplitude coordinate; None without a critical speed. D7, D10 and D15
+        are effective coefficients over this range.
+    """
+    p = law.p[:PAPER_TERMS] if law.name == QUINTIC else _nearest_quintic(law, low, high)
+    return None if p is None else to_normal_form(p, law.scales)
+
+
+def _nearest_quintic(law: GrowthLaw, low: float, high: float) -> Array | None:
+    """Paper's form with the same v_c and D1, nearest in ln A on both branches."""
+    p = law.p
+    v_c = law.critical_speed
+    if v_c is None:
+        return None
+    speeds = np.linspace(low, high, 61)
+    u = law.detuning(speeds)
+    u_c = float(law.detuning(v_c))
+    rise = float(law.linear_slope(u_c))
+    rows, right = [], []
+    for branch in law.steady_amplitudes(speeds):
+        here = np.isfinite(branch)
+        w = (branch[here] / law.scales.amplitude) ** 2
+        x = u[here]
+        nearby = branch[here] * 1e-4
+        above = law.growth_rate(speeds[here], branch[here] + nearby)
+        below = law.growth_rate(speeds[here], branch[here] - nearby)
+        # Next to the fold the slope vanishes: a floor keeps its weight finite.
+        steep = np.maximum(np.abs(above - below) / 2e-4, 0.2 * np.max(np.abs(p[3:5])))
+        rows.append(np.stack([w, x * w, w**2, (x - u_c) ** 2], axis=1) / steep[:, None])
+        right.append(-rise * (x - u_c) / steep)
+    # D7 is free to serve the branches: it is an effective coefficient, and not Taylor's. What the
+    # branches leave open (one alone does, over few speeds) stays what it is in the law.
+    own = np.array([*p[3:6], p[2] + 3.0 * p[8] * u_c])
+    matrix, target = np.concatenate(rows), np.concatenate(right)
+    weight = _LEFT_OPEN * math.sqrt(max(len(matrix), 1)) / np.max(np.abs(p[3:5]))
+    keep = weight * np.eye(own.size)
+    matrix, target = np.concatenate([matrix, keep]), np.concatenate([target, keep @ own])
+    cubic, mixed, quintic, bend = np.linalg.lstsq(matrix, target, rcond=None)[0]
+    linear = np.array([-rise * u_c, rise, 0.0]) + bend * np.array([u_c**2, -2.0 * u_c, 1.0])
+    return np.array([*linear, cubic, mixed, quintic])
+
+
+def to_normal_form(p: Array, scales: GrowthScales) -> NormalForm | None:
+    """
+    Normal form of a law without further terms.
+
+    Parameters
+    ----------
+    p : ndarray, shape (6,)
+        Coefficients, 1/s.
+    scales : GrowthScales
+        Units of p, and those of the form.
+
+    Returns
+    -------
+    NormalForm or None
+        None where the linear growth rate nowhere rises through zero: there is no v_c.
+    """
+    v_c = GrowthLaw(lawful(p), scales).critical_speed
+    if v_c is None:
+        return None
+    about = reading(0.0, math.log(v_c / scales.speed)) @ lawful(p) * scales.time_scale
+    return NormalForm(
+        critical_speed=v_c,
+        D1=float(about[1]),
+        D4=float(about[3] / scales.ratio),
+        D7=float(about[2]),
+        D10=float(about[4] / scales.ratio),
+        D15=float(about[5] / scales.ratio**2),
+        length_scale=scales.length_scale,
+        time_scale=scales.time_scale,
+        frequency_hz=scales.frequency_hz,
+    )
+
+
+def from_normal_form(form: NormalForm, scales: GrowthScales) -> Array:
+    """Coefficients of the paper's form, shape (6,); the inverse of `to_normal_form`."""
+    ratio = (scales.amplitude / (2.0 * form.length_scale)) ** 2
+    about = [0.0, form.D1, form.D7, form.D4 * ratio, form.D10 * ratio, form.D15 * ratio**2]
+    there = reading(0.0, math.log(scales.speed / form.critical_speed)) @ lawful(about)
+    return np.asarray(there[:PAPER_TERMS] / form.time_scale)
