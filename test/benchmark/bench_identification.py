@@ -230,7 +230,6 @@ def beside_truth(result: Identification) -> str:
 
 def compared(result: Identification) -> list[list[str]]:
     """Return a row a number: name, value, interval, truth, how far off, whether it holds."""
-    speeds = [point.speed for point in result.branches]
     wanted: list[tuple[str, Uncertain | None, float]] = [
         ('v_c (m/s)', result.v_c, FULL_CRITICAL),
         ('v_n (m/s)', result.v_n, FULL_FOLD),
@@ -238,13 +237,8 @@ def compared(result: Identification) -> list[list[str]]:
     ]
     for side, truths in (('unstable', FULL_UNSTABLE), ('stable', FULL_STABLE)):
         for speed, truth in truths:
-            near = int(np.argmin(np.abs(np.array(speeds) - speed))) if speeds else 0
-            point = getattr(result.branches[near], side) if speeds else None
-            # The nearest point of the table, brought to the speed by the branch itself.
-            form = None if result.normal_form is None else result.normal_form.form
-            branch = None if form is None else getattr(form, f'{side}_amplitude')
-            shift = 1.0 if branch is None else float(branch(speed) / branch(speeds[near]))
-            wanted.append((f'{side} at {speed} (um)', scaled(point, 1e6 * shift), 1e6 * truth))
+            point = result.posterior.branch(side, speed)[0] if result.posterior else None
+            wanted.append((f'{side} at {speed} (um)', scaled(point, 1e6), 1e6 * truth))
     rows = []
     for name, number, truth in wanted:
         if number is None:
@@ -288,10 +282,8 @@ FALLS_SHORT = (
     'What falls short: two staircases of a hundred get no fold, for a lack of fit of 1 %; in '
     "the one looked at, the roller's line is three times the hunting frequency at 8.0 m/s, "
     'and the amplitude there beats by 2 %. Where D4 and D15 are 3 and 4 times as large the '
-    'intervals of v_n are too narrow. On the rig of 14 m/s v_c is 0.5 % low. A rig that hunts'
-    ' 2 % of its time does not always show its fold. The stable branch of the hour is 0.04 % '
-    'low, which its intervals do not know of, and the hour takes longer than its goal. On '
-    'free trajectories p of the lack of fit is too small: it is no probability there, and '
+    'intervals of v_n are too narrow. On the rig of 14 m/s v_c is 0.5 % low. The hour takes '
+    'longer than its goal. On free trajectories p of the lack of fit is too small: it is no probability there, and '
     'flags nothing by itself.'
 )
 
