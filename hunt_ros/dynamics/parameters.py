@@ -22,6 +22,15 @@ QUINTIC_KEYS: tuple[str, ...] = ('50', '41', '32', '23', '14', '05')
 
 #: How far a given natural frequency may be from what stiffness and inertia say.
 CONSISTENCY_TOLERANCE = 0.02
+#: What each of them follows from.
+_SPRINGS = {
+    'lateral_frequency_rad_per_s': (
+        'spring_stiffness_n_per_m', 'mass_kg', 'spring_length_m', 'spring_natural_length_m',
+    ),
+    'yaw_frequency_rad_per_s': (
+        'spring_stiffness_n_per_m', 'spring_offset_m', 'yaw_inertia_kgm2',
+    ),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -184,30 +193,6 @@ class RigParameters:
         yaw = math.sqrt(2.0 * self._yaw_moment_scale / self.yaw_inertia_kgm2)
         return lateral, yaw
 
-    def check_consistency(self, tolerance: float = CONSISTENCY_TOLERANCE) -> None:
-        """
-        Compare the given natural frequencies with stiffness and inertia.
-
-        Parameters
-        ----------
-        tolerance : float
-            Largest relative difference taken as agreement.
-
-        Raises
-        ------
-        ConfigError
-            Naming the frequency that does not fit, and what would.
-        """
-        expected = self.frequencies_from_springs()
-        names = ('lateral_frequency_rad_per_s', 'yaw_frequency_rad_per_s')
-        for name, derived in zip(names, expected, strict=True):
-            given = getattr(self, name)
-            if abs(given / derived - 1.0) > tolerance:
-                raise ConfigError(
-                    f'{self.name}: {name} is {given:g}, but stiffness and inertia give'
-                    f' {derived:.4g} (more than {tolerance:.0%} apart)'
-                )
-
     def to_yaml(self) -> str:
         """Return the rig as YAML; `from_yaml` of it is equal to the rig."""
         text: str = yaml.safe_dump(asdict(self), sort_keys=False)
@@ -244,9 +229,7 @@ class RigParameters:
         if unknown:
             raise ConfigError(f'{source}: unknown key {unknown[0]!r}, expected {", ".join(known)}')
         try:
-            rig = cls(**document)
-            rig = _derive_frequencies(rig, document)
-            rig.check_consistency()
+            rig = _with_frequencies(cls(**document), document)
         except ConfigError as error:
             raise ConfigError(f'{source}: {error}') from error
         return rig
@@ -302,15 +285,16 @@ def _coefficients(name: str, value: Any) -> dict[str, float]:
     return result
 
 
-def _derive_frequencies(rig: RigParameters, given: Mapping[str, Any]) -> RigParameters:
-    """Fill in natural frequencies that were not given where their springs were."""
-    shared = ('spring_stiffness_n_per_m',)
-    lateral_from = (*shared, 'mass_kg', 'spring_length_m', 'spring_natural_length_m')
-    yaw_from = (*shared, 'spring_offset_m', 'yaw_inertia_kgm2')
-    lateral, yaw = rig.frequencies_from_springs()
+def _with_frequencies(rig: RigParameters, given: Mapping[str, Any]) -> RigParameters:
+    """Derive natural frequencies that were not given from their springs; check the others."""
+    derived = rig.frequencies_from_springs()
     changes = {}
-    if 'lateral_frequency_rad_per_s' not in given and any(key in given for key in lateral_from):
-        changes['lateral_frequency_rad_per_s'] = lateral
-    if 'yaw_frequency_rad_per_s' not in given and any(key in given for key in yaw_from):
-        changes['yaw_frequency_rad_per_s'] = yaw
-    return replace(rig, **changes) if changes else rig  # type: ignore[arg-type]
+    for (name, parts), frequency in zip(_SPRINGS.items(), derived, strict=True):
+        if name not in given and any(part in given for part in parts):
+            changes[name] = frequency
+        elif abs(getattr(rig, name) / frequency - 1.0) > CONSISTENCY_TOLERANCE:
+            raise ConfigError(
+                f'{rig.name}: {name} is {getattr(rig, name):g}, but stiffness and inertia give'
+                f' {frequency:.4g} (more than {CONSISTENCY_TOLERANCE:.0%} apart)'
+            )
+    return replace(rig, **changes)  # type: ignore[arg-type]

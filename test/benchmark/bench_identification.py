@@ -283,8 +283,8 @@ FALLS_SHORT = (
     "the one looked at, the roller's line is three times the hunting frequency at 8.0 m/s, "
     'and the amplitude there beats by 2 %. Where D4 and D15 are 3 and 4 times as large the '
     'intervals of v_n are too narrow. On the rig of 14 m/s v_c is 0.5 % low. The hour takes '
-    'longer than its goal. On free trajectories p of the lack of fit is too small: it is no probability there, and '
-    'flags nothing by itself.'
+    'longer than its goal. On free trajectories p of the lack of fit is too small: it is no '
+    'probability there, and flags nothing by itself.'
 )
 
 

@@ -1,8 +1,8 @@
 """
 Time-domain simulation of the rig.
 
-`settings` says what it is made of, `model` packs that for the compiled `kernel`, `roller_rig` is
-the rig as a stream, `experiment` a whole experiment as a record.
+`settings` says what it is made of, `roller_rig` is the rig as a stream (by the compiled `kernel`),
+`experiment` a whole experiment as a record.
 """
 
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
