@@ -36,6 +36,16 @@ PAPER_TERMS, TERMS = 6, 11
 FELT = 10
 #: Places of the terms without amplitude, and their powers of u.
 LINEAR, LINEAR_POWERS = (0, 1, 2, 8), (0, 1, 2, 3)
+#: Where the terms of a law go when u is replaced by s (1 + u) - 1: place, place it comes from,
+#: in how many ways, power of u it comes from and goes to, power of w.
+_EXPANDED = np.array(
+    [
+        (into, out, math.comb(i, j), i, j, k)
+        for into, (j, k) in enumerate(zip(U_POWERS, W_POWERS, strict=True))
+        for out, (i, same) in enumerate(zip(U_POWERS, W_POWERS, strict=True))
+        if same == k and j <= i
+    ]
+).T
 #: Names of the law, as results give them: as the paper has it, and with further terms.
 QUINTIC, EXTENDED = 'quintic', 'quintic with shrunken terms'
 
@@ -132,11 +142,8 @@ def reading(log_gain: float, log_speed: float) -> Array:
     s, shrunk = math.exp(log_speed), math.exp(-2.0 * log_gain)
     matrix = np.zeros((TERMS, TERMS))
     matrix[FELT, FELT] = 1.0
-    for into in range(FELT):
-        for out, (i, k) in enumerate(zip(U_POWERS, W_POWERS, strict=True)):
-            j = U_POWERS[into]
-            if W_POWERS[into] == k and j <= i:
-                matrix[into, out] = math.comb(i, j) * (s - 1.0) ** (i - j) * s**j * shrunk**k
+    into, out, ways, i, j, k = _EXPANDED
+    matrix[into, out] = ways * (s - 1.0) ** (i - j) * s**j * shrunk**k
     return matrix
 
 

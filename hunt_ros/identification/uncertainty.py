@@ -24,6 +24,9 @@ from hunt_ros.samples import NORMAL_95, Uncertain
 
 #: With fewer independent runs than this blocks of a run stand in for runs, and it is said.
 ENOUGH_RUNS = 8
+#: Spread of the speeds of recordings, relative, from which their number is that of the degrees
+#: of freedom.
+_APART = 1e-3
 #: Draws behind the intervals.
 _DRAWS = 400
 #: Draws that are tried for one that is kept, at most.
@@ -91,6 +94,8 @@ def robust_covariance(fit: TrajectoryFit, runs: int) -> Covariance:
     degrees = float(max(count - 1, 2))
     if runs < ENOUGH_RUNS:
         degrees = min(degrees, 12.0)
+    if fit.spread[1:3].max() > _APART:
+        degrees = min(degrees, float(max(len(fit.own) - 1, 2)))
     paper = fit.information[:PAPER_TERMS, :PAPER_TERMS]
     diagonal = np.sqrt(np.maximum(np.diag(paper), 1e-300))
     scaled = paper / np.outer(diagonal, diagonal)
