@@ -121,24 +121,9 @@ class NormalForm:
             Amplitudes, m, of the shape of `speed`; NaN where there is none.
         """
         eps = np.asarray(self.detuning(speed), dtype=np.float64)
-        a = self.D15
-        b = self.D4 + self.D10 * eps
-        c = self.D1 * eps + self.D7 * eps**2
-        nan = np.full_like(eps, math.nan)
-        roots = np.stack([nan, nan])
-        with np.errstate(all='ignore'):
-            if a == 0.0:
-                roots[0] = -c / b
-            else:
-                # The form of the quadratic formula without cancellation.
-                q = -0.5 * (b + np.copysign(np.sqrt(b * b - 4.0 * a * c), b))
-                roots[0], roots[1] = q / a, c / q
-            slope = b + 2.0 * a * roots  # sign of d(growth)/d(r^2): stable where negative
-            amplitude = 2.0 * self.length_scale * np.sqrt(roots)
-            exists = np.isfinite(amplitude) & (roots > 0.0)
-        stable = np.where(exists & (slope < 0.0), amplitude, math.nan)
-        unstable = np.where(exists & (slope > 0.0), amplitude, math.nan)
-        return np.fmax(unstable[0], unstable[1]), np.fmax(stable[0], stable[1])
+        rest, cubic = self.D1 * eps + self.D7 * eps**2, self.D4 + self.D10 * eps
+        unstable, stable = steady_radii(rest, cubic, np.full_like(eps, self.D15))
+        return 2.0 * self.length_scale * unstable, 2.0 * self.length_scale * stable
 
     def unstable_amplitude(self, speed: ArrayLike) -> NDArray[np.float64]:
         """Amplitude of the unstable limit cycle, m: the edge of the quiet basin; NaN if none."""
@@ -185,6 +170,32 @@ class NormalForm:
         """v_c - v_n, m/s; None without a fold."""
         speed = self.nonlinear_critical_speed
         return None if speed is None else self.critical_speed - speed
+
+
+def steady_radii(
+    rest: NDArray[np.float64], cubic: NDArray[np.float64], quintic: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """
+    Where the growth rate rest + cubic r^2 + quintic r^4 is zero, Eq. (28).
+
+    Parameters
+    ----------
+    rest, cubic, quintic : ndarray, of one shape
+        In units of one another.
+
+    Returns
+    -------
+    unstable, stable : ndarray, of that shape
+        r, the growth rate rising and falling there; NaN where there is none.
+    """
+    with np.errstate(all='ignore'):
+        # The form of the quadratic formula without cancellation.
+        q = -0.5 * (cubic + np.copysign(np.sqrt(cubic**2 - 4.0 * quintic * rest), cubic))
+        squares = np.stack([q / quintic, rest / q])
+        slope = cubic + 2.0 * quintic * squares
+        radii = np.sqrt(np.where((squares > 0.0) & (squares < math.inf), squares, math.nan))
+        unstable, stable = (np.where(sign * slope > 0.0, radii, math.nan) for sign in (1.0, -1.0))
+    return np.fmax(*unstable), np.fmax(*stable)
 
 
 #: Coefficients (33) as published, with D1 = 0.12 and the scales of Table 1.

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import F1, compiled
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.normal_form import NormalForm
+from hunt_ros.dynamics.normal_form import NormalForm, steady_radii
 
 _F = NDArray[np.float64]
 
@@ -315,21 +315,9 @@ def _middle(cell: float) -> float:
     return math.exp(cell * _CELL)
 
 
-def _branches(first: _F, second: _F, third: _F) -> tuple[_F, _F]:
-    """Unstable and stable amplitude, m, shape (n,); NaN where there is none. Eq. (28)."""
-    with np.errstate(all='ignore'):
-        root = np.sqrt(second**2 - 4.0 * third * first)
-        q = -0.5 * (second + np.copysign(root, second))
-        squares = np.stack([q / third, first / q])
-        amplitudes = np.sqrt(np.where((squares > 0.0) & (squares < math.inf), squares, math.nan))
-        falls = second + 2.0 * third * squares < 0.0
-        found = [np.fmax(*np.where(which, amplitudes, math.nan)) for which in (~falls, falls)]
-    return found[0], found[1]
-
-
 def _ends(first: _F, second: _F, third: _F, intensity: float, quiet: float) -> tuple[_F, _F]:
     """Amplitudes at which it is quiet again, and hunts, m; the latter NaN where it never does."""
-    unstable, stable = _branches(first, second, third)
+    unstable, stable = steady_radii(first, second, third)
     # An unstable branch beyond the limit cycle is not on the way to it.
     edge = np.nan_to_num(np.where(unstable > stable, math.nan, unstable))
     leading = np.where(third != 0.0, third, np.where(second != 0.0, second, first))
