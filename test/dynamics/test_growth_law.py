@@ -168,14 +168,6 @@ def test_what_one_branch_leaves_open_is_not_drawn_far_away():
     assert np.mean(np.abs(stable / float(exact.stable_amplitude(8.5)) - 1.0) < 0.3) > 0.95
 
 
-def test_a_law_without_a_branch_in_the_range_keeps_its_own_coefficients():
-    law = further(0.3, -0.2, 1.0, 1.0)
-    form = normal_form_of(law, 3.0, 4.0)  # far below the fold
-    assert np.isnan(np.concatenate(law.steady_amplitudes(np.linspace(3.0, 4.0, 9)))).all()
-    own = to_normal_form(law.p[:6], SCALES)
-    np.testing.assert_allclose([form.D4, form.D15], [own.D4, own.D15], rtol=0.2)
-
-
 def test_the_form_comes_out_of_a_law_whose_further_terms_vanish():
     nearly = normal_form_of(further(1e-7, 1e-7, 1e-7, 1e-7), 6.0, 8.8)
     for name in ('critical_speed', *COEFFICIENTS):
@@ -184,8 +176,6 @@ def test_the_form_comes_out_of_a_law_whose_further_terms_vanish():
 
 
 def test_no_critical_speed_where_the_growth_never_rises_through_zero():
-    law = GrowthLaw(lawful([-1.0, -1.0, 0.0, 1.0, 0.0, -1.0]), SCALES)
-    assert law.critical_speed is None or law.critical_speed < 0.0 or law.p[1] > 0.0
     assert to_normal_form(np.array([-1.0, 0.0, -1.0, 1.0, 0.0, -1.0]), SCALES) is None
 
 
