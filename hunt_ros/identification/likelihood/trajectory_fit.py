@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -191,10 +192,19 @@ class _Problem:
     """What is maximised: the likelihood of a path with what is known beforehand."""
 
     path: Path
-    mean: Array
-    std: Array
+    prior: LawPrior
     priors: Sequence[Prior]
     spread: Array
+
+    @cached_property
+    def mean(self) -> Array:
+        """Means of the priors of the law and of how the forcing changes."""
+        return np.concatenate([self.prior.mean, np.zeros(_SLOPES.size)])
+
+    @cached_property
+    def std(self) -> Array:
+        """Their standard deviations."""
+        return np.concatenate([self.prior.std, _SLOPES])
 
     @property
     def varied(self) -> NDArray[np.bool_]:
@@ -369,13 +379,7 @@ def fit_path(
     """
     several = len(path.recordings) > 1
     spread = _USUAL * several if spread is None else spread
-    problem = _Problem(
-        path,
-        np.concatenate([prior.mean, np.zeros(_SLOPES.size)]),
-        np.concatenate([prior.std, _SLOPES]),
-        priors,
-        spread,
-    )
+    problem = _Problem(path, prior, priors, spread)
     low, high = _bounds()
     theta = np.array(start, dtype=np.float64)
     held = np.flatnonzero(prior.std == 0.0)
@@ -470,13 +474,7 @@ def learnt(
 
 def _likeliest(path: Path, fit: TrajectoryFit, prior: LawPrior, priors: Sequence[Prior]) -> Array:
     """Spreads of what recordings have of their own that explain them best, shape (5,)."""
-    problem = _Problem(
-        path,
-        np.concatenate([prior.mean, np.zeros(_SLOPES.size)]),
-        np.concatenate([prior.std, _SLOPES]),
-        priors,
-        fit.spread,
-    )
+    problem = _Problem(path, prior, priors, fit.spread)
     at, precision = problem.expand(fit.theta, fit.own), np.diag(fit.spread**-2.0)
     bare = at.own_block - precision
     lean = np.linalg.solve(at.own_block, at.cross.transpose(0, 2, 1))
