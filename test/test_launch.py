@@ -114,13 +114,6 @@ def test_a_mistyped_file_ends_the_launch_and_says_which(launched, tmp_path: Path
             launched(**{argument: str(tmp_path / 'my_rgi.yaml')})
 
 
-def test_a_key_that_no_rig_has_ends_the_launch_and_says_which(launched, tmp_path: Path) -> None:
-    path = tmp_path / 'my_rig.yaml'
-    path.write_text('/**: {ros__parameters: {roller_diameter_mm: 300.0}}')
-    with pytest.raises(ConfigError, match=r'my_rig\.yaml.*roller_diameter_mm.*roller_diameter_m,'):
-        launched(rig=str(path))
-
-
 def test_without_sensors_only_the_listeners_start(launched) -> None:
     names = [node.named['executable'] for node in launched(sensors='false')]
     assert names == ['bag_recorder', 'hunting_detector', 'normal_form_identifier']
@@ -199,11 +192,3 @@ def test_the_model_is_moved_by_the_topics_of_the_sensors(shown) -> None:
     assert Path(view.named['arguments'][1]).is_file()
     for node in (joints, robot, view):
         assert node.named['parameters'][0]['use_sim_time'] is True
-
-
-def test_the_model_is_published_without_rviz_and_from_a_file_that_is_there(
-    shown, tmp_path: Path
-) -> None:
-    assert len(shown(rviz='false')) == 2
-    with pytest.raises(FileNotFoundError, match=r'urdf:=.*nowhere\.urdf'):
-        shown(urdf=str(tmp_path / 'nowhere.urdf'))

@@ -28,6 +28,8 @@ STEEPNESS = 0.17
 #: near v_c is 2 sqrt(this) wide: 3 % of v_c, as of a quiet motion that has a quarter of the
 #: unstable amplitude 5 % below v_c. Its prior has this deviation.
 CUBIC = 3e-4
+#: Relative standard deviation of stiffness ratio and conicity of a rig that is given.
+TOLERANCE = 0.05
 
 
 def held_growth(
@@ -85,23 +87,19 @@ class WheelsetLaw:
 
     theta = (ln d11, ln d22, ln k11, ln of the conicity coupling k21/d22, ln wn, power
     of v in wn, cubic damping in its unit, ln of the noise floor). Stiffness and conicity are
-    those of the rig within `tolerance`; the creep coefficients are free.
+    those of the rig within `TOLERANCE`; the creep coefficients are free.
 
     Parameters
     ----------
     rig : RigParameters
         Geometry, stiffness and masses; its creep coefficients are only a first guess.
-    tolerance : float
-        Relative standard deviation of stiffness ratio and conicity.
     channel : 'lateral' or 'yaw'
         Which of the two was measured.
     """
 
     name = 'wheelset'
 
-    def __init__(
-        self, rig: RigParameters, tolerance: float = 0.05, channel: str = 'lateral'
-    ) -> None:
+    def __init__(self, rig: RigParameters, channel: str = 'lateral') -> None:
         self._rig = rig
         self._lateral = channel == 'lateral'
         self._guess = (math.log(rig.d11), math.log(rig.d22))
@@ -110,7 +108,7 @@ class WheelsetLaw:
         self.prior_mean = np.array(
             [*self._guess, math.log(rig.k11), math.log(coupling), -11.0, 0.0, 0.0, -28.0]
         )
-        self.prior_std = np.array([1.5, 1.5, tolerance, tolerance, wide, 0.5, 1.0, wide])
+        self.prior_std = np.array([1.5, 1.5, TOLERANCE, TOLERANCE, wide, 0.5, 1.0, wide])
 
     def band(self, levels: Sequence[SpeedLevel]) -> tuple[float, float]:
         """Return a band around both natural frequencies, between which hunting lies (B-1)."""

@@ -23,6 +23,8 @@ from hunt_ros.samples import NORMAL_95, Uncertain
 
 #: A fit is not refined with fewer bins than this.
 FEWEST_BINS = 30
+#: Share of a bin that must not be leakage.
+OWN = 0.9
 #: Decay times in a window beyond which its bins count as independent.
 INDEPENDENT = 15.0
 
@@ -172,9 +174,7 @@ def likelihood(law: ResponseLaw, spectra: Spectra) -> Whittle:
     return Whittle(expected, power, spectra.weight, law.prior_mean, law.prior_std)
 
 
-def own_bins(
-    law: ResponseLaw, spectra: Spectra, theta: NDArray[np.float64], share: float = 0.9
-) -> NDArray[np.bool_]:
+def own_bins(law: ResponseLaw, spectra: Spectra, theta: NDArray[np.float64]) -> NDArray[np.bool_]:
     """
     Return which bins show their own frequency, and not leakage.
 
@@ -185,14 +185,14 @@ def own_bins(
     Returns
     -------
     ndarray of bool, shape (bins,)
-        True where spectrum and noise make up at least `share` of what is expected.
+        True where spectrum and noise make up at least `OWN` of what is expected.
     """
     modes = law.modes(spectra.speed, theta)
     expected = expected_periodogram(law, spectra, theta)
     if modes is None or expected is None:
         return np.ones(spectra.omega.size, dtype=np.bool_)
     own = spectra.of_modes(*modes, leakage=False) * spectra.gain + math.exp(theta[-1])
-    return np.asarray(own >= share * expected, dtype=np.bool_)
+    return np.asarray(own >= OWN * expected, dtype=np.bool_)
 
 
 class ResponseLaw(Protocol):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hunt_ros.estimation.kalman import HuntingTracker, ModePoint, TrackerConfig
+from hunt_ros.estimation.kalman import HuntingTracker, ModePoint
 
 RATIO = -3.94 + 2.37j
 
@@ -117,32 +117,3 @@ def test_a_shape_of_other_sensors_is_found_out(hunting_signal):
     rows, _ = signal.track(known(RATIO / 1.3))
     assert np.abs(rows['lateral_amplitude'][500:1900] / 2e-4 - 1.0).max() < 0.03
     assert np.abs(rows['lateral_amplitude'][2200:] / 2e-4 - 1.0).max() < 0.06
-
-
-@pytest.mark.parametrize('factor', [0.2, 0.5, 3.0, 7.0])
-def test_another_frequency_is_the_same_filter_slower_or_faster(hunting_signal, factor):
-    signal = hunting_signal(7, duration=8.0, kick_at=5.0, kick=1e-4, second=1e-4, growth=0.3)
-    rows, _ = signal.track(HuntingTracker())
-    plain = TrackerConfig()
-    other = TrackerConfig(
-        plain.frequency_hz * factor,
-        plain.frequency_min_hz * factor,
-        plain.frequency_max_hz * factor,
-    )
-    signal.stamps = np.round(signal.stamps / factor).astype(np.int64)
-    slow = HuntingTracker(other)
-    outputs = np.round(rows['stamp_ns'] / factor).astype(np.int64)
-    sensor = np.tile(np.array([0, 1], dtype=np.int8), signal.stamps.size)
-    scaled = slow.update(
-        np.repeat(signal.stamps, 2),
-        sensor,
-        np.stack([signal.lateral, signal.yaw], axis=1).ravel(),
-        np.repeat(signal.angle, 2),
-        np.repeat(signal.speed, 2),
-        outputs,
-    )
-    late = slice(200, None)
-    for name, power in (('lateral_amplitude', 0), ('growth_rate', 1), ('frequency_hz', 1)):
-        expected = rows[name][late] * factor**power
-        spread = rows[f'{name}_std'][late] * factor**power
-        assert np.abs(scaled[name][late] - expected).max() < 0.5 * spread.max(), name
