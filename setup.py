@@ -51,7 +51,7 @@ setup(
         'rosbags>=0.10',
         'lz4>=4.3',
         'zstandard>=0.22',
-        'filterpy>=1.4.5',  # the textbook form that the tracker is tested against
+        'filterpy>=1.4.5',  # the textbook filter beside the tracker in `hunt check`
     ],
     extras_require={
         'ros': JAZZY,

@@ -36,9 +36,9 @@ class IdentificationError(HuntError):
     """The data given cannot support the identification asked for."""
 
 
-#: Libraries that only a part needs: recordings, the page, a check. No package of Ubuntu or of ROS
+#: Libraries that only a part needs: recordings, the page. No package of Ubuntu or of ROS
 #: brings all of a part.
-_BY_PIP = ('rosbags mcap lz4 zstandard', 'tornado', 'filterpy')
+_BY_PIP = ('rosbags mcap lz4 zstandard', 'tornado')
 
 
 def not_installed(error: BaseException) -> str:

@@ -55,7 +55,7 @@ class Finding:
     ----------
     check : str
         'rate', 'jitter', 'gaps', 'noise', 'resolution', 'range', 'unit', 'clock', 'encoder',
-        'diameter', 'speed', 'publishers', 'disk', 'alarm'.
+        'diameter', 'speed', 'filter', 'publishers', 'disk', 'alarm'.
     channel : str
         Of the rig; '' where it is none.
     state : str

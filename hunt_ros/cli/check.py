@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
         record, arrivals = _live(heard)
         findings = [*_publishers(heard, rig), *check_rig(record, arrivals, rig)]
         findings += [_disk(record, arguments.directory or options.RECORDINGS), _alarm(arguments)]
-    findings += _units(record)
+    findings += [*_units(record), *_filters(record, rig)]
     failed = sum(finding.state == FAIL for finding in findings)
     if arguments.json:
         document = {
@@ -161,6 +161,29 @@ def _units(record: Record) -> list[Finding]:
     texts = {name: wrong_unit(name, series) for name, series in record.items()}
     advice = 'publish SI units (m, rad, m/s), or give the factor in "sources" of the rig file'
     return [Finding('unit', name, FAIL, text, advice) for name, text in texts.items() if text]
+
+
+def _filters(record: Record, rig: Rig) -> list[Finding]:
+    """Return whether two filters that share no code see one amplitude, where something moves."""
+    from importlib.util import find_spec
+
+    from hunt_ros.analysis.rig_check import OK, UNKNOWN, WARN, Finding
+    from hunt_ros.estimation.textbook import compared_amplitudes
+    from hunt_ros.estimation.tracker_config import REFERENCE_HZ
+
+    if find_spec('filterpy') is None:  # no package of Ubuntu or of ROS brings it
+        return [Finding('filter', '', UNKNOWN, 'filterpy is not there', 'pip install filterpy')]
+    orders = [order for order in rig.lines if order > 0.0]
+    both = compared_amplitudes(record, rig.hunting_frequency_hz or REFERENCE_HZ, orders)
+    if both is None:
+        return []
+    apart = both[0] / both[1] - 1.0
+    state, advice = OK, ''
+    if abs(apart) > 0.1:  # a fixed filter leaves something of noise and of a beat
+        state = WARN
+        advice = 'set hunting_frequency_hz and lines of the rig file; or a kernel computes wrongly'
+    text = f'the amplitude is {apart:+.1%} off that of a textbook Kalman filter'
+    return [Finding('filter', '', state, text, advice, apart)]
 
 
 def _disk(record: Record, directory: Path) -> Finding:

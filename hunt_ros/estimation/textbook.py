@@ -19,7 +19,7 @@ from hunt_ros.estimation.kalman import HuntingTracker, TrackerConfig
 from hunt_ros.estimation.tracker_config import Shaft
 from hunt_ros.estimation.turning import continuous
 from hunt_ros.samples import NANOSECONDS, Record, Series
-from hunt_ros.sensors import MOTION, SENSORS
+from hunt_ros.sensors import DISPLACEMENTS, SENSORS
 
 _F = NDArray[np.float64]
 
@@ -54,10 +54,11 @@ def compared_amplitudes(
         Medians of both over the same cells, m or rad; None where nothing is steady and clear of
         its noise.
     """
-    name = next((one for one in MOTION[:2] if len(record.get(one, ())) > 1), None)
+    told = {name: record[name].in_order().finite() for name in DISPLACEMENTS if name in record}
+    name = next((one for one, series in told.items() if len(series) > 1), None)
     if name is None:
         return None
-    readings = _liveliest(record[name].in_order().finite())
+    readings = _liveliest(told[name])
     angle = np.full(len(readings), math.nan)
     if 'roller' in record:
         roller = continuous(record['roller'].in_order().finite())

@@ -109,6 +109,7 @@ def test_a_sound_rig_passes_with_the_numbers_that_it_has(check) -> None:
     assert found['resolution', 'lateral']['value'] == pytest.approx(1e-6)
     assert found['diameter', 'roller']['value'] == pytest.approx(DIAMETER_M, rel=1e-3)
     assert found['encoder', 'roller']['value'] == pytest.approx(2.0 * 7.0 / DIAMETER_M)
+    assert abs(found['filter', '']['value']) < 0.03
 
 
 @pytest.mark.parametrize('fault', FAULTS)
