@@ -65,7 +65,7 @@ setup(
         'nidaqmx': ['nidaqmx>=1.0'],
         'cluster': ['distributed>=2024.1'],
         'dashboard': ['tornado>=6.3'],
-        'completion': ['shtab>=1.6'],
+        'completion': ['argcomplete>=2.0'],
         'bench': ['pysindy>=2.0'],
         'docs': ['mkdocs-material>=9.5,<10', 'mkdocstrings[python]>=0.27'],
         'test': [

@@ -44,6 +44,9 @@ SHARED = '/**'
 #: What ROS itself, and a file of `hunt identify --out`, have in that section.
 _OTHERS = ('use_sim_time', 'qos_overrides', 'normal_form')
 
+#: Unit of speeds that people read -> how many of it are 1 m/s.
+SPEED_UNITS = {'m/s': 1.0, 'km/h': 3.6}
+
 _EITHER = ' or '.join(DISPLACEMENTS)
 
 
@@ -64,6 +67,12 @@ class Rig(Settings):
     """
 
     rig_name: str = setting('', 'name of the rig, for its recordings')
+    speed_unit: str = setting(
+        'm/s',
+        'unit of speeds on page and terminal; messages, recordings and files are SI',
+        choices=tuple(SPEED_UNITS),
+        fixed=True,
+    )
     channels: tuple[str, ...] = setting(
         USUAL_CHANNELS,
         f'channels the rig has, of {", ".join(CHANNELS)};'

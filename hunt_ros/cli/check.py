@@ -6,52 +6,44 @@ import argparse
 import math
 import shutil
 from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.analysis.rig_check import FAIL, OK, WARN, Finding, check_rig
+from hunt_ros.bag import read_columns, read_record
+from hunt_ros.bag.plausible import wrong_unit
 from hunt_ros.cli.support import options
+from hunt_ros.cli.support.output import progress, tell
+from hunt_ros.cli.support.processes import NodeSpec, ask
 from hunt_ros.errors import ConfigError
+from hunt_ros.rig import Rig
+from hunt_ros.samples import CHANNELS, Record, Series, known
+from hunt_ros.sensors import lacking
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from hunt_ros.analysis.rig_check import Finding
-    from hunt_ros.rig import Rig
-    from hunt_ros.samples import Record
-
-SUMMARY = 'check a rig before its first run: rate, noise, clocks, encoder, disk; and what to do'
 EXAMPLE = 'hunt check bags/kick_decays --rig config/rig.yaml'
 
 #: Of a sample in a recording, with its share of everything else, bytes.
 _SAMPLE_BYTES = 80.0
 #: A recording must have room for so long, h, and for this at least, bytes.
 _LEAST_H, _LEAST_BYTES = 8.0, 1e9
-_STYLES = {'ok': 'green', 'warn': 'yellow', 'fail': 'bold red', 'unknown': 'cyan'}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument('bag', nargs='?', type=Path, help='recording (default: the live topics)')
-    options.add_rig(parser)
-    options.add_channels(parser)
-    options.add_namespace(parser, None)
-    parser.add_argument(
-        '--duration',
-        type=options.number(0.0, 3600.0, 's', above=True),
-        metavar='S',
-        help='listen for S seconds (default: 10)',
-    )
-    options.add_directory(parser, None)
-    options.add_json(parser, 'the findings')
+    add = partial(options.add, parser)
+    add('bag', nargs='?', type=Path, help='recording (default: the live topics)')
+    add('--rig', '--channel', '--mapping', '--namespace', '--directory', '--json')
+    longest = options.number(0.0, 3600.0, 's', above=True)
+    add('--duration', type=longest, metavar='S', help='listen for S seconds (10)')
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Check: 0 where nothing fails, 1 where something does."""
-    from hunt_ros.analysis.rig_check import FAIL, check_rig
-    from hunt_ros.cli.support.output import write_json
-    from hunt_ros.samples import known
-
     rig = options.rig_of(arguments)
     if arguments.bag is not None:
         if arguments.duration is not None:
@@ -68,19 +60,13 @@ def run(arguments: argparse.Namespace) -> int:
         findings += [_disk(record, arguments.directory or options.RECORDINGS), _alarm(arguments)]
     findings += [*_units(record), *_filters(record, rig)]
     failed = sum(finding.state == FAIL for finding in findings)
-    if arguments.json:
-        document = {
-            'source': str(arguments.bag) if arguments.bag else f'/{arguments.namespace or "rig"}',
-            'rig_name': rig.rig_name,
-            'failed': failed,
-            'checks': [one.to_json() | {'value': known(one.value)} for one in findings],
-        }
-        write_json(document, arguments.json)
-    if arguments.json != '-':
-        try:
-            _tell(findings)
-        except SystemExit as ended:  # rich makes this of a pipe that was closed
-            raise BrokenPipeError from ended
+    document = {
+        'source': str(arguments.bag) if arguments.bag else f'/{arguments.namespace or "rig"}',
+        'rig_name': rig.rig_name,
+        'failed': failed,
+        'checks': [one.to_json() | {'value': known(one.value)} for one in findings],
+    }
+    tell(arguments.json, lambda: document, lambda: _lines(findings))
     return 1 if failed else 0
 
 
@@ -88,32 +74,22 @@ def _recorded(
     arguments: argparse.Namespace, rig: Rig
 ) -> tuple[Rig, Record, dict[str, NDArray[np.int64]]]:
     """Read a recording, and when its messages came; without a rig file, what it holds or lacks."""
-    from dataclasses import replace
-
-    from hunt_ros.bag import read_columns, read_record
-    from hunt_ros.samples import CHANNELS
-    from hunt_ros.sensors import lacking
-
     sources = options.channels_of(arguments, CHANNELS)
     record = read_record(arguments.bag, sources)
     rig.refuse_other(record.notes.get('rig', ''), str(arguments.bag))
     if not arguments.rig:
         rig = replace(rig, channels=(*record, *(either[0] for either in lacking(record))))
     named = {name: sources.get(name, name) for name in record}
-    columns = read_columns(arguments.bag, named, stamps='log')
-    arrivals = {
+    came = {
         name: series.stamps_ns
-        for name, series in columns.items()
+        for name, series in read_columns(arguments.bag, named, stamps='log').items()
         if len(series) == len(record[name])
     }
-    return rig, record, arrivals
+    return rig, record, came
 
 
 def _listen(arguments: argparse.Namespace, rig: Rig) -> dict[str, Any]:
     """Listen to the live topics."""
-    from hunt_ros.cli.support.output import progress
-    from hunt_ros.cli.support.processes import NodeSpec, ask
-
     seconds = 10.0 if arguments.duration is None else arguments.duration
     parameters = {'channels': rig.channels, 'seconds': float(seconds)}
     with progress(f'listening for {seconds:g} s'):
@@ -122,10 +98,6 @@ def _listen(arguments: argparse.Namespace, rig: Rig) -> dict[str, Any]:
 
 def _live(heard: Mapping[str, Any]) -> tuple[Record, dict[str, NDArray[np.int64]]]:
     """Return what was heard as a record, and when it came."""
-    import numpy as np
-
-    from hunt_ros.samples import Record, Series
-
     filled = {name: one for name, one in heard.items() if one['values']}
     channels = {
         name: Series(np.array(one['stamps_ns']), np.array(one['values']))
@@ -136,28 +108,24 @@ def _live(heard: Mapping[str, Any]) -> tuple[Record, dict[str, NDArray[np.int64]
 
 def _publishers(heard: Mapping[str, Any], rig: Rig) -> list[Finding]:
     """Return who publishes the channels, where it is not one node."""
-    from hunt_ros.analysis.rig_check import FAIL, WARN, Finding
-
     found = []
     for channel, one in heard.items():
         names, topic = one['publishers'], one['topic']
+        state = FAIL
         if len(names) > 1:
             text = f'{topic} has {len(names)} publishers: {", ".join(names)}'
             advice = 'end all but one, or start the second suite under another namespace'
-            found.append(Finding('publishers', channel, FAIL, text, advice, float(len(names))))
-        if not names:
+        elif not names:
             state = WARN if channel in rig.optional_channels else FAIL
-            advice = 'start its node; --namespace says where the topics of the rig are'
             text = f'nobody publishes {topic}'
-            found.append(Finding('publishers', channel, state, text, advice, 0.0))
+            advice = 'start its node; --namespace says where the topics of the rig are'
+        if len(names) != 1:
+            found.append(Finding('publishers', channel, state, text, advice, float(len(names))))
     return found
 
 
 def _units(record: Record) -> list[Finding]:
     """Return the channels that cannot be in SI."""
-    from hunt_ros.analysis.rig_check import FAIL, Finding
-    from hunt_ros.bag.plausible import wrong_unit
-
     texts = {name: wrong_unit(name, series) for name, series in record.items()}
     advice = 'publish SI units (m, rad, m/s), or give the factor in "sources" of the rig file'
     return [Finding('unit', name, FAIL, text, advice) for name, text in texts.items() if text]
@@ -188,30 +156,19 @@ def _filters(record: Record, rig: Rig) -> list[Finding]:
 
 def _disk(record: Record, directory: Path) -> Finding:
     """Return how long a recording fits on the disk."""
-    from hunt_ros.analysis.rig_check import FAIL, OK, Finding
-
-    place = directory.absolute()
-    while not place.exists():
-        place = place.parent
+    place = options.place_of(directory)
     free = float(shutil.disk_usage(place).free)
     rate = sum(series.rate_hz for series in record.values() if math.isfinite(series.rate_hz))
     hours = free / max(rate * _SAMPLE_BYTES, 1.0) / 3600.0
-    short = free < _LEAST_BYTES or hours < _LEAST_H
-    return Finding(
-        'disk',
-        '',
-        FAIL if short else OK,
-        f'{free / 1e9:.1f} GB are free at {place}, for about {hours:.0f} h of recording',
-        'make room there, or record elsewhere with --directory' if short else '',
-        free,
-        'byte',
-    )
+    text = f'{free / 1e9:.1f} GB are free at {place}, for about {hours:.0f} h of recording'
+    if free >= _LEAST_BYTES and hours >= _LEAST_H:
+        return Finding('disk', '', OK, text, '', free, 'byte')
+    advice = 'make room there, or record elsewhere with --directory'
+    return Finding('disk', '', FAIL, text, advice, free, 'byte')
 
 
 def _alarm(arguments: argparse.Namespace) -> Finding:
     """Return who is called for an alarm; a program that is not there is no rig file."""
-    from hunt_ros.analysis.rig_check import OK, WARN, Finding
-
     named = options.alarm_outputs_of(arguments)
     if named:
         return Finding('alarm', '', OK, f'an alarm calls by {" and ".join(named)}', '')
@@ -219,19 +176,15 @@ def _alarm(arguments: argparse.Namespace) -> Finding:
     return Finding('alarm', '', WARN, 'an alarm calls nobody', advice)
 
 
-def _tell(findings: list[Finding]) -> None:
-    """Print a line a finding, and what to do below it."""
-    import sys
-
-    from rich.console import Console
-    from rich.text import Text
-
-    console = Console(file=sys.stdout, highlight=False, soft_wrap=True)
+def _lines(findings: list[Finding]) -> str:
+    """Return a line a finding, and what to do below it."""
+    lines = []
     for one in findings:
         what = f'{one.channel} {one.check}' if one.channel else one.check
-        text = Text(f'{one.state:8}', style=_STYLES[one.state])
-        console.print(text.append(f'{what:20} {one.text}', style=''))
+        lines.append(f'{one.state:8}{what:20} {one.text}')
         if one.advice:
-            console.print(f'{"":8}{"":20} -> {one.advice}')
-    counts = {state: sum(one.state == state for one in findings) for state in _STYLES}
-    console.print(', '.join(f'{count} {state}' for state, count in counts.items() if count))
+            lines.append(f'{"":8}{"":20} -> {one.advice}')
+    states = [one.state for one in findings]
+    counts = {state: states.count(state) for state in ('ok', 'warn', 'fail', 'unknown')}
+    lines.append(', '.join(f'{count} {state}' for state, count in counts.items() if count))
+    return '\n'.join(lines)

@@ -6,23 +6,20 @@ import argparse
 import os
 import time
 
-SUMMARY = 'compile the kernels once, so that no first run waits (make install does it)'
+from hunt_ros.cli.support import options
+from hunt_ros.compiled import HAVE_COMPILER, compile_all, is_complete
+
 EXAMPLE = 'hunt compile'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        '--background',
-        action='store_true',
-        help='on one core, at the lowest priority',
-    )
+    what = 'on one core, at the lowest priority'
+    options.add(parser, '--background', **options.FLAG, help=what)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Compile what is not on disk yet."""
-    from hunt_ros.compiled import HAVE_COMPILER, compile_all, is_complete
-
     if not HAVE_COMPILER:
         print('without numba the kernels run as plain Python: nothing to compile')
         return 0

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import argparse
 from datetime import datetime
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from hunt_ros.cli.support import options
-from hunt_ros.cli.support.narration import STYLES
+from hunt_ros.cli.support import options, suite
+from hunt_ros.cli.support.console import Console
+from hunt_ros.cli.support.demo_report import show_results
+from hunt_ros.cli.support.supervisor import Supervisor
+from hunt_ros.cli.support.view import View
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+from hunt_ros.dynamics.profile import Corners, Profile
+from hunt_ros.suite import LISTENERS, PAGE, SIMULATOR, SOURCES
 
-if TYPE_CHECKING:
-    from hunt_ros.cli.support.key_commands import KeyCommands
-    from hunt_ros.cli.support.supervisor import Supervisor
-    from hunt_ros.cli.support.view import View
-
-SUMMARY = 'sweep the simulated rig through hunting and back, live, and refit it (3 minutes)'
 EXAMPLE = 'hunt demo --out recordings'
 
 #: The sweep: up through v_n and v_c, and down again.
@@ -30,49 +32,34 @@ _CLOSING_S, _IDENTIFYING_S = 120.0, 900.0
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        '--out',
-        type=Path,
-        default=Path('recordings'),
-        metavar='DIR',
-        help='where the results go, in a folder of their own (default: %(default)s)',
-    )
-    options.add_page(parser, 'a free one')
-    parser.add_argument(
-        '--keep', action='store_true', help='the same, and leave it up after the sweep'
-    )
-    options.add_pace(parser, 10.0, 5.0)
-    options.add_seed(parser, 1)
+    add = partial(options.add, parser)
+    where = 'where the results go, in a folder of their own (%(default)s)'
+    add('--out', type=Path, default=options.RECORDINGS, metavar='DIR', help=where)
+    add('--page')
+    add('--keep', **options.FLAG, help='the same, and leave it up after the sweep')
+    add('--pace', type=options.number(0.1, 10.0), default=5.0)
+    add('--seed', default=1)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the demo from the start to the picture."""
-    from hunt_ros.cli.support.console_link import ConsoleLink
-    from hunt_ros.cli.support.demo_report import show_results
-    from hunt_ros.cli.support.key_commands import KeyCommands
-    from hunt_ros.cli.support.supervisor import Supervisor
-    from hunt_ros.cli.support.view import View
-    from hunt_ros.dynamics.identified import IdentifiedNormalForm
-    from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-    from hunt_ros.suite import LISTENERS, SOURCES
-
     folder = (arguments.out / f'demo_{datetime.now():%Y%m%d_%H%M%S}').resolve()
-    options.make_folder(folder, 'the results')
+    options.refuse_place(folder, 'the results')
+    folder.mkdir(parents=True)
     form = folder / 'paper_normal_form.yaml'
     form.write_text(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml(), encoding='utf-8')
 
     bag: Path | None = None
     with View() as view:
         try:
-            with (
-                Supervisor('rig', folder / 'logs', private=True) as supervisor,
-                KeyCommands(ConsoleLink(supervisor), view, (*LISTENERS, *SOURCES)) as commands,
-            ):
-                _start(supervisor, commands, view, arguments, folder, form)
-                _sweep(commands, view)
-                bag = _close(commands, view)
-                if arguments.keep:
-                    _keep(commands, view)
+            with Supervisor('rig', folder / 'logs', private=True) as supervisor:
+                console = Console(supervisor, view, (*LISTENERS, *SOURCES))
+                with console:
+                    _start(supervisor, console, view, arguments, folder, form)
+                    _sweep(console, view)
+                    bag = _close(console, view)
+                    if arguments.keep:
+                        _keep(console, view)
         except KeyboardInterrupt:
             view.say(f'stopped; what was recorded is in {folder}')
             return 130
@@ -87,34 +74,27 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _start(
     supervisor: Supervisor,
-    commands: KeyCommands,
+    console: Console,
     view: View,
     arguments: argparse.Namespace,
     folder: Path,
     form: Path,
 ) -> None:
     """Start the listeners, then the rig; return when all are up."""
-    from hunt_ros.cli.support import suite
-    from hunt_ros.dynamics.profile import Corners, Profile
-    from hunt_ros.suite import LISTENERS, PAGE, SIMULATOR, SOURCES
-
     profile = Profile((Corners(_TIMES_S, _SPEEDS_MPS),), 'up and down')
     parameters = suite.simulated_run(folder, profile, arguments.pace, _KICKS, seed=arguments.seed)
     parameters['bag_recorder']['operator'] = 'hunt demo'
-    page = arguments.page
-    if page == 0 or (page is None and arguments.keep):
-        page = suite.free_port()
     view.say('Starting seven ROS 2 nodes on this machine (Ctrl-C ends them all) ...')
-    common = suite.follow_clock(arguments.pace)
+    # At pace 1 the rig publishes no /clock.
+    common: dict[str, object] = {'use_sim_time': True} if arguments.pace != 1.0 else {}
     suite.start_nodes(supervisor, LISTENERS, common, parameters, [form])
-    suite.wait_until_up(commands, LISTENERS)
-    if page is not None:
-        own = {PAGE: {'port': page, 'directory': str(folder)}}
-        suite.start_nodes(supervisor, [PAGE], common, own, [form])
-        suite.wait_until_up(commands, [PAGE])
-        view.say(f'The page of the operator: http://127.0.0.1:{page}/')
+    console.wait_until_up(LISTENERS)
+    if arguments.page is not None or arguments.keep:
+        port = arguments.page or suite.free_port()
+        view.say(suite.start_page(supervisor, port, folder, common, [form]))
+        console.wait_until_up([PAGE])
     suite.start_nodes(supervisor, [SIMULATOR], {}, parameters)
-    suite.wait_until_up(commands, [SIMULATOR])
+    console.wait_until_up([SIMULATOR])
     suite.start_nodes(supervisor, SOURCES, common, parameters)
     view.say(
         f'Sweeping {_LOW_MPS:g} -> {_HIGH_MPS:g} -> {_LOW_MPS:g} m/s in'
@@ -123,46 +103,39 @@ def _start(
     )
 
 
-def _keep(commands: KeyCommands, view: View) -> None:
+def _keep(console: Console, view: View) -> None:
     """Leave everything running until Ctrl-C."""
     view.say('The page stays up until Ctrl-C; then the results are shown.')
     try:
         while True:
-            for line in commands.lines(1.0):
-                view.show(line)
+            for _ in console.lines(1.0):
+                pass
     except KeyboardInterrupt:
         view.say('ending every node')
 
 
-def _sweep(commands: KeyCommands, view: View) -> None:
+def _sweep(console: Console, view: View) -> None:
     """Narrate until the profile has run, or cannot go on; one that is held waits for its key."""
     while True:
-        for line in commands.lines(10.0):
-            view.show(line)
+        for line in console.lines(10.0):
             if line['topic'] != 'speed/status':
                 continue
             if line['profile_state'] == 'finished':
                 return
             if line['emergency_stop'] == 'true' or line['interlock_state'] == 'tripped':
-                view.say(f'The sweep has ended early: {line["message"]}', STYLES['WARN'])
+                view.say(f'The sweep has ended early: {line["message"]}', 'yellow')
                 view.say('What was recorded is kept. On a busy machine try: hunt demo --pace 1')
                 return
 
 
-def _close(commands: KeyCommands, view: View) -> Path | None:
+def _close(console: Console, view: View) -> Path | None:
     """Close the recording and wait for the identifier's word on it."""
-    commands.call('stop-recording')
-    for line in commands.lines(_CLOSING_S):
-        view.show(line)
-        if line['topic'] == 'recording/closed':
-            break
-    else:
+    console.call('stop-recording')
+    closed = (x for x in console.lines(_CLOSING_S) if x['topic'] == 'recording/closed')
+    if (line := next(closed, None)) is None:
         return None
     view.say('Identifying the normal form from the recording ...')
-    for word in commands.lines(_IDENTIFYING_S):
-        view.show(word)
-        if _last_word(word):
-            break
+    next(filter(_last_word, console.lines(_IDENTIFYING_S)), None)
     return Path(line['data'])
 
 

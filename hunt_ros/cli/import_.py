@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 
+from hunt_ros.bag import check_units
+from hunt_ros.bag.interchange.importers import load_record
+from hunt_ros.bag.record_writer import write_record
 from hunt_ros.cli.support import options
+from hunt_ros.cli.support.output import tell
+from hunt_ros.errors import BagError
+from hunt_ros.samples import CHANNELS, known
 from hunt_ros.sensors import MOTION
 
-SUMMARY = 'turn a CSV, MATLAB, NumPy, TDMS or Parquet file, or a foreign bag, into a bag'
 EXAMPLE = (
     'hunt import bags/flutter_rig/17092018_CBC_V250_TowardsHB.mat flutter_250 --rate 250'
     " --channel yaw='data[0]' --channel lateral='data[1]*0.47' --channel speed=25.0"
@@ -17,36 +23,21 @@ EXAMPLE = (
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument('file', type=Path, help='the file to read')
-    parser.add_argument('out', type=Path, help='folder of the bag; must not exist')
-    options.add_channels(
-        parser,
-        f'{", ".join(MOTION)}, roller or speed: a column, data[1]*0.47, or a constant; repeatable',
-    )
-    options.add_rig(parser)
-    options.add_rate(parser, None, 'of a file without times')
-    parser.add_argument('--time', metavar='COLUMN', help='of the times, in s: t or t_ms*0.001')
-    options.add_namespace(parser)
-    parser.add_argument(
-        '--note',
-        type=_note,
-        action='append',
-        default=[],
-        metavar='NAME=TEXT',
-        help='kept in the bag: rig=..., operator=..., notes=...; repeatable',
-    )
-    options.add_json(parser, 'what was written')
+    add = partial(options.add, parser)
+    add('file', type=Path, help='the file to read')
+    add('out', type=Path, help='folder of the bag; must not exist')
+    which = f'{", ".join(MOTION)}, roller or speed'
+    add('--channel', help=f'{which}: a column, data[1]*0.47, or a constant; repeatable')
+    add('--mapping', '--rig', '--json')
+    add('--rate', help='samples a second of a file without times')
+    add('--time', metavar='COLUMN', help='of the times, in s: t or t_ms*0.001')
+    add('--namespace', default='rig')
+    kept = 'kept in the bag: rig=..., operator=..., notes=...; repeatable'
+    add('--note', type=_note, action='append', default=[], metavar='NAME=TEXT', help=kept)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Read the file, write the bag, say what is in it."""
-    from hunt_ros.bag import check_units
-    from hunt_ros.bag.interchange.importers import load_record
-    from hunt_ros.bag.record_writer import write_record
-    from hunt_ros.cli.support.output import write_json
-    from hunt_ros.errors import BagError
-    from hunt_ros.samples import CHANNELS, known
-
     if arguments.out.exists():
         raise BagError(f'{arguments.out}: exists already, expected the name of a new folder')
     options.refuse_place(arguments.out, 'the recording')
@@ -57,16 +48,14 @@ def run(arguments: argparse.Namespace) -> int:
     path = write_record(
         arguments.out, record, namespace=arguments.namespace, notes=dict(arguments.note)
     )
-    if arguments.json != '-':
-        parts = (f'{name} {len(series)}' for name, series in record.items())
-        print(f'{path}: {record.duration_s:.1f} s, samples: {", ".join(parts)}')
-    if arguments.json:
-        channels = {
-            name: {'samples': len(series), 'rate_hz': known(series.rate_hz)}
-            for name, series in record.items()
-        }
-        document = {'bag': str(path), 'duration_s': record.duration_s, 'channels': channels}
-        write_json(document, arguments.json)
+    channels = {
+        name: {'samples': len(series), 'rate_hz': known(series.rate_hz)}
+        for name, series in record.items()
+    }
+    written = {'bag': str(path), 'duration_s': record.duration_s, 'channels': channels}
+    parts = ', '.join(f'{name} {len(series)}' for name, series in record.items())
+    said = f'{path}: {record.duration_s:.1f} s, samples: {parts}'
+    tell(arguments.json, lambda: written, lambda: said)
     return 0
 
 

@@ -20,24 +20,23 @@ from hunt_ros import __version__
 from hunt_ros.compiled import on_compilation
 from hunt_ros.errors import HuntError, not_installed
 
-#: Verb -> module of `hunt_ros.cli`, in the order of the help text.
+#: Verb -> what it is for, in the order of the help text. Its module is imported where it is used.
 VERBS: dict[str, str] = {
-    'demo': 'demo',
-    'run': 'run',
-    'call': 'call',
-    'check': 'check',
-    'simulate': 'simulate',
-    'replay': 'replay',
-    'identify': 'identify',
-    'plan': 'plan',
-    'report': 'report',
-    'normal-form': 'normal_form',
-    'info': 'info',
-    'import': 'import_',
-    'export': 'export',
-    'calibrate': 'calibrate',
-    'compile': 'compile',
-    'completion': 'completion',
+    'demo': 'sweep the simulated rig through hunting and back, live, and refit it (3 minutes)',
+    'run': 'start every node of the suite on this machine and show what they see',
+    'call': 'acknowledge, start, stop, mark: call a service of the running rig',
+    'check': 'check a rig before its first run: rate, noise, clocks, encoder, disk; what to do',
+    'simulate': 'simulate the rig over a speed profile and write the recording as a bag',
+    'replay': 'run a recording through the detector; --live: through the running nodes',
+    'identify': 'identify the normal form, with intervals, from recordings',
+    'plan': 'say what to measure next: the profile that teaches the most a minute',
+    'report': 'write the report of recordings: one HTML page, and the figures as SVG and PNG',
+    'normal-form': 'compute critical speed and normal form of a rig from its parameters',
+    'info': 'say what is in a recording and what is wrong with it; --repair: save what is sound',
+    'import': 'turn a CSV, MATLAB, NumPy, TDMS or Parquet file, or a foreign bag, into a bag',
+    'export': 'write channels of a recording as CSV, Parquet or NumPy arrays',
+    'calibrate': 'calibrate a sensor: known displacements in, gain and offset out',
+    'compile': 'compile the kernels once, so that no first run waits (make install does it)',
 }
 
 
@@ -63,6 +62,12 @@ class _OneLineParser(argparse.ArgumentParser):
         raise _UsageError(f'{self.prog}: {message} (see {self.prog} --help)')
 
 
+def module_of(verb: str) -> Any:
+    """Import the module of a verb; the name of one is a word of Python."""
+    name = verb.replace('-', '_') + '_' * (verb == 'import')
+    return import_module(f'hunt_ros.cli.{name}')
+
+
 def parser_of(verb: str | None) -> argparse.ArgumentParser:
     """Build the parser; only the verb that is asked for is imported in full."""
     parser = _OneLineParser(
@@ -75,19 +80,14 @@ def parser_of(verb: str | None) -> argparse.ArgumentParser:
     verbs = parser.add_subparsers(
         dest='verb', metavar='VERB', required=True, parser_class=_OneLineParser
     )
-    for name, module_name in VERBS.items():
-        if verb in VERBS and name != verb:
-            continue
-        module = import_module(f'hunt_ros.cli.{module_name}')
-        subparser = verbs.add_parser(
-            name,
-            help=module.SUMMARY,
-            description=module.SUMMARY,
-            epilog=f'example:\n  {module.EXAMPLE}',
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
-        module.configure(subparser)
-        subparser.set_defaults(run=module.run)
+    for name, summary in VERBS.items():
+        subparser = verbs.add_parser(name, help=summary, description=summary)
+        if name == verb:
+            module = module_of(verb)
+            subparser.formatter_class = argparse.RawDescriptionHelpFormatter
+            subparser.epilog = f'example:\n  {module.EXAMPLE}'
+            module.configure(subparser)
+            subparser.set_defaults(run=module.run)
     return parser
 
 
@@ -106,6 +106,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit code.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
+    if '_ARGCOMPLETE' in os.environ:  # a shell asks what may follow: it goes no further
+        import argcomplete
+
+        told = os.environ.get('COMP_LINE', '').split()
+        argcomplete.autocomplete(parser_of(told[1] if len(told) > 1 else None))
     name = f'hunt {words[0]}' if words and words[0] in VERBS else 'hunt'
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a terminal may lack a sign of a name

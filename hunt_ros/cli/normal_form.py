@@ -3,74 +3,63 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hunt_ros.cli.support import options
+from hunt_ros.cli.support.output import tell
+from hunt_ros.dynamics.center_manifold import ComplexNormalForm, normal_form_of
+from hunt_ros.dynamics.limit_cycle import Branch, cycles_of, fitted_form
+from hunt_ros.dynamics.linear_stability import creep_coefficients
+from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import ConfigError
 from hunt_ros.files import write_whole
+from hunt_ros.report.figures import style
+from hunt_ros.report.figures.diagram import (
+    MODEL_COLOURS,
+    bifurcation_diagram,
+    branch_curve,
+    form_curve,
+)
 
-if TYPE_CHECKING:
-    from hunt_ros.dynamics.center_manifold import ComplexNormalForm
-    from hunt_ros.dynamics.limit_cycle import Branch
-    from hunt_ros.dynamics.linear_stability import CreepSolution
-    from hunt_ros.dynamics.parameters import RigParameters
-
-SUMMARY = 'compute critical speed and normal form of a rig from its parameters'
 EXAMPLE = 'hunt normal-form config/wheelset.yaml --plot diagram.png'
 
+#: As they stand in the result.
+COEFFICIENTS = ('D1', 'D4', 'D7', 'D10', 'D15')
 #: Speeds in the picture, as shares of v_c.
 _SHOWN = (0.75, 1.15)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        'wheelset',
-        type=Path,
-        help='YAML file of the rig; a key left out is that of Table 1, so {} is the linear rig',
-    )
+    add = partial(options.add, parser)
+    what = 'YAML file of the rig; a key left out is that of Table 1, so {} is the linear rig'
+    add('wheelset', type=Path, help=what)
     positive = options.number(0.0, 1e3, above=True)
-    parser.add_argument(
-        '--measured',
-        nargs=2,
-        type=positive,
-        metavar=('V_C', 'D1'),
-        help='v_c (m/s) and D1 as measured: the creep coefficients are those that give them',
-    )
-    options.add_json(parser)
-    parser.add_argument(
-        '--plot',
-        type=options.new_file('.png', '.svg'),
-        metavar='PNG',
-        help='bifurcation diagram',
-    )
+    what = 'v_c (m/s) and D1 as measured: the creep coefficients are those that give them'
+    add('--measured', nargs=2, type=positive, metavar=('V_C', 'D1'), help=what)
+    picture = options.new_file('.png', '.svg')
+    add('--plot', type=picture, metavar='PNG', help='bifurcation diagram')
+    add('--json')
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Read the rig, compute, print."""
-    from hunt_ros.cli.support.output import write_json
-    from hunt_ros.dynamics.center_manifold import normal_form_of
-    from hunt_ros.dynamics.limit_cycle import cycles_of
-    from hunt_ros.dynamics.linear_stability import creep_coefficients
-    from hunt_ros.dynamics.parameters import RigParameters
-
     text = options.read_text(arguments.wheelset, 'rig')
     rig = RigParameters.from_yaml(text, str(arguments.wheelset))
-    creep: tuple[CreepSolution, ...] = ()
-    if arguments.measured:
-        creep = creep_coefficients(rig, *arguments.measured)
-        rig = creep[0].rig
+    creep = creep_coefficients(rig, *arguments.measured) if arguments.measured else ()
+    rig = creep[0].rig if creep else rig
     form = normal_form_of(rig)
     branch = cycles_of(rig)
-    result = document(form, branch) | _creep_json(creep)
-    if arguments.json != '-':
-        for line in _creep_lines(creep):
-            print(line)
-        print(summary(rig, form, result))
-    if arguments.json:
-        write_json(result, arguments.json)
+    result = document(form, branch)
+    if creep:  # the solutions of the inverse problem; the first is the one taken
+        names = ('creep_lateral_n', 'creep_longitudinal_n')
+        result['creep_coefficients'] = [
+            {'solution': one.name, **{name: getattr(one.rig, name) for name in names}}
+            for one in creep
+        ]
+    tell(arguments.json, lambda: result, lambda: summary(rig.name, form, result))
     if arguments.plot:
         _plot(form, branch, arguments.plot)
     return 0
@@ -84,14 +73,10 @@ def document(form: ComplexNormalForm, branch: Branch | None) -> dict[str, Any]:
     motion: their difference says how far the expansion about v_c reaches.
     """
     real = form.amplitude_coordinate
-    coefficients = {
-        name: [getattr(form, name).real, getattr(form, name).imag]
-        for name in ('D1', 'D4', 'D7', 'D10', 'D15')
-    }
     return {
         'v_c_mps': form.critical_speed,
         'hunting_frequency_hz': real.frequency_hz,
-        **coefficients,
+        **{name: [getattr(form, name).real, getattr(form, name).imag] for name in COEFFICIENTS},
         'amplitude_coordinate': {'D10': real.D10, 'D15': real.D15},
         'v_n_mps': real.nonlinear_critical_speed,
         'criticality': real.criticality if real.D4 != 0.0 else None,
@@ -99,64 +84,36 @@ def document(form: ComplexNormalForm, branch: Branch | None) -> dict[str, Any]:
     }
 
 
-def summary(rig: RigParameters, form: ComplexNormalForm, result: dict[str, Any]) -> str:
+def summary(name: str, form: ComplexNormalForm, result: dict[str, Any]) -> str:
     """Return the lines for a person."""
+    creep = result.get('creep_coefficients', ())
     lines = [
-        f'{rig.name}: {result["criticality"] or "linear"} Hopf bifurcation at'
+        f'creep_lateral_n: {one["creep_lateral_n"]:.5g},'
+        f' creep_longitudinal_n: {one["creep_longitudinal_n"]:.5g}  ({one["solution"]})'
+        for one in creep
+    ]
+    lines += ['the first is taken'] if len(creep) > 1 else []
+    lines += [''] if creep else []
+    lines += [
+        f'{name}: {result["criticality"] or "linear"} Hopf bifurcation at'
         f' v_c = {form.critical_speed:.4f} m/s, {result["hunting_frequency_hz"]:.3f} Hz',
         '',
         f'{"":6}{"real":>14}{"imaginary":>14}{"amplitude coordinate":>24}',
     ]
-    real = form.amplitude_coordinate
-    for name in ('D1', 'D4', 'D7', 'D10', 'D15'):
-        value = getattr(form, name)
-        lines.append(f'{name:6}{value.real:14.6g}{value.imag:14.6g}{getattr(real, name):24.6g}')
-    shown = {
-        'of the normal form': result['v_n_mps'],
-        'of the full model': result['full_model']['v_n_mps'],
-    }
+    for each in COEFFICIENTS:
+        value, real = getattr(form, each), getattr(form.amplitude_coordinate, each)
+        lines.append(f'{each:6}{value.real:14.6g}{value.imag:14.6g}{real:24.6g}')
     lines.append('')
-    for what, speed in shown.items():
-        lines.append(f'fold {what}: ' + ('none' if speed is None else f'v_n = {speed:.3f} m/s'))
+    for what, found in (('normal form', result), ('full model', result['full_model'])):
+        speed = found['v_n_mps']
+        lines.append(
+            f'fold of the {what}: ' + ('none' if speed is None else f'v_n = {speed:.3f} m/s')
+        )
     return '\n'.join(lines)
-
-
-def _creep_json(creep: Sequence[CreepSolution]) -> dict[str, Any]:
-    """The solutions of the inverse problem; the first is the one taken."""
-    if not creep:
-        return {}
-    return {
-        'creep_coefficients': [
-            {
-                'solution': one.name,
-                'creep_lateral_n': one.rig.creep_lateral_n,
-                'creep_longitudinal_n': one.rig.creep_longitudinal_n,
-            }
-            for one in creep
-        ]
-    }
-
-
-def _creep_lines(creep: Sequence[CreepSolution]) -> list[str]:
-    lines = [
-        f'creep_lateral_n: {one.rig.creep_lateral_n:.5g},'
-        f' creep_longitudinal_n: {one.rig.creep_longitudinal_n:.5g}  ({one.name})'
-        for one in creep
-    ]
-    return [*lines, 'the first is taken', ''] if len(creep) > 1 else [*lines, ''] if creep else []
 
 
 def _plot(form: ComplexNormalForm, branch: Branch | None, path: Path) -> None:
     """Draw the normal form, and with a branch the full model and the form fitted to it."""
-    from hunt_ros.dynamics.limit_cycle import fitted_form
-    from hunt_ros.report.figures import style
-    from hunt_ros.report.figures.diagram import (
-        MODEL_COLOURS,
-        bifurcation_diagram,
-        branch_curve,
-        form_curve,
-    )
-
     low, high = (share * form.critical_speed for share in _SHOWN)
     curves, highest = [], None
     if branch is not None:

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from hunt_ros.bag.record_writer import write_record
 from hunt_ros.cli.support import options
+from hunt_ros.cli.support.output import tell
+from hunt_ros.dynamics.parameters import RigParameters, paper_rig
+from hunt_ros.dynamics.profile import Profile
+from hunt_ros.dynamics.simulation import Kick, Roughness, SensorModel, SimulationSettings, simulate
 from hunt_ros.errors import ConfigError
-
-if TYPE_CHECKING:
-    from hunt_ros.dynamics.parameters import RigParameters
-    from hunt_ros.dynamics.simulation import SimulationSettings
 
 #: Of one sensor: a day at 1 kHz, and what a machine's memory holds.
 _MOST_SAMPLES = 1e8
 _SWEEP = 'profile: [{sweep: {low_mps: 6.0, high_mps: 8.8}}]'
 
-SUMMARY = 'simulate the rig over a speed profile and write the recording as a bag'
 EXAMPLE = (
     'hunt simulate steps --kick 60:0.0001 --seed 3 --profile'
     ' "profile: [{staircase: {low_mps: 6.4, high_mps: 7.2}}]"'
@@ -27,51 +27,30 @@ EXAMPLE = (
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument('out', type=Path, help='folder of the bag; must not exist')
-    parser.add_argument(
-        '--profile',
-        metavar='FILE',
-        default=_SWEEP,
-        help='speed profile: file or text, the same as of the speed node, docs/profiles.md'
-        ' (default: %(default)s)',
-    )
-    parser.add_argument(
-        '--duration',
-        type=options.number(0.0, options.LONGEST_S, 's', above=True),
-        metavar='S',
-        help='default: to the end of the profile',
-    )
-    parser.add_argument(
-        '--kick',
-        type=_pair,
-        action='append',
-        default=[],
-        metavar='T:SIZE',
-        help='blow at T seconds that moves the wheelset sideways by SIZE m; repeatable',
-    )
-    parser.add_argument(
-        '--wheelset', type=Path, metavar='FILE', help='the rig as YAML (default: built in)'
-    )
-    options.add_rate(parser, 500.0, 'of the sensors (%(default)s)')
+    add = partial(options.add, parser)
+    add('out', type=Path, help='folder of the bag; must not exist')
+    what = 'speed profile: file or text, as of the speed node, docs/profiles.md (%(default)s)'
+    add('--profile', metavar='FILE', default=_SWEEP, help=what)
+    longest = options.number(0.0, options.LONGEST_S, 's', above=True)
+    add('--duration', type=longest, metavar='S', help='default: to the end of the profile')
+    what = 'blow at T seconds that moves the wheelset sideways by SIZE m; repeatable'
+    add('--kick', type=_pair, action='append', default=[], metavar='T:SIZE', help=what)
+    add('--wheelset', type=Path, metavar='FILE', help='the rig as YAML (default: built in)')
+    add('--rate', default=500.0, help='samples a second of the sensors (%(default)s)')
+    size = options.number(0.0, 0.1)
     for name, default, metavar, what in (
-        ('roughness', 20e-6, 'M', 'roughness line (%(default)s m)'),
-        ('broadband', 8e-6, 'WN', 'white yaw forcing wn (%(default)s)'),
-        ('noise', 5e-6, 'M', 'lateral sensor (%(default)s m)'),
-        ('yaw-noise', 2e-5, 'RAD', 'yaw sensor (%(default)s rad)'),
+        ('--roughness', 20e-6, 'M', 'roughness line (%(default)s m)'),
+        ('--broadband', 8e-6, 'WN', 'white yaw forcing wn (%(default)s)'),
+        ('--noise', 5e-6, 'M', 'lateral sensor (%(default)s m)'),
+        ('--yaw-noise', 2e-5, 'RAD', 'yaw sensor (%(default)s rad)'),
     ):
-        kind = options.number(0.0, 0.1)
-        parser.add_argument(f'--{name}', type=kind, default=default, metavar=metavar, help=what)
-    options.add_seed(parser)
-    options.add_json(parser, 'what was written')
+        add(name, type=size, default=default, metavar=metavar, help=what)
+    add('--seed', default=0)
+    add('--json')
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate, write the bag, say where it is."""
-    from hunt_ros.bag.record_writer import write_record
-    from hunt_ros.cli.support.output import write_json
-    from hunt_ros.dynamics.profile import Profile
-    from hunt_ros.dynamics.simulation import Kick, simulate
-
     if arguments.out.exists():
         raise ConfigError(f'{arguments.out}: exists already, expected the name of a new folder')
     options.refuse_place(arguments.out, 'the recording')
@@ -85,6 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
             f'--rate: {duration_s:g} s at {arguments.rate:g} Hz are more than'
             f' {_MOST_SAMPLES:g} samples a sensor'
         )
+    kicks = []
     for time_s, size in arguments.kick:
         if not 0.0 <= time_s <= duration_s:
             raise ConfigError(f'--kick: {time_s:g} s is not within the {duration_s:g} s simulated')
@@ -93,37 +73,31 @@ def run(arguments: argparse.Namespace) -> int:
                 f'--kick: {size:g} m throws the wheelset off the rollers, expected less than'
                 f' its half gauge, {rig.half_gauge_m:g} m'
             )
-    kicks = [Kick(time_s, lateral_m=size) for time_s, size in arguments.kick]
+        kicks.append(Kick(time_s, lateral_m=size))
     record = simulate(rig, settings, profile, arguments.duration, kicks=kicks, seed=arguments.seed)
     notes = {'source': 'hunt simulate', 'seed': str(arguments.seed)}
     path = write_record(arguments.out, record, notes=notes)
     samples = sum(len(series) for series in record.values())
-    late = [time_s for time_s, _ in arguments.kick if time_s > record.duration_s]
+    late = ', '.join(f'{t:g} s' for t, _ in arguments.kick if t > record.duration_s)
     if late:  # steps that react to the amplitude may end early
-        text = ', '.join(f'{time_s:g} s' for time_s in late)
-        print(
-            f'hunt simulate: over after {record.duration_s:.1f} s: no kick at {text}',
-            file=sys.stderr,
-        )
-    if arguments.json != '-':
-        print(f'{path}: {record.duration_s:.1f} s, {samples} samples')
-    if arguments.json:
-        document = {'bag': str(path), 'duration_s': record.duration_s, 'samples': samples}
-        write_json(document, arguments.json)
+        over = f'hunt simulate: over after {record.duration_s:.1f} s'
+        print(f'{over}: no kick at {late}', file=sys.stderr)
+    written = {'bag': str(path), 'duration_s': record.duration_s, 'samples': samples}
+    tell(
+        arguments.json,
+        lambda: written,
+        lambda: f'{path}: {record.duration_s:.1f} s, {samples} samples',
+    )
     return 0
 
 
 def _rig(path: Path | None) -> RigParameters:
-    from hunt_ros.dynamics.parameters import RigParameters, paper_rig
-
     if path is None:
         return paper_rig()
     return RigParameters.from_yaml(options.read_text(path, 'rig'), str(path))
 
 
 def _settings(arguments: argparse.Namespace) -> SimulationSettings:
-    from hunt_ros.dynamics.simulation import Roughness, SensorModel, SimulationSettings
-
     return SimulationSettings(
         sample_rate_hz=arguments.rate,
         roughness=Roughness((arguments.roughness,)) if arguments.roughness else Roughness(),
@@ -134,8 +108,7 @@ def _settings(arguments: argparse.Namespace) -> SimulationSettings:
 
 
 def _pair(text: str) -> tuple[float, float]:
-    first, colon, second = text.partition(':')
-    if not colon:
-        raise argparse.ArgumentTypeError(f'expected two numbers T:VALUE, got {text}')
-    finite = options.number(-1e6, 1e6)
-    return finite(first), finite(second)
+    found = options.numbers(options.number(-1e6, 1e6), ':')(text)
+    if len(found) != 2:
+        raise argparse.ArgumentTypeError(f'expected two numbers T:SIZE, got {text}')
+    return found[0], found[1]

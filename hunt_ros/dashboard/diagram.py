@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.dashboard.words import Words
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.report.figures.diagram import bands_of_draws, branch_points
 
@@ -17,7 +18,7 @@ _EVERY = 4
 _MILLI = 1e3
 
 
-def branches(identified: IdentifiedNormalForm) -> Mapping[str, Any]:
+def branches(identified: IdentifiedNormalForm, words: Words) -> Mapping[str, Any]:
     """
     Return the diagram of a form, from well below the fold to well above v_c.
 
@@ -25,15 +26,17 @@ def branches(identified: IdentifiedNormalForm) -> Mapping[str, Any]:
     ----------
     identified : IdentifiedNormalForm
         The form in force, with its covariance.
+    words : Words
+        Its unit is that of all speeds.
 
     Returns
     -------
     dict
-        `words` (the form by its critical speeds, as the detector says it), `v_c_mps`,
-        `v_c_std_mps`, `v_n_mps` (None without a fold), `low_mps`, `high_mps` (the speeds of
-        the diagram), `top_mm` (greatest amplitude of a branch), `stable` and `unstable` (lists
-        of speeds, m/s, and amplitudes, mm, None where there is none), `bands`: the same names
-        to speeds, lower and upper edges between which the branch lies with 95 % probability.
+        `words` (the form by its critical speeds, as the detector says it), `shown` (the same in
+        the unit shown), `v_c`, `v_c_std`, `v_n` (None without a fold), `low`, `high` (the speeds
+        of the diagram), `top_mm` (greatest amplitude of a branch), `stable` and `unstable`
+        (lists of speeds and amplitudes, mm, None where there is none), `bands`: the same names to
+        speeds, lower and upper edges between which the branch lies with 95 % probability.
     """
     form = identified.form
     v_c, v_n = form.critical_speed, form.nonlinear_critical_speed
@@ -48,18 +51,23 @@ def branches(identified: IdentifiedNormalForm) -> Mapping[str, Any]:
     bands = bands_of_draws(identified, low, high)
     tops = [float(np.nanmax(each)) for each in (stable, unstable) if np.isfinite(each).any()]
     std = identified.std('v_c')
+
+    def speeds(mps: NDArray[np.float64]) -> list[float | None]:
+        return _shorts(words.factor * mps)
+
     return {
         'words': identified.words,
-        'v_c_mps': v_c,
-        'v_c_std_mps': std if std > 0.0 else None,
-        'v_n_mps': v_n,
-        'low_mps': low,
-        'high_mps': high,
+        'shown': words.text(identified.words),
+        'v_c': words.speed(v_c),
+        'v_c_std': words.speed(std) if std > 0.0 else None,
+        'v_n': None if v_n is None else words.speed(v_n),
+        'low': words.speed(low),
+        'high': words.speed(high),
         'top_mm': _MILLI * max(tops, default=1e-3),
-        'stable': [_shorts(speed[kept]), _shorts(_MILLI * stable[kept])],
-        'unstable': [_shorts(speed[kept]), _shorts(_MILLI * unstable[kept])],
+        'stable': [speeds(speed[kept]), _shorts(_MILLI * stable[kept])],
+        'unstable': [speeds(speed[kept]), _shorts(_MILLI * unstable[kept])],
         'bands': {
-            name: [_shorts(v), _shorts(_MILLI * lower), _shorts(_MILLI * upper)]
+            name: [speeds(v), _shorts(_MILLI * lower), _shorts(_MILLI * upper)]
             for name, (v, lower, upper) in bands.items()
         },
     }

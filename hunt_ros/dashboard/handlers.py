@@ -18,7 +18,6 @@ import tornado.web
 
 from hunt_ros.dashboard.access import COMMAND, same_origin
 from hunt_ros.dashboard.site import Site
-from hunt_ros.dashboard.told import operators
 
 _Result = TypeVar('_Result')
 #: A file is sent in pieces of this size.
@@ -174,6 +173,8 @@ class FolderHandler(Handler):
         async with self.site.reading:
             if what == 'recordings.json':
                 said = await _beside(recordings.listing)
+                for form in filter(None, (row['form'] for row in said['recordings'])):
+                    form['words'] = self.site.words.text(form['words'])
                 self.set_header('Content-Type', 'application/json')
                 self.finish(json.dumps(said, allow_nan=False))
                 return
@@ -272,4 +273,4 @@ class CommandHandler(Handler):
         async with contextlib.nullcontext() if word == 'emergency-stop' else self.site.asking:
             done, message, *_ = await asyncio.wrap_future(self.site.command(word, words))
         self.set_header('Content-Type', 'application/json')
-        self.finish(json.dumps({'done': done, 'message': operators(message)}))
+        self.finish(json.dumps({'done': done, 'message': self.site.words.text(message)}))

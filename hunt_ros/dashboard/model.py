@@ -40,6 +40,7 @@ _GAP_S = 1.0
 class PageSettings(Settings):
     """What the picture needs to know of the rig: the same names as in the other nodes."""
 
+    speed_unit: str = of_rig('speed_unit')
     lines: tuple[float, ...] = of_rig('lines')
     roller_diameter_m: float = of_rig('roller_diameter_m')
     wheel_diameter_m: float = of_rig('wheel_diameter_m')
@@ -67,7 +68,7 @@ class PageModel(Told):
         form: IdentifiedNormalForm | None = None,
         namespace: str = 'rig',
     ) -> None:
-        super().__init__(namespace)
+        super().__init__(namespace, settings.speed_unit)
         self._settings = settings
         self._traces = {'lateral': Trace(1e3), 'yaw': Trace(1e3)}
         self._amplitudes = Rows(round(_STATUS_HZ * SHOWN_S))
@@ -79,7 +80,7 @@ class PageModel(Told):
         self._sections: dict[str, Section] = {}
         self._version = 0
         if form is not None:
-            self._forms.append(branches(form))
+            self._forms.append(branches(form, self.words))
 
     def take_samples(
         self, channel: str, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]
@@ -113,7 +114,7 @@ class PageModel(Told):
         )
         if abs(second - self._trail_s) >= _TRAIL_S and math.isfinite(speed + size):
             self._trail_s = second
-            self._trail.append([(short(speed), short(size))])
+            self._trail.append([(short(self.words.factor * speed), short(size))])
 
     def take_viewers(self, count: int) -> None:
         """Take how many browsers look at the page."""
@@ -129,7 +130,8 @@ class PageModel(Told):
             Why it cannot be drawn; '' where it can.
         """
         try:
-            drawn = branches(IdentifiedNormalForm.from_yaml(text, 'hunting/normal_form'))
+            form = IdentifiedNormalForm.from_yaml(text, 'hunting/normal_form')
+            drawn = branches(form, self.words)
         except ConfigError as error:
             return str(error)
         self._forms = [*self._forms[-3:], drawn]

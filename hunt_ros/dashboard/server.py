@@ -28,6 +28,7 @@ from hunt_ros.dashboard.recordings import Recordings
 from hunt_ros.dashboard.site import Command, Site
 from hunt_ros.dashboard.view import View
 from hunt_ros.dashboard.viewer_socket import ViewerSocket
+from hunt_ros.dashboard.words import Words
 from hunt_ros.errors import ConfigError
 
 SESSION_S = 12 * 3600.0
@@ -71,6 +72,8 @@ class PageServer:
         What the second page shows.
     session_s : float
         How long after a token was typed it lets this browser view or command.
+    words : Words
+        In which answers are told.
 
     Raises
     ------
@@ -87,6 +90,7 @@ class PageServer:
         title: str,
         recordings: Recordings,
         session_s: float = SESSION_S,
+        words: Words = Words(),  # noqa: B008 - it never changes
     ) -> None:
         try:
             self._sockets = tornado.netutil.bind_sockets(port, address)
@@ -97,7 +101,7 @@ class PageServer:
                 ' with the parameters address and port'
             ) from error
         port = int(self._sockets[0].getsockname()[1])
-        self.site = Site(port, access, command, title, recordings, session_s)
+        self.site = Site(port, access, command, title, recordings, session_s, words)
         self._loop = asyncio.new_event_loop()
         started: Future[None] = Future()
         self._thread = threading.Thread(

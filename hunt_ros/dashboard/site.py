@@ -16,6 +16,7 @@ from tornado.web import HTTPError
 from hunt_ros.dashboard.access import Access
 from hunt_ros.dashboard.recordings import Recordings
 from hunt_ros.dashboard.view import View, changes
+from hunt_ros.dashboard.words import Words
 from hunt_ros.report.figures.style import palette_css
 
 _STATIC = files('hunt_ros.dashboard') / 'static'
@@ -128,6 +129,8 @@ class Site:
         What the second page shows.
     session_s : float
         How long after a token was typed it lets this browser view or command.
+    words : Words
+        In which answers are told.
 
     Attributes
     ----------
@@ -146,6 +149,7 @@ class Site:
     title: str
     recordings: Recordings
     session_s: float
+    words: Words
     live: LivePages = field(default_factory=LivePages)
     reading: Turns = field(default_factory=lambda: Turns(4, 32))
     signing: Turns = field(default_factory=lambda: Turns(16, 16))

@@ -128,10 +128,7 @@ class Waterfall:
         self._each, self._waiting = 1, []
 
     def append(
-        self,
-        second: float,
-        frequency_hz: NDArray[np.float64],
-        amplitude: NDArray[np.float64],
+        self, second: float, frequency_hz: NDArray[np.float64], amplitude: NDArray[np.float64]
     ) -> None:
         """
         Add a spectrum.

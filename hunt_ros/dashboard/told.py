@@ -15,9 +15,10 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
-from hunt_ros.dashboard import numbers
+from hunt_ros.dashboard.words import Tile, Words
+from hunt_ros.report.events import sentence
 from hunt_ros.samples import known, number_of
-from hunt_ros.services import SERVICES, spoken
+from hunt_ros.services import spoken
 from hunt_ros.suite import DRIVE, SENSORS
 
 #: The detector speaks 20 times a second: so much silence is no delay of a busy machine, s.
@@ -29,8 +30,6 @@ _DRIVE_SILENT_S = 1.0
 _EVENTS, _ALARMS = 60, 20
 #: Digits that change more often cannot be read, s.
 _NUMBERS_S = 0.25
-#: What an operator is told in place of the names of services.
-_BUTTONS = {service.name: word.replace('-', ' ') for word, service in SERVICES.items()}
 #: The node that plays a recording to these topics, and those that speak for a rig.
 _REPLAY, _RIG = 'live_replay', (DRIVE, *SENSORS.values())
 #: What a node publishes, to show its rate; others say it in the values of their diagnostics.
@@ -46,9 +45,12 @@ class Told:
     namespace : str
         Of the rig. `/diagnostics` is that of the whole ROS domain: what nodes of another
         namespace say there is of another rig, and is not taken.
+    speed_unit : str
+        In which speeds are shown: see `Words`.
     """
 
-    def __init__(self, namespace: str = 'rig') -> None:
+    def __init__(self, namespace: str = 'rig', speed_unit: str = 'm/s') -> None:
+        self.words = Words(speed_unit)
         self._prefix = f'/{namespace.strip("/")}/'.replace('//', '/')
         self._status: Mapping[str, str] = {}
         self._stamp_s = 0.0
@@ -60,7 +62,7 @@ class Told:
         #: Sections that are said once, and not again.
         self._said: dict[str, Any] = {}
         self._numbers_s = -math.inf
-        self._numbers: list[dict[str, str]] = []
+        self._numbers: list[Tile] = []
 
     def take_status(self, stamp_ns: int, status: Mapping[str, str], now_s: float) -> None:
         """
@@ -87,8 +89,9 @@ class Told:
                 'since_s': known(number_of(event, 'since_s')),
                 'event': event.get('event', event.get('name', '')),
                 'level': event.get('level', 'STALE'),
-                'cause': event.get('message', ''),
-                'speed_mps': known(number_of(event, 'speed_mps')),
+                'words': sentence(event.get('event', event.get('name', ''))),
+                'cause': self.words.text(event.get('message', '')),
+                'speed': self.words.speed(number_of(event, 'speed_mps')),
             }
         )
         self._said['events'] = list(reversed(self._events))
@@ -103,7 +106,9 @@ class Told:
         try:
             history = json.loads(text)
             alarms = [dict(alarm) for alarm in history['alarms']][-_ALARMS:]
-        except (ValueError, KeyError, TypeError):
+            for alarm in alarms:
+                alarm['cause'] = self.words.text(alarm['cause'])
+        except (ValueError, KeyError, TypeError, AttributeError):
             return
         self._said['alarms'] = list(reversed(alarms))
 
@@ -117,6 +122,11 @@ class Told:
     def take_speed_status(self, status: Mapping[str, str], now_s: float) -> None:
         """Take a message of `speed/status`: profile, interlock and emergency stop."""
         self._speed, self._speed_s = status, now_s
+
+    def drive_mps(self, name: str, now_s: float) -> float:
+        """Return a speed of `speed/status`, m/s; NaN where the drive is silent."""
+        heard = now_s - self._speed_s <= _DRIVE_SILENT_S
+        return number_of(self._speed, name) if heard else math.nan
 
     def sections(self, now_s: float) -> dict[str, Any]:
         """
@@ -132,12 +142,13 @@ class Told:
         dict
             `status`, `numbers`, `drive` (None where no drive tells of itself), `nodes`, `replay`
             (None where the topics are those of a rig), `recorder` (None where none tells of
-            itself), and what has been said of `events` and `alarms` (the newest first).
+            itself), `speed_unit`, and what has been said of `events` and `alarms` (the newest
+            first).
         """
         if now_s - self._numbers_s >= _NUMBERS_S:
             self._numbers_s = now_s
             forecast = self._heard('hunting_detector', now_s) or {}
-            self._numbers = numbers.of_status(self._status, forecast)
+            self._numbers = self.words.tiles(self._status, forecast)
         return {
             'status': self._shown_status(now_s),
             'numbers': self._numbers,
@@ -145,6 +156,7 @@ class Told:
             'nodes': self._shown_nodes(now_s),
             'replay': self._shown_replay(now_s),
             'recorder': self._shown_recorder(now_s),
+            'speed_unit': self.words.unit,
             **self._said,
         }
 
@@ -152,7 +164,7 @@ class Told:
         """Return what the detector says, or that it is silent."""
         status = self._status
         silent_s = now_s - self._status_s
-        level, why = status.get('level', 'STALE'), operators(status.get('message', ''))
+        level, why = status.get('level', 'STALE'), self.words.text(status.get('message', ''))
         replay = self._shown_replay(now_s)
         # What is published with the stamps of a slow replay comes slowly, and of a pause not.
         pace = 1.0 if replay is None else min(1.0, replay['rate'])
@@ -173,17 +185,17 @@ class Told:
             'region': 'unknown' if silent else status.get('region', 'unknown'),
             'alarm': status.get('alarm') == 'True',
             'absent': status.get('absent', ''),
-            'normal_form': status.get('normal_form', ''),
+            'normal_form': self.words.text(status.get('normal_form', '')),
             'since_s': None if silent else known(number_of(status, 'since_s')),
             'stamp_s': round(self._stamp_s, 3),
-            'speed_mps': known(number_of(status, 'speed_mps')),
+            'speed': self.words.speed(number_of(status, 'speed_mps')),
             'amplitude_mm': known(1e3 * number_of(status, 'amplitude_m')),
             'amplitude_std_mm': known(1e3 * number_of(status, 'amplitude_std_m')),
             'unstable_mm': known(1e3 * number_of(status, 'unstable_amplitude_m')),
             'stable_mm': known(1e3 * number_of(status, 'stable_amplitude_m')),
             'fold_mm': known(1e3 * number_of(status, 'fold_amplitude_m')),
-            'v_n_mps': known(number_of(status, 'v_n_mps')),
-            'v_c_mps': known(number_of(status, 'v_c_mps')),
+            'v_n': self.words.speed(number_of(status, 'v_n_mps')),
+            'v_c': self.words.speed(number_of(status, 'v_c_mps')),
         }
 
     def _heard(self, node: str, now_s: float) -> Mapping[str, str] | None:
@@ -233,9 +245,9 @@ class Told:
         return {
             'silent': silent,
             'level': told.get('level', 'STALE'),
-            'message': operators(told.get('message', '')),
-            'speed_mps': known(number_of(told, 'speed_mps')),
-            'target_mps': known(number_of(told, 'target_mps')),
+            'message': self.words.text(told.get('message', '')),
+            'speed': self.words.speed(number_of(told, 'speed_mps')),
+            'target': self.words.speed(number_of(told, 'target_mps')),
             'profile': told.get('profile', ''),
             'profile_state': told.get('profile_state', ''),
             'elapsed_s': _tenths(elapsed),
@@ -243,11 +255,11 @@ class Told:
             'progress': round(elapsed / whole, 4) if whole > 0.0 else None,
             'interlock': told.get('interlock', ''),
             'interlock_state': told.get('interlock_state', ''),
-            'interlock_cause': operators(told.get('interlock_cause', '')),
-            'alarm_kept': told.get('alarm_kept', ''),
+            'interlock_cause': self.words.text(told.get('interlock_cause', '')),
+            'alarm_kept': self.words.text(told.get('alarm_kept', '')),
             'emergency_stop': told.get('emergency_stop', '').lower() == 'true',
-            'safe_speed_mps': known(number_of(told, 'safe_speed_mps')),
-            'speed_ceiling_mps': known(number_of(told, 'speed_ceiling_mps')),
+            'safe_speed': self.words.speed(number_of(told, 'safe_speed_mps')),
+            'speed_ceiling': self.words.speed(number_of(told, 'speed_ceiling_mps')),
         }
 
     def _shown_nodes(self, now_s: float) -> list[Mapping[str, Any]]:
@@ -258,23 +270,16 @@ class Told:
             silent = silent_s > _NODE_SILENT_S
             rates = [number_of(health, key) for key in _RATE_KEYS if key in health]
             rate = 0.0 if silent else next(iter(rates), math.nan)
-            message = f'silent for {silent_s:.0f} s' if silent else health.get('message', '')
+            said = f'silent for {silent_s:.0f} s' if silent else health.get('message', '')
             nodes.append(
                 {
                     'name': name,
                     'level': 'STALE' if silent else health.get('level', 'STALE'),
-                    'message': message,
+                    'message': self.words.text(said),
                     'rate_hz': known(rate),
                 }
             )
         return nodes
-
-
-def operators(words: str) -> str:
-    """Return what a node says in the words of an operator: buttons for services."""
-    for name, button in _BUTTONS.items():
-        words = words.replace(f'call {name}', f'press {button}').replace(name, button)
-    return words
 
 
 def _tenths(seconds: float) -> float | None:

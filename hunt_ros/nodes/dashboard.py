@@ -20,6 +20,7 @@ from hunt_ros.dashboard.access import access
 from hunt_ros.dashboard.model import PageModel, PageSettings
 from hunt_ros.dashboard.recordings import Recordings
 from hunt_ros.dashboard.server import PageServer
+from hunt_ros.dashboard.words import Words
 from hunt_ros.nodes.support.caller import Caller
 from hunt_ros.nodes.support.conversions import read_diagnostic, to_ns
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, steady_clock
@@ -82,6 +83,7 @@ class DashboardNode(SuiteNode):
             self.get_namespace().strip('/') or 'rig',
             Recordings(Path(config.directory).expanduser().absolute()),
             3600.0 * config.session_hours,
+            Words(settings.speed_unit),
         )
         self._model = PageModel(settings, form, self.get_namespace())
         self._diagnostics = Diagnostics(self, self._health)

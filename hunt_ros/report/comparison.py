@@ -11,12 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hunt_ros.dynamics.normal_form import COEFFICIENTS
-from hunt_ros.report.figures.diagram import (
-    MODEL_COLOURS,
-    Curve,
-    bifurcation_diagram,
-    form_curve,
-)
+from hunt_ros.report.figures.diagram import MODEL_COLOURS, Curve, bifurcation_diagram, form_curve
 from hunt_ros.report.numbers import rounded, shown
 from hunt_ros.report.tables import SYMBOLS, table
 from hunt_ros.samples import Uncertain, Unknown

@@ -1,7 +1,7 @@
 """
-The events of a run: what the detector says to a recording, with the form identified from it.
+The events of a run: their words, and those of a recording with the form identified from it.
 
-That is what the detector would have said live had it known the form: the report puts
+The latter are what the detector would have said live had it known the form: the report puts
 the sharper alarm to the run it was learnt from, and says so.
 """
 
@@ -16,11 +16,41 @@ from hunt_ros.samples import Record
 if TYPE_CHECKING:
     from hunt_ros.detection import Event
 
+SENTENCES: dict[str, str] = {
+    'hysteresis_entered': 'entered the hysteresis region: a bump can now start hunting',
+    'hysteresis_left': 'left the hysteresis region',
+    'unstable_entered': 'above the critical speed: the quiet state is unstable',
+    'unstable_left': 'below the critical speed again',
+    'escaping': 'ESCAPING: the motion is growing towards the limit cycle',
+    'limit_cycle': 'LIMIT CYCLE: full hunting',
+    'decaying': 'hunting is dying out',
+    'quiet': 'quiet',
+    'disturbed': 'disturbed, inside the basin of the quiet state',
+    'margin_low': 'margin is low',
+    'margin_restored': 'margin is restored',
+    'limit_exceeded': 'AMPLITUDE LIMIT EXCEEDED',
+    'limit_cleared': 'amplitude limit kept again',
+    'motion_outside_range': 'MOTION OUTSIDE THE RANGE THAT IS FOLLOWED',
+    'motion_outside_range_over': 'no more motion outside the range that is followed',
+    'sensor_fault': 'SENSOR FAULT',
+    'sensor_recovered': 'sensor recovered',
+    'input_stale': 'INPUT STALE: the estimates cannot be trusted',
+    'input_recovered': 'input recovered',
+    'interlock_tripped': 'INTERLOCK TRIPPED',
+    'interlock_armed': 'interlock armed',
+    'interlock_disarmed': 'INTERLOCK DISARMED',
+    'acknowledged': 'alarm acknowledged',
+    'criterion_exceeded': 'CRITERION EXCEEDED',
+    'criterion_cleared': 'criterion no longer exceeded',
+}
 
-def events_of(
-    record: Record,
-    normal_form: IdentifiedNormalForm | None,
-) -> Sequence[Event]:
+
+def sentence(event: str) -> str:
+    """Return what an event is, for a person: on the page, on the terminal and in the report."""
+    return SENTENCES.get(event, event.replace('_', ' '))
+
+
+def events_of(record: Record, normal_form: IdentifiedNormalForm | None) -> Sequence[Event]:
     """
     Run the detector over a record.
 

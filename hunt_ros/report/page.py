@@ -100,12 +100,7 @@ class Section:
     body: str
 
 
-def render(
-    title: str,
-    lead: str,
-    sections: Sequence[Section],
-    document: Mapping[str, Any],
-) -> str:
+def render(title: str, lead: str, sections: Sequence[Section], document: Mapping[str, Any]) -> str:
     """
     Return the whole page.
 

@@ -15,6 +15,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM
+from hunt_ros.report.events import sentence
 from hunt_ros.report.numbers import interval, rounded, shown
 from hunt_ros.report.response import Response
 from hunt_ros.samples import NANOSECONDS, Record, Uncertain, Unknown
@@ -319,7 +320,7 @@ def events(seen: Mapping[str, Sequence[Event]], records: Sequence[Record]) -> st
         [
             escape(record.source),
             f'{(event.stamp_ns - record.start_ns) / NANOSECONDS:.2f}',
-            escape(f'{event.event} {event.cause}'.replace('_', ' ').strip()),
+            escape(': '.join(filter(None, (sentence(event.event), event.cause)))),
             shown(event.speed_mps, digits=3),
             shown(event.amplitude_m, 1e3, digits=3),
             shown(event.growth_rate_per_s, digits=3),

@@ -24,8 +24,9 @@ from usage import Usage, losses
 
 from hunt_ros.bag import read_record
 from hunt_ros.cli.support import suite
-from hunt_ros.cli.support.console_link import ConsoleLink, Line
+from hunt_ros.cli.support.console import Console, Line
 from hunt_ros.cli.support.supervisor import Supervisor
+from hunt_ros.cli.support.view import View
 from hunt_ros.detection import HuntingDetector
 from hunt_ros.detection.replay import missing_samples, replay_journal, unheard_samples
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
@@ -97,12 +98,12 @@ def live(folder: Path, speedup: float, minutes: float) -> Seen:
     rounds = int(60.0 * minutes * speedup / _ROUND_S) + 1
     kicks = [(number * _ROUND_S + _KICK[0], _KICK[1]) for number in range(rounds)]
     parameters = suite.simulated_run(folder, profile(rounds), speedup, kicks)
-    common = suite.follow_clock(speedup)
+    common = {'use_sim_time': True} if speedup != 1.0 else {}
     seen = Seen()
     with Supervisor('rig', folder / 'logs', private=True, keep=False) as processes:
-        link = ConsoleLink(processes)
+        link = Console(processes, View())
         suite.start_nodes(processes, LISTENERS, common, parameters, [form])
-        suite.wait_until_up(link, LISTENERS)
+        link.wait_until_up(LISTENERS)
         suite.start_nodes(processes, [SIMULATOR], {}, parameters)
         suite.start_nodes(processes, SOURCES, common, parameters)
         watch(link, processes, seen, 60.0 * minutes)
@@ -116,7 +117,7 @@ def live(folder: Path, speedup: float, minutes: float) -> Seen:
     raise SystemExit(f'the recording was not closed within {_CLOSING_S:.0f} s; see {folder}')
 
 
-def watch(link: ConsoleLink, processes: Supervisor, seen: Seen, seconds: float) -> None:
+def watch(link: Console, processes: Supervisor, seen: Seen, seconds: float) -> None:
     """Listen for so long, and look at the memory a hundred times; say now and then how it goes."""
     began, looked, told = time.monotonic(), 0, 0
     while (elapsed := time.monotonic() - began) < seconds:

@@ -203,13 +203,13 @@ def test_a_number_that_makes_no_sense_is_named_with_its_option(refused, command,
         ('call dance', 'dance'),
         ('identify BAG --out FOLDER/gone/f.yaml', 'gone/f.yaml'),
         ('identify BAG --out FOLDER/form.npz', 'expected the name of a YAML file'),
-        ('identify BAG --ignore 5:2', 'FROM before TO'),
+        ('identify BAG --ignore 5:2', 'FROM first'),
         ('identify BAG --sensor-range -1', '--sensor-range'),
         ('identify BAG --ignore 7', 'expected FROM:TO'),
         ('identify BAG --ignore 2:10:20:3', 'expected FROM:TO'),
-        ('identify BAG --ignore 2:10:5', 'FROM before TO'),
-        ('identify BAG --frequency-range 3', '--frequency-range'),
-        ('identify BAG --frequency-range 3:2', 'LOW below HIGH'),
+        ('identify BAG --ignore 2:10:5', 'FROM first'),
+        ('identify BAG --frequency-min 3 --frequency-max 2', 'must be above'),
+        ('identify BAG --prior-v-c 8', 'expected value and standard deviation'),
         ('plan BAG --out FOLDER/gone/p.yaml', 'gone/p.yaml'),
         ('report BAG --out FOLDER/gone/r.html', 'gone/r.html'),
         ('report BAG --figures TABLE/sub', 'table.csv'),
@@ -295,7 +295,7 @@ def test_a_recording_in_millimetres_is_neither_sound_nor_judged(refused, tmp_pat
 
 
 def test_an_event_without_a_speed_has_a_dash() -> None:
-    from hunt_ros.cli.support.narration import event_line
+    from hunt_ros.cli.support.screen import event_line
 
     event = {'stamp_ns': '0', 'event': 'quiet', 'speed_mps': 'nan', 'amplitude_m': 'nan'}
     assert 'nan' not in event_line(event, 0)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from hunt_ros.cli.main import VERBS, main
+from hunt_ros.cli.main import VERBS, main, module_of
 
 HERE = Path(__file__).parents[2]
 #: These start nodes: `test/nodes` runs them.
@@ -26,7 +26,7 @@ def in_readme() -> list[str]:
 
 
 def in_help() -> list[str]:
-    examples = [import_module(f'hunt_ros.cli.{module}').EXAMPLE for module in VERBS.values()]
+    examples = [module_of(verb).EXAMPLE for verb in VERBS]
     return [example for example in examples if needs_no_ros(example)]
 
 

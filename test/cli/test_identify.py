@@ -42,7 +42,18 @@ def test_a_bag_gives_json_and_a_parameter_file(bag, tmp_path, capsys):
 
 
 def test_json_alone_stands_on_standard_output(bag, capsys):
-    main(['identify', str(bag), '--json', '-', '--prior-v-c', '8.0:0.05', '--prior-D1', '0.12'])
+    main(
+        [
+            'identify',
+            str(bag),
+            '--json',
+            '-',
+            '--prior-v-c',
+            '8.0:0.05',
+            '--prior-D1',
+            '0.12:0.012',
+        ]
+    )
     document = json.loads(capsys.readouterr().out)
     assert np.isclose(document['v_c']['value'], 8.0, atol=0.15)
 

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from hunt_ros.bag import read_record, write_record
-from hunt_ros.cli.main import VERBS, main
+from hunt_ros.cli.main import VERBS, main, module_of, parser_of
+from hunt_ros.cli.support.options import settings_of
 from hunt_ros.cli.support.output import write_json
+from hunt_ros.detection import DetectorConfig
 from hunt_ros.detection.output import EVENT_NUMBERS
 from hunt_ros.samples import Record, Series, known
 
@@ -148,23 +150,21 @@ def test_simulate_runs_a_profile_whose_step_ends_by_the_amplitude(capsys, tmp_pa
 
 @pytest.mark.parametrize('number', ['3', '3.0', '3e0', '30.0e-1'])
 def test_a_number_may_be_written_in_any_way(number: str) -> None:
-    from hunt_ros.cli.support.settings_file import read_settings
-    from hunt_ros.detection import DetectorConfig
-
-    config = read_settings(DetectorConfig, 'x', [], [f'hunting_frequency_hz={number}'])
+    words = ['replay', 'x', '--set', f'hunting_frequency_hz={number}']
+    arguments = parser_of('replay').parse_args(words)
+    (config,) = settings_of(arguments, 'hunting_detector', DetectorConfig)
     assert config.hunting_frequency_hz == 3.0
 
 
 def test_an_option_has_one_meaning_in_every_verb(capsys) -> None:
     """The same name takes the same kind of value, and says the same of it."""
     import argparse
-    from importlib import import_module
 
     seen: dict[str, dict[object, list[str]]] = {}
-    for verb, module in VERBS.items():
+    for verb in VERBS:
         parser = argparse.ArgumentParser()
         parser.description = ''
-        import_module(f'hunt_ros.cli.{module}').configure(parser)
+        module_of(verb).configure(parser)
         for action in parser._actions:
             for name in action.option_strings:
                 kind = (action.metavar, action.nargs, type(action).__name__)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from hunt_ros.dashboard.model import PageModel, PageSettings
-from hunt_ros.dashboard.told import operators
 from hunt_ros.dashboard.view import View, changes
+from hunt_ros.dashboard.words import Words
 from hunt_ros.detection.acceptance import form_words
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
@@ -201,7 +201,7 @@ def test_recording_time_and_disk_are_told_as_long_as_the_recorder_speaks(model) 
 
 
 def test_an_operator_is_told_of_buttons_and_not_of_services(model) -> None:
-    assert operators('call speed/rearm first') == 'press rearm first'
+    assert Words().text('call speed/rearm first') == 'press rearm first'
     model.take_speed_status({'message': 'emergency stop is in force until speed/rearm'}, 1.0)
     told = shown(model, 1.0)['sections']['drive']['message']
     assert told == 'emergency stop is in force until rearm'
@@ -217,8 +217,8 @@ def test_a_mark_stands_among_the_events(model) -> None:
 def test_only_the_form_that_the_detector_uses_is_drawn(model) -> None:
     model.take_status(10**9, STATUS, now_s=50.0)
     drawn = shown(model, 50.0)['sections']['diagram']
-    assert drawn['v_c_mps'] == pytest.approx(8.0)
-    assert drawn['v_n_mps'] == pytest.approx(PAPER_NORMAL_FORM.nonlinear_critical_speed)
+    assert drawn['v_c'] == pytest.approx(8.0)
+    assert drawn['v_n'] == pytest.approx(PAPER_NORMAL_FORM.nonlinear_critical_speed)
     assert set(drawn['bands']) == {'stable', 'unstable'}
     model.take_status(2 * 10**9, {**STATUS, 'normal_form': 'v_c 7.500 m/s'}, now_s=51.0)
     assert shown(model, 51.0)['sections']['diagram'] is None
@@ -226,7 +226,7 @@ def test_only_the_form_that_the_detector_uses_is_drawn(model) -> None:
     assert model.take_form(other.to_yaml()) == ''
     assert shown(model, 51.0)['sections']['diagram'] is None
     model.take_status(3 * 10**9, {**STATUS, 'normal_form': form_words(other)}, now_s=52.0)
-    assert shown(model, 52.0)['sections']['diagram']['v_c_std_mps'] == pytest.approx(0.0632, 1e-2)
+    assert shown(model, 52.0)['sections']['diagram']['v_c_std'] == pytest.approx(0.0632, 1e-2)
     assert 'not YAML' in model.take_form('{')
 
 
@@ -353,7 +353,7 @@ def test_profile_interlock_and_emergency_stop_are_shown_where_the_drive_tells(mo
     assert drive['progress'] == 0.25
     assert drive['emergency_stop']
     assert not drive['silent']
-    assert drive['speed_ceiling_mps'] is None
+    assert drive['speed_ceiling'] is None
     assert shown(model, 12.0)['sections']['drive']['silent']
 
 

@@ -10,9 +10,10 @@ from xml.etree import ElementTree
 import pytest
 
 from hunt_ros.cli.support import suite
-from hunt_ros.cli.support.console_link import ConsoleLink
+from hunt_ros.cli.support.console import Console
 from hunt_ros.cli.support.processes import NodeSpec
 from hunt_ros.cli.support.supervisor import Supervisor
+from hunt_ros.cli.support.view import View
 from hunt_ros.services import SERVICES
 from hunt_ros.suite import (
     ALARM_OUTPUTS,
@@ -125,7 +126,7 @@ def test_every_name_that_the_suite_uses_is_allowed_and_no_other(graph) -> None:
         name for name, path in enclaves.items() if path.rsplit('/', 1)[-1] in (*names, 'console')
     }
     with Supervisor('rig', graph.folder / 'logs', private=False, keep=False) as processes:
-        ConsoleLink(processes)
+        Console(processes, View())
         suite.start_nodes(processes, names, {}, parameters, one_process=True)
 
         def all_are_there() -> bool:

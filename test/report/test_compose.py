@@ -25,7 +25,7 @@ from hunt_ros.dynamics.simulation import (
 from hunt_ros.identification import identify
 from hunt_ros.report.compose import Report
 from hunt_ros.report.drawings import Drawing
-from hunt_ros.report.events import events_of
+from hunt_ros.report.events import events_of, sentence
 from hunt_ros.samples import Record, Series
 
 FIGURES = {
@@ -136,8 +136,8 @@ def test_the_events_of_the_run_are_in_the_table_and_in_the_figure(
 ) -> None:
     ((_, events),) = report.events.items()
     begin = report.identification.records[0].start_ns
-    words = [event.event.replace('_', ' ') for event in events]
-    assert 'limit cycle' in words
+    words = [sentence(event.event) for event in events]
+    assert 'LIMIT CYCLE: full hunting' in words
     table = page[page.index('id="events"') : page.index('id="hysteresis"')]
     rows = re.findall(r'<tr><th scope="row">.*?</tr>', table)
     assert len(rows) == len(events)

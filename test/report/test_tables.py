@@ -119,7 +119,7 @@ def test_events_stand_in_the_order_of_time_with_what_is_not_known() -> None:
         ),
     ]  # fmt: skip
     text = tables.events({'a & b': events}, [record])
-    assert text.index('hysteresis entered') < text.index('limit cycle')
+    assert text.index('entered the hysteresis') < text.index('LIMIT CYCLE')
     assert '12.35' in text
     assert '0.0250' in text
     assert text.count('not known') == 2

@@ -6,72 +6,71 @@ import argparse
 import math
 import tempfile
 import time
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-import yaml
 
 from hunt_ros.cli.support import options
+from hunt_ros.cli.support.console import Console
+from hunt_ros.cli.support.processes import NodeSpec
+from hunt_ros.cli.support.suite import start_page
+from hunt_ros.cli.support.supervisor import Supervisor
+from hunt_ros.cli.support.view import View
 from hunt_ros.compiled import compile_all
-from hunt_ros.samples import CHANNELS
-from hunt_ros.suite import PAGE, PAGE_PORT
-
-if TYPE_CHECKING:
-    from hunt_ros.cli.support.processes import NodeSpec
-    from hunt_ros.samples import Record
+from hunt_ros.detection import DetectorConfig
+from hunt_ros.detection.offline import config_for
+from hunt_ros.samples import CHANNELS, Record
+from hunt_ros.settings import Settings
 
 #: Estimates that are still under way when the last sample has been played.
 _AFTER_S = 2.0
-_PLAYER = 'live_replay'
 
 
-def replay_live(arguments: argparse.Namespace, record: Record) -> int:
+def replay_live(
+    arguments: argparse.Namespace, record: Record, settings: Iterable[Settings]
+) -> int:
     """
     Play a recording to the nodes that run in this ROS graph; start a detector if none does.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Of `hunt replay`.
+    record : Record
+        The recording.
+    settings : iterable of Settings
+        Of the detector, as `--set` asks for them.
 
     Raises
     ------
     HuntError
         If a rig publishes the same topics, or the recording fits no detector.
     """
-    from hunt_ros.cli.support.console_link import ConsoleLink
-    from hunt_ros.cli.support.processes import NodeSpec
-    from hunt_ros.cli.support.suite import start_nodes
-    from hunt_ros.cli.support.supervisor import Supervisor
-    from hunt_ros.cli.support.view import View
-
-    detector = _detector(arguments, record)
+    detector = _detector(arguments, record, settings)
     compile_all()  # before the recording runs: a node compiles nothing
-    begun = False
-    namespace = arguments.namespace or 'rig'
+    begun, played, ends = False, False, math.inf
+    namespace, page = arguments.namespace or 'rig', arguments.page
     with (
         tempfile.TemporaryDirectory() as folder,
-        View(namespace) as view,
+        View(namespace, options.rig_of(arguments).speed_unit) as view,
         Supervisor(namespace, Path(folder), private=False, keep=False) as supervisor,
     ):
-        link = ConsoleLink(supervisor)
-        supervisor.start(NodeSpec(_PLAYER, _player(arguments)))
-        ends: float | None = None
-        while ends is None or time.monotonic() < ends:
-            for line in link.lines(0.5):
-                view.show(line)
+        console = Console(supervisor, view)
+        supervisor.start(NodeSpec('live_replay', _player(arguments)))
+        while time.monotonic() < ends:
+            for line in console.lines(0.5):
                 if not begun and {'listening', 'finished'} & line.keys():
                     begun = True
                     if line.get('listening') == 'False':
                         view.say('no node listens: starting a detector for this replay')
                         supervisor.start(detector)
-                    if arguments.page is not None:
-                        port = arguments.page or PAGE_PORT
-                        own = {
-                            PAGE: {'port': port, 'directory': str(arguments.bag.resolve().parent)}
-                        }
-                        files = _files(arguments)
-                        start_nodes(supervisor, [PAGE], {}, own, files)
-                        view.say(f'page: http://127.0.0.1:{port}/')
-                if line.get('finished') == 'True' and ends is None:
-                    after_s = _AFTER_S if arguments.page is None else math.inf
-                    ends = time.monotonic() + after_s
-                    if arguments.page is not None:
+                    if page is not None:
+                        beside = arguments.bag.resolve().parent
+                        view.say(start_page(supervisor, page, beside, {}, _files(arguments)))
+                if line.get('finished') == 'True' and not played:
+                    played = True
+                    if page is None:
+                        ends = time.monotonic() + _AFTER_S
+                    else:
                         view.say('the recording has been played; Ctrl-C ends the page')
     return 0
 
@@ -81,28 +80,22 @@ def _player(arguments: argparse.Namespace) -> dict[str, object]:
     sources = options.channels_of(arguments, CHANNELS)
     return {
         'bag': str(arguments.bag.resolve()),
-        'rate': 1.0 if arguments.pace is None else arguments.pace,
+        'rate': arguments.pace or 1.0,
         'from_s': arguments.start or 0.0,
-        'loop': arguments.loop,
+        'loop': bool(arguments.loop),
         **({} if arguments.end is None else {'to_s': arguments.end}),
         **({'channels': tuple(map(str, sources.values()))} if sources else {}),
     }
 
 
-def _detector(arguments: argparse.Namespace, record: Record) -> NodeSpec:
+def _detector(
+    arguments: argparse.Namespace, record: Record, settings: Iterable[Settings]
+) -> NodeSpec:
     """Return the detector that fits the recording, for where none is running."""
-    from hunt_ros.cli.support.processes import NodeSpec
-    from hunt_ros.detection import DetectorConfig
-    from hunt_ros.detection.offline import config_for
-
     config, _ = config_for(record, DetectorConfig())
-    parameters: dict[str, object] = {
-        'use_sim_time': True,
-        'channels': config.channels,
-    }
-    for word in arguments.set:
-        name, _, text = word.partition('=')
-        parameters[name] = yaml.safe_load(text)
+    given = {name: value for kind in settings for name, value in vars(kind).items()}
+    asked = {name: given[name] for name in (word.partition('=')[0] for word in arguments.set)}
+    parameters = {'use_sim_time': True, 'channels': config.channels, **asked}
     return NodeSpec('hunting_detector', parameters, _files(arguments))
 
 

@@ -1,8 +1,8 @@
 """
 The options that several verbs have: one name for one thing, defined once.
 
-A verb adds them with these functions; a value that is no sensible number is refused by its
-type, before any work begins.
+A verb adds them with these functions; those that stand for a setting are declared from it. A
+value that is no sensible number is refused by its type, before any work begins.
 """
 
 from __future__ import annotations
@@ -12,19 +12,25 @@ import math
 import os
 import re
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from hunt_ros.errors import ConfigError
+from hunt_ros.settings import Settings
 
 if TYPE_CHECKING:
     from hunt_ros.bag import ChannelSource
     from hunt_ros.drivers.alarm_output import AlarmOutput
+    from hunt_ros.dynamics.identified import IdentifiedNormalForm
     from hunt_ros.rig import Rig
-    from hunt_ros.settings import Settings
+
+_Kind = TypeVar('_Kind', bound=Settings)
 
 #: Longest run or recording, s: ten days.
 LONGEST_S = 864_000.0
+#: No setting of a rig is larger, in its unit.
+_BIG = 1e9
 #: Where recordings go.
 RECORDINGS = Path('recordings')
 
@@ -44,6 +50,7 @@ def number(
     above : bool
         True where `low` itself is excluded.
     """
+    limits = f'{"above" if above else "from"} {low:g} to {high:g} {unit}'.rstrip()
 
     def parse(text: str) -> float:
         try:
@@ -51,12 +58,17 @@ def number(
         except ValueError:
             value = math.nan
         if not math.isfinite(value) or not low <= value <= high or (above and value == low):
-            raise argparse.ArgumentTypeError(
-                f'expected {_range(low, high, unit, above)}, got {text}'
-            )
+            raise argparse.ArgumentTypeError(f'expected a number {limits}, got {text}')
         return value
 
     return parse
+
+
+def numbers(
+    kind: Callable[[str], float], signs: str = ',:', none: bool = False
+) -> Callable[[str], tuple[float, ...]]:
+    """Return the type of an option that is numbers between these signs; `none`: '' is none."""
+    return lambda text: () if none and not text else tuple(map(kind, re.split(f'[{signs}]', text)))
 
 
 def whole(low: int = 0, high: int = 2**31 - 1) -> Callable[[str], int]:
@@ -74,26 +86,6 @@ def whole(low: int = 0, high: int = 2**31 - 1) -> Callable[[str], int]:
         return value
 
     return parse
-
-
-def _range(low: float, high: float, unit: str, above: bool) -> str:
-    unit = f' {unit}' if unit else ''
-    if math.isfinite(low) and math.isfinite(high):
-        return f'a number {"above" if above else "from"} {low:g}{unit} to {high:g}{unit}'
-    if math.isfinite(low):
-        return f'a number {"above" if above else "of at least"} {low:g}{unit}'
-    return f'a number{unit and " in"}{unit}'
-
-
-def add_json(parser: argparse.ArgumentParser, what: str = 'the result') -> None:
-    """`--json`: what every verb that finds something has."""
-    parser.add_argument(
-        '--json', type=_json_target, metavar='PATH|-', help=f"{what} as JSON; '-': stdout"
-    )
-
-
-def _json_target(text: str) -> str:
-    return text if text == '-' else str(new_file()(text))
 
 
 def new_file(*endings: str) -> Callable[[str], Path]:
@@ -132,6 +124,71 @@ def new_folder(text: str) -> Path:
     return Path(text)
 
 
+def _json_target(text: str) -> str:
+    return text if text == '-' else str(new_file()(text))
+
+
+def _namespace(text: str) -> str:
+    if not re.fullmatch(r'/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*/?', text, re.ASCII):
+        raise argparse.ArgumentTypeError(f'expected a ROS name such as rig or lab/rig, got {text}')
+    return text.strip('/')
+
+
+#: An option that takes no value; None where it is not given.
+FLAG: dict[str, Any] = {'action': 'store_true', 'default': None}
+#: The options that several verbs have.
+OPTIONS: dict[str, dict[str, Any]] = {
+    '--json': {
+        'type': _json_target, 'metavar': 'PATH|-', 'help': "the result as JSON; '-': stdout",
+    },
+    '--rig': {
+        'type': Path, 'action': 'append', 'default': [], 'metavar': 'FILE',
+        'help': 'ROS parameter file that describes the rig and its nodes, as config/rig.yaml;'
+        ' repeatable, a later one wins',
+    },
+    '--channel': {
+        'action': 'append', 'default': [], 'metavar': 'NAME=SOURCE',
+        'help': 'lateral=/daq/ch0.data[3]*0.001, or a constant: speed=16.3; repeatable',
+    },
+    '--mapping': {'type': Path, 'metavar': 'FILE', 'help': 'the same as YAML, a line a channel'},
+    '--normal-form': {
+        'type': Path, 'metavar': 'FILE', 'help': 'parameter file of hunt identify --out',
+    },
+    '--namespace': {'type': _namespace, 'help': 'ROS namespace of the rig (default: rig)'},
+    '--directory': {
+        'type': Path, 'metavar': 'DIR', 'help': f'recordings (default: {RECORDINGS})',
+    },
+    '--page': {
+        'type': whole(1, 65535), 'nargs': '?', 'const': 0, 'metavar': 'PORT',
+        'help': 'serve the page of the operator (extra dashboard)',
+    },
+    '--pace': {'metavar': 'X', 'help': 'seconds of the rig in a second, from 0.1 (%(default)s)'},
+    '--rate': {
+        'type': number(0.0, 1e6, 'Hz', above=True), 'metavar': 'HZ', 'help': 'samples a second',
+    },
+    '--seed': {'type': whole(), 'metavar': 'N', 'help': 'of everything random'},
+    '--from': {
+        'dest': 'start', 'type': number(0.0, 1e9, 's'), 'metavar': 'S',
+        'help': 's since the start of the recording',
+    },
+    '--to': {
+        'dest': 'end', 'type': number(0.0, 1e9, 's'), 'metavar': 'S',
+        'help': 's since the start of the recording',
+    },
+}  # fmt: skip
+
+
+def add(parser: argparse._ActionsContainer, *names: str, **other: Any) -> None:
+    """Add arguments: of the table, with what is other in this verb, or of this verb alone."""
+    for name in names:
+        parser.add_argument(name, **(OPTIONS.get(name, {}) | other))
+
+
+def place_of(folder: Path) -> Path:
+    """Return the folder, or where it would be made: the nearest one that is there."""
+    return next(each for each in (folder.absolute(), *folder.absolute().parents) if each.exists())
+
+
 def refuse_place(folder: Path, what: str) -> None:
     """
     Refuse a folder that cannot be made, before the work and without making it.
@@ -141,25 +198,9 @@ def refuse_place(folder: Path, what: str) -> None:
     ConfigError
         Naming it.
     """
-    place = folder.absolute()
-    while not place.exists():
-        place = place.parent
+    place = place_of(folder)
     if not place.is_dir() or not os.access(place, os.W_OK):
         raise ConfigError(f'{folder}: cannot write {what} there')
-
-
-def add_channels(parser: argparse.ArgumentParser, what: str = '') -> None:
-    """`--channel` and `--mapping`: where the channels of a recording stand."""
-    parser.add_argument(
-        '--channel',
-        action='append',
-        default=[],
-        metavar='NAME=SOURCE',
-        help=what or 'lateral=/daq/ch0.data[3]*0.001, or a constant: speed=16.3; repeatable',
-    )
-    parser.add_argument(
-        '--mapping', type=Path, metavar='FILE', help='the same as YAML, a line a channel'
-    )
 
 
 def channels_of(
@@ -171,7 +212,7 @@ def channels_of(
     Parameters
     ----------
     arguments : Namespace
-        With the options of `add_channels` and `add_rig`.
+        With the options `--channel`, `--mapping` and `--rig`.
     allowed : iterable of str or None
         Names that may occur; None for any.
 
@@ -188,24 +229,11 @@ def channels_of(
     return mapping | channel_map(arguments.channel, allowed)
 
 
-def add_normal_form(parser: argparse.ArgumentParser) -> None:
-    """`--normal-form`: the form that the alarm uses."""
-    parser.add_argument(
-        '--normal-form', type=Path, metavar='FILE', help='parameter file of hunt identify --out'
-    )
+def read_form(path: Path) -> IdentifiedNormalForm:
+    """Read a parameter file of `hunt identify --out`."""
+    from hunt_ros.dynamics.identified import IdentifiedNormalForm
 
-
-def add_rig(parser: argparse._ActionsContainer) -> None:
-    """`--rig`: the description of the rig, a ROS parameter file."""
-    parser.add_argument(
-        '--rig',
-        type=Path,
-        action='append',
-        default=[],
-        metavar='FILE',
-        help='ROS parameter file that describes the rig and its nodes, as config/rig.yaml;'
-        ' repeatable, a later one wins',
-    )
+    return IdentifiedNormalForm.from_yaml(read_text(path, 'normal form'), str(path))
 
 
 def add_settings(
@@ -221,30 +249,63 @@ def add_settings(
     kind : type of Settings
         Which settings.
     names : mapping of str to str
-        Option -> setting, a number or a bool; also the name of the argument.
+        Option -> setting; also the name of the argument.
     """
-    from dataclasses import fields
-
     described = {item.name: item for item in fields(kind)}
     for option, name in names.items():
         about, default = described[name].metadata, described[name].default
-        help_ = about['description'].replace('%', '%%')
+        help_, unit = about['description'].replace('%', '%%'), about['unit']
         if isinstance(default, bool):
-            parser.add_argument(option, dest=name, action='store_true', default=None, help=help_)
+            parser.add_argument(option, dest=name, **FLAG, help=help_)
             continue
-        unit = about['unit']
-        low, high = (
-            end if about[key] is None else about[key]
-            for key, end in (('low', -math.inf), ('high', math.inf))
-        )
-        shown = f' ({default:g})' if default else ''
-        parser.add_argument(
-            option,
-            dest=name,
-            type=number(low, high, unit),
-            metavar=(unit or 'x').upper(),
-            help=help_ + shown,
-        )
+        low, high = about['low'], about['high']
+        one = number(-_BIG if low is None else low, _BIG if high is None else high, unit)
+        if isinstance(default, tuple):
+            kind_: Callable[[str], object] = numbers(one, none=bool(default))
+        else:
+            kind_ = whole(low) if type(default) is int else one
+            help_ += f' ({default:g})' if default else ''
+        shown = 'X,...' if isinstance(default, tuple) else (unit or 'x').upper()
+        parser.add_argument(option, dest=name, type=kind_, metavar=shown, help=help_)
+
+
+def given_settings(arguments: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:
+    """Return the settings that were given as options, by name."""
+    found = {name: getattr(arguments, name) for name in names}
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def settings_of(arguments: argparse.Namespace, node: str, *kinds: type[_Kind]) -> list[_Kind]:
+    """
+    Build the settings of a node the way ROS would: from the files of `--rig`, and `--set`.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        `rig`, and `set`: texts NAME=VALUE, value as YAML, which win over the files.
+    node : str
+        Its name: the sections of the files that are taken.
+    *kinds : type of Settings
+        Those of the node.
+
+    Raises
+    ------
+    ConfigError
+        Naming the file or word, and what was expected.
+    """
+    from hunt_ros.rig import told_by
+
+    texts = rig_texts(arguments)
+    known = {item.name: item.default for kind in kinds for item in fields(kind)}
+    for word in arguments.set:
+        name, equals, value = word.partition('=')
+        if not equals or name not in known:
+            names = ', '.join(sorted(known))
+            raise ConfigError(f'--set {word}: expected NAME=VALUE with one of {names}')
+        if not value.strip():  # lines= is a list without a line
+            value = '[]' if isinstance(known[name], tuple) else "''"
+        texts.append((f'--set {word}', f'{node}: {{ros__parameters: {{{name}: {value}}}}}'))
+    return [told_by(kind(), node, texts) for kind in kinds]
 
 
 def rig_of(arguments: argparse.Namespace, node: str = '') -> Rig:
@@ -254,7 +315,7 @@ def rig_of(arguments: argparse.Namespace, node: str = '') -> Rig:
     Parameters
     ----------
     arguments : Namespace
-        With the option of `add_rig`.
+        With the option `--rig`.
     node : str
         Whose own section of the files is read as well.
 
@@ -265,7 +326,7 @@ def rig_of(arguments: argparse.Namespace, node: str = '') -> Rig:
     """
     from hunt_ros.rig import Rig
 
-    return Rig.from_texts(_rig_texts(arguments), node)
+    return Rig.from_texts(rig_texts(arguments), node)
 
 
 def alarm_outputs_of(arguments: argparse.Namespace) -> dict[str, AlarmOutput]:
@@ -275,7 +336,7 @@ def alarm_outputs_of(arguments: argparse.Namespace) -> dict[str, AlarmOutput]:
     Parameters
     ----------
     arguments : Namespace
-        With the option of `add_rig`.
+        With the option `--rig`.
 
     Raises
     ------
@@ -284,10 +345,18 @@ def alarm_outputs_of(arguments: argparse.Namespace) -> dict[str, AlarmOutput]:
     """
     from hunt_ros.drivers.alarm_output import AlarmSettings
 
-    return AlarmSettings.told(_rig_texts(arguments))
+    return AlarmSettings.told(rig_texts(arguments))
 
 
-def _rig_texts(arguments: argparse.Namespace) -> list[tuple[str, str]]:
+def rig_texts(arguments: argparse.Namespace) -> list[tuple[str, str]]:
+    """
+    Read the files of `--rig`: where each comes from, and what stands in it.
+
+    Raises
+    ------
+    ConfigError
+        If one cannot be read, or is a normal form.
+    """
     from hunt_ros.rig import parameters_of
 
     texts = [(str(path), read_text(path, 'parameter file')) for path in arguments.rig]
@@ -296,84 +365,6 @@ def _rig_texts(arguments: argparse.Namespace) -> list[tuple[str, str]]:
         if names == {'normal_form'}:
             raise ConfigError(f'--rig {source}: is a normal form, expected --normal-form {source}')
     return texts
-
-
-def add_namespace(parser: argparse._ActionsContainer, default: str | None = 'rig') -> None:
-    """`--namespace`: that of the rig."""
-    parser.add_argument(
-        '--namespace',
-        type=_namespace,
-        default=default,
-        help='ROS namespace of the rig (default: rig)',
-    )
-
-
-def _namespace(text: str) -> str:
-    if not re.fullmatch(r'/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*/?', text, re.ASCII):
-        raise argparse.ArgumentTypeError(f'expected a ROS name such as rig or lab/rig, got {text}')
-    return text.strip('/')
-
-
-def add_directory(parser: argparse._ActionsContainer, default: Path | None = RECORDINGS) -> None:
-    """`--directory`: where recordings go."""
-    parser.add_argument(
-        '--directory',
-        type=Path,
-        default=default,
-        metavar='DIR',
-        help=f'recordings (default: {RECORDINGS})',
-    )
-
-
-def add_page(parser: argparse._ActionsContainer, default: str) -> None:
-    """`--page`: the page of the operator; 0 stands for the port that is usual."""
-    parser.add_argument(
-        '--page',
-        nargs='?',
-        type=whole(1, 65535),
-        const=0,
-        metavar='PORT',
-        help=f'serve the page of the operator (default port: {default}; extra dashboard)',
-    )
-
-
-def add_pace(
-    parser: argparse._ActionsContainer, high: float, default: float | None = None
-) -> None:
-    """`--pace`: recorded or simulated seconds in a second."""
-    parser.add_argument(
-        '--pace',
-        type=number(0.1, high),
-        default=default,
-        metavar='X',
-        help=f'seconds of the rig in a second, 0.1 to {high:g} (default: {default or 1:g})',
-    )
-
-
-def add_rate(parser: argparse.ArgumentParser, default: float | None, what: str) -> None:
-    """`--rate`: samples a second."""
-    parser.add_argument(
-        '--rate',
-        type=number(0.0, 1e6, 'Hz', above=True),
-        default=default,
-        metavar='HZ',
-        help=f'samples a second {what}',
-    )
-
-
-def add_seed(parser: argparse.ArgumentParser, default: int | None = 0) -> None:
-    """`--seed`: of everything random."""
-    parser.add_argument(
-        '--seed', type=whole(), default=default, metavar='N', help='of everything random'
-    )
-
-
-def add_stretch(parser: argparse._ActionsContainer) -> None:
-    """`--from` and `--to`: a part of the recording."""
-    kind = number(0.0, 1e9, 's')
-    since = 's since the start of the recording'
-    parser.add_argument('--from', dest='start', type=kind, metavar='S', help=since)
-    parser.add_argument('--to', dest='end', type=kind, metavar='S', help=since)
 
 
 def check_stretch(arguments: argparse.Namespace) -> None:
@@ -414,23 +405,3 @@ def read_text(path: Path, what: str) -> str:
     if not text.strip():
         raise ConfigError(f'{path}: cannot read it as a {what} (the file is empty)')
     return text
-
-
-def make_folder(path: Path, what: str) -> Path:
-    """
-    Make a folder that a user has named, and be sure that it can be written to.
-
-    Raises
-    ------
-    ConfigError
-        If it cannot be made or written to.
-    """
-    from tempfile import TemporaryFile
-
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        with TemporaryFile(dir=path):
-            pass
-    except OSError as error:
-        raise ConfigError(f'{path}: cannot write {what} there ({error.strerror})') from error
-    return path

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, Protocol
 
@@ -42,6 +42,25 @@ def write_json(document: Mapping[str, Any], target: str) -> None:
         sys.stdout.flush()
         return
     write_whole(target, text, 'result')
+
+
+def tell(
+    target: str | None, document: Callable[[], Mapping[str, Any]], text: Callable[[], str]
+) -> None:
+    """
+    Say what a verb has found: as JSON where `--json` asks for it, and to a person.
+
+    Parameters
+    ----------
+    target : str or None
+        Of `--json`; where it is '-' nothing else stands on standard output.
+    document, text : callable
+        Return it.
+    """
+    if target != '-':
+        print(text())
+    if target:
+        write_json(document(), target)
 
 
 def _plain(value: Any) -> Any:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
-from hunt_ros.cli.support.narration import event_line, length
+from hunt_ros.cli.support.screen import event_line
+from hunt_ros.dashboard.words import Words
 from hunt_ros.detection import DetectorConfig
 from hunt_ros.detection.offline import Findings
 from hunt_ros.detection.output import EVENT_NUMBERS
@@ -76,29 +78,35 @@ def document(
     }
 
 
-def tell(record: Record, config: DetectorConfig, found: Findings, remarks: Sequence[str]) -> None:
-    """Print remarks, events in their order, and the summary."""
-    for remark in remarks:
-        print(remark)
+def lines_of(
+    record: Record,
+    config: DetectorConfig,
+    found: Findings,
+    remarks: Sequence[str],
+    speed_unit: str,
+) -> str:
+    """Return remarks, events in their order, and the summary as lines for a person."""
+    lines = list(remarks)
     for event in found.events:
-        texts = {
-            'stamp_ns': str(event.stamp_ns),
-            'event': event.event,
-            'speed_mps': str(event.speed_mps),
-            'amplitude_m': str(event.amplitude_m),
-            'message': event.cause,
-        }
-        print(event_line(texts, record.start_ns))
+        texts = {name: str(value) for name, value in event.numbers.items()}
+        texts |= {'stamp_ns': str(event.stamp_ns), 'event': event.event, 'message': event.cause}
+        lines.append(event_line(texts, record.start_ns))
     row_s = config.period_ns / 1e9
     summary = found.summary
     times = ', '.join(f'{name} {row_s * n:.1f} s' for name, n in summary.level_rows.items())
-    print(
-        f'{record.duration_s:.1f} s: {times}; largest amplitude {length(summary.max_amplitude_m)}'
-    )
+    largest = 1e3 * summary.max_amplitude_m
+    most = f'{largest:.3f} mm' if math.isfinite(largest) else '-'
+    lines.append(f'{record.duration_s:.1f} s: {times}; largest amplitude {most}')
     for words, rows in summary.reason_rows.most_common():
-        print(f'  {row_s * rows:8.1f} s  {words}')
-    if found.forecast is not None:
-        print(_forecast_line(found.forecast))
+        lines.append(f'  {row_s * rows:8.1f} s  {words}')
+    forecast = found.forecast
+    if forecast is not None and forecast.critical_speed is None:
+        lines.append(f'v_c from the quiet response: unknown ({forecast.reason})')
+    elif forecast is not None and forecast.critical_speed is not None:
+        levels = counted(forecast.levels, 'speed level')
+        told = forecast.critical_speed.with_interval('m/s')
+        lines.append(f'v_c from the quiet response: {told}, {levels}')
+    return Words(speed_unit).text('\n'.join(lines))
 
 
 def _forecast(forecast: Forecast | None) -> dict[str, Any] | None:
@@ -113,11 +121,3 @@ def _forecast(forecast: Forecast | None) -> dict[str, Any] | None:
         'law': forecast.law,
         'levels': forecast.levels,
     }
-
-
-def _forecast_line(forecast: Forecast) -> str:
-    critical = forecast.critical_speed
-    if critical is None:
-        return f'v_c from the quiet response: unknown ({forecast.reason})'
-    levels = counted(forecast.levels, 'speed level')
-    return f'v_c from the quiet response: {critical.with_interval("m/s")}, {levels}'

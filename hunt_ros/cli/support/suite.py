@@ -1,4 +1,4 @@
-"""How the nodes of the suite are started and waited for."""
+"""How the nodes of the suite are started."""
 
 from __future__ import annotations
 
@@ -6,20 +6,13 @@ import json
 import socket
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from hunt_ros.cli.support.console_link import ConsoleLink
 from hunt_ros.cli.support.processes import NodeSpec
 from hunt_ros.cli.support.supervisor import Supervisor
 from hunt_ros.compiled import compile_all
-from hunt_ros.errors import HuntError
-from hunt_ros.suite import GUARDS, SIMULATOR, SOURCES, SUITE
+from hunt_ros.dynamics.profile import Motion, Profile
+from hunt_ros.suite import GUARDS, PAGE, PAGE_PORT, SIMULATOR, SOURCES, SUITE
 
-if TYPE_CHECKING:
-    from hunt_ros.cli.support.key_commands import KeyCommands
-    from hunt_ros.dynamics.profile import Profile
-
-_READY_S = 60.0
 #: In fast simulated time a pause of the machine looks that much longer: the most that a channel
 #: may be silent, s of the rig, and the detector, s: simulated time waits for it so long.
 _SENSOR_PATIENCE_S, _DETECTOR_PATIENCE_S = 3.0, 60.0
@@ -32,11 +25,6 @@ def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(('127.0.0.1', 0))
         return int(probe.getsockname()[1])
-
-
-def follow_clock(pace: float) -> dict[str, object]:
-    """Return the parameter of the nodes beside a rig that is simulated `pace` times as fast."""
-    return {'use_sim_time': True} if pace != 1.0 else {}  # at 1 the rig publishes no /clock
 
 
 def simulated_run(
@@ -65,8 +53,6 @@ def simulated_run(
     seed : int
         Of everything random.
     """
-    from hunt_ros.dynamics.profile import Motion
-
     path = folder / 'profile.yaml'
     path.write_text(profile.to_yaml(), encoding='utf-8')
     port = free_port()
@@ -94,10 +80,7 @@ def simulated_run(
             'slow_down_at_end': False,  # the rig ends with it
         },
         # Fewer estimates a simulated second keep the machine free.
-        'hunting_detector': {
-            'output_rate_hz': 20.0,
-            'sensor_timeout_s': _SENSOR_PATIENCE_S,
-        },
+        'hunting_detector': {'output_rate_hz': 20.0, 'sensor_timeout_s': _SENSOR_PATIENCE_S},
         'bag_recorder': {'directory': str(folder), 'rig_name': 'simulated'},
         'normal_form_identifier': {'directory': str(folder)},
     }
@@ -150,19 +133,15 @@ def start_nodes(
         supervisor.start(NodeSpec(SUITE, {}, [*files, own], nodes=together))
 
 
-def wait_until_up(link: ConsoleLink | KeyCommands, names: Sequence[str]) -> None:
-    """
-    Wait until each node has reported its health.
-
-    Raises
-    ------
-    HuntError
-        Naming the nodes that did not come up, or the one that ended.
-    """
-    missing = set(names)
-    for line in link.lines(_READY_S):
-        if line['topic'] == '/diagnostics':
-            missing.discard(str(line['name']).rsplit('/', 1)[-1])
-        if not missing:
-            return
-    raise HuntError(f'not up after {_READY_S:.0f} s: {", ".join(sorted(missing))}')
+def start_page(
+    supervisor: Supervisor,
+    port: int,
+    folder: Path,
+    common: Mapping[str, object],
+    files: Sequence[Path],
+) -> str:
+    """Start the page of the operator, at its usual port for 0; say where it is."""
+    port = port or PAGE_PORT
+    own = {PAGE: {'port': port, 'directory': str(folder)}}
+    start_nodes(supervisor, [PAGE], common, own, files)
+    return f'page: http://127.0.0.1:{port}/'

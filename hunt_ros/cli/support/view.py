@@ -6,7 +6,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -14,8 +14,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from hunt_ros.cli.support.narration import STYLES, event_line
-from hunt_ros.cli.support.screen import Screen
+from hunt_ros.cli.support.screen import STYLES, Screen, event_line
 from hunt_ros.dashboard.told import Told
 
 #: Drawings a second.
@@ -36,17 +35,19 @@ class View:
     ----------
     namespace : str
         Of the rig: what other rigs of the ROS domain say of themselves is not shown.
+    speed_unit : str
+        In which speeds are shown.
     """
 
-    def __init__(self, namespace: str = 'rig') -> None:
+    def __init__(self, namespace: str = 'rig', speed_unit: str = 'm/s') -> None:
         self._console = Console(file=sys.stdout, highlight=False, soft_wrap=True)
         self._live: Live | None = None
-        self._told = Told(namespace)
+        self._told = Told(namespace, speed_unit)
         self._log: deque[tuple[str, str]] = deque(maxlen=_KEPT)
         self._lines = 0
         self._keys: tuple[str, ...] = ('Ctrl-C: quit',)
         self._lock = threading.Lock()
-        self._origin_ns: int | None = None
+        self._origin_ns = 0  # of the first stamp; none where nothing was received yet
         self._health: dict[str, str] = {}
 
     def __enter__(self) -> View:
@@ -76,15 +77,19 @@ class View:
 
     def show(self, line: dict[str, Any]) -> None:
         """Show one line of the console node."""
-        topic = line['topic']
-        with self._lock:
-            self._take(topic, line)
-        if topic == 'hunting/events':
-            self.say(event_line(line, self._origin(line)), STYLES.get(line.get('level', ''), ''))
-        elif topic == 'hunting/status':
-            self._origin(line)
+        topic, now_s = line['topic'], time.monotonic()
+        if topic in ('hunting/status', 'hunting/events'):
+            self._origin_ns = self._origin_ns or int(line['stamp_ns'])
+        if topic == 'hunting/status':
+            with self._lock:
+                self._told.take_status(int(line['stamp_ns']), line, now_s)
+        elif topic == 'speed/status':
+            with self._lock:
+                self._told.take_speed_status(line, now_s)
         elif topic == '/diagnostics':
-            self._say_health()
+            self._take_health(line, now_s)
+        elif topic == 'hunting/events':
+            self.say(event_line(line, self._origin_ns), STYLES.get(line.get('level', ''), ''))
         elif topic == 'process':
             self.say(line['data'], STYLES['ERROR'])
         elif topic == 'recording/closed':
@@ -96,7 +101,8 @@ class View:
             self.say(f'{line["service"]}: {text}', '' if line['ok'] else STYLES['WARN'])
 
     def say(self, text: str, style: str = '') -> None:
-        """Say something in one line, or several."""
+        """Say something in one line, or several; speeds in it are in m/s."""
+        text = self._told.words.text(text)
         if self._live is None:
             self._print(text, style)
             return
@@ -104,28 +110,16 @@ class View:
             self._log.append((text, style))
             self._lines += 1
 
-    @property
-    def drive(self) -> Mapping[str, Any]:
-        """What the drive says; nothing where it is silent."""
+    def drive_mps(self, name: str) -> float:
+        """Return a speed that the drive tells, m/s; NaN where it is silent."""
         with self._lock:
-            drive = self._told.sections(time.monotonic())['drive'] or {}
-        return {} if drive.get('silent') else drive
+            return self._told.drive_mps(name, time.monotonic())
 
     def offer(self, keys: Sequence[str]) -> None:
         """Say what each key does: at the foot of the terminal, as long as the view lasts."""
         if self._live is None:
             self.say(', '.join(['keys', *keys]))
         self._keys = tuple(keys)
-
-    def _take(self, topic: str, line: dict[str, Any]) -> None:
-        """Note what the rig says of itself."""
-        now_s = time.monotonic()
-        if topic == 'hunting/status':
-            self._told.take_status(int(line['stamp_ns']), line, now_s)
-        elif topic == 'speed/status':
-            self._told.take_speed_status(line, now_s)
-        elif topic == '/diagnostics':
-            self._told.take_health(line, now_s)
 
     def _screen(self) -> Screen:
         with self._lock:
@@ -134,19 +128,13 @@ class View:
     def _print(self, text: str, style: str) -> None:
         self._console.print(Text(text, style=style))
 
-    def _origin(self, line: dict[str, Any]) -> int:
-        stamp_ns = int(line['stamp_ns'])
-        if self._origin_ns is None and stamp_ns > 0:  # 0: nothing was received yet
-            self._origin_ns = stamp_ns
-        return self._origin_ns or stamp_ns
-
-    def _say_health(self) -> None:
+    def _take_health(self, line: dict[str, Any], now_s: float) -> None:
         """Say when a node is unwell or silent, and when it is well again."""
         with self._lock:
-            nodes = self._told.sections(time.monotonic())['nodes']
+            self._told.take_health(line, now_s)
+            nodes = self._told.sections(now_s)['nodes']
         for node in nodes:
             name, level = node['name'], node['level']
-            before = self._health.get(name, 'OK')
-            self._health[name] = level
-            if level != before:
+            if level != self._health.get(name, 'OK'):
                 self.say(f'{name}: {node["message"]}', STYLES.get(level, ''))
+            self._health[name] = level

@@ -8,6 +8,7 @@ const CIVIDIS = ['#00224e', '#123570', '#3b496c', '#575d6d', '#707173', '#8a8678
 const figures = {};
 const shown = {};          // what the figures show, for whoever wants to know
 let palette = {};
+const unit = () => sections.speed_unit || 'm/s';
 let rem = 16;
 
 function axis(label, size, space) {
@@ -61,7 +62,7 @@ function makeFigures() {
   drawn = [];
   for (const name of Object.keys(figures)) figures[name].destroy();
   if (!window.uPlot) return;
-  make('diagram', ['running speed v (m/s)', 0, 10], ['amplitude of y (mm)', 0, 5],
+  make('diagram', [`running speed v (${unit()})`, 0, 10], ['amplitude of y (mm)', 0, 5],
     [['stable', 2.5], ['unstable', 2.5, [9, 6]], ['stable', 2.5], ['unstable', 2.5, [9, 6]]],
     {drawAxes: [drawBands], draw: [drawSpeeds]});
   const above = document.createElement('canvas');
@@ -84,30 +85,31 @@ let drawn = [];            // the form and the axes that are shown now
 function drawPoint() {
   if (!figures.diagram) return;
   const {status, diagram} = sections;
-  const known = status && !status.silent && !lost() && status.speed_mps !== null && status.amplitude_mm !== null;
+  const known = status && !status.silent && !lost() && status.speed !== null && status.amplitude_mm !== null;
   const size = known ? status.amplitude_mm : 0;
   const std = known ? 1.96 * (status.amplitude_std_mm ?? 0) : 0;
-  let low = diagram ? diagram.low_mps : 0;
-  let high = diagram ? diagram.high_mps : 10;
+  let low = diagram ? diagram.low : 0;
+  let high = diagram ? diagram.high : 10;
   if (known) {
     // In steps, so that the axis holds still while the speed changes.
     const step = high / 20;
-    low = Math.max(0, Math.min(low, step * Math.floor(status.speed_mps / step - 0.5)));
-    high = Math.max(high, step * Math.ceil(status.speed_mps / step + 0.5));
+    low = Math.max(0, Math.min(low, step * Math.floor(status.speed / step - 0.5)));
+    high = Math.max(high, step * Math.ceil(status.speed / step + 0.5));
   }
   const wanted = 1.15 * Math.max(diagram ? diagram.top_mm : 0.1, size);
   if (wanted > reached || wanted < 0.6 * reached) reached = wanted;
   const now = [diagram, low, high, reached];
   if (now.some((each, index) => each !== drawn[index])) { drawn = now; drawBranches(...now); }
-  shown.point = known ? [status.speed_mps, size] : null;
+  shown.point = known ? [status.speed, size] : null;
   shown.colour = palette[document.body.dataset.level.toLowerCase()];
   drawAbove(std);
 }
 
 function drawBranches(diagram, low, high, top) {
-  shown.marks = diagram ? [['v_n', diagram.v_n_mps], ['v_c', diagram.v_c_mps]].filter((mark) => mark[1] !== null) : [];
+  figures.diagram.axes[0].label = `running speed v (${unit()})`;
+  shown.marks = diagram ? [['v_n', diagram.v_n], ['v_c', diagram.v_c]].filter((mark) => mark[1] !== null) : [];
   shown.stable = diagram ? diagram.stable[0].length : 0;
-  const hopf = diagram ? Math.min(Math.max(diagram.v_c_mps, low), high) : low;
+  const hopf = diagram ? Math.min(Math.max(diagram.v_c, low), high) : low;
   const quiet = diagram ? [[[low, hopf], [0, 0]], [[hopf, high], [0, 0]]] : [[[], []], [[], []]];
   put('diagram', [...(diagram ? [diagram.stable, diagram.unstable] : [[[], []], [[], []]]), ...quiet], [low, high], [-0.03 * top, top]);
 }
@@ -146,8 +148,8 @@ function drawSpeeds(plot) {
   ctx.setLineDash([ctx.lineWidth, 3 * ctx.lineWidth]);
   const room = 6 * rem * devicePixelRatio;   // of a name
   let before = -Infinity;
-  for (const [name, speed] of shown.marks || []) {
-    const x = plot.valToPos(speed, 'x', true);
+  for (const [name, value] of shown.marks || []) {
+    const x = plot.valToPos(value, 'x', true);
     if (x < bbox.left || x > bbox.left + bbox.width) continue;
     ctx.beginPath();
     ctx.moveTo(x, bbox.top);
@@ -155,7 +157,7 @@ function drawSpeeds(plot) {
     ctx.stroke();
     const aside = x + room > bbox.left + bbox.width ? -1 : 1;
     ctx.textAlign = aside > 0 ? 'left' : 'right';
-    ctx.fillText(`${name} ${speed.toFixed(2)}`, x + aside * 4 * devicePixelRatio, bbox.top + (x - before < room ? 1.2 * rem * devicePixelRatio : 0));
+    ctx.fillText(`${name} ${value.toFixed(unit() === 'm/s' ? 2 : 1)}`, x + aside * 4 * devicePixelRatio, bbox.top + (x - before < room ? 1.2 * rem * devicePixelRatio : 0));
     before = x;
   }
   ctx.restore();

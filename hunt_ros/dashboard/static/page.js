@@ -166,6 +166,8 @@ function lasting(seconds) {
   return `${whole < 3600 ? '' : `${Math.floor(whole / 3600)}:`}${two(Math.floor(whole / 60) % 60)}:${two(whole % 60)}`;
 }
 
+const speed = (value) => `${value.toFixed(unit() === 'm/s' ? 2 : 1)} ${unit()}`;   // it is in that unit already
+
 const size = (bytes) => (bytes < 1e9 ? `${(bytes / 1e6).toFixed(1)} MB` : `${(bytes / 1e9).toFixed(0)} GB`);
 
 const WORDS = {
@@ -181,7 +183,7 @@ const WORDS = {
     document.body.dataset.drive = drive ? '1' : '';
     const box = byId('drive');
     if (!drive) { box.replaceChildren(paragraph('no word from a drive: profile and interlock are not known')); return; }
-    const target = drive.target_mps === null ? '' : `set point ${drive.target_mps.toFixed(2)} m/s`;
+    const target = drive.target === null ? '' : `set point ${speed(drive.target)}`;
     const left = drive.remaining_s ? `, ${drive.remaining_s.toFixed(0)} s left` : '';
     const profile = drive.profile ? `profile ${drive.profile}: ${drive.profile_state}${left}` : 'no profile is given';
     const tripped = drive.interlock_state === 'tripped';   // stands above, with the cause
@@ -231,7 +233,7 @@ const WORDS = {
   nodes(nodes) {
     fillList('nodes', nodes.map((node) => [node.level, `${SHAPES[node.level]} ${node.level}`, node.name, (node.rate_hz === null ? '' : `${Number(node.rate_hz.toPrecision(4))}/s `) + node.message]));
   },
-  events(events) { fillList('events', events.map((event) => [event.level, when(event.since_s ?? event.at_s), event.event, (event.speed_mps === null ? '' : `at ${event.speed_mps.toFixed(2)} m/s: `) + event.cause])); },
+  events(events) { fillList('events', events.map((event) => [event.level, when(event.since_s ?? event.at_s), event.words, (event.speed === null ? '' : `at ${speed(event.speed)}: `) + event.cause])); },
   alarms(alarms) {
     fillList('alarms', alarms.map((alarm) => {
       const over = alarm.over_s === null ? 'still there' : `until ${when(alarm.over_s)}`;
@@ -249,7 +251,7 @@ const WORDS = {
     set('recorder', told.join(', '));
   },
   viewers(count) { set('viewers', count > 1 ? `${count} browsers look` : ''); },
-  diagram(diagram) { set('form', diagram ? `(${diagram.words})` : '(the normal form in force is not known here)'); },
+  diagram(diagram) { set('form', diagram ? `(${diagram.shown})` : '(the normal form in force is not known here)'); },
   spectrum(spectrum) { if (spectrum) set('channel', spectrum.channel === 'lateral' ? 'y' : 'ψ'); },
 };
 

@@ -2,41 +2,46 @@
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from hunt_ros.cli.support.key_commands import KeyCommands
+from hunt_ros.cli.support import console as module
+from hunt_ros.cli.support.console import Console
 from hunt_ros.services import KEYS
 from hunt_ros.suite import LISTENERS, SOURCES
 
 START, RESUME, EMERGENCY = 'start-profile', 'resume-profile', 'emergency-stop'
 
 
-class _Link:
-    """Stands for the console: presses what comes at once, and notes the calls."""
+class _Run:
+    """Stands for the processes and the console: presses what comes at once, notes the calls."""
 
     def __init__(self, keyboard: int, bursts: list[str]) -> None:
         self._keyboard, self._bursts = keyboard, bursts
-        self.calls: list[str] = []
+        self.stdin, self.stdout = io.StringIO(), ()
 
-    def lines(self, timeout_s: float) -> Iterator[dict[str, str]]:
+    def start(self, spec: object, attach: Callable[[object], None]) -> None:
+        attach(self)
+
+    def look(self) -> list[str]:
         if self._bursts:
             os.write(self._keyboard, self._bursts.pop(0).encode())
-        return iter(())
-
-    def call(self, service: str) -> None:
-        self.calls.append(service)
+        return []
 
 
 class _View:
     """Stands for the screen."""
 
     def __init__(self, speed_mps: float) -> None:
-        self.drive = {'speed_mps': speed_mps}
+        self.speed_mps = speed_mps
         self.said: list[str] = []
+
+    def drive_mps(self, name: str) -> float:
+        return self.speed_mps
 
     def say(self, text: str, style: str = '') -> None:
         self.said.append(text)
@@ -52,12 +57,13 @@ def pressed(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., tuple[lis
     keyboard, terminal = os.openpty()
     with os.fdopen(terminal) as stdin:
         monkeypatch.setattr('sys.stdin', stdin)
+        monkeypatch.setattr(module, '_LOOK_S', 0.05)
 
         def press(*bursts: str, speed_mps: float = 0.0, names=(*LISTENERS, *SOURCES)):
-            link, view = _Link(keyboard, list(bursts)), _View(speed_mps)
-            with KeyCommands(link, view, names) as commands:  # type: ignore[arg-type]
-                list(commands.lines(0.2 + 0.1 * len(bursts)))
-            return link.calls, view
+            run, view = _Run(keyboard, list(bursts)), _View(speed_mps)
+            with Console(run, view, names) as console:  # type: ignore[arg-type]
+                list(console.lines(0.2 + 0.1 * len(bursts)))
+            return run.stdin.getvalue().split(), view
 
         yield press
     os.close(keyboard)

@@ -86,8 +86,8 @@ def test_sixty_columns_hold_all_that_counts() -> None:
     text = drawn(screen(drive={}), 60, 24)
     for words in (
         'WARN for 5 s  quiet, hysteresis region', 'a disturbance can start hunting',
-        'low margin: 2.1', '7.20 m/s', 'set point ◇ 7.25', 'v_n 6.40', 'v_c 8.00',
-        '0.200 mm ± 0.010', 'below the unstable branch A_u 0.420', 'limit cycle 2.10',
+        'low margin: 2.1', '7.20 m/s', 'set point ◇ 7.25', 'v_n ┃ 6.40', 'v_c ┃ 8.00',
+        '0.200 mm ± 0.010', 'below the unstable branch', 'A_u ┃ 0.420', 'limit cycle ║ 2.100',
         'profile sweep: running', '25 %, 1:30 min left', 'interlock armed, mode measure',
         'event number 39', *KEYS,
     ):  # fmt: skip
@@ -155,7 +155,7 @@ def test_a_form_that_is_absent_or_replaced_is_shown_as_it_is() -> None:
     assert 'no normal form: v_n and v_c are not known' in text
     assert '┃' not in text
     other = drawn(screen(normal_form='v_c 7.900 m/s', v_n_mps='nan', v_c_mps='7.9'))
-    assert 'v_c 7.90' in other
+    assert 'v_c ┃ 7.90' in other
     assert 'v_n − v –' in other
 
 

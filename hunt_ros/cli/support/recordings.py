@@ -1,0 +1,154 @@
+"""What `identify`, `plan` and `report` share: options, recordings, the identification."""
+
+from __future__ import annotations
+
+import argparse
+import socket
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from hunt_ros.bag import ChannelSource, check_units, read_record
+from hunt_ros.cli.support import options
+from hunt_ros.cli.support.output import Advance, progress
+from hunt_ros.errors import ConfigError, HuntError
+from hunt_ros.identification import Identification, IdentificationSettings, Source, identify
+from hunt_ros.rig import Rig
+from hunt_ros.samples import CHANNELS, Record
+
+#: Whose section of a parameter file is read as well: it does the same in a running suite.
+_NODE = 'normal_form_identifier'
+#: Option -> setting of the rig, in place of that in the files of `--rig`.
+_OF_RIG = {
+    '--length-scale': 'length_scale_m',
+    '--time-scale': 'time_scale_s',
+    '--sensor-range': 'lateral_range_m',
+    '--clearance': 'flange_clearance_m',
+    '--roller-diameter': 'roller_diameter_m',
+    '--wheel-diameter': 'wheel_diameter_m',
+    '--frequency': 'hunting_frequency_hz',
+    '--frequency-min': 'hunting_frequency_min_hz',
+    '--frequency-max': 'hunting_frequency_max_hz',
+    '--lines': 'lines',
+    '--prior-v-c': 'prior_v_c',
+    '--prior-D1': 'prior_D1',
+    '--speed-resolution': 'speed_resolution_mps',
+    '--speed-scale-std': 'speed_scale_std',
+}
+
+
+def add_recordings(parser: argparse.ArgumentParser, what: str = 'recordings') -> None:
+    """Add what to read and how to identify."""
+    add = partial(options.add, parser)
+    add('bags', nargs='+', metavar='BAG', help=what)
+    add('--channel', '--mapping', '--rig', '--seed')
+    options.add_settings(parser, Rig, _OF_RIG)
+    left = 'leave out these s since the start of each recording, or of the Nth; repeatable'
+    add('--ignore', type=_interval, action='append', metavar='[N:]FROM:TO', help=left)
+    hold = options.number(0.0, 1e6, 's', above=True)
+    shortest = 'shortest hold of the speed (8)'
+    add('--minimum-hold', dest='minimum_hold_s', type=hold, metavar='S', help=shortest)
+    where = 'Dask scheduler, tcp://host:8786; its workers read the recordings by the same paths'
+    add('--cluster', metavar='ADDRESS', help=where)
+
+
+def _interval(text: str) -> tuple[float, float, int]:
+    """Read FROM:TO or N:FROM:TO."""
+    *number, start, end = options.numbers(options.number(0.0, options.LONGEST_S), ':')(f'0:{text}')
+    if len(number) not in (1, 2) or number[-1] % 1.0 or not start < end:
+        raise argparse.ArgumentTypeError(f'expected FROM:TO or N:FROM:TO, FROM first, got {text}')
+    return start, end, int(number[-1])
+
+
+def settings_of(arguments: argparse.Namespace) -> IdentificationSettings:
+    """Return the settings that the options of `add_recordings` ask for."""
+    if arguments.cluster is not None:
+        _reach(arguments.cluster)
+    rig = options.rig_of(arguments, _NODE)
+    rig = replace(rig, **options.given_settings(arguments, _OF_RIG.values()))
+    given = options.given_settings(arguments, ('minimum_hold_s', 'seed', 'cluster'))
+    return IdentificationSettings.of_rig(rig, ignore=tuple(arguments.ignore or ()), **given)
+
+
+def _reach(address: str) -> None:
+    """Fail before the work begins where no Dask scheduler can be."""
+    host, _, port = address.rpartition('://')[2].rpartition(':')
+    try:
+        socket.create_connection((host, int(port)), timeout=5.0).close()
+    except (OSError, OverflowError, ValueError) as error:
+        raise HuntError(
+            f'--cluster: nobody answers at {address}, expected tcp://HOST:PORT ({error})'
+        ) from error
+
+
+def records_of(arguments: argparse.Namespace, advance: Advance) -> list[Record]:
+    """Read the recordings."""
+    records = []
+    for count, reading in enumerate(_readings(arguments), start=1):
+        records.append(reading())
+        advance(count / len(arguments.bags))
+    return records
+
+
+def identified(arguments: argparse.Namespace) -> Identification:
+    """
+    Identify the recordings; with `--cluster` its workers read them.
+
+    Raises
+    ------
+    HuntError
+        If they cannot be read.
+    """
+    settings = settings_of(arguments)
+    sources: Sequence[Source] = _readings(arguments)
+    if not arguments.cluster:
+        with progress('reading') as advance:
+            sources = records_of(arguments, advance)
+    with progress('identifying') as advance:
+        return identify(sources, settings, advance)
+
+
+def known_of(arguments: argparse.Namespace) -> Identification:
+    """
+    Identify the recordings, or read what was identified before.
+
+    A single parameter file stands for the identification beside it.
+
+    Raises
+    ------
+    HuntError
+        If they cannot be read, or what stands beside the file belongs to another form.
+    """
+    path = Path(arguments.bags[0])
+    if len(arguments.bags) > 1 or path.suffix != '.yaml':
+        return identified(arguments)
+    form = options.read_form(path)
+    if not whole_of(path).exists():
+        raise ConfigError(
+            f'{path}: {whole_of(path).name}, the whole identification, is not beside it:'
+            f' "hunt identify RECORDINGS --out {path}" writes both; or name the recordings'
+        )
+    return Identification.load(whole_of(path), form)
+
+
+def whole_of(parameter_file: Path) -> Path:
+    """Return where the whole identification stands beside a parameter file."""
+    return parameter_file.with_suffix('.npz')
+
+
+def _read(path: str, place: str, channels: Mapping[str, ChannelSource], rig: Rig) -> Record:
+    """Read one recording, in whatever process; `place` is the same from any folder."""
+    record = read_record(place, channels, require=('lateral', 'speed'))
+    record = check_units(replace(record, source=path))
+    rig.refuse_other(record.notes.get('rig', ''), path)
+    return record
+
+
+def _readings(arguments: argparse.Namespace) -> list[partial[Record]]:
+
+    channels, rig = options.channels_of(arguments, CHANNELS), options.rig_of(arguments, _NODE)
+    return [
+        partial(_read, str(path), str(Path(path).absolute()), channels, rig)
+        for path in arguments.bags
+    ]
