@@ -367,6 +367,47 @@ def test_an_alarm_tells_who_acknowledged_it(model) -> None:
     assert (event['event'], event['since_s']) == ('escaping', 2.5)
 
 
+@pytest.mark.parametrize(
+    ('said', 'shown_as'),
+    [
+        (
+            'the speed 7.200 m/s is above v_c = 8.000 m/s',
+            'the speed 25.92 km/h is above v_c = 28.80 km/h',
+        ),
+        ('v_c 8.013 +/- 0.042 m/s, v_n 6.41 m/s', 'v_c 28.85 +/- 0.15 km/h, v_n 23.1 km/h'),
+        ('from 6 to 8 m/s in 530 s', 'from 21.6 to 28.8 km/h in 530 s'),
+        ('8.01 m/s (95 %: 7.81 to 8.21), 3 levels', '28.8 km/h (95 %: 28.1 to 29.6), 3 levels'),
+        ('0.4 m/s^2 and 0.3 m/s2 of 2.8 Hz', '0.4 m/s^2 and 0.3 m/s2 of 2.8 Hz'),
+        ('call speed/rearm first', 'press rearm first'),
+    ],
+)
+def test_a_sentence_tells_speeds_in_the_unit_of_the_rig(said, shown_as) -> None:
+    assert Words('km/h').text(said) == shown_as
+    assert Words().text(said) == said.replace('call speed/rearm', 'press rearm')
+
+
+def test_kilometres_an_hour_are_one_setting_for_all_numbers_of_the_page() -> None:
+    model = PageModel(PageSettings(speed_unit='km/h'), FORM)
+    model.take_status(10**9, STATUS | {'message': 'v is 7.2 m/s'}, now_s=50.0)
+    model.take_speed_status({'speed_mps': '7.2', 'target_mps': '7.5'}, 50.0)
+    model.take_event(10**9, {'event': 'quiet', 'speed_mps': '5.0', 'message': 'at 5.00 m/s'})
+    view = shown(model, 50.0)
+    sections = view['sections']
+    tiles = {tile['key']: (tile['text'], tile['unit']) for tile in sections['numbers']}
+    assert tiles['speed'] == ('25.9', 'km/h')
+    assert tiles['to_v_c'] == ('+2.9', 'km/h')
+    assert sections['status']['speed'] == pytest.approx(25.92)
+    assert sections['status']['why'] == 'v is 25.9 km/h'
+    assert sections['diagram']['v_c'] == pytest.approx(28.8)
+    assert sections['diagram']['stable'][0][-1] == pytest.approx(sections['diagram']['high'], 1e-3)
+    assert sections['drive']['target'] == pytest.approx(27.0)
+    (event,) = sections['events']
+    assert (event['speed'], event['cause']) == (pytest.approx(18.0), 'at 18.0 km/h')
+    assert view['streams']['trail']['rows'][0][0] == pytest.approx(25.92)
+    assert '_mps' not in json.dumps(sections), 'what is shown has one unit'
+    assert model.drive_mps('speed_mps', 50.0) == 7.2
+
+
 def test_a_setting_that_is_impossible_is_named() -> None:
     with pytest.raises(ConfigError, match='spectrum_max_hz'):
         PageSettings(spectrum_max_hz=0.0)

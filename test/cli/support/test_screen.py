@@ -83,9 +83,9 @@ def test_it_fits_every_terminal_and_the_level_is_always_there(width, height, sil
 
 
 def test_sixty_columns_hold_all_that_counts() -> None:
-    text = drawn(screen(drive={}), 60, 24)
+    text = ' '.join(drawn(screen(drive={}), 60, 24).split())
     for words in (
-        'WARN for 5 s  quiet, hysteresis region', 'a disturbance can start hunting',
+        'WARN for 5 s quiet, hysteresis region', 'a disturbance can start hunting',
         'low margin: 2.1', '7.20 m/s', 'set point ◇ 7.25', 'v_n ┃ 6.40', 'v_c ┃ 8.00',
         '0.200 mm ± 0.010', 'below the unstable branch', 'A_u ┃ 0.420', 'limit cycle ║ 2.100',
         'profile sweep: running', '25 %, 1:30 min left', 'interlock armed, mode measure',

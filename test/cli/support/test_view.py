@@ -23,3 +23,14 @@ def test_a_node_that_freezes_is_told_once_and_again_when_it_is_back(capsys, monk
                 view.show(health('bag_recorder'))
     lines = capsys.readouterr().out.splitlines()
     assert lines == ['bag_recorder: silent for 4 s', 'bag_recorder: sound']
+
+
+def test_speeds_are_in_the_unit_of_the_rig(capsys) -> None:
+    with View(speed_unit='km/h') as view:
+        event = {'event': 'quiet', 'speed_mps': '5.0', 'amplitude_m': '1e-5', 'message': 'v 5 m/s'}
+        view.show({'topic': 'hunting/events', 'stamp_ns': '1', **event})
+        view.say('the roller is at 7.20 m/s')
+    text = capsys.readouterr().out
+    assert '18.0 km/h' in text
+    assert '(v 18.0 km/h)' in text
+    assert text.endswith('the roller is at 25.9 km/h\n')
