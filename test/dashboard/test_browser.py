@@ -122,6 +122,15 @@ def test_a_silent_detector_greys_the_page_and_a_new_word_brings_it_back(page, li
     assert not page.is_visible('#link')
 
 
+def test_a_silent_speed_node_is_not_told_as_if_it_spoke(page, live) -> None:
+    live.drive = dict(DRIVE)
+    page.wait_for_function("() => byId('drive').textContent.includes('interlock protect: armed')")
+    live.speaks = False
+    page.wait_for_function("() => document.body.dataset.held === 'silent'")
+    page.wait_for_function("() => byId('drive').textContent.includes('are not known')")
+    assert 'armed' not in page.inner_text('#drive')
+
+
 def test_a_page_without_its_server_says_so_and_comes_back_by_itself(page, live) -> None:
     again = live.restart()
     word(page, 'STALE')

@@ -157,7 +157,7 @@ function drawSpeeds(plot) {
     ctx.stroke();
     const aside = x + room > bbox.left + bbox.width ? -1 : 1;
     ctx.textAlign = aside > 0 ? 'left' : 'right';
-    ctx.fillText(`${name} ${value.toFixed(unit() === 'm/s' ? 2 : 1)}`, x + aside * 4 * devicePixelRatio, bbox.top + (x - before < room ? 1.2 * rem * devicePixelRatio : 0));
+    ctx.fillText(`${name} ${value.toFixed(unit() === 'm/s' ? 2 : 1)}`, x + aside * 4 * devicePixelRatio, bbox.top + (x - before < (aside > 0 ? room : 2 * room) ? 1.2 * rem * devicePixelRatio : 0));
     before = x;
   }
   ctx.restore();

@@ -182,7 +182,7 @@ const WORDS = {
     showHeld();
     document.body.dataset.drive = drive ? '1' : '';
     const box = byId('drive');
-    if (!drive) { box.replaceChildren(paragraph('no word from a drive: profile and interlock are not known')); return; }
+    if (!drive || drive.silent) { box.replaceChildren(paragraph('no word from a drive: profile and interlock are not known')); return; }
     const target = drive.target === null ? '' : `set point ${speed(drive.target)}`;
     const left = drive.remaining_s ? `, ${drive.remaining_s.toFixed(0)} s left` : '';
     const profile = drive.profile ? `profile ${drive.profile}: ${drive.profile_state}${left}` : 'no profile is given';
@@ -194,7 +194,7 @@ const WORDS = {
       parts.push(bar);
     }
     if (drive.interlock === 'off') parts.push(paragraph('THE INTERLOCK IS OFF', 'loud'));
-    else if (drive.message !== drive.interlock_cause && !document.body.dataset.held) parts.push(paragraph(drive.message, drive.level === 'OK' ? '' : 'loud'));
+    else if (drive.message !== drive.interlock_cause && !document.body.dataset.held && !/^[\d.]+ \S+$/.test(drive.message)) parts.push(paragraph(drive.message, drive.level === 'OK' ? '' : 'loud'));
     box.replaceChildren(...parts);
   },
   status(status) {
@@ -265,7 +265,7 @@ function heldBy(drive) {
   // What the speed node says beside that: the drive may not obey.
   const more = drive.message.replace(/^(emergency stop is in force until rearm|interlock tripped: )/, '').replace(drive.interlock_cause, '');
   if (drive.emergency_stop) return ['stopped', `EMERGENCY STOP IS IN FORCE, until rearmed${more}`];
-  if (drive.interlock_state === 'tripped') return ['tripped', `INTERLOCK TRIPPED, until rearmed: ${drive.interlock_cause.split('; ')[0]}${more}`];
+  if (drive.interlock_state === 'tripped') return ['tripped', `INTERLOCK TRIPPED${/until rearm/.test(more) ? '' : ', until rearmed'}: ${drive.interlock_cause.split('; ')[0]}${more}`];
   if (drive.level === 'ERROR') return ['wrong', drive.message];
   if (drive.alarm_kept) return ['kept', `ALARM NOT ACKNOWLEDGED, of before a restart: ${drive.alarm_kept}`];
   return ['', ''];
