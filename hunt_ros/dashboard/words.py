@@ -51,9 +51,13 @@ class Words:
         return known(self.factor * mps)
 
     def text(self, words: str) -> str:
-        """Return a sentence with speeds in the unit that is shown, and buttons for services."""
+        """Return a sentence of a node with buttons for services, see also `in_unit`."""
         for name, button in _BUTTONS.items():
             words = words.replace(f'call {name}', f'press {button}').replace(name, button)
+        return self.in_unit(words)
+
+    def in_unit(self, words: str) -> str:
+        """Return a sentence with the speeds in it, m/s, in the unit that is shown."""
         return words if self.factor == 1.0 else _SPEEDS.sub(self._converted, words)
 
     def _converted(self, found: re.Match[str]) -> str:

@@ -106,7 +106,7 @@ def lines_of(
         levels = counted(forecast.levels, 'speed level')
         told = forecast.critical_speed.with_interval('m/s')
         lines.append(f'v_c from the quiet response: {told}, {levels}')
-    return Words(speed_unit).text('\n'.join(lines))
+    return Words(speed_unit).in_unit('\n'.join(lines))
 
 
 def _forecast(forecast: Forecast | None) -> dict[str, Any] | None:

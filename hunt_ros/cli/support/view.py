@@ -102,7 +102,7 @@ class View:
 
     def say(self, text: str, style: str = '') -> None:
         """Say something in one line, or several; speeds in it are in m/s."""
-        text = self._told.words.text(text)
+        text = self._told.words.in_unit(text)
         if self._live is None:
             self._print(text, style)
             return
