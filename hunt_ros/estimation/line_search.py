@@ -117,21 +117,10 @@ class LineSearch:
         known = np.ascontiguousarray(np.broadcast_to(known_hz, block.shape), dtype=np.float64)
         amplitude = np.ascontiguousarray(np.broadcast_to(followed, block.shape), dtype=np.float64)
         found = np.full((3, block.size), math.nan)
-        _search(
-            block,
-            known,
-            amplitude,
-            self._orders,
-            self._bank,
-            self._memory,
-            self._poles,
-            self._average,
-            self.frequencies,
-            self._inside,
-            self._slow,
-            self._hold,
-            found,
-        )
+        memory = self._orders, self._bank, self._memory
+        filters = self._poles, self._average, self.frequencies
+        limits = self._slow, self._hold
+        _search(block, known, amplitude, *memory, *filters, self._inside, *limits, found)
         place, turn, size = found
         line = np.full((2, block.size), math.nan)
         there = np.isfinite(place)

@@ -314,18 +314,9 @@ class QuietLevels:
         """
         numbers = np.empty(stamps_ns.size, dtype=np.int64)
         cells = np.empty((stamps_ns.size, self._columns))
-        count = _fill_cells(
-            stamps_ns,
-            values,
-            speeds,
-            angles,
-            self._orders,
-            self._cell_ns,
-            self._clock,
-            self._cell,
-            numbers,
-            cells,
-        )
+        samples = stamps_ns, values, speeds, angles
+        own = self._orders, self._cell_ns, self._clock, self._cell
+        count = _fill_cells(*samples, *own, numbers, cells)
         blocks, places = np.divmod(numbers[:count], BLOCK)
         changes = (np.flatnonzero(np.diff(blocks)) + 1).tolist()
         for begin, end in pairwise([0, *changes, count] if count else []):
