@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -109,22 +108,6 @@ def test_one_speed_tells_nothing_of_how_damping_goes_with_speed(climb):
     assert found.critical_speed is None
     assert found.reason == COLLECTING
     assert found.stamp_ns > 0
-
-
-def test_bad_samples_are_left_out(climb):
-    stamps, lateral, speed, angle = (column[: round(120 * RATE)] for column in climb)
-    clean = CriticalSpeedForecast()
-    clean.update(stamps, lateral, speed, angle)
-    dirty = lateral.copy()
-    dirty[::40] = math.nan
-    dirty[7::400] = math.inf
-    forecast = CriticalSpeedForecast()
-    forecast.update(stamps, dirty, speed, angle)
-    assert [level.speed for level in forecast.levels] == pytest.approx(
-        [level.speed for level in clean.levels]
-    )
-    for ours, theirs in zip(forecast.levels, clean.levels, strict=True):
-        assert ours.rms == pytest.approx(theirs.rms, rel=0.05)
 
 
 def test_hunting_says_nothing_of_the_quiet_response(climb):
