@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,24 +79,32 @@ class Ensemble:
     ----------
     law : ndarray of int, shape (n,)
         Which law each path follows.
-    speed, amplitude : ndarray, shape (n,)
-        m/s, m.
-    quiet, escaped : ndarray of bool, shape (n,)
-        Whether it was quiet since hunting was last wanted; whether hunting began unwanted.
-    time : ndarray, shape (n,)
-        s since the beginning.
+    states : ndarray, shape (n, 5)
+        Speed, m/s; amplitude, m; whether it was quiet since hunting was last wanted; whether
+        hunting began unwanted; s since the beginning.
     """
 
     law: NDArray[np.int64]
-    speed: Array
-    amplitude: Array
-    quiet: NDArray[np.bool_]
-    escaped: NDArray[np.bool_]
-    time: Array
+    states: Array
+
+    @property
+    def amplitude(self) -> Array:
+        """Amplitudes, m, shape (n,)."""
+        return self.states[:, 1]
+
+    @property
+    def escaped(self) -> NDArray[np.bool_]:
+        """Whether hunting began unwanted, shape (n,)."""
+        return self.states[:, 3] > 0.0
+
+    @property
+    def time(self) -> Array:
+        """Time since the beginning, s, shape (n,)."""
+        return self.states[:, 4]
 
     def part(self, count: int) -> Ensemble:
         """Return the first paths."""
-        return Ensemble(**{one.name: getattr(self, one.name)[:count] for one in fields(self)})
+        return Ensemble(self.law[:count], self.states[:count])
 
 
 class Foresight:
@@ -195,17 +203,11 @@ class Foresight:
 
     def start(self, speed: float, amplitude: float) -> Ensemble:
         """Begin all paths at a speed, m/s, and an amplitude, m."""
-        count = self._paths
-        law = np.arange(count) % len(self._folds)
-        quiet = amplitude < QUIET * self._folds[law]
-        return Ensemble(
-            law,
-            np.full(count, speed),
-            np.full(count, amplitude),
-            quiet,
-            np.zeros(count, dtype=np.bool_),
-            np.zeros(count),
-        )
+        law = np.arange(self._paths) % len(self._folds)
+        states = np.zeros((self._paths, 5))
+        states[:, 0], states[:, 1] = speed, amplitude
+        states[:, 2] = amplitude < QUIET * self._folds[law]
+        return Ensemble(law, states)
 
     def follow(self, state: Ensemble, moves: Sequence[Move]) -> tuple[Ensemble, Array]:
         """
@@ -225,22 +227,18 @@ class Foresight:
         information : ndarray, shape (k, k)
             Mean of what the paths tell, in the directions of the draws.
         """
-        count = state.law.size
         legs = np.array([row for move in moves for row in move.rows()])
         told = np.zeros((_SPEEDS, _AMPLITUDES))
-        ends = np.empty((count, 5))
-        ends.T[:] = state.speed, state.amplitude, state.quiet, state.escaped, state.time
+        states = state.states.copy()
         first, second = self._speeds[:2]
         grid = np.array([first, second - first, self._amplitudes[1] - self._amplitudes[0]])
         _follow(
             legs, self._growth, self._folds, self._intensity, state.law, grid, self._normal, told,
-            ends,
+            states,
         )  # fmt: skip
-        weight = told.ravel() / count
+        weight = told.ravel() / state.law.size
         information = self._slopes.T @ (weight[:, None] * self._slopes)
-        speed, amplitude, quiet, escaped, time = ends.T.copy()
-        after = Ensemble(state.law, speed, amplitude, quiet > 0.0, escaped > 0.0, time)
-        return after, information
+        return Ensemble(state.law, states), information
 
 
 def _central(rows: Array) -> NDArray[np.bool_]:

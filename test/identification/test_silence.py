@@ -330,7 +330,7 @@ CLAIMS = (
     (r'too short: fewer than a few dozen', lambda d: d['v_c'] is None),
     (r'D1 cannot be known', lambda d: d['coefficients']['D1'] is None),
     (r'the unstable branch does not reach', lambda d: d['disturbance_m'] is None),
-    (r'no settled limit cycle near|recipe needs four limit cycles|^four-point recipe:',
+    (r'no settled limit cycle near|recipe needs four limit cycles',
      lambda d: d['four_point'] is None),
     (r'rose and fell at speeds \d', lambda d: d['observed']['v_n'] is None),
     (r'fell at a higher speed than it rose', lambda d: d['observed']['v_n'] is None),

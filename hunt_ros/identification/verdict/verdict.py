@@ -23,7 +23,6 @@ from hunt_ros.analysis.steady_state import (
 from hunt_ros.dynamics.growth_law import GrowthLaw
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, Criticality, NormalForm
-from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.bracket import Bracket, contradicts, refutations
 from hunt_ros.identification.fit import FittedLaw
 from hunt_ros.identification.four_point import FourPoint, at_detunings, four_point
@@ -512,10 +511,7 @@ def _recipe(
         return chosen
     eps = np.array([state.speed / form.critical_speed - 1.0 for state in chosen])
     radii = np.array([state.amplitude for state in chosen]) / (2.0 * form.length_scale)
-    try:
-        recipe = four_point(eps, radii, form.D1)
-    except (IdentificationError, np.linalg.LinAlgError) as error:
-        return f'four-point recipe: {error}'
+    recipe = four_point(eps, radii, form.D1)
     if recipe.missed:
         warnings.append(
             f'four-point recipe: {recipe.missed} of its 4 amplitudes are no stable limit cycle of'
