@@ -60,6 +60,9 @@ def cases(make, records):
         'one speed only, two runs': held(make, [7.2, 7.2]),
         'only decays': held(make, [6.4, 6.8, 7.2, 7.5, 6.6, 7.0]),
         'only the upper branch': [make(lambda t: 8.8 - 0.01 * t, 150.0, 2, start=7e-4)],
+        'hysteresis from above only': [
+            make(lambda t: 8.8 - 0.01 * t, 320.0, 7, start=7e-4, forcing=5e-6)
+        ],
         'never hunts': [make(lambda t: 5.5 + 0.01 * t, 150.0, 3, forcing=5e-6)],
         'never hunts, no noise': [make(lambda t: 5.5 + 0.01 * t, 150.0, 3, noise=0.0)],
         'ten samples': [ten],
@@ -116,7 +119,8 @@ def cases(make, records):
 
 NAMES = [
     'one speed only', 'one speed only, two runs', 'only decays', 'only the upper branch',
-    'never hunts', 'never hunts, no noise', 'ten samples', 'five seconds', 'contradictory runs',
+    'hysteresis from above only', 'never hunts', 'never hunts, no noise', 'ten samples',
+    'five seconds', 'contradictory runs',
     'dropped out', 'nine of ten dropped out', 'long gaps', 'speed zero',
     'speed NaN', 'speed of infinity', 'stands at first', 'constant lateral', 'lateral zero',
     'millimetres as metres', 'metres as millimetres', 'speed in mm/s',
@@ -330,6 +334,7 @@ CLAIMS = (
     (r'too short: fewer than a few dozen', lambda d: d['v_c'] is None),
     (r'D1 cannot be known', lambda d: d['coefficients']['D1'] is None),
     (r'the unstable branch does not reach', lambda d: d['disturbance_m'] is None),
+    (r'small motion was seen', lambda d: d['v_c'] is None),
     (r'no settled limit cycle near|recipe needs four limit cycles',
      lambda d: d['four_point'] is None),
     (r'rose and fell at speeds \d', lambda d: d['observed']['v_n'] is None),

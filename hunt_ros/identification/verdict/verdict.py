@@ -75,17 +75,8 @@ _SUPERCRITICAL = 'a supercritical rig has no fold and no unstable branch'
 _LINEAR = ('speeds', 'believed', 'critical', 'small')
 _CUBIC = (*_LINEAR, 'time', 'cubic')
 #: The fold is seen where hunting ends: it needs no small motion near v_c.
-_FOLD = (
-    'speeds',
-    'believed',
-    'critical',
-    'time',
-    'cubic',
-    'subcritical',
-    'limited',
-    'agree',
-    'fits',
-)
+_SHAPE = ('speeds', 'believed', 'critical', 'time', 'cubic')
+_FOLD = (*_SHAPE, 'subcritical', 'limited', 'agree', 'fits')
 _NEEDS: Mapping[str, tuple[str, ...]] = {
     'v_c': _LINEAR,
     **dict.fromkeys(('coefficients.D1', 'coefficients.D7'), (*_LINEAR, 'time', 'agree', 'near')),
@@ -440,6 +431,10 @@ def _no_small_motion(law: GrowthLaw, evidence: Evidence) -> str:
     hunts = hunting_threshold(amplitude) is not None
     most = _SMALL * np.nanmax(amplitude) if hunts else np.inf
     small, v_c = speed[amplitude < most], law.critical_speed
+    if not small.size:
+        return (
+            'no small motion was seen: the limit cycle does not show where rest becomes unstable'
+        )
     low, high = float(small.min()), float(small.max())
     reach = 0.5 * (high - low)
     if v_c is None or low - reach <= v_c <= high + reach:
@@ -557,19 +552,19 @@ def _reasons(
     result: Identification, why: dict[str, str], no_recipe: str, no_hysteresis: str
 ) -> dict[str, str]:
     """Key of the JSON, or its beginning -> why it is null, where it is."""
-    fold = why['v_n'] or f'no fold of the law lies near the speeds of the data, or {_FEW_DRAWS}'
-    lesser = dict.fromkeys(('v_n', 'hysteresis_width', 'fold_amplitude_m'), fold)
-    branches = why['branches'] or 'at some speeds the law has no such limit cycle'
-    disturbance = fold
-    if result.v_n is not None:
+    none = f'no fold of the law lies near the speeds of the data, or {_FEW_DRAWS}'
+    told = {name: reason or _FEW_DRAWS for name, reason in why.items()}
+    told['branches'] = why['branches'] or 'at some speeds the law has no such limit cycle'
+    if result.v_n is None:
+        fold = ('v_n', 'fold_amplitude_m', 'hysteresis_width', 'disturbance_m')
+        told |= {name: why[name] or none for name in fold}
+    elif not why['disturbance_m']:
         v_c = result.observed.v_c
-        disturbance = (
+        told['disturbance_m'] = (
             'no jump up was observed, speed rising'
             if v_c is None
             else f'the unstable branch does not reach {v_c:.3g} m/s, the observed jump'
         )
-    told = {name: reason or _FEW_DRAWS for name, reason in why.items()}
-    told |= {**lesser, 'branches': branches, 'disturbance_m': disturbance}
     told |= {'four_point': no_recipe, **dict(_unobserved(result, no_hysteresis))}
     return told | dict(_unseen(result.bracket))
 
