@@ -129,7 +129,7 @@ class DashboardNode(SuiteNode):
 
     def _update(self) -> None:
         """Take what has come, and send what it makes of the page."""
-        for channel, stamps_ns, values in self._inbox.take():
+        for channel, stamps_ns, values, _ in self._inbox.take():
             self._model.take_samples(channel, stamps_ns, values)
         for subscription, take in self._heard:
             for message, _ in waiting(subscription):

@@ -193,7 +193,7 @@ class HuntingDetectorNode(ManagedNode):
         """Hand what has come to the detector, and publish what it says."""
         if not (self._active.is_set() and self._inbox.begun()):
             return
-        for channel, stamps_ns, values in self._inbox.take():
+        for channel, stamps_ns, values, _ in self._inbox.take():
             self._publish(self._detector.update(channel, stamps_ns, values))
 
     def _tick(self) -> None:

@@ -10,13 +10,11 @@ from __future__ import annotations
 import json
 import time
 from dataclasses import dataclass
-from typing import Any
 
 from rclpy.qos import ReliabilityPolicy
 
-from hunt_ros.nodes.support.conversions import ChannelReader
 from hunt_ros.nodes.support.diagnostics import steady_clock
-from hunt_ros.nodes.support.hearing import waiting
+from hunt_ros.nodes.support.hearing import Channels
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.qos import MEASUREMENTS, stream
@@ -44,15 +42,12 @@ class RigListenerNode(SuiteNode):
     def __init__(self) -> None:
         super().__init__('rig_listener', alone=False)
         config = declare(self, ListenerConfig)
-        self._inputs = {}
-        self._heard: dict[str, dict[str, list[Any]]] = {}
-        for channel in config.channels:
-            reader = ChannelReader(channel)
-            qos = stream(MEASUREMENTS)
-            qos.reliability = ReliabilityPolicy.BEST_EFFORT
-            subscription = self.create_polled_subscription(reader.kind, channel, qos, raw=True)
-            self._inputs[channel] = subscription, reader
-            self._heard[channel] = {'stamps_ns': [], 'arrivals_ns': [], 'values': []}
+        every_publisher = stream(MEASUREMENTS)
+        every_publisher.reliability = ReliabilityPolicy.BEST_EFFORT
+        self._inbox = Channels(self, config.channels, every_publisher)
+        self._heard: dict[str, dict[str, list[float]]] = {
+            name: {'stamps_ns': [], 'arrivals_ns': [], 'values': []} for name in config.channels
+        }
         self._begins = time.monotonic() + _SETTLE_S
         self._ends = self._begins + config.seconds
         self.create_timer(_ROUND_S, self._round, clock=steady_clock())
@@ -60,27 +55,19 @@ class RigListenerNode(SuiteNode):
     def _round(self) -> None:
         """Take what has come; at the end print all of it."""
         now = time.monotonic()
-        for channel, (subscription, reader) in self._inputs.items():
-            for wire, info in waiting(subscription):
-                sample = reader.read(wire)
-                if sample is None or now < self._begins:
-                    continue
+        for channel, stamps_ns, values, came_ns in self._inbox.take():
+            if now >= self._begins:
                 heard = self._heard[channel]
-                heard['stamps_ns'].append(sample[0])
-                heard['arrivals_ns'].append(info['received_timestamp'] or time.time_ns())
-                heard['values'].append(sample[1])
+                heard['stamps_ns'] += stamps_ns.tolist()
+                heard['arrivals_ns'] += came_ns
+                heard['values'] += values.tolist()
         if now >= self._ends and not self.done:
             self.done = True
-            print(json.dumps({name: self._told(name) for name in self._heard}), flush=True)
-
-    def _told(self, channel: str) -> dict[str, Any]:
-        """Return what was heard of a channel, and of whom."""
-        topic = self._inputs[channel][0].topic_name
-        names = sorted(
-            f'{info.node_namespace.rstrip("/")}/{info.node_name}'
-            for info in self.get_publishers_info_by_topic(topic)
-        )
-        return {**self._heard[channel], 'topic': topic, 'publishers': names}
+            told = {}
+            for name, heard in self._heard.items():
+                topic, publishers = self._inbox.publishers(name)
+                told[name] = {**heard, 'topic': topic, 'publishers': publishers}
+            print(json.dumps(told), flush=True)
 
 
 make_node = RigListenerNode

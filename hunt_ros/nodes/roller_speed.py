@@ -298,7 +298,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
     def _watch(self) -> None:
         """Have the interlock judge, and slow the roller down at once where it trips."""
         self._decided_s = now_s = time.monotonic()
-        for _, stamps_ns, values in self._lateral.take():
+        for _, stamps_ns, values, _ in self._lateral.take():
             samples = list(zip(stamps_ns.tolist(), values.tolist(), strict=True))
             self._guard.displacement.take(now_s, samples)
         active = self._active.is_set()

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from rclpy.node import Node
-from rclpy.qos import ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
@@ -98,6 +98,8 @@ class Channels:
         Gets the subscriptions.
     channels : sequence of str
         Topics: the names of the channels.
+    quality : QoSProfile, optional
+        For every publisher; by default reliable, which the parameters `qos_overrides` change.
 
     Attributes
     ----------
@@ -105,7 +107,9 @@ class Channels:
         Samples handed over; messages without the expected joint.
     """
 
-    def __init__(self, node: SuiteNode, channels: Sequence[str]) -> None:
+    def __init__(
+        self, node: SuiteNode, channels: Sequence[str], quality: QoSProfile | None = None
+    ) -> None:
         self.received = self.unreadable = 0
         self._node = node
         self._readers = {channel: ChannelReader(channel) for channel in channels}
@@ -113,9 +117,9 @@ class Channels:
             channel: node.create_polled_subscription(
                 reader.kind,
                 channel,
-                stream(MEASUREMENTS),
+                quality or stream(MEASUREMENTS),
                 raw=True,
-                qos_overriding_options=OVERRIDABLE,
+                qos_overriding_options=None if quality else OVERRIDABLE,
             )
             for channel, reader in self._readers.items()
         }
@@ -146,35 +150,41 @@ class Channels:
             self._absent.clear()
         return not self._absent
 
-    def take(self) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-        """Hand over what has come: channel, stamps (ns), values."""
+    def take(self) -> Iterator[tuple[str, np.ndarray, np.ndarray, Sequence[int]]]:
+        """Hand over what has come: channel, stamps (ns), values, and when it came (ns)."""
         for channel, subscription in self._heard.items():
             read, missed = self._readers[channel].read, self._missed[channel]
             samples = []
             for wire, info in waiting(subscription):
                 missed.take(info)
-                samples.append(read(wire))
-            readable = [sample for sample in samples if sample is not None]
-            self.unreadable += len(samples) - len(readable)
-            self.received += len(readable)
-            if readable:
-                stamps, values = zip(*readable, strict=True)
-                yield channel, np.array(stamps, dtype=np.int64), np.array(values)
+                if (sample := read(wire)) is None:
+                    self.unreadable += 1
+                else:
+                    samples.append((*sample, info['received_timestamp'] or time.time_ns()))
+            self.received += len(samples)
+            if samples:
+                stamps, values, came_ns = zip(*samples, strict=True)
+                yield channel, np.array(stamps, dtype=np.int64), np.array(values), came_ns
+
+    def publishers(self, channel: str) -> tuple[str, list[str]]:
+        """Return the full names of the topic of a channel, and of the nodes that publish it."""
+        topic = self._heard[channel].topic_name
+        found = self._node.get_publishers_info_by_topic(topic)
+        return topic, sorted(f'{p.node_namespace.rstrip("/")}/{p.node_name}' for p in found)
 
     def problem(self) -> str:
         """Return what is wrong with the publishers of the channels, and what to do; or ''."""
-        return '; '.join(filter(None, map(self._problem, self._heard.values())))
+        return '; '.join(filter(None, map(self._problem, self._heard)))
 
-    def _problem(self, subscription: Subscription) -> str:
-        topic = subscription.topic_name
-        publishers = self._node.get_publishers_info_by_topic(topic)
-        if len(publishers) > 1:
-            names = sorted(f'{p.node_namespace.rstrip("/")}/{p.node_name}' for p in publishers)
+    def _problem(self, channel: str) -> str:
+        topic, names = self.publishers(channel)
+        if len(names) > 1:
             return (
                 f'{topic} has {len(names)} publishers ({", ".join(names)}), expected one: end the'
                 ' others, or give the second rig another namespace'
             )
-        ways = [subscription.qos_profile, *(each.qos_profile for each in publishers)]
+        found = self._node.get_publishers_info_by_topic(topic)
+        ways = [self._heard[channel].qos_profile, *(each.qos_profile for each in found)]
         heard, *said = [way.reliability == ReliabilityPolicy.BEST_EFFORT for way in ways]
         if heard or not any(said):
             return ''
