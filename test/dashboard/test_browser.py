@@ -132,10 +132,13 @@ def test_a_silent_speed_node_is_not_told_as_if_it_spoke(page, live) -> None:
 
 
 def test_a_page_without_its_server_says_so_and_comes_back_by_itself(page, live) -> None:
+    live.status |= {'alarm': 'True'}
+    page.wait_for_selector('button.lit[data-word="acknowledge"]')
     again = live.restart()
     word(page, 'STALE')
     link(page, 'lost')
     assert 'NO CONNECTION' in page.inner_text('#link')
+    assert not page.query_selector_all('button.lit'), 'what was lit is of the past'
     page.click('#emergency')
     page.wait_for_function("() => byId('answer').className === 'refused'")
     assert 'USE THE HARD-WIRED STOP' in page.inner_text('#answer')

@@ -107,6 +107,7 @@ function watchLink() {
     document.body.dataset.link = link;
     for (const name of ['status', 'drive']) dirty.add(name);
     showHeld();
+    showOffers();
   }
 }
 
@@ -281,6 +282,7 @@ function showHeld() {
 
 // Which button applies now ('lit'), which may be pressed ('on'), and which would be refused ('off').
 function offers() {
+  if (document.body.dataset.link === 'lost') return {};   // all of it is of the past
   const {status, drive, recorder, replay} = sections;
   const held = document.body.dataset.held in HELD;
   const found = {acknowledge: status && status.alarm && !status.silent ? 'lit' : 'off'};

@@ -31,6 +31,7 @@ def test_two_simulated_rigs_on_one_machine_do_not_share_a_port(
     assert main(words) == 0
     ports = {started[0][name]['port'] for name in (SIMULATOR, *SOURCES)}
     assert len(ports) == 1
+    assert 'sweep' in started[0]['roller_speed']['profile'], 'what the key s starts'
     assert ports != {47100}, 'the default is where a rig of ros2 launch is'
     file = tmp_path / 'rig.yaml'
     file.write_text('/**/rig_simulator: {ros__parameters: {port: 47110}}')
