@@ -39,6 +39,11 @@ _THERE_MPS = 0.05
 #: 2.84 Hz, three times the deviation of an estimate), and is no end of hunting either, the form
 #: is refuted.
 _DIES_S, _FALLS = 3.0, 0.1
+#: Where the detector is blind, so long is enough, s: to go lower in vain costs less than to hunt.
+_BLIND_DIES_S = 1.0
+#: What is so many times as large as the quiet motion is none, though a detector that cannot trust
+#: its inputs does not say what it is.
+_GROWN = 10.0
 #: The set point leads the roller by so much on its way down from a refuted safe speed, m/s.
 _LEAD_MPS = 0.5
 
@@ -107,6 +112,10 @@ class Heard:
         Amplitude, critical speeds.
     alarm : bool
         Its alarm is latched: nobody has acknowledged it.
+    hunts : bool
+        It hunts or escapes, as far as is known: also where the level is STALE.
+    quiet_m : float
+        Amplitude of the quiet motion; NaN: not known.
     """
 
     level: str = 'STALE'
@@ -116,6 +125,8 @@ class Heard:
     envelope_m: float = math.nan
     motion: Motion = field(default_factory=Motion)
     alarm: bool = False
+    hunts: bool = False
+    quiet_m: float = math.nan
 
 
 class Change(NamedTuple):
@@ -257,8 +268,8 @@ class Interlock:
             yield Trouble('drive', self._drive, now_ns)
         if amplitude_m > limit_m:
             yield Trouble('amplitude', f'amplitude {1e3 * amplitude_m:.3f} mm {above}', now_ns)
-        if heard.level == 'ERROR':
-            yield Trouble('hunting', f'the detector says ERROR: {heard.words}', now_ns)
+        if heard.level == 'ERROR' or heard.hunts:
+            yield Trouble('hunting', f'the detector says {heard.level}: {heard.words}', now_ns)
 
     def _silence(self, now_ns: int) -> str:
         """Return how the detector is not to be heard; '' where it is."""
@@ -289,6 +300,9 @@ class Interlock:
         trouble, troubles = self.trouble(now_ns), list(self._troubles(now_ns))
         blind = any(each.code in _BLIND for each in troubles)
         seen = next((each.words for each in troubles if each.code in _SEEN), '')
+        amplitude_m = _largest(self.heard.motion.amplitude_m, self.heard.envelope_m)
+        if blind and amplitude_m > _GROWN * self.heard.quiet_m:
+            seen = seen or f'the amplitude was {1e3 * amplitude_m:.3f} mm at last'
         # Silence ends no hunting: what was seen lasts until its end is seen.
         self._moving = bool(seen) or (self._moving and blind)
         if self.state == 'tripped':
@@ -330,7 +344,8 @@ class Interlock:
             if self._there is None or amplitude < (1.0 - _FALLS) * self._there[1]:
                 self._there = now_ns, amplitude
             since_ns = self._there[0]
-            self._refuted = (now_ns - since_ns) / NANOSECONDS >= _DIES_S
+            dies_s = _BLIND_DIES_S if blind else _DIES_S
+            self._refuted = (now_ns - since_ns) / NANOSECONDS >= dies_s
             if self._refuted:
                 cause = (
                     f'the motion does not die out at {self.goal_mps:.2f} m/s, where the roller was'

@@ -291,6 +291,8 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
             number_of(said, 'envelope_m'),
             motion,
             said.get('alarm') == 'True',
+            said.get('state') in ('escaping', 'limit_cycle'),
+            number_of(said, 'noise_floor_m'),
         )
         self._guard.hear(self._steady_ns(), heard)
         self._watch()

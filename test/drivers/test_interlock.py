@@ -31,6 +31,7 @@ class Watched:
         level: str = 'OK',
         rows: int = 5,
         speed: float = math.nan,
+        heard: dict[str, object] | None = None,
         **seen: float,
     ) -> str:
         """Let time pass with statuses; return the events that came."""
@@ -40,8 +41,8 @@ class Watched:
             self.now_ns += STEP
             self.stamp_ns += STEP
             self.sequence += rows
-            heard = Heard(level, self.sequence, self.stamp_ns, 'its words', math.nan, motion)
-            self.interlock.hear(self.now_ns, heard)
+            told = Heard(level, self.sequence, self.stamp_ns, 'its words', math.nan, motion)
+            self.interlock.hear(self.now_ns, replace(told, **(heard or {})))
             events.append(self.interlock.judge(self.now_ns, speed))
         return self.names(events)
 
@@ -172,6 +173,22 @@ def test_motion_that_does_not_die_at_the_safe_speed_takes_the_roller_lower() -> 
     assert (change.event, refusal) == ('interlock_armed', '')
     assert lower > 0.0
     assert watched.interlock.goal_mps == math.inf
+
+
+@pytest.mark.parametrize(
+    'seen', [{'heard': {'hunts': True}}, {'heard': {'quiet_m': 8e-6}, 'amplitude_m': 8e-4}]
+)
+def test_motion_that_a_blind_detector_still_sees_refutes_the_form(seen) -> None:
+    """Gauntlet 130, 131: v_n told too high, one sensor stuck, a kick; the other one shows it."""
+    watched = Watched()
+    quiet = {'level': 'STALE', 'v_n': 9.6, 'heard': {'quiet_m': 8e-6}}
+    watched.run(4.0, speed=8.0, v_n=9.6)
+    watched.interlock.displacement_m = 7e-6  # as long as it is stuck
+    assert watched.run(0.1, speed=8.0, **quiet) == 'interlock_tripped'
+    assert _goal(watched, 5.0, 8.0, **quiet) == pytest.approx(9.1), 'nothing moves'
+    assert _goal(watched, 0.5, 8.0, **quiet | seen) == pytest.approx(9.1)
+    assert _goal(watched, 2.0, 8.0, **quiet | seen) == 0.0
+    assert 'does not die out' in watched.interlock.cause
 
 
 @pytest.mark.parametrize('blind', ['STALE', 'silent'])

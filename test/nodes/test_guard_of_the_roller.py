@@ -51,6 +51,21 @@ def test_hunting_at_a_speed_that_a_wrong_form_calls_safe_is_driven_down_until_it
     assert not graph.call('speed/start_profile').success
 
 
+def test_motion_that_a_blind_detector_still_shows_takes_the_roller_down(
+    graph, resident, detector
+) -> None:
+    """One sensor is stuck, the form says v_n 9.6, and the other sensor shows a millimetre."""
+    drive = Drive(6.0)
+    detector.numbers |= {'v_n_mps': 9.6, 'noise_floor_m': 8e-6}
+    rig = _held_at(graph, resident, detector, drive, safe_deceleration_mps2=5.0)
+    detector.level = 'STALE'
+    rig.until(interlock_state='tripped', interlock_code='inputs')
+    graph.spin(2.0)
+    assert drive.set_points[-1] == 6.0, 'quiet: where the form says that it is safe'
+    detector.numbers['amplitude_m'] = 1e-3
+    graph.spin_until(lambda: drive.set_points[-1] == 0.0)
+
+
 def test_motion_that_does_not_die_at_the_safe_speed_ends_in_a_stop(
     graph, resident, detector
 ) -> None:
