@@ -436,22 +436,16 @@ class _Planner:
     def _predicted(self, information: Array) -> list[Prediction]:
         """Return what is known of each quantity now, and will be after the action."""
         names = ['v_c', 'v_n', *(f'A_u({speed:g} m/s)' for speed in self._wanted)]
-        unstable = self._known.branch('unstable', self._wanted)[0]
-        values = [self._v_c, self._v_n, *map(float, unstable)]
-        before, after = self._foresight.deviations, self._foresight.spread(information)
         units = ['m/s', 'm/s', *(['m'] * len(self._wanted))]
-        return [
-            Prediction(name, unit, value, float(std), float(then))
-            for name, unit, value, std, then in zip(
-                names, units, values, before, after, strict=True
-            )
-        ]
+        values = [self._v_c, self._v_n, *self._known.branch('unstable', self._wanted)[0].tolist()]
+        stds = self._foresight.deviations.tolist(), self._foresight.spread(information).tolist()
+        return [Prediction(*row) for row in zip(names, units, values, *stds, strict=True)]
 
     def _reason(self, taken: Sequence[Rated], quantities: Sequence[Prediction]) -> str:
         """Say what the profile does most of the time, and what for."""
-        kinds: dict[str, float] = {}
+        kinds = dict.fromkeys(_DOES, 0.0)
         for one in taken:
-            kinds[one.action.kind] = kinds.get(one.action.kind, 0.0) + one.duration_s
+            kinds[one.action.kind] += one.duration_s
         words = _DOES[max(kinds, key=lambda kind: kinds[kind])]
         most = max(quantities, key=lambda one: one.std / max(one.std_after, 1e-300))
         return (
