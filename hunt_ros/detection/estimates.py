@@ -11,14 +11,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.detection import doubts
 from hunt_ros.detection.channels import health
 from hunt_ros.detection.channels.grid import SlowChannel
 from hunt_ros.detection.channels.health import ChannelHealth
 from hunt_ros.detection.channels.speed_check import SpeedCheck
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.decision import doubts
 from hunt_ros.detection.intake import Block
-from hunt_ros.detection.output import ESTIMATE_DTYPE, TRACKER_FIELDS, Motion
+from hunt_ros.detection.output import TRACKER_FIELDS, Motion, blank_rows
 from hunt_ros.detection.second_opinion import SecondOpinion
 from hunt_ros.detection.tracking import (
     SCALE_STD,
@@ -132,8 +132,7 @@ class Estimator:
         motion : Motion
             The usable samples of the motion.
         """
-        rows = np.zeros(rows_ns.size, dtype=ESTIMATE_DTYPE)
-        rows['stamp_ns'] = rows_ns
+        rows = blank_rows(rows_ns)
         usable = {}
         for name, block in blocks.items():
             wrong, usable[name], sizes = self._health[name].update(block, rows_ns)
@@ -247,9 +246,7 @@ class Estimator:
         disagree = np.zeros(rows.size, dtype=np.bool_)
         rows['followed_min_hz'] = self.config.hunting_frequency_min_hz
         rows['followed_max_hz'] = self.config.hunting_frequency_max_hz
-        rows['outside_hz'] = math.nan
         for name, coordinate in ((s.name, s.coordinate) for s in SENSORS if s.derivative == 0):
-            rows[f'{name}_envelope'] = rows[f'outside_{name}'] = math.nan
             if name in self._opinions:
                 both = track[f'{name}_roughness'] + track[f'{name}_roughness_second']
                 rows[f'{name}_envelope'], differs = self._opinions[name].update(

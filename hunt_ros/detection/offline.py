@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import F1, I1, compiled
 from hunt_ros.criteria import Verdict
+from hunt_ros.detection import doubts
 from hunt_ros.detection.companions import Companions, criterion_event
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.decision import doubts
 from hunt_ros.detection.detector import HuntingDetector
 from hunt_ros.detection.output import Event, Motion, Output, numbers_behind
 from hunt_ros.detection.regions import Level, Region

@@ -124,6 +124,15 @@ ESTIMATE_DTYPE: np.dtype[np.void] = np.dtype(
 )
 
 
+def blank_rows(stamps_ns: NDArray[np.int64]) -> NDArray[np.void]:
+    """Return rows of which nothing is known yet but their stamps, ns."""
+    rows = np.zeros(stamps_ns.size, dtype=ESTIMATE_DTYPE)
+    rows['stamp_ns'] = stamps_ns
+    for name in (*NUMBERS, *OUTSIDE):
+        rows[name] = math.nan
+    return rows
+
+
 def numbers_behind(row: np.void) -> dict[str, float]:
     """Return the numbers of a row (ESTIMATE_DTYPE) that stand with an event; NaN: unknown."""
     return {PUBLIC.get(name, name): float(row[name]) for name in _BEHIND}

@@ -1,8 +1,7 @@
 """
-The words of the detector - region, state, level - and the comparisons behind them.
+The words of the detector - region, state, level - and how a number becomes one without chattering.
 
-Everything here is a function of numbers: no sample, no stream, no clock. What
-belongs here is how a number becomes a word without chattering.
+Functions of numbers: no sample, no stream, no clock.
 """
 
 from __future__ import annotations
@@ -16,7 +15,14 @@ import numpy as np
 from hunt_ros.compiled import compiled_part
 
 
-class Region(IntEnum):
+class _Word(IntEnum):
+    @property
+    def label(self) -> str:
+        """The word in status, events and JSON."""
+        return self.name.lower()
+
+
+class Region(_Word):
     """Where the speed lies on the bifurcation diagram."""
 
     UNKNOWN = 0
@@ -24,13 +30,8 @@ class Region(IntEnum):
     HYSTERESIS = 2
     UNSTABLE = 3
 
-    @property
-    def label(self) -> str:
-        """The word in status, events and JSON."""
-        return self.name.lower()
 
-
-class State(IntEnum):
+class State(_Word):
     """What the wheelset does."""
 
     QUIET = 0
@@ -39,13 +40,8 @@ class State(IntEnum):
     LIMIT_CYCLE = 3
     DECAYING = 4
 
-    @property
-    def label(self) -> str:
-        """The word in status, events and JSON."""
-        return self.name.lower()
 
-
-class Level(IntEnum):
+class Level(_Word):
     """Severity, numbered as in diagnostic_msgs/DiagnosticStatus."""
 
     OK = 0
@@ -61,22 +57,7 @@ class Level(IntEnum):
 
 @compiled_part
 def switched(on: bool, value: float, threshold_in: float, threshold_out: float) -> bool:
-    """
-    Compare with hysteresis: on above `threshold_in`, off below `threshold_out`.
-
-    Parameters
-    ----------
-    on : bool
-        What it was.
-    value : float
-        Compared value, unit of the thresholds; NaN changes nothing.
-    threshold_in, threshold_out : float
-        The first not below the second.
-
-    Returns
-    -------
-    bool
-    """
+    """Compare with hysteresis: on above the first, off below the second; NaN changes nothing."""
     if value > threshold_in:
         return True
     if value < threshold_out:
@@ -87,13 +68,7 @@ def switched(on: bool, value: float, threshold_in: float, threshold_out: float) 
 #: A word that is held: the word in force, the word the numbers ask for, the rows that have
 #: passed since they first did, and the stamps, ns, at which they did so first for either.
 HELD: np.dtype[np.void] = np.dtype(
-    [
-        ('word', np.int64),
-        ('wanted', np.int64),
-        ('waited', np.int64),
-        ('since_ns', np.int64),
-        ('wanted_ns', np.int64),
-    ],
+    [(name, np.int64) for name in ('word', 'wanted', 'waited', 'since_ns', 'wanted_ns')],
     align=True,
 )
 
@@ -140,30 +115,6 @@ def hold(memory: Any, wanted: int, rows: int, stamp_ns: int) -> bool:
 
 
 @compiled_part
-def latch(memory: Any, lasts: bool) -> None:
-    """
-    Latch an alarm; an acknowledgement counts once its cause is over.
-
-    Parameters
-    ----------
-    memory
-        A record with `alarm` and `acknowledged`, both bool.
-    lasts : bool
-        The cause is there in this row.
-    """
-    if lasts:
-        memory['alarm'] = True
-    elif memory['acknowledged']:
-        memory['alarm'] = memory['acknowledged'] = False
-
-
-def acknowledge(memory: Any, lasts: bool) -> None:
-    """Take the alarm of such a record back: at once, or by `latch` once its cause is over."""
-    if memory['alarm']:
-        memory['acknowledged'] = memory['alarm'] = lasts
-
-
-@compiled_part
 def region_of(
     region: int, speed: float, nonlinear_speed: float, critical_speed: float, band: float
 ) -> int:
@@ -191,14 +142,15 @@ def region_of(
         return 0
     fold = critical_speed if math.isnan(nonlinear_speed) else nonlinear_speed
     # Coming from outside, the boundary stands as it is; from inside it gives way by the band.
-    upper = critical_speed - band if region == 3 else critical_speed
-    if 0 < region < 3:
-        upper = critical_speed + band
-    lower = fold - band if region == 2 else fold
-    if region == 1:
-        lower = fold + band
+    upper, lower = critical_speed, fold
+    if region == 3:
+        upper -= band
+    elif region > 0:
+        upper += band
+    if region == 2:
+        lower -= band
+    elif region == 1:
+        lower += band
     if speed >= upper:
         return 3
-    if fold < critical_speed and speed >= lower:
-        return 2
-    return 1
+    return 2 if fold < critical_speed and speed >= lower else 1

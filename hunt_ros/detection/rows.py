@@ -14,21 +14,21 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.detection import doubts
 from hunt_ros.detection.channels import health
 from hunt_ros.detection.channels.grid import RowGrid
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.decision import decisions, doubts, states
-from hunt_ros.detection.decision.limits import ALARMS, AmplitudeLimits
+from hunt_ros.detection.decision import decisions, states
+from hunt_ros.detection.decision.limits import ALARMS
 from hunt_ros.detection.decision.outlook import OutlookTable, form_numbers
 from hunt_ros.detection.decision.rules import rules_of
 from hunt_ros.detection.estimates import Estimator
 from hunt_ros.detection.frequencies import nominal_hz, with_frequencies
 from hunt_ros.detection.intake import Block
 from hunt_ros.detection.output import Motion
-from hunt_ros.detection.regions import Level, State, acknowledge
+from hunt_ros.detection.regions import Level, State
 from hunt_ros.detection.tracking import JudgedChannel
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 from hunt_ros.samples import CHANNELS, NANOSECONDS
 from hunt_ros.sensors import COORDINATES, sensors_of
@@ -37,20 +37,12 @@ from hunt_ros.sensors import COORDINATES, sensors_of
 _OUTLOOK_NS = NANOSECONDS
 #: Where the speed is not known: one more speed, m/s, at which there is no outlook.
 _NO_SPEED = -1e9
-#: What no new beginning ends: the hunting and its alarm, for nothing has been seen of its end.
-_HUNTING = (
-    ('state', 'hunting'),
-    ('state', 'cause'),
-    ('state', 'alarm'),
-    ('state', 'acknowledged'),
-)
-#: How large the hunting is, and what is quiet: known as long as the same motion is judged.
-_SIZES = (('evidence', 'reference'), ('floor', 'square'), ('floor', 'learnt'))
+_NO_LOOK = (-1, math.nan)
 
 
 class RowMaker:
     """
-    Makes the rows of the estimates out of complete stretches of samples.
+    Makes the rows of complete stretches of samples.
 
     Parameters
     ----------
@@ -74,11 +66,10 @@ class RowMaker:
         self._grid = RowGrid(config.period_ns, drain_ns)
         self._estimator = Estimator(self.config)
         self._judged = JudgedChannel(config)
-        self._limits = AmplitudeLimits(self.config)
+        #: The coordinate that is judged, and what is quiet in the other one: sizes have units.
         self._judging = ''
         self._floors: dict[str, NDArray[np.void]] = {}
-        self._looked_up = (-1, math.nan)
-        self._form: NormalForm | None = None
+        self._looked_up = _NO_LOOK
         self.set_normal_form(None)
 
     def set_normal_form(self, identified: IdentifiedNormalForm | None) -> None:
@@ -89,19 +80,15 @@ class RowMaker:
         self._numbers = form_numbers(identified)
         self._outlooks = OutlookTable(identified)
         self._judged.compared = identified is not None
-        self._make_rules()
+        self._rules = rules_of(self.config, *self.boundaries)
         self.memory['noise'] = decisions.fresh_memory()['noise']
-        self._looked_up = (-1, math.nan)
+        self._looked_up = _NO_LOOK
 
     def reconfigure(self, config: DetectorConfig) -> None:
         """Use other settings, but for those that are fixed, from now on."""
         self._asked = config
         self.config = with_frequencies(config, self._nominal_hz)
         self._estimator.reconfigure(self.config)
-        self._limits.reconfigure(self.config)
-        self._make_rules()
-
-    def _make_rules(self) -> None:
         self._rules = rules_of(self.config, *self.boundaries)
 
     @property
@@ -119,32 +106,12 @@ class RowMaker:
 
     def lasting(self) -> dict[str, float]:
         """Return what a pause does not end: the hunting, its alarm, and what size is quiet."""
-        memory = self.memory[0]
-        state, floor = memory['state'], memory['floor']
-        found = {
-            'hunting': state['hunting']['word'],
-            'cause': state['cause'],
-            'alarm': state['alarm'],
-            'acknowledged': state['acknowledged'],
-            'reference': memory['evidence']['reference'],
-            'square': floor['square'],
-            'learnt': floor['learnt'],
-            'in_yaw': self._judging == 'yaw',
-        }
-        known = {name: float(value) for name, value in found.items() if not math.isnan(value)}
-        return known | self._limits.lasting()
+        return {**decisions.lasting(self.memory), 'in_yaw': float(self._judging == 'yaw')}
 
     def remember(self, lasting: Mapping[str, float]) -> None:
         """Go on, before the first row, with what `lasting` gave."""
-        if not lasting:
-            return
-        self._limits.remember(lasting)
-        state = self.memory['state']
-        state['hunting']['word'] = state['hunting']['wanted'] = lasting['hunting']
-        for part, name in (*_HUNTING[1:], *_SIZES):
-            if name in lasting:
-                self.memory[part][name] = lasting[name]
-        if lasting['in_yaw']:
+        self.memory = decisions.remembered(lasting)
+        if lasting.get('in_yaw'):
             self._judging = 'yaw'
 
     def _follow(self, form_hz: float | None) -> None:
@@ -155,9 +122,8 @@ class RowMaker:
             return
         self.config = tuned
         self._estimator.retune(tuned)
-        self._limits.reconfigure(tuned)
         # The noise that it has learnt is that at another frequency; the hunting is the same.
-        self._forget((*_HUNTING, ('evidence', 'reference')))
+        self._forget(floor=False, reference=True)
         self._floors.clear()
 
     def start_again(self) -> None:
@@ -165,22 +131,16 @@ class RowMaker:
         self._grid.reset()
         self._estimator.reset()
         self._judged.reset()
-        self._forget((*_HUNTING, *_SIZES))
+        self._forget(floor=True, reference=True)
 
-    def _forget(self, lasting: tuple[tuple[str, str], ...]) -> None:
-        """Forget what the decisions remember, but for what lasts."""
-        memory = decisions.fresh_memory()
-        for part, name in lasting:
-            memory[part][name] = self.memory[part][name]
-        hunting = memory['state']['hunting']
-        hunting['wanted'], hunting['waited'] = hunting['word'], 0  # a hold time begins anew
-        self.memory = memory
-        self._looked_up = (-1, math.nan)
+    def _forget(self, *, floor: bool, reference: bool) -> None:
+        self.memory = decisions.kept(self.memory, floor=floor, reference=reference)
+        self._looked_up = _NO_LOOK
 
     @property
     def alarm(self) -> bool:
         """The latched alarm."""
-        return bool(self.memory['state']['alarm'][0]) or self._limits.alarm
+        return bool(self.memory['alarm'][0])
 
     @property
     def state(self) -> State:
@@ -189,9 +149,7 @@ class RowMaker:
 
     def acknowledge(self) -> None:
         """Take the alarm back: at once, or once the hunting is over and all limits are kept."""
-        self._limits.acknowledge()
-        state = self.memory['state'][0]
-        acknowledge(state, self.state in (State.ESCAPING, State.LIMIT_CYCLE))
+        decisions.acknowledge(self.memory[0])
 
     def make(
         self, after_ns: int | None, until_ns: int, blocks: dict[str, Block]
@@ -218,9 +176,7 @@ class RowMaker:
         rows_ns = self._grid.rows(after_ns, until_ns, stamps)
         rows, disagree, motion = self._estimator.run(rows_ns, blocks)
         if rows.size:
-            trusted = self._trusted(rows)
-            self._decide(rows, trusted, disagree)
-            self._limits.watch(rows, trusted)
+            self._decide(rows, self._trusted(rows), disagree)
             self._levels(rows)
             motion = motion.told(rows)
         return rows, motion
@@ -240,48 +196,41 @@ class RowMaker:
     def _decide(
         self, rows: NDArray[np.void], trusted: NDArray[np.bool_], disagree: NDArray[np.bool_]
     ) -> None:
-        """Run the decisions, stretch by stretch of one channel that is judged."""
+        """Run the decisions, stretch by stretch of one channel that is judged and one outlook."""
         for begin, end, channel in self._judged.stretches(rows):
             if channel != self._judging:
                 if self._judging:
-                    # Sizes are in the unit of the channel: what is quiet is known for each.
                     self._floors[self._judging] = self.memory['floor'].copy()
-                    self._forget(_HUNTING)
+                    self._forget(floor=False, reference=False)
                     self.memory['floor'] = self._floors.get(channel, self.memory['floor'])
                 self._judging = channel
-            part = slice(begin, end)
-            self._decide_on(channel, rows[part], trusted[part], disagree[part])
-
-    def _decide_on(
-        self,
-        channel: str,
-        rows: NDArray[np.void],
-        trusted: NDArray[np.bool_],
-        disagree: NDArray[np.bool_],
-    ) -> None:
-        """Run the decisions on one channel, stretch by stretch of one outlook."""
-        size = 'judged' if channel == 'lateral' else 'yaw_amplitude'
-        spread_of = 'judged_std' if channel == 'lateral' else 'yaw_amplitude_std'
-        amplitude = np.where(trusted, rows[size], math.nan)
-        spread = np.ascontiguousarray(rows[spread_of])
-        outside = np.ascontiguousarray(rows[f'outside_{channel}'])
-        rows['step'] = np.nan_to_num(rows[f'{channel}_step'], posinf=0.0)
-        rules, numbers = self._rules, self._numbers
-        if channel == 'yaw':  # the form speaks of metres
-            numbers = form_numbers(None)
-            if self.config.measures('lateral') or self._numbers.known:
-                rows['doubts'] |= np.uint32(doubts.IN_YAW)
-        for part in self._outlook_stretches(rows):
-            decisions.decide(
-                rules,
-                numbers,
-                self.memory,
-                amplitude[part],
-                spread[part],
-                outside[part],
-                disagree[part],
-                rows[part],
+            stretch = rows[begin:end]
+            lateral = channel == 'lateral'
+            size, std = (
+                ('judged', 'judged_std')
+                if lateral
+                else (f'yaw_amplitude{x}' for x in ('', '_std'))
             )
+            amplitude = np.where(trusted[begin:end], stretch[size], math.nan)
+            spread = np.ascontiguousarray(stretch[std])
+            outside = np.ascontiguousarray(stretch[f'outside_{channel}'])
+            stretch['step'] = np.nan_to_num(stretch[f'{channel}_step'], posinf=0.0)
+            if not lateral and (self.config.measures('lateral') or self._numbers.known):
+                stretch['doubts'] |= np.uint32(doubts.IN_YAW)
+            # The form speaks of metres.
+            numbers = self._numbers if lateral else form_numbers(None)
+            for part in self._outlook_stretches(stretch):
+                decisions.decide(
+                    self._rules,
+                    numbers,
+                    self.memory,
+                    amplitude[part],
+                    spread[part],
+                    outside[part],
+                    disagree[begin:end][part],
+                    trusted[begin:end][part],
+                    stretch[part],
+                )
 
     def _outlook_stretches(self, rows: NDArray[np.void]) -> Iterator[slice]:
         """Yield stretches of one outlook, which is then in the memory of the decisions."""
@@ -301,22 +250,18 @@ class RowMaker:
 
     def _look_up(self, row: np.void) -> None:
         """Take the outlook at the speed and the noise of a row into the memory of the kernel."""
-        memory, rules = self.memory[0], self._rules
-        line = float(row['lateral_roughness'])
-        quiet = math.sqrt(memory['floor']['square'])
+        memory = self.memory[0]
         self.memory['outlook'] = self._outlooks.at(
             float(row['speed']),
             float(memory['noise']['intensity']),
             float(memory['noise']['spread']),
-            rules.disturbed_out * quiet,
-            0.0 if math.isnan(line) else line,
+            states.CALM * math.sqrt(memory['floor']['square']),
+            float(np.nan_to_num(row['lateral_roughness'])),
         )
 
     def _levels(self, rows: NDArray[np.void]) -> None:
         """Fill in the level: the worst of what the decisions and the channels say."""
-        wrong = np.zeros(rows.size, dtype=np.uint32)
-        for name in self._channels:
-            wrong |= rows[f'{name}_wrong']
+        wrong = np.bitwise_or.reduce([rows[f'{name}_wrong'] for name in self._channels])
         told = (rows['doubts'] != 0) | ((wrong & ~np.uint32(health.ABSENT)) != 0)
         level = np.where(told | (rows['limits'] != 0), Level.WARN, Level.OK)
         hunting = (rows['state'] == State.ESCAPING) | (rows['state'] == State.LIMIT_CYCLE)

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.compiled import B1, F1, R1, compiled
+from hunt_ros.detection import doubts
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.decision import doubts
 from hunt_ros.dynamics.mode_shape import ModeShape
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.estimation.line_search import LineSearch

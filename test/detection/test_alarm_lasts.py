@@ -10,7 +10,7 @@ from fed import Fed
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State
 from hunt_ros.detection.channels import health
-from hunt_ros.detection.decision.rules import CYCLE_HOLD_S
+from hunt_ros.detection.decision.states import CYCLE_S
 from hunt_ros.detection.output import EVENT_NUMBERS, seconds_text
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
@@ -195,7 +195,7 @@ def test_an_event_says_when_it_began_and_why() -> None:
     rig = Rig()
     hunts(rig)
     events = {event.event: event for output in rig.outputs for event in output.events}
-    hold = CYCLE_HOLD_S * 2.84 / HUNTING_HZ
+    hold = CYCLE_S * 2.84 / HUNTING_HZ
     cycle = events['limit_cycle']
     assert (cycle.stamp_ns - cycle.since_ns) * 1e-9 == pytest.approx(hold, abs=0.02)
     assert 'has reached the limit cycle' in cycle.cause

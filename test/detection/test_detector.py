@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, Region, State, detect
-from hunt_ros.detection.decision.rules import CYCLE_HOLD_S
+from hunt_ros.detection.decision.states import CYCLE_S
 from hunt_ros.detection.output import Output
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
@@ -85,7 +85,7 @@ def test_a_kick_beyond_the_basin_goes_through_escaping_to_the_limit_cycle(
     row = output.estimates[np.searchsorted(output.estimates['stamp_ns'], escaping.stamp_ns)]
     cycle = next(event for event in output.events if event.event == 'limit_cycle')
     # The limit cycle is called only after it was there for a while.
-    arrival = (cycle.stamp_ns - escaping.stamp_ns) * 1e-9 - CYCLE_HOLD_S
+    arrival = (cycle.stamp_ns - escaping.stamp_ns) * 1e-9 - CYCLE_S
     assert row['time_to_limit_cycle'] == pytest.approx(arrival, abs=0.5)
 
 

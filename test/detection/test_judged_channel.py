@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect
-from hunt_ros.detection.decision import doubts
+from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect, doubts
 from hunt_ros.detection.replay import replay_journal
 from hunt_ros.samples import Record, Series
 

@@ -6,19 +6,15 @@ import math
 
 import numpy as np
 import pytest
+from decided import decided
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hunt_ros.detection import DetectorConfig
-from hunt_ros.detection.decision import decisions
-from hunt_ros.detection.decision.outlook import form_numbers
-from hunt_ros.detection.decision.rules import rules_of
-from hunt_ros.detection.output import ESTIMATE_DTYPE
+from hunt_ros.detection.decision.outlook import FormNumbers, form_numbers
 from hunt_ros.detection.regions import State
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 
-RULES = rules_of(DetectorConfig(), 6.4, 8.0)
 FORM = form_numbers(IdentifiedNormalForm(PAPER_NORMAL_FORM))
 NO_FORM = form_numbers(None)
 QUIET, ROWS = 8e-6, 100  # r.m.s. of the quiet motion, m; rows in a second
@@ -35,19 +31,9 @@ def noise(seconds: float, rng: np.random.Generator, correlation_s: float = 1.0) 
     return QUIET * found / math.sqrt(2.0)
 
 
-def judged(amplitude: np.ndarray, speed: float, form: object) -> np.ndarray:
+def judged(amplitude: np.ndarray, speed: float, form: FormNumbers) -> np.ndarray:
     """Return the states of the decisions on an amplitude known to 1 um."""
-    rows = np.zeros(amplitude.size, dtype=ESTIMATE_DTYPE)
-    rows['speed'] = speed
-    rate = np.gradient(np.log(amplitude)) * ROWS
-    kernel = np.exp(-np.arange(60) / 30.0)
-    rows['growth_rate'] = np.convolve(rate, kernel / kernel.sum())[: rate.size]
-    rows['growth_rate_std'] = 0.3 + 1e-6 / amplitude
-    memory = decisions.fresh_memory()
-    spread, nowhere = np.full(amplitude.size, 1e-6), np.full(amplitude.size, math.nan)
-    disagree = np.zeros(amplitude.size, dtype=np.bool_)
-    decisions.decide(RULES, form, memory, amplitude, spread, nowhere, disagree, rows)
-    return rows['state'].copy()
+    return decided(amplitude, form=form, speed=speed)['state'].copy()
 
 
 @pytest.mark.parametrize('form', [FORM, NO_FORM], ids=['form', 'no form'])

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hunt_ros.detection import DetectorConfig, HuntingDetector, State, detect
-from hunt_ros.detection.decision import doubts
+from hunt_ros.detection import DetectorConfig, HuntingDetector, State, detect, doubts
 from hunt_ros.detection.frequencies import with_frequencies
 from hunt_ros.detection.second_opinion import SecondOpinion
 from hunt_ros.errors import ConfigError

@@ -9,8 +9,7 @@ import pytest
 
 from hunt_ros.bag import write_record
 from hunt_ros.cli.main import main
-from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect
-from hunt_ros.detection.decision import doubts
+from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect, doubts
 from hunt_ros.detection.offline import watch
 from hunt_ros.detection.output import Output
 from hunt_ros.detection.replay import replay_journal

@@ -3,50 +3,58 @@ The decisions, row by row: what is quiet, what the form says, and what follows.
 
 One compiled kernel over a block of rows, with its memory in a record, so that an hour
 of rows costs a fraction of a second and the live detector runs the very same code on one
-row. Its parts are `likelihood`, `noise_floor` and `noise_intensity` (what quiet is),
-`prediction` (what the form says), `evidence`, `states` and `doubts` (what follows).
+row. Its parts are `likelihood` and `noise` (what quiet is), `prediction` (what the form says),
+`states` and `limits` (what follows).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.compiled import B1, R1, compiled, compiled_part
-from hunt_ros.detection import regions
-from hunt_ros.detection.decision import (
-    doubts,
-    evidence,
-    likelihood,
-    noise_floor,
-    noise_intensity,
-    prediction,
-    states,
-)
+from hunt_ros.detection import doubts
+from hunt_ros.detection.decision import likelihood, limits, noise, prediction, states
 from hunt_ros.detection.decision.outlook import NO_OUTLOOK, OUTLOOK, FormNumbers
-from hunt_ros.detection.decision.rules import Rules
+from hunt_ros.detection.decision.rules import Rules, rows_of
 from hunt_ros.detection.output import ESTIMATE_DTYPE
-from hunt_ros.detection.regions import hold, latch, region_of
+from hunt_ros.detection.regions import HELD, hold, region_of, switched
 
-_F = NDArray[np.float64]
-
-#: All that is remembered from row to row, by the part that owns it.
+#: All that is remembered from row to row: by the part that owns it, and the doubts that are held;
+#: the causes of an alarm that last, the latched alarm, and that it has been acknowledged.
 MEMORY: np.dtype[np.void] = np.dtype(
     [
-        ('floor', noise_floor.NOISE_FLOOR),
+        ('floor', noise.NOISE_FLOOR),
         ('ratios', likelihood.LIKELIHOOD),
-        ('noise', noise_intensity.NOISE_INTENSITY),
+        ('noise', noise.NOISE_INTENSITY),
         ('outlook', OUTLOOK),
-        ('region', regions.HELD),
-        ('evidence', evidence.EVIDENCE),
+        ('region', HELD),
         ('state', states.STATE),
-        ('doubts', doubts.DOUBTS),
+        ('margin', HELD),
+        ('disagree', HELD),
+        ('limits', HELD, (len(limits.LIMITS),)),
+        ('limit_since_ns', np.int64),
+        ('causes', np.int64),
+        ('alarm', np.bool_),
+        ('acknowledged', np.bool_),
     ],
     align=True,
 )
+
+#: A region is left this far beyond its boundary, m/s, and changed after this time, s: the reading
+#: of a speed that is held wanders by less.
+_REGION_BAND_MPS, _REGION_S = 0.02, 0.2
+#: The margin is restored above this many times its limit,
+MARGIN_BACK = 1.5
+#: low after the first time, s, restored after it where there is room, and after the second in the
+#: hysteresis region, where the noise that made it low comes back.
+MARGIN_S, MARGIN_RESTORE_S = 0.1, 20.0
+#: The two amplitudes disagree after this time, s: the envelope needs as long to follow.
+_DISAGREE_S = 1.0
 
 
 def fresh_memory() -> NDArray[np.void]:
@@ -54,9 +62,69 @@ def fresh_memory() -> NDArray[np.void]:
     memory = np.zeros(1, dtype=MEMORY)
     memory['floor']['square'] = math.nan
     memory['noise']['intensity'] = math.nan
-    memory['evidence']['reference'] = math.nan
+    memory['state']['reference'] = math.nan
     memory['outlook'] = NO_OUTLOOK
     return memory
+
+
+def kept(memory: NDArray[np.void], *, floor: bool, reference: bool) -> NDArray[np.void]:
+    """
+    Return a fresh memory with what no new beginning ends.
+
+    That are limits, hunting and alarm, for nothing has been seen of their end; and, where the
+    sizes are still those of the same coordinate, the noise floor and the size of the hunting.
+    """
+    fresh = fresh_memory()
+    for name in ('limits', 'limit_since_ns', 'causes', 'alarm', 'acknowledged'):
+        fresh[name] = memory[name]
+    state, old = fresh['state'], memory['state']
+    state['hunting'], state['cause'] = old['hunting'], old['cause']
+    state['hunting']['wanted'], state['hunting']['waited'] = old['hunting']['word'], 0
+    if reference:
+        state['reference'] = old['reference']
+    if floor:
+        fresh['floor']['square'] = memory['floor']['square']
+        fresh['floor']['learnt'] = memory['floor']['learnt']
+    return fresh
+
+
+def lasting(memory: NDArray[np.void]) -> dict[str, float]:
+    """Return the numbers that a pause does not end, for a journal."""
+    m = memory[0]
+    state, floor = m['state'], m['floor']
+    found = {
+        'hunting': state['hunting']['word'],
+        'cause': state['cause'],
+        'reference': state['reference'],
+        'square': floor['square'],
+        'learnt': floor['learnt'],
+        **{name: m[name] for name in ('alarm', 'acknowledged', 'causes')},
+        'limits': sum(1 << k for k, held in enumerate(m['limits']) if held['word']),
+    }
+    return {name: float(value) for name, value in found.items() if not math.isnan(value)}
+
+
+def remembered(numbers: Mapping[str, float]) -> NDArray[np.void]:
+    """Return the memory that goes on with what `lasting` gave."""
+    memory = fresh_memory()
+    for part, names in (
+        (memory['state'], ('cause', 'reference')),
+        (memory['floor'], ('square', 'learnt')),
+        (memory, ('alarm', 'acknowledged', 'causes')),
+    ):
+        for name in set(names) & set(numbers):
+            part[name] = numbers[name]
+    hunting, bits = memory['state']['hunting'], int(numbers.get('limits', 0.0))
+    hunting['word'] = hunting['wanted'] = numbers.get('hunting', 0.0)
+    over = [bits >> k & 1 for k in range(len(limits.LIMITS))]
+    memory['limits']['word'] = memory['limits']['wanted'] = over
+    return memory
+
+
+def acknowledge(memory: Any) -> None:
+    """Take the alarm back: at once, or once its causes are over."""
+    if memory['alarm']:
+        memory['acknowledged'] = memory['alarm'] = memory['causes'] != 0
 
 
 @compiled
@@ -68,6 +136,7 @@ def decide(
     amplitude_std: R1,
     outside: R1,
     disagree: B1,
+    trusted: B1,
     rows: Annotated[NDArray[np.void], 1, ESTIMATE_DTYPE],
 ) -> None:
     """
@@ -85,103 +154,124 @@ def decide(
         Amplitude of its motion outside the range that is followed, m; NaN: there is none.
     disagree : ndarray of bool, shape (m,)
         The two amplitude estimates differ in this row.
+    trusted : ndarray of bool, shape (m,)
+        There is a motion sensor to trust.
     rows : ndarray of ESTIMATE_DTYPE, shape (m,)
         With the fields of the tracker, the speed, the step of the readings, and the doubts
         about these. Filled in: noise floor and intensity, all that `prediction` knows, region
-        and state with their beginning and cause, doubts, alarm.
+        and state with their beginning and cause, limits, doubts, alarm.
     """
     m = memory[0]
     for k in range(amplitude.size):
         out = rows[k]
         a, s, v = amplitude[k], amplitude_std[k], out['speed']
         known = not math.isnan(a)
-        prediction.clear(out)
-        stamp_ns = out['stamp_ns']
-        region = _region(rules, m['region'], v, stamp_ns)
+        _take_region(rules, m['region'], v, out)
         predictable = form.known and not math.isnan(v)
-        if predictable:
-            damping = prediction.branches(form, v, out['lateral_roughness'], out)
-            if known:
-                prediction.judge(
-                    form,
-                    m['outlook'],
-                    v,
-                    a,
-                    s,
-                    damping,
-                    rules.outlook_s,
-                    out,
-                )
-        quiet = other = undecided = False
-        idle = m['state']['hunting']['word'] == states.NO
-        if idle and likelihood.moved_on(rules, m['ratios'], v):
-            likelihood.begin_anew(m['ratios'], v)
-            if not predictable or m['outlook']['quiet'] > 0.5:  # else there is none to learn
-                noise_floor.begin_anew(m['floor'])
-        if known:
-            drift = prediction.growth_at(form, v, a) if predictable else math.nan
-            likelihood.watch(rules, m['ratios'], a, math.hypot(s, 0.5 * out['step']), drift)
-            noise_floor.observe(rules, m['floor'], a)
-            if m['state']['hunting']['word'] == states.NO:
-                # By the form, what grows from here is hunting that begins.
-                sure = rules.probability_in
-                beyond = out['escape_probability'] > sure
-                beyond |= predictable and m['outlook']['quiet'] < 1.0 - sure
-                quiet = noise_floor.learn(rules, m['floor'], m['ratios'], a, not beyond)
-        else:
-            likelihood.interrupt(m['ratios'])
-        if quiet and predictable:
-            noise_intensity.learn(rules, form, m['noise'], v, a, out['phase'])
-        else:
-            noise_intensity.interrupt(m['noise'])
-        out['noise_floor'] = noise_floor.floor_of(m['floor'], m['ratios'], s)
-        out['noise_intensity'] = m['noise']['intensity']
+        prediction.predict(form, m['outlook'], v, a, s, out)
+        _learn(rules, form, m, a, s, predictable, out)
+        other = undecided = False
         if known:
             # What has begun to hunt is the hunting, at whatever frequency it goes on.
             of_the_form = m['state']['hunting']['word'] != states.NO or not predictable
             if not of_the_form:
-                hz, std_hz = out['frequency_hz'], out['frequency_hz_std']
-                of_the_form = prediction.is_hunting_of(form, rules.nominal_hz, v, hz, std_hz)
-                of_the_form &= prediction.is_cycle_of(form, a, out)
-            found = evidence.gather(
-                rules,
-                m['evidence'],
-                m['ratios'],
-                m['state']['hunting']['word'],
-                a,
-                s,
-                outside[k],
-                of_the_form,
-                out,
+                of_the_form = prediction.is_hunting_of(form, rules.nominal_hz, v, a, out)
+            other, undecided = states.judge(
+                rules, m['state'], m['ratios'], m['floor'], a, s, outside[k], of_the_form, out
             )
-            other, undecided = found.other, found.undecided
-            states.next_state(rules, m['state'], m['evidence'], m['floor'], found, a, s, stamp_ns)
-        state = states.shown(m['state'])
-        if known and form.known and state == states.ESCAPING:
+        states.tell(rules, m['state'], m['ratios'], out)
+        if known and form.known and out['state'] == states.ESCAPING:
             out['time_to_limit_cycle'] = prediction.time_to_cycle(form, v, a, out)
-        bits = doubts.hold_doubts(
-            rules, m['doubts'], region, state, known, disagree[k], out['margin'], stamp_ns
-        )
-        latch(m['state'], states.hunts(m['state']))
-        out['region'] = region
-        out['region_since_ns'] = m['region']['since_ns']
-        out['state'] = state
-        out['state_since_ns'] = states.since_ns(m['state'])
-        cause = m['state']['cause']
-        out['state_cause'] = cause
-        ratio, limit = states.ratio_behind(rules, m['ratios'], cause)
-        out['log_likelihood_ratio'] = ratio
-        out['log_likelihood_ratio_limit'] = limit
-        out['margin_since_ns'] = m['doubts']['margin']['since_ns']
-        out['alarm'] = m['state']['alarm']
-        settling = state == states.QUIET and noise_floor.unlearnt(m['floor'])
-        settling |= undecided and state < states.ESCAPING
-        out['doubts'] |= bits | doubts.present(region, state, v, known, settling, other)
+        undecided &= out['state'] < states.ESCAPING
+        undecided |= out['state'] == states.QUIET and math.isnan(m['floor']['square'])
+        _doubt(rules, m, known, disagree[k], other, undecided, out)
+        period_rows = 1.0 / (rules.period_s * rules.nominal_hz)
+        over = limits.watch(rules.limits, period_rows, m, trusted[k], out) & limits.ALARMS
+        hunts = m['state']['hunting']['word'] in (states.ESCAPING, states.LIMIT_CYCLE)
+        causes = 2 * over + hunts
+        if causes & ~m['causes']:
+            m['alarm'], m['acknowledged'] = True, False
+        elif causes == 0 and m['acknowledged']:
+            m['alarm'] = m['acknowledged'] = False
+        m['causes'] = causes
+        out['alarm'] = m['alarm']
 
 
 @compiled_part
-def _region(rules: Rules, memory: Any, v: float, stamp_ns: int) -> int:
-    wanted = region_of(memory['word'], v, rules.v_n, rules.v_c, rules.region_band)
-    rows = 0 if memory['word'] == 0 or wanted == 0 else rules.region_hold
-    hold(memory, wanted, rows, stamp_ns)
-    return int(memory['word'])
+def _take_region(rules: Rules, memory: Any, v: float, out: Any) -> None:
+    wanted = region_of(memory['word'], v, rules.v_n, rules.v_c, _REGION_BAND_MPS)
+    rows = 0 if memory['word'] == 0 or wanted == 0 else rows_of(rules, _REGION_S)
+    hold(memory, wanted, rows, out['stamp_ns'])
+    out['region'] = memory['word']
+    out['region_since_ns'] = memory['since_ns']
+
+
+@compiled_part
+def _learn(
+    rules: Rules, form: FormNumbers, m: Any, a: float, s: float, predictable: bool, out: Any
+) -> None:
+    """Learn from a row what is quiet, and what its amplitude does."""
+    v, idle = out['speed'], m['state']['hunting']['word'] == states.NO
+    if idle and likelihood.moved_on(rules, m['ratios'], v):
+        likelihood.begin_anew(m['ratios'], v)
+        if not predictable or m['outlook']['quiet'] > 0.5:  # else there is none to learn
+            noise.forget_floor(m['floor'])
+    quiet = False
+    if math.isnan(a):
+        likelihood.interrupt(m['ratios'])
+    else:
+        drift = prediction.growth_at(form, v, a) if predictable else math.nan
+        likelihood.watch(rules, m['ratios'], a, math.hypot(s, 0.5 * out['step']), drift)
+        noise.observe(rules, m['floor'], a)
+        if idle:
+            # By the form, what grows from here is hunting that begins.
+            sure = rules.probability_in
+            beyond = out['escape_probability'] > sure
+            beyond |= predictable and m['outlook']['quiet'] < 1.0 - sure
+            quiet = noise.learn(rules, m['floor'], m['ratios'], a, not beyond)
+    if quiet and predictable:
+        noise.learn_intensity(rules, form, m['noise'], v, a, out['phase'])
+    else:
+        noise.interrupt(m['noise'])
+    out['noise_floor'] = noise.floor_of(m['floor'], m['ratios'], s)
+    out['noise_intensity'] = m['noise']['intensity']
+
+
+@compiled_part
+def _doubt(
+    rules: Rules, m: Any, known: bool, disagree: bool, other: bool, settling: bool, out: Any
+) -> None:
+    """Fill in the doubts of a row that is judged but for them."""
+    region, state, stamp_ns = out['region'], out['state'], out['stamp_ns']
+    on = m['margin']['word'] > 0
+    low = switched(on, -out['margin'], -rules.margin_in, -MARGIN_BACK * rules.margin_in)
+    wait = MARGIN_S
+    if math.isnan(out['margin']):
+        # No unstable branch: below v_n there is room enough, above v_c there is none. What
+        # hunts, or is not known, has none to be restored.
+        low = on and (region != 1 or state >= states.ESCAPING or not known)
+    elif on:
+        wait = MARGIN_RESTORE_S
+    hold(m['margin'], int(low), rows_of(rules, wait), stamp_ns)
+    out['margin_since_ns'] = m['margin']['since_ns']
+    hold(m['disagree'], int(disagree), rows_of(rules, _DISAGREE_S), stamp_ns)
+    bits = doubts.MARGIN if m['margin']['word'] > 0 else 0
+    if m['disagree']['word'] > 0:
+        bits |= doubts.DISAGREE
+    if math.isnan(out['speed']):
+        bits |= doubts.NO_SPEED
+    elif region == 0:
+        bits |= doubts.NO_FORM
+    if not known:
+        bits |= doubts.NO_ESTIMATE
+    elif settling:
+        bits |= doubts.SETTLING
+    if other:
+        bits |= doubts.OTHER
+    if state == states.DECAYING:
+        bits |= doubts.DECAYING
+    if region == 2:
+        bits |= doubts.HYSTERESIS
+    elif region == 3:
+        bits |= doubts.UNSTABLE
+    out['doubts'] |= bits

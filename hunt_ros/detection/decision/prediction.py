@@ -1,8 +1,7 @@
 """
 What the normal form says about a row: branches, margin, chance of escape, time to the cycle.
 
-Each part fills in its numbers in a row of the estimates (`VERDICT` names them). Called
-by the kernel of the decisions, row by row; the tables behind it are those of `outlook`.
+Called by the kernel of the decisions, row by row; the tables behind it are those of `outlook`.
 """
 
 from __future__ import annotations
@@ -19,9 +18,11 @@ from hunt_ros.samples import NORMAL_95
 
 #: Standard deviations beyond which a normal distribution is 0 or 1.
 _SETTLED = 4.0
+#: Horizon of the outlook: the next minute, as its name says; on the clock, not in periods.
+_OUTLOOK_S = 60.0
 #: The time to the limit cycle is that to this part of the stable amplitude,
 _ARRIVED = 0.9
-#: from at least this part of the unstable amplitude, about which time stands still.
+#: from at least this part of the unstable amplitude, near which the growth rate is zero.
 _LEFT = 1.02
 _PIECES = 64
 #: A limit cycle may be smaller than at the fold by this factor: two deviations of a poor form.
@@ -32,60 +33,83 @@ _WORN, _SURE = 1.5, 3.0
 
 
 @compiled_part
-def clear(out: Any) -> None:
-    """Set all numbers of a row that come from the form to unknown."""
-    out['unstable_amplitude'] = math.nan
-    out['unstable_amplitude_std'] = math.nan
-    out['stable_amplitude'] = math.nan
-    out['margin'] = math.nan
-    out['margin_low'] = math.nan
-    out['margin_high'] = math.nan
-    out['escape_probability'] = math.nan
-    out['escape_probability_low'] = math.nan
-    out['escape_probability_high'] = math.nan
-    out['outlook'] = math.nan
-    out['time_to_limit_cycle'] = math.nan
+def _law(form: FormNumbers, v: float) -> tuple[float, float]:
+    """Return the growth rate of r^2 -> 0 and its slope with r^2, by Eq. (24), without scale."""
+    eps = v / form.critical_speed - 1.0
+    return form.D1 * eps + form.D7 * eps**2, form.D4 + form.D10 * eps
 
 
 @compiled_part
 def growth_at(form: FormNumbers, v: float, a: float) -> float:
     """Growth rate of the form, Eq. (24) divided by r, 1/s, at one speed and amplitude."""
-    eps = v / form.critical_speed - 1.0
+    c, b = _law(form, v)
     r2 = (a / (2.0 * form.length_scale)) ** 2
-    return (
-        form.D1 * eps + form.D7 * eps**2 + (form.D4 + form.D10 * eps) * r2 + form.D15 * r2**2
-    ) / form.time_scale
+    return (c + b * r2 + form.D15 * r2**2) / form.time_scale
 
 
 @compiled_part
-def is_hunting_of(
-    form: FormNumbers, nominal_hz: float, v: float, hz: float, std_hz: float
-) -> bool:
+def is_hunting_of(form: FormNumbers, nominal_hz: float, v: float, a: float, out: Any) -> bool:
     """
-    Return False where a motion at the frequency `hz` is for sure not the hunting of the form.
+    Return False where a steady motion of amplitude a is for sure not the hunting of the form.
 
-    That may go with the speed (Klingel, 1883), or not at all, and with the root of the conicity,
-    which wear may double. Where the rig says another frequency than the form, either may be.
+    The frequency may go with the speed (Klingel, 1883), or not at all, and with the root of the
+    conicity, which wear may double. Where the rig says another frequency than the form, either
+    may be. A form may be wrong about the speed; no cycle of a rig with a fold is much smaller
+    than that at the fold.
     """
+    hz, std_hz = out['frequency_hz'], out['frequency_hz_std']
     faster = v / form.critical_speed
     lowest = min(form.frequency_hz, nominal_hz) * min(faster, 1.0) / _WORN
     highest = max(form.frequency_hz, nominal_hz) * max(faster, 1.0) * _WORN
-    return not (hz + _SURE * std_hz < lowest or hz - _SURE * std_hz > highest)
-
-
-@compiled_part
-def is_cycle_of(form: FormNumbers, a: float, out: Any) -> bool:
-    """
-    Return True where a steady amplitude, m, may be a limit cycle: by the form, or against it.
-
-    A form may be wrong about the speed; no cycle of a rig with a fold is much smaller than that
-    at the fold.
-    """
+    if hz + _SURE * std_hz < lowest or hz - _SURE * std_hz > highest:
+        return False
     return bool(not a < _SMALLEST * form.fold_amplitude or out['escape_probability'] > 0.5)
 
 
 @compiled_part
-def branches(form: FormNumbers, v: float, roughness: float, out: Any) -> float:
+def predict(form: FormNumbers, outlook: Any, v: float, a: float, s: float, out: Any) -> None:
+    """
+    Fill in branches, margin, probability of escape and outlook of a row that has none of them.
+
+    Parameters
+    ----------
+    form
+        The form.
+    outlook
+        A record of OUTLOOK.
+    v, a, s : float
+        Speed, m/s; amplitude and its standard deviation, m; NaN where unknown.
+    out
+        The row.
+    """
+    if not form.known or math.isnan(v):
+        return
+    damping = _branches(form, v, out['lateral_roughness'], out)
+    if math.isnan(a):
+        return
+    edge, spread = out['unstable_amplitude'], out['unstable_amplitude_std']
+    folded = math.isnan(edge) and damping < 0.0
+    if folded:  # below the fold of the form, but not of all its draws
+        k, _ = _place(form, v)
+        edge, spread = form.unstable_mean[k], form.unstable_std[k]
+    if not math.isnan(edge):
+        out['margin'] = edge / a if a > 0.0 else math.inf
+        most, least = a + NORMAL_95 * s, a - NORMAL_95 * s
+        out['margin_low'] = max(edge - NORMAL_95 * spread, 0.0) / most if most > 0.0 else math.inf
+        high = (edge + NORMAL_95 * spread) / least if least > 0.0 else math.inf
+        out['margin_high'] = math.inf if folded else high
+    probability = _beyond(outlook['decides'], a, s)
+    out['escape_probability'] = probability
+    # A mean may lie beyond such an end where the chance is settled but for a thin tail.
+    low = _beyond(outlook['latest'], a - NORMAL_95 * s, 0.0)
+    high = _beyond(outlook['earliest'], a + NORMAL_95 * s, 0.0)
+    out['escape_probability_low'] = min(low, probability)
+    out['escape_probability_high'] = max(high, probability)
+    out['outlook'] = 1.0 - (1.0 - probability) * math.exp(-_OUTLOOK_S * outlook['rate'])
+
+
+@compiled_part
+def _branches(form: FormNumbers, v: float, roughness: float, out: Any) -> float:
     """
     Fill in the branches at a speed, Eq. (28), under a roughness line of amplitude B, m.
 
@@ -94,10 +118,8 @@ def branches(form: FormNumbers, v: float, roughness: float, out: Any) -> float:
     float
         Growth rate at zero amplitude, 1/s.
     """
-    eps = v / form.critical_speed - 1.0
     a = form.D15
-    b = form.D4 + form.D10 * eps
-    c = form.D1 * eps + form.D7 * eps**2
+    c, b = _law(form, v)
     first, second = math.nan, math.nan
     if a == 0.0:
         if b != 0.0:
@@ -137,56 +159,6 @@ def _place(form: FormNumbers, v: float) -> tuple[int, float]:
     place = (v - form.speed_low) / form.speed_step
     k = min(max(int(place), 0), form.unstable_std.size - 2)
     return k, min(max(place - k, 0.0), 1.0)
-
-
-@compiled_part
-def judge(
-    form: FormNumbers,
-    outlook: Any,
-    v: float,
-    a: float,
-    s: float,
-    damping: float,
-    outlook_s: float,
-    out: Any,
-) -> None:
-    """
-    Fill in margin, probability of escape and outlook, after `branches`.
-
-    Parameters
-    ----------
-    form
-        The form.
-    outlook
-        A record of OUTLOOK.
-    v, a, s : float
-        Speed, m/s; amplitude and its standard deviation, m.
-    damping : float
-        Growth rate at zero amplitude, 1/s.
-    outlook_s : float
-        Horizon of the outlook, s.
-    out
-        The row.
-    """
-    edge, spread = out['unstable_amplitude'], out['unstable_amplitude_std']
-    folded = math.isnan(edge) and damping < 0.0
-    if folded:  # below the fold of the form, but not of all its draws
-        k, _ = _place(form, v)
-        edge, spread = form.unstable_mean[k], form.unstable_std[k]
-    if not math.isnan(edge):
-        out['margin'] = edge / a if a > 0.0 else math.inf
-        most, least = a + NORMAL_95 * s, a - NORMAL_95 * s
-        out['margin_low'] = max(edge - NORMAL_95 * spread, 0.0) / most if most > 0.0 else math.inf
-        high = (edge + NORMAL_95 * spread) / least if least > 0.0 else math.inf
-        out['margin_high'] = math.inf if folded else high
-    probability = _beyond(outlook['decides'], a, s)
-    out['escape_probability'] = probability
-    # A mean may lie beyond such an end where the chance is settled but for a thin tail.
-    low = _beyond(outlook['latest'], a - NORMAL_95 * s, 0.0)
-    high = _beyond(outlook['earliest'], a + NORMAL_95 * s, 0.0)
-    out['escape_probability_low'] = min(low, probability)
-    out['escape_probability_high'] = max(high, probability)
-    out['outlook'] = 1.0 - (1.0 - probability) * math.exp(-outlook_s * outlook['rate'])
 
 
 @compiled_part

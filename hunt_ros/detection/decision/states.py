@@ -1,32 +1,36 @@
 """
-The two machines: what the motion is, whether it hunts, and the alarm that hunting latches.
+The two machines: what the motion is, and whether it hunts.
 
 The motion is quiet or disturbed, by the noise floor alone. Whether it hunts is another
 question, with a machine of its own. From each word, the first line whose evidence holds
-names the word that is wanted; it is taken when it has been wanted for its hold time on end
-(settings of `DetectorConfig`). No line without evidence: what cannot be seen does not end.
+names the word that is wanted; it is taken when it has been wanted for its hold time on end.
+No line without evidence: what cannot be seen does not end.
 
 ===========  ============================  ===========  ====================
 hunting      evidence                      to           hold time
 ===========  ============================  ===========  ====================
-no           beyond                        escaping     escape_hold
-             arrived                       limit cycle  limit_cycle_hold
+no           beyond                        escaping     escape
+             arrived                       limit cycle  cycle
              steady                        limit cycle  -
              growing                       escaping     -
-escaping     arrived                       limit cycle  limit_cycle_hold
+escaping     arrived                       limit cycle  cycle
              steady                        limit cycle  -
              beyond, growing               escaping     -
-             returns                       decaying     quiet_hold
+             returns                       decaying     quiet
              falls, or over                decaying     -
-decaying     arrived                       limit cycle  limit_cycle_hold
+decaying     arrived                       limit cycle  cycle
              steady                        limit cycle  -
-             beyond                        escaping     escape_hold
+             beyond                        escaping     escape
              growing                       escaping     -
-             over                          no           quiet_hold
+             over                          no           quiet
 limit cycle  falls, or over                decaying     -
 ===========  ============================  ===========  ====================
 
-What is a likelihood ratio (steady, growing, falls: `likelihood`) has taken its time already.
+*Beyond*: by the form, it reaches the limit cycle before it is quiet again with the set
+probability; *returns*: it does not. *Arrived*: it is on the stable branch. *Growing*: it grows,
+and is more than noise, where the form knows no limit cycle to escape to. *Steady*: it holds, is
+more than noise, and may be the hunting. *Over*: it is no more than noise, and small beside what it
+was. What is a likelihood ratio (steady, growing, falls: `likelihood`) has taken its time already.
 The two are shown as one word, the `State`: while it hunts that of the hunting, else that of
 the motion. Called by the kernel of the decisions, row by row.
 """
@@ -39,20 +43,20 @@ from typing import Any
 import numpy as np
 
 from hunt_ros.compiled import compiled_part
-from hunt_ros.detection.decision import likelihood, noise_floor
-from hunt_ros.detection.decision.evidence import ESCAPES, FALLING, HOLDING, OPEN, RETURNS, Evidence
-from hunt_ros.detection.decision.rules import Rules
-from hunt_ros.detection.regions import HELD, State, hold
+from hunt_ros.detection.decision import likelihood, noise
+from hunt_ros.detection.decision.rules import Rules, rows_of
+from hunt_ros.detection.regions import HELD, State, hold, switched
 
-#: What is remembered: the two machines, the cause of the last step of the hunting (one of those
-#: below), the alarm, and that it has been acknowledged.
+#: What is remembered: the two machines; the cause of the last step of the hunting (one of those
+#: below); the amplitude of the hunting (m, NaN before any), and whether the motion stands clear
+#: of the noise floor.
 STATE: np.dtype[np.void] = np.dtype(
     [
         ('motion', HELD),
         ('hunting', HELD),
         ('cause', np.int64),
-        ('alarm', np.bool_),
-        ('acknowledged', np.bool_),
+        ('reference', np.float64),
+        ('disturbed', np.bool_),
     ],
     align=True,
 )
@@ -64,84 +68,131 @@ NO = 0
 #: Which evidence led to the word of the hunting that is in force.
 BEYOND, ARRIVED, STEADY, GROWING, COMES_BACK, FALLS, OVER = range(1, 8)
 
+#: Disturbed above, quiet again below this many noise floors. The amplitude of Gaussian noise is
+#: above k of them with the probability exp(-k^2): 1e-4 and 2 %.
+CLEAR, CALM = 3.0, 2.0
+# Hold times, s of the reference rig. A blow is a disturbance at once; what crosses zero growth on
+# its way down is not quiet yet; what the filter overshoots after a kick is over before it counts;
+# a motion passes through the limit cycle on its way.
+DISTURBED_S, QUIET_S, ESCAPE_S, CYCLE_S = 0.02, 0.5, 0.1, 1.0
+#: On the limit cycle from this part of the stable branch on, whose place is known to 10 % or so.
+_CYCLE = 0.85
+#: `escaping` is withdrawn once it is as likely to come back.
+_AS_LIKELY = 0.5
+#: What has this part of the amplitude of the hunting, or more, may be the hunting.
+_SAME = 0.7
+#: An amplitude is sure to be less than it seems plus this many standard deviations.
+_SURE = 3.0
+#: To fall ends an alarm and raises none: it takes less than the whole evidence. To hold is asked
+#: only of what is no noise: not once a mark, but once a kick.
+_FALLING, _HOLDING = 2.0 / 3.0, 0.25
 #: The amplitude of the limit cycle is followed at this pace while the speed changes, s.
 _FOLLOW_S = 5.0
 
 
 @compiled_part
-def wanted(rules: Rules, hunting: int, evidence: Evidence) -> tuple[int, int, int]:
-    """Return the word the evidence asks for, its hold time in rows, and the cause: the table."""
-    if hunting == LIMIT_CYCLE:
-        if evidence.falls:
-            return DECAYING, 0, FALLS
-        return (DECAYING, 0, OVER) if evidence.over else (LIMIT_CYCLE, 0, 0)
-    beyond = evidence.outcome == ESCAPES
-    if beyond and hunting == NO:
-        return ESCAPING, rules.escape_hold, BEYOND  # a bump may land on the limit cycle
-    if evidence.arrived:
-        return LIMIT_CYCLE, rules.cycle_hold, ARRIVED
-    if evidence.steady:
-        return LIMIT_CYCLE, 0, STEADY
-    if beyond:
-        return ESCAPING, rules.escape_hold, BEYOND
-    if evidence.growing:
-        return ESCAPING, 0, GROWING
-    if hunting == ESCAPING:
-        if evidence.outcome == RETURNS:
-            return DECAYING, rules.quiet_hold, COMES_BACK
-        if evidence.outcome == OPEN and evidence.falls:
-            return DECAYING, 0, FALLS
-        if evidence.over:
-            return DECAYING, 0, OVER
-    if hunting == DECAYING and evidence.over:
-        return NO, rules.quiet_hold, OVER
-    return hunting, 0, 0
-
-
-@compiled_part
-def next_state(
+def judge(
     rules: Rules,
     memory: Any,
-    seen: Any,
-    floor_memory: Any,
-    evidence: Evidence,
+    ratios: Any,
+    floor: Any,
     a: float,
     s: float,
-    stamp_ns: int,
-) -> None:
+    outside: float,
+    of_the_form: bool,
+    out: Any,
+) -> tuple[bool, bool]:
     """
     Let both machines take the word that is wanted, once it has been for long enough.
 
     Parameters
     ----------
-    rules, memory, seen, floor_memory
-        Thresholds; records of STATE, EVIDENCE and NOISE_FLOOR.
-    evidence : Evidence
-        Of the row.
+    rules, memory, ratios, floor
+        Thresholds; records of STATE, LIKELIHOOD and NOISE_FLOOR.
     a, s : float
         Amplitude and its standard deviation, m.
-    stamp_ns : int
-        Of the row.
+    outside : float
+        Amplitude of the motion outside the range that is followed, m; NaN: there is none.
+        As large as the hunting was, it is the hunting: nothing says that this has ended.
+    of_the_form : bool
+        Its frequency and size may be those of the hunting, by the form; True without a form, and
+        while it hunts.
+    out
+        Row of the estimates with noise floor and predictions filled in.
+
+    Returns
+    -------
+    other, undecided : bool
+        It is steady, and not of the form; it may be more than noise, and neither falls nor is
+        known to return.
     """
-    if evidence.disturbed:
-        hold(memory['motion'], DISTURBED, rules.disturbed_hold, stamp_ns)
+    hunting, stamp_ns, quiet = memory['hunting']['word'], out['stamp_ns'], out['noise_floor']
+    disturbed = switched(memory['disturbed'], a, CLEAR * quiet, CALM * quiet)
+    memory['disturbed'] = disturbed
+    excess, some = likelihood.excess(rules, ratios), likelihood.SOME * rules.evidence
+    falls = ratios['fall'] > _FALLING * rules.evidence
+    holds = excess > rules.evidence and ratios['hold'] > _HOLDING * rules.evidence and not falls
+    steady = holds and not ratios['growth'] > some
+    growing = ratios['growth'] > rules.evidence or (holds and not steady)
+    growing &= excess > some and math.isnan(out['stable_amplitude'])
+    # What is left of it is small for sure: an estimate that has just begun anew knows little.
+    small = not a + _SURE * s > _SAME * memory['reference']
+    seen = not outside > _SAME * memory['reference']
+    over = likelihood.settled(ratios) and excess < some and small and not disturbed and seen
+    chance = out['escape_probability']
+    beyond = chance > (_AS_LIKELY if hunting == ESCAPING else rules.probability_in)
+    beyond &= disturbed or math.isnan(quiet)
+    # A branch that comes from zero has the noise on it.
+    arrived = chance > _AS_LIKELY and a > _CYCLE * out['stable_amplitude']
+    arrived &= disturbed or not math.isnan(out['unstable_amplitude'])
+
+    if disturbed:
+        hold(memory['motion'], DISTURBED, rows_of(rules, DISTURBED_S), stamp_ns)
     else:
-        hold(memory['motion'], QUIET, rules.quiet_hold, stamp_ns)
-    want, rows, cause = wanted(rules, memory['hunting']['word'], evidence)
-    changed = hold(memory['hunting'], want, rows, stamp_ns)
+        hold(memory['motion'], QUIET, rows_of(rules, QUIET_S), stamp_ns)
+    want, wait, cause = hunting, 0.0, 0
+    if hunting == LIMIT_CYCLE:
+        if (falls and seen) or over:
+            want, cause = DECAYING, FALLS if falls and seen else OVER
+    elif beyond and hunting == NO:  # before `arrived`: a bump may land on the limit cycle
+        want, wait, cause = ESCAPING, ESCAPE_S, BEYOND
+    elif arrived:
+        want, wait, cause = LIMIT_CYCLE, CYCLE_S, ARRIVED
+    elif steady and of_the_form:
+        want, cause = LIMIT_CYCLE, STEADY
+    elif beyond:
+        want, wait, cause = ESCAPING, ESCAPE_S, BEYOND
+    elif growing:
+        want, cause = ESCAPING, GROWING
+    elif hunting == ESCAPING and not math.isnan(chance):
+        want, wait, cause = DECAYING, QUIET_S, COMES_BACK
+    elif hunting == ESCAPING and ((falls and seen) or over):
+        want, cause = DECAYING, FALLS if falls and seen else OVER
+    elif hunting == DECAYING and over:
+        want, wait, cause = NO, QUIET_S, OVER
+    changed = hold(memory['hunting'], want, rows_of(rules, wait), stamp_ns)
     if changed:
         memory['cause'] = cause
+    _follow(rules, memory, floor, changed, a, s)
+    undecided = excess > likelihood.DOUBT and not falls and math.isnan(chance)
+    return steady and not of_the_form, undecided
+
+
+@compiled_part
+def _follow(rules: Rules, memory: Any, floor: Any, changed: bool, a: float, s: float) -> None:
+    """Remember how large the hunting is."""
     hunting = memory['hunting']['word']
     if hunting not in (ESCAPING, LIMIT_CYCLE):
         return
-    if changed or math.isnan(seen['reference']):
-        seen['reference'] = a if changed or likelihood.well_known(a, s) else math.nan
+    sure = likelihood.well_known(a, s)
+    if changed or math.isnan(memory['reference']):
+        memory['reference'] = a if changed or sure else math.nan
         if changed and hunting == LIMIT_CYCLE:
-            noise_floor.reconsider(floor_memory, a)
+            noise.reconsider(floor, a)
     elif hunting == ESCAPING:
-        seen['reference'] = max(seen['reference'], a)
-    elif likelihood.well_known(a, s):
-        seen['reference'] += rules.stride / _FOLLOW_S * (a - seen['reference'])
+        memory['reference'] = max(memory['reference'], a)
+    elif sure:
+        memory['reference'] += rules.stride / _FOLLOW_S * (a - memory['reference'])
 
 
 def word_of(memory: Any) -> int:
@@ -150,33 +201,29 @@ def word_of(memory: Any) -> int:
     return int(hunting if hunting != NO else memory['motion']['word'])
 
 
-@compiled_part
-def hunts(memory: Any) -> bool:
-    """Return True while it escapes or is in the limit cycle: what the alarm is for."""
-    return bool(memory['hunting']['word'] in (ESCAPING, LIMIT_CYCLE))
-
-
 #: The same for kernels: called from Python it would be compiled anew in each process.
 shown = compiled_part(word_of)
 
 
 @compiled_part
-def ratio_behind(rules: Rules, ratios: Any, cause: int) -> tuple[float, float]:
-    """Return the log likelihood ratio that decides for a cause, and its limit; NaN: no ratio."""
+def tell(rules: Rules, memory: Any, ratios: Any, out: Any) -> None:
+    """Fill in the state of a row, since when it is, its cause and the ratio behind that."""
+    cause, hunting = memory['cause'], memory['hunting']
+    out['state'] = shown(memory)
+    # When it is quiet again the last to come to an end has made it so.
+    since_ns = hunting['since_ns']
+    if hunting['word'] == NO:
+        since_ns = max(since_ns, memory['motion']['since_ns'])
+    out['state_since_ns'] = since_ns
+    out['state_cause'] = cause
+    ratio, least = math.nan, math.nan
     if cause == GROWING:
         # Less is asked of what holds for sure as well.
-        least = likelihood.SOME if ratios['growth'] <= rules.evidence else 1.0
-        return float(ratios['growth']), least * rules.evidence
-    if cause == STEADY:
-        return float(ratios['hold']), HOLDING * rules.evidence
-    if cause == FALLS:
-        return float(ratios['fall']), FALLING * rules.evidence
-    return math.nan, math.nan
-
-
-@compiled_part
-def since_ns(memory: Any) -> int:
-    """Return the stamp of the first row that asked for the word that is shown, ns."""
-    motion, hunting = memory['motion']['since_ns'], memory['hunting']['since_ns']
-    # When it is quiet again the last to come to an end has made it so.
-    return int(hunting if memory['hunting']['word'] != NO else max(motion, hunting))
+        ratio = ratios['growth']
+        least = likelihood.SOME if ratio <= rules.evidence else 1.0
+    elif cause == STEADY:
+        ratio, least = ratios['hold'], _HOLDING
+    elif cause == FALLS:
+        ratio, least = ratios['fall'], _FALLING
+    out['log_likelihood_ratio'] = ratio
+    out['log_likelihood_ratio_limit'] = least * rules.evidence

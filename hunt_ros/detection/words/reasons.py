@@ -10,11 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.detection import doubts
 from hunt_ros.detection.channels import health
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.decision import doubts, states
+from hunt_ros.detection.decision import states
+from hunt_ros.detection.decision.decisions import MARGIN_BACK
 from hunt_ros.detection.decision.limits import LIMITS, limit_cause
-from hunt_ros.detection.decision.rules import MARGIN_BACK
 from hunt_ros.detection.regions import Region, State
 from hunt_ros.samples import CHANNELS, Uncertain
 

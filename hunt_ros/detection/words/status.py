@@ -10,7 +10,7 @@ import numpy as np
 
 from hunt_ros.detection.channels import health
 from hunt_ros.detection.door import Door
-from hunt_ros.detection.output import ESTIMATE_DTYPE, NUMBERS, PUBLIC, seconds_text
+from hunt_ros.detection.output import NUMBERS, PUBLIC, blank_rows, seconds_text
 from hunt_ros.detection.regions import Level, Region, State
 from hunt_ros.detection.words.alarms import AlarmHistory
 from hunt_ros.detection.words.reasons import absent_words, causes_of
@@ -18,10 +18,8 @@ from hunt_ros.detection.words.transitions import Transitions
 from hunt_ros.samples import CLOCK_OFFSET_NS
 
 #: What stands for the last row before there is one.
-_NO_ROW = np.zeros(1, dtype=ESTIMATE_DTYPE)
+_NO_ROW = blank_rows(np.zeros(1, dtype=np.int64))
 _NO_ROW['level'] = Level.STALE
-for _name in NUMBERS:
-    _NO_ROW[_name] = math.nan
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.detection import doubts
 from hunt_ros.detection.channels import health
 from hunt_ros.detection.channels.speed_check import CONTRADICTED_S, TOLERANCE_MPS
-from hunt_ros.detection.decision import doubts
 from hunt_ros.detection.decision.limits import LIMITS, limit_cause
 from hunt_ros.detection.output import ESTIMATE_DTYPE, Event, numbers_behind
 from hunt_ros.detection.regions import Level, Region, State

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 import pytest
+from decided import decided
 
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.decision import decisions
+from hunt_ros.detection.decision import decisions, states
 from hunt_ros.detection.decision.outlook import OutlookTable, form_numbers
 from hunt_ros.detection.decision.rules import rules_of
-from hunt_ros.detection.output import ESTIMATE_DTYPE
 from hunt_ros.detection.regions import State
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
@@ -28,7 +28,7 @@ SUPERCRITICAL = NormalForm(
     length_scale=SUBCRITICAL.length_scale,
     time_scale=SUBCRITICAL.time_scale,
 )
-PERIOD, PATHS, STD = 0.01, 24, 1e-6
+PERIOD, PATHS = 0.01, 24
 HUNTING = (State.ESCAPING, State.LIMIT_CYCLE)
 
 
@@ -54,13 +54,7 @@ def _states(form: NormalForm, speed: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Return the states of one path, shape (m,)."""
     known = IdentifiedNormalForm(form)
     rules = rules_of(DetectorConfig(), 6.4, form.critical_speed)
-    rows = np.zeros(z.size, dtype=ESTIMATE_DTYPE)
-    rows['speed'] = speed
-    rows['phase'] = np.angle(z)
-    rows['growth_rate'] = rows['growth_rate_std'] = math.nan
-    none = np.zeros(z.size, dtype=np.bool_)
-    memory = decisions.fresh_memory()
-    std, nowhere = np.full(z.size, STD), np.full(z.size, math.nan)
+    found, memory = [], decisions.fresh_memory()
     table, numbers, second = OutlookTable(known), form_numbers(known), round(1.0 / PERIOD)
     for begin in range(0, z.size, second):
         noise, square = memory['noise'][0], float(memory['floor']['square'][0])
@@ -68,21 +62,13 @@ def _states(form: NormalForm, speed: np.ndarray, z: np.ndarray) -> np.ndarray:
             float(speed[begin]),
             float(noise['intensity']),
             float(noise['spread']),
-            rules.disturbed_out * math.sqrt(square),
+            states.CALM * math.sqrt(square),
             0.0,
         )
         part = slice(begin, begin + second)
-        decisions.decide(
-            rules,
-            numbers,
-            memory,
-            np.abs(z[part]),
-            std[part],
-            nowhere[part],
-            none[part],
-            rows[part],
-        )
-    return np.asarray(rows['state'])
+        path, phase = np.abs(z[part]), np.angle(z[part])
+        found.append(decided(path, rules, numbers, memory, speed[part], phase)['state'])
+    return np.concatenate(found)
 
 
 @pytest.mark.parametrize('excess', [0.0, 0.002])

@@ -9,16 +9,31 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hunt_ros.detection import DetectorConfig, HuntingDetector
-from hunt_ros.detection.decision import doubts
-from hunt_ros.detection.decision.rules import rules_of
+from hunt_ros.detection import DetectorConfig, HuntingDetector, doubts
+from hunt_ros.detection.decision import decisions
+from hunt_ros.detection.decision.rules import rows_of, rules_of
 from hunt_ros.detection.offline import collect, detect, watch
+from hunt_ros.detection.output import blank_rows
 from hunt_ros.detection.regions import Region, State
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.samples import USUAL_CHANNELS, Record, Series
 
 RULES = rules_of(DetectorConfig(), 6.4, 8.0)
 HUNTING = (State.ESCAPING, State.LIMIT_CYCLE, State.DECAYING)
+
+
+class Margins:
+    """The doubt about the margin, row by row."""
+
+    def __init__(self) -> None:
+        self.memory = decisions.fresh_memory()[0]
+
+    def low(self, region: Region, state: State, known: bool, margin: float) -> bool:
+        row = blank_rows(np.zeros(1, dtype=np.int64))[0]
+        row['region'], row['state'], row['margin'] = region, state, margin
+        decisions._doubt(RULES, self.memory, known, False, False, False, row)
+        return bool(row['doubts'] & doubts.MARGIN)
+
 
 #: Stretches of rows: (rows, region, state, amplitude known, margin).
 STRETCHES = st.lists(
@@ -36,24 +51,19 @@ STRETCHES = st.lists(
 @settings(max_examples=60, deadline=None)
 @given(STRETCHES)
 def test_margin_is_restored_only_where_it_is_seen_and_after_its_hold(stretches) -> None:
-    memory = np.zeros(1, dtype=doubts.DOUBTS)[0]
+    margins = Margins()
     low, since, room = False, 10**9, 0
     for rows, region, state, known, margin in stretches:
         seen = known and region is Region.HYSTERESIS
         for _ in range(rows):
-            now = bool(
-                doubts.hold_doubts(
-                    RULES, memory, region, state, known, False, margin if seen else math.nan, 0
-                )
-                & doubts.MARGIN
-            )
+            now = margins.low(region, state, known, margin if seen else math.nan)
             room = room + 1 if not seen or margin > RULES.margin_in else 0
             since += 1
             if low and not now:
                 assert known, 'not while the amplitude is unknown'
-                assert room > RULES.margin_hold
+                assert room > rows_of(RULES, decisions.MARGIN_S)
                 if seen:
-                    assert min(room, since) >= RULES.margin_restore
+                    assert min(room, since) >= rows_of(RULES, decisions.MARGIN_RESTORE_S)
                 else:
                     assert region is Region.STABLE
                     assert state not in HUNTING
@@ -63,16 +73,13 @@ def test_margin_is_restored_only_where_it_is_seen_and_after_its_hold(stretches) 
 
 def test_a_margin_that_noise_crosses_again_and_again_is_told_once() -> None:
     rng = np.random.default_rng(5)
-    memory = np.zeros(1, dtype=doubts.DOUBTS)[0]
+    margins = Margins()
     z, low, changes = 0j, False, 0
     for _ in range(60_000):  # narrow-band noise, correlation time 3 s, median margin 4
         z = z * (1.0 - 0.01 / 3.0) + math.sqrt(0.01 / 3.0) * complex(*rng.normal(size=2))
         margin = 4.7 / abs(z)
-        bits = doubts.hold_doubts(
-            RULES, memory, Region.HYSTERESIS, State.QUIET, True, False, margin, 0
-        )
-        changes += bool(bits & doubts.MARGIN) is not low
-        low = bool(bits & doubts.MARGIN)
+        now = margins.low(Region.HYSTERESIS, State.QUIET, True, margin)
+        changes, low = changes + (now is not low), now
     assert changes <= 9, 'in ten minutes'
 
 

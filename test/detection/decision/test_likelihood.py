@@ -6,13 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from decided import decided
 from scipy.signal import lfilter
 
 from hunt_ros.detection import DetectorConfig, State
-from hunt_ros.detection.decision import decisions
-from hunt_ros.detection.decision.outlook import form_numbers
 from hunt_ros.detection.decision.rules import rules_of
-from hunt_ros.detection.output import ESTIMATE_DTYPE
 
 ROWS = 100  # in a second
 QUIET = 20e-6  # r.m.s. of the quiet motion, m
@@ -33,15 +31,8 @@ def noise(seconds: float, damping: float, lag_s: float = 0.0, seed: int = 1) -> 
 
 def judged(phasor: np.ndarray, **settings: float) -> np.ndarray:
     """Return the states of the decisions on an amplitude known to 1 um."""
-    amplitude = np.abs(phasor)
-    rows = np.zeros(amplitude.size, dtype=ESTIMATE_DTYPE)
-    rows['speed'] = math.nan
     config = DetectorConfig(**settings)  # type: ignore[arg-type]
-    rules, memory = rules_of(config, math.nan, math.nan), decisions.fresh_memory()
-    spread, nowhere = np.full(amplitude.size, 1e-6), np.full(amplitude.size, math.nan)
-    none = np.zeros(amplitude.size, dtype=np.bool_)
-    decisions.decide(rules, form_numbers(None), memory, amplitude, spread, nowhere, none, rows)
-    return np.asarray(rows['state'])
+    return decided(np.abs(phasor), rules_of(config, math.nan, math.nan))['state']
 
 
 def seconds_to_alarm(states: np.ndarray) -> float:

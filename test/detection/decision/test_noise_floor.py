@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.decision import decisions, likelihood, noise_floor
+from hunt_ros.detection.decision import decisions, likelihood, noise
 from hunt_ros.detection.decision.rules import rules_of
 
 PERIOD = 0.01
@@ -39,9 +39,9 @@ class Floor:
         memory = self.memory[0]
         for a in amplitudes:
             likelihood.watch(self.rules, memory['ratios'], a, STD, math.nan)
-            noise_floor.observe(self.rules, memory['floor'], a)
-            noise_floor.learn(self.rules, memory['floor'], memory['ratios'], a, basin)
-        return float(noise_floor.floor_of(memory['floor'], memory['ratios'], STD))
+            noise.observe(self.rules, memory['floor'], a)
+            noise.learn(self.rules, memory['floor'], memory['ratios'], a, basin)
+        return float(noise.floor_of(memory['floor'], memory['ratios'], STD))
 
 
 @pytest.mark.parametrize('rms', [8e-6, 80e-6])
@@ -89,7 +89,7 @@ def test_a_floor_learnt_on_the_hunting_is_forgotten() -> None:
     floor = Floor()
     floor.feed(_quiet(20.0, 8e-6))
     memory = floor.memory[0]['floor']
-    noise_floor.reconsider(memory, 100.0 * math.sqrt(float(memory['square'])))
+    noise.reconsider(memory, 100.0 * math.sqrt(float(memory['square'])))
     assert not math.isnan(memory['square'])
-    noise_floor.reconsider(memory, 2.0 * math.sqrt(float(memory['square'])))
+    noise.reconsider(memory, 2.0 * math.sqrt(float(memory['square'])))
     assert math.isnan(memory['square'])

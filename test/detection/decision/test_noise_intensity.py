@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.decision import decisions, noise_intensity
+from hunt_ros.detection.decision import decisions, noise
 from hunt_ros.detection.decision.outlook import form_numbers
 from hunt_ros.detection.decision.rules import rules_of
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
@@ -27,9 +27,9 @@ def _phasor(speed: float, seconds: float, seed: int, lag_s: float = 0.0) -> np.n
     rate, count = float(FORM.growth_rate(speed)), round((seconds + 3.0) / PERIOD)
     keep = math.exp(rate * PERIOD)
     size = math.sqrt(DIFFUSION * (1.0 - keep**2) / -rate)
-    noise = size * (rng.standard_normal(count) + 1j * rng.standard_normal(count))
-    noise[0] *= 1.0 / math.sqrt(1.0 - keep**2)
-    motion = lfilter([1.0], [1.0, -keep], noise)
+    steps = size * (rng.standard_normal(count) + 1j * rng.standard_normal(count))
+    steps[0] *= 1.0 / math.sqrt(1.0 - keep**2)
+    motion = lfilter([1.0], [1.0, -keep], steps)
     if lag_s:
         part = 1.0 - math.exp(-PERIOD / lag_s)
         motion = lfilter([part], [1.0, part - 1.0], motion)
@@ -42,8 +42,8 @@ def _learnt(motion: np.ndarray, speed: float, stops: tuple[int, ...] = ()) -> tu
     memory = decisions.fresh_memory()['noise']
     for k, z in enumerate(motion):
         if k in stops:
-            noise_intensity.interrupt(memory[0])
-        noise_intensity.learn(rules, NUMBERS, memory[0], speed, abs(z), math.atan2(z.imag, z.real))
+            noise.interrupt(memory[0])
+        noise.learn_intensity(rules, NUMBERS, memory[0], speed, abs(z), math.atan2(z.imag, z.real))
     return float(memory['intensity'][0]), float(memory['spread'][0])
 
 
@@ -66,7 +66,7 @@ def test_nothing_is_said_after_a_moment_and_nothing_of_a_phase_that_is_unknown()
     rules = rules_of(DetectorConfig(), 6.4, 8.0)
     memory = decisions.fresh_memory()['noise']
     for _ in range(2000):
-        noise_intensity.learn(rules, NUMBERS, memory[0], 7.2, 1e-5, math.nan)
+        noise.learn_intensity(rules, NUMBERS, memory[0], 7.2, 1e-5, math.nan)
     assert math.isnan(memory['intensity'][0])
 
 

@@ -18,7 +18,7 @@ from hunt_ros.detection.decision.outlook import (
     FormNumbers,
     form_numbers,
 )
-from hunt_ros.detection.output import ESTIMATE_DTYPE
+from hunt_ros.detection.output import blank_rows
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 
@@ -36,10 +36,9 @@ def _row(
     outlook: np.ndarray = NO_OUTLOOK,
     roughness: float = 0.0,
 ) -> np.void:
-    rows = np.zeros(1, dtype=ESTIMATE_DTYPE)
-    prediction.clear(rows[0])
-    damping = prediction.branches(numbers, speed, roughness, rows[0])
-    prediction.judge(numbers, outlook[0], speed, amplitude, std, damping, 60.0, rows[0])
+    rows = blank_rows(np.zeros(1, dtype=np.int64))
+    rows['lateral_roughness'] = roughness
+    prediction.predict(numbers, outlook[0], speed, amplitude, std, rows[0])
     return rows[0]
 
 
@@ -122,20 +121,15 @@ def test_the_time_to_the_cycle_is_that_of_the_dynamics(speed, share) -> None:
     unstable, stable = (float(x) for x in FORM.steady_amplitudes(speed))
     low = 1.03 * unstable if math.isfinite(unstable) else 1e-5
     amplitude = low + share * (0.9 * stable - low)
-    rows = np.zeros(1, dtype=ESTIMATE_DTYPE)
-    prediction.clear(rows[0])
-    prediction.branches(EXACT, speed, 0.0, rows[0])
-    found = prediction.time_to_cycle(EXACT, speed, amplitude, rows[0])
+    row = _row(EXACT, speed, amplitude, 0.0)
+    found = prediction.time_to_cycle(EXACT, speed, amplitude, row)
     ends = math.log(amplitude), math.log(0.9 * stable)
     expected, _ = quad(lambda x: 1.0 / float(FORM.growth_rate(speed, math.exp(x))), *ends)
     assert found == pytest.approx(expected, rel=0.01)
 
 
 def test_without_a_limit_cycle_there_is_no_time_to_it_and_on_it_none_is_left() -> None:
-    rows = np.zeros(1, dtype=ESTIMATE_DTYPE)
-    prediction.clear(rows[0])
-    prediction.branches(EXACT, 5.0, 0.0, rows[0])
-    assert math.isnan(prediction.time_to_cycle(EXACT, 5.0, 1e-4, rows[0]))
-    prediction.branches(EXACT, 7.2, 0.0, rows[0])
-    stable = float(rows[0]['stable_amplitude'])
-    assert prediction.time_to_cycle(EXACT, 7.2, 0.95 * stable, rows[0]) == 0.0
+    below, beyond = (_row(EXACT, speed, 1e-4, 0.0) for speed in (5.0, 7.2))
+    assert math.isnan(prediction.time_to_cycle(EXACT, 5.0, 1e-4, below))
+    stable = float(beyond['stable_amplitude'])
+    assert prediction.time_to_cycle(EXACT, 7.2, 0.95 * stable, beyond) == 0.0

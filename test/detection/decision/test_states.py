@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.decision import decisions, evidence, states
-from hunt_ros.detection.decision.rules import rules_of
-from hunt_ros.detection.output import ESTIMATE_DTYPE
-from hunt_ros.detection.regions import State, latch
+from hunt_ros.detection.decision import decisions, states
+from hunt_ros.detection.decision.rules import rows_of, rules_of
+from hunt_ros.detection.output import blank_rows
+from hunt_ros.detection.regions import State
 
 CONFIG = DetectorConfig()
 RULES = rules_of(CONFIG, 6.4, 8.0)
@@ -26,7 +26,7 @@ class Machine:
     def __init__(self, state: State = State.QUIET) -> None:
         self.memory = decisions.fresh_memory()
         self.memory['state']['motion' if state <= State.DISTURBED else 'hunting']['word'] = state
-        self.memory['evidence']['reference'] = CYCLE
+        self.memory['state']['reference'] = CYCLE
         self.memory['floor']['square'] = FLOOR**2
         self.memory['floor']['learnt'] = 1e4
         self.memory['ratios']['seen'] = 1000
@@ -41,54 +41,46 @@ class Machine:
         edge: float = EDGE,
         stable: float = CYCLE,
     ) -> State:
-        row = np.zeros(1, dtype=ESTIMATE_DTYPE)
+        row = blank_rows(np.zeros(1, dtype=np.int64))
         row['noise_floor'], row['escape_probability'] = FLOOR, probability
         row['unstable_amplitude'], row['stable_amplitude'] = edge, stable
         memory = self.memory[0]
         memory['ratios']['fall'] = falls
         memory['ratios']['a'][0] = amplitude
         for _ in range(rows):
-            found = evidence.gather(
+            states.judge(
                 RULES,
-                memory['evidence'],
+                memory['state'],
                 memory['ratios'],
-                memory['state']['hunting']['word'],
+                memory['floor'],
                 amplitude,
                 1e-6,
                 math.nan,
                 True,
                 row[0],
             )
-            states.next_state(
-                RULES,
-                memory['state'],
-                memory['evidence'],
-                memory['floor'],
-                found,
-                amplitude,
-                1e-6,
-                0,
-            )
-            latch(memory['state'], states.hunts(memory['state']))
-        return State(states.shown(memory['state']))
+        return State(states.word_of(memory['state']))
 
 
-HOLD = RULES.escape_hold + 2
+DISTURBED, QUIET, ESCAPE, CYCLE_ROWS = (
+    rows_of(RULES, seconds)
+    for seconds in (states.DISTURBED_S, states.QUIET_S, states.ESCAPE_S, states.CYCLE_S)
+)
+HOLD = ESCAPE + 2
 
 
 def test_a_disturbance_and_its_end() -> None:
     machine = Machine()
-    assert machine.feed(4.0 * FLOOR, 0.0, RULES.disturbed_hold + 2) is State.DISTURBED
+    assert machine.feed(4.0 * FLOOR, 0.0, DISTURBED + 2) is State.DISTURBED
     assert machine.feed(2.5 * FLOOR, 0.0, 500) is State.DISTURBED  # between the thresholds
-    assert machine.feed(1.5 * FLOOR, 0.0, RULES.quiet_hold + 2) is State.QUIET
+    assert machine.feed(1.5 * FLOOR, 0.0, QUIET + 2) is State.QUIET
 
 
 @pytest.mark.parametrize('start', [State.QUIET, State.DISTURBED])
 def test_a_sure_escape_is_called_after_its_hold(start: State) -> None:
     machine = Machine(start)
-    assert machine.feed(EDGE * 1.3, 0.96, RULES.escape_hold) is not State.ESCAPING
+    assert machine.feed(EDGE * 1.3, 0.96, ESCAPE) is not State.ESCAPING
     assert machine.feed(EDGE * 1.3, 0.96, 2) is State.ESCAPING
-    assert bool(machine.memory['state']['alarm'][0])
 
 
 def test_the_larger_the_disturbance_the_sooner_the_first_word() -> None:
@@ -99,11 +91,11 @@ def test_the_larger_the_disturbance_the_sooner_the_first_word() -> None:
         return rows
 
     small = rows_of_quiet(0.8 * EDGE, 0.1)
-    assert small == RULES.disturbed_hold
+    assert small == DISTURBED
     assert rows_of_quiet(2.0 * EDGE, 1.0) == small  # escaping, but not yet for its hold
     assert rows_of_quiet(1.1 * CYCLE, 1.0) == small
     growing = Machine()
-    growing.feed(0.8 * EDGE, 0.1, RULES.disturbed_hold)  # asks for another word on its way
+    growing.feed(0.8 * EDGE, 0.1, DISTURBED)  # asks for another word on its way
     assert growing.feed(1.3 * EDGE, 0.99) is State.DISTURBED
 
 
@@ -111,7 +103,7 @@ def test_the_larger_the_disturbance_the_sooner_the_first_word() -> None:
 def test_to_be_disturbed_meanwhile_delays_no_alarm(early: int) -> None:
     machine = Machine()
     machine.feed(0.8 * EDGE, 0.1, early)
-    assert machine.feed(1.3 * EDGE, 0.96, RULES.escape_hold) is State.DISTURBED
+    assert machine.feed(1.3 * EDGE, 0.96, ESCAPE) is State.DISTURBED
     assert machine.feed(1.3 * EDGE, 0.96, 1) is State.ESCAPING
 
 
@@ -125,8 +117,8 @@ def test_an_escape_is_over_only_when_it_is_unlikely() -> None:
     machine = Machine()
     machine.feed(EDGE * 1.3, 0.99, HOLD)
     assert machine.feed(EDGE, 0.6, 300) is State.ESCAPING
-    assert machine.feed(EDGE * 0.9, 0.4, RULES.quiet_hold + 2) is State.DECAYING
-    assert machine.feed(FLOOR, 0.0, RULES.quiet_hold + 2) is State.QUIET
+    assert machine.feed(EDGE * 0.9, 0.4, QUIET + 2) is State.DECAYING
+    assert machine.feed(FLOOR, 0.0, QUIET + 2) is State.QUIET
 
 
 def test_inside_the_noise_nothing_escapes() -> None:
@@ -137,7 +129,7 @@ def test_inside_the_noise_nothing_escapes() -> None:
 def test_the_limit_cycle_is_reached_kept_and_left() -> None:
     machine = Machine()
     machine.feed(EDGE * 1.5, 1.0, HOLD)
-    assert machine.feed(0.9 * CYCLE, 1.0, RULES.cycle_hold + 2) is State.LIMIT_CYCLE
+    assert machine.feed(0.9 * CYCLE, 1.0, CYCLE_ROWS + 2) is State.LIMIT_CYCLE
     assert machine.feed(0.75 * CYCLE, 1.0, 500) is State.LIMIT_CYCLE  # slower: a smaller cycle
     assert machine.feed(0.5 * CYCLE, 1.0, falls=RULES.evidence) is State.DECAYING
 
@@ -162,10 +154,10 @@ def test_no_state_lasts_for_less_than_the_hold_of_the_next(rows) -> None:
     # Before hunting, quiet and disturbed count as one: the wait goes on from one to the other.
     machine = Machine()
     holds = {
-        State.QUIET: RULES.quiet_hold,
-        State.DISTURBED: RULES.disturbed_hold,
-        State.ESCAPING: RULES.escape_hold,
-        State.LIMIT_CYCLE: RULES.cycle_hold,
+        State.QUIET: QUIET,
+        State.DISTURBED: DISTURBED,
+        State.ESCAPING: ESCAPE,
+        State.LIMIT_CYCLE: CYCLE_ROWS,
         State.DECAYING: 0,
     }
     last, lasted = State.QUIET, 10**6

@@ -1,0 +1,42 @@
+"""The decisions alone, on amplitudes that are given: what several tests share."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from hunt_ros.detection.configuration import DetectorConfig
+from hunt_ros.detection.decision import decisions
+from hunt_ros.detection.decision.outlook import FormNumbers, form_numbers
+from hunt_ros.detection.decision.rules import Rules, rules_of
+from hunt_ros.detection.output import blank_rows
+
+RULES = rules_of(DetectorConfig(), 6.4, 8.0)
+
+
+def decided(
+    amplitude: np.ndarray,
+    rules: Rules = RULES,
+    form: FormNumbers | None = None,
+    memory: np.ndarray | None = None,
+    speed: float | np.ndarray = math.nan,
+    phase: float | np.ndarray = math.nan,
+) -> np.ndarray:
+    """Return the rows of an amplitude that is known to 1 um, m."""
+    rows = blank_rows(np.zeros(amplitude.size, dtype=np.int64))
+    rows['speed'], rows['phase'] = speed, phase
+    std, nowhere = np.full(amplitude.size, 1e-6), np.full(amplitude.size, math.nan)
+    none, all_of_it = np.zeros(amplitude.size, np.bool_), np.ones(amplitude.size, np.bool_)
+    decisions.decide(
+        rules,
+        form or form_numbers(None),
+        decisions.fresh_memory() if memory is None else memory,
+        amplitude,
+        std,
+        nowhere,
+        none,
+        all_of_it,
+        rows,
+    )
+    return rows
