@@ -8,7 +8,6 @@ changed. It has no clock, no logger and no file.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, fields, replace
 from types import MappingProxyType
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hunt_ros.detection.acceptance import form_event, form_words
+from hunt_ros.detection.acceptance import form_event
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.door import Door, Stretch
 from hunt_ros.detection.journal import JournalEntry
@@ -155,16 +154,7 @@ class HuntingDetector:
 
     def _basis(self) -> Basis:
         """Return what the words compare the numbers with."""
-        if self._form is None:
-            return Basis(self.config, *self._rows.boundaries)
-        fold = self._form.form.saddle_node()
-        return Basis(
-            self.config,
-            *self._rows.boundaries,
-            form_words(self._form),
-            fold_amplitude=math.nan if fold is None else fold[1],
-            frequency_hz=self._form.form.frequency_hz,
-        )
+        return Basis(self.config, *self._rows.boundaries, self._form)
 
     def reconfigure(self, config: DetectorConfig) -> Output:
         """

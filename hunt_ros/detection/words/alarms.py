@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.detection.decision.limits import ALARMS
 from hunt_ros.detection.output import Event
 from hunt_ros.detection.regions import State
 from hunt_ros.samples import NANOSECONDS, known
@@ -29,12 +30,10 @@ UNKNOWN = 'unknown'
 #: After a kick, and while the filter starts, an amplitude may be far off: one whose standard
 #: deviation is a larger part of it than this is not the highest.
 _SURE = 0.1
-_BEGINS = {State.ESCAPING.label, State.LIMIT_CYCLE.label}
-_ENDS = {State.QUIET.label, State.DISTURBED.label}
-_LIMIT = {'limit_exceeded', 'limit_cleared'}
-_TOLD = _BEGINS | _ENDS | _LIMIT | {State.DECAYING.label}
 #: How far an alarm came, from less to more.
 _FAR = ('amplitude_limit', State.ESCAPING.label, State.LIMIT_CYCLE.label)
+#: What may begin an alarm, or end it.
+_TOLD = {state.label for state in State} | {'limit_exceeded', 'limit_cleared'}
 _COLUMNS = (('lateral', 'highest_amplitude_m'), ('yaw', 'highest_yaw_amplitude_rad'))
 
 
@@ -81,19 +80,18 @@ class Alarm:
         Stamps are in seconds from `origin_ns` on.
         """
 
-        def seconds(stamp_ns: int) -> float:
-            return (stamp_ns - origin_ns) / NANOSECONDS
+        def seconds(stamp_ns: int, there: object = True) -> float | None:
+            return (stamp_ns - origin_ns) / NANOSECONDS if there else None
 
         return {
             'began_s': seconds(self.began_ns),
             'decided_s': seconds(self.decided_ns),
-            'over_s': seconds(self.over_ns) if self.over_ns else None,
+            'over_s': seconds(self.over_ns, self.over_ns),
             'reached': self.reached,
             'test': self.test,
             'cause': self.cause,
-            'highest_amplitude_m': known(self.highest_amplitude_m),
-            'highest_yaw_amplitude_rad': known(self.highest_yaw_amplitude_rad),
-            'acknowledged_s': seconds(self.acknowledged_ns) if self.acknowledged_by else None,
+            **{name: known(getattr(self, name)) for _, name in _COLUMNS},
+            'acknowledged_s': seconds(self.acknowledged_ns, self.acknowledged_by),
             'acknowledged_by': self.acknowledged_by or None,
         }
 
@@ -121,8 +119,7 @@ class AlarmHistory:
         self._period_ns = period_ns
         self._alarms: deque[Alarm] = deque(maxlen=KEPT)
         self._lasts = False
-        #: What makes it last: a word of the hunting, and the alarm limits that are exceeded.
-        self._sources: set[str] = set()
+        self._decays = False
         self._hunting_rows = 0
         self.count = 0
         self.since_ns = 0
@@ -171,47 +168,34 @@ class AlarmHistory:
         for event in told:
             end = int(np.searchsorted(rows['stamp_ns'], event.stamp_ns))
             self._measure(rows[begin:end])
-            self._take(event)
+            self._take(event, rows[end])
             begin = end
         self._measure(rows[begin:])
         return bool(told)
 
-    def _take(self, event: Event) -> None:
-        """Begin an alarm, go on with the one that lasts, or end it."""
-        word, stamp_ns = event.event, event.stamp_ns
-        reached = ''
-        if word in _BEGINS:
-            raised_again = State.DECAYING.label in self._sources
-            self._sources -= _BEGINS | {State.DECAYING.label}
-            self._sources.add(word)
-            if raised_again and not self._sources - _BEGINS and self._lasts:
-                self._close_if_acknowledged(stamp_ns)
-            reached = word
-        elif word == State.DECAYING.label or word in _ENDS:
-            self._sources -= _BEGINS | {State.DECAYING.label}
-            if word not in _ENDS:
-                self._sources.add(word)
-        elif event.test.startswith('alarm_'):
-            if word == 'limit_exceeded':
-                self._sources.add(event.test)
-                reached = _FAR[0]
+    def _take(self, event: Event, row: np.void) -> None:
+        """Begin an alarm at a row, go on with the one that lasts, or end it."""
+        above = int(row['limits']) & ALARMS
+        reached = event.event
+        if event.test.startswith('alarm_') and event.event == 'limit_exceeded':
+            reached = _FAR[0]
+        if reached in _FAR:
+            if self._lasts and self._decays and self._alarms[-1].acknowledged_by:
+                self._end(event.stamp_ns)  # it was taken back while it decayed: another one
+            if self._lasts:
+                self._change(reached=max(self._alarms[-1].reached, reached, key=_FAR.index))
             else:
-                self._sources.discard(event.test)
-        if reached and self._lasts:
-            self._change(reached=max(self._alarms[-1].reached, reached, key=_FAR.index))
-        elif reached:
-            self.count += 1
-            self._alarms.append(Alarm(event.since_ns, stamp_ns, event.cause, event.test, reached))
-            self._lasts = True
-        elif self._lasts and not self._sources:
-            self._change(over_ns=stamp_ns)
-            self._lasts = False
+                self.count += 1
+                began_ns, cause, test = event.since_ns, event.cause, event.test
+                self._alarms.append(Alarm(began_ns, event.stamp_ns, cause, test, reached))
+                self._lasts = True
+        elif self._lasts and row['state'] < State.ESCAPING and not above:
+            self._end(event.stamp_ns)
+        self._decays = bool(row['state'] == State.DECAYING) and not above
 
-    def _close_if_acknowledged(self, stamp_ns: int) -> None:
-        """End an alarm that was taken back while it decayed: it is raised anew."""
-        if self._alarms[-1].acknowledged_by:
-            self._change(over_ns=stamp_ns)
-            self._lasts = False
+    def _end(self, stamp_ns: int) -> None:
+        self._change(over_ns=stamp_ns)
+        self._lasts = False
 
     def _measure(self, rows: NDArray[np.void]) -> None:
         """Take in the amplitudes of rows between two events."""

@@ -94,21 +94,25 @@ def status_of(
     sequence : int
         Number of rows so far.
     """
-    offsets = door.clock_offsets_s
+    offsets, behind = door.clock_offsets_s, door.behind
     refused = [
         f'{name}: clocks differ by {abs(offsets[name]):.1f} s,'
         f' more than the {1e-9 * CLOCK_OFFSET_NS:g} s that are followed'
         for name, channel in door.channels.items()
         if not channel.clock.believed
     ]
-    until_ns, level, reasons = 0, Level.STALE, ['no data yet', *refused]
     if row is None:
-        row = _NO_ROW[0]
+        row, until_ns, level = _NO_ROW[0], 0, Level.STALE
+        reasons = ['no data yet', *refused]
     else:
-        watermark_ns, behind = door.watermark_ns, door.behind
-        until_ns = int(row['stamp_ns']) if watermark_ns is None else watermark_ns
+        until_ns = int(row['stamp_ns']) if door.watermark_ns is None else door.watermark_ns
         level = Level.STALE if behind else Level(int(row['level']))
-        reasons = [*_with_offsets(transitions.reasons(row), offsets), *behind, *refused]
+        apart = {
+            f'{name}: {health.WORDS[health.CLOCK]}': f' by {abs(offset):.1f} s'
+            for name, offset in offsets.items()
+        }
+        reasons = [told + apart.get(told, '') for told in transitions.reasons(row)]
+        reasons += [*behind, *refused]
         reasons += [
             f'{name}: {channel.refused_since} samples refused for their stamps'
             for name, channel in door.channels.items()
@@ -141,12 +145,3 @@ def status_of(
     return DetectorStatus(
         stamp_ns, level, region, state, alarm, tuple(reasons), absent, dropped, offsets, values
     )
-
-
-def _with_offsets(reasons: tuple[str, ...], offsets_s: Mapping[str, float]) -> tuple[str, ...]:
-    """Add to the reasons how far the clocks are apart."""
-    numbers = {
-        f'{name}: {health.WORDS[health.CLOCK]}': f' by {abs(offset):.1f} s'
-        for name, offset in offsets_s.items()
-    }
-    return tuple(reason + numbers.get(reason, '') for reason in reasons)

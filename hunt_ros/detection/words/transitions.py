@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from hunt_ros.detection import doubts
 from hunt_ros.detection.channels import health
 from hunt_ros.detection.channels.speed_check import CONTRADICTED_S, TOLERANCE_MPS
 from hunt_ros.detection.decision.limits import LIMITS, limit_cause
-from hunt_ros.detection.output import ESTIMATE_DTYPE, Event, numbers_behind
+from hunt_ros.detection.output import Event, blank_rows, numbers_behind
 from hunt_ros.detection.regions import Level, Region, State
 from hunt_ros.detection.words.reasons import (
     Basis,
@@ -23,13 +24,14 @@ from hunt_ros.detection.words.reasons import (
 )
 from hunt_ros.samples import CHANNELS, NANOSECONDS
 
-#: An event without the numbers of its row: word, test, cause, and since when, ns.
+#: What makes an event: word, test, cause, and since when, ns.
 _Change = tuple[str, str, str, int]
 
 #: Motion outside the range is named again when it has grown by this factor.
 _GROWN = 10.0
 #: A channel gives nothing: a fault, or one that is optional.
 _MISSING = health.SILENT | health.ABSENT
+#: A disturbance that stays in the basin is a state, not an event.
 _STATES = {State.ESCAPING, State.LIMIT_CYCLE, State.DECAYING}
 _REGIONS = {Region.HYSTERESIS: 'hysteresis', Region.UNSTABLE: 'unstable'}
 
@@ -58,8 +60,9 @@ class Transitions:
     def __init__(self, basis: Basis) -> None:
         self.basis = basis
         self._channels = tuple(name for name in CHANNELS if name in basis.config.channels)
-        self._before = np.zeros(1, dtype=ESTIMATE_DTYPE)
+        self._before = blank_rows(np.zeros(1, dtype=np.int64))
         self._before['level'] = -1
+        #: Largest motion outside the range that was named, by coordinate; when what lasts began.
         self._said: dict[str, float] = {}
         self._began_ns: dict[str, int] = {}
         self.decided, self.test = '', ''
@@ -78,31 +81,22 @@ class Transitions:
         rows : ndarray of ESTIMATE_DTYPE, shape (m,)
             With level, region and state filled in; m > 0.
         """
-        watched = ['region', 'state', 'level', 'limits']
-        changed = np.zeros(rows.size, dtype=np.bool_)
-        before = {}
-        for name in (*watched, 'doubts', *(f'{name}_wrong' for name in self._channels)):
-            values = rows[name]
-            if name == 'doubts':
-                values = values & (doubts.MARGIN | doubts.OUTSIDE)
-            elif name.endswith('_wrong'):
-                values = values & (_MISSING | health.FAULTS)
-            last = self._before[name][0]
-            earlier = np.concatenate(([last], values[:-1]))
-            changed |= values != earlier
-            before[name] = earlier
-            self._before[name][0] = values[-1]
-        events = []
+        rows = np.concatenate([self._before, rows])
+        self._before = rows[-1:].copy()
         # Motion outside the range is looked at in every row: it may have grown.
-        changed |= (rows['doubts'] & doubts.OUTSIDE) != 0
+        changed = (rows['doubts'][1:] & np.uint32(doubts.OUTSIDE)) != 0
+        bits = {f'{name}_wrong': _MISSING | health.FAULTS for name in self._channels}
+        bits |= {'doubts': doubts.MARGIN | doubts.OUTSIDE}
+        watched = [rows[name] for name in ('region', 'state', 'level', 'limits')]
+        watched += [rows[name] & np.uint32(mask) for name, mask in bits.items()]
+        for column in watched:
+            changed |= column[1:] != column[:-1]
+        events = []
         for k in np.flatnonzero(changed).tolist():
-            row = rows[k]
-            if row['level'] != before['level'][k]:
+            before, row = rows[k], rows[k + 1]
+            if row['level'] != before['level']:
                 self.level_since_ns = int(row['stamp_ns'])
-            for word, test, cause, since_ns in self._changes(
-                row, {name: int(x[k]) for name, x in before.items()}
-            ):
-                events.append(self.event_of(row, word, test, cause, since_ns))
+            events += [self.event_of(row, *change) for change in self._changes(before, row)]
         return events
 
     def event_of(
@@ -120,118 +114,96 @@ class Transitions:
             told = reasons[0]
             if told not in cause and cause not in told:
                 cause += f'; {level.label}: {told}'
-        return Event(
-            stamp_ns,
-            word,
-            level,
-            stamp_ns if since_ns is None else since_ns,
-            test,
-            cause,
-            self.basis.normal_form,
-            numbers_behind(row),
-        )
+        since_ns = stamp_ns if since_ns is None else since_ns
+        form, numbers = self.basis.normal_form, numbers_behind(row)
+        return Event(stamp_ns, word, level, since_ns, test, cause, form, numbers)
 
     def reasons(self, row: np.void) -> tuple[str, ...]:
         """Return why the level of a row is what it is, the most serious first."""
         return reasons_of(row, self.basis, self.decided)
 
-    def _changes(self, row: np.void, before: dict[str, int]) -> list[_Change]:
-        """Return what has changed since the row before: word, test, cause, since when."""
-        found: list[_Change] = []
+    def _changes(self, before: np.void, row: np.void) -> Iterator[_Change]:
+        """Yield what has changed since the row before."""
         for name in self._channels:
-            found += self._channel(name, before[f'{name}_wrong'], row)
-        old_region, region = Region(before['region']), Region(int(row['region']))
-        if region != old_region:
+            yield from self._channel(name, int(before[f'{name}_wrong']), row)
+        old, new = Region(int(before['region'])), Region(int(row['region']))
+        if new != old:
             cause, since_ns = region_cause(row, self.basis), int(row['region_since_ns'])
-            if old_region in _REGIONS:
-                found.append((f'{_REGIONS[old_region]}_left', 'speed', cause, since_ns))
-            if region in _REGIONS:
-                found.append((f'{_REGIONS[region]}_entered', 'speed', cause, since_ns))
-        low = bool(int(row['doubts']) & doubts.MARGIN)
-        if low != bool(before['doubts'] & doubts.MARGIN):
+            for region, word in ((old, 'left'), (new, 'entered')):
+                if region in _REGIONS:
+                    yield f'{_REGIONS[region]}_{word}', 'speed', cause, since_ns
+        low = int(row['doubts']) & doubts.MARGIN
+        if low != int(before['doubts']) & doubts.MARGIN:
             word = 'margin_low' if low else 'margin_restored'
-            cause = margin_cause(row, self.basis)
-            found.append((word, 'margin', cause, int(row['margin_since_ns'])))
+            yield word, 'margin', margin_cause(row, self.basis), int(row['margin_since_ns'])
         for number, limit in enumerate(LIMITS):
-            if (int(row['limits']) ^ before['limits']) & (1 << number):
-                over = int(row['limits']) & (1 << number)
+            over, was = (int(x['limits']) & (1 << number) for x in (row, before))
+            if over != was:
                 word = 'limit_exceeded' if over else 'limit_cleared'
                 cause = limit_cause(row, number, self.basis.config)
-                found.append((word, limit.setting, cause, int(row['limit_since_ns'])))
-        found += self._outside(row, before['doubts'])
-        old_state, state = State(before['state']), State(int(row['state']))
-        if state != old_state:
+                yield word, limit.setting, cause, int(row['limit_since_ns'])
+        yield from self._outside(int(before['doubts']), row)
+        was, state = State(int(before['state'])), State(int(row['state']))
+        if state != was:
             self.test, self.decided = state_cause(row, self.basis)
             self.decided_ns = int(row['stamp_ns'])
-            # A disturbance that stays in the basin is a state, not an event.
-            if state in _STATES or old_state in _STATES:
-                since_ns = int(row['state_since_ns'])
-                found.append((state.label, self.test, self.decided, since_ns))
-        return found
+            if {state, was} & _STATES:
+                yield state.label, self.test, self.decided, int(row['state_since_ns'])
 
-    def _channel(self, name: str, old: int, row: np.void) -> list[_Change]:
+    def _channel(self, name: str, old: int, row: np.void) -> Iterator[_Change]:
         new, stamp_ns = int(row[f'{name}_wrong']), int(row['stamp_ns'])
         over_ns = stamp_ns - round(health.FAULT_HOLD_S * NANOSECONDS)
-        found: list[_Change] = []
+        timeout_ns = self.basis.config.timeout_ns(name)
         if (new ^ old) & _MISSING:
             if new & _MISSING:
-                age = self.basis.config.timeout_ns(name)
-                self._began_ns[f'{name} silent'] = since_ns = stamp_ns - age
-                cause = f'{name}: silent for {age / NANOSECONDS:g} s'
+                since_ns = self._began_ns[f'{name} silent'] = stamp_ns - timeout_ns
+                cause = f'{name}: silent for {timeout_ns / NANOSECONDS:g} s'
                 if new & health.ABSENT:
                     cause += f', but it is optional: {health.COSTS[name]}'
-                found.append(('input_stale', 'timeout', cause, since_ns))
+                yield 'input_stale', 'timeout', cause, since_ns
             else:
                 cause = f'{name} is back{self._after(f"{name} silent", over_ns)}'
-                found.append(('input_recovered', 'timeout', cause, over_ns))
-        faults, cleared = new & health.FAULTS & ~old, old & health.FAULTS
-        if faults:
-            bits = [bit for bit in health.WORDS if faults & bit]
-            since_ns = stamp_ns - max(self._age_ns(name, bit) for bit in bits)
+                yield 'input_recovered', 'timeout', cause, over_ns
+        if new & health.FAULTS & ~old:
+            # How long a fault has lasted when it is found, s.
+            ages = {
+                health.NO_VALUE: timeout_ns / NANOSECONDS,
+                health.STUCK: health.STUCK_S,
+                health.CONTRADICTED: CONTRADICTED_S,
+            }
+            found = {
+                bit: ages.get(bit, 0.0) for bit in health.WORDS if new & health.FAULTS & ~old & bit
+            }
+            since_ns = stamp_ns - round(max(found.values()) * NANOSECONDS)
             self._began_ns.setdefault(f'{name} fault', since_ns)
-            words = ', '.join(health.WORDS[bit] + self._limit(name, bit) for bit in bits)
-            found.append(('sensor_fault', 'sensor', f'{name}: {words}', since_ns))
-        elif cleared and not new & health.FAULTS:
+            told = []
+            for bit, age in found.items():
+                by = f' by more than {TOLERANCE_MPS:g} m/s' if bit == health.CONTRADICTED else ''
+                told.append(health.WORDS[bit] + by + (f' for {age:g} s' if age else ''))
+            yield 'sensor_fault', 'sensor', f'{name}: {", ".join(told)}', since_ns
+        elif old & health.FAULTS and not new & health.FAULTS:
             cause = f'{name}: no fault is left{self._after(f"{name} fault", over_ns)}'
-            found.append(('sensor_recovered', 'sensor', cause, over_ns))
-        return found
+            yield 'sensor_recovered', 'sensor', cause, over_ns
 
     def _after(self, what: str, over_ns: int) -> str:
         """Say how long something lasted that is over."""
         began_ns = self._began_ns.pop(what, None)
         return '' if began_ns is None else f' after {(over_ns - began_ns) / NANOSECONDS:.2f} s'
 
-    def _limit(self, channel: str, fault: int) -> str:
-        """Say what a fault was found by."""
-        age = self._age_ns(channel, fault) / NANOSECONDS
-        if fault == health.CONTRADICTED:
-            return f' by more than {TOLERANCE_MPS:g} m/s for {age:g} s'
-        return f' for {age:g} s' if age > 0.0 else ''
-
-    def _age_ns(self, channel: str, fault: int) -> int:
-        """Return how long a fault has lasted when it is found, ns."""
-        ages = {
-            health.NO_VALUE: self.basis.config.timeout_ns(channel),
-            health.STUCK: round(health.STUCK_S * NANOSECONDS),
-            health.CONTRADICTED: round(CONTRADICTED_S * NANOSECONDS),
-        }
-        return ages.get(fault, 0)
-
-    def _outside(self, row: np.void, doubts_before: int) -> list[_Change]:
+    def _outside(self, doubts_before: int, row: np.void) -> Iterator[_Change]:
         """Name motion outside the range when it is seen, and again when it has grown."""
         test, stamp_ns = 'frequency_range', int(row['stamp_ns'])
         if not int(row['doubts']) & doubts.OUTSIDE:
             self._said = {}
-            if not doubts_before & doubts.OUTSIDE:
-                return []
-            cause = f'none is left{self._after("outside", stamp_ns)}'
-            return [('motion_outside_range_over', test, cause, stamp_ns)]
+            if doubts_before & doubts.OUTSIDE:
+                cause = f'none is left{self._after("outside", stamp_ns)}'
+                yield 'motion_outside_range_over', test, cause, stamp_ns
+            return
         channel = 'lateral' if math.isfinite(row['outside_lateral']) else 'yaw'
         amplitude = float(row[f'outside_{channel}'])
-        if self._said:
-            before = self._said.get(channel, 0.0 if channel == 'lateral' else math.inf)
-            if not amplitude > _GROWN * before:
-                return []
-        self._said[channel] = amplitude
-        since_ns = self._began_ns.setdefault('outside', stamp_ns)
-        return [('motion_outside_range', test, outside_words(row), since_ns)]
+        # Of the other coordinate: lateral motion is named after yaw, and not the other way.
+        other = 0.0 if channel == 'lateral' else math.inf
+        if not self._said or amplitude > _GROWN * self._said.get(channel, other):
+            self._said[channel] = amplitude
+            since_ns = self._began_ns.setdefault('outside', stamp_ns)
+            yield 'motion_outside_range', test, outside_words(row), since_ns
