@@ -59,12 +59,11 @@ def _late(v: np.ndarray, lag_s: float) -> np.ndarray:
     jitter_s=st.sampled_from([0.0, 1e-3, 3e-3]),
     lines=st.sampled_from([0, 64, 4096]),
     backwards=st.booleans(),
-    wrapped=st.booleans(),
     told=st.booleans(),
     seed=st.integers(0, 1000),
 )
 def test_sound_sensors_never_contradict_each_other(
-    drive, diameter, resolution, lag_s, noise, jitter_s, lines, backwards, wrapped, told, seed
+    drive, diameter, resolution, lag_s, noise, jitter_s, lines, backwards, told, seed
 ) -> None:
     rng = np.random.default_rng(seed)
     stamps, angle, true = _drive(drive, diameter)
@@ -72,9 +71,6 @@ def test_sound_sensors_never_contradict_each_other(
     if resolution:
         speed = resolution * np.round(speed / resolution)
     angle = angle + np.gradient(angle) * RATE * jitter_s * rng.normal(size=angle.size)
-    # A wrapped angle must be seen several times a turn.
-    if wrapped and jitter_s < 2e-3 and np.diff(angle).max() < 0.5:
-        angle = np.mod(angle, 2.0 * math.pi)
     if lines:
         count = 2.0 * math.pi / lines
         angle = count * np.floor(angle / count)
@@ -116,7 +112,6 @@ def test_a_stuck_speed_is_named_and_recovers(
     assert found[wrong & (t > t[first] + 4.0)].all()
     assert not found[t < 30.0].any()
     assert not found[-int(2 * RATE) :].any(), 'both move together again: it has recovered'
-    assert check.ratio == pytest.approx(2.0 / diameter, rel=0.05)
 
 
 def test_a_speed_that_reads_zero_while_the_roller_turns_is_named_without_any_ratio() -> None:
@@ -130,7 +125,6 @@ def test_another_roller_may_be_mounted_at_standstill() -> None:
     check = SpeedCheck(DetectorConfig())
     stamps, angle, speed = _drive(run, 0.3)
     assert not check.update(stamps, angle, speed).any()
-    assert math.isnan(check.ratio)
     _, other, speed = _drive(run, 0.5)
     later = stamps + stamps[-1] + 10_000_000
     assert not check.update(later, other, speed).any()
