@@ -111,20 +111,17 @@ class Door:
         channel = self.channels[name]
         if not channel.received:
             self.note('heard', channels={name: int(stamps[0])})
-        before = {silent: len(self.channels[silent].queues[0]) for silent in self.silent}
+        waiting = len(channel.queues[0])
         self._finished = False
         channel.push(stamps, numbers)
-        if channel.silent:
-            # Of an epoch that the others do not follow into the first and the newest are kept.
-            while len(channel.queues) > 1 and len(channel.queues[-1]) > _WAITING:
-                channel.refused['clock'] += _WAITING // 2
-                channel.queues[-1].drop(1, 1 + _WAITING // 2, BACKWARD)
-        for moved in dict.fromkeys([name, *self._rejoin()]):
-            if moved in before:
-                channel = self.channels[moved]
-                channel.drop(before[moved], len(channel.queues[0]), LATE)
-            else:
-                self._drop_late(moved)
+        if not channel.silent:
+            self._drop_late(name)
+            return
+        channel.drop(waiting, len(channel.queues[0]), LATE)
+        # Of an epoch that the others do not follow into the first and the newest are kept.
+        while len(channel.queues) > 1 and len(channel.queues[-1]) > _WAITING:
+            channel.refused['clock'] += _WAITING // 2
+            channel.queues[-1].drop(1, 1 + _WAITING // 2, BACKWARD)
 
     def _drop_late(self, name: str) -> None:
         """Drop what lies behind the position; note where such a run begins and ends."""
@@ -147,25 +144,6 @@ class Door:
             if channel.late_until_ns is not None:
                 self.note('late_to', channels={name: channel.late_until_ns})
                 channel.late_until_ns = None
-
-    def _rejoin(self) -> list[str]:
-        """Take channels back into the present epoch whose clock had leapt; return them."""
-        back = []
-        for name, channel in self.channels.items():
-            while (stamp := channel.returned_ns()) is not None and self._is_time(stamp, channel):
-                channel.rejoin()
-                back.append(name)
-        return back
-
-    def _is_time(self, stamp_ns: int, apart: Channel) -> bool:
-        """Return True if another channel came to a stamp in the present epoch without a leap."""
-        for channel in self.channels.values():
-            queue = channel.queues[0]
-            if channel is apart or queue.run_ns is None or queue.newest_ns is None:
-                continue
-            if queue.run_ns <= stamp_ns <= queue.newest_ns:
-                return True
-        return False
 
     def tick(self, now_ns: int) -> bool:
         """Let silent channels go, take them back, follow the clocks; True: a new epoch began."""
@@ -434,9 +412,7 @@ class Door:
         """Return True if a channel whose clock was set back agrees with the detector's."""
         for channel in self.channels.values():
             clock = channel.clock
-            if len(channel.queues) == 1 or channel.returned_ns() is not None:
-                continue
-            if clock.offset_ns is None:
+            if len(channel.queues) == 1 or clock.offset_ns is None:
                 continue
             if abs(clock.offset_ns - clock.shift_ns) <= self._tolerance:
                 return True

@@ -84,19 +84,11 @@ NO_OUTLOOK: NDArray[np.void] = np.array(
 
 class FormNumbers(NamedTuple):
     """
-    A normal form as a kernel reads it; NaN throughout where there is none.
+    A normal form as a kernel reads it, as in `NormalForm`; NaN throughout where there is none.
 
-    Fields
-    ------
-    known : bool
-    critical_speed, D1, D4, D7, D10, D15, length_scale, time_scale, frequency_hz : float
-        As in `NormalForm`.
-    fold_amplitude : float
-        Of the limit cycle at v_n, m; NaN where there is no fold.
-    speed_low, speed_step : float
-        First speed of the tables and their spacing, m/s.
-    unstable_std, unstable_mean : ndarray, shape (n,)
-        Standard deviation and mean over the draws of the unstable amplitude, m.
+    `fold_amplitude` is that of the limit cycle at v_n, m, NaN where there is no fold;
+    `unstable_std` and `unstable_mean` are standard deviation and mean over the draws of the
+    unstable amplitude, m, at speeds from `speed_low` on that are `speed_step` apart, m/s.
     """
 
     known: bool
@@ -117,22 +109,10 @@ class FormNumbers(NamedTuple):
 
 
 def form_numbers(identified: IdentifiedNormalForm | None) -> FormNumbers:
-    """
-    Prepare a normal form: branches of draws from its covariance, tabulated by speed.
-
-    Parameters
-    ----------
-    identified : IdentifiedNormalForm or None
-        None: nothing is known.
-
-    Returns
-    -------
-    FormNumbers
-    """
+    """Prepare a normal form: branches of draws from its covariance, tabulated by speed."""
     if identified is None:
         none = np.full(2, math.nan)
-        no = math.nan
-        return FormNumbers(False, no, no, no, no, no, no, no, no, no, no, 0.0, 1.0, none, none)
+        return FormNumbers._make([False, *[math.nan] * 10, 0.0, 1.0, none, none])
     form = identified.form
     speeds = np.linspace(0.3, 1.7, _SPEEDS) * form.critical_speed
     with np.errstate(all='ignore'):
@@ -145,22 +125,16 @@ def form_numbers(identified: IdentifiedNormalForm | None) -> FormNumbers:
     spread = np.where(exists, unstable - mean, 0.0)
     mean[~exists.any(axis=0)] = math.nan
     fold = form.saddle_node()
-    return FormNumbers(
-        True,
-        form.critical_speed,
-        form.D1,
-        form.D4,
-        form.D7,
-        form.D10,
-        form.D15,
-        form.length_scale,
-        form.time_scale,
-        form.frequency_hz,
-        math.nan if fold is None else fold[1],
-        float(speeds[0]),
-        float(speeds[1] - speeds[0]),
-        np.sqrt((spread**2).sum(axis=0) / count),
-        mean,
+    return FormNumbers._make(
+        [
+            True,
+            *(getattr(form, name) for name in FormNumbers._fields[1:10]),
+            math.nan if fold is None else fold[1],
+            float(speeds[0]),
+            float(speeds[1] - speeds[0]),
+            np.sqrt((spread**2).sum(axis=0) / count),
+            mean,
+        ]
     )
 
 
