@@ -15,11 +15,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from hunt_ros.criteria import CRITERIA, CriteriaPanel, Verdict
-from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.frequencies import with_frequencies
+from hunt_ros.detection.configuration import DetectorConfig, with_frequencies
+from hunt_ros.detection.estimates import roller_diameter, shafts
 from hunt_ros.detection.output import Event, Motion, Output
 from hunt_ros.detection.regions import Level
-from hunt_ros.detection.tracking import roller_diameter, shafts
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.errors import ConfigError
 from hunt_ros.forecast import CriticalSpeedForecast, Forecast

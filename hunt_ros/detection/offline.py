@@ -20,10 +20,10 @@ from hunt_ros.detection import doubts
 from hunt_ros.detection.companions import Companions, criterion_event
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.detector import HuntingDetector
+from hunt_ros.detection.estimates import roller_diameter
 from hunt_ros.detection.output import Event, Output, numbers_behind
 from hunt_ros.detection.regions import Level, Region
 from hunt_ros.detection.replay import Playback
-from hunt_ros.detection.tracking import roller_diameter
 from hunt_ros.detection.words.alarms import AlarmHistory
 from hunt_ros.detection.words.reasons import reason_counts
 from hunt_ros.forecast import Forecast

@@ -10,9 +10,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.frequencies import with_frequencies
-from hunt_ros.detection.tracking import shafts
+from hunt_ros.detection.configuration import DetectorConfig, with_frequencies
+from hunt_ros.detection.estimates import shafts
 from hunt_ros.estimation.record_lines import RecordLines, motion_of, turns_per_metre
 from hunt_ros.samples import Record
 

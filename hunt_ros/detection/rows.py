@@ -17,17 +17,15 @@ from numpy.typing import NDArray
 from hunt_ros.detection import doubts
 from hunt_ros.detection.channels import health
 from hunt_ros.detection.channels.grid import RowGrid
-from hunt_ros.detection.configuration import DetectorConfig
+from hunt_ros.detection.configuration import DetectorConfig, nominal_hz, with_frequencies
 from hunt_ros.detection.decision import decisions, states
 from hunt_ros.detection.decision.limits import ALARMS
 from hunt_ros.detection.decision.outlook import OutlookTable, form_numbers
 from hunt_ros.detection.decision.rules import rules_of
-from hunt_ros.detection.estimates import Estimator
-from hunt_ros.detection.frequencies import nominal_hz, with_frequencies
-from hunt_ros.detection.intake import Block
+from hunt_ros.detection.door import Block
+from hunt_ros.detection.estimates import Estimator, JudgedChannel
 from hunt_ros.detection.output import Motion
 from hunt_ros.detection.regions import Level, State
-from hunt_ros.detection.tracking import JudgedChannel
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 from hunt_ros.samples import CHANNELS, NANOSECONDS
@@ -88,7 +86,7 @@ class RowMaker:
         """Use other settings, but for those that are fixed, from now on."""
         self._asked = config
         self.config = with_frequencies(config, self._nominal_hz)
-        self._estimator.reconfigure(self.config)
+        self._estimator.configure(self.config)
         self._rules = rules_of(self.config, *self.boundaries)
 
     @property
@@ -121,7 +119,7 @@ class RowMaker:
         if tuned == self.config:
             return
         self.config = tuned
-        self._estimator.retune(tuned)
+        self._estimator.configure(tuned)
         # The noise that it has learnt is that at another frequency; the hunting is the same.
         self._forget(floor=False, reference=True)
         self._floors.clear()

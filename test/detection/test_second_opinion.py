@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, State, detect, doubts
-from hunt_ros.detection.frequencies import with_frequencies
+from hunt_ros.detection.configuration import with_frequencies
 from hunt_ros.detection.second_opinion import SecondOpinion
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import Record, Series

@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from hunt_ros.compiled import F1, compiled_part
-from hunt_ros.detection.configuration import DetectorConfig
+from hunt_ros.detection.configuration import DetectorConfig, with_frequencies
 from hunt_ros.detection.decision.limits import LIMITS
-from hunt_ros.detection.frequencies import with_frequencies
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 
 #: Spacing of the amplitudes that are compared, in hunting periods.
