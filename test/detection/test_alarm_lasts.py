@@ -135,39 +135,6 @@ def test_a_pause_keeps_alarm_and_hunting_and_is_replayed() -> None:
     assert not again_rig.detector.status.alarm, 'reset is as new'
 
 
-def test_each_run_between_pauses_is_repeated_with_the_alarm_it_began_with() -> None:
-    """The second run lacks a channel, the third begins with an alarm that was acknowledged."""
-    channels = ('lateral', 'yaw', 'speed')
-    detector = HuntingDetector(DetectorConfig(channels=channels), PAPER)
-    rig, alarms = Fed(detector), []
-
-    def run(amplitude: np.ndarray, start_s: float, heard: tuple[str, ...]) -> None:
-        lateral = motion(amplitude, start_s=start_s)
-        values = {'lateral': 1.0, 'yaw': 4.7}
-        for begin in range(0, len(lateral), 20):
-            part = lateral.stamps_ns[begin : begin + 20]
-            for name in channels:
-                series = Series(
-                    part,
-                    values[name] * lateral.values[begin : begin + 20]
-                    if name in values
-                    else np.full(part.size, 7.2),
-                )
-                rig.feed(name, series, name in heard)
-            rig.outputs.append(detector.tick(int(part[-1])))
-        alarms.append(detector.status.alarm)
-
-    run(hunting(9.0), 0.0, channels)
-    detector.restart()
-    run(np.full(400, 630e-6), 20.0, ('lateral', 'speed'))
-    rig.outputs.append(detector.acknowledge(30 * SECOND))
-    detector.restart()
-    decay = 630e-6 * np.exp(-1.2 * np.arange(2400) / 200.0)
-    run(np.maximum(decay, 2e-6), 40.0, channels)
-    assert alarms == [True, True, False]
-    rig.assert_replayed()
-
-
 def test_settings_change_while_it_runs_and_the_change_is_replayed() -> None:
     rig = Rig(form=None)
     rig.move(motion(np.full(2400, 630e-6)))

@@ -7,7 +7,6 @@ import pytest
 
 from hunt_ros.detection import HuntingDetector, Level, State, detect
 from hunt_ros.detection.channels import health
-from hunt_ros.detection.output import Output
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.samples import Record, Series
@@ -62,21 +61,6 @@ def test_a_rig_that_runs_in_reverse_hunts_as_it_does_ahead_and_the_status_says_s
         ), name
     events = [[(event.event, event.stamp_ns) for event in one.events] for one in (reverse, ahead)]
     assert events[0] == events[1]
-
-
-def test_clocks_set_back_begin_a_new_epoch_and_keep_the_alarm(recorded, true_form) -> None:
-    record = recorded(7.2, 20.0, kicks=[(3.0, 330e-6)])
-    shift = np.int64(15_000_000_000)
-    detector = HuntingDetector(normal_form=true_form)
-    outputs = []
-    for name, one in record.items():
-        stamps = np.where(one.stamps_ns > 12_000_000_000, one.stamps_ns - shift, one.stamps_ns)
-        outputs.append(detector.update(name, stamps + 20_000_000_000, one.values))
-    outputs.append(detector.finish())
-    rows = Output.joined(outputs).estimates
-    assert np.sum(np.diff(rows['stamp_ns']) < 0) == 1
-    assert rows.size == pytest.approx(2000, abs=5)
-    assert detector.status.state is State.LIMIT_CYCLE
 
 
 def test_data_from_a_wrong_clock_never_look_fresh(recorded) -> None:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect, doubts
-from hunt_ros.detection.replay import replay_journal
 from hunt_ros.samples import Record, Series
 
 
@@ -103,27 +102,6 @@ def test_a_lateral_sensor_that_comes_late_is_judged_from_then_on(recorded, true_
     # Until then yaw is judged, whose noise is learnt within the first seconds: in some records
     # it is disturbed at first. It never hunts.
     assert (rows['state'] <= State.DISTURBED).all()
-
-
-def test_a_shape_that_arrives_while_running_is_replayed_bit_for_bit(recorded, shaped) -> None:
-    record = without(recorded(7.2, 10.0, kicks=[(6.0, 330e-6)]), 'lateral')
-    record = Record({name: one.between(0, 10_000_000_000) for name, one in record.items()})
-    detector = HuntingDetector()
-    outputs = []
-    for until in range(100_000_000, 10_000_000_001, 100_000_000):
-        for name, one in record.items():
-            part = one.between(until - 100_000_000, until)
-            outputs.append(detector.update(name, part.stamps_ns, part.values))
-        if until == 4_000_000_000:
-            outputs.append(detector.set_normal_form(shaped))
-    outputs.append(detector.finish())
-    live = np.concatenate([o.estimates for o in outputs if o.estimates.size])
-    journal = [entry for o in outputs for entry in o.journal]
-    again = replay_journal(HuntingDetector(), record, journal).estimates
-    for name in live.dtype.names:
-        assert np.array_equal(again[name], live[name], equal_nan=True), name
-    assert np.isnan(live['lateral_amplitude'][:390]).all()
-    assert np.isfinite(live['lateral_amplitude'][450:]).all()
 
 
 @pytest.mark.parametrize('stretch', [3.6, 0.35])

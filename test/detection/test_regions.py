@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hunt_ros.detection.regions import HELD, Level, Region, hold, region_of, switched
+from hunt_ros.detection.regions import HELD, Region, hold, region_of, switched
 
 V_N, V_C, BAND = 6.4, 8.0, 0.05
 
@@ -67,8 +67,3 @@ def test_a_word_is_taken_only_after_its_hold_time(wanted: list[int], rows: int) 
             assert memory['since_ns'] == since
             current, since = want, k + 1
         assert memory['word'] == current
-
-
-def test_levels_are_those_of_diagnostic_status() -> None:
-    assert [level.value for level in Level] == [0, 1, 2, 3]
-    assert [level.label for level in Level] == ['OK', 'WARN', 'ERROR', 'STALE']

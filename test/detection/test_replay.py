@@ -172,23 +172,6 @@ def test_any_live_run_is_repeated_bit_for_bit(seed: int, recorded) -> None:
     _assert_same(live, _repeated_in_steps(live, arrived, rng))
 
 
-def test_silence_of_everything_ends_in_stale_not_in_ok(recorded) -> None:
-    record = recorded(7.2, 4.0)
-    losses = [(name, 3.0, 9.0) for name in record]
-    live, arrived = _live(record, [], losses, [], seed=2)
-    assert live.estimates['level'][-1] == Level.STALE
-    assert live.estimates['stamp_ns'][-1] >= 3.2e9
-    _assert_same(live, _repeated(live, arrived))
-
-
-def test_a_channel_that_never_came_is_let_go_too(recorded) -> None:
-    record = recorded(7.2, 3.0)
-    live, arrived = _live(record, [], [('roller', 0.0, 9.0)], [], seed=3)
-    assert live.estimates.size > 200
-    assert (live.estimates['level'] == Level.STALE).all()
-    _assert_same(live, _repeated(live, arrived))
-
-
 def test_a_journal_line_that_is_none_is_refused() -> None:
     for text in ('', '{}', '{"kind":"guess","position_ns":null}', '[1]'):
         with pytest.raises(HuntError):

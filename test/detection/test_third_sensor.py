@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
-from hunt_ros.bag import write_record
-from hunt_ros.cli.main import main
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect, doubts
-from hunt_ros.detection.offline import watch
 from hunt_ros.detection.output import Output
-from hunt_ros.detection.replay import replay_journal
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import Kick, simulate
 from hunt_ros.dynamics.simulation.settings import Roughness, SimulationSettings
 from hunt_ros.errors import ConfigError
-from hunt_ros.samples import USUAL_CHANNELS, Record, Series
+from hunt_ros.samples import Record, Series
 
-CHANNELS = (*USUAL_CHANNELS, 'axle_box')
 RATE, DEAD_NS = 500.0, 20_000_000_000
 NOISE = {'lateral': 2e-5, 'yaw': 8e-5, 'axle_box': 5e-3}
 
@@ -77,6 +70,18 @@ def error(rows: np.ndarray, truth: np.ndarray, since_s: float) -> float:
     return float(np.sqrt(np.mean(ratio**2)))
 
 
+def ticked(detector: HuntingDetector, record: Record):
+    """Feed a record as it would come live: silence shows by the time only."""
+    step = 100_000_000
+    for begin in range(record.start_ns, record.end_ns, step):
+        for name in detector.channels:
+            part = record[name].between(begin, begin + step)
+            if len(part):
+                yield detector.update(name, part.stamps_ns, part.values)
+        yield detector.tick(begin + step)
+    yield detector.finish()
+
+
 def test_the_amplitude_is_no_worse_with_it(simulated, truth) -> None:
     two, three = [], []
     for seed in range(3):
@@ -101,50 +106,6 @@ def test_it_carries_on_where_the_displacement_sensor_dies(simulated, truth, othe
     assert (rows['state'][late] == State.LIMIT_CYCLE).all()
     assert (rows['level'][late] == Level.STALE).all()  # a sensor is missing, and it is said
     assert any(words.startswith('lateral: silent') for words in detector.status.reasons)
-
-
-def assert_same(rows: np.ndarray, other: np.ndarray) -> None:
-    for name in rows.dtype.names:
-        assert np.array_equal(rows[name], other[name], equal_nan=rows[name].dtype.kind == 'f'), (
-            name
-        )
-
-
-def ticked(detector: HuntingDetector, record: Record):
-    """Feed a record as it would come live: silence shows by the time only."""
-    step = 100_000_000
-    for begin in range(record.start_ns, record.end_ns, step):
-        for name in detector.channels:
-            part = record[name].between(begin, begin + step)
-            if len(part):
-                yield detector.update(name, part.stamps_ns, part.values)
-        yield detector.tick(begin + step)
-    yield detector.finish()
-
-
-def test_stream_equals_batch_and_replay(simulated) -> None:
-    record = without_lateral(noisy(simulated)).between(0, 22_000_000_000)
-    config = DetectorConfig(channels=CHANNELS)
-    live = HuntingDetector(config)
-    out = Output.joined(list(ticked(live, record)))
-    again = replay_journal(HuntingDetector(config), record, out.journal).estimates
-    assert_same(again, out.estimates)
-    whole = noisy(simulated).between(0, 5_000_000_000)
-    batch = detect(HuntingDetector(config), whole).estimates
-    blocks = Output.joined(list(watch(whole, HuntingDetector(config)))).estimates
-    assert_same(batch, blocks)
-
-
-def test_a_recording_with_it_is_replayed(simulated, tmp_path, capsys) -> None:
-    bag = str(write_record(tmp_path / 'bag', without_lateral(noisy(simulated))))
-    found = {}
-    for names in (USUAL_CHANNELS, CHANNELS):
-        main(['replay', bag, '--json', '-', '--set', f'channels=[{", ".join(names)}]'])
-        found[names] = json.loads(capsys.readouterr().out)
-    summary = found[CHANNELS]['summary']
-    usual = found[USUAL_CHANNELS]['summary']['max_amplitude_m']
-    assert summary['max_amplitude_m'] == pytest.approx(usual, rel=0.1)
-    assert any(event['event'] == 'limit_cycle' for event in found[CHANNELS]['events'])
 
 
 def test_a_rig_needs_a_displacement() -> None:

@@ -50,10 +50,6 @@ def test_the_floor_is_the_rms_of_the_quiet_amplitude(rms: float) -> None:
     assert np.mean(floors) == pytest.approx(rms, rel=0.3)
 
 
-def test_before_anything_is_known_there_is_no_floor() -> None:
-    assert math.isnan(Floor().feed(_quiet(0.5, 8e-6)))
-
-
 def test_a_disturbance_raises_the_floor_little_and_its_end_brings_it_back() -> None:
     floor = Floor()
     before = floor.feed(_quiet(40.0, 8e-6))
@@ -83,13 +79,3 @@ def test_hunting_that_holds_or_grows_from_the_start_is_not_taken_for_quiet(rate:
     floor = Floor()
     path = 60e-6 * np.exp(rate * PERIOD * np.arange(2500))
     assert not floor.feed(path) > 6e-6
-
-
-def test_a_floor_learnt_on_the_hunting_is_forgotten() -> None:
-    floor = Floor()
-    floor.feed(_quiet(20.0, 8e-6))
-    memory = floor.memory[0]['floor']
-    noise.reconsider(memory, 100.0 * math.sqrt(float(memory['square'])))
-    assert not math.isnan(memory['square'])
-    noise.reconsider(memory, 2.0 * math.sqrt(float(memory['square'])))
-    assert math.isnan(memory['square'])

@@ -56,20 +56,6 @@ def test_it_is_right_on_average_and_its_spread_is_honest(speed: float, lag_s: fl
     assert 0.6 < np.sqrt(np.mean(off**2)) < 1.4
 
 
-def test_a_longer_look_is_a_surer_one() -> None:
-    short, long = (_learnt(_phasor(7.2, t, 5), 7.2)[1] for t in (6.0, 40.0))
-    assert long < 0.6 * short
-
-
-def test_nothing_is_said_after_a_moment_and_nothing_of_a_phase_that_is_unknown() -> None:
-    assert math.isnan(_learnt(_phasor(7.2, 1.0, 1), 7.2)[0])
-    rules = rules_of(DetectorConfig(), 6.4, 8.0)
-    memory = decisions.fresh_memory()['noise']
-    for _ in range(2000):
-        noise.learn_intensity(rules, NUMBERS, memory[0], 7.2, 1e-5, math.nan)
-    assert math.isnan(memory['intensity'][0])
-
-
 def test_a_jump_across_an_interruption_is_not_seen() -> None:
     motion = _phasor(7.2, 40.0, 3)
     jumped = motion.copy()

@@ -174,23 +174,6 @@ def test_an_unstable_branch_beyond_the_limit_cycle_is_not_on_the_way_to_it() -> 
         assert chance(table.at(speed, 1e-12, 0.3, 0.01 * stable, 0.0), 0.2 * stable) > 0.99
 
 
-def test_without_a_form_or_a_speed_nothing_is_said() -> None:
-    for outlook in (
-        OutlookTable(None).at(7.2, 1e-11, 0.3, 1e-5, 0.0),
-        OutlookTable(EXACT).at(math.nan, 1e-11, 0.3, 1e-5, 0.0),
-    ):
-        assert np.isnan(outlook['decides']).all()
-
-
-def test_the_table_answers_by_its_cells_whatever_was_asked_before() -> None:
-    first, second = OutlookTable(UNSURE), OutlookTable(UNSURE)
-    first.at(7.19, 1.1e-11, 0.3, 1e-5, 0.0)
-    for speed, diffusion in ((7.2, 1e-11), (6.9, 3e-12), (7.2, 1e-11)):
-        assert first.at(speed, diffusion, 0.3, 1e-5, 0.0) == second.at(
-            speed, diffusion, 0.3, 1e-5, 0.0
-        )
-
-
 def test_uncertainty_of_the_form_spreads_the_branch_and_the_critical_speed() -> None:
     covariance = np.zeros((6, 6))
     covariance[0, 0] = 0.1**2

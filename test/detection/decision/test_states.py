@@ -99,20 +99,6 @@ def test_the_larger_the_disturbance_the_sooner_the_first_word() -> None:
     assert growing.feed(1.3 * EDGE, 0.99) is State.DISTURBED
 
 
-@pytest.mark.parametrize('early', [0, 1, 5])
-def test_to_be_disturbed_meanwhile_delays_no_alarm(early: int) -> None:
-    machine = Machine()
-    machine.feed(0.8 * EDGE, 0.1, early)
-    assert machine.feed(1.3 * EDGE, 0.96, ESCAPE) is State.DISTURBED
-    assert machine.feed(1.3 * EDGE, 0.96, 1) is State.ESCAPING
-
-
-def test_a_moment_of_certainty_is_no_escape() -> None:
-    machine = Machine()
-    machine.feed(EDGE * 1.3, 0.99, 2)  # the overshoot of the filter after a kick
-    assert machine.feed(EDGE, 0.7, 200) is State.DISTURBED
-
-
 def test_an_escape_is_over_only_when_it_is_unlikely() -> None:
     machine = Machine()
     machine.feed(EDGE * 1.3, 0.99, HOLD)
