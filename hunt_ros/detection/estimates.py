@@ -162,7 +162,10 @@ class Estimator:
             rows[name] = track[name]
         rows['speed'] = slow['speed'][count:]
         if 'roller' in self._channels:
-            self._excuse_roller(rows)
+            # A roller at rest is not stuck; where a speed channel is silent, it may be.
+            still = rows['speed'] <= health.STANDSTILL_MPS
+            still |= np.isnan(rows['speed']) & ('speed' not in self._channels)
+            rows['roller_wrong'][still] &= ~np.uint32(health.STUCK)
         if self._speed_check is not None:
             contrary = self._speed_check.update(rows_ns, slow['roller'][count:], rows['speed'])
             rows['speed_wrong'][contrary] |= np.uint32(health.CONTRADICTED)
@@ -172,14 +175,28 @@ class Estimator:
         motion = Motion(stamp[own], value[own], speed[own], encoder[own], quiet)
         turning, changed = self._turning.update(rows_ns, slow['angle'][count:])
         self._agreement.update(rows, track, turning, changed)
+        if self.config.measures('lateral'):
+            rows['doubts'][track['lateral_tied'] == 1.0] |= np.uint32(doubts.FROM_YAW)
+        rows['followed_min_hz'] = self.config.hunting_frequency_min_hz
+        rows['followed_max_hz'] = self.config.hunting_frequency_max_hz
         known = lines_known(self.config, rows['speed'])
         lines = np.where(known, slow['angle'][count:], math.nan)
-        readings = {
-            name: (stamp[sensor == k], value[sensor == k])
-            for k, name in enumerate(self._motion)
-            if name in self._opinions
-        }
-        return rows, self._compare(rows, track, lines, turning, changed, readings), motion
+        disagree = np.zeros(rows.size, dtype=np.bool_)
+        for name, opinion in self._opinions.items():
+            own = sensor == self._motion.index(name)
+            both = track[f'{name}_roughness'] + track[f'{name}_roughness_second']
+            said = (
+                track[f'{name}_amplitude'],
+                track[f'{name}_amplitude_std'],
+                track['frequency_hz'],
+                np.where(changed, np.nan_to_num(both), 0.0),
+            )
+            rows[f'{name}_envelope'], differs = opinion.update(
+                rows_ns, stamp[own], value[own], lines, turning, said
+            )
+            disagree |= differs
+            self._look_elsewhere(name, track, turning, rows)
+        return rows, disagree, motion
 
     def _in_order(
         self, blocks: dict[str, Block], usable: dict[str, NDArray[np.bool_]]
@@ -207,88 +224,38 @@ class Estimator:
         The stamps are in any order. What comes of the encoder is made continuous here.
         """
         sorting = np.argsort(wanted, kind='stable')
-        slow = {}
-        for name in ('roller', 'speed'):
-            found = np.full(wanted.size, math.nan)
-            if name in blocks:
-                block = blocks[name]
-                readings = np.where(usable[name], block.values, math.nan)
-                following = block.following
-                if name == 'roller':
-                    after_ns, after = following or (0, math.nan)
-                    readings, after = self._unwrapping.update(
-                        block.stamps_ns, readings, after_ns, after
-                    )
-                    following = None if following is None else (after_ns, after)
-                found[sorting] = self._slow[name].at(
-                    wanted[sorting], block.stamps_ns, readings, following
+        slow = {name: np.full(wanted.size, math.nan) for name in ('roller', 'speed', 'angle')}
+        if 'speed' not in blocks and self.config.constant_speed_mps > 0.0:
+            slow['speed'][:] = self.config.constant_speed_mps
+        for name, channel in self._slow.items():
+            block, following = blocks[name], blocks[name].following
+            readings = np.where(usable[name], block.values, math.nan)
+            if name == 'roller':
+                after_ns, after = following or (0, math.nan)
+                readings, after = self._unwrapping.update(
+                    block.stamps_ns, readings, after_ns, after
                 )
-                if name == 'speed':
-                    found = np.abs(found)  # a wheelset hunts in reverse as it does ahead
-            elif name == 'speed' and self.config.constant_speed_mps > 0.0:
-                found[:] = self.config.constant_speed_mps
-            slow[name] = found
-        angle = np.empty(wanted.size)
+                following = None if following is None else (after_ns, after)
+            stamps = block.stamps_ns
+            slow[name][sorting] = channel.at(wanted[sorting], stamps, readings, following)
+        slow['speed'] = np.abs(slow['speed'])  # a wheelset hunts in reverse as it does ahead
         encoder, speed = slow['roller'][sorting], slow['speed'][sorting]
         within = self._slow['roller'].within if 'roller' in blocks else None
-        angle[sorting] = self._angle.update(wanted[sorting], encoder, speed, within)
-        slow['angle'] = angle
+        slow['angle'][sorting] = self._angle.update(wanted[sorting], encoder, speed, within)
         return slow
-
-    def _excuse_roller(self, rows: NDArray[np.void]) -> None:
-        """A roller at rest is not stuck; where a speed channel is silent, it may be."""
-        if 'speed' in self._channels:
-            still = rows['speed'] <= health.STANDSTILL_MPS
-        else:
-            still = ~(rows['speed'] > health.STANDSTILL_MPS)
-        rows['roller_wrong'][still] &= ~np.uint32(health.STUCK)
-
-    def _compare(
-        self,
-        rows: NDArray[np.void],
-        track: NDArray[np.void],
-        lines: NDArray[np.float64],
-        turning: NDArray[np.float64],
-        changed: NDArray[np.bool_],
-        readings: dict[str, tuple[NDArray[np.int64], NDArray[np.float64]]],
-    ) -> NDArray[np.bool_]:
-        """Ask for the second opinion; return the rows at which the two disagree."""
-        disagree = np.zeros(rows.size, dtype=np.bool_)
-        rows['followed_min_hz'] = self.config.hunting_frequency_min_hz
-        rows['followed_max_hz'] = self.config.hunting_frequency_max_hz
-        for name, coordinate in ((s.name, s.coordinate) for s in SENSORS if s.derivative == 0):
-            if name in self._opinions:
-                both = track[f'{name}_roughness'] + track[f'{name}_roughness_second']
-                rows[f'{name}_envelope'], differs = self._opinions[name].update(
-                    rows['stamp_ns'],
-                    *readings[name],
-                    lines,
-                    turning,
-                    (
-                        track[f'{coordinate}_amplitude'],
-                        track[f'{coordinate}_amplitude_std'],
-                        track['frequency_hz'],
-                        np.where(changed, np.nan_to_num(both), 0.0),
-                    ),
-                )
-                disagree |= differs
-                followed = track[f'{coordinate}_amplitude']
-                self._look_elsewhere(name, followed, track, turning, rows)
-        if self.config.measures('lateral'):
-            rows['doubts'][track['lateral_tied'] == 1.0] |= np.uint32(doubts.FROM_YAW)
-        return disagree
 
     def _look_elsewhere(
         self,
         name: str,
-        followed: NDArray[np.float64],
         track: NDArray[np.void],
         turning: NDArray[np.float64],
         rows: NDArray[np.void],
     ) -> None:
-        """Say what moves slower or faster than what the filter follows, `followed` its size."""
+        """Say what moves slower or faster than what the filter follows."""
         signal = track[f'{name}_clean'] + track[f'{name}_bias']
-        frequency, amplitude = self._lines[name].update(signal, turning, followed)
+        frequency, amplitude = self._lines[name].update(
+            signal, turning, track[f'{name}_amplitude']
+        )
         there = np.isfinite(frequency)
         if not there.any():
             return
