@@ -23,7 +23,6 @@ KINDS = (
     'resumed',  # tick: `channels` speak again and are waited for
     'late_from',  # samples of `channels`, from this stamp on, came behind the position: dropped
     'late_to',  # ... up to and with this one
-    'late',  # of earlier recordings: the samples with `stamps` were dropped
     'clock',  # tick: the epoch was left because the clocks were set back
     'settings',  # reconfigure: from here on with `config`
     'normal_form',  # set_normal_form: `text` is its parameter file, empty for none
@@ -59,8 +58,6 @@ class JournalEntry:
     text : str
         For 'start' and 'normal_form' a parameter file; for 'acknowledged' who did, where that
         is known.
-    stamps : tuple of int
-        For 'late': the stamps dropped.
     config : mapping of str to object
         For 'start' and 'settings': every setting of the detector by name; empty in earlier
         recordings.
@@ -79,7 +76,6 @@ class JournalEntry:
     received: dict[str, int] = field(default_factory=dict)
     offsets: dict[str, int] = field(default_factory=dict)
     text: str = ''
-    stamps: tuple[int, ...] = ()
     config: dict[str, object] = field(default_factory=dict)
     memory: dict[str, float] = field(default_factory=dict)
     companions: dict[str, object] = field(default_factory=dict)
@@ -106,8 +102,7 @@ class JournalEntry:
             If it is something else.
         """
         try:
-            fields = json.loads(text)
-            entry = cls(**{**fields, 'stamps': tuple(fields.get('stamps', ()))})
+            entry = cls(**json.loads(text))
         except (ValueError, TypeError) as error:
             raise HuntError(f'journal entry {text[:60]!r} cannot be read: {error}') from error
         if entry.kind not in KINDS:

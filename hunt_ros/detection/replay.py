@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +17,7 @@ from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.samples import NANOSECONDS, Record, Series
 
 #: Not acted on at their position: they say which samples the run was made of.
-_ABOUT_SAMPLES = ('heard', 'late_from', 'late_to', 'late')
+_ABOUT_SAMPLES = ('start', 'heard', 'late_from', 'late_to')
 #: A longer step of a channel is a clock that was set, and no silence.
 _LEAP_NS = 600 * NANOSECONDS
 
@@ -102,7 +104,7 @@ class Playback:
             for late in _late_runs(entries):
                 detector.expect_late(*late)
             for number, entry in enumerate(entries):
-                if entry.kind in _ABOUT_SAMPLES or entry.kind == 'start':
+                if entry.kind in _ABOUT_SAMPLES:
                     continue
                 yield detector.hold_at(entry)
                 yield from self._feed(run, number)
@@ -186,12 +188,7 @@ def missing_samples(record: Record, journal: Sequence[JournalEntry]) -> dict[str
     dict of str to int
         Channel and the least number of samples that are missing; only those that lack any.
     """
-    found: dict[str, int] = {}
-    for run in _runs(record, journal):
-        for name, part in run.parts.items():
-            if part.missing:
-                found[name] = found.get(name, 0) + part.missing
-    return found
+    return _counts(record, journal, 'missing')
 
 
 def unheard_samples(record: Record, journal: Sequence[JournalEntry]) -> dict[str, int]:
@@ -200,12 +197,14 @@ def unheard_samples(record: Record, journal: Sequence[JournalEntry]) -> dict[str
 
     As `missing_samples`, the other way round: the middleware lost them on the way.
     """
-    found: dict[str, int] = {}
+    return _counts(record, journal, 'unheard')
+
+
+def _counts(record: Record, journal: Sequence[JournalEntry], which: str) -> dict[str, int]:
+    found: Counter[str] = Counter()
     for run in _runs(record, journal):
-        for name, part in run.parts.items():
-            if part.unheard:
-                found[name] = found.get(name, 0) + part.unheard
-    return found
+        found += Counter({name: getattr(part, which) for name, part in run.parts.items()})
+    return dict(found)
 
 
 class _Part:
@@ -287,12 +286,11 @@ class _Part:
         return int(places[np.argmin(np.abs(places - expected))])
 
 
-class _Run:
+class _Run(NamedTuple):
     """One run of the detector: its journal, and the samples of each channel."""
 
-    def __init__(self, entries: Sequence[JournalEntry], parts: dict[str, _Part]) -> None:
-        self.entries = entries
-        self.parts = parts
+    entries: Sequence[JournalEntry]
+    parts: dict[str, _Part]
 
 
 def _runs(record: Record, journal: Sequence[JournalEntry]) -> Iterator[_Run]:
@@ -316,9 +314,7 @@ def _late_runs(entries: Sequence[JournalEntry]) -> Iterator[tuple[str, int, int,
     for entry in entries:
         for channel, stamp in entry.channels.items():
             place = channel, entry.epoch
-            if entry.kind == 'late':
-                yield from ((channel, entry.epoch, at, at) for at in entry.stamps)
-            elif entry.kind == 'late_from' and stamp is not None:
+            if entry.kind == 'late_from' and stamp is not None:
                 begun[place] = stamp
             elif entry.kind == 'late_to' and place in begun:
                 yield channel, entry.epoch, begun.pop(place), stamp
