@@ -13,8 +13,7 @@ from hunt_ros.cli.support.live_replay import replay_live
 from hunt_ros.cli.support.output import progress, tell
 from hunt_ros.cli.support.replay_report import document, lines_of
 from hunt_ros.detection import CompanionConfig, Companions, DetectorConfig, HuntingDetector
-from hunt_ros.detection.offline import collect, config_for, watch
-from hunt_ros.detection.record_frequency import frequency_for
+from hunt_ros.detection.offline import collect, config_for, frequency_for, watch
 from hunt_ros.detection.replay import missing_samples, replay_journal, unheard_samples
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import ConfigError

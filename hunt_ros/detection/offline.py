@@ -18,14 +18,15 @@ from numpy.typing import NDArray
 from hunt_ros.criteria import Verdict
 from hunt_ros.detection import doubts
 from hunt_ros.detection.companions import Companions, criterion_event
-from hunt_ros.detection.configuration import DetectorConfig
+from hunt_ros.detection.configuration import DetectorConfig, with_frequencies
 from hunt_ros.detection.detector import HuntingDetector
-from hunt_ros.detection.estimates import roller_diameter
+from hunt_ros.detection.estimates import line_orders, roller_diameter
 from hunt_ros.detection.output import Event, Output, numbers_behind
 from hunt_ros.detection.regions import Level, Region
 from hunt_ros.detection.replay import Playback
 from hunt_ros.detection.words.alarms import AlarmHistory
 from hunt_ros.detection.words.reasons import reason_counts
+from hunt_ros.estimation.record_lines import RecordLines, motion_of, turns_per_metre
 from hunt_ros.forecast import Forecast
 from hunt_ros.samples import NANOSECONDS, Record
 
@@ -138,6 +139,52 @@ def config_for(record: Record, config: DetectorConfig) -> tuple[DetectorConfig, 
             f' {roller_diameter(config):g} m{assumed}'
         )
     return found, remarks
+
+
+def frequency_for(
+    record: Record, config: DetectorConfig, known: bool = False
+) -> tuple[DetectorConfig, list[str]]:
+    """
+    Take the nominal frequency from a record whose hunting is not in the usual range.
+
+    Parameters
+    ----------
+    record : Record
+        All of it decides.
+    config : DetectorConfig
+        Left as it is where it names a hunting frequency.
+    known : bool
+        True where something else tells the frequency, as a normal form does.
+
+    Returns
+    -------
+    config : DetectorConfig
+        With the frequency that was found outside the range, or unchanged.
+    remarks : list of str
+        One line where it was changed, and one for each forced line that is not a known one.
+    """
+    lines = RecordLines([motion_of(record)])
+    turns = turns_per_metre(record, config.roller_diameter_m)
+    named = [order * turns for order in line_orders(config) if math.isfinite(turns)]
+    remarks = [line.words(turns) for line in lines.forced(named)]
+    if (
+        known
+        or config.hunting_frequency_hz
+        or config.hunting_frequency_min_hz
+        or config.hunting_frequency_max_hz
+    ):
+        return config, remarks
+    usual = with_frequencies(config)
+    low, high = usual.hunting_frequency_min_hz, usual.hunting_frequency_max_hz
+    found = lines.hunting_hz
+    if found is None or low <= found <= high:
+        return config, remarks
+    remark = (
+        f'the motion whose amplitude changes most is at {found:.3g} Hz, outside the hunting'
+        f' frequencies {low:.3g} to {high:.3g} Hz: it is taken for the hunting'
+        ' (set hunting_frequency_hz if it is not)'
+    )
+    return replace(config, hunting_frequency_hz=found), [remark, *remarks]
 
 
 def detect(detector: HuntingDetector, record: Record) -> Output:

@@ -67,8 +67,7 @@ def events_of(record: Record, normal_form: IdentifiedNormalForm | None) -> Seque
         In the order of time.
     """
     from hunt_ros.detection import DetectorConfig, HuntingDetector
-    from hunt_ros.detection.offline import collect, config_for, watch
-    from hunt_ros.detection.record_frequency import frequency_for
+    from hunt_ros.detection.offline import collect, config_for, frequency_for, watch
 
     # Only the channels it has: one that is promised and silent would be a fault.
     config, _ = config_for(record, DetectorConfig())

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect
 from hunt_ros.detection.configuration import nominal_hz, with_frequencies
-from hunt_ros.detection.record_frequency import frequency_for
+from hunt_ros.detection.offline import frequency_for
 from hunt_ros.detection.replay import replay_journal
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
