@@ -106,6 +106,7 @@ def judged(day: Day, output: Output) -> Marks:
     level[place < 0] = Level.STALE
     error = level == Level.ERROR
     cycles, allowed = truth(day)
+    _, stable = day.rig.branches(day.speed)
     margin = max(1, round(OFF / day.rig.hz / step))
     wide = np.convolve(allowed, np.ones(2 * margin + 1), mode='same') > 0
     sound = t < day.fault_s
@@ -125,7 +126,10 @@ def judged(day: Day, output: Output) -> Marks:
             marks.missed += 1
             continue
         marks.delays.append(unit * step * float(begun + said[0] - arrived))
-        held = error[begun + said[0] : max(left - margin, arrived)]
+        # Beyond the fold there is no cycle any more: what dies out is said to.
+        gone = np.flatnonzero(np.isnan(stable[arrived:left]))
+        over = arrived + int(gone[0]) if gone.size else left - margin
+        held = error[begun + said[0] : max(over, arrived)]
         marks.flips += int(np.count_nonzero(np.diff(held.astype(np.int8)) < 0))
     marks.contradictions = list(contradicting(output))
     return marks
