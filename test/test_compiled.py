@@ -332,7 +332,7 @@ for missing in ('', *channels):
         continue  # it is needed
     detector = HuntingDetector(config)
     criteria = tuple(CRITERIA) if 'lateral' in used else ()
-    companions = Companions.of(CompanionConfig(criteria=criteria), config)
+    companions = Companions(CompanionConfig(criteria=criteria), config)
     for begin_s in range(40):
         if begin_s == 10:
             config = replace(config, alarm_lateral_mm=0.1, warn_acceleration_mps2=0.1)

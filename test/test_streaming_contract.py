@@ -317,10 +317,8 @@ def _bad_forecast_input(make: Callable[[], Any]) -> None:
 def _make_companions() -> Any:
     from hunt_ros.detection.companions import CompanionConfig, Companions
 
-    config = CompanionConfig(
-        criteria=('cfr_213_333', 'ten_peaks'), criteria_scale=2e-4, criteria_rate_hz=100.0
-    )
-    return Companions.of(config)
+    config = CompanionConfig(criteria=('cfr_213_333', 'ten_peaks'), criteria_scale=2e-4)
+    return Companions(config)
 
 
 def _feed_companions(companions: Any, record: Any, begin: int, end: int) -> Outputs:

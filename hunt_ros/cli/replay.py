@@ -128,4 +128,4 @@ def _companions(beside: CompanionConfig, config: DetectorConfig) -> Companions:
     if beside.forecast == 'wheelset' and beside.forecast_rig:
         path = Path(beside.forecast_rig)
         rig = RigParameters.from_yaml(options.read_text(path, 'rig'), str(path))
-    return Companions.of(beside, config, rig, live=False)
+    return Companions(beside, config, rig, live=False)

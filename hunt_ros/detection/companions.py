@@ -1,7 +1,7 @@
 """
 What runs beside the detector on the same samples: the railway criteria and the forecast of v_c.
 
-    companions = Companions.of(CompanionConfig(criteria=('cfr_213_333',)))
+    companions = Companions(CompanionConfig(criteria=('cfr_213_333',)))
     verdicts = companions.update(detect(HuntingDetector(), record))
 
 They are fed with what the detector gives out, after its door: what is late, silent or
@@ -24,6 +24,9 @@ from hunt_ros.errors import ConfigError
 from hunt_ros.forecast import CriticalSpeedForecast, Forecast
 from hunt_ros.settings import Settings, setting
 
+#: Rate at which the criteria work, Hz.
+_CRITERIA_HZ = 200.0
+
 
 @dataclass(frozen=True)
 class CompanionConfig(Settings):
@@ -40,9 +43,6 @@ class CompanionConfig(Settings):
         (), f'railway criteria to run as well: {", ".join(CRITERIA)}', fixed=True
     )
     criteria_scale: float = setting(1.0, 'their limits times this', low=1e-4, high=1e4, fixed=True)
-    criteria_rate_hz: float = setting(
-        200.0, 'rate at which they work', unit='Hz', low=50.0, high=2000.0, fixed=True
-    )
     forecast: str = setting(
         'smooth',
         'damping law of the forecast of v_c from the quiet response',
@@ -69,60 +69,44 @@ class Companions:
 
     Parameters
     ----------
-    criteria : CriteriaPanel or None
-        The criteria the user has listed; they are for the lateral displacement.
-    forecast : CriticalSpeedForecast or None
-        None: no forecast.
+    config : CompanionConfig
+        What to run.
+    detector : DetectorConfig, optional
+        What the detector is told of the rig: its channels (without a lateral sensor the
+        forecast is made from yaw), where it hunts, its roller and the known lines.
+    rig : RigParameters, optional
+        For the law 'wheelset'; without it the built-in rig.
+    live : bool
+        Forecast as the run goes; False: only when asked to `finish`.
+
+    Raises
+    ------
+    ConfigError
+        For criteria without a lateral sensor.
     """
 
     def __init__(
-        self, criteria: CriteriaPanel | None, forecast: CriticalSpeedForecast | None
-    ) -> None:
-        self._criteria = criteria
-        self._forecast = forecast
-
-    @classmethod
-    def of(
-        cls,
+        self,
         config: CompanionConfig,
         detector: DetectorConfig | None = None,
         rig: RigParameters | None = None,
         live: bool = True,
-    ) -> Companions:
-        """
-        Make what the settings ask for.
-
-        Parameters
-        ----------
-        config : CompanionConfig
-            What to run.
-        detector : DetectorConfig, optional
-            What the detector is told of the rig: its channels (without a lateral sensor the
-            forecast is made from yaw), where it hunts, its roller and the known lines.
-        rig : RigParameters, optional
-            For the law 'wheelset'; without it the built-in rig.
-        live : bool
-            Forecast as the run goes; False: only when asked to `finish`.
-
-        Raises
-        ------
-        ConfigError
-            For criteria without a lateral sensor.
-        """
+    ) -> None:
         detector = detector or DetectorConfig()
         channels = detector.channels
         names = [name for name in config.criteria if name]
         channel = 'lateral' if 'lateral' in channels else 'yaw'
         if names and channel != 'lateral':
             raise ConfigError(f'criteria: {names} need the lateral channel, got {channels}')
-        rate, scale = config.criteria_rate_hz, config.criteria_scale
-        panel = CriteriaPanel(names, rate, scale) if names else None
+        self._criteria = (
+            CriteriaPanel(names, _CRITERIA_HZ, config.criteria_scale) if names else None
+        )
+        self._forecast: CriticalSpeedForecast | None = None
         if config.forecast == 'off':
-            return cls(panel, None)
-        law = (rig or paper_rig()) if config.forecast == 'wheelset' else None
+            return
         tuned = with_frequencies(detector)
-        forecast = CriticalSpeedForecast(
-            law,
+        self._forecast = CriticalSpeedForecast(
+            (rig or paper_rig()) if config.forecast == 'wheelset' else None,
             tuned.hunting_frequency_hz,
             (tuned.hunting_frequency_min_hz, tuned.hunting_frequency_max_hz),
             roller_diameter(detector),
@@ -130,7 +114,6 @@ class Companions:
             shafts(detector),
             live,
         )
-        return cls(panel, forecast)
 
     @property
     def idle(self) -> bool:

@@ -88,7 +88,7 @@ class CompanionWorker:
         diagnostics: Diagnostics,
     ) -> None:
         rig = read_wheelset(config.forecast_rig) if config.forecast == 'wheelset' else None
-        self._companions = Companions.of(config, detector, rig)
+        self._companions = Companions(config, detector, rig)
         self._tell = tell
         self._diagnostics = diagnostics
         self._queue: SimpleQueue[Motion | None] = SimpleQueue()

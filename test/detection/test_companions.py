@@ -49,7 +49,7 @@ def hunting() -> Record:
 def test_the_forecast_is_made_from_what_the_detector_merged(staircase) -> None:
     for channels in (('lateral', 'yaw', 'roller', 'speed'), ('yaw', 'roller', 'speed')):
         config = DetectorConfig(channels=channels)
-        companions = Companions.of(CompanionConfig(), config, live=False)
+        companions = Companions(CompanionConfig(), config, live=False)
         companions.update(detect(HuntingDetector(config), staircase))
         forecast = companions.finish()
         assert forecast is not None
@@ -60,7 +60,7 @@ def test_the_forecast_is_made_from_what_the_detector_merged(staircase) -> None:
 
 def test_a_criterion_speaks_when_its_limit_is_passed_and_after_reset_again(hunting) -> None:
     config, _ = config_for(hunting, DetectorConfig())
-    companions = Companions.of(HUNTING, config)
+    companions = Companions(HUNTING, config)
     output = detect(HuntingDetector(config), hunting)
     first = companions.update(output)
     assert [verdict.exceeded for verdict in first] == [True]
@@ -71,8 +71,8 @@ def test_a_criterion_speaks_when_its_limit_is_passed_and_after_reset_again(hunti
 
 def test_live_with_ticks_and_its_replay_say_what_the_whole_record_says(hunting) -> None:
     config, _ = config_for(hunting, DetectorConfig())
-    whole = collect(watch(hunting, HuntingDetector(config)), Companions.of(HUNTING))
-    live, detector = Companions.of(HUNTING), HuntingDetector(config)
+    whole = collect(watch(hunting, HuntingDetector(config)), Companions(HUNTING))
+    live, detector = Companions(HUNTING), HuntingDetector(config)
     verdicts: list[Verdict] = []
     outputs = []
     for now in range(0, hunting.end_ns + 1, 50_000_000):
@@ -83,7 +83,7 @@ def test_live_with_ticks_and_its_replay_say_what_the_whole_record_says(hunting) 
         verdicts += live.update(outputs[-1])
     assert verdicts == whole.verdicts != []
     again = replay_journal(HuntingDetector(config), hunting, Output.joined(outputs).journal)
-    assert list(Companions.of(HUNTING).update(again)) == verdicts
+    assert list(Companions(HUNTING).update(again)) == verdicts
 
 
 def test_hunting_says_nothing_of_the_quiet_response(recorded, true_form) -> None:
@@ -93,7 +93,7 @@ def test_hunting_says_nothing_of_the_quiet_response(recorded, true_form) -> None
     stamps = np.concatenate([motion.stamps_ns for motion in output.motion])
     assert quiet[stamps < 3_000_000_000].all()
     assert not quiet[stamps > 8_000_000_000].any()
-    companions = Companions.of(CompanionConfig())
+    companions = Companions(CompanionConfig())
     companions.update(output)
     forecast = companions.finish()
     assert forecast is not None
@@ -111,7 +111,7 @@ def test_a_stuck_sensor_and_a_missing_speed_are_not_heard(recorded) -> None:
     channels = tuple(name for name in record if name != 'speed')
     output = detect(HuntingDetector(DetectorConfig(channels=channels)), record)
     assert all(np.isnan(motion.speed).all() for motion in output.motion)
-    companions = Companions.of(
+    companions = Companions(
         CompanionConfig(criteria=('uic_518',)), DetectorConfig(channels=channels)
     )
     assert companions.update(output) == ()
@@ -119,13 +119,13 @@ def test_a_stuck_sensor_and_a_missing_speed_are_not_heard(recorded) -> None:
 
 def test_the_forecast_is_made_for_the_rig_that_the_detector_is_told_of() -> None:
     config = DetectorConfig(hunting_frequency_hz=12.0, roller_diameter_m=0.5)
-    of_rig = Companions.of(CompanionConfig(), config)._forecast
+    of_rig = Companions(CompanionConfig(), config)._forecast
     assert of_rig is not None
     low, high = of_rig._levels._band
     assert low < 12.0 / 2.84
     assert high > 24.0
     assert of_rig._levels._diameter == 0.5
-    plain = Companions.of(CompanionConfig())._forecast
+    plain = Companions(CompanionConfig())._forecast
     assert plain is not None
     assert plain._levels._band == (0.8, 8.0)
 
@@ -134,11 +134,11 @@ def test_what_cannot_be_run_is_refused() -> None:
     with pytest.raises(ConfigError, match='cfr_213_333'):
         CompanionConfig(criteria=('cfr',))
     with pytest.raises(ConfigError, match='lateral'):
-        Companions.of(HUNTING, DetectorConfig(channels=('yaw', 'speed')))
+        Companions(HUNTING, DetectorConfig(channels=('yaw', 'speed')))
 
 
 def forecast_of(motions: list[Motion], config: DetectorConfig) -> Forecast:
-    companions = Companions.of(CompanionConfig(), config, live=False)
+    companions = Companions(CompanionConfig(), config, live=False)
     for motion in motions:
         companions.take(motion)
     found = companions.finish()
