@@ -86,7 +86,9 @@ class _Queue:
         ]
         self._head = self._tail = 0
         self.newest_ns: int | None = None  # of all it was ever given
-        self.run_ns: int | None = None  # first stamp of the present run without a leap
+        #: The present run without a leap: its first stamp, and the one before the leap.
+        self.run_ns: int | None = None
+        self.before_run_ns: int | None = None
 
     def __len__(self) -> int:
         return self._tail - self._head
@@ -103,6 +105,12 @@ class _Queue:
     @property
     def last_ns(self) -> int | None:
         return int(self._arrays[0][self._tail - 1]) if len(self) else None
+
+    def leapt_beyond(self, stamp_ns: int) -> bool:
+        """Return True if the present run began with a leap over a stamp."""
+        if self.run_ns is None or self.before_run_ns is None:
+            return False
+        return self.before_run_ns < stamp_ns < self.run_ns
 
     def _room(self, count: int) -> int:
         """Make room for more samples; return the place of the first."""
@@ -122,7 +130,7 @@ class _Queue:
         stamps, values, marks = self._arrays
         stamps[place], values[place], marks[place] = stamp_ns, value, mark
         if self.newest_ns is None or stamp_ns - self.newest_ns > _STAMP_JUMP_NS:
-            self.run_ns = stamp_ns
+            self.run_ns, self.before_run_ns = stamp_ns, self.newest_ns
         self.newest_ns = stamp_ns
 
     def push(self, stamps_ns: _Stamps, values: _Values, marks: _Marks | int = 0) -> None:
@@ -132,6 +140,13 @@ class _Queue:
             array[place : self._tail] = new
         self.newest_ns = int(stamps_ns[-1])
 
+    def extend(self, later: _Queue) -> None:
+        """Append all that waits in another queue, at least one; its runs go on here."""
+        stamps, values, marks = (array[later._head : later._tail] for array in later._arrays)
+        self.push(stamps, values, marks)
+        self.newest_ns = later.newest_ns
+        self.run_ns, self.before_run_ns = later.run_ns, later.before_run_ns
+
     def take(self, until_ns: int) -> tuple[_Stamps, _Values, _Marks, tuple[int, float] | None]:
         """Remove the samples with stamp <= until_ns, and look at the next one."""
         end = self._head + int(np.searchsorted(self.stamps, until_ns, side='right'))
@@ -139,6 +154,9 @@ class _Queue:
         self._head = end
         following = (int(self.stamps[0]), float(self._arrays[1][end])) if len(self) else None
         return stamps, values, marks, following
+
+    def mark_first(self, mark: int) -> None:
+        self._arrays[2][self._head] |= mark
 
     def drop(self, begin: int, end: int, mark: int) -> int:
         """Remove waiting samples; their marks go to the next one, or back where there is none."""
@@ -368,10 +386,10 @@ class Channel:
             self._refuse(BACKWARD)
         self._behind.clear()
 
-    def drop(self, begin: int, end: int, reason: int) -> None:
+    def drop(self, begin: int, end: int, reason: int, epoch: int = 0) -> None:
         """Refuse samples begin..end that wait already."""
         self.refused[_REASONS[reason]] += end - begin
-        marks = self.queues[0].drop(begin, end, reason)
+        marks = self.queues[epoch].drop(begin, end, reason)
         if marks:  # nothing waits that could carry them
             self.refused_since += end - begin
             self._mark |= marks
@@ -386,6 +404,42 @@ class Channel:
                     end = int(np.searchsorted(stamps, last_ns, side='right'))
                 if end > begin:
                     self.drop(begin, end, LATE)
+
+    def returned_ns(self) -> int | None:
+        """
+        Stamp at which a clock that had leapt is back where it would have been; None if not.
+
+        The leap, ahead or back, must have lasted as long as the stamps say it did. A set
+        clock, or a channel that was off for a while, does not do that.
+        """
+        if len(self.queues) < 2:
+            return None
+        old, new = self.queues[:2]
+        first, newest = new.first_ns, old.newest_ns
+        if first is None or newest is None:
+            return None
+        if old.leapt_beyond(first):
+            away, since = newest - (old.run_ns or 0), first - (old.before_run_ns or 0)
+            return first if abs(away - since) <= _STAMP_JUMP_NS else None
+        place = int(np.searchsorted(new.stamps, newest, side='right'))
+        if not 0 < place < len(new):
+            return None
+        back, end = int(new.stamps[place]), int(new.stamps[place - 1])
+        away, since = end - first, back - newest
+        leapt = back - end > _STAMP_JUMP_NS
+        return back if leapt and abs(away - since) <= _STAMP_JUMP_NS else None
+
+    def rejoin(self) -> None:
+        """Go on in the present epoch after a leap, without the samples taken in it."""
+        old, new = self.queues[:2]
+        first, newest = int(new.stamps[0]), old.newest_ns
+        if old.leapt_beyond(first):
+            count = len(old) - int(np.searchsorted(old.stamps, first))
+            self.refused['ahead'] += count
+            new.mark_first(old.drop(len(old) - count, len(old), AHEAD))
+        elif newest is not None:
+            self.drop(0, int(np.searchsorted(new.stamps, newest, side='right')), BACKWARD, 1)
+        old.extend(self.queues.pop(1))
 
     def go_on_from(self, position_ns: int | None, shift_ns: int) -> None:
         """Go on after a position with stamps of another offset; drop what waits."""
@@ -488,17 +542,20 @@ class Door:
         channel = self.channels[name]
         if not channel.received:
             self.note('heard', channels={name: int(stamps[0])})
-        waiting = len(channel.queues[0])
+        before = {silent: len(self.channels[silent].queues[0]) for silent in self.silent}
         self._finished = False
         channel.push(stamps, numbers)
-        if not channel.silent:
-            self._drop_late(name)
-            return
-        channel.drop(waiting, len(channel.queues[0]), LATE)
-        # Of an epoch that the others do not follow into the first and the newest are kept.
-        while len(channel.queues) > 1 and len(channel.queues[-1]) > _WAITING:
-            channel.refused['clock'] += _WAITING // 2
-            channel.queues[-1].drop(1, 1 + _WAITING // 2, BACKWARD)
+        if channel.silent:
+            # Of an epoch that the others do not follow into the first and the newest are kept.
+            while len(channel.queues) > 1 and len(channel.queues[-1]) > _WAITING:
+                channel.refused['clock'] += _WAITING // 2
+                channel.queues[-1].drop(1, 1 + _WAITING // 2, BACKWARD)
+        for moved in dict.fromkeys([name, *self._rejoin()]):
+            if moved in before:
+                channel = self.channels[moved]
+                channel.drop(before[moved], len(channel.queues[0]), LATE)
+            else:
+                self._drop_late(moved)
 
     def _drop_late(self, name: str) -> None:
         """Drop what lies behind the position; note where such a run begins and ends."""
@@ -521,6 +578,25 @@ class Door:
             if channel.late_until_ns is not None:
                 self.note('late_to', channels={name: channel.late_until_ns})
                 channel.late_until_ns = None
+
+    def _rejoin(self) -> list[str]:
+        """Take channels back into the present epoch whose clock had leapt; return them."""
+        back = []
+        for name, channel in self.channels.items():
+            while (stamp := channel.returned_ns()) is not None and self._is_time(stamp, channel):
+                channel.rejoin()
+                back.append(name)
+        return back
+
+    def _is_time(self, stamp_ns: int, apart: Channel) -> bool:
+        """Return True if another channel came to a stamp in the present epoch without a leap."""
+        for channel in self.channels.values():
+            queue = channel.queues[0]
+            if channel is apart or queue.run_ns is None or queue.newest_ns is None:
+                continue
+            if queue.run_ns <= stamp_ns <= queue.newest_ns:
+                return True
+        return False
 
     def tick(self, now_ns: int) -> bool:
         """Let silent channels go, take them back, follow the clocks; True: a new epoch began."""
@@ -789,7 +865,9 @@ class Door:
         """Return True if a channel whose clock was set back agrees with the detector's."""
         for channel in self.channels.values():
             clock = channel.clock
-            if len(channel.queues) == 1 or clock.offset_ns is None:
+            if len(channel.queues) == 1 or channel.returned_ns() is not None:
+                continue
+            if clock.offset_ns is None:
                 continue
             if abs(clock.offset_ns - clock.shift_ns) <= self._tolerance:
                 return True

@@ -82,3 +82,33 @@ def test_a_short_excursion_into_the_past_is_refused_and_a_lasting_one_is_a_new_e
     assert one.refused['backward'] == 50
     two = _fed([*forward, *lasting], [])
     assert [len(queue) for queue in two.queues] == [100, 150]
+
+
+def _leap(by_s: int) -> list[int]:
+    """Stamps of a clock that leaps by some seconds for two, and comes back."""
+    step = SECOND // 100
+    stamps = [20 * SECOND + k * step for k in range(600)]
+    return [s + by_s * SECOND if 200 <= k < 400 else s for k, s in enumerate(stamps)]
+
+
+@settings(deadline=None, max_examples=30)
+@given(by_s=st.sampled_from([-3600, -5, 3, 3600]), cuts=st.lists(st.integers(0, 600), max_size=6))
+def test_a_clock_that_leaps_and_comes_back_goes_on_without_the_leap(by_s, cuts) -> None:
+    channel = _fed(_leap(by_s), cuts)
+    assert channel.returned_ns() == 24 * SECOND
+    channel.rejoin()
+    [content] = _content(channel)
+    expected = [20 * SECOND + k * SECOND // 100 for k in (*range(200), *range(400, 600))]
+    assert [stamp for stamp, _, _ in content] == expected
+    assert content[200][2] & (AHEAD if by_s > 0 else BACKWARD)
+    assert channel.refused.total() == 200
+
+
+def test_a_clock_that_is_set_back_or_a_channel_that_was_off_has_not_leapt() -> None:
+    step = SECOND // 100
+    forward = [20 * SECOND + k * step for k in range(200)]
+    back = [5 * SECOND + k * step for k in range(400)]
+    assert _fed(forward + back, []).returned_ns() is None
+    after_a_pause = [100 * SECOND + k * step for k in range(600)]
+    back = [50 * SECOND + k * step for k in range(400)]
+    assert _fed(forward + after_a_pause + back, []).returned_ns() is None
