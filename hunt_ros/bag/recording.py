@@ -112,8 +112,7 @@ class Recording:
         self.limits = limits or RecordingLimits()
         self.path = Path(path)
         self._bag = BagWriter(path, notes=notes, compression=compression)
-        self._names: dict[int, str] = {}
-        self._keys: dict[str, int] = {}
+        self._names: list[str] = []  # the number of a topic is its place, from 1
         self._lock = threading.Lock()
         self._queue: list[_Message | _Order] = []
         self._waiting = 0
@@ -138,16 +137,15 @@ class Recording:
     ) -> int:
         """Describe a topic; returns its number for `offer`. Asking again is harmless."""
         with self._lock:
-            if name in self._keys:
-                return self._keys[name]
-            key = len(self._keys) + 1
-            self._keys[name], self._names[key] = key, name
+            if name in self._names:
+                return self._names.index(name) + 1
+            self._names.append(name)
             self._queue.append(
                 lambda bag: bag.topic(
                     name, message_type, latched=latched, definition=definition or None
                 )
             )
-        return key
+            return len(self._names)
 
     def offer(self, topic: int, log_ns: int, message: bytes) -> bool:
         """
@@ -162,7 +160,7 @@ class Recording:
         with self._lock:
             full = self._waiting + len(message) > self.limits.buffer_mib * _MEBIBYTE
             if full or self._ending or self._problem:
-                self._dropped[self._names[topic]] += 1
+                self._dropped[self._names[topic - 1]] += 1
                 return False
             self._queue.append((topic, log_ns, message))
             self._waiting += len(message)
@@ -171,7 +169,7 @@ class Recording:
     def miss(self, topic: int, count: int) -> None:
         """Count messages of a topic that never came here: they are not in the recording."""
         with self._lock:
-            self._dropped[self._names[topic]] += count
+            self._dropped[self._names[topic - 1]] += count
 
     def note(self, name: str, strings: Mapping[str, str]) -> None:
         """Write named strings beside the messages: parameters, the normal form in force."""

@@ -197,23 +197,6 @@ def test_scale_offset_and_constants(bag: Path, record) -> None:
     np.testing.assert_array_equal(mapped['yaw'].values, record['lateral'].values * 0.1)
 
 
-def test_log_time_stands_in_where_the_headers_are_empty(tmp_path: Path) -> None:
-    with BagWriter(tmp_path / 'run') as writer:
-        key = writer.topic('/t', 'geometry_msgs/msg/TwistStamped')
-        plain = writer.topic('/p', 'std_msgs/msg/Float64')
-        vector = TYPES['geometry_msgs/msg/Vector3'](x=1.0, y=2.0, z=3.0)
-        twist = TYPES['geometry_msgs/msg/Twist'](linear=vector, angular=vector)
-        message = TYPES['geometry_msgs/msg/TwistStamped'](header=header(0), twist=twist)
-        raw = bytes(STORE.serialize_cdr(message, 'geometry_msgs/msg/TwistStamped'))
-        for at in (5, 6, 7):
-            writer.write(key, at, raw)
-            writer.write(plain, at, b'\0\1\0\0' + struct.pack('<d', at / 2))
-    columns = read_columns(tmp_path / 'run', ['a=/t.twist.angular.z', 'b=p'])
-    assert columns['a'].stamps_ns.tolist() == columns['b'].stamps_ns.tolist() == [5, 6, 7]
-    assert columns['a'].values.tolist() == [3.0] * 3
-    assert columns['b'].values.tolist() == [2.5, 3.0, 3.5]
-
-
 @pytest.mark.parametrize(
     ('source', 'words'),
     [
