@@ -263,7 +263,8 @@ class _Problem:
             point = -np.einsum('jnc,nc->nj', d_e, e) - 0.5 * d_l.sum(axis=2).T
             mean = (d_e + 0.5 * e[None] * d_l).reshape(len(by), -1)
             wide = d_l.reshape(len(by), -1)
-            whole = mean @ mean.T + 0.5 * wide @ wide.T
+            with np.errstate(over='ignore', invalid='ignore'):  # of a law that runs away
+                whole = mean @ mean.T + 0.5 * wide @ wide.T
             lean = np.zeros((n, _OWN))
             if self.differ:
                 slopes[r] = point[:, n:].sum(axis=0) - one / self.spread**2
@@ -427,8 +428,9 @@ def fit_path(
             break
     unknown = 0.0
     if problem.differ:
-        unit = spread[:, None] * spread
-        unknown = 0.5 * float(np.linalg.slogdet(current.own_block * unit)[1].sum())
+        block = current.own_block * spread[:, None] * spread
+        known = bool(np.isfinite(block).all())
+        unknown = 0.5 * float(np.linalg.slogdet(block)[1].sum()) if known else float('inf')
     return TrajectoryFit(
         theta,
         current.information,
