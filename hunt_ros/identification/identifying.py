@@ -208,11 +208,10 @@ def _distinct(given: Sequence[Recording], warnings: list[str]) -> list[Recording
             if not cut:
                 continue
             settings = replace(settings, ignore=(*settings.ignore, (low, high, 0)))
+            one = Recording(one.source, one.number, settings)
         count = named[source] = named.get(source, 0) + 1
-        name = source if count == 1 else f'{source} ({count})'
-        kept.append(Recording(one.source, one.number, settings, name))
-        if again is None:
-            kept[-1].digest = digest
+        one.name = source if count == 1 else f'{source} ({count})'
+        kept.append(one)
     return kept
 
 

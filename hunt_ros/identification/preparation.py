@@ -63,18 +63,17 @@ class Recording:
         1 for the first.
     settings : IdentificationSettings
         What the user tells of it.
-    name : str
-        What it is called among all recordings; '': as it says itself.
     """
 
-    def __init__(
-        self, source: Source, number: int, settings: IdentificationSettings, name: str = ''
-    ) -> None:
-        self._given = source, number, settings, name
-        self.source, self.number, self.settings, self.name = self._given
+    #: What it is called among all recordings.
+    name = ''
+
+    def __init__(self, source: Source, number: int, settings: IdentificationSettings) -> None:
+        self._given = source, number, settings
+        self.source, self.number, self.settings = self._given
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _held, (pickle.dumps(self._given),)
+        return _named, (pickle.dumps(self._given), self.name)
 
     @cached_property
     def prepared(self) -> Prepared:
@@ -98,6 +97,12 @@ class Recording:
 def _held(given: bytes) -> Recording:
     """A process that is asked for several things of a recording reads it once."""
     return Recording(*pickle.loads(given))
+
+
+def _named(given: bytes, name: str) -> Recording:
+    one = _held(given)
+    one.name = name
+    return one
 
 
 @dataclass(frozen=True, eq=False)

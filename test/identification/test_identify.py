@@ -465,6 +465,17 @@ def test_what_is_no_record_is_refused_in_one_line(given):
     assert 'read_record' in str(caught.value)
 
 
+def test_a_recording_is_read_once(records):
+    read = []
+
+    def reading():
+        read.append(1)
+        return records['sweep'][0]
+
+    identify([reading])
+    assert len(read) == 1
+
+
 def test_one_record_needs_no_list():
     stamps = np.arange(100) * 10_000_000
     record = Record({'lateral': Series(stamps, np.zeros(100))}, 'nothing in it')
