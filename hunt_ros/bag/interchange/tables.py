@@ -160,12 +160,12 @@ def _part(value: Any, name: str, source: str) -> Any:
 def _elements(value: Any, inside: str, source: str) -> list[Any]:
     """Return a part of an array by its index; of an array of structures, `[:]` takes all."""
     if isinstance(value, Mapping):  # one structure, or in version 7.3 the lists of several
-        lists = [part for part in value.values() if isinstance(part, list)]
-        value = (
-            [dict(zip(value, parts, strict=True)) for parts in zip(*value.values(), strict=True)]
-            if lists
-            else [value]
-        )
+        lists = all(isinstance(part, list) for part in value.values())
+        if lists and len({len(part) for part in value.values()}) == 1:
+            rows = zip(*value.values(), strict=True)
+            value = [dict(zip(value, row, strict=True)) for row in rows]
+        else:
+            value = [value]
     try:
         parts = [part.strip() for part in inside.split(',')]
         index = tuple(slice(None) if part == ':' else int(part) for part in parts)

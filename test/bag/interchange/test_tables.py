@@ -196,6 +196,13 @@ def test_shapes_that_are_no_series_say_what_is_there(matrix, tmp_path: Path) -> 
             select(table, source)
 
 
+def test_a_structure_with_a_list_beside_numbers_is_one_of_which_0_is_the_first() -> None:
+    one = {'run': {'names': ['a', 'b'], 'y': np.arange(3.0)}}
+    np.testing.assert_array_equal(select(one, 'run[0].y')[0], np.arange(3.0))
+    several = {'run': {'y': [np.zeros(2), np.ones(2)], 'v': [1.0, 2.0]}}  # as version 7.3 has them
+    np.testing.assert_array_equal(select(several, 'run[1].y')[0], np.ones(2))
+
+
 def test_a_pickle_is_never_opened(tmp_path: Path) -> None:
     np.save(tmp_path / 'a.npy', np.array([{'a': 1}], dtype=object), allow_pickle=True)
     with pytest.raises(BagError, match='cannot be read'):
