@@ -21,7 +21,7 @@ _BUTTONS = {service.name: word.replace('-', ' ') for word, service in SERVICES.i
 _NUMBER = r'(?<![\w.])\d+(?:\.\d+)?(?:e[+-]?\d+)?'
 #: A speed in a sentence: a number, one with its deviation, a range, or one with its interval.
 _SPEEDS = re.compile(
-    rf'({_NUMBER}(?:(?: \+/- | ± | … | to ){_NUMBER})*) m/s(?![\w^²])(?: \(95 %: ([^)]*)\))?'
+    rf'({_NUMBER}(?:(?: \+/- | ± | … | to | and ){_NUMBER})*) m/s(?![\w^²])(?: \(95 %: ([^)]*)\))?'
 )
 _UNKNOWN = '–'
 #: A greater margin says no more.

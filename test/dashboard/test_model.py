@@ -376,6 +376,7 @@ def test_an_alarm_tells_who_acknowledged_it(model) -> None:
         ),
         ('v_c 8.013 +/- 0.042 m/s, v_n 6.41 m/s', 'v_c 28.85 +/- 0.15 km/h, v_n 23.1 km/h'),
         ('from 6 to 8 m/s in 530 s', 'from 21.6 to 28.8 km/h in 530 s'),
+        ('between 6.35 and 7 m/s only', 'between 22.9 and 25.2 km/h only'),
         ('8.01 m/s (95 %: 7.81 to 8.21), 3 levels', '28.8 km/h (95 %: 28.1 to 29.6), 3 levels'),
         ('0.4 m/s^2 and 0.3 m/s2 of 2.8 Hz', '0.4 m/s^2 and 0.3 m/s2 of 2.8 Hz'),
         ('call speed/rearm first', 'press rearm first'),
