@@ -35,7 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--fresh', **options.FLAG, help=what)
     add('--live', **options.FLAG, help='publish it to the running nodes')
     add = partial(options.add, parser.add_argument_group('with --live only'))
-    add('--pace', type=options.number(0.1, 50.0))
+    add('--pace', type=options.number(0.1, 50.0), help='seconds of the rig in a second (1)')
     add('--loop', **options.FLAG, help='begin anew at the end')
     add('--from', '--to', '--namespace', '--page')
 
