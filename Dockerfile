@@ -15,7 +15,7 @@ RUN apt-get update \
 # In a venv that sees the packages of Ubuntu and ROS: Ubuntu's own Python takes nothing from pip.
 ENV VIRTUAL_ENV=/opt/hunt PATH=/opt/hunt/bin:$PATH
 RUN python3 -m venv --system-site-packages "$VIRTUAL_ENV" \
-    && pip install --no-cache-dir 'setuptools<80' wheel rosbags mcap lz4 zstandard numba
+    && pip install --no-cache-dir 'setuptools<80' wheel rosbags mcap lz4 zstandard numba filterpy
 COPY . /src/hunt_ros
 # The machine code of the kernels is kept beside them.
 RUN pip install --no-cache-dir --no-deps --no-build-isolation /src/hunt_ros && hunt compile
