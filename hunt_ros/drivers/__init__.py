@@ -1,4 +1,4 @@
-"""Where samples come from and set points go: simulated, replayed or real hardware."""
+"""Where samples come from and set points go: simulated or real hardware."""
 
 from hunt_ros.drivers.base import DriveBlock, DriveDriver, SensorBlock, SensorDriver
 from hunt_ros.drivers.sample_clock import SampleClock
