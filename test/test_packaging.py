@@ -315,4 +315,4 @@ def test_the_image_has_what_rosdep_and_pip_bring() -> None:
     wanted = {key for key in depends & set(ROSDEP) if key != 'python3-setuptools'}
     assert wanted <= set(re.findall(r'python3-[a-z]+', text))
     (install,) = re.findall(r'pip install --no-cache-dir (\'setuptools.*)', text)
-    assert {'rosbags', 'mcap', 'lz4', 'zstandard', 'numba'} <= set(install.split())
+    assert {'rosbags', 'mcap', 'lz4', 'zstandard', 'numba', 'filterpy'} <= set(install.split())
