@@ -7,6 +7,7 @@ or several in one process.
 
 from __future__ import annotations
 
+import faulthandler
 import sys
 import traceback
 from collections.abc import Callable
@@ -18,6 +19,9 @@ from typing import Any, NoReturn
 from hunt_ros.errors import not_installed
 from hunt_ros.nodes.support.ending import Ending
 from hunt_ros.suite import NODES, SENSORS, SUITE
+
+#: A start that lasts longer says where each thread is, s: it may hang in the middleware.
+_LONG_S = 60.0
 
 
 def start(*nodes: str) -> NoReturn:
@@ -32,6 +36,7 @@ def start(*nodes: str) -> NoReturn:
     """
     ending = Ending(nodes[0] if len(nodes) == 1 else SUITE)
     ending.say('starting')
+    faulthandler.dump_traceback_later(_LONG_S)
     code = 1
     try:
         import_module('hunt_ros.compiled').serve_live(ending.say)

@@ -173,13 +173,20 @@ def test_what_dies_is_started_again_though_the_folder_of_the_recordings_was_move
 
 
 @pytest.mark.parametrize('others', [('yaw_sensor', 'lateral_sensor'), ()])
+@pytest.mark.parametrize('spoken', [True, False])
 def test_a_guard_that_stands_still_is_started_again_unless_all_are_silent(
-    tmp_path: Path, machine, others
+    tmp_path: Path, machine, others, spoken
 ) -> None:
     with Supervisor('rig', tmp_path / 'logs', private=False) as supervisor:
         supervisor.start(_Sleeper('alarm_outputs'))
         before = supervisor.pids()['alarm_outputs']
-        supervisor.heard('/rig/alarm_outputs')
+        if spoken:
+            supervisor.heard('/rig/alarm_outputs')
+        for _ in range(20 if spoken else 100):
+            for name in others:
+                supervisor.heard(f'/rig/{name}')
+        if not spoken:
+            assert supervisor.look() == [], 'a start takes its time'
         for _ in range(20):
             for name in others:
                 supervisor.heard(f'/rig/{name}')
@@ -192,6 +199,14 @@ def test_a_guard_that_stands_still_is_started_again_unless_all_are_silent(
             assert not deadline.passed, said
             said += supervisor.look()
             time.sleep(0.02)
+
+
+def test_the_console_which_tells_no_health_does_not_stand_still() -> None:
+    child = _Child(NodeSpec('console', piped=True), lambda process: None)
+    with subprocess.Popen(['sleep', '1000'], text=True) as child.process:
+        child.others.update(yaw_sensor=1000, lateral_sensor=1000)
+        assert not child.stands_still
+        child.process.kill()
 
 
 def test_what_fails_for_days_is_started_again_each_half_minute() -> None:

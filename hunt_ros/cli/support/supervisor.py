@@ -42,9 +42,10 @@ _GRACE_S = {signal.SIGINT: 8.0, signal.SIGTERM: 2.0, signal.SIGKILL: 2.0}
 #: Writing what waits takes as long as the disk takes.
 _RECORDER, _CLOSING_S = 'bag_recorder', 60.0
 _RECORDS = {_RECORDER, SUITE}
-#: A process that has spoken stands still where two nodes beside it have told their health, which
-#: each does once a second, so often since.
-_SILENT = 10
+#: A process stands still where two nodes beside it have told their health, which each does once a
+#: second, so often since it has; and so often since its start where it never has: the start of
+#: a node can hang in the middleware.
+_SILENT, _NEVER_HEARD = 10, 120
 #: What ends again and again is started again after this, after twice as long, and so on, s.
 _AGAIN_S, _AGAIN_MOST_S = 0.5, 30.0
 #: Exit code of a node that refuses its settings, or cannot have what it needs.
@@ -62,8 +63,10 @@ class _Child:
         self.process: subprocess.Popen[str] | None = None
         self.began_s = self.due_s = 0.0
         self.failures = 0
-        #: How often each other node has told its health since this one did; None: it never has.
-        self.others: Counter[str] | None = None
+        #: How often each other node has told its health since this one did or was started, and
+        #: how often is too often.
+        self.others: Counter[str] = Counter()
+        self.patience = _NEVER_HEARD
 
     def put_off(self) -> None:
         """Have it started again: at once, and after longer each time that it has not lasted."""
@@ -78,11 +81,15 @@ class _Child:
 
         Silence of all is that of the console.
         """
-        if sys.platform == 'linux' and self.process is not None and self.runs:
+        if self.process is None or not self.runs:
+            return False
+        if sys.platform == 'linux':
             stopped = os.WSTOPPED | os.WNOHANG | os.WNOWAIT
             if os.waitid(os.P_PID, self.process.pid, stopped) is not None:
                 return True
-        return sum(count >= _SILENT for count in (self.others or {}).values()) >= 2
+        # The console tells no health.
+        silent = sum(count >= self.patience for count in self.others.values()) >= 2
+        return silent and not self.spec.piped
 
     def ended(self) -> int | None:
         """Return the exit code of one that has ended since it was started; else None."""
@@ -205,7 +212,7 @@ class Supervisor:
                 start_new_session=True,
                 preexec_fn=_in_child,
             )
-        child.began_s, child.others = time.monotonic(), None
+        child.began_s, child.others, child.patience = time.monotonic(), Counter(), _NEVER_HEARD
         child.attach(child.process)
 
     def _log(self, name: str) -> IO[str]:
@@ -236,7 +243,7 @@ class Supervisor:
             if self._winding and name in GUARDS:
                 continue
             if child.stands_still and self._keep and not self._winding:
-                child.others = None
+                child.others = Counter()
                 child.pass_on(signal.SIGKILL)
                 lines.append(f'{name} stands still: it is ended')
             now_s, code = time.monotonic(), child.ended()
@@ -285,8 +292,8 @@ class Supervisor:
             return
         for module, child in self._children.items():
             if name in (child.spec.nodes or (module,)):
-                child.others = Counter()
-            elif child.others is not None:
+                child.others, child.patience = Counter(), _SILENT
+            else:
                 child.others[name] += 1
 
     def _last_line(self, name: str) -> str:

@@ -10,6 +10,7 @@ it has created until it ends.
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import tempfile
 import time
@@ -78,6 +79,7 @@ def run(
         for node in nodes:
             executor.add_node(node)
         ending.doing = 'running'
+        faulthandler.cancel_dump_traceback_later()
         # spin() of the EventsExecutor in these wheels burns a core and runs nothing.
         while rclpy.ok() and not ending.asked.is_set():
             executor.spin_once(timeout_sec=_SPIN_S)
