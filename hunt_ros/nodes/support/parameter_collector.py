@@ -19,7 +19,7 @@ _LOOK_S = 0.5
 _AGAIN_S, _ANSWER_S = 1.5, 2.0
 
 
-class ParameterCollector:
+class ParameterCollector(Aside):
     """
     Asks each node, as it appears, for all its parameters, and ever more rarely again.
 
@@ -38,17 +38,16 @@ class ParameterCollector:
         self._tell = tell
         self._clients: dict[str, dict[type, Any]] = {}
         self.ask_again()
-        self._aside = Aside(node, failed, 'parameters', _LOOK_S, self._round)
-        self.close = self._aside.close
+        super().__init__(node, failed, 'parameters', _LOOK_S, self._look)  # its thread runs now
 
     def ask_again(self) -> None:
         """Ask every node anew: another recording has begun."""
         self._due: dict[str, tuple[float, float]] = {}  # when to ask, steady clock; wait after
         self._told: dict[str, str] = {}
 
-    def _round(self) -> None:
+    def _look(self) -> None:
         """Ask every node where it is due."""
-        for name, namespace in self._aside.node.get_node_names_and_namespaces():
+        for name, namespace in self.node.get_node_names_and_namespaces():
             full, now_s = f'{namespace.rstrip("/")}/{name}', time.monotonic()
             due_s, wait_s = self._due.get(full, (now_s, _AGAIN_S))
             if name.startswith('_') or now_s < due_s:
@@ -84,9 +83,11 @@ class ParameterCollector:
         """Return the answer of a service; None where there is none in time."""
         clients = self._clients.setdefault(node, {})
         if kind not in clients:
-            clients[kind] = self._aside.node.create_client(kind, f'{node}/{service}')
+            clients[kind] = self.node.create_client(kind, f'{node}/{service}')
         if not clients[kind].service_is_ready():
             return None
         asked = clients[kind].call_async(kind.Request(**request))  # type: ignore[attr-defined]
-        self._aside.executor.spin_until_future_complete(asked, _ANSWER_S)
+        self.executor.spin_until_future_complete(asked, _ANSWER_S)
+        if not asked.done():
+            clients[kind].remove_pending_request(asked)
         return asked.result() if asked.done() else None
