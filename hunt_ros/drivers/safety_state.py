@@ -86,9 +86,10 @@ def read(path: Path) -> SafetyState | None:
             if type(value) is not type(item.default) or not finite:
                 raise ValueError(f'{item.name}: {value!r}')
         state = SafetyState(**told)
+        state.to_json()  # what is read can be written again
     except FileNotFoundError:
         return None
-    except (AttributeError, OSError, LookupError, TypeError, ValueError) as error:
+    except (ArithmeticError, AttributeError, OSError, LookupError, TypeError, ValueError) as error:
         raise ConfigError(f'{path}: cannot read the safety state ({error})') from error
     return state
 

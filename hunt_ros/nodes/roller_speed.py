@@ -173,7 +173,8 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         """Let go of the drive; an end that was asked for is no failure."""
         super().close()
         self._stopper.close(0.0)
-        self._to_keep.post(self._guard.unsaved(running=False))
+        if text := self._guard.unsaved(running=False):  # else what waits is the newest
+            self._to_keep.post(text)
         self._keeper.stop()
 
     def on_deactivate(self, state: State) -> TransitionCallbackReturn:

@@ -121,7 +121,9 @@ def test_what_is_shelved_is_said_outlives_the_process_and_takes_no_trip(tmp_path
         ('"trip": "",', ''),
         ('"forced_mps": 0.0', '"forced_mps": NaN'),
         ('"forced_mps": 0.0', '"forced_mps": Infinity'),
+        ('"forced_mps": 0.0', f'"forced_mps": 1{400 * "0"}'),
         ('"minutes": 5.0', '"minutes": "long"'),
+        ('"minutes": 5.0', '"until_s": Infinity, "minutes": 5.0'),
         ('"history": []', '"history": 3'),
     ],
 )
