@@ -122,6 +122,7 @@ class SensorNode(DriverNode[SensorDriver]):
         if link := self._link():
             return *link, values
         if not self._active.is_set():
+            self._told_ns = 0  # a pause is no low rate
             return 'OK', 'inactive', values
         said = [f'{lost} samples lost'] if lost else []
         if not count:
