@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
@@ -35,6 +36,10 @@ def test_nodes_of_one_process_have_their_own_parameters_and_close_their_recordin
         graph.spin_until(lambda: len(samples) > 200, 60.0)
         names = {f'rig/{name}' for name in NODES}
         graph.spin_until(lambda: names <= {m.status[0].name for m in health})
+        full_names = {f'/{name}' for name in names}
+        graph.spin_until(
+            lambda: full_names <= described(folder), 60.0
+        )  # one asked after the other
         assert processes.look() == []
         log = processes.logs / 'suite.log'
     assert 'Traceback' not in log.read_text()
@@ -46,8 +51,14 @@ def test_nodes_of_one_process_have_their_own_parameters_and_close_their_recordin
     heard = {s.header.stamp.sec * 10**9 + s.header.stamp.nanosec for s in samples}
     late = recorded.stamps_ns >= first.sec * 10**9 + first.nanosec
     assert heard <= set(recorded.stamps_ns[late].tolist()), 'nothing that others heard is lost'
+    assert full_names <= described(folder)
+
+
+def described(folder: Path) -> set[str]:
+    """Return the nodes whose parameters are in the one recording, open or closed."""
+    (bag,) = folder.glob('hunt_*')
     with Bag(bag) as opened:
-        assert {f'/rig/{name}' for name in NODES} <= set(opened.strings('parameters'))
+        return set(opened.strings('parameters'))
 
 
 def test_the_executable_of_several_nodes_asks_which() -> None:
