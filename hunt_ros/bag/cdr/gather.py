@@ -15,14 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.bag.blocks import Block, Places, strided
-from hunt_ros.bag.cdr.layout import FieldPath, FieldPlace, end_of, locate
+from hunt_ros.bag.cdr.layout import FieldPath, FieldPlace, extent, locate
 from hunt_ros.bag.cdr.message_types import Definitions, standard_types
 
 #: Layouts gathered as arrays before the rest is walked one by one.
 MOST_LAYOUTS = 8
-#: Where the header of a message has its stamp behind it: the frame follows, bytes.
-_BEHIND_STAMP = 12
-
 
 #: Some rows, or all of them.
 _Rows: TypeAlias = NDArray[np.int64] | slice
@@ -137,18 +134,16 @@ def _layout(message: bytes, wanted: Wanted) -> _Layout:
     # "CDR" and its byte order, and every length on the way: what fixes the field's place.
     expected = {0: message[:2]}
     if wanted.joint:
-        names = _joints(message, wanted)
-        # What stands between the stamp and the values: frame, names, and how many there are.
-        try:
-            first = locate(wanted.definitions, wanted.type, message, (*path, 0)).offset
-        except ValueError:  # without values: another publisher's
-            first = len(message)
-        expected[_BEHIND_STAMP] = message[_BEHIND_STAMP:first]
+        names, lengths = _joints(message, wanted)
+        # The names too; not what pads them, where a publisher leaves what its memory held.
+        expected |= {at + 4: message[at + 4 : at + 4 + size] for at, size in lengths[2:]}
+        expected |= {at: message[at : at + 4] for at, _ in lengths}
         alone = wanted.alone and len(names) < 2
         if not alone and wanted.joint not in names:
             more = f' and {len(names) - 12} more' if len(names) > 12 else ''
             shown = f'{", ".join(names[:12]) or "none"}{more}'
-            return _Layout(None, None, first, _checks(expected), shown)
+            end = max(at + len(raw) for at, raw in expected.items())
+            return _Layout(None, None, end, _checks(expected), shown)
         path = (*path, 0 if alone else names.index(wanted.joint))
         joint = wanted.joint if not alone else ''.join(names)
     field = locate(wanted.definitions, wanted.type, message, path)
@@ -158,21 +153,20 @@ def _layout(message: bytes, wanted: Wanted) -> _Layout:
         rest = locate(wanted.definitions, wanted.type, message, (*wanted.stamp, 'nanosec'))
         stamp = (seconds, rest)
         places.append(rest)
-    if not wanted.joint:
-        for place in places:
-            expected |= {at: message[at : at + 4] for at, _ in place.lengths}
+    for place in places:
+        expected |= {at: message[at : at + 4] for at, _ in place.lengths}
     end = max(place.offset + place.size for place in places)
     return _Layout(field, stamp, end, _checks(expected), joint)
 
 
-def _joints(message: bytes, wanted: Wanted) -> list[str]:
-    """Return the names of the joints in a message."""
+def _joints(message: bytes, wanted: Wanted) -> tuple[list[str], list[tuple[int, int]]]:
+    """Return the names of the joints in a message, and the lengths up to the last of them."""
     try:
-        message = message[: end_of(wanted.definitions, wanted.type, message)]
-        found: Any = standard_types().deserialize_cdr(message, wanted.type)
+        end, lengths = extent(wanted.definitions, wanted.type, message)
+        found: Any = standard_types().deserialize_cdr(message[:end], wanted.type)
     except Exception as error:  # whatever generated code meets in damaged bytes
         raise ValueError('the message is shorter than its type') from error
-    return list(found.name)
+    return list(found.name), lengths[: 2 + len(found.name)]  # of the frame, and how many names
 
 
 def _checks(expected: dict[int, bytes]) -> list[tuple[int, str, int]]:

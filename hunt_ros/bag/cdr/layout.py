@@ -140,11 +140,17 @@ def locate(
         raise ValueError(f'its type has a part {error}, which is described nowhere') from error
 
 
-def end_of(definitions: Definitions, message_type: str, message: bytes) -> int:
-    """Return where a message ends: a publisher may have sent more, as hunt_ros 0.2 did."""
+def extent(
+    definitions: Definitions, message_type: str, message: bytes
+) -> tuple[int, list[tuple[int, int]]]:
+    """
+    Return where a message ends, and (offset, value) of every length in it.
+
+    A publisher may have sent more, as hunt_ros 0.2 did.
+    """
     walker = _Walker(definitions, message, '<' if message[1] else '>')
     walker.skip((Nodetype.NAME, message_type))
-    return walker.position
+    return walker.position, walker.lengths
 
 
 def _show(path: FieldPath) -> str:
