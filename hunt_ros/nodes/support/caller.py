@@ -31,7 +31,8 @@ _LOOK_S = 0.02
 #: nodes lose no answer with it.
 INTRODUCED_S = 0.3
 #: A request that may be repeated is repeated when no answer has come for so long, s, and made no
-#: more often: a node that stands still will answer them all when it goes on.
+#: more often: a node that stands still will answer them all when it goes on. And so many calls of
+#: one service are under way at once.
 _AGAIN_S, _MOST = 1.0, 5
 
 
@@ -45,7 +46,7 @@ class Answer(NamedTuple):
 
 class Caller:
     """
-    Calls the services of `SERVICES` by their words. A call never waits for another.
+    Calls the services of `SERVICES` by their words. A call never waits for one of another service.
 
     Parameters
     ----------
@@ -70,7 +71,8 @@ class Caller:
         self._found_s, self._answer_s = found_s, answer_s
         self._aside = Aside(node, failed, 'caller')
         self._node = self._aside.node
-        self._calls = ThreadPoolExecutor(len(SERVICES))
+        #: Of each service its own threads: a key that is held down on one delays no stop.
+        self._calls = {word: ThreadPoolExecutor(_MOST) for word in SERVICES}
         self._lock = threading.Lock()
         self._clients: dict[str, Client] = {}
         self._topics: dict[str, Publisher] = {}
@@ -93,11 +95,16 @@ class Caller:
         -------
         Future of Answer
         """
-        return self._calls.submit(self._call, word, spoken(words))
+        if word in SERVICES:
+            return self._calls[word].submit(self._call, word, spoken(words), time.monotonic())
+        refused: Future[Answer] = Future()
+        refused.set_result(Answer(False, f'{word[:40]!r} is no service', False))
+        return refused
 
     def close(self) -> None:
         """Take no more calls."""
-        self._calls.shutdown(wait=False, cancel_futures=True)
+        for calls in self._calls.values():
+            calls.shutdown(wait=False, cancel_futures=True)
         self._aside.close()
 
     def _client(self, word: str) -> Client:
@@ -116,15 +123,14 @@ class Caller:
                 self._topics[name] = self._node.create_publisher(String, name, stream(10))
             return self._topics.get(name)
 
-    def _call(self, word: str, words: str) -> Answer:
-        service = SERVICES.get(word)
-        if service is None:
-            return Answer(False, f'{word[:40]!r} is no service', False)
+    def _call(self, word: str, words: str, asked_s: float) -> Answer:
+        service = SERVICES[word]
         client, topic = self._client(word), self._topic(service) if words else None
-        gives_up_s = time.monotonic() + self._found_s
+        if time.monotonic() - asked_s > self._found_s:  # nothing is done long after it was meant
+            return Answer(False, f'{service.node} has not answered to calls before', False)
         while not (client.service_is_ready() and (not topic or topic.get_subscription_count())):
             self._ready_s.pop(word, None)
-            if time.monotonic() > gives_up_s:
+            if time.monotonic() - asked_s > self._found_s:
                 return Answer(False, self._nobody(service), False)
             time.sleep(_LOOK_S)
         since_s = self._ready_s.setdefault(word, time.monotonic())

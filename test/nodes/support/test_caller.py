@@ -10,6 +10,7 @@ import rclpy
 from std_srvs.srv import Trigger
 
 from hunt_ros.nodes.support.caller import Caller
+from hunt_ros.services import SERVICES
 
 pytestmark = pytest.mark.ros
 
@@ -39,17 +40,26 @@ def answer(node, asked, machine):
     return asked.result()
 
 
+def done(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    response.success, response.message = True, 'done'
+    return response
+
+
 def test_a_node_that_has_just_started_is_waited_for(node, caller, machine) -> None:
     asked = caller.call('mark')
     assert not asked.done()
 
-    def mark(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Do it."""
-        response.success, response.message = True, 'marked'
-        return response
+    node.create_service(Trigger, 'recording/mark', done)
+    assert answer(node, asked, machine) == (True, 'done', True)
 
-    node.create_service(Trigger, 'recording/mark', mark)
-    assert answer(node, asked, machine) == (True, 'marked', True)
+
+def test_a_key_that_is_held_down_delays_no_stop(node, caller, machine) -> None:
+    caller._found_s = 60.0
+    marks = [caller.call('mark') for _ in range(2 * len(SERVICES))]  # which nobody offers
+    node.create_service(Trigger, 'speed/emergency_stop', done)
+    assert answer(node, caller.call('emergency-stop'), machine).success
+    assert not marks[0].done(), 'it did not wait for them'
+    assert caller.call('no such word').result().heard is False
 
 
 def test_where_nobody_offers_it_the_answer_says_so(node, caller, machine) -> None:
