@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from dataclasses import fields
 from importlib import import_module
 from importlib.util import find_spec
@@ -47,6 +48,15 @@ def test_the_file_of_the_package_describes_a_rig_of_every_parameter() -> None:
     assert rig.roller_diameter_m == 0.3
     assert rig.safe_speed_mps < rig.speed_ceiling_mps
     assert text.count('roller_diameter_m') == 1
+
+
+def test_what_the_file_of_the_package_only_mentions_can_be_taken_as_it_stands() -> None:
+    text = re.sub(
+        r'^(  +)# (\w+: )', r'\1\2', SHIPPED.read_text(encoding='utf-8'), flags=re.MULTILINE
+    )
+    rig = Rig.from_texts([(str(SHIPPED), text)])
+    assert rig.sources == ('lateral=/daq/ch0.data[3]*0.001',)
+    assert rig.speed_unit == 'km/h'
 
 
 def test_a_parameter_of_the_rig_is_the_same_in_every_node() -> None:
