@@ -8,19 +8,22 @@ import shutil
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.analysis.rig_check import FAIL, OK, WARN, Finding, check_rig
+from hunt_ros.analysis.rig_check import FAIL, OK, UNKNOWN, WARN, Finding, check_rig
 from hunt_ros.bag import read_columns, read_record
 from hunt_ros.bag.plausible import wrong_unit
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import progress, tell
 from hunt_ros.cli.support.processes import NodeSpec, ask
 from hunt_ros.errors import ConfigError
+from hunt_ros.estimation.textbook import compared_amplitudes
+from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 from hunt_ros.rig import Rig
 from hunt_ros.samples import CHANNELS, Record, Series, known
 from hunt_ros.sensors import lacking
@@ -133,12 +136,6 @@ def _units(record: Record) -> list[Finding]:
 
 def _filters(record: Record, rig: Rig) -> list[Finding]:
     """Return whether two filters that share no code see one amplitude, where something moves."""
-    from importlib.util import find_spec
-
-    from hunt_ros.analysis.rig_check import OK, UNKNOWN, WARN, Finding
-    from hunt_ros.estimation.textbook import compared_amplitudes
-    from hunt_ros.estimation.tracker_config import REFERENCE_HZ
-
     if find_spec('filterpy') is None:  # no package of Ubuntu or of ROS brings it
         return [Finding('filter', '', UNKNOWN, 'filterpy is not there', 'pip install filterpy')]
     orders = [order for order in rig.lines if order > 0.0]

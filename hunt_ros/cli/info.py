@@ -68,7 +68,6 @@ def _repair_json(repaired: Repair) -> dict[str, object]:
 
 
 def _lines(found: Inspection) -> list[str]:
-
     lines = [
         f'{found.path}: {found.duration_s:.3f} s, {found.messages} messages,'
         f' {found.size_bytes / 1e6:.2f} MB in {counted(len(found.files), "file")}'

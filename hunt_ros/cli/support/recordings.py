@@ -146,7 +146,6 @@ def _read(path: str, place: str, channels: Mapping[str, ChannelSource], rig: Rig
 
 
 def _readings(arguments: argparse.Namespace) -> list[partial[Record]]:
-
     channels, rig = options.channels_of(arguments, CHANNELS), options.rig_of(arguments, _NODE)
     return [
         partial(_read, str(path), str(Path(path).absolute()), channels, rig)
