@@ -78,7 +78,9 @@ class Case:
                 detector.update(name, found[come], values[name][: found.size][come])
             if (tick := self.clock(now)) is not None:
                 detector.tick(tick)
-            levels.append((now - START, detector.status.level))
+            status = detector.status
+            assert status.level is not Level.STALE or status.values['causes'], 'it has a code'
+            levels.append((now - START, status.level))
         return levels
 
 

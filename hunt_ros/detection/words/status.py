@@ -120,11 +120,14 @@ def status_of(
         ]
     (state, alarm), region, absent = present, Region(int(row['region'])), absent_words(row)
     dropped, basis = door.dropped, transitions.basis
+    # Where no rows come, the last one does not tell all: `inputs`, which cannot be shelved.
+    blind = ['inputs'] if behind or not until_ns else []
+    causes = [*causes_of(row), *blind, *(history.codes if alarm else [])]
     values: dict[str, object] = {
         'state': state.label,
         'region': region.label,
         'alarm': alarm,
-        'causes': ' '.join(dict.fromkeys([*causes_of(row), *(history.codes if alarm else ())])),
+        'causes': ' '.join(dict.fromkeys(causes)),
         'sequence': sequence,
         'inputs_until_ns': until_ns,
         'since_s': seconds_text(transitions.level_since_ns),
