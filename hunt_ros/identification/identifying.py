@@ -195,6 +195,7 @@ def _distinct(given: Sequence[Recording], warnings: list[str]) -> list[Recording
     """Leave out what was given twice, and give each recording a name of its own."""
     refuse_two_rigs([one.digest for one in given])
     named: dict[str, int] = {}
+    names: set[str] = set()
     kept: list[Recording] = []
     for one in given:
         digest, source, settings = one.digest, one.digest.source, one.settings
@@ -209,8 +210,11 @@ def _distinct(given: Sequence[Recording], warnings: list[str]) -> list[Recording
                 continue
             settings = replace(settings, ignore=(*settings.ignore, (low, high, 0)))
             one = Recording(one.source, one.number, settings)
-        count = named[source] = named.get(source, 0) + 1
-        one.name = source if count == 1 else f'{source} ({count})'
+        one.name = source
+        while one.name in names:
+            count = named[source] = named.get(source, 1) + 1
+            one.name = f'{source} ({count})'
+        names.add(one.name)
         kept.append(one)
     return kept
 

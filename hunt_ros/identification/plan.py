@@ -38,6 +38,8 @@ _WATCHED = (0.2, 0.36, 0.5, 0.62, 0.74)
 _WANTED = (0.36, 0.74)
 #: Speeds beyond v_c, and below v_n, on the way from v_n (0) to v_c (1).
 _TOPS, _BOTTOMS = (1.1, 1.25), (-0.06, -0.25)
+#: No speed below this part of v_n, however wide the hysteresis.
+_SLOWEST = 0.1
 #: Rate of a set point, m/s^2; of the first sweep, and how far it goes: down, relative to its top,
 #: and up, relative to the fastest speed so far.
 _RATE, _FIRST_RATE, _FIRST_LOW, _FIRST_HIGH = 0.2, 0.05, 0.75, 1.2
@@ -262,7 +264,7 @@ class _Planner:
         assert known.v_n is not None
         self._known, self._settings, self._ceiling = known, settings, ceiling
         self._v_c, self._v_n = known.v_c.value, known.v_n.value
-        self._low = min(slowest, self._beyond(-0.4))
+        self._low = min(slowest, max(self._beyond(-0.4), _SLOWEST * self._v_n))
         self._wanted = self._where(settings.speeds_mps)
         self._foresight = Foresight(
             posterior, self._wanted, self._low, ceiling, _PATHS, settings.seed
@@ -363,10 +365,10 @@ class _Planner:
 
     def _actions(self, hunts: bool) -> Iterator[Action]:
         """All actions that make sense where the rig is: on the limit cycle, or not."""
-        places, fold = self._places, self._fold
+        places, fold, slowest = self._places, self._fold, _SLOWEST * self._v_n
         above = [v for v in map(self._beyond, _TOPS) if v <= self._ceiling]
         tops = above or [self._ceiling] * (self._ceiling > self._v_c)
-        bottoms = [min(max(self._beyond(x), 0.1 * self._v_n), self._ceiling) for x in _BOTTOMS]
+        bottoms = [min(max(self._beyond(x), slowest), self._ceiling) for x in _BOTTOMS]
         falls = [self._until(v, share * fold, False) for v in bottoms for share in _FALLEN]
         rises = [self._until(v, share * fold, True) for v in tops for share in _GROWN]
         watches = [self._watch(v) for v in places]

@@ -80,7 +80,9 @@ class Posterior:
             nothing if form is None else [getattr(form, name) for name in COEFFICIENTS]
             for form in self.forms
         ]
-        return np.column_stack([self.laws.critical_speeds, *self.laws.folds(self.lowest), rows])
+        coefficients = np.array(rows).reshape(-1, len(COEFFICIENTS))
+        speeds = self.laws.critical_speeds, *self.laws.folds(self.lowest)
+        return np.column_stack([*speeds, coefficients])
 
     @cached_property
     def chosen(self) -> Array:

@@ -29,6 +29,8 @@ ENOUGH_RUNS = 8
 _APART = 1e-3
 #: Draws behind the intervals.
 _DRAWS = 400
+#: Fewer draws than this say nothing of an interval.
+ENOUGH_DRAWS = 10
 #: Draws that are tried for one that is kept, at most.
 _TRIES = 8
 #: Laws with less than this share of the evidence do not enter the intervals.
@@ -219,7 +221,7 @@ def summary(
         None where too many draws say that there is no such quantity.
     """
     known = sample[np.isfinite(sample)]
-    if not math.isfinite(value) or known.size < max(least * sample.size, 10):
+    if not math.isfinite(value) or known.size < max(least * sample.size, ENOUGH_DRAWS):
         return None
     low, below, above, high = (float(x) for x in np.percentile(known, [2.5, 15.87, 84.13, 97.5]))
     # Half-widths add in squares with what does not come from the fit.

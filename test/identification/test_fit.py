@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from hunt_ros.analysis.steady_state import SteadyState
-from hunt_ros.dynamics.growth_law import QUINTIC
+from hunt_ros.dynamics.growth_law import QUINTIC, GrowthScales, from_normal_form, lawful
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.identification import IdentificationSettings, identify
-from hunt_ros.identification.fit import DEPARTURES, _evidence, fit_laws
-from hunt_ros.identification.identifying import _path
+from hunt_ros.identification.fit import DEPARTURES, _evidence, fit_laws, law_prior
+from hunt_ros.identification.identifying import _distinct, _path
+from hunt_ros.identification.likelihood.path_likelihood import Path
+from hunt_ros.identification.likelihood.trajectory_fit import fit_path, learnt
 from hunt_ros.identification.preparation import Recording, Run, runs_in
 from hunt_ros.identification.uncertainty import (
     critical_speed_bound,
@@ -19,6 +21,7 @@ from hunt_ros.identification.uncertainty import (
     summary,
 )
 from hunt_ros.identification.verdict.lack_of_fit import lack_of_fit, missed_transients
+from hunt_ros.samples import Record, Series
 
 SETTINGS = IdentificationSettings()
 
@@ -125,6 +128,44 @@ def test_recordings_with_gains_of_their_own_give_the_law_of_all(fitted):
     assert found.law.saddle_node(5.0) == pytest.approx(laws[0].law.saddle_node(5.0), abs=0.01)
     ratio = critical_speed_bound(found) / critical_speed_bound(laws[0])
     assert ratio == pytest.approx(1.0, abs=0.25)
+
+
+@pytest.mark.parametrize(('gains', 'noise'), [((np.nan, 1.0), 1e-3), ((1.0, 1e3), 1e-4)])
+def test_a_recording_without_a_usable_piece_or_in_another_unit_breaks_nothing(gains, noise):
+    u, run = np.linspace(-0.3, 0.1, 60), np.repeat([0, 1], 60)
+    motion = np.exp(0.1j * np.arange(60)) * (0.05 + 0.9 * (u > 0.0))
+    random = np.random.default_rng(1).standard_normal((4, 60))
+    phasor = np.outer(gains, motion) + noise * (random[:2] + 1j * random[2:])
+    path = Path(
+        time=np.tile(0.7 * np.arange(60), 2),
+        u=np.tile(u, 2),
+        phasor=phasor.ravel(),
+        restart=np.tile(np.arange(60) == 0, 2),
+        cluster=run,
+        blur=0.05,
+        reach=0.2,
+        overlap=0.2,
+        recording=run,
+    )
+    scales = GrowthScales(PAPER_NORMAL_FORM.critical_speed, 3e-3, 0.0485, 1.0 / 25.91, 2.84)
+    law = lawful(from_normal_form(PAPER_NORMAL_FORM, scales))
+    prior = law_prior(scales, 0.0, None, False)
+    for sign in (1.0, -1.0, 0.0):
+        start = np.concatenate([sign * law, [0.0, 0.0, -8.0, -9.0, -6.0]])
+        fit = learnt(path, fit_path(path, start, prior, (), 20), prior, ())
+        assert np.isfinite(fit.theta).all()
+        assert np.isfinite(fit.own).all()
+
+
+def test_recordings_have_names_of_their_own():
+    names = ['a', 'a', 'b', 'a (2)', 'a']
+    stamps = 100_000_000 * np.arange(9)
+    records = [
+        Record({'lateral': Series(stamps + k * 10**10, np.arange(9.0))}, name)
+        for k, name in enumerate(names)
+    ]
+    given = [Recording(one, k, SETTINGS) for k, one in enumerate(records, start=1)]
+    assert len({one.name for one in _distinct(given, [])}) == len(names)
 
 
 def test_a_summary_of_draws_without_the_quantity_is_not_known():

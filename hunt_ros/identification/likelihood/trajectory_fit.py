@@ -54,6 +54,10 @@ _OWN = 5
 #: on which a larger one is less likely beforehand.
 _SPREADS = np.array([1.0, 1.0, 1.0, 100.0, 100.0])[:, None] * np.geomspace(1e-4, 0.1, 19)
 _USUAL = np.array([0.02, 0.01, 0.01, 1.0, 1.0])
+#: Farthest of these that a step of the fit tries: no two recordings of one rig differ by as much.
+_FARTHEST = np.array([3.0, 3.0, 3.0, 30.0, 30.0])
+#: Added to matrices of unit diagonal before they are solved.
+_RIDGE = 1e-13
 #: Rounds in which the spreads are learnt.
 _ROUNDS = 4
 
@@ -183,8 +187,7 @@ class _Expansion:
         """Return the step of what the recordings have that goes with one of the law."""
         wanted = self.own_slope - np.einsum('rjk,j->rk', self.cross, step)
         matrix = self.own_block * (1.0 + damping * np.eye(_OWN))
-        found: Array = np.linalg.solve(matrix, wanted[..., None])[..., 0]
-        return found
+        return _solved(matrix, wanted[..., None])[..., 0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,7 +273,7 @@ class _Problem:
                 slopes[r] = point[:, n:].sum(axis=0) - one / self.spread**2
                 blocks[r] = whole[n:, n:] + np.diag(self.spread**-2)
                 cross[r] = whole[:n, n:]
-                lean = np.linalg.solve(blocks[r], cross[r].T).T
+                lean = _solved(blocks[r], cross[r].T).T
             reduced = point[:, :n] - point[:, n:] @ lean.T
             np.add.at(scores, part.cluster, reduced)
             gradient += point[:, :n].sum(axis=0) - lean @ slopes[r]
@@ -319,7 +322,7 @@ def _remaining(theta: Array, at: _Expansion) -> float:
         return float('inf')
     free = _free(theta, at.gradient)
     pull, block = at.gradient[free], at.information[np.ix_(free, free)]
-    own = np.linalg.solve(at.own_block, at.own_slope[..., None])[..., 0]
+    own = _solved(at.own_block, at.own_slope[..., None])[..., 0]
     return 0.5 * float(pull @ inverse_of(block) @ pull + np.sum(at.own_slope * own))
 
 
@@ -338,6 +341,25 @@ def _bounds() -> tuple[Array, Array]:
     high[-NOISE_TERMS:] = *_STEEPEST, *np.full(3, _LOG_HIGH)
     low[FELT], high[FELT] = 0.0, _MOST_FELT
     return low, high
+
+
+def _solved(matrix: Array, right: Array) -> Array:
+    """Solve symmetric systems, (..., k, k): a law that runs away leaves singular ones."""
+    size = np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), 1e-300))[..., None]
+    scaled = matrix / size / np.swapaxes(size, -1, -2) + _RIDGE * np.eye(matrix.shape[-1])
+    found: Array = np.linalg.solve(scaled, right / size) / size
+    return found
+
+
+def _log_widths(block: Array, spread: Array) -> float:
+    """Logarithm of how much narrower the recordings' own is known than by its prior, summed."""
+    return float(np.maximum(np.linalg.slogdet(block * spread[:, None] * spread)[1], 0.0).sum())
+
+
+def _held(own: Array) -> Array:
+    """Return what recordings have of their own within what exponentials can take."""
+    held: Array = np.clip(own, -_FARTHEST, _FARTHEST)
+    return held
 
 
 def fit_path(
@@ -408,16 +430,17 @@ def fit_path(
             trial = np.clip(theta + step, low, high)
             moved = np.zeros(own.shape)
             if problem.differ:
-                moved = current.follow(trial - theta, damping)
+                moved = _held(own + current.follow(trial - theta, damping)) - own
             value = problem.objective(trial, own + moved)
             if value < current.value:
                 # Along a curved ridge the step is in the right direction, and too short.
                 while True:
                     further = np.clip(theta + 2.0 * (trial - theta), low, high)
-                    beyond = problem.objective(further, own + 2.0 * moved)
+                    more = _held(own + 2.0 * moved) - own
+                    beyond = problem.objective(further, own + more)
                     if not beyond < value - 0.1 * _GAIN:
                         break
-                    trial, value, moved = further, beyond, 2.0 * moved
+                    trial, value, moved = further, beyond, more
                 stalled = current.value - value < 0.1 * _GAIN
                 theta, own = trial, own + moved
                 damping = max(damping / 8.0, 1e-9)
@@ -428,9 +451,8 @@ def fit_path(
             break
     unknown = 0.0
     if problem.differ:
-        block = current.own_block * spread[:, None] * spread
-        known = bool(np.isfinite(block).all())
-        unknown = 0.5 * float(np.linalg.slogdet(block)[1].sum()) if known else float('inf')
+        known = bool(np.isfinite(current.own_block).all())
+        unknown = 0.5 * _log_widths(current.own_block, spread) if known else float('inf')
     return TrajectoryFit(
         theta,
         current.information,
@@ -478,8 +500,10 @@ def _likeliest(path: Path, fit: TrajectoryFit, prior: LawPrior, priors: Sequence
     """Spreads of what recordings have of their own that explain them best, shape (5,)."""
     problem = _Problem(path, prior, priors, fit.spread)
     at, precision = problem.expand(fit.theta, fit.own), np.diag(fit.spread**-2.0)
+    if not all(np.isfinite(one).all() for one in (at.information, at.own_block, at.cross)):
+        return fit.spread  # of a law that ran away
     bare = at.own_block - precision
-    lean = np.linalg.solve(at.own_block, at.cross.transpose(0, 2, 1))
+    lean = _solved(at.own_block, at.cross.transpose(0, 2, 1))
     # The information on the law and its gradient with what the recordings have held, at zero.
     law = at.information + np.einsum('rjk,rki->ji', at.cross, lean)
     pull = at.gradient + np.einsum('rki,rk->i', lean, at.own_slope)
@@ -489,12 +513,12 @@ def _likeliest(path: Path, fit: TrajectoryFit, prior: LawPrior, priors: Sequence
 
     def evidence(spread: Array) -> float:
         block = bare + np.diag(spread**-2.0)
-        weighed = np.linalg.solve(block, at.cross.transpose(0, 2, 1))
-        seen = np.linalg.solve(block, wanted[..., None])[..., 0]
+        weighed = _solved(block, at.cross.transpose(0, 2, 1))
+        seen = _solved(block, wanted[..., None])[..., 0]
         reduced = (law - np.einsum('rjk,rki->ji', at.cross, weighed))[np.ix_(free, free)]
         left = (pull - np.einsum('rki,rk->i', weighed, wanted))[free]
-        gain = np.sum(wanted * seen) + left @ np.linalg.solve(reduced, left)
-        width = np.linalg.slogdet(block * spread[:, None] * spread)[1].sum()
+        gain = np.sum(wanted * seen) + left @ _solved(reduced, left[:, None])[:, 0]
+        width = _log_widths(block, spread)
         width += np.linalg.slogdet(reduced)[1]
         return float(0.5 * (gain - width) - np.sum(spread / _USUAL))
 

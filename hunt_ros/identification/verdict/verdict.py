@@ -31,7 +31,12 @@ from hunt_ros.identification.record.envelope import Envelope
 from hunt_ros.identification.record.segments import Run, Segment
 from hunt_ros.identification.result import GIVEN, PAPERS, FitSummary, Identification, unknown_of
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.identification.uncertainty import critical_speed_bound, draw_laws, robust_covariance
+from hunt_ros.identification.uncertainty import (
+    ENOUGH_DRAWS,
+    critical_speed_bound,
+    draw_laws,
+    robust_covariance,
+)
 from hunt_ros.identification.verdict.lack_of_fit import (
     LackOfFit,
     contradictions,
@@ -363,7 +368,7 @@ def _unsupported(
     elif not moved:
         failed['subcritical'] = 'no free transient: none passed by the unstable branch'
     size, sizes = _limit(law, high), np.array([_limit(x, high) for x in posterior.drawn])
-    endless = float(np.mean(~np.isfinite(sizes)))
+    endless = float(np.mean(~np.isfinite(sizes))) if sizes.size else 1.0
     if law.criticality != 'supercritical' and not (math.isfinite(size) and endless <= 1.0 - _SURE):
         failed['limited'] = (
             f'nothing ends the growth at v_c in {100.0 * endless:.0f} % of the laws that the data'
@@ -386,7 +391,7 @@ def _unsupported(
 def _spread(forms: Sequence[NormalForm | None], name: str) -> tuple[float, float]:
     """Median and half the central 68 % of one attribute, where enough of the draws have it."""
     values = [getattr(form, name) for form in forms if form is not None]
-    if len(values) < max(_SURE * len(forms), 1):
+    if len(values) < max(_SURE * len(forms), ENOUGH_DRAWS):
         return math.nan, math.inf
     low, middle, high = np.percentile(values, [15.87, 50.0, 84.13])
     return float(middle), 0.5 * float(high - low)

@@ -72,3 +72,12 @@ def test_draws_that_have_lost_the_branch_beyond_v_c_pull_its_lower_edge_to_zero(
     last = [point for point in branches if point.unstable is not None][-1]
     assert last.speed < 8.0
     assert last.unstable.low == pytest.approx(0.0, abs=0.5 * last.unstable.value)
+
+
+@pytest.mark.parametrize('count', [0, 3])
+def test_of_hardly_a_draw_nothing_is_said(count):
+    drawn = Posterior(LAW, np.tile(LAW.p, (count, 1)), np.full(count, np.nan), (6.2, 8.8))
+    quantities = Quantities(drawn, IdentificationSettings())
+    found = quantities.critical_speed(), quantities.fold(), quantities.width()
+    assert {*found, *quantities.coefficients().values()} == {None}
+    assert not np.isfinite(drawn.correlations()).any()
