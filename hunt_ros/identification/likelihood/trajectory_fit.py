@@ -485,13 +485,14 @@ def learnt(
     count = len(path.recordings)
     if count < 2:
         return fit
-    for _ in range(_ROUNDS):
+    for turn in range(_ROUNDS):
         spread = _likeliest(path, fit, prior, priors)
         settled = (np.abs(np.log(spread / fit.spread)) < 0.5).all()
-        if settled:
+        last = settled or turn == _ROUNDS - 1
+        if last:
             spread = spread * np.sqrt((count + 1.0) / (count - 1.0))
         fit = fit_path(path, fit.theta, prior, priors, own=fit.own, spread=spread)
-        if settled:
+        if last:
             break
     return fit
 

@@ -597,6 +597,8 @@ def _unseen(bracket: Bracket) -> Iterator[tuple[str, str]]:
         )
         return
     apart = 'rest and a limit cycle were not seen at one speed'
+    if 'rest' in bracket.why and bracket.coexistence is None:
+        apart = 'rest beside the limit cycle was no longer than the law grows slowly there'
     none_stayed = 'no motion as large as a limit cycle died, or none stayed'
     yield 'bracket.criticality', apart
     yield 'bracket.coexistence_mps', apart
