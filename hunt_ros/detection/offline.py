@@ -9,19 +9,20 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.compiled import F1, I1, compiled
 from hunt_ros.criteria import Verdict
 from hunt_ros.detection import doubts
 from hunt_ros.detection.companions import Companions, criterion_event
 from hunt_ros.detection.configuration import DetectorConfig, with_frequencies
 from hunt_ros.detection.detector import HuntingDetector
 from hunt_ros.detection.estimates import line_orders, roller_diameter
-from hunt_ros.detection.output import Event, Output, numbers_behind
+from hunt_ros.detection.output import Event, Motion, Output, numbers_behind
 from hunt_ros.detection.regions import Level, Region
 from hunt_ros.detection.replay import Playback
 from hunt_ros.detection.words.alarms import AlarmHistory
@@ -50,8 +51,8 @@ class Summary:
     max_amplitude_m : float
         Largest amplitude of the hunting component, m: that of the row, of those with a sensor
         to trust, whose amplitude less its standard deviation is the largest. It counts for no
-        more than what the sensor has read just before: while the filter starts, and after a
-        kick, it may be far off. NaN where nothing was known.
+        more than half the range of the readings within the period before: while the filter
+        starts, and after a kick, it may be far off. NaN where nothing was known.
     """
 
     rows: int = 0
@@ -60,26 +61,67 @@ class Summary:
     reason_rows: Counter[str] = field(default_factory=Counter)
     max_amplitude_m: float = math.nan
     _least_m: float = field(default=-math.inf, repr=False)
+    _readings: list[tuple[NDArray[np.int64], NDArray[np.float64]]] = field(
+        default_factory=list, repr=False
+    )
 
-    def add(self, rows: NDArray[np.void]) -> None:
-        """Take in rows of estimates, at least one."""
+    def add(self, rows: NDArray[np.void], motion: Sequence[Motion]) -> None:
+        """Take in rows of estimates, at least one, and the samples that they were made of."""
         self.rows += int(rows.size)
         for column, kind, counter in (
             ('level', Level, self.level_rows),
             ('region', Region, self.region_rows),
         ):
-            words = (kind(number).label for number in rows[column].tolist())
-            counter.update(words)
+            numbers, counts = np.unique(rows[column], return_counts=True)
+            for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
+                counter[kind(number).label] += count
         self.reason_rows += reason_counts(rows)
         from_yaw = (rows['doubts'] & doubts.FROM_YAW) != 0
-        most = np.where(from_yaw, math.inf, rows['lateral_measured'])
-        amplitude = np.fmin(rows['lateral_amplitude'], most)
+        # Where no lateral displacement is read there is nothing to compare it with.
+        half = self._half_range(rows, motion)
+        most = np.where(from_yaw | np.isnan(half), math.inf, half)
+        amplitude = np.minimum(rows['lateral_amplitude'], most)
         least = amplitude - rows['lateral_amplitude_std']
         blind = np.where(from_yaw, rows['yaw_blind'], rows['lateral_blind'])
         least[~np.isfinite(least) | blind] = -math.inf
         best = int(np.argmax(least))
         if least[best] > self._least_m:
             self._least_m, self.max_amplitude_m = float(least[best]), float(amplitude[best])
+
+    def _half_range(self, rows: NDArray[np.void], motion: Sequence[Motion]) -> NDArray[np.float64]:
+        """Return half the range of the readings in the longest period before each row, m."""
+        parts = [*self._readings, *((part.stamps_ns, part.values) for part in motion)]
+        stamps = np.concatenate([part[0] for part in parts])
+        values = np.concatenate([part[1] for part in parts])
+        window_ns = round(NANOSECONDS / float(rows['followed_min_hz'][0]))
+        half = np.full(rows.size, math.nan)
+        _half_ranges(np.ascontiguousarray(rows['stamp_ns']), stamps, values, window_ns, half)
+        late = stamps > int(rows['stamp_ns'][-1]) - window_ns
+        self._readings = [(stamps[late], values[late])]
+        return half
+
+
+@compiled
+def _half_ranges(
+    rows: I1,
+    stamps: I1,
+    values: F1,
+    window_ns: int,
+    half: F1,
+) -> None:
+    """Fill in half the range of the values in (row - window, row]; NaN without any."""
+    first = 0
+    for k in range(rows.size):
+        while first < stamps.size and stamps[first] <= rows[k] - window_ns:
+            first += 1
+        high, low = -math.inf, math.inf
+        i = first
+        while i < stamps.size and stamps[i] <= rows[k]:
+            high = max(high, values[i])
+            low = min(low, values[i])
+            i += 1
+        if i > first:
+            half[k] = 0.5 * (high - low)
 
 
 @dataclass
@@ -260,7 +302,7 @@ def collect(
     found = Findings()
     for output in outputs:
         if output.estimates.size:
-            found.summary.add(output.estimates)
+            found.summary.add(output.estimates, output.motion)
         events = list(output.events)
         if companions is not None:
             verdicts = companions.update(output)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 import shlex
-from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -67,7 +66,7 @@ def test_the_example_of_a_verb_with_ros_names_what_is_there(verb) -> None:
     """It is understood, and the files in it exist."""
     from hunt_ros.cli.main import parser_of
 
-    words = shlex.split(import_module(f'hunt_ros.cli.{VERBS[verb]}').EXAMPLE)[1:]
+    words = shlex.split(module_of(verb).EXAMPLE)[1:]
     parsed = parser_of(verb).parse_args(words)
     named = [value for value in vars(parsed).values() if isinstance(value, Path)]
     assert all((HERE / path).exists() for path in named if path.suffix)
