@@ -205,10 +205,10 @@ def frequency_for(
     remarks : list of str
         One line where it was changed, and one for each forced line that is not a known one.
     """
-    lines = RecordLines([motion_of(record)])
     turns = turns_per_metre(record, config.roller_diameter_m)
     named = [order * turns for order in line_orders(config) if math.isfinite(turns)]
-    remarks = [line.words(turns) for line in lines.forced(named)]
+    lines = RecordLines([motion_of(record)], known=named)
+    remarks = [line.words(turns) for line in lines.unknown()]
     if (
         known
         or config.hunting_frequency_hz

@@ -230,6 +230,9 @@ class RecordLines:
         Of the records; None says nothing.
     hunting_hz : tuple of float
         Where the hunting is looked for, Hz.
+    known : sequence of float
+        Lines that are known, in turns in a metre of way: that these follow the speed need not
+        be seen.
 
     Notes
     -----
@@ -241,8 +244,10 @@ class RecordLines:
         self,
         motions: Sequence[Motion | None],
         hunting_hz: tuple[float, float] = HUNTING_HZ,
+        known: Sequence[float] = (),
     ) -> None:
         self._range = hunting_hz
+        self._known = known
         self._motions = [motion for motion in motions if motion is not None]
         self._follow()
         self._fixed: list[float] = []
@@ -262,29 +267,25 @@ class RecordLines:
                 return None if self._powers[place].is_steady else frequency
         return None
 
-    def forced(self, known: Sequence[float] = ()) -> list[ForcedLine]:
-        """
-        Return the forced lines: those that follow the speed, then those of one frequency.
-
-        Parameters
-        ----------
-        known : sequence of float
-            Lines that are known, and not returned, in turns in a metre of way.
-        """
+    def forced(self) -> list[ForcedLine]:
+        """Return the forced lines: those that follow the speed, then those of one frequency."""
         found = [ForcedLine(turns_per_metre=order) for order in self._orders]
+        return found + [ForcedLine(frequency_hz=frequency) for frequency in self._fixed]
+
+    def unknown(self) -> list[ForcedLine]:
+        """Return those of the forced lines that are none of the known ones."""
         # At one speed a known line is at one frequency.
         speeds = [float(np.median(motion.speed)) for motion in self._motions]
         speed = float(np.median(speeds)) if speeds else math.nan
-        found += [ForcedLine(frequency_hz=frequency) for frequency in self._fixed]
         return [
             line
-            for line in found
-            if not any(
-                abs(at / one - 1.0) < _SAME
-                for one in known
-                for at in (line.turns_per_metre, line.frequency_hz / speed)
-            )
+            for line in self.forced()
+            if not self._is_known(line.turns_per_metre)
+            and not self._is_known(line.frequency_hz / speed)
         ]
+
+    def _is_known(self, order: float) -> bool:
+        return any(abs(order / one - 1.0) < _SAME for one in self._known)
 
     def _follow(self) -> None:
         """Look at the motion as it is now, against time and against the way."""
@@ -330,7 +331,7 @@ class RecordLines:
             # Over time it would be somewhere between these.
             others = self._near(0.95 * slow * frequency, 1.05 * fast * frequency)
             clear = lasting[place] > _FOLLOWS * max(power.lasting for power in others)
-            if clear and _changes_with_speed(ways, frequency / mean):
+            if clear and self._changes_with_speed(ways, frequency / mean):
                 found.append(_exact(ways, frequency / mean))
         for order in found:
             for way in ways:
@@ -357,11 +358,24 @@ class RecordLines:
             return False
         order = frequency * float(weight.sum() / (weight @ speed[known]))
         ways = [way for way in self._ways if way is not None]
-        if not _changes_with_speed(ways, order):
+        if not self._changes_with_speed(ways, order):
             return False
         against_way = [_Power.of(ways, one * order).steady for one in np.linspace(0.9, 1.1, 9)]
         others = self._near(0.9 * frequency, 1.1 * frequency)
         return max(against_way) > _FOLLOWS * max(power.steady for power in others)
+
+    def _changes_with_speed(self, ways: Sequence[Motion], order: float) -> bool:
+        """Return True if a line, cycles a metre, is seen at speeds between which it must move."""
+        if self._is_known(order):
+            return True
+        amplitude, speed = _amplitudes([way.line(order) for way in ways])
+        known = np.isfinite(amplitude) & np.isfinite(speed)
+        weight = amplitude[known] ** 2
+        if not weight.sum() > 0.0:
+            return False
+        mean = float(np.average(speed[known], weights=weight))
+        apart = math.sqrt(float(np.average((speed[known] - mean) ** 2, weights=weight)))
+        return apart > _APART * mean
 
     def _is_one_size(self, frequency: float) -> bool:
         """Return True if a line is the same at speeds at which a limit cycle would not be."""
@@ -416,18 +430,6 @@ def _amplitudes(lines: Sequence[_Line]) -> tuple[_F, _F]:
     """Return amplitude, m, NaN in gaps, and speed of a line in all records, in a row."""
     amplitude = np.concatenate([np.zeros(0), *(np.abs(line.phasor) for line in lines)])
     return amplitude, np.concatenate([np.zeros(0), *(line.speed for line in lines)])
-
-
-def _changes_with_speed(ways: Sequence[Motion], order: float) -> bool:
-    """Return True if a line, cycles a metre, is seen at speeds between which it must move."""
-    amplitude, speed = _amplitudes([way.line(order) for way in ways])
-    known = np.isfinite(amplitude) & np.isfinite(speed)
-    weight = amplitude[known] ** 2
-    if not weight.sum() > 0.0:
-        return False
-    mean = float(np.average(speed[known], weights=weight))
-    apart = math.sqrt(float(np.average((speed[known] - mean) ** 2, weights=weight)))
-    return apart > _APART * mean
 
 
 def _exact(motions: Sequence[Motion], frequency: float) -> float:

@@ -241,7 +241,11 @@ def _hunting_frequency(
     stretches = [stretch for _, _, stretch in places]
     chosen = [places[k] for k in looked_at(stretches)]
     motions = pool.map(motion_in, [one for one, _, _ in chosen], [k for _, k, _ in chosen])
-    lines = RecordLines(list(motions), settings.frequency_range_hz)
+    turns = [one.digest.turns_per_metre for one in recordings if one.digest.measures]
+    seen = [one for one in turns if math.isfinite(one)]
+    roller = float(np.median(seen)) if seen else math.nan
+    known = [order * roller for order in settings.orders.tolist() if seen]
+    lines = RecordLines(list(motions), settings.frequency_range_hz, known)
     grid = frequency_grid(lines, settings)
 
     def found(bare: bool) -> float:
@@ -261,10 +265,7 @@ def _hunting_frequency(
             f' lines {"would be near the hunting, none is" if bare else "are"} removed'
             f'{"" if bare else " where the speed has them"}'
         )
-    turns = [one.digest.turns_per_metre for one in recordings if one.digest.measures]
-    known = [one for one in turns if math.isfinite(one)]
-    roller = float(np.median(known)) if known else math.nan
-    for line in lines.forced([order * roller for order in settings.orders.tolist() if known]):
+    for line in lines.unknown():
         at = [line.frequency_hz, *(line.turns_per_metre * one.speed for one in stretches)]
         # A limit cycle that stays as it is for most of the time looks forced.
         if not any(abs(math.log(hz / frequency)) < _ITSELF for hz in at):
