@@ -116,7 +116,8 @@ class Whittle:
             return None
         while evaluations > 0:
             gradient, information, _ = self.slopes(theta)
-            scale = np.diag(np.diag(information))
+            # A parameter of no influence must not make it singular.
+            scale = np.diag(np.maximum(np.diag(information), 1e-12))
             gain = 0.0
             while gain <= 0.0 and damping < 1e8 and evaluations > 0:
                 step = np.linalg.solve(information + damping * scale, -gradient)

@@ -36,7 +36,7 @@ class PlanSettings(Settings):
         unit='m/s',
     )  # fmt: skip
     kicks: bool = setting(False, 'somebody stands by to kick the wheelset')
-    rearm_s: float = setting(10.0, 'time that a kick costs', unit='s', low=0.0, high=1e4)
+    rearm_s: float = setting(10.0, 'time that a kick costs', unit='s', low=0.0, high=200.0)
     start_speed_mps: float = setting(
         0.0, 'speed of the rig now (0: the slowest recorded)', unit='m/s', low=0.0, high=1e3
     )
