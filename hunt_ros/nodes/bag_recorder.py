@@ -200,10 +200,11 @@ class BagRecorderNode(SuiteNode):
         self._collector.close()
         self._answers.close(0.0)
         try:
-            if self._recording is not None:
-                self._finish()
-            elif self._finishing is not None:
-                self._finishing.stop()  # a service is at it
+            with self._busy:  # a service has taken it away before this, or finds none
+                if self._recording is not None:
+                    self._finish()
+            if (finishing := self._finishing) is not None:
+                finishing.stop()  # a service is at it
         except BagError as error:
             self.get_logger().error(str(error))
         self._closed.wait_for_all_acked(Duration(seconds=0.5))
