@@ -87,7 +87,7 @@ class ParameterCollector(Aside):
         if not clients[kind].service_is_ready():
             return None
         asked = clients[kind].call_async(kind.Request(**request))  # type: ignore[attr-defined]
-        self.executor.spin_until_future_complete(asked, _ANSWER_S)
-        if not asked.done():
-            clients[kind].remove_pending_request(asked)
-        return asked.result() if asked.done() else None
+        if self.answered(asked, _ANSWER_S):
+            return asked.result()
+        clients[kind].remove_pending_request(asked)
+        return None

@@ -8,6 +8,7 @@ on: a node whose thread is gone must not look well.
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Mapping
 from typing import Generic, TypeVar
 
@@ -15,11 +16,14 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from hunt_ros.errors import HuntError
 
 _T = TypeVar('_T')
+#: An end is noticed so soon, s.
+_LOOK_S = 0.1
 #: Gets the name of a task and the error that ended it: `Diagnostics.failed`.
 Failed = Callable[[str, Exception], None]
 
@@ -95,7 +99,15 @@ class Aside:
         """End the thread; one that is busy is left to itself after so long."""
         self._worker.stop(timeout_s)
 
+    def answered(self, asked: Future, timeout_s: float) -> bool:
+        """Wait in its thread for an answer of a service; return False where none came in time."""
+        gives_up_s = time.monotonic() + timeout_s
+        while not (asked.done() or self._stopping.is_set() or time.monotonic() > gives_up_s):
+            self.executor.spin_once(timeout_sec=_LOOK_S)
+        return asked.done()
+
     def _work(self, stopping: threading.Event) -> None:
+        self._stopping = stopping
         try:
             while not stopping.is_set():
                 self.executor.spin_once(timeout_sec=self._every_s)
