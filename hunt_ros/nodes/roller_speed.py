@@ -130,10 +130,9 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
             profile = Profile.read(self._config.profile)
             profile.check(limits.speed_ceiling_mps)
             self._guard.command.load(profile)
-        self._set_points = SetPoints(self._on_taken, self._on_refused)
+        self._set_points = SetPoints(self._guard, self._on_taken, self._on_refused)
         self._since_ns = 0  # of the interlock's state, clock of the stamps
         self._read_ns = 0  # when the last reading came, profile clock
-        self._asked_ns = 0  # when the last set point was asked for, profile clock
         self._note = ''
         self._diameter_m = self._config.roller_diameter_m or RigParameters.roller_diameter_m
         self._published = 0
@@ -276,26 +275,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
 
     def _on_detector(self, message: DiagnosticArray) -> None:
         """Take a status of the detector, with the moment at which it came."""
-        said = read_diagnostic(message)
-        motion = Motion(
-            number_of(said, 'amplitude_m'),
-            number_of(said, 'v_n_mps'),
-            number_of(said, 'v_c_mps'),
-            number_of(said, 'fold_amplitude_m'),
-        )
-        sequence = said.get('sequence', '')
-        heard = Heard(
-            said.get('level', 'STALE'),
-            int(sequence) if sequence.isdecimal() else 0,
-            to_ns(message.header.stamp),
-            said.get('message', ''),
-            number_of(said, 'envelope_m'),
-            motion,
-            said.get('alarm') == 'True',
-            said.get('state') in ('escaping', 'limit_cycle'),
-            number_of(said, 'noise_floor_m'),
-        )
-        self._guard.hear(self._steady_ns(), heard)
+        self._guard.hear(self._steady_ns(), heard_of(message))
         self._watch()
 
     def _watch(self) -> None:
@@ -371,29 +351,14 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
 
     def _send_next(self) -> None:
         """Post the set point that holds now, if there is one and a drive to take it."""
-        guard, points = self._guard, self._set_points
-        now_ns, busy = self._profile_clock.now().nanoseconds, points.busy
-        active = self._active.is_set()
-        with guard.deciding:  # an emergency stop comes before or after, not between
-            forced, (target_mps, decided_ns) = guard.command.forced, points.last
-            if not math.isnan(target_mps) and (forced or not (busy or points.refusal)):
-                guard.command.taken(target_mps)
-            # On the way down time counts from the set point that the drive has: none may rise.
-            since_ns = (decided_ns if forced else 0) or self._asked_ns
-            passed_ns = now_ns - since_ns if since_ns else 0
-            speed_mps = guard.set_point(
-                self._steady_ns(), passed_ns / NANOSECONDS, self._measured(), active, busy
-            )
-            if speed_mps is not None and not self._connecting:
-                points.post(speed_mps, now_ns)
-            elif not busy:
-                points.last = math.nan, 0  # the drive is left alone
-        if not busy:
-            self._asked_ns = now_ns
-        if guard.command.note != self._note:
-            self._note = guard.command.note
-            if self._note:
-                self.get_logger().info(f'profile: {self._note}')
+        now_ns, measured_mps = self._profile_clock.now().nanoseconds, self._measured()
+        active, there = self._active.is_set(), not self._connecting
+        self._set_points.decide(self._steady_ns(), now_ns, measured_mps, active, there)
+        note = self._guard.command.note
+        if note != self._note:
+            self._note = note
+            if note:
+                self.get_logger().info(f'profile: {note}')
 
     def _measured(self) -> float:
         """Return what the roller runs at, m/s; NaN where the drive does not say."""
@@ -510,6 +475,29 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         elif level == 'OK' and self._active.is_set():
             text = f'{self._guard.readings.speed_mps:.2f} m/s'
         return level, text, values
+
+
+def heard_of(message: DiagnosticArray) -> Heard:
+    """Return what a message of the detector says; what is no number is not known."""
+    said = read_diagnostic(message)
+    motion = Motion(
+        number_of(said, 'amplitude_m'),
+        number_of(said, 'v_n_mps'),
+        number_of(said, 'v_c_mps'),
+        number_of(said, 'fold_amplitude_m'),
+    )
+    sequence = said.get('sequence', '')
+    return Heard(
+        said.get('level', 'STALE'),
+        int(sequence) if sequence.isdecimal() else 0,
+        to_ns(message.header.stamp),
+        said.get('message', ''),
+        number_of(said, 'envelope_m'),
+        motion,
+        said.get('alarm') == 'True',
+        said.get('state') in ('escaping', 'limit_cycle'),
+        number_of(said, 'noise_floor_m'),
+    )
 
 
 def _done(refusal: str) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -30,28 +29,21 @@ class Drive:
         self.speed_mps = speed_mps
         self.set_points: list[float] = []
         self.opened = self.reads = 0
-        self.taken_s: list[float] = []
         self._angle = 0.0
-        self.reset()
-
-    def reset(self) -> None:
-        """Work again."""
         self.refusal = ''
-        self.absent = self.mute = self.breaks = False
+        self.mute = self.breaks = False
         self.obeys, self.scale = True, 1.0
         self.hangs = False  # in a call, until it is released
         self.released = threading.Event()
         self.released.set()
 
     def open(self) -> None:
-        if self.absent:
-            raise DriverError('nobody there')
         self.opened += 1
 
     def read(self, timeout_s: float) -> DriveBlock:
         time.sleep(min(timeout_s, 0.01))
         self.reads += 1
-        if self.absent or self.breaks:
+        if self.breaks:
             raise DriverError('gone')
         if self.mute:
             return DriveBlock()
@@ -61,12 +53,11 @@ class Drive:
         )
 
     def set_speed(self, speed_mps: float) -> None:
-        if self.refusal or self.absent:
-            raise DriverError(self.refusal or 'gone')
+        if self.refusal:
+            raise DriverError(self.refusal)
         self.hangs = not self.released.is_set()
         self.released.wait()
         self.hangs = False
-        self.taken_s.append(time.monotonic())
         self.set_points.append(speed_mps)
         if self.obeys:
             self.speed_mps = self.scale * speed_mps
@@ -84,41 +75,26 @@ class Detector:
         self._publisher = graph.node.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
         self.sent = 0
         self._sequence = 0
-        self._behind_ns = 0
-        self._late: deque[tuple[float, DiagnosticArray]] = deque()
-        self.reset()
+        self.level, self.silent, self.alarm = 'OK', False, False
+        self.hunts_above: tuple[Drive, float] | None = None
+        self.numbers: dict[str, object] = {'amplitude_m': 1e-5, 'v_n_mps': 5.0, 'v_c_mps': 7.0}
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
-    def reset(self) -> None:
-        """Be well."""
-        self.level, self.silent, self.frozen, self.alarm = 'OK', False, False, False
-        self.hunts_above: tuple[Drive, float] | None = None
-        self.numbers: dict[str, object] = {'amplitude_m': 1e-5, 'v_n_mps': 5.0, 'v_c_mps': 7.0}
-        self.raw_level: bytes | None = None
-        self.clock_s = self.delay_s = self.falls_behind_s = 0.0
-        self.lose_every = 0
-        self._behind_ns = 0
-
     def _run(self) -> None:
         while not self._ending.wait(0.05):
             self.sent += 1
-            self._sequence += 0 if self.frozen else 5
-            self._behind_ns += round(1e9 * self.falls_behind_s)
-            stamp_ns = time.time_ns() + round(1e9 * self.clock_s) - self._behind_ns
+            self._sequence += 5
             if self.hunts_above is not None:
                 drive, speed_mps = self.hunts_above
                 self.level = 'ERROR' if drive.speed_mps > speed_mps else 'WARN'
             values = {'sequence': self._sequence, 'alarm': self.alarm, **self.numbers}
-            message = diagnostic(stamp_ns, 'hunting', self.level, 'its reasons', values, 'rig')
-            if self.raw_level is not None:
-                message.status[0].level = self.raw_level
-            lost = self.silent or (self.lose_every and self.sent % self.lose_every == 0)
-            if not lost:
-                self._late.append((time.monotonic() + self.delay_s, message))
-            while self._late and self._late[0][0] <= time.monotonic():
-                self._publisher.publish(self._late.popleft()[1])
+            message = diagnostic(
+                time.time_ns(), 'hunting', self.level, 'its reasons', values, 'rig'
+            )
+            if not self.silent:
+                self._publisher.publish(message)
 
     def close(self) -> None:
         self._ending.set()

@@ -7,7 +7,10 @@ import itertools
 import numpy as np
 import pytest
 
-from hunt_ros.drivers.command import DriveLimits, RollerCommand
+from hunt_ros.drivers.command import DriveLimits
+from hunt_ros.drivers.interlock import InterlockSettings
+from hunt_ros.drivers.safety_state import SafetyState
+from hunt_ros.drivers.speed_guard import SpeedGuard
 from hunt_ros.nodes.support.set_points import SetPoints
 
 
@@ -22,9 +25,13 @@ class _Slow:
         self.taken.append(speed_mps)
 
 
+def _guard() -> SpeedGuard:
+    return SpeedGuard(DriveLimits(), InterlockSettings(), 0.0, SafetyState(), longest_step_s=0.25)
+
+
 def test_the_newest_counts_and_a_refusal_is_told_once() -> None:
     told: list[object] = []
-    points = SetPoints(told.append, lambda speed, why: told.append((speed, why)))
+    points = SetPoints(_guard(), told.append, lambda speed, why: told.append((speed, why)))
     drive = _Slow()
     points.post(5.0, 1)
     points.post(4.0, 2)
@@ -45,13 +52,12 @@ def test_the_newest_counts_and_a_refusal_is_told_once() -> None:
 @pytest.mark.parametrize('seed', range(20))
 def test_no_set_point_of_a_trip_rises_however_late_the_drive_takes_it(seed) -> None:
     """Ticks and hand-overs in any order, and goals that are lowered on the way."""
-    rng = np.random.default_rng(seed)
-    command = RollerCommand(DriveLimits(), 0.25)
-    drive, points = _Slow(), SetPoints(lambda speed: None, lambda speed, why: None)
+    rng, guard, drive = np.random.default_rng(seed), _guard(), _Slow()
+    points = SetPoints(guard, lambda speed: None, lambda speed, why: None)
     points.post(8.0, 1)
     points.hand_over(drive)
-    command.taken(8.0)
-    command.trip(6.0, 8.0)
+    guard.command.taken(8.0)
+    guard.command.trip(6.0, 8.0)
     now_ns = 1
     for _ in range(400):
         now_ns += int(rng.integers(1, 200_000_000))
@@ -59,11 +65,7 @@ def test_no_set_point_of_a_trip_rises_however_late_the_drive_takes_it(seed) -> N
             points.hand_over(drive)
             continue
         if rng.random() < 0.2:
-            command.trip(points.target_mps - 0.5, points.target_mps)
-        target, decided_ns = points.last
-        command.taken(target)
-        speed = command.next((now_ns - decided_ns) * 1e-9, target)
-        assert speed is not None
-        points.post(speed, now_ns)
+            guard.command.trip(points.target_mps - 0.5, points.target_mps)
+        points.decide(now_ns, now_ns, points.target_mps, True, True)
     assert all(b <= a for a, b in itertools.pairwise(drive.taken))
     assert drive.taken[-1] < 6.0
