@@ -192,25 +192,6 @@ class Graph:
         self.spin_until(reached, timeout_s)
         assert not changed.done() or changed.result().success
 
-    def start_rig(self, **parameters: object) -> None:
-        """
-        Start the simulated rig and its sources; nobody speaks before all know of each other.
-
-        What the detector hears and the recorder does not cannot be replayed.
-        """
-        self.start('rig_simulator', port=self.port, **parameters)
-        sources = ('lateral_sensor', 'yaw_sensor', 'roller_speed')
-        for name in sources:
-            # These tests look at the detector: nothing shall slow the roller down.
-            free = {'interlock': "'off'"} if name == 'roller_speed' else {}
-            self.start(name, port=self.port, autostart=False, **free)
-        for name in sources:
-            self.change_state(name, Transition.TRANSITION_CONFIGURE, 60.0)
-        # All of them say that they know each other only to themselves.
-        self.spin(5.0 * self.machine.measure())
-        for name in sources:
-            self.change_state(name, Transition.TRANSITION_ACTIVATE)
-
     def process(self, module: str) -> subprocess.Popen[str]:
         """Return the process of a node that runs."""
         return self._processes[module]

@@ -57,10 +57,9 @@ class Wheelset:
 def test_an_alarm_outlasts_pauses_and_settings_change_while_it_runs(graph, resident) -> None:
     wheelset = Wheelset(graph)
     log: list[Log] = graph.collect(Log, '/rosout')
-    node = resident(
-        HuntingDetectorNode,
-        channels='[lateral, speed]',
-    )
+    verdicts = graph.told('hunting/criteria')
+    criterion = {'criteria': '[cfr_213_333]', 'criteria_scale': 0.001}
+    node = resident(HuntingDetectorNode, channels='[lateral, speed]', **criterion)
     node.trigger_configure()
     node.trigger_activate()
     graph.spin_until(lambda: wheelset.status().get('state') == 'limit_cycle')
@@ -71,6 +70,8 @@ def test_an_alarm_outlasts_pauses_and_settings_change_while_it_runs(graph, resid
 
     graph.spin_until(told)
     event = told()[0]
+    graph.spin_until(lambda: wheelset.status() and verdicts)
+    assert (verdicts[0]['name'], verdicts[0]['exceeded']) == ('cfr_213_333', 'True')
     assert 'stays as that of a limit cycle does' in event['cause']
     assert float(event['since_s']) > 0.0
 

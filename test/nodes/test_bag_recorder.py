@@ -118,27 +118,26 @@ def test_everything_published_is_in_the_closed_bag_bit_for_bit(graph) -> None:
         assert 'operator: the operator' in parameters['/rig/bag_recorder']
 
 
-@pytest.mark.slow
-def test_a_call_gives_one_mark_with_its_words_or_without(graph) -> None:
+def test_services_start_split_stop_and_mark_with_words_or_without(graph) -> None:
     words = graph.node.create_publisher(String, 'recording/mark_words', 10)
-    graph.start('bag_recorder', directory=str(graph.folder), autostart=False)
-
-    def say(text: str) -> None:
-        """Publish words as who calls with words does: the recorder has them."""
-        words.publish(String(data=text))
-        assert words.wait_for_all_acked(Duration(seconds=30.0))
-
+    graph.start('bag_recorder', directory=str(graph.folder), autostart=False, prefix='run')
     graph.spin_until(words.get_subscription_count)
-    assert not graph.call('recording/mark').success
+    for service in ('mark', 'stop', 'split'):
+        assert not graph.call(f'recording/{service}').success
     assert graph.call('recording/start').success
+    assert not graph.call('recording/start').success
     assert graph.call('recording/mark').success
     for text in ('bump at joint 3', 'crane overhead'):
-        say(text)
+        words.publish(String(data=text))  # as who calls with words does: the recorder has them
+        assert words.wait_for_all_acked(Duration(seconds=30.0))
         assert graph.call('recording/mark').success
+    assert graph.call('recording/split').success
     assert graph.call('recording/mark').success
-    path = graph.call('recording/stop').message
+    path = Path(graph.call('recording/stop').message)
     texts = [text for _, text in read_texts(path, 'recording/mark')]
     assert texts == ['mark', 'bump at joint 3', 'crane overhead', 'mark']
+    assert path.name.startswith('run_')
+    assert len(list(path.glob('*.mcap'))) == 2
 
 
 def test_kill_loses_at_most_a_second_and_the_next_start_closes_the_rest(graph) -> None:
@@ -216,24 +215,6 @@ def test_simulated_time_without_a_clock_is_said(graph, monkeypatch) -> None:
     assert '/clock' in health.last['message']
     graph.spin_until(lambda: health.last['level'] == 'STALE')
     assert '/clock' in health.last['message']
-
-
-def test_start_split_and_stop_by_service(graph) -> None:
-    graph.start('bag_recorder', directory=str(graph.folder), autostart=False, prefix='run')
-    assert not graph.call('recording/stop').success
-    assert graph.call('recording/start').success
-    assert not graph.call('recording/start').success
-    graph.spin(1.5)
-    assert graph.call('recording/split').success
-    graph.spin(1.5)
-    answer = graph.call('recording/stop')
-    assert answer.success
-    path = Path(answer.message)
-    assert path.name.startswith('run_')
-    assert len(list(path.glob('*.mcap'))) == 2
-    with Bag(path) as bag:
-        assert not bag.problems
-        assert bag.topics['/diagnostics'].messages >= 2
 
 
 def test_a_later_recording_begins_with_what_latched_topics_still_say(graph) -> None:

@@ -51,32 +51,6 @@ def test_hunting_at_a_speed_that_a_wrong_form_calls_safe_is_driven_down_until_it
     assert not graph.call('speed/start_profile').success
 
 
-def test_motion_that_a_blind_detector_still_shows_takes_the_roller_down(
-    graph, resident, detector
-) -> None:
-    """One sensor is stuck, the form says v_n 9.6, and the other sensor shows a millimetre."""
-    drive = Drive(6.0)
-    detector.numbers |= {'v_n_mps': 9.6, 'noise_floor_m': 8e-6}
-    rig = _held_at(graph, resident, detector, drive, safe_deceleration_mps2=5.0)
-    detector.level = 'STALE'
-    rig.until(interlock_state='tripped', interlock_code='inputs')
-    graph.spin(2.0)
-    assert drive.set_points[-1] == 6.0, 'quiet: where the form says that it is safe'
-    detector.numbers['amplitude_m'] = 1e-3
-    graph.spin_until(lambda: drive.set_points[-1] == 0.0)
-
-
-def test_motion_that_does_not_die_at_the_safe_speed_ends_in_a_stop(
-    graph, resident, detector
-) -> None:
-    drive = Drive(6.0)
-    rig = _held_at(graph, resident, detector, drive, safe_deceleration_mps2=5.0)
-    detector.level = 'ERROR'
-    graph.spin_until(lambda: drive.set_points[-1] == 4.5)
-    graph.spin_until(lambda: drive.set_points[-1] == 0.0)
-    assert 'does not die out at 4.50 m/s' in rig.status['interlock_cause']
-
-
 @pytest.mark.parametrize(
     ('fault', 'words'),
     [({'scale': 3.0}, 'above the ceiling, 8.00 m/s'), ({'obeys': False}, 'does not follow')],
@@ -141,16 +115,10 @@ def test_a_driver_that_fails_to_close_is_opened_again(graph, resident, detector)
     assert graph.call('speed/emergency_stop').success
 
 
-@pytest.mark.parametrize('heard', [True, False])
-def test_five_millimetres_on_the_sensor_trip_it_whatever_the_detector_says(
-    graph, resident, detector, heard
-) -> None:
-    detector.silent = not heard
+def test_five_millimetres_on_the_sensor_trip_it_though_no_detector_speaks(graph, resident) -> None:
     drive = Drive(6.0)
     lateral = graph.node.create_publisher(JointState, 'lateral', 1000)
     rig = Rig(graph, resident, drive, amplitude_limit_m=3e-3, interlock='measure')
-    if heard:
-        rig.until(interlock_cause='no reason to trip')
     count = itertools.count()
 
     def move() -> bool:

@@ -16,29 +16,40 @@ from hunt_ros.nodes.topic_driver import Sensor, Topic
 pytestmark = pytest.mark.ros
 
 
-def test_a_sensor_on_a_modbus_device_that_is_cut_is_heard_again(graph, modbus_server) -> None:
+def test_readings_become_si_and_a_device_that_is_cut_is_heard_again(
+    graph, modbus_server, tmp_path
+) -> None:
+    file = tmp_path / 'axle_box.yaml'
+    file.write_text('calibration: {channel: axle_box, gain: 0.002, offset: 0.5, range: [-9, 9]}')
     health = graph.told()
-    heard = graph.collect(JointState, 'lateral')
-    modbus_server.put(3, -7)
+    heard = graph.collect(JointState, 'axle_box')
+    modbus_server.put(3, 3)
     graph.start(
-        'lateral_sensor',
+        'axle_box_sensor',
         driver='modbus',
         port=modbus_server.port,
         register=3,
-        scale=0.001,
+        calibration=file,
         sample_rate_hz=20.0,  # a slow bus
     )
     graph.spin_until(lambda: heard)
-    assert heard[0].position[0] == -0.007
+    assert heard[0].name == ['axle_box']
+    assert heard[0].position[0] == 0.506
+    modbus_server.put(3, -9)
+    graph.spin_until(lambda: math.isnan(heard[-1].position[0]))
+    graph.spin_until(lambda: health.says('no valid sample; ', level='STALE'))
+    assert health.says('saturated')
+    assert float(health.last['rate_hz']) > 0.0
+
     modbus_server.stop()
     words = f'modbus tcp 127.0.0.1:{modbus_server.port} device 1: cannot connect'
     graph.spin_until(lambda: health.says(level='ERROR', message=words))
     modbus_server.put(3, 8)
     modbus_server.start()
-    graph.spin_until(lambda: heard[-1].position[0] == 0.008)
+    graph.spin_until(lambda: heard[-1].position[0] == 0.516)
     health.clear()
     graph.spin_until(lambda: any(one['level'] != 'ERROR' for one in health))
-    log = graph.log('lateral_sensor').read_text()
+    log = graph.log('axle_box_sensor').read_text()
     assert 'Connection to' not in log, 'the library does not write beside our one line'
 
 
@@ -66,18 +77,6 @@ def test_a_sensor_takes_what_another_node_already_publishes(graph) -> None:
     nanoseconds = [each.header.stamp.nanosec for each in heard]
     assert nanoseconds == sorted(set(nanoseconds))
     assert graph.end('lateral_sensor') == 0
-
-
-def test_an_acceleration_is_published_under_the_name_of_its_channel(graph, modbus_server) -> None:
-    heard = graph.collect(JointState, 'axle_box')
-    modbus_server.put(3, 7)
-    graph.start(
-        'axle_box_sensor', driver='modbus', port=modbus_server.port, register=3, scale=0.1,
-        sample_rate_hz=20.0,
-    )  # fmt: skip
-    graph.spin_until(lambda: heard)
-    assert heard[0].name == ['axle_box']
-    assert heard[0].position[0] == pytest.approx(0.7)
 
 
 def test_a_field_that_is_not_there_is_one_line(graph) -> None:
@@ -111,31 +110,6 @@ def test_a_field_that_is_not_there_is_one_line(graph) -> None:
     for source, words in (('data', 'names no topic'), ('3.5', 'names no topic'), ('', 'names no')):
         with pytest.raises(ConfigError, match=words):
             Sensor(Topic(source=source), 'yaw', 500.0)
-
-
-@pytest.mark.slow
-def test_readings_become_si_and_what_is_saturated_is_no_value(
-    graph, modbus_server, tmp_path
-) -> None:
-    file = tmp_path / 'lateral.yaml'
-    file.write_text('calibration: {channel: lateral, gain: 0.002, offset: 0.5, range: [-9, 9]}')
-    health = graph.told()
-    heard = graph.collect(JointState, 'lateral')
-    modbus_server.put(0, 3)
-    graph.start('lateral_sensor', driver='modbus', port=modbus_server.port, calibration=file)
-    graph.spin_until(lambda: heard)
-    assert heard[0].position[0] == 0.506
-    modbus_server.put(0, -9)
-    graph.spin_until(lambda: math.isnan(heard[-1].position[0]))
-    graph.spin_until(
-        lambda: any(
-            one['level'] == 'STALE'
-            and 'no valid sample; ' in one['message']
-            and 'saturated' in one['message']
-            for one in health
-        )
-    )
-    assert float(health.last['rate_hz']) > 0.0
 
 
 def test_a_modbus_drive_that_is_cut_gets_its_emergency_stop_when_it_is_back(

@@ -32,8 +32,12 @@ def test_a_replay_refuses_another_and_a_stopped_one_goes_on_where_it_was(graph) 
     lateral = graph.collect(JointState, 'lateral')
     first = graph.start('live_replay', bag=bag)
     graph.spin_until(lambda: lateral)
+    topics = dict(graph.node.get_publisher_names_and_types_by_node('live_replay', '/rig'))
+    ours = {name for name in topics if not name.startswith(('/parameter', '/rosout', '/diag'))}
+    assert ours == {'/clock', '/rig/lateral', '/rig/speed'}, 'a recording drives no rig'
     graph.start('live_replay', bag=bag)
     assert graph.wait('live_replay') == 2
+    assert '/rig/lateral is published by' in graph.log('live_replay').read_text()
     assert first.poll() is None, 'the one that plays goes on'
 
     stopped_s = 8.0
