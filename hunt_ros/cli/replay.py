@@ -14,7 +14,7 @@ from hunt_ros.cli.support.output import progress, tell
 from hunt_ros.cli.support.replay_report import document, lines_of
 from hunt_ros.detection import CompanionConfig, Companions, DetectorConfig, HuntingDetector
 from hunt_ros.detection.offline import collect, config_for, frequency_for, watch
-from hunt_ros.detection.replay import missing_samples, replay_journal, unheard_samples
+from hunt_ros.detection.replay import detect, missing_samples, unheard_samples
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import ConfigError
 from hunt_ros.recorded_run import RecordedRun, recorded_run
@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
             remarks = _of_the_live_run(record, live)
             remarks += frequency_for(record, config, known=True)[1]
             detector = HuntingDetector(config)
-            outputs = iter([replay_journal(detector, record, live.journal)])
+            outputs = iter([detect(detector, record, live.journal)])
         else:
             form = options.read_form(arguments.normal_form) if arguments.normal_form else None
             config, more = frequency_for(record, config, known=form is not None)

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from hunt_ros.detection.configuration import DetectorConfig
     from hunt_ros.detection.detector import HuntingDetector
     from hunt_ros.detection.journal import JournalEntry
-    from hunt_ros.detection.offline import detect
     from hunt_ros.detection.output import Event, Output
     from hunt_ros.detection.regions import Level, Region, State
+    from hunt_ros.detection.replay import detect
     from hunt_ros.detection.words.status import DetectorStatus
 
 __all__ = [
@@ -43,7 +43,7 @@ __getattr__ = lazily(
         'DetectorConfig': 'configuration',
         'HuntingDetector': 'detector',
         'JournalEntry': 'journal',
-        'detect': 'offline',
+        'detect': 'replay',
         'Event': 'output',
         'Output': 'output',
         'Level': 'regions',

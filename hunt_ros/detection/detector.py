@@ -49,7 +49,7 @@ class HuntingDetector:
     in any way, give the same rows and events bit for bit. Rows wait until every
     channel has spoken up to their stamp; a silent channel is let go by `tick` alone,
     which is written to the journal, as is everything else that is not in the
-    samples: `hunt_ros.detection.replay.replay_journal` repeats a live run.
+    samples: `hunt_ros.detection.replay.detect` repeats a live run.
     """
 
     def __init__(

@@ -9,20 +9,19 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import F1, I1, compiled
 from hunt_ros.criteria import Verdict
 from hunt_ros.detection import doubts
 from hunt_ros.detection.companions import Companions, criterion_event
 from hunt_ros.detection.configuration import DetectorConfig, with_frequencies
 from hunt_ros.detection.detector import HuntingDetector
 from hunt_ros.detection.estimates import line_orders, roller_diameter
-from hunt_ros.detection.output import Event, Motion, Output, numbers_behind
+from hunt_ros.detection.output import Event, Output, numbers_behind
 from hunt_ros.detection.regions import Level, Region
 from hunt_ros.detection.replay import Playback
 from hunt_ros.detection.words.alarms import AlarmHistory
@@ -33,6 +32,9 @@ from hunt_ros.samples import NANOSECONDS, Record
 
 #: Time that is fed at once: one channel waits for the others no longer than this.
 _STRETCH_NS = 2 * NANOSECONDS
+#: An amplitude may be this many times the largest reading: ten samples in a period miss its top by
+#: as much.
+_READ = 1.2
 
 
 @dataclass
@@ -50,8 +52,8 @@ class Summary:
         Rows that each reason, in words, made WARN or worse.
     max_amplitude_m : float
         Largest amplitude of the hunting component, m: that of the row, of those with a sensor
-        to trust, whose amplitude less its standard deviation is the largest. It counts for no
-        more than half the range of the readings within the period before: while the filter
+        to trust, whose amplitude less its standard deviation is the largest. It counts for little
+        more than the largest reading within the last period, less the mean: while the filter
         starts, and after a kick, it may be far off. NaN where nothing was known.
     """
 
@@ -61,12 +63,9 @@ class Summary:
     reason_rows: Counter[str] = field(default_factory=Counter)
     max_amplitude_m: float = math.nan
     _least_m: float = field(default=-math.inf, repr=False)
-    _readings: list[tuple[NDArray[np.int64], NDArray[np.float64]]] = field(
-        default_factory=list, repr=False
-    )
 
-    def add(self, rows: NDArray[np.void], motion: Sequence[Motion]) -> None:
-        """Take in rows of estimates, at least one, and the samples that they were made of."""
+    def add(self, rows: NDArray[np.void]) -> None:
+        """Take in rows of estimates, at least one."""
         self.rows += int(rows.size)
         for column, kind, counter in (
             ('level', Level, self.level_rows),
@@ -78,8 +77,8 @@ class Summary:
         self.reason_rows += reason_counts(rows)
         from_yaw = (rows['doubts'] & doubts.FROM_YAW) != 0
         # Where no lateral displacement is read there is nothing to compare it with.
-        half = self._half_range(rows, motion)
-        most = np.where(from_yaw | np.isnan(half), math.inf, half)
+        read = _READ * (rows['lateral_measured'] - np.abs(rows['lateral_bias']))
+        most = np.where(from_yaw | np.isnan(read), math.inf, read)
         amplitude = np.minimum(rows['lateral_amplitude'], most)
         least = amplitude - rows['lateral_amplitude_std']
         blind = np.where(from_yaw, rows['yaw_blind'], rows['lateral_blind'])
@@ -87,41 +86,6 @@ class Summary:
         best = int(np.argmax(least))
         if least[best] > self._least_m:
             self._least_m, self.max_amplitude_m = float(least[best]), float(amplitude[best])
-
-    def _half_range(self, rows: NDArray[np.void], motion: Sequence[Motion]) -> NDArray[np.float64]:
-        """Return half the range of the readings in the longest period before each row, m."""
-        parts = [*self._readings, *((part.stamps_ns, part.values) for part in motion)]
-        stamps = np.concatenate([part[0] for part in parts])
-        values = np.concatenate([part[1] for part in parts])
-        window_ns = round(NANOSECONDS / float(rows['followed_min_hz'][0]))
-        half = np.full(rows.size, math.nan)
-        _half_ranges(np.ascontiguousarray(rows['stamp_ns']), stamps, values, window_ns, half)
-        late = stamps > int(rows['stamp_ns'][-1]) - window_ns
-        self._readings = [(stamps[late], values[late])]
-        return half
-
-
-@compiled
-def _half_ranges(
-    rows: I1,
-    stamps: I1,
-    values: F1,
-    window_ns: int,
-    half: F1,
-) -> None:
-    """Fill in half the range of the values in (row - window, row]; NaN without any."""
-    first = 0
-    for k in range(rows.size):
-        while first < stamps.size and stamps[first] <= rows[k] - window_ns:
-            first += 1
-        high, low = -math.inf, math.inf
-        i = first
-        while i < stamps.size and stamps[i] <= rows[k]:
-            high = max(high, values[i])
-            low = min(low, values[i])
-            i += 1
-        if i > first:
-            half[k] = 0.5 * (high - low)
 
 
 @dataclass
@@ -229,30 +193,6 @@ def frequency_for(
     return replace(config, hunting_frequency_hz=found), [remark, *remarks]
 
 
-def detect(detector: HuntingDetector, record: Record) -> Output:
-    """
-    Run a whole recording through a detector.
-
-    Parameters
-    ----------
-    detector : HuntingDetector
-        Fresh, or gone on with.
-    record : Record
-        Channels the detector has not been told of are left out.
-
-    Returns
-    -------
-    Output
-        Everything, in order.
-    """
-    outputs = [
-        detector.update(name, series.stamps_ns, series.values)
-        for name, series in record.items()
-        if name in detector.config.channels
-    ]
-    return Output.joined([*outputs, detector.finish()])
-
-
 def watch(
     record: Record,
     detector: HuntingDetector,
@@ -302,7 +242,7 @@ def collect(
     found = Findings()
     for output in outputs:
         if output.estimates.size:
-            found.summary.add(output.estimates, output.motion)
+            found.summary.add(output.estimates)
         events = list(output.events)
         if companions is not None:
             verdicts = companions.update(output)

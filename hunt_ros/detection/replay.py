@@ -149,11 +149,11 @@ def _times(series: Series, start_ns: int) -> NDArray[np.int64]:
     return times
 
 
-def replay_journal(
-    detector: HuntingDetector, record: Record, journal: Sequence[JournalEntry]
+def detect(
+    detector: HuntingDetector, record: Record, journal: Sequence[JournalEntry] = ()
 ) -> Output:
     """
-    Repeat a live run: the same rows and events, bit for bit.
+    Run a whole record through a detector, or repeat a live run: the same rows, bit for bit.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def replay_journal(
     Returns
     -------
     Output
-        Rows and events of every run, up to its last complete row.
+        Rows and events of every run, up to its last complete row; without a journal all of them.
 
     Raises
     ------

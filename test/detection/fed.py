@@ -6,7 +6,7 @@ import numpy as np
 
 from hunt_ros.detection import HuntingDetector, JournalEntry
 from hunt_ros.detection.output import Output
-from hunt_ros.detection.replay import replay_journal
+from hunt_ros.detection.replay import detect
 from hunt_ros.samples import Record, Series
 
 
@@ -38,7 +38,7 @@ class Fed:
         live = Output.joined(self.outputs)
         journal = [JournalEntry.from_text(entry.to_text()) for entry in live.journal]
         again = HuntingDetector(self.detector.config)
-        output = replay_journal(again, record, journal)
+        output = detect(again, record, journal)
         assert output.estimates.tobytes() == live.estimates.tobytes()
         assert list(map(repr, output.events)) == list(map(repr, live.events))
         assert again.history.to_text() == self.detector.history.to_text()

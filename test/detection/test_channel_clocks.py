@@ -9,7 +9,7 @@ import pytest
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, JournalEntry, Level
 from hunt_ros.detection.output import Output
-from hunt_ros.detection.replay import replay_journal
+from hunt_ros.detection.replay import detect
 from hunt_ros.detection.words.status import DetectorStatus
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
@@ -89,7 +89,7 @@ class Run:
                 for name, one in self.arrived.items()
             }
         )
-        again = replay_journal(HuntingDetector(), heard, journal)
+        again = detect(HuntingDetector(), heard, journal)
         assert again.estimates.tobytes() == self.output.estimates.tobytes()
         assert list(map(repr, again.events)) == list(map(repr, self.output.events))
 

@@ -11,7 +11,6 @@ from hunt_ros.criteria import Verdict
 from hunt_ros.detection import CompanionConfig, Companions, DetectorConfig, HuntingDetector, detect
 from hunt_ros.detection.offline import collect, config_for, watch
 from hunt_ros.detection.output import Motion, Output
-from hunt_ros.detection.replay import replay_journal
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.simulation import (
     Roughness,
@@ -82,7 +81,7 @@ def test_live_with_ticks_and_its_replay_say_what_the_whole_record_says(hunting) 
         outputs.append(detector.tick(now + 50_000_000))
         verdicts += live.update(outputs[-1])
     assert verdicts == whole.verdicts != []
-    again = replay_journal(HuntingDetector(config), hunting, Output.joined(outputs).journal)
+    again = detect(HuntingDetector(config), hunting, Output.joined(outputs).journal)
     assert list(Companions(HUNTING).update(again)) == verdicts
 
 

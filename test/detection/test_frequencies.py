@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect
 from hunt_ros.detection.configuration import nominal_hz, with_frequencies
 from hunt_ros.detection.offline import frequency_for
-from hunt_ros.detection.replay import replay_journal
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import Record, Series
@@ -139,7 +138,7 @@ def test_a_form_of_another_frequency_that_arrives_is_replayed_bit_for_bit(
     live = np.concatenate([o.estimates for o in outputs if o.estimates.size])
     journal = [entry for o in outputs for entry in o.journal]
     fed = Record({name: one.between(0, 105 * step) for name, one in record.items()})
-    again = replay_journal(HuntingDetector(), fed, journal).estimates
+    again = detect(HuntingDetector(), fed, journal).estimates
     for name in live.dtype.names:
         assert np.array_equal(again[name], live[name], equal_nan=True), name
     assert set(live['followed_max_hz'][:395]) == {6.0}

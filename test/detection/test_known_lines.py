@@ -9,7 +9,8 @@ import pytest
 
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.detector import HuntingDetector
-from hunt_ros.detection.offline import config_for, detect
+from hunt_ros.detection.offline import config_for
+from hunt_ros.detection.replay import detect
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import Kick, simulate

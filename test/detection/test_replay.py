@@ -16,8 +16,8 @@ from hunt_ros.detection.acceptance import rolled_back
 from hunt_ros.detection.output import Output
 from hunt_ros.detection.replay import (
     Playback,
+    detect,
     missing_samples,
-    replay_journal,
     unheard_samples,
 )
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
@@ -92,7 +92,7 @@ def _live(
 
 
 def _repeated(live: Output, arrived: Record) -> Output:
-    return replay_journal(HuntingDetector(DetectorConfig(), PAPER), arrived, _journal(live))
+    return detect(HuntingDetector(DetectorConfig(), PAPER), arrived, _journal(live))
 
 
 def _journal(live: Output) -> list[JournalEntry]:

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level
 from hunt_ros.detection.channels.speed_check import SpeedCheck
-from hunt_ros.detection.offline import detect
+from hunt_ros.detection.replay import detect
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
-from hunt_ros.samples import Series
+from hunt_ros.samples import Record, Series
 
 RATE = 100.0
 #: Corners (s, m/s) of runs that a lab drives.
@@ -157,7 +157,7 @@ def test_the_detector_is_stale_and_says_why(lines: tuple[float, ...], recorded) 
     sound = detect(HuntingDetector(config, paper), record)
     assert not [event for event in sound.events if event.event == 'sensor_fault']
     detector = HuntingDetector(config, paper)
-    output = detect(detector, {**record, 'speed': Series(speed.stamps_ns, spoilt)})
+    output = detect(detector, Record({**record, 'speed': Series(speed.stamps_ns, spoilt)}))
     rows = output.estimates
     t = rows['stamp_ns'] * 1e-9
     assert (rows['level'][(t > 18.0) & (t < 34.0)] == Level.STALE).all()
