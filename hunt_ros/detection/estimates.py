@@ -148,7 +148,8 @@ class Estimator:
             wrong, usable[name], sizes = self._health[name].update(block, rows_ns)
             if name in DISPLACEMENTS:
                 blind = (wrong & health.BLIND) != 0
-                rows[f'{name}_step'], rows[f'{name}_measured'] = np.where(blind, math.nan, sizes)
+                for what, size in zip(('step', 'measured', 'swing'), sizes, strict=True):
+                    rows[f'{name}_{what}'] = np.where(blind, math.nan, size)
             if name in self.config.optional_channels:
                 wrong = health.excused(wrong)
             rows[f'{name}_wrong'] = wrong

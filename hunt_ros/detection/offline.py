@@ -32,9 +32,6 @@ from hunt_ros.samples import NANOSECONDS, Record
 
 #: Time that is fed at once: one channel waits for the others no longer than this.
 _STRETCH_NS = 2 * NANOSECONDS
-#: An amplitude may be this many times the largest reading: ten samples in a period miss its top by
-#: as much.
-_READ = 1.2
 
 
 @dataclass
@@ -52,8 +49,8 @@ class Summary:
         Rows that each reason, in words, made WARN or worse.
     max_amplitude_m : float
         Largest amplitude of the hunting component, m: that of the row, of those with a sensor
-        to trust, whose amplitude less its standard deviation is the largest. It counts for little
-        more than the largest reading within the last period, less the mean: while the filter
+        to trust, whose amplitude less its standard deviation is the largest. It counts for no
+        more than half the range of the readings within the last seconds: while the filter
         starts, and after a kick, it may be far off. NaN where nothing was known.
     """
 
@@ -77,8 +74,8 @@ class Summary:
         self.reason_rows += reason_counts(rows)
         from_yaw = (rows['doubts'] & doubts.FROM_YAW) != 0
         # Where no lateral displacement is read there is nothing to compare it with.
-        read = _READ * (rows['lateral_measured'] - np.abs(rows['lateral_bias']))
-        most = np.where(from_yaw | np.isnan(read), math.inf, read)
+        most = np.where(from_yaw, math.nan, rows['lateral_swing'])
+        most[~(most >= 0.0)] = math.inf
         amplitude = np.minimum(rows['lateral_amplitude'], most)
         least = amplitude - rows['lateral_amplitude_std']
         blind = np.where(from_yaw, rows['yaw_blind'], rows['lateral_blind'])

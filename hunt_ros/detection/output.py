@@ -16,44 +16,56 @@ from hunt_ros.estimation.kalman import TRACK_DTYPE
 from hunt_ros.samples import CHANNELS, NANOSECONDS
 from hunt_ros.sensors import COORDINATES, DISPLACEMENTS, MOTION
 
-#: Columns of the tracker that stay inside: of use to the detector, or to who tunes the filter.
-_INSIDE = {
-    'stamp_ns',
-    *(f'{name}_{what}' for name in MOTION for what in ('roughness_second', 'nis', 'clean')),
-    'yaw_ratio',
-    'yaw_ratio_std',
-    'yaw_lag',
-    'yaw_factor',
-    'yaw_contrary',
-    'lateral_tied',
-}
-#: Columns that are taken over from the tracker.
-TRACKER_FIELDS: tuple[str, ...] = tuple(
-    name for name in TRACK_DTYPE.names or () if name not in _INSIDE
-)
-
 
 class Column(NamedTuple):
-    """A number of the row: its public name, with the unit, and whether it stands with an event."""
+    """
+    One column of the rows: the table `COLUMNS` makes dtype, status, events and JSON.
+
+    Parameters
+    ----------
+    name : str
+        Amplitudes are in m (yaw: rad), rates per second; unknown numbers are NaN.
+    public : str or None
+        Its name, with the unit, in status, events and JSON; '': the same; None: it stays inside.
+    event : bool
+        It stands with an event.
+    dtype : type
+        Of numpy.
+    """
 
     name: str
-    public: str = ''  # in status, events and JSON, where it is another
+    public: str | None = ''
     event: bool = False
+    dtype: type = np.float64
 
 
-#: The numbers of the tracker that are named anew or stand with events; then the detector's own.
-_TRACKED = (
-    Column('lateral_amplitude', 'amplitude_m', True),
-    Column('lateral_amplitude_std', 'amplitude_std_m', True),
-    Column('lateral_amplitude_rate', 'amplitude_rate_mps'),
-    Column('yaw_amplitude', 'yaw_amplitude_rad', True),
-    Column('yaw_amplitude_std', 'yaw_amplitude_std_rad', True),
-    Column('growth_rate', 'growth_rate_per_s', True),
-    Column('growth_rate_std', 'growth_rate_std_per_s', True),
-    Column('frequency_hz', '', True),
-    Column('lateral_roughness', 'roughness_m'),
-)
-_OWN = (
+#: The columns of the tracker that are named anew or stand with events; then those that stay
+#: inside, of use to the detector, or to who tunes the filter.
+_TRACKED = {
+    column.name: column
+    for column in (
+        Column('stamp_ns', None, dtype=np.int64),
+        Column('lateral_amplitude', 'amplitude_m', True),
+        Column('lateral_amplitude_std', 'amplitude_std_m', True),
+        Column('lateral_amplitude_rate', 'amplitude_rate_mps'),
+        Column('yaw_amplitude', 'yaw_amplitude_rad', True),
+        Column('yaw_amplitude_std', 'yaw_amplitude_std_rad', True),
+        Column('growth_rate', 'growth_rate_per_s', True),
+        Column('growth_rate_std', 'growth_rate_std_per_s', True),
+        Column('frequency_hz', '', True),
+        Column('lateral_roughness', 'roughness_m'),
+    )
+}
+_INSIDE = {
+    *(f'{name}_{what}' for name in MOTION for what in ('roughness_second', 'nis', 'clean')),
+    *('yaw_ratio', 'yaw_ratio_std', 'yaw_lag', 'yaw_factor', 'yaw_contrary', 'lateral_tied'),
+}
+_TAKEN = tuple(name for name in TRACK_DTYPE.names or () if name not in _INSIDE)
+#: Columns that are taken over from the tracker.
+TRACKER_FIELDS = _TAKEN[1:]
+
+COLUMNS: tuple[Column, ...] = (
+    *(_TRACKED.get(name, Column(name)) for name in _TAKEN),
     Column('speed', 'speed_mps', True),
     Column('lateral_envelope', 'envelope_m'),
     Column('yaw_envelope', 'yaw_envelope_rad'),
@@ -75,67 +87,48 @@ _OWN = (
     # Of the test behind the state, NaN where another one decided.
     Column('log_likelihood_ratio', '', True),
     Column('log_likelihood_ratio_limit', '', True),
+    # The strongest motion outside the range that is followed, and that range.
+    *(Column(f'outside_{what}', None) for what in ('hz', *DISPLACEMENTS)),
+    Column('followed_min_hz', None),
+    Column('followed_max_hz', None),
+    # The smallest steps of the readings, half their range in the last seconds, the step of the
+    # judged ones, and the lateral amplitude that is judged.
+    *(Column(f'{x}_{what}', None) for x in DISPLACEMENTS for what in ('step', 'swing')),
+    *(Column(name, None) for name in ('step', 'judged', 'judged_std')),
+    *(Column(name, None, dtype=np.int8) for name in ('region', 'state', 'level')),
+    # When region, state and the word on the margin began, and the evidence behind the state.
+    *(Column(f'{what}_since_ns', None, dtype=np.int64) for what in ('region', 'state', 'margin')),
+    Column('state_cause', None, dtype=np.int8),
+    # Amplitude limits that are exceeded, one bit each, and when the last to change did so.
+    Column('limits', None, dtype=np.uint32),
+    Column('limit_since_ns', None, dtype=np.int64),
+    Column('alarm', None, dtype=np.bool_),
+    Column('doubts', None, dtype=np.uint32),
+    # Of each coordinate whether all sensors of it that the rig has show nothing.
+    *(Column(f'{name}_blind', None, dtype=np.bool_) for name in COORDINATES),
+    *(Column(f'{name}_wrong', None, dtype=np.uint32) for name in CHANNELS),
 )
-#: The numbers of the status, in the order in which they are published.
-NUMBERS: tuple[str, ...] = (*TRACKER_FIELDS, *(column.name for column in _OWN))
-#: Column -> public name; all others keep theirs.
-PUBLIC: dict[str, str] = {c.name: c.public for c in (*_TRACKED, *_OWN) if c.public}
-#: The numbers behind an event, by column and by public name.
-_BEHIND = tuple(column.name for column in (*_TRACKED, *_OWN) if column.event)
-EVENT_NUMBERS: tuple[str, ...] = tuple(PUBLIC.get(name, name) for name in _BEHIND)
-
-#: The strongest motion outside the range that is followed, NaN where there is none: its
-#: frequency, its amplitude in m and rad; and the range, Hz.
-OUTSIDE: tuple[str, ...] = (
-    'outside_hz',
-    *(f'outside_{name}' for name in DISPLACEMENTS),
-    'followed_min_hz',
-    'followed_max_hz',
-)
-
-#: Inside: the smallest steps of the readings, and that of the judged ones; the lateral amplitude
-#: that is judged, m.
-_ASIDE = (*(f'{name}_step' for name in DISPLACEMENTS), 'step', 'judged', 'judged_std')
-
-#: One row of the estimates. Amplitudes in m (yaw: rad), rates per second, unknown as NaN.
-ESTIMATE_DTYPE: np.dtype[np.void] = np.dtype(
-    [
-        ('stamp_ns', np.int64),
-        *((name, np.float64) for name in NUMBERS),
-        # Motion outside the range of frequencies that is followed, and that range.
-        *((name, np.float64) for name in (*OUTSIDE, *_ASIDE)),
-        ('region', np.int8),
-        ('state', np.int8),
-        # When region, state and the word on the margin began, and the evidence behind the state.
-        ('region_since_ns', np.int64),
-        ('state_since_ns', np.int64),
-        ('margin_since_ns', np.int64),
-        ('state_cause', np.int8),
-        # Amplitude limits that are exceeded, one bit each, and when the last to change did so.
-        ('limits', np.uint32),
-        ('limit_since_ns', np.int64),
-        ('level', np.int8),
-        ('alarm', np.bool_),
-        ('doubts', np.uint32),
-        # Of each coordinate whether all sensors of it that the rig has show nothing.
-        *((f'{name}_blind', np.bool_) for name in COORDINATES),
-        *((f'{name}_wrong', np.uint32) for name in CHANNELS),
-    ]
-)
+#: Public name of each number of the status, by column, in the order in which they are published.
+PUBLIC: dict[str, str] = {c.name: c.public or c.name for c in COLUMNS if c.public is not None}
+#: Public names of the numbers behind an event.
+EVENT_NUMBERS: tuple[str, ...] = tuple(PUBLIC[c.name] for c in COLUMNS if c.event)
+#: One row of the estimates.
+ESTIMATE_DTYPE: np.dtype[np.void] = np.dtype([(c.name, c.dtype) for c in COLUMNS])
 
 
 def blank_rows(stamps_ns: NDArray[np.int64]) -> NDArray[np.void]:
     """Return rows of which nothing is known yet but their stamps, ns."""
     rows = np.zeros(stamps_ns.size, dtype=ESTIMATE_DTYPE)
     rows['stamp_ns'] = stamps_ns
-    for name in (*NUMBERS, *OUTSIDE):
-        rows[name] = math.nan
+    for column in COLUMNS:
+        if column.dtype is np.float64:
+            rows[column.name] = math.nan
     return rows
 
 
 def numbers_behind(row: np.void) -> dict[str, float]:
     """Return the numbers of a row (ESTIMATE_DTYPE) that stand with an event; NaN: unknown."""
-    return {PUBLIC.get(name, name): float(row[name]) for name in _BEHIND}
+    return {PUBLIC[c.name]: float(row[c.name]) for c in COLUMNS if c.event}
 
 
 def seconds_text(stamp_ns: int) -> str:

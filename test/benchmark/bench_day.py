@@ -25,7 +25,7 @@ from hunt_ros.detection.output import Output
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 from hunt_ros.samples import Record, Series
 
-WING = Path(__file__).parents[2] / 'shared' / 'data' / 'wing'
+WING = Path(__file__).parents[3] / 'shared' / 'data' / 'wing'
 
 #: Periods: a cycle that lasts shorter need not be said; ERROR may begin and end as much off the
 #: truth; what is steady for a while is.

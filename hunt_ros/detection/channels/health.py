@@ -208,13 +208,14 @@ class ChannelHealth:
             Bits set at each row.
         usable : ndarray of bool, shape (n,)
             Samples that may be used.
-        sizes : ndarray, shape (2, m)
-            Smallest step of the readings so far, and their largest size in the last half to one
-            period, in their unit. Each counts by the median of three: one may be wrong.
+        sizes : ndarray, shape (3, m)
+            In their unit: the smallest step of the readings so far; their largest size in the
+            last half to one period, each by the median of three, as one may be wrong; and half
+            their range in the last 4 to 8 s.
         """
         wrong = np.zeros(rows_ns.size, dtype=np.uint32)
         usable = np.zeros(block.stamps_ns.size, dtype=np.bool_)
-        sizes = np.empty((2, rows_ns.size))
+        sizes = np.empty((3, rows_ns.size))
         watch(
             block.stamps_ns,
             block.values,
@@ -265,6 +266,7 @@ def watch(
         wrong[k] = _row(row, settings, whole, real)
         sizes[0, k] = real[_F_STEP]
         sizes[1, k] = np.fmax(real[_F_PEAK], real[_F_PEAK0])
+        sizes[2, k] = 0.5 * (max(real[_F_HIGH], real[_F_HIGH0]) - min(real[_F_LOW], real[_F_LOW0]))
     while n < stamps.size:  # behind the last row only where rows were left out
         usable[n] = _sample(stamps[n], values[n], marks[n], settings, whole, real)
         n += 1

@@ -10,7 +10,7 @@ import numpy as np
 
 from hunt_ros.detection.channels import health
 from hunt_ros.detection.door import Door
-from hunt_ros.detection.output import NUMBERS, PUBLIC, blank_rows, seconds_text
+from hunt_ros.detection.output import PUBLIC, blank_rows, seconds_text
 from hunt_ros.detection.regions import Level, Region, State
 from hunt_ros.detection.words.alarms import AlarmHistory
 from hunt_ros.detection.words.reasons import absent_words, causes_of
@@ -140,7 +140,7 @@ def status_of(
         'fold_amplitude_m': basis.fold_amplitude,
         'absent': '; '.join(absent),
         **{name: '' if x is None else x for name, x in history.totals().items()},
-        **{PUBLIC.get(name, name): float(row[name]) for name in NUMBERS},
+        **{public: float(row[name]) for name, public in PUBLIC.items()},
         **{f'dropped {what}': count for what, count in dropped.items()},
         **{f'clock_offset_s {name}': x for name, x in offsets.items()},
     }
