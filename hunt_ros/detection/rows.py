@@ -79,7 +79,6 @@ class RowMaker:
         self._outlooks = OutlookTable(identified)
         self._judged.compared = identified is not None
         self._rules = rules_of(self.config, *self.boundaries)
-        self.memory['noise'] = decisions.fresh_memory()['noise']
         self._looked_up = _NO_LOOK
 
     def reconfigure(self, config: DetectorConfig) -> None:
@@ -251,8 +250,8 @@ class RowMaker:
         memory = self.memory[0]
         self.memory['outlook'] = self._outlooks.at(
             float(row['speed']),
-            float(memory['noise']['intensity']),
-            float(memory['noise']['spread']),
+            float(memory['floor']['intensity']),
+            float(memory['floor']['spread']),
             states.CALM * math.sqrt(memory['floor']['square']),
             float(np.nan_to_num(row['lateral_roughness'])),
         )

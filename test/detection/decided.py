@@ -21,11 +21,10 @@ def decided(
     form: FormNumbers | None = None,
     memory: np.ndarray | None = None,
     speed: float | np.ndarray = math.nan,
-    phase: float | np.ndarray = math.nan,
 ) -> np.ndarray:
     """Return the rows of an amplitude that is known to 1 um, m."""
     rows = blank_rows(np.zeros(amplitude.size, dtype=np.int64))
-    rows['speed'], rows['phase'] = speed, phase
+    rows['speed'], rows['step'] = speed, 0.0
     std, nowhere = np.full(amplitude.size, 1e-6), np.full(amplitude.size, math.nan)
     none, all_of_it = np.zeros(amplitude.size, np.bool_), np.ones(amplitude.size, np.bool_)
     decisions.decide(

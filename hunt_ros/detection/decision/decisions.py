@@ -30,7 +30,6 @@ MEMORY: np.dtype[np.void] = np.dtype(
     [
         ('floor', noise.NOISE_FLOOR),
         ('ratios', likelihood.LIKELIHOOD),
-        ('noise', noise.NOISE_INTENSITY),
         ('outlook', OUTLOOK),
         ('region', HELD),
         ('state', states.STATE),
@@ -61,7 +60,7 @@ def fresh_memory() -> NDArray[np.void]:
     """Return the memory of a detector that has seen nothing: MEMORY, shape (1,)."""
     memory = np.zeros(1, dtype=MEMORY)
     memory['floor']['square'] = math.nan
-    memory['noise']['intensity'] = math.nan
+    memory['floor']['intensity'] = math.nan
     memory['state']['reference'] = math.nan
     memory['outlook'] = NO_OUTLOOK
     return memory
@@ -216,7 +215,6 @@ def _learn(
         likelihood.begin_anew(m['ratios'], v)
         if not predictable or m['outlook']['quiet'] > 0.5:  # else there is none to learn
             noise.forget_floor(m['floor'])
-    quiet = False
     if math.isnan(a):
         likelihood.interrupt(m['ratios'])
     else:
@@ -228,13 +226,9 @@ def _learn(
             sure = rules.probability_in
             beyond = out['escape_probability'] > sure
             beyond |= predictable and m['outlook']['quiet'] < 1.0 - sure
-            quiet = noise.learn(rules, m['floor'], m['ratios'], a, not beyond)
-    if quiet and predictable:
-        noise.learn_intensity(rules, form, m['noise'], v, a, out['phase'])
-    else:
-        noise.interrupt(m['noise'])
+            noise.learn(rules, m['floor'], m['ratios'], a, not beyond)
     out['noise_floor'] = noise.floor_of(m['floor'], m['ratios'], s)
-    out['noise_intensity'] = m['noise']['intensity']
+    out['noise_intensity'] = m['floor']['intensity']
 
 
 @compiled_part

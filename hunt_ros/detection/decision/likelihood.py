@@ -182,6 +182,19 @@ def settled(memory: Any) -> bool:
 
 
 @compiled_part
+def intensity(rules: Rules, memory: Any) -> tuple[float, float]:
+    """
+    Return the noise intensity D = S / (2 T), m^2/s, and the deviation of its logarithm.
+
+    Simulated, with filters of no lag and of 0.15 s, D is right to 35 %, and its deviation 0.3 to
+    0.45 where all increments are there.
+    """
+    j = _TELLING - 1
+    span = HORIZONS[j] * rules.step * rules.period_s
+    return 0.5 * memory['noise'][j] / span, math.sqrt(4.0 / memory['freedom'][j])
+
+
+@compiled_part
 def excess(rules: Rules, memory: Any) -> float:
     """Return minus the logarithm of the chance that noise alone has the amplitude at the mark."""
     most = 0.0

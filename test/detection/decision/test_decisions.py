@@ -57,17 +57,16 @@ def _states(form: NormalForm, speed: np.ndarray, z: np.ndarray) -> np.ndarray:
     found, memory = [], decisions.fresh_memory()
     table, numbers, second = OutlookTable(known), form_numbers(known), round(1.0 / PERIOD)
     for begin in range(0, z.size, second):
-        noise, square = memory['noise'][0], float(memory['floor']['square'][0])
+        noise = memory['floor'][0]
         memory['outlook'] = table.at(
             float(speed[begin]),
             float(noise['intensity']),
             float(noise['spread']),
-            states.CALM * math.sqrt(square),
+            states.CALM * math.sqrt(noise['square']),
             0.0,
         )
         part = slice(begin, begin + second)
-        path, phase = np.abs(z[part]), np.angle(z[part])
-        found.append(decided(path, rules, numbers, memory, speed[part], phase)['state'])
+        found.append(decided(np.abs(z[part]), rules, numbers, memory, speed[part])['state'])
     return np.concatenate(found)
 
 

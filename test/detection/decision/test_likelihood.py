@@ -10,6 +10,7 @@ from decided import decided
 from scipy.signal import lfilter
 
 from hunt_ros.detection import DetectorConfig, State
+from hunt_ros.detection.decision import decisions
 from hunt_ros.detection.decision.rules import rules_of
 
 ROWS = 100  # in a second
@@ -45,6 +46,18 @@ def seconds_to_alarm(states: np.ndarray) -> float:
 @pytest.mark.parametrize('damping', [0.1, 0.4, 2.0])
 def test_narrow_band_noise_is_no_hunting(damping: float, lag_s: float) -> None:
     assert math.isinf(seconds_to_alarm(judged(noise(3600.0, damping, lag_s))))
+
+
+@pytest.mark.parametrize('lag_s', [0.0, 0.15])
+@pytest.mark.parametrize('damping', [0.1, 0.2, 0.4])
+def test_the_intensity_is_right_and_its_spread_is_honest(damping: float, lag_s: float) -> None:
+    true, memory, off = 0.5 * damping * QUIET**2, decisions.fresh_memory(), []
+    for seed in range(40):
+        memory[:] = decisions.fresh_memory()
+        rows = decided(np.abs(noise(20.0, damping, lag_s, seed)), memory=memory)
+        off.append(math.log(rows['noise_intensity'][-1] / true))
+    assert abs(np.mean(off)) < 0.4
+    assert 0.5 < np.std(off) / memory['floor']['spread'][0] < 1.5
 
 
 @pytest.mark.parametrize('rate', [0.3, 1.0])
