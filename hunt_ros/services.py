@@ -36,6 +36,8 @@ class Service(NamedTuple):
     repeatable : bool
         True where a second call does no harm, whoever called something else in between: it only
         reads, or does what is on the safe side. A call whose answer was lost is then repeated.
+    takes_s : float
+        An answer that takes longer is none, s.
     """
 
     name: str
@@ -45,6 +47,7 @@ class Service(NamedTuple):
     words: str = ''
     switch: str = ''
     repeatable: bool = False
+    takes_s: float = 10.0
 
 
 def spoken(words: str) -> str:
@@ -124,7 +127,10 @@ SERVICES: dict[str, Service] = {
         switch='off',
     ),
     'start-recording': Service('recording/start', 'bag_recorder', 'begin a recording'),
-    'stop-recording': Service('recording/stop', 'bag_recorder', 'close the recording'),
+    # What was lost on the way comes first, then the disk.
+    'stop-recording': Service(
+        'recording/stop', 'bag_recorder', 'close the recording', takes_s=90.0
+    ),
     'split-recording': Service('recording/split', 'bag_recorder', 'begin a new file of it'),
     'mark': Service(
         'recording/mark',
@@ -154,7 +160,10 @@ SERVICES: dict[str, Service] = {
         'code, minutes and reason, as in docs/alarm.md; 0 minutes end it',
     ),
     'test-alarm': Service(
-        'alarm/test', 'alarm_outputs', 'have sound, command and relay call for a moment'
+        'alarm/test',
+        'alarm_outputs',
+        'have sound, command and relay call for a moment',
+        takes_s=90.0,
     ),
     'kick': Service('simulator/kick', 'rig_simulator', 'kick the simulated wheelset'),
     'pause-replay': Service('replay/pause', 'live_replay', 'hold a live replay', repeatable=True),

@@ -43,9 +43,9 @@ _GRACE_S = {signal.SIGINT: 8.0, signal.SIGTERM: 2.0, signal.SIGKILL: 2.0}
 _RECORDER, _CLOSING_S = 'bag_recorder', 60.0
 _RECORDS = {_RECORDER, SUITE}
 #: A process stands still where two nodes beside it have told their health, which each does once a
-#: second, so often since it has; and so often since its start where it never has: the start of
-#: a node can hang in the middleware.
-_SILENT, _NEVER_HEARD = 10, 120
+#: second, so often since it has; and so often since its start where it never has, which can hang
+#: in the middleware: twice as often where it has failed before, on a machine that is slow.
+_SILENT, _NEVER_HEARD = 10, 60
 #: What ends again and again is started again after this, after twice as long, and so on, s.
 _AGAIN_S, _AGAIN_MOST_S = 0.5, 30.0
 #: Exit code of a node that refuses its settings, or cannot have what it needs.
@@ -212,7 +212,8 @@ class Supervisor:
                 start_new_session=True,
                 preexec_fn=_in_child,
             )
-        child.began_s, child.others, child.patience = time.monotonic(), Counter(), _NEVER_HEARD
+        child.began_s, child.others = time.monotonic(), Counter()
+        child.patience = _NEVER_HEARD * (2 if child.failures else 1)
         child.attach(child.process)
 
     def _log(self, name: str) -> IO[str]:

@@ -4,7 +4,8 @@
 const LOST_MS = 800;       // an update comes every 50 ms
 const RECONNECT_MS = 500;
 const DEAD_MS = 8000;      // an open connection in which nothing comes is given up
-const ANSWER_MS = 15000;
+const ANSWER_MS = 100000;   // the slowest service has 90 s (hunt_ros/services.py)
+const STOP_MS = 15000;
 const HOLD_MS = 1000;      // what cannot be taken back is held down so long
 const BEEP_MS = 2000;
 const SHAPES = {OK: '✓', WARN: '▲', ERROR: '■', STALE: '?'};
@@ -357,7 +358,7 @@ async function command(word, words = '') {
       method: 'POST',
       headers: {'Content-Type': 'application/json'},
       body: JSON.stringify({word, words}),
-      signal: AbortSignal.timeout(ANSWER_MS),
+      signal: AbortSignal.timeout(word === 'emergency-stop' ? STOP_MS : ANSWER_MS),
     });
     const {done, message} = await reply.json();
     answer(done ? 'done' : 'refused', `${name}: ${message || (done ? 'done' : 'refused')}`);

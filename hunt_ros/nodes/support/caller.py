@@ -57,7 +57,7 @@ class Caller:
     words : iterable of str
         Services that are looked for from the start: such a call does not wait for discovery.
     found_s, answer_s : float
-        A service is looked for so long, and waited for so long, s.
+        A service is looked for so long, and waited for so long at least, s.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class Caller:
         failed: Failed,
         words: Iterable[str] = SERVICES,
         found_s: float = 5.0,
-        answer_s: float = 10.0,
+        answer_s: float = 0.0,
     ) -> None:
         self._found_s, self._answer_s = found_s, answer_s
         self._aside = Aside(node, failed, 'caller')
@@ -79,6 +79,7 @@ class Caller:
         self._ready_s: dict[str, float] = {}  # since when each service is known to be there
         for word in words:
             self._client(word)
+        self._aside.start()
 
     def call(self, word: str, words: str = '') -> Future[Answer]:
         """
@@ -148,15 +149,15 @@ class Caller:
             if not answered.done():
                 answered.set_result(Answer(said.success, said.message))
 
-        gives_up_s = time.monotonic() + self._answer_s
+        takes_s = max(service.takes_s, self._answer_s)
+        gives_up_s = time.monotonic() + takes_s
         for left in reversed(range(_MOST if service.repeatable else 1)):
             client.call_async(request or Trigger.Request()).add_done_callback(answer)
             patience_s = gives_up_s - time.monotonic()
             wait([answered], min(_AGAIN_S, patience_s) if left else patience_s)
             if answered.done():
                 return answered.result()
-        said = f'{service.node} has not answered for {self._answer_s:.0f} s'
-        return Answer(False, said, False)
+        return Answer(False, f'{service.node} has not answered for {takes_s:.0f} s', False)
 
     def _nobody(self, service: Service) -> str:
         """Say that nobody offers a service, and where else it is offered."""

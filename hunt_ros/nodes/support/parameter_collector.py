@@ -38,7 +38,7 @@ class ParameterCollector(Aside):
         self._tell = tell
         self._clients: dict[str, dict[type, Any]] = {}
         self.ask_again()
-        super().__init__(node, failed, 'parameters', _LOOK_S, self._look)  # its thread runs now
+        super().__init__(node, failed, 'parameters', _LOOK_S, self._look)
 
     def ask_again(self) -> None:
         """Ask every node anew: another recording has begun."""

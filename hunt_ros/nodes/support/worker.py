@@ -10,6 +10,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Generic, TypeVar
 
 import rclpy
@@ -64,10 +65,11 @@ class Worker:
 
 class Aside:
     """
-    A node beside the node, in a thread of its own with the plain executor.
+    A node beside the node, in a thread of its own with the plain executor, which `start` starts.
 
     Service clients crash the EventsExecutor of these wheels now and then, and a service that takes
-    long holds up every message: both belong to another node.
+    long holds up every message: both belong to another node. The thread is started when a node
+    has made what it needs: a start in which two threads ask the middleware has hung.
 
     Parameters
     ----------
@@ -93,11 +95,17 @@ class Aside:
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
         self._every_s, self._round = every_s, work
-        self._worker = Worker(failed, name, self._work)
+        self._begin = partial(Worker, failed, name, self._work)
+        self._worker: Worker | None = None
+
+    def start(self) -> None:
+        """Answer from now on."""
+        self._worker = self._begin()
 
     def close(self, timeout_s: float = 2.0) -> None:
         """End the thread; one that is busy is left to itself after so long."""
-        self._worker.stop(timeout_s)
+        if self._worker is not None:
+            self._worker.stop(timeout_s)
 
     def answered(self, asked: Future, timeout_s: float) -> bool:
         """Wait in its thread for an answer of a service; return False where none came in time."""
@@ -155,6 +163,7 @@ def answer_aside(node: Node, failed: Failed, answers: Mapping[str, Callable[[], 
     beside = Aside(node, failed, 'services')
     for name, answer in answers.items():
         offer(beside.node, name, answer, node)
+    beside.start()
     return beside
 
 
