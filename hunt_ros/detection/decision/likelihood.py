@@ -191,7 +191,7 @@ def intensity(rules: Rules, memory: Any) -> tuple[float, float]:
     """
     j = _TELLING - 1
     span = HORIZONS[j] * rules.step * rules.period_s
-    return 0.5 * memory['noise'][j] / span, math.sqrt(4.0 / memory['freedom'][j])
+    return 0.5 * memory['noise'][j] / span, math.sqrt(4.0 / max(memory['freedom'][j], 1.0))
 
 
 @compiled_part
