@@ -23,7 +23,8 @@ from hunt_ros.detection.decision.limits import ALARMS
 from hunt_ros.detection.decision.outlook import OutlookTable, form_numbers
 from hunt_ros.detection.decision.rules import rules_of
 from hunt_ros.detection.door import Block
-from hunt_ros.detection.estimates import Estimator, JudgedChannel
+from hunt_ros.detection.estimates import Estimator
+from hunt_ros.detection.judged import JudgedChannel
 from hunt_ros.detection.output import Motion
 from hunt_ros.detection.regions import Level, State
 from hunt_ros.dynamics.identified import IdentifiedNormalForm

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hunt_ros.detection.door import AHEAD, BACKWARD, REPEATED, Channel
+from hunt_ros.detection.stamps import AHEAD, BACKWARD, REPEATED, Channel
 
 SECOND = 1_000_000_000
 

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.compiled import B1, F1, F2, I1, R1, compiled, compiled_part
-from hunt_ros.detection import door
+from hunt_ros.detection import stamps as faults
 from hunt_ros.detection.door import Block
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.sensors import MOTION, SENSORS
 
 # What can be wrong with a channel, one bit each.
-REPEATED_STAMP, BACKWARD_STAMP, AHEAD_STAMP = door.REPEATED, door.BACKWARD, door.AHEAD
-LATE = door.LATE
+REPEATED_STAMP, BACKWARD_STAMP, AHEAD_STAMP = faults.REPEATED, faults.BACKWARD, faults.AHEAD
+LATE = faults.LATE
 INVALID = 16
 STANDSTILL = 32
 WAITING = 64
