@@ -6,6 +6,7 @@ import json
 import math
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import TwistStamped
 from rcl_interfaces.msg import Log
 from rclpy.parameter import Parameter
@@ -58,6 +59,7 @@ def test_an_alarm_outlasts_pauses_and_settings_change_while_it_runs(graph, resid
     wheelset = Wheelset(graph)
     log: list[Log] = graph.collect(Log, '/rosout')
     verdicts = graph.told('hunting/criteria')
+    health = graph.collect(DiagnosticArray, '/diagnostics')
     criterion = {'criteria': '[cfr_213_333]', 'criteria_scale': 0.001}
     node = resident(HuntingDetectorNode, channels='[lateral, speed]', **criterion)
     node.trigger_configure()
@@ -74,6 +76,15 @@ def test_an_alarm_outlasts_pauses_and_settings_change_while_it_runs(graph, resid
     assert (verdicts[0]['name'], verdicts[0]['exceeded']) == ('cfr_213_333', 'True')
     assert 'stays as that of a limit cycle does' in event['cause']
     assert float(event['since_s']) > 0.0
+
+    def monitored() -> dict[str, bytes]:
+        wheelset.status()
+        return {each.name: each.level for message in health[-2:] for each in message.status}
+
+    # What a monitor shows: the detector is well, and the rig is not.
+    levels = {'rig/hunting_alarm': DiagnosticStatus.ERROR, 'rig/hunting_detector': b'\0'}
+    graph.spin_until(lambda: monitored().items() >= levels.items())
+    assert all(each.hardware_id for message in health for each in message.status)
 
     (result,) = node.set_parameters([Parameter('critical_speed_mps', value=7.0)])
     assert result.successful

@@ -283,60 +283,6 @@ def test_a_folder_that_is_moved_away_is_said_and_another_recording_follows(graph
     assert 'names another folder' in refused
 
 
-@pytest.mark.slow
-def test_what_was_lost_on_the_way_is_counted_and_said(graph) -> None:
-    once = QoSProfile(depth=1)  # the writer keeps nothing for readers that are held up
-    lateral = graph.node.create_publisher(JointState, 'lateral', once)
-    healths = graph.told()
-    closed = graph.collect(String, 'recording/closed', LATCHED)
-    start(graph)
-    graph.start('hunting_detector')
-    graph.spin_until(lambda: lateral.get_subscription_count() == 2, 60.0)
-
-    def health(node: str) -> dict[str, str]:
-        said = [one for one in healths if one['name'].endswith(node)]
-        return said[-1] if said else {'missed': '0', 'dropped': '0'}
-
-    published = 0
-
-    def publish() -> None:
-        nonlocal published
-        published += 1
-        lateral.publish(joint('lateral', BEGIN_NS + 1_000_000 * published, 0.001 * published))
-
-    def both_hear() -> bool:
-        publish()
-        heard = health('hunting_detector').get('received'), health('bag_recorder').get('messages')
-        return all(int(count or 0) > 0 for count in heard)
-
-    graph.spin_until(both_hear)
-    graph.spin(0.5)
-    for node in ('bag_recorder', 'hunting_detector'):
-        graph.process(node).send_signal(signal.SIGSTOP)
-    for _ in range(20_000):  # more than waits on the way
-        publish()
-    for node in ('bag_recorder', 'hunting_detector'):
-        graph.process(node).send_signal(signal.SIGCONT)
-
-    def all_lost_are_known() -> bool:
-        publish()
-        # One that was lost before is not what is waited for.
-        counts = health('bag_recorder')['dropped'], health('hunting_detector')['missed']
-        return min(map(int, counts)) > 10_000
-
-    graph.spin_until(all_lost_are_known)
-    words = [one['message'] for one in healths]
-    assert any('samples lost on their way here' in each for each in words)
-    assert any('messages dropped, most of them on /rig/lateral' in each for each in words)
-    assert graph.call('recording/stop').success
-    graph.spin_until(lambda: closed)
-    (last,) = [one for one in words if 'messages dropped' in one][-1:]
-    recorded = read_columns(Path(closed[-1].data), {'y': '/rig/lateral.position[0]'})['y']
-    # What came before the recorder was found is not lost, but never was on its way to it.
-    before = round(1000.0 * recorded.values[0]) - 1
-    assert recorded.values.size + int(last.split()[0]) == published - before
-
-
 def test_dropped_messages_are_a_warning(tmp_path: Path) -> None:
     from hunt_ros.nodes.bag_recorder import _judged
 

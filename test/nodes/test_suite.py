@@ -5,9 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rcl_interfaces.msg import Log
-from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
@@ -16,50 +13,6 @@ from hunt_ros.nodes.support.qos import latched
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 FORM = Path(__file__).parents[2] / 'bags' / 'paper.yaml'
-
-
-def _start_rig(graph, **simulator: object) -> None:
-    graph.start('rig_simulator', port=graph.port, start_with_readers=3, **simulator)
-    for name in ('lateral_sensor', 'yaw_sensor'):
-        graph.start(name, port=graph.port)
-    # These tests look at the detector: nothing shall slow the roller down.
-    graph.start('roller_speed', port=graph.port, interlock="'off'")
-
-
-def test_a_bump_beyond_the_basin_is_escaping_then_a_limit_cycle_and_stays_an_alarm(graph) -> None:
-    events, statuses = graph.told('hunting/events'), graph.told('hunting/status')
-    amplitudes = graph.collect(JointState, 'hunting/amplitude')
-    health = graph.collect(DiagnosticArray, '/diagnostics')
-    logged = graph.collect(Log, '/rosout')
-    graph.start('hunting_detector', FORM)
-    graph.spin_until(lambda: statuses)
-    assert statuses.last['level'] == 'STALE', 'no data must not look like a quiet rig'
-    _start_rig(graph, initial_speed_mps=7.2, kick_m=0.0006)
-    graph.spin_until(
-        lambda: statuses.last['region'] == 'hysteresis' and statuses.last['level'] == 'WARN', 60.0
-    )
-    assert statuses.last['alarm'] == 'False'
-    assert graph.call('simulator/kick').success
-    graph.spin_until(lambda: 'limit_cycle' in events.events, 60.0)
-    assert events.events.index('escaping') < events.events.index('limit_cycle')
-    graph.spin_until(lambda: statuses.last['level'] == 'ERROR')
-    assert statuses.last['alarm'] == 'True'
-    assert amplitudes[-1].position[0] == pytest.approx(0.63e-3, rel=0.05)
-
-    def alarming() -> bool:
-        told = {status.name: status.level for message in health[-20:] for status in message.status}
-        said = told.get('rig/hunting_alarm'), told.get('rig/hunting_detector')
-        return said == (DiagnosticStatus.ERROR, DiagnosticStatus.OK)
-
-    graph.spin_until(alarming)  # what a monitor of /diagnostics shows
-    assert all(status.hardware_id for message in health for status in message.status)
-    words = ('hunting_detector', 'limit_cycle')
-    graph.spin_until(
-        lambda: any(m.name.endswith(words[0]) and m.msg.startswith(words[1]) for m in logged)
-    )
-    assert graph.call('hunting/acknowledge_alarm').success
-    graph.spin(0.5)
-    assert statuses.last['alarm'] == 'True', 'the rig still hunts'
 
 
 def test_a_sweep_is_recorded_refitted_and_the_form_taken_over_without_a_restart(graph) -> None:

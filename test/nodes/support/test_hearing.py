@@ -8,7 +8,7 @@ rclpy = pytest.importorskip('rclpy', reason='the extra ros is not installed')
 
 from std_msgs.msg import String  # noqa: E402
 
-from hunt_ros.nodes.support.hearing import waiting  # noqa: E402
+from hunt_ros.nodes.support.hearing import Missed, waiting  # noqa: E402
 from hunt_ros.nodes.support.node import SuiteNode  # noqa: E402
 from hunt_ros.nodes.support.qos import stream  # noqa: E402
 from hunt_ros.nodes.support.runtime import cheapest_executor  # noqa: E402
@@ -69,17 +69,21 @@ def test_what_the_executor_hears_does_not_wait_behind_a_flood(graph, listener) -
     executor.shutdown()
 
 
-def test_a_full_reader_gives_what_it_holds_and_keeps_the_newest(graph, listener) -> None:
+def test_a_full_reader_keeps_the_newest_and_what_is_lost_is_counted(graph, listener) -> None:
     many = graph.beside('flood').create_publisher(String, '/many', stream(4 * _MANY))
     graph.spin_until(many.get_subscription_count)
-    for number in range(4 * _MANY):
+    missed, numbers = Missed(listener, '/many'), []
+
+    def has_come(last: int) -> bool:
+        for message, info in waiting(listener.many):
+            missed.take(info)
+            numbers.append(int(message.data))
+        return numbers[-1:] == [last]
+
+    many.publish(String(data='0'))
+    graph.spin_until(lambda: has_come(0))
+    for number in range(1, 4 * _MANY):
         many.publish(String(data=str(number)))
-    texts: list[str] = []
-
-    def the_last_has_come() -> bool:
-        texts.extend(message.data for message, _ in waiting(listener.many))
-        return texts and texts[-1] == str(4 * _MANY - 1)
-
-    graph.spin_until(the_last_has_come)
-    numbers = [int(text) for text in texts]
-    assert numbers == sorted(numbers)
+    graph.spin_until(lambda: has_come(4 * _MANY - 1))
+    assert numbers == sorted(set(numbers))
+    assert missed.count == 4 * _MANY - len(numbers) > 0
