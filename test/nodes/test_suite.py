@@ -12,8 +12,6 @@ from hunt_ros.nodes.support.qos import latched
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
-FORM = Path(__file__).parents[2] / 'bags' / 'paper.yaml'
-
 
 def test_a_sweep_is_recorded_refitted_and_the_form_taken_over_without_a_restart(graph) -> None:
     events, statuses = graph.told('hunting/events'), graph.told('hunting/status')
