@@ -1,16 +1,17 @@
 """
-What an alarm does outside of the screen: a sound, a command, a relay on a Modbus coil.
+What an alarm does outside of the screen, and when: a sound, a command, a relay on a Modbus coil.
 
 None of them is a safety function. Each may fail: it then raises, and does no harm to the others.
 """
 
 from __future__ import annotations
 
+import math
 import shlex
 import shutil
 import subprocess
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from functools import partial
@@ -19,7 +20,7 @@ from hunt_ros.drivers.modbus import ModbusBus, ModbusLink
 from hunt_ros.errors import ConfigError, DriverError
 from hunt_ros.rig import told_by
 from hunt_ros.settings import setting
-from hunt_ros.suite import ALARM_OUTPUTS
+from hunt_ros.suite import ALARM_OUTPUTS, START_S
 
 #: A sound is played so often; one that is longer than this hangs, and so does a command, s.
 _SOUND_EVERY_S, _LONGEST_SOUND_S, _LONGEST_COMMAND_S = 2.0, 120.0, 10.0
@@ -43,6 +44,93 @@ class Condition(Enum):
     def calls(self) -> bool:
         """True where somebody must come."""
         return self in (Condition.ALARM, Condition.DOUBT)
+
+
+#: What sounds again after an acknowledgement: the events with which an alarm begins.
+_BEGINS = ('escaping', 'limit_cycle', 'limit_exceeded', 'interlock_tripped')
+
+
+class Call:
+    """
+    What the outputs show, by what detector and speed node say; moments are of a steady clock, s.
+
+    Parameters
+    ----------
+    silence_s : float
+        A detector that says nothing for so long is a doubt.
+    began_s : float
+        Of the start.
+
+    Attributes
+    ----------
+    condition, cause : Condition, str
+        At the last look.
+    acknowledged : bool
+        A person has acknowledged it.
+    """
+
+    def __init__(self, silence_s: float, began_s: float) -> None:
+        self.condition, self.cause = Condition.WAITING, 'no status heard yet'
+        self.acknowledged = False
+        self._silence_s, self._began_s = silence_s, began_s
+        self._heard_s = self._drive_s = -math.inf
+        self._status: Mapping[str, str] = {}
+        self._kept = ''  # what the speed node keeps until a person ends it
+        self._shelved: set[str] = set()  # codes of what calls nobody, as the speed node says
+        self._judged = False  # the detector has had sound inputs once
+
+    def hear(self, now_s: float, status: Mapping[str, str]) -> None:
+        """Take a status of the detector."""
+        self._status, self._heard_s = status, now_s
+        self._judged |= status['level'] != 'STALE'
+
+    def hear_drive(self, now_s: float, said: Mapping[str, str]) -> None:
+        """Take what the speed node says: of an alarm that outlived its detector, and of a trip."""
+        tripped = said.get('interlock_state') == 'tripped'
+        self._drive_s = now_s
+        self._shelved = {each.split()[0] for each in said.get('shelved', '').split('; ') if each}
+        self._kept = said.get('alarm_kept') or (said['interlock_cause'] if tripped else '')
+
+    def hear_event(self, event: str) -> None:
+        """Silence the horn for what was acknowledged; an alarm that follows sounds again."""
+        if event in ('acknowledged', *_BEGINS):
+            self.acknowledged = event == 'acknowledged'
+
+    def heard(self, now_s: float) -> bool:
+        """Return True while the detector speaks."""
+        return now_s - self._heard_s <= self._silence_s
+
+    def look(self, now_s: float) -> bool:
+        """Judge anew; return True where the condition is another one."""
+        before = self.condition
+        self.condition, cause = self._judge(now_s)
+        if self.condition is before:
+            return False
+        self.cause, self.acknowledged = cause, False
+        return True
+
+    def _judge(self, now_s: float) -> tuple[Condition, str]:
+        """Return what is to be shown, and why: what was an alarm is one while it is silent."""
+        status = self._status
+        words = f'{status["level"]}: {status["message"]}' if status else 'no status heard yet'
+        causes = {*status.get('causes', '').split()}
+        # Of a speed node that is gone nobody knows what is shelved.
+        known = now_s - self._drive_s < self._silence_s
+        shelved = known and bool(causes) and causes <= self._shelved
+        if self._kept:
+            return Condition.ALARM, self._kept
+        alarm = bool(status) and (status['level'] == 'ERROR' or status.get('alarm') == 'True')
+        if alarm and not shelved:
+            return Condition.ALARM, words
+        if not self._judged and now_s - self._began_s < START_S:
+            return Condition.WAITING, words
+        if not status:
+            return Condition.DOUBT, f'no status since the start, for more than {START_S:g} s'
+        if not self.heard(now_s):
+            return Condition.DOUBT, f'no status for {self._silence_s:g} s'
+        if shelved:  # a detector that is silent calls all the same
+            return Condition.WELL, f'shelved: {words}'
+        return Condition.DOUBT if status['level'] == 'STALE' else Condition.WELL, words
 
 
 class AlarmOutput(ABC):

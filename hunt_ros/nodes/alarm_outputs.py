@@ -19,7 +19,7 @@ from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
 
-from hunt_ros.drivers.alarm_output import AlarmSettings, Condition
+from hunt_ros.drivers.alarm_output import AlarmSettings, Call, Condition
 from hunt_ros.errors import ConfigError, DriverError
 from hunt_ros.nodes.support.conversions import read_diagnostic
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, one_line, steady_clock
@@ -27,7 +27,7 @@ from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare, warn_unknown
 from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched
 from hunt_ros.nodes.support.worker import Worker, answer_aside
-from hunt_ros.suite import START_S, Awaited
+from hunt_ros.suite import Awaited
 
 _LOOK_S = 0.05
 #: What failed is tried again after this, after twice as long, and so on, s.
@@ -35,8 +35,6 @@ _AGAIN_S, _AGAIN_MOST_S = 5.0, 60.0
 #: A test sounds, and holds a relay, for so long, s; it is given up after the second.
 _TEST_S, _TEST_MOST_S = 2.0, 60.0
 _TEST = 'test of the alarm, asked for by a person'
-#: What sounds again after an acknowledgement: the events with which an alarm begins.
-_BEGINS = ('escaping', 'limit_cycle', 'limit_exceeded', 'interlock_tripped')
 
 
 class AlarmOutputsNode(SuiteNode):
@@ -51,15 +49,7 @@ class AlarmOutputsNode(SuiteNode):
         warn_unknown(self)
         if not self._outputs:
             raise ConfigError('alarm_outputs: none of sound, command and relay_coil is given')
-        self._condition, self._cause = Condition.WAITING, 'no status heard yet'
-        self._began_s = time.monotonic()
-        self._heard_s = -float('inf')
-        self._status: dict[str, str] = {}
-        self._kept = ''  # what the speed node keeps until a person ends it
-        self._shelved: set[str] = set()  # codes of what calls nobody, as the speed node says
-        self._drive_s = -float('inf')  # when it was heard last
-        self._acknowledged = False  # what is called for now
-        self._judged = False  # the detector has had sound inputs once
+        self._call = Call(self._config.silence_s, time.monotonic())
         self._problems: dict[str, str] = {}
         #: Outputs that are being tested, and what came of it.
         self._tests: dict[str, Future[str]] = {}
@@ -90,56 +80,21 @@ class AlarmOutputsNode(SuiteNode):
     def _on_status(self, message: DiagnosticArray) -> None:
         """Take a status of the detector."""
         if status := read_diagnostic(message):
-            self._status, self._heard_s = status, time.monotonic()
-            self._judged |= status['level'] != 'STALE'
+            self._call.hear(time.monotonic(), status)
             self._look()
 
     def _on_drive(self, message: DiagnosticArray) -> None:
-        """Take what the speed node says: of an alarm that outlived its detector, and of a trip."""
-        said = read_diagnostic(message)
-        tripped = said.get('interlock_state') == 'tripped'
-        self._drive_s = time.monotonic()
-        self._shelved = {each.split()[0] for each in said.get('shelved', '').split('; ') if each}
-        self._kept = said.get('alarm_kept') or (said['interlock_cause'] if tripped else '')
+        self._call.hear_drive(time.monotonic(), read_diagnostic(message))
 
     def _on_event(self, message: DiagnosticArray) -> None:
-        """Silence the horn for what was acknowledged; an alarm that follows sounds again."""
-        event = read_diagnostic(message).get('event')
-        if event in ('acknowledged', *_BEGINS):
-            self._acknowledged = event == 'acknowledged'
+        self._call.hear_event(read_diagnostic(message).get('event', ''))
 
     def _look(self) -> None:
         """Have every output show a condition that is new."""
-        before = self._condition
-        self._condition, cause = self._judge()
-        if self._condition is not before:
-            self._cause, self._acknowledged = cause, False
-            self.get_logger().info(f'{self._condition.value}: {cause}')
+        if self._call.look(time.monotonic()):
+            self.get_logger().info(f'{self._call.condition.value}: {self._call.cause}')
             for changed in self._changed.values():
                 changed.set()
-
-    def _judge(self) -> tuple[Condition, str]:
-        """Return what is to be shown now, and why: what was an alarm is one while it is silent."""
-        status, silence_s = self._status, self._config.silence_s
-        words = f'{status["level"]}: {status["message"]}' if status else 'no status heard yet'
-        causes = {*status.get('causes', '').split()}
-        # Of a speed node that is gone nobody knows what is shelved.
-        known = time.monotonic() - self._drive_s < silence_s
-        shelved = known and bool(causes) and causes <= self._shelved
-        if self._kept:
-            return Condition.ALARM, self._kept
-        alarm = bool(status) and (status['level'] == 'ERROR' or status.get('alarm') == 'True')
-        if alarm and not shelved:
-            return Condition.ALARM, words
-        if not self._judged and time.monotonic() - self._began_s < START_S:
-            return Condition.WAITING, words
-        if not status:
-            return Condition.DOUBT, f'no status since the start, for more than {START_S:g} s'
-        if time.monotonic() - self._heard_s > silence_s:
-            return Condition.DOUBT, f'no status for {silence_s:g} s'
-        if shelved:  # a detector that is silent calls all the same
-            return Condition.WELL, f'shelved: {words}'
-        return Condition.DOUBT if status['level'] == 'STALE' else Condition.WELL, words
 
     def _work(self, name: str, stopping: threading.Event) -> None:
         """Keep one output at the present condition; what fails is told, and tried again."""
@@ -149,8 +104,8 @@ class AlarmOutputsNode(SuiteNode):
             if (test := self._tests.pop(name, None)) is not None:
                 test.set_result(self._try(name, partial(output.show, Condition.ALARM, _TEST)))
                 stopping.wait(_TEST_S)
-            shown = partial(output.show, self._condition, self._cause)
-            silent = output.horn and self._acknowledged
+            shown = partial(output.show, self._call.condition, self._call.cause)
+            silent = output.horn and self._call.acknowledged
             failed = '' if silent else self._try(name, shown)
             changed.wait(again_s if failed else output.repeat_s)
             changed.clear()
@@ -171,7 +126,7 @@ class AlarmOutputsNode(SuiteNode):
 
     def _on_test(self) -> str:
         """Have every output call for a moment, as a status of the detector would."""
-        if time.monotonic() - self._heard_s > self._config.silence_s:
+        if not self._call.heard(time.monotonic()):
             raise DriverError('the detector is not heard: an alarm of it would call nobody')
         asked: dict[str, Future[str]] = {name: Future() for name in self._outputs}
         self._tests |= asked
@@ -193,17 +148,17 @@ class AlarmOutputsNode(SuiteNode):
 
     def _health(self) -> Health:
         values = {
-            'condition': self._condition.value,
-            'cause': self._cause,
-            'acknowledged': self._acknowledged,
+            'condition': self._call.condition.value,
+            'cause': self._call.cause,
+            'acknowledged': self._call.acknowledged,
             'tested': self._tested,
         }
         problems = [f'{name}: {problem}' for name, problem in list(self._problems.items())]
         if problems:
             return 'ERROR', '; '.join(problems), values
-        if self._condition is Condition.WAITING:
-            return Awaited('WARN'), self._cause, values
-        return 'OK', self._condition.value, values
+        if self._call.condition is Condition.WAITING:
+            return Awaited('WARN'), self._call.cause, values
+        return 'OK', self._call.condition.value, values
 
 
 def _as_clock(at_s: float) -> str:

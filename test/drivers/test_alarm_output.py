@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from hunt_ros.drivers.alarm_output import Command, Condition, Relay, Sound
+from hunt_ros.drivers.alarm_output import Call, Command, Condition, Relay, Sound
 from hunt_ros.drivers.modbus import ModbusBus
 from hunt_ros.errors import ConfigError, DriverError
 
@@ -91,3 +91,69 @@ def test_a_command_that_fails_or_hangs_is_one_line(program) -> None:
 def test_a_program_that_is_not_there_is_refused_at_the_start(text) -> None:
     with pytest.raises(ConfigError, match='command '):
         Command(text)
+
+
+WELL, ALARM, DOUBT = Condition.WELL, Condition.ALARM, Condition.DOUBT
+SHELVED = {'shelved': 'limit_cycle until 12:30 (why); yaw_stuck until 13:00 (cable)'}
+
+
+def _call(level: str, causes: str = '', **drive: str) -> Call:
+    """Return what a detector and a speed node, which have just spoken, call for at 100 s."""
+    call = Call(1.0, 0.0)
+    values = {'level': level, 'message': 'why', 'alarm': str(level == 'ERROR'), 'causes': causes}
+    call.hear(100.0, values)
+    call.hear_drive(100.0, drive)
+    call.look(100.0)
+    return call
+
+
+@pytest.mark.parametrize(
+    ('level', 'causes', 'drive', 'condition', 'cause'),
+    [
+        ('OK', '', {}, WELL, 'OK: why'),
+        ('WARN', '', {}, WELL, 'WARN: why'),
+        ('STALE', 'yaw_stuck', {}, DOUBT, 'STALE: why'),
+        ('ERROR', 'limit_cycle', {}, ALARM, 'ERROR: why'),
+        ('OK', '', {'alarm_kept': 'it hunted'}, ALARM, 'it hunted'),
+        ('OK', '', {'interlock_state': 'tripped', 'interlock_cause': 'gone'}, ALARM, 'gone'),
+        ('ERROR', 'limit_cycle yaw_stuck', SHELVED, WELL, 'shelved: ERROR: why'),
+        ('STALE', 'yaw_stuck', SHELVED, WELL, 'shelved: STALE: why'),
+        ('ERROR', 'limit_cycle escaping', SHELVED, ALARM, 'ERROR: why'),
+        (
+            'ERROR',
+            'limit_cycle',
+            SHELVED | {'interlock_state': 'tripped', 'interlock_cause': 'hunts'},
+            ALARM,
+            'hunts',
+        ),
+    ],
+)
+def test_somebody_is_called_by_what_is_said(level, causes, drive, condition, cause) -> None:
+    call = _call(level, causes, **drive)
+    assert (call.condition, call.cause) == (condition, cause)
+
+
+def test_who_is_silent_calls_whatever_is_shelved() -> None:
+    call = _call('ERROR', 'limit_cycle', **SHELVED)
+    assert not call.look(100.9)
+    assert call.look(101.1)
+    assert call.condition is ALARM, 'nobody knows any more what is shelved'
+    call = _call('OK')
+    assert call.look(101.1)
+    assert (call.condition, call.cause) == (DOUBT, 'no status for 1 s')
+    call = Call(1.0, 0.0)
+    assert not call.look(1.0)
+    assert call.condition is Condition.WAITING
+    assert call.look(100.0)
+    assert call.cause.startswith('no status since the start')
+
+
+def test_an_acknowledgement_counts_until_something_new() -> None:
+    call = _call('ERROR')
+    for event, silenced in (('acknowledged', True), ('decaying', True), ('limit_cycle', False)):
+        call.hear_event(event)
+        assert call.acknowledged == silenced
+    call.hear_event('acknowledged')
+    call.hear(101.0, {'level': 'STALE', 'message': 'why'})
+    assert call.look(101.0)
+    assert not call.acknowledged

@@ -7,7 +7,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from std_srvs.srv import Trigger
 
 from hunt_ros.nodes.support.conversions import diagnostic
-from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched
+from hunt_ros.nodes.support.qos import EVENTS, STATUS
 
 pytestmark = pytest.mark.ros
 
@@ -69,7 +69,7 @@ def test_a_detector_that_never_comes_is_a_doubt_and_what_fails_is_tried_again(
     node = resident(alarm_outputs.AlarmOutputsNode, command=calls.program)
     graph.spin_until(lambda: health)
     assert not calls(), 'a suite that starts calls nobody'
-    node._began_s -= 60.0  # as long as no start takes
+    node._call._began_s -= 60.0  # as long as no start takes
     node._diagnostics._began_s -= 60.0
     graph.spin_until(lambda: len(calls()) > 2)
     assert calls()[0].startswith('doubt: no status since the start')
@@ -113,62 +113,6 @@ def test_a_test_has_every_output_call_and_says_what_does_not(graph, called, tmp_
     answer = asked()
     assert not answer.success
     assert 'command: ' in answer.message
-
-
-@pytest.mark.parametrize(
-    'told',
-    [
-        {'alarm_kept': 'escaping at 7 m/s'},
-        {'interlock_state': 'tripped', 'interlock_cause': 'escaping at 7 m/s'},
-    ],
-)
-def test_what_the_speed_node_keeps_calls_though_all_is_well_with_the_detector(
-    graph, called, told
-) -> None:
-    calls = called()
-    detector = graph.node.create_publisher(DiagnosticArray, 'hunting/status', latched())
-    detector.publish(diagnostic(0, 'hunting', 'OK', 'why', {'alarm': False}, 'rig'))
-    kept = graph.node.create_publisher(DiagnosticArray, 'speed/status', latched())
-    kept.publish(diagnostic(0, 'roller_speed', 'OK', '', told, ''))
-    graph.start('alarm_outputs', command=calls.program, silence_s=3600.0)
-    graph.spin_until(lambda: calls()[-1:] == ['alarm: escaping at 7 m/s'])
-
-
-def test_what_is_shelved_calls_nobody_and_what_comes_beside_it_does(graph, called) -> None:
-    calls = called()
-    detector = graph.node.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
-    speed = graph.node.create_publisher(DiagnosticArray, 'speed/status', latched())
-    patience_s = graph.machine.slowness * 5.0
-    graph.start('alarm_outputs', command=calls.program, silence_s=patience_s)
-    shelved = {'shelved': 'limit_cycle until 12:30 (why); yaw_stuck until 13:00 (cable)'}
-
-    def heard(level: str, causes: str, *expected: str, **drive: str) -> None:
-        """Say it until the next calls begin like these."""
-        before, said = len(calls()), 0
-
-        def step() -> bool:
-            nonlocal said
-            said += 1
-            speed.publish(diagnostic(0, 'roller_speed', 'OK', '', shelved | drive, ''))
-            if causes != 'gone':
-                values = {'alarm': level == 'ERROR', 'causes': causes}
-                detector.publish(diagnostic(0, 'hunting', level, causes, values, 'rig'))
-            return said > 20 and len(calls()) >= before + len(expected)
-
-        graph.spin_until(step)
-        new = calls()[before:]
-        assert len(new) == len(expected)
-        assert all(map(str.startswith, new, expected)), new
-
-    heard('OK', '', 'well: OK: ')
-    heard('ERROR', 'limit_cycle yaw_stuck')
-    heard('STALE', 'yaw_stuck')
-    heard('ERROR', 'limit_cycle escaping', 'alarm: ERROR: limit_cycle escaping')
-    heard('ERROR', 'limit_cycle', 'well: shelved: ERROR: limit_cycle')
-    heard('OK', 'gone', 'doubt: no status for')
-    heard('ERROR', 'limit_cycle', 'well: shelved: ERROR: limit_cycle')
-    trip = {'interlock_state': 'tripped', 'interlock_cause': 'hunts'}
-    heard('ERROR', 'limit_cycle', 'alarm: hunts', **trip)
 
 
 def test_an_acknowledgement_silences_the_sound_until_something_new_and_nothing_else(
