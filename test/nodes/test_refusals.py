@@ -18,6 +18,7 @@ DEPTH = 'qos_overrides./rig/lateral.subscription.depth'
         ('yaw_sensor', {'calibration': 'table.yaml'}, "table.yaml: unknown key 'table'"),
         ('roller_speed', {'driver': 'modbus'}, 'neither actual_register nor encoder_register'),
         ('roller_speed', {'profile': 'hold.yaml'}, 'step 1 (hold): duration_s: -1.0 is below 0'),
+        ('rig_simulator', {'wheelset': 'binary.yaml'}, "wheelset 'binary.yaml': cannot read it"),
         ('bag_recorder', {'chunk_s': 5.0}, 'chunk_s'),
         ('alarm_outputs', {}, 'none of sound, command and relay_coil'),
         ('alarm_outputs', {'command': '/nowhere/notify'}, "no program '/nowhere/notify'"),
@@ -27,6 +28,7 @@ DEPTH = 'qos_overrides./rig/lateral.subscription.depth'
 def test_what_a_node_refuses_ends_it_with_one_line(graph, node, parameters, words) -> None:
     (graph.folder / 'table.yaml').write_text('calibration: {table: [[0, 0], [2, 1]]}')
     (graph.folder / 'hold.yaml').write_text('profile: [{hold: {speed_mps: 6, duration_s: -1}}]')
+    (graph.folder / 'binary.yaml').write_bytes(b'\xff\xfe\xff')
     graph.start(node, **parameters)
     assert graph.wait(node, 60.0) == 2
     said = graph.log(node).read_text().strip()

@@ -147,8 +147,8 @@ def read_wheelset(path: str) -> RigParameters:
         return paper_rig()
     try:
         text = Path(path).read_text(encoding='utf-8')
-    except OSError as error:
-        raise ConfigError(f'wheelset {path!r}: cannot read it ({error.strerror})') from error
+    except (OSError, ValueError) as error:  # no file, or no text
+        raise ConfigError(f'wheelset {path!r}: cannot read it ({error})') from error
     return RigParameters.from_yaml(text, path)
 
 
