@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from hunt_ros.dynamics.parameters import paper_rig
@@ -9,6 +10,7 @@ from hunt_ros.dynamics.profile import Corners, Profile
 from hunt_ros.dynamics.simulation import Kick, simulate
 from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, SimulationSettings
 from hunt_ros.estimation.record_lines import RecordLines, motion_of
+from hunt_ros.samples import Record, Series
 
 
 @pytest.mark.parametrize('speed', [6.8, 7.4])
@@ -31,3 +33,18 @@ def test_in_a_record_most_of_which_is_one_speed_the_hunting_is_not_forced(
     assert lines.forced() == []
     if kicks:
         assert lines.hunting_hz == pytest.approx(2.84, rel=0.03)
+
+
+@pytest.mark.parametrize(('apart', 'forced'), [(0.025, False), (0.06, True)])
+def test_a_line_follows_the_speed_once_it_is_seen_at_speeds_far_enough_apart(
+    apart, forced
+) -> None:
+    """Speeds within half the width of the window, and beyond: there alone is it named."""
+    rng = np.random.default_rng(0)
+    stamps = (np.arange(1, 24_001) * 10_000_000).astype(np.int64)
+    speed = 6.0 * np.where(np.arange(24_000) < 12_000, 1.0 - apart, 1.0 + apart)
+    turned = 1.2 * np.cumsum(speed) * 0.01
+    lateral = 1e-4 * np.cos(2.0 * np.pi * turned) + 5e-6 * rng.normal(size=stamps.size)
+    channels = {'lateral': Series(stamps, lateral), 'speed': Series(stamps, speed)}
+    lines = RecordLines([motion_of(Record(channels))]).forced()
+    assert [line.turns_per_metre for line in lines] == pytest.approx([1.2] * forced, rel=0.01)
