@@ -27,20 +27,6 @@ def test_a_clipped_limit_cycle_is_saturated_and_still_an_alarm(recorded) -> None
     assert detector.status.alarm
 
 
-def test_one_dead_sensor_leaves_the_other_to_detect(recorded, true_form) -> None:
-    record = recorded(7.2, 20.0, kicks=[(9.0, 330e-6)])
-    series = record['lateral']
-    values = np.where(series.stamps_ns > 3_000_000_000, np.nan, series.values)
-    channels = {**record, 'lateral': Series(series.stamps_ns, values)}
-    detector = HuntingDetector(normal_form=true_form)
-    for name, one in channels.items():
-        detector.update(name, one.stamps_ns, one.values)
-    detector.finish()
-    assert detector.status.level is Level.STALE
-    assert detector.status.state is State.LIMIT_CYCLE
-    assert detector.status.alarm
-
-
 def test_a_rig_that_runs_in_reverse_hunts_as_it_does_ahead_and_the_status_says_so(
     recorded, true_form
 ) -> None:

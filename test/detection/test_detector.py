@@ -108,25 +108,6 @@ def test_fewer_channels_are_enough(channels, recorded, true_form) -> None:
     assert detector.status.alarm
 
 
-def test_the_alarm_stays_until_acknowledged(recorded, true_form) -> None:
-    profile = SpeedProfile((0.0, 20.0, 30.0, 60.0), (7.2, 7.2, 5.0, 5.0))
-    record = recorded(profile, 60.0, kicks=[(8.0, 330e-6)])
-    detector = HuntingDetector(normal_form=true_form)
-    early, late = record.between(0, 18_000_000_000), record.between(18_000_000_000, 10**18)
-    for name, series in early.items():
-        detector.update(name, series.stamps_ns, series.values)
-    assert detector.status.level is Level.ERROR
-    detector.acknowledge(18_000_000_000)
-    assert detector.status.alarm  # it still hunts
-    words = []
-    for name, series in late.items():
-        words += _words(detector.update(name, series.stamps_ns, series.values))
-    words += _words(detector.finish())
-    assert [word for word in words if word in ('decaying', 'quiet')] == ['decaying', 'quiet']
-    assert not detector.status.alarm
-    assert detector.status.level is Level.OK
-
-
 def test_a_new_normal_form_acts_from_the_next_row(recorded) -> None:
     record = recorded(7.2, 10.0)
     detector = HuntingDetector()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -74,6 +75,16 @@ def test_a_detector_that_begins_in_a_limit_cycle_that_beats_says_so(recorded, sp
     output = detect(HuntingDetector(DetectorConfig(**BELOW)), record)
     assert said(output, 'limit_cycle')
     assert seconds_of(output, Level.OK) < 3.0, 'nor is it well while that is not decided'
+
+
+def test_a_kick_seconds_after_the_start_is_not_taken_for_noise(recorded) -> None:
+    late = []
+    for seed, (speed, at) in enumerate(itertools.product((6.8, 7.2, 7.6), (4.3, 5.0, 7.0))):
+        record = recorded(speed, at + 6.0, [(at, 2.4e-3)], seed, roughness=(20e-6,))
+        told = said(detect(HuntingDetector(), record), 'escaping', 'limit_cycle')
+        late.append(min(told, default=math.inf) - at)
+    assert np.median(late) < 2.0
+    assert max(late) < 4.0
 
 
 def test_what_escapes_after_a_kick_does_not_die_out_in_the_limit_cycle(

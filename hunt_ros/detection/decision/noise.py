@@ -32,8 +32,6 @@ _FLOOR_S = 20.0
 _LOUD = 9.0
 #: The floor follows at once where the recent mean square lies below this part of it.
 _FALLEN, _RECENT_S = 0.1, 3.0
-#: The floor rises this much more slowly on a disturbance, which may be a new level of the noise.
-_DISTURBED = 0.1
 #: Without a floor yet, the standard deviation of the amplitude estimate stands in, so often.
 _STD_FLOORS = 1.5
 
@@ -65,12 +63,10 @@ def learn(rules: Rules, memory: Any, ratios: Any, a: float, basin: bool = True) 
         memory['square'] += rules.stride / _RECENT_S * (memory['recent'] - memory['square'])
     limit = _LOUD * memory['square']
     quiet = a * a <= limit
-    pace = 1.0 if quiet else _DISTURBED
-    if a * a > memory['square'] and (not basin or ratios['growth'] > some):
-        pace = 0.0
-    memory['learnt'] += pace
-    weight = pace * max(1.0 / memory['learnt'], rules.stride / _FLOOR_S)
-    memory['square'] += weight * (min(a * a, limit) - memory['square'])
+    if not (a * a > memory['square'] and (not basin or ratios['growth'] > some)):
+        memory['learnt'] += 1.0
+        weight = max(1.0 / memory['learnt'], rules.stride / _FLOOR_S)
+        memory['square'] += weight * (min(a * a, limit) - memory['square'])
     if quiet:
         memory['intensity'], memory['spread'] = likelihood.intensity(rules, ratios)
 

@@ -61,14 +61,6 @@ def test_an_angle_that_repeats_goes_on_at_its_rate_until_the_timeout() -> None:
     assert np.isnan(found[2])
 
 
-def test_a_coarse_encoder_gives_a_straight_line() -> None:
-    stamps = np.arange(1, 101, dtype=np.int64) * 10 * MS
-    coarse = np.floor(stamps / (25 * MS)) * 0.1  # a step every two or three samples
-    angle = SlowChannel(200 * MS, rising=True)
-    found = angle.at(stamps[10:], stamps, coarse, None)
-    assert np.abs(found - (stamps[10:] / (25 * MS) * 0.1 - 0.02)).max() < 0.1
-
-
 @settings(deadline=None)
 @given(
     values=st.lists(

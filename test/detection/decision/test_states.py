@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -74,13 +73,6 @@ def test_a_disturbance_and_its_end() -> None:
     assert machine.feed(4.0 * FLOOR, 0.0, DISTURBED + 2) is State.DISTURBED
     assert machine.feed(2.5 * FLOOR, 0.0, 500) is State.DISTURBED  # between the thresholds
     assert machine.feed(1.5 * FLOOR, 0.0, QUIET + 2) is State.QUIET
-
-
-@pytest.mark.parametrize('start', [State.QUIET, State.DISTURBED])
-def test_a_sure_escape_is_called_after_its_hold(start: State) -> None:
-    machine = Machine(start)
-    assert machine.feed(EDGE * 1.3, 0.96, ESCAPE) is not State.ESCAPING
-    assert machine.feed(EDGE * 1.3, 0.96, 2) is State.ESCAPING
 
 
 def test_the_larger_the_disturbance_the_sooner_the_first_word() -> None:
@@ -154,8 +146,3 @@ def test_no_state_lasts_for_less_than_the_hold_of_the_next(rows) -> None:
             calm_before = now is State.DISTURBED and last is State.QUIET
             last, lasted = now, lasted if calm_before else 0
         lasted += 1
-
-
-def test_unknown_chances_raise_no_alarm() -> None:
-    machine = Machine()
-    assert machine.feed(EDGE, math.nan, 100, edge=math.nan, stable=math.nan) is State.DISTURBED
