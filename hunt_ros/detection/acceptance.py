@@ -110,14 +110,8 @@ def is_rolled_back(form: IdentifiedNormalForm) -> bool:
 
 def form_event(form: IdentifiedNormalForm | None) -> tuple[str, str]:
     """Return the word and the cause of the event that a form was taken over."""
-    words = form_words(form)
     if form is None:
         return 'normal_form_changed', 'no normal form is in force'
     if is_rolled_back(form):
-        return 'normal_form_reverted', f'{words}: the operator went back to this normal form'
-    return 'normal_form_changed', f'{words}: a new normal form is in force'
-
-
-def form_words(form: IdentifiedNormalForm | None) -> str:
-    """Return a form by its critical speeds; '' where there is none."""
-    return '' if form is None else form.words
+        return 'normal_form_reverted', f'{form.words}: the operator went back to this normal form'
+    return 'normal_form_changed', f'{form.words}: a new normal form is in force'

@@ -18,7 +18,6 @@ from hunt_ros.dashboard.access import Access, access
 from hunt_ros.dashboard.model import PageModel, PageSettings
 from hunt_ros.dashboard.recordings import Recordings
 from hunt_ros.dashboard.server import PageServer
-from hunt_ros.detection.acceptance import form_words
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 
@@ -37,7 +36,7 @@ class Live:
         self.status = {
             'level': 'WARN', 'state': 'quiet', 'region': 'hysteresis', 'alarm': 'False',
             'message': 'hysteresis region', 'speed_mps': '7.0', 'amplitude_m': '1e-04',
-            'amplitude_std_m': '1e-05', 'frequency_hz': '2.8', 'normal_form': form_words(FORM),
+            'amplitude_std_m': '1e-05', 'frequency_hz': '2.8', 'normal_form': FORM.words,
         }  # fmt: skip
         self.drive: dict[str, str] = {}
         self.speaks = True

@@ -12,7 +12,6 @@ import pytest
 pytest.importorskip('tornado', reason='the extra dashboard is not installed')
 from hunt_ros.dashboard import site
 from hunt_ros.dashboard.access import Access
-from hunt_ros.detection.acceptance import form_words
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 
@@ -462,7 +461,7 @@ def test_a_form_that_is_replaced_is_drawn_as_soon_as_it_is_known(page, live) -> 
     page.wait_for_function(f'() => {v_c} === 8')
     form = dataclasses.replace(PAPER_NORMAL_FORM, critical_speed=7.5)
     other = IdentifiedNormalForm(form)
-    live.status |= {'normal_form': form_words(other)}
+    live.status |= {'normal_form': other.words}
     page.wait_for_function("() => byId('form').textContent.includes('not known here')")
     page.wait_for_function('() => shown.stable === 0')
     word(page, 'WARN')

@@ -11,7 +11,6 @@ import pytest
 from hunt_ros.dashboard.model import PageModel, PageSettings
 from hunt_ros.dashboard.view import View, changes
 from hunt_ros.dashboard.words import Words
-from hunt_ros.detection.acceptance import form_words
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.errors import ConfigError
@@ -33,7 +32,7 @@ STATUS = {
     'frequency_hz': '2.8',
     'v_n_mps': '6.4',
     'v_c_mps': '8.0',
-    'normal_form': form_words(FORM),
+    'normal_form': FORM.words,
 }
 
 
@@ -225,7 +224,7 @@ def test_only_the_form_that_the_detector_uses_is_drawn(model) -> None:
     other = IdentifiedNormalForm(PAPER_NORMAL_FORM, np.diag([4e-3, 0, 0, 0, 0, 0]))
     assert model.take_form(other.to_yaml()) == ''
     assert shown(model, 51.0)['sections']['diagram'] is None
-    model.take_status(3 * 10**9, {**STATUS, 'normal_form': form_words(other)}, now_s=52.0)
+    model.take_status(3 * 10**9, {**STATUS, 'normal_form': other.words}, now_s=52.0)
     assert shown(model, 52.0)['sections']['diagram']['v_c_std'] == pytest.approx(0.0632, 1e-2)
     assert 'not YAML' in model.take_form('{')
 
