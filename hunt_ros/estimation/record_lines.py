@@ -30,6 +30,9 @@ _GRID: _F = np.geomspace(0.3, 25.0, 120)
 #: Standard deviation of the Gaussian window, periods: it tells lines a tenth apart, and follows
 #: a hit that decays in a few periods.
 _WINDOW = 2.0
+#: A line that does not stay as it is by that window may by this one: it tells lines a fortieth
+#: apart, so that hunting a quarter away, which comes and goes, does not lend a hum its changes.
+_LONG = 8.0
 #: How far the window is followed, in its standard deviations, in time and in frequency.
 _REACH, _BAND = 3.0, 5.0
 #: A line stands so many times (power) above the middle of its surroundings, which reach from
@@ -113,7 +116,7 @@ class Motion:
     def __init__(self, rate: float, values: _F, weight: _F, speed: _F, lowest: float) -> None:
         self.rate, self.weight, self.speed, self.lowest = rate, weight, speed, lowest
         # What is before the start is behind the end: the longest window finds nothing there.
-        least = values.size + math.ceil(2.0 * _REACH * _WINDOW * rate / lowest)
+        least = values.size + math.ceil(2.0 * _REACH * _LONG * rate / lowest)
         power = 1 << math.ceil(math.log2(least))
         self._size = next(n for n in (5 * power // 8, 3 * power // 4, power) if n >= least)
         self._spectrum = np.fft.rfft(values, self._size)
@@ -125,12 +128,12 @@ class Motion:
         values: _F = np.fft.irfft(self._spectrum, self._size)[: self.weight.size]
         return values
 
-    def line(self, frequency: float) -> _Line:
-        """Return the line of a frequency, in cycles a second or a metre."""
+    def line(self, frequency: float, width: float = _WINDOW) -> _Line:
+        """Return the line of a frequency, in cycles a second or a metre, by so wide a window."""
         periods = self.weight.size * frequency / self.rate
-        if periods <= 2.0 * _REACH * _WINDOW or self.rate <= 3.0 * frequency:
+        if periods <= 2.0 * _REACH * width or self.rate <= 3.0 * frequency:
             return _Line(frequency, 1.0, np.zeros(0, dtype=np.complex128), np.zeros(0))
-        centre, bins, window = self._window(frequency)
+        centre, bins, window = self._window(frequency, width)
         order = np.argsort(bins % bins.size)
         step = self._size / bins.size
         place = (np.arange(bins.size) * step).astype(np.int64)
@@ -147,9 +150,11 @@ class Motion:
             centre, bins, window = self._window(frequency)
             self._spectrum[centre + bins] *= 1.0 - window
 
-    def _window(self, frequency: float) -> tuple[int, NDArray[np.int64], _F]:
+    def _window(
+        self, frequency: float, width: float = _WINDOW
+    ) -> tuple[int, NDArray[np.int64], _F]:
         """Return the Gaussian window, as its spectrum: no other line is folded into it."""
-        deviation = frequency / (2.0 * math.pi * _WINDOW) * self._size / self.rate
+        deviation = frequency / (2.0 * math.pi * width) * self._size / self.rate
         reach = math.ceil(_BAND * deviation)
         bins = np.arange(-reach, reach + 1)
         return (
@@ -210,9 +215,9 @@ class _Power:
         return self.changing < _STEADY * (self.steady + self.changing)
 
     @classmethod
-    def of(cls, motions: Sequence[Motion], frequency: float) -> _Power:
+    def of(cls, motions: Sequence[Motion], frequency: float, width: float = _WINDOW) -> _Power:
         """Return that of one line in all records."""
-        amplitude, _ = _amplitudes([motion.line(frequency) for motion in motions])
+        amplitude, _ = _amplitudes([motion.line(frequency, width) for motion in motions])
         known = amplitude[np.isfinite(amplitude)]
         if known.size < 2:
             return cls(0.0, 0.0, 0.0)
@@ -300,13 +305,10 @@ class RecordLines:
             frequency = _between(lasting, place)
             if _has(self._fixed, frequency):
                 continue
-            elsewhere = not self._range[0] <= frequency <= self._range[1]
-            if (
-                self._powers[place].is_steady
-                and (elsewhere or self._is_one_size(frequency))
-                and not self._follows_speed(frequency)
-            ):
-                found.append(_exact(self._motions, frequency))
+            stays = (width for width in (_WINDOW, _LONG) if self._stays(frequency, width))
+            width = next(stays, 0.0)
+            if width and not self._follows_speed(frequency):
+                found.append(_exact(self._motions, frequency, width))
         for frequency in found:
             for motion in self._motions:
                 motion.remove(frequency)
@@ -377,9 +379,13 @@ class RecordLines:
         apart = math.sqrt(float(np.average((speed[known] - mean) ** 2, weights=weight)))
         return apart > _APART * mean
 
-    def _is_one_size(self, frequency: float) -> bool:
-        """Return True if a line is the same at speeds at which a limit cycle would not be."""
-        amplitude, speed = _amplitudes([motion.line(frequency) for motion in self._motions])
+    def _stays(self, frequency: float, width: float) -> bool:
+        """Return True if a line is the same always, also where a limit cycle would not be."""
+        if not _Power.of(self._motions, frequency, width).is_steady:
+            return False
+        if not self._range[0] <= frequency <= self._range[1]:
+            return True
+        amplitude, speed = _amplitudes([motion.line(frequency, width) for motion in self._motions])
         known = np.isfinite(amplitude) & np.isfinite(speed)
         if known.sum() < 3:
             return False
@@ -432,11 +438,11 @@ def _amplitudes(lines: Sequence[_Line]) -> tuple[_F, _F]:
     return amplitude, np.concatenate([np.zeros(0), *(line.speed for line in lines)])
 
 
-def _exact(motions: Sequence[Motion], frequency: float) -> float:
+def _exact(motions: Sequence[Motion], frequency: float, width: float = _WINDOW) -> float:
     """Return the frequency of a line by how its phasors turn, in cycles a second or a metre."""
     found, weight = 0.0, 0.0
     for motion in motions:
-        line = motion.line(frequency)
+        line = motion.line(frequency, width)
         product = line.phasor[1:] * np.conj(line.phasor[:-1])
         turn = complex(product[np.isfinite(product)].sum())
         turns = math.atan2(turn.imag, turn.real) / (2.0 * math.pi)

@@ -137,6 +137,7 @@ CASES = [
     # Larger than the limit cycle, and near to it.
     ({}, {13.2: 2e-3}, True, [], ['line at 13.2 Hz']),
     ({}, {4.4: 1e-4}, True, [], ['line at 4.4 Hz']),
+    ({}, {3.6: 8e-5}, True, [], ['line at 3.6 Hz']),
 ]
 
 
