@@ -261,13 +261,13 @@ class _Problem:
             out, by_read = sensitivities(as_read(theta, one), part, self.varied)
             way = _derivatives(theta, one)
             way[:, :n] *= self.varied
-            by = np.tensordot(way.T, by_read, axes=1)
-            e, d_e, d_l = out[:, :2], by[:, :, :2], by[:, :, 2:]
-            point = -np.einsum('jnc,nc->nj', d_e, e) - 0.5 * d_l.sum(axis=2).T
-            mean = (d_e + 0.5 * e[None] * d_l).reshape(len(by), -1)
-            wide = d_l.reshape(len(by), -1)
+            # Chain rule on the sums over windows: what a window says is never widened itself.
+            e, d_e, d_l = out[:, :2], by_read[..., :2], by_read[..., 2:]
+            point = (-np.einsum('jnc,nc->nj', d_e, e) - 0.5 * d_l.sum(axis=2).T) @ way
+            mean = (d_e + 0.5 * e[None] * d_l).reshape(n, -1)
+            wide = d_l.reshape(n, -1)
             with np.errstate(over='ignore', invalid='ignore'):  # of a law that runs away
-                whole = mean @ mean.T + 0.5 * wide @ wide.T
+                whole = way.T @ (mean @ mean.T + 0.5 * wide @ wide.T) @ way
             lean = np.zeros((n, _OWN))
             if self.differ:
                 slopes[r] = point[:, n:].sum(axis=0) - one / self.spread**2
@@ -279,7 +279,7 @@ class _Problem:
             gradient += point[:, :n].sum(axis=0) - lean @ slopes[r]
             information += whole[:n, :n] - lean @ cross[r].T
             base.append(out)
-            derivative.append(d_e[:n])
+            derivative.append(np.tensordot(way[:, :n].T, d_e, axes=1))
         k = self.told
         gradient[k] -= self.away(theta) / self.std[k]
         information[k, k] += 1.0 / self.std[k] ** 2
