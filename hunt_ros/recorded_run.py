@@ -1,4 +1,4 @@
-"""The live run that a recording holds: the detector's settings and its journal."""
+"""The live run that a recording holds: the detector's settings, its journal and its events."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from hunt_ros.detection import CompanionConfig, DetectorConfig, JournalEntry
+from hunt_ros.detection import CompanionConfig, DetectorConfig, Event, JournalEntry, Level
 
 _DETECTOR = 'hunting_detector'
 _JOURNAL = 'hunting/journal'
@@ -82,6 +82,50 @@ def recorded_run(path: Path) -> RecordedRun | None:
         CompanionConfig.from_recorded(start.companions or parameters),
         journal[starts[0] :],
         sorted(set().union(*map(_unknown, told))),
+    )
+
+
+def recorded_events(path: Path) -> list[Event] | None:
+    """
+    Read what detector and interlock said live, in the order of time.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+
+    Returns
+    -------
+    list of Event
+        Without their numbers, and as if each began when it was said; None where no detector
+        was heard.
+
+    Raises
+    ------
+    HuntError
+        If the events are there but cannot be read.
+    """
+    from hunt_ros.bag import Bag
+    from hunt_ros.bag.messages import read_statuses
+
+    with Bag(path) as bag:
+        heard = any(name.endswith('hunting/status') for name in bag.topics)
+        told = read_statuses(bag, 'hunting/events')
+    if not (heard or told):
+        return None
+    return sorted(
+        (
+            Event(
+                int(each['stamp_ns']),
+                each.get('event', ''),
+                Level(int(each['level'])),
+                int(each['stamp_ns']),
+                each.get('test', ''),
+                each.get('cause', each['message']),
+            )
+            for each in told
+        ),
+        key=lambda event: event.stamp_ns,
     )
 
 

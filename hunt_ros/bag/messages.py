@@ -1,7 +1,7 @@
 """
 Low-rate topics as messages.
 
-Texts (normal form, marks, journal), and raw messages.
+Texts (normal form, marks, journal), statuses (events), and raw messages.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from hunt_ros.bag.channels import ChannelSource
 from hunt_ros.bag.columns import find_topic
 from hunt_ros.bag.reader import Bag, opened
 from hunt_ros.errors import BagError
+from hunt_ros.samples import NANOSECONDS
 
 STRING = 'std_msgs/msg/String'
 DIAGNOSTIC_ARRAY = 'diagnostic_msgs/msg/DiagnosticArray'
@@ -80,20 +81,48 @@ def read_texts(bag: str | Path | Bag, topic: str) -> list[Text]:
     BagError
         If the topic is of another type or damaged.
     """
+    return [Text(log_ns, message.data) for log_ns, message in _read(bag, topic, STRING)]
+
+
+def read_statuses(bag: str | Path | Bag, topic: str) -> list[dict[str, str]]:
+    """
+    Read the first status of each diagnostic_msgs/DiagnosticArray: `hunting/events`.
+
+    Returns
+    -------
+    list of dict of str to str
+        Its values, `message`, `level` (0 to 3), and `stamp_ns` of the header; empty where the
+        recording has no such topic.
+
+    Raises
+    ------
+    BagError
+        If the topic is of another type or damaged.
+    """
     found = []
+    for _, message in _read(bag, topic, DIAGNOSTIC_ARRAY):
+        stamp = message.header.stamp
+        for status in message.status[:1]:
+            texts = {pair.key: pair.value for pair in status.values}
+            texts |= {'level': str(int(status.level)), 'message': status.message}
+            found.append(texts | {'stamp_ns': str(stamp.sec * NANOSECONDS + stamp.nanosec)})
+    return found
+
+
+def _read(bag: str | Path | Bag, topic: str, kind: str) -> Iterator[tuple[int, Any]]:
+    """Yield log time and message of a topic of one type; nothing where there is no such topic."""
     with opened(bag) as recording:
         wanted = topic.lstrip('/')
         if not any(name == topic or name.endswith('/' + wanted) for name in recording.topics):
-            return []
+            return
         for raw in read_raw(recording, [topic]):
-            if raw.type != STRING:
-                raise BagError(f'topic {raw.topic} is {raw.type}, expected {STRING}')
+            if raw.type != kind:
+                raise BagError(f'topic {raw.topic} is {raw.type}, expected {kind}')
             try:
-                message: Any = standard_types().deserialize_cdr(raw.data, STRING)
+                message: Any = standard_types().deserialize_cdr(raw.data, kind)
             except Exception as error:  # whatever generated code meets in damaged bytes
                 reason = str(error).splitlines()[0] if str(error) else type(error).__name__
                 raise BagError(
-                    f'topic {raw.topic} at {raw.log_ns} ns: not a {STRING} ({reason:.80})'
+                    f'topic {raw.topic} at {raw.log_ns} ns: not a {kind} ({reason:.80})'
                 ) from error
-            found.append(Text(raw.log_ns, message.data))
-    return found
+            yield raw.log_ns, message

@@ -12,6 +12,8 @@ from hunt_ros.cli.support.recordings import add_recordings, records_of, settings
 from hunt_ros.errors import ConfigError
 from hunt_ros.files import write_whole
 from hunt_ros.identification import Identification, identify
+from hunt_ros.recorded_run import recorded_events
+from hunt_ros.report.alarms import load_of
 from hunt_ros.report.comparison import MOST
 from hunt_ros.report.compose import Report
 from hunt_ros.report.events import events_of
@@ -51,9 +53,11 @@ def run(arguments: argparse.Namespace) -> int:
         with progress(f'identifying {record.source}') as advance:
             alone.append(identify([record], settings, advance))
     with progress('detecting') as advance:
-        events = {}
+        events, loads = {}, []
         for count, record in enumerate(identification.records):
-            events[record.source] = events_of(record, identification.normal_form)
+            found = events[record.source] = events_of(record, identification.normal_form)
+            live = recorded_events(Path(record.source))
+            loads.append(load_of(found if live is None else live, record, live is not None))
             advance((count + 1) / len(identification.records))
     with progress('drawing') as advance:
         report = Report(
@@ -61,6 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
             events,
             roller_diameter=settings.roller_diameter_m or None,
             alone=alone,
+            loads=loads,
             **({'title': arguments.title} if arguments.title else {}),
         )
         drawings = report.drawings()

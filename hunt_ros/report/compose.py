@@ -9,6 +9,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from hunt_ros.report import comparison, tables, words
+from hunt_ros.report.alarms import AlarmLoad, alarm_table
 from hunt_ros.report.choice import either_side, four_states
 from hunt_ros.report.drawings import Drawing, drawings
 from hunt_ros.report.figures import style
@@ -42,6 +43,8 @@ class Report:
         m; where the angle of the roller was not recorded, to count its revolutions.
     alone : sequence of Identification
         Of each recording by itself, to be set side by side.
+    loads : sequence of AlarmLoad
+        The alarms of each recording.
     """
 
     identification: Identification
@@ -49,13 +52,16 @@ class Report:
     title: str = 'Hunting motion: bifurcations and normal form'
     roller_diameter: float | None = None
     alone: Sequence[Identification] = ()
+    loads: Sequence[AlarmLoad] = ()
 
     @cached_property
     def document(self) -> Mapping[str, Any]:
-        """The JSON of the identification, and of each recording by itself."""
+        """The JSON of the identification, of each recording by itself, and of the alarms."""
         document = self.identification.to_json()
         if self.alone:
             document['compared'] = comparison.to_json(self.alone)
+        if self.loads:
+            document['alarms'] = [load.to_json() for load in self.loads]
         return document
 
     @cached_property
@@ -117,6 +123,7 @@ class Report:
         sections = [
             Section('result', 'Result', tables.critical_speeds(one)),
             Section('run', 'The recordings', tables.recordings(one.records) + pick('run')),
+            *([Section('alarms', 'Alarms', alarm_table(self.loads))] if self.loads else []),
             Section('events', 'Events', tables.events(self.events, one.records)),
             Section(
                 'hysteresis', 'Hysteresis', pick('fig06', _unknown('no steady state was found'))

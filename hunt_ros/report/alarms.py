@@ -1,0 +1,205 @@
+"""
+How the alarms of recordings compare with what a person can take: rate, chattering, standing.
+
+Definitions and limits are those of ANSI/ISA-18.2-2016 and IEC 62682:2022, the part on monitoring
+and assessment. An alarm that comes while it is still on is the same alarm; one that was on before
+the recording began is not of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+from scipy.stats import chi2
+
+from hunt_ros.report.numbers import shown
+from hunt_ros.report.tables import table
+from hunt_ros.samples import NANOSECONDS, Record, Uncertain
+
+if TYPE_CHECKING:
+    from hunt_ros.detection import Event
+
+#: Alarms an hour that one person very likely copes with, and at most manages, on average.
+ACCEPTABLE, MANAGEABLE = 6.0, 12.0
+#: An alarm chatters that comes so often within so many s; no such alarm is acceptable.
+CHATTERS, CHATTERS_S = 3, 60.0
+#: An alarm that is on for longer stands ("stale" in the standards), s.
+STANDS_S = 86_400.0
+
+#: The suite ends its nodes one after the other: what falls silent so short before the end of a
+#: recording calls nobody, s.
+_ENDING_S = 5.0
+_HUNTS, _TRIP, _SILENT = 'hunting', 'interlock trip', 'silent'
+#: Event -> the alarm that begins with it, and that ends with it; of one channel or limit each
+#: where the name is empty.
+_BEGINS = {
+    'escaping': _HUNTS,
+    'limit_cycle': _HUNTS,
+    'limit_exceeded': '',
+    'input_stale': _SILENT,
+    'sensor_fault': 'at fault',
+    'interlock_tripped': _TRIP,
+}
+_ENDS = {
+    'quiet': _HUNTS,
+    'disturbed': _HUNTS,
+    'limit_cleared': '',
+    'input_recovered': _SILENT,
+    'sensor_recovered': 'at fault',
+    'interlock_armed': _TRIP,
+    'interlock_disarmed': _TRIP,
+}
+
+
+@dataclass(frozen=True)
+class AlarmLoad:
+    """
+    The alarms of one recording.
+
+    Parameters
+    ----------
+    source : str
+        The recording.
+    live : bool
+        True: as they were said live. False: as the detector says them with the form of the report.
+    duration_s : float
+        Of the recording.
+    alarms : mapping of str to sequence of (float, float)
+        Name of the alarm -> when it came and was over, s since the start; inf: it was on at the
+        end.
+    """
+
+    source: str
+    live: bool
+    duration_s: float
+    alarms: Mapping[str, Sequence[tuple[float, float]]]
+
+    @property
+    def count(self) -> int:
+        """How many came."""
+        return sum(map(len, self.alarms.values()))
+
+    @property
+    def per_hour(self) -> Uncertain:
+        """Alarms an hour, with the exact 95 % interval of a Poisson count (Garwood, 1936)."""
+        hours, n = self.duration_s / 3600.0, self.count
+        if hours <= 0.0:
+            return Uncertain(math.nan, math.nan)
+        low = chi2.ppf(0.025, 2 * n) / 2.0 if n else 0.0
+        high = chi2.ppf(0.975, 2 * n + 2) / 2.0
+        return Uncertain(n / hours, math.sqrt(n) / hours, low / hours, high / hours)
+
+    @cached_property
+    def chattering(self) -> list[str]:
+        """Those that came `CHATTERS` times within `CHATTERS_S`, by name."""
+        return [
+            name
+            for name, times in self.alarms.items()
+            if any(
+                third - first <= CHATTERS_S
+                for (first, _), (third, _) in zip(times, times[CHATTERS - 1 :], strict=False)
+            )
+        ]
+
+    @cached_property
+    def on_at_end(self) -> list[str]:
+        """Those that were on when the recording ended, by name."""
+        return [name for name, times in self.alarms.items() if times[-1][1] == math.inf]
+
+    @property
+    def longest_s(self) -> float:
+        """How long an alarm was on at most, s; at least so long where it was on at the end."""
+        ends = [spell for times in self.alarms.values() for spell in times]
+        return max((min(over, self.duration_s) - began for began, over in ends), default=0.0)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it as JSON types."""
+        return {
+            'recording': self.source,
+            'live': self.live,
+            'alarms': self.count,
+            'per_hour': self.per_hour.to_json(),
+            'chattering': self.chattering,
+            'longest_s': self.longest_s,
+            'on_at_end': self.on_at_end,
+        }
+
+
+def load_of(events: Sequence[Event], record: Record, live: bool) -> AlarmLoad:
+    """
+    Count the alarms among the events of a recording.
+
+    Parameters
+    ----------
+    events : sequence of Event
+        In the order of time. Those of level WARN and OK begin no alarm: they call nobody.
+    record : Record
+        For its start and its length.
+    live : bool
+        See `AlarmLoad`.
+    """
+    alarms: dict[str, list[tuple[float, float]]] = {}
+    on: set[str] = set()
+    for event, name, begins in _told(events):
+        at_s = (event.stamp_ns - record.start_ns) / NANOSECONDS
+        if begins and name not in on:
+            on.add(name)
+            alarms.setdefault(name, []).append((at_s, math.inf))
+        elif not begins and name in on:
+            on.remove(name)
+            alarms[name][-1] = (alarms[name][-1][0], at_s)
+    for name in [name for name in on if name.endswith(_SILENT)]:
+        if alarms[name][-1][0] > record.duration_s - _ENDING_S:
+            alarms[name].pop()
+    kept = {name: times for name, times in alarms.items() if times}
+    return AlarmLoad(record.source, live, record.duration_s, kept)
+
+
+def _told(events: Sequence[Event]) -> Iterator[tuple[Event, str, bool]]:
+    """Yield what begins or ends an alarm, with the name of the alarm and whether it begins."""
+    for event in events:
+        begins = event.event in _BEGINS
+        name = (_BEGINS if begins else _ENDS).get(event.event)
+        if name is None or (begins and event.level.label in ('OK', 'WARN')):
+            continue
+        if not name and not event.test.startswith('alarm_'):  # a warning beside an alarm
+            continue
+        if name in (_SILENT, 'at fault'):
+            name = f'{event.cause.split()[0].rstrip(":")} {name}'
+        yield event, name or event.test, begins
+
+
+def alarm_table(loads: Sequence[AlarmLoad]) -> str:
+    """Return the table of the report, a row for each recording."""
+    rows = [
+        [
+            escape(load.source),
+            'live' if load.live else 'with this form',
+            str(load.count),
+            shown(load.per_hour),
+            _names(load.chattering),
+            shown(load.longest_s, digits=3)
+            + (' <b>standing</b>' if load.longest_s > STANDS_S else ''),
+            _names(load.on_at_end),
+        ]
+        for load in loads
+    ]
+    caption = (
+        'Alarms: what calls somebody (ERROR, STALE, a trip). ISA-18.2 and IEC 62682, for one'
+        f' person, on average over a month: {ACCEPTABLE:g} an hour are very likely acceptable,'
+        f' {MANAGEABLE:g} the most that can be managed; none may chatter ({CHATTERS} times within'
+        f' {CHATTERS_S:g} s), or stand (for more than {STANDS_S / 3600.0:g} h) without a plan.'
+    )
+    header = [
+        'recording', 'said', 'alarms', 'an hour', 'chattering', 'longest (s)', 'on at the end',
+    ]  # fmt: skip
+    return table(header, rows, caption)
+
+
+def _names(names: Sequence[str]) -> str:
+    return escape(', '.join(names)) or 'none'
