@@ -6,7 +6,9 @@ import argparse
 import math
 import time
 from contextlib import suppress
+from datetime import datetime
 from functools import partial
+from pathlib import Path
 
 from hunt_ros.cli.support import options, suite
 from hunt_ros.cli.support.console import Console
@@ -80,9 +82,10 @@ def run(arguments: argparse.Namespace) -> int:
         *(name for name in sources if name not in GUARDS),
     )
     state = state_file(folder, namespace)
+    tested = state.with_suffix('.tested')
     parameters: dict[str, dict[str, object]] = {
         DRIVE: {'state_file': str(state)},
-        ALARM_OUTPUTS: {'tested_file': str(state.with_suffix('.tested'))},
+        ALARM_OUTPUTS: {'tested_file': str(tested)},
         'bag_recorder': {'directory': str(folder)},
         'normal_form_identifier': {'directory': str(folder)},
     }
@@ -104,7 +107,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.page is not None:  # a process of its own: the rig runs on without it
             view.say(suite.start_page(supervisor, arguments.page, folder, common, files))
         if alarms:
-            view.say(f'an alarm calls by {" and ".join(alarms)}')
+            view.say(f'an alarm calls by {" and ".join(alarms)}; tested last: {_tested(tested)}')
         words = [word for word, service in SERVICES.items() if service.node in names]
         view.say(f'from another terminal: hunt call {" | ".join(words)}')
         ends = math.inf if arguments.duration is None else began + arguments.duration
@@ -118,6 +121,13 @@ def run(arguments: argparse.Namespace) -> int:
         finally:
             safe = _end(supervisor, console, view)
     return 0 if safe else 1
+
+
+def _tested(file: Path) -> str:
+    """Return when `hunt call test-alarm` succeeded last; its file is touched then."""
+    if not file.exists():
+        return 'never ("hunt call test-alarm" does)'
+    return f'{datetime.fromtimestamp(file.stat().st_mtime):%Y-%m-%d %H:%M:%S}'
 
 
 def _end(supervisor: Supervisor, console: Console, view: View) -> bool:

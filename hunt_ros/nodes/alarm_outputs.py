@@ -158,7 +158,8 @@ class AlarmOutputsNode(SuiteNode):
             return 'ERROR', '; '.join(problems), values
         if self._call.condition is Condition.WAITING:
             return Awaited('WARN'), self._call.cause, values
-        return 'OK', self._call.condition.value, values
+        words = f'{self._call.condition.value}; tested from detector to output: {self._tested}'
+        return 'OK', words, values
 
 
 def _as_clock(at_s: float) -> str:

@@ -86,6 +86,7 @@ def test_a_test_has_every_output_call_and_says_what_does_not(graph, called, tmp_
     calls = called(f'[ ! -e {tmp_path}/broken ]')
     publisher = graph.node.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
     proof = tmp_path / 'tested'
+    health = graph.told()
     graph.start(
         'alarm_outputs',
         command=calls.program,
@@ -109,6 +110,7 @@ def test_a_test_has_every_output_call_and_says_what_does_not(graph, called, tmp_
     assert any('alarm: test of the alarm' in call for call in calls())
     assert 'command called, and the detector is heard; last test before: 2' in asked().message
     assert proof.exists(), 'when it was done outlives the process'
+    graph.spin_until(lambda: health.says('tested from detector to output: 2', level='OK'))
     (tmp_path / 'broken').touch()
     answer = asked()
     assert not answer.success

@@ -93,7 +93,7 @@ def test_a_run_that_listens_records_without_a_clock_and_ends_at_sigterm(graph) -
     screen = (graph.folder / 'screen').read_text()
     assert str(form) in screen, 'the newest form is loaded'
     assert 'hunt call acknowledge' in screen
-    assert 'an alarm calls by command' in screen
+    assert 'an alarm calls by command; tested last: never' in screen
     assert 'a: acknowledge' in screen
     assert 'e: emergency-stop' not in screen, 'the node of that service was not started'
     assert 'Traceback' not in ''.join(log.read_text() for log in folder.glob('logs/**/*.log'))
