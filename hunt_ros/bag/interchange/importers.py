@@ -36,6 +36,8 @@ TIME_UNITS: dict[str, float] = {'ns': 1e-9, 'us': 1e-6, 'ms': 1e-3, 's': 1.0, 'm
 RUN_GAP_S = 3.0
 #: Times beyond this do not fit into whole nanoseconds of 64 bits, s.
 LATEST_S = 9e9
+#: No recording is silent for longer, s: 30 days.
+LONGEST_PAUSE_S = 30 * 86_400.0
 
 
 def load_record(
@@ -214,13 +216,20 @@ def _to_ns(column: NDArray[Any], source: ChannelSource) -> NDArray[np.int64]:
             raise BagError(f'{source.source} reaches beyond {LATEST_S:g} s, expected seconds')
         stamps = np.rint(seconds * NANOSECONDS).astype(np.int64)
         if source.scale == 1e-9 and not source.offset:
-            exact = column if column.dtype.kind in 'iu' else np.rint(raw)
+            exact = column if column.dtype.kind in 'iu' else np.rint(np.where(bad, 0.0, raw))
             stamps = np.asarray(exact).astype(np.int64)
     if bad.any():
         raise BagError(f'{source.source} is not finite in row {np.flatnonzero(bad)[0]}')
     backwards = np.flatnonzero(np.diff(stamps) < 0)
     if backwards.size:
         raise BagError(f'{source.source} goes backwards in row {backwards[0] + 1}')
+    # Epoch times behind others: from 1970 to them is no pause.
+    steps = np.diff(stamps)
+    if steps.size and steps.max() > LONGEST_PAUSE_S * NANOSECONDS:
+        raise BagError(
+            f'{source.source}: {steps.max() / NANOSECONDS:.3g} s without a sample from row'
+            f' {steps.argmax()} to the next: its clock was not set'
+        )
     return stamps
 
 
@@ -234,12 +243,14 @@ def _plain(unit: str) -> str:
 def _check_unit(table: Table, channel: str, source: ChannelSource) -> None:
     """Refuse a column that is taken as it is, and is not in SI by what the file says."""
     unit = _plain(table.units.get(source.source, ''))
-    factor = UNITS[channel].get(unit, 1.0)
-    if source.scale == 1.0 and factor != 1.0:
-        raise BagError(
-            f'column {source.source} is in {unit}, expected a factor:'
-            f' {channel}={source.source}*{factor:.7g}'
-        )
+    factor = UNITS[channel].get(unit)
+    if not unit or source.scale != 1.0 or factor == 1.0:
+        return
+    known = '' if factor else f' ({", ".join(UNITS[channel])} are known)'
+    raise BagError(
+        f'column {source.source} is in {unit}{known}, expected a factor:'
+        f' {channel}={source.source}*{f"{factor:.7g}" if factor else "FACTOR"}'
+    )
 
 
 def _named(table: Table, given: Mapping[str, ChannelSource]) -> dict[str, ChannelSource]:

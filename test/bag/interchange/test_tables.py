@@ -246,6 +246,27 @@ def test_a_unit_that_the_file_tells_is_the_unit(tmp_path: Path, text: str, encod
     np.testing.assert_array_equal(np.diff(record['lateral'].stamps_ns), [5 * 10**8])
 
 
+@pytest.mark.parametrize(
+    ('unit', 'words'),
+    [('mm', r'expected a factor: lateral=y\*0.001'), ('Millimeter', 'm, mm, um are known'),
+     ('inch', r'lateral=y\*FACTOR')],
+)  # fmt: skip
+def test_a_column_in_another_unit_needs_its_factor(tmp_path: Path, unit: str, words: str) -> None:
+    (tmp_path / 'a.csv').write_text(f't,y\n[s],[{unit}]\n0,1\n1,2\n')
+    with pytest.raises(BagError, match=words):
+        load_record(tmp_path / 'a.csv', ['lateral=y'])
+    record = load_record(tmp_path / 'a.csv', ['lateral=y*0.001'])
+    np.testing.assert_allclose(record['lateral'].values, [0.001, 0.002])
+
+
+@pytest.mark.parametrize('stamps', [(0, 1_700_000_000), (-5, 1_700_000_000)])
+def test_a_stamp_before_the_clock_was_set_is_refused(tmp_path: Path, stamps) -> None:
+    rows = ''.join(f'{stamp}000000000,0\n' for stamp in (*stamps, stamps[1] + 1, stamps[1] + 2))
+    (tmp_path / 'a.csv').write_text(f'stamp_ns,lateral\n{rows}')
+    with pytest.raises(BagError, match='its clock was not set'):
+        load_record(tmp_path / 'a.csv')
+
+
 def test_a_constant_leaves_the_columns_that_are_found_by_name(tmp_path: Path) -> None:
     (tmp_path / 'a.csv').write_text('t,lateral,speed_setpoint\n0,1,9\n1,2,9\n')
     record = load_record(tmp_path / 'a.csv', ['speed=5'])
