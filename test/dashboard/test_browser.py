@@ -128,6 +128,9 @@ def test_a_silent_speed_node_is_not_told_as_if_it_spoke(page, live) -> None:
     page.wait_for_function("() => document.body.dataset.held === 'silent'")
     page.wait_for_function("() => byId('drive').textContent.includes('are not known')")
     assert 'armed' not in page.inner_text('#drive')
+    for word in ('start-profile', 'resume-profile'):
+        page.wait_for_selector(f'button[data-word="{word}"]:disabled', state='attached')
+    assert page.is_enabled('button[data-word="stop-profile"]')
 
 
 def test_a_page_without_its_server_says_so_and_comes_back_by_itself(page, live) -> None:

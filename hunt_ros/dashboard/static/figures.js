@@ -14,7 +14,7 @@ let rem = 16;
 function axis(label, size, space) {
   const thin = {stroke: () => palette.grid, width: 1};
   const font = `${0.8 * rem}px "DejaVu Sans", sans-serif`;
-  const values = (plot, splits) => splits.map((value) => (value === null ? '' : (Math.abs(value) < 1e-3 && value ? value.toExponential() : String(Number(value.toPrecision(6))))));
+  const values = (plot, splits) => splits.map((value) => (value === null ? '' : (Math.abs(value) <= 1e-3 && value ? value.toExponential() : String(Number(value.toPrecision(6))))));
   return {label, values, size: size * rem, labelSize: 1.2 * rem, gap: 3, font, labelFont: font, stroke: () => palette.ink, grid: thin, ticks: {...thin, size: 4}, space: space * rem};
 }
 

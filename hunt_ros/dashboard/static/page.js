@@ -295,6 +295,8 @@ function offers() {
     found['resume-profile'] = state === 'paused' && !held ? 'lit' : 'off';
     found['arm-interlock'] = drive.interlock_state === 'disarmed' ? 'lit' : 'off';
     found['disarm-interlock'] = drive.interlock_state === 'disarmed' ? 'off' : 'on';
+  } else if (drive) {   // nothing is known of it: nothing is set in motion
+    found['start-profile'] = found['resume-profile'] = 'off';
   }
   if (recorder) {
     found['start-recording'] = recorder.recording ? 'off' : 'lit';
