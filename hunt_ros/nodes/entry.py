@@ -20,8 +20,9 @@ from hunt_ros.errors import not_installed
 from hunt_ros.nodes.support.ending import Ending
 from hunt_ros.suite import NODES, SENSORS, SUITE
 
-#: A start that lasts longer says where each thread is, s: it may hang in the middleware.
-_LONG_S = 60.0
+#: A start that lasts longer says where each thread is, s: it may hang in the middleware, and is
+#: ended after a minute (`cli.support.supervisor`).
+_LONG_S = 45.0
 
 
 def start(*nodes: str) -> NoReturn:
