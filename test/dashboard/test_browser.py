@@ -459,6 +459,21 @@ def test_two_operators_who_press_at_once_each_get_their_answer(
         assert each.inner_text('#answer span') == answers[name]
 
 
+def test_no_stop_waits_behind_a_recording_that_takes_long_to_close(page, live, machine) -> None:
+    live.holds = True
+    # More than a browser has connections to one server.
+    page.evaluate("() => { for (let k = 0; k < 8; k++) command('stop-recording'); }")
+    page.click('#emergency')
+    deadline = machine.deadline(10.0)
+    while ('emergency-stop', '') not in live.calls:
+        assert not deadline.passed, live.calls
+        page.wait_for_timeout(20)
+    assert live.calls.count(('stop-recording', '')) == 1
+    for held in live.held:
+        held.set_result((True, ''))
+    page.wait_for_function('() => !underWay.size')
+
+
 def test_a_form_that_is_replaced_is_drawn_as_soon_as_it_is_known(page, live) -> None:
     v_c = 'shown.marks?.[1]?.[1]'
     page.wait_for_function(f'() => {v_c} === 8')

@@ -4,8 +4,8 @@
 const LOST_MS = 800;       // an update comes every 50 ms
 const RECONNECT_MS = 500;
 const DEAD_MS = 8000;      // an open connection in which nothing comes is given up
-const ANSWER_MS = 100000;   // the slowest service has 90 s (hunt_ros/services.py)
-const STOP_MS = 15000;
+const ANSWER_MS = 15000;
+const SLOW_MS = {'stop-recording': 100000};   // it has 90 s (takes_s in hunt_ros/services.py)
 const HOLD_MS = 1000;      // what cannot be taken back is held down so long
 const BEEP_MS = 2000;
 const SHAPES = {OK: '✓', WARN: '▲', ERROR: '■', STALE: '?'};
@@ -353,20 +353,26 @@ function answer(kind, text) {
   if (kind !== 'refused') answerTimer = setTimeout(() => { box.hidden = true; }, 6000);   // a refusal stays
 }
 
+const underWay = new Set();   // a browser has six connections at most: one of each slow command, or a stop waits
+
 async function command(word, words = '') {
   const name = word.replaceAll('-', ' ');
+  if (underWay.has(word)) { answer('hint', `${name}: under way`); return; }
+  if (word in SLOW_MS) underWay.add(word);
   try {
     const reply = await fetch('command', {
       method: 'POST',
       headers: {'Content-Type': 'application/json'},
       body: JSON.stringify({word, words}),
-      signal: AbortSignal.timeout(word === 'emergency-stop' ? STOP_MS : ANSWER_MS),
+      signal: AbortSignal.timeout(SLOW_MS[word] ?? ANSWER_MS),
     });
     const {done, message} = await reply.json();
     answer(done ? 'done' : 'refused', `${name}: ${message || (done ? 'done' : 'refused')}`);
   } catch (error) {
     const hard = word === 'emergency-stop' ? ': USE THE HARD-WIRED STOP' : '';
     answer('refused', `${name}: NO ANSWER FROM THE SERVER${hard}`);
+  } finally {
+    underWay.delete(word);
   }
 }
 
