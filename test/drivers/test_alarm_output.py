@@ -138,14 +138,39 @@ def test_who_is_silent_calls_whatever_is_shelved() -> None:
     assert not call.look(100.9)
     assert call.look(101.1)
     assert call.condition is ALARM, 'nobody knows any more what is shelved'
-    call = _call('OK')
-    assert call.look(101.1)
-    assert (call.condition, call.cause) == (DOUBT, 'no status for 1 s')
+    for told in (_call('OK'), _call('ERROR', 'limit_cycle', **SHELVED)):
+        told.hear_drive(101.0, SHELVED)
+        assert told.look(101.1), 'of the detector alone'
+        assert (told.condition, told.cause) == (DOUBT, 'no status for 1 s')
+    call = _call('ERROR')
+    assert not call.look(1e6), 'what was an alarm is one while nobody speaks'
     call = Call(1.0, 0.0)
     assert not call.look(1.0)
     assert call.condition is Condition.WAITING
     assert call.look(100.0)
     assert call.cause.startswith('no status since the start')
+
+
+def test_a_start_calls_nobody_but_for_an_alarm_and_no_longer_than_it_takes() -> None:
+    call = Call(1.0, 0.0)
+    for now_s, level, alarm, condition in (
+        (1.0, 'STALE', 'False', Condition.WAITING),
+        (2.0, 'STALE', 'True', ALARM),  # of before a restart, which nobody has acknowledged
+        (3.0, 'STALE', 'False', Condition.WAITING),
+        (4.0, 'WARN', 'False', WELL),
+        (5.0, 'STALE', 'False', DOUBT),
+    ):
+        call.hear(now_s, {'level': level, 'message': 'why', 'alarm': alarm})
+        call.look(now_s)
+        assert call.condition is condition
+    call = Call(1.0, 0.0)
+    call.hear_drive(1.0, {'alarm_kept': 'it hunted'})
+    assert call.look(1.0)
+    assert call.condition is ALARM, 'a detector that was started again knows nothing of it'
+    call = Call(1.0, 0.0)
+    call.hear(100.0, {'level': 'STALE', 'message': 'why'})
+    assert call.look(100.0)
+    assert call.condition is DOUBT
 
 
 def test_an_acknowledgement_counts_until_something_new() -> None:

@@ -7,7 +7,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from std_srvs.srv import Trigger
 
 from hunt_ros.nodes.support.conversions import diagnostic
-from hunt_ros.nodes.support.qos import EVENTS, STATUS
+from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched
 
 pytestmark = pytest.mark.ros
 
@@ -169,3 +169,6 @@ def test_an_acknowledgement_silences_the_sound_until_something_new_and_nothing_e
     sound_again()
     said = [line for line in log.read_text().splitlines() if line.startswith('notify')]
     assert said == ['notify alarm', 'notify doubt'], 'an acknowledged alarm is one'
+    drive = graph.node.create_publisher(DiagnosticArray, 'speed/status', latched())
+    drive.publish(diagnostic(0, 'roller_speed', 'OK', '', {'alarm_kept': 'it hunted'}, ''))
+    graph.spin_until(lambda: health.says(condition='alarm', cause='it hunted'))
