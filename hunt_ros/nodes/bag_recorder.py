@@ -392,8 +392,10 @@ class BagRecorderNode(SuiteNode):
         self._running()
         while late := self._late(asked_ns):
             # The clock of a publisher may be behind: whatever it says, two heartbeats are over.
+            # Nobody can tell that from a backlog that still comes.
             if self._listened_s - asked_s > _RESENT_S:
-                self.get_logger().info(f'closed though {late} says that it is behind')
+                said = 'its clock is behind, or messages are on their way'
+                self.get_logger().warning(f'closed though {late} is older than the stop: {said}')
                 break
             time.sleep(_ROUND_S)
         return str(self._finish())
