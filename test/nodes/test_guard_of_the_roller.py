@@ -115,6 +115,13 @@ def test_a_driver_that_fails_to_close_is_opened_again(graph, resident, detector)
     assert graph.call('speed/emergency_stop').success
 
 
+def test_a_set_point_that_the_drive_refuses_trips_the_guard(graph, resident, detector) -> None:
+    rig = _held_at(graph, resident, detector, drive := Drive(6.0))
+    drive.refusal = 'no such register'
+    rig.until(interlock_state='tripped')
+    assert 'set point refused: no such register' in rig.status['interlock_cause']
+
+
 def test_five_millimetres_on_the_sensor_trip_it_though_no_detector_speaks(graph, resident) -> None:
     drive = Drive(6.0)
     lateral = graph.node.create_publisher(JointState, 'lateral', 1000)
