@@ -303,8 +303,10 @@ def _learn_noise(memory: Any, j: int, noise_alone: bool) -> None:
         for _ in range(4):  # the error of the tracker is part of it: solved for the rest
             if quiet > 0.0:
                 quiet *= np.median((square / (quiet + error))[:recent]) / _MEDIAN
-        # What is no noise alone does not raise it, a kick above all.
-        if noise_alone or not 0.0 < memory['quiet'][j] < quiet:
+        # What is no noise alone does not raise it, a kick above all; but what dies out smoothly
+        # shows too little of the noise at first.
+        falls = a[0] < a[2 * h]
+        if noise_alone or falls or not 0.0 < memory['quiet'][j] < quiet:
             memory['quiet'][j] = quiet
     base = memory['quiet'][j] + (_WANDER * a[0]) ** 2
     if not base > 0.0:
