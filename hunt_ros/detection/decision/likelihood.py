@@ -111,6 +111,7 @@ LIKELIHOOD: np.dtype[np.void] = np.dtype(
         ('square', np.float64, (len(HORIZONS), _RECENT * _LONGEST)),
         ('error', np.float64, (len(HORIZONS), _RECENT * _LONGEST)),
         ('seen', np.int64, (len(HORIZONS),)),
+        ('alone', np.int64, (len(HORIZONS),)),
         ('quiet', np.float64, (len(HORIZONS),)),
         ('noise', np.float64, (len(HORIZONS),)),
         ('freedom', np.float64, (len(HORIZONS),)),
@@ -164,6 +165,7 @@ def begin_anew(memory: Any, v: float) -> None:
     memory['speed'] = max(v, 1e-9)
     memory['another'] = 0
     memory['seen'][:] = 0
+    memory['alone'][:] = 0
     memory['quiet'][:] = 0.0
     memory['noise'][:] = 0.0
     memory['freedom'][:] = 0.0
@@ -303,10 +305,10 @@ def _learn_noise(memory: Any, j: int, noise_alone: bool) -> None:
         for _ in range(4):  # the error of the tracker is part of it: solved for the rest
             if quiet > 0.0:
                 quiet *= np.median((square / (quiet + error))[:recent]) / _MEDIAN
-        # What is no noise alone does not raise it, a kick above all; but what dies out smoothly
-        # shows too little of the noise at first.
-        falls = a[0] < a[2 * h]
-        if noise_alone or falls or not 0.0 < memory['quiet'][j] < quiet:
+        # What was noise alone over a horizon is not raised by what is not, a kick above all. What
+        # dies out smoothly from the start shows too little of the noise: it is no such value.
+        memory['alone'][j] += noise_alone and memory['quiet'][j] > 0.0
+        if noise_alone or memory['alone'][j] < h or quiet < memory['quiet'][j]:
             memory['quiet'][j] = quiet
     base = memory['quiet'][j] + (_WANDER * a[0]) ** 2
     if not base > 0.0:
