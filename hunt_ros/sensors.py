@@ -91,7 +91,7 @@ SENSORS: tuple[MotionSensor, ...] = (
         0,
         'm',
         _LENGTHS,
-        1.0,
+        0.1,  # flanges leave a wheelset some mm, and a model or a wing moves by less than this
         '*0.001',
         'the lateral amplitude is that of yaw through the mode shape, or unknown',
     ),

@@ -128,10 +128,15 @@ def _publishers(heard: Mapping[str, Any], rig: Rig) -> list[Finding]:
 
 
 def _units(record: Record) -> list[Finding]:
-    """Return the channels that cannot be in SI."""
+    """Return the channels that cannot be in SI, and those of which that is assumed."""
     texts = {name: wrong_unit(name, series) for name, series in record.items()}
     advice = 'publish SI units (m, rad, m/s), or give the factor in "sources" of the rig file'
-    return [Finding('unit', name, FAIL, text, advice) for name, text in texts.items() if text]
+    found = [Finding('unit', name, FAIL, text, advice) for name, text in texts.items() if text]
+    if assumed := record.notes.get('units_assumed'):
+        text = f'the file that it was imported from tells no unit, assumed: {assumed}'
+        advice = 'if that is wrong, import it again with a factor: --channel lateral=y*0.001'
+        found.append(Finding('unit', '', WARN, text, advice))
+    return found
 
 
 def _filters(record: Record, rig: Rig) -> list[Finding]:

@@ -52,9 +52,17 @@ def run(arguments: argparse.Namespace) -> int:
         name: {'samples': len(series), 'rate_hz': known(series.rate_hz)}
         for name, series in record.items()
     }
-    written = {'bag': str(path), 'duration_s': record.duration_s, 'channels': channels}
+    assumed = record.notes.get('units_assumed', '')
+    written = {
+        'bag': str(path),
+        'duration_s': record.duration_s,
+        'channels': channels,
+        'units_assumed': assumed,
+    }
     parts = ', '.join(f'{name} {len(series)}' for name, series in record.items())
     said = f'{path}: {record.duration_s:.1f} s, samples: {parts}'
+    if assumed:
+        said += f'; the file tells no unit, assumed: {assumed}'
     tell(arguments.json, lambda: written, lambda: said)
     return 0
 

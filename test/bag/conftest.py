@@ -31,7 +31,7 @@ def make_record(seconds: float = 8.0, rate_hz: float = 1000.0, seed: int = 0) ->
     slow = fast[::10] + 123
     return Record(
         {
-            'lateral': Series(fast, rng.normal(size=count)),
+            'lateral': Series(fast, 1e-3 * rng.normal(size=count)),
             'yaw': Series(fast + 7, rng.normal(size=count)),
             'roller': Series(slow, np.cumsum(rng.uniform(size=slow.size))),
             'speed': Series(slow + 1, rng.uniform(6, 9, size=slow.size)),

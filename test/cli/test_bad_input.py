@@ -267,9 +267,12 @@ def test_channels_that_are_not_there_are_told_with_those_that_are(refused, tmp_p
         assert 'it has /rig/yaw' in line
 
 
-def test_a_recording_in_millimetres_is_neither_sound_nor_judged(refused, tmp_path, capsys) -> None:
+@pytest.mark.parametrize('amplitude', [84.0, 0.7], ids=['84 mm', '0.7 mm'])
+def test_a_recording_in_millimetres_is_neither_sound_nor_judged(
+    refused, tmp_path, capsys, amplitude
+) -> None:
     stamps = 10**9 + np.arange(1000) * 10_000_000
-    wave = 84.0 * np.sin(0.18 * np.arange(1000))
+    wave = amplitude * np.sin(0.18 * np.arange(1000))
     record = Record({'lateral': Series(stamps, wave), 'speed': Series(stamps, 0 * wave + 7.0)})
     bag = write_record(tmp_path / 'mm', record)
     for verb in ('replay', 'identify'):
@@ -279,6 +282,19 @@ def test_a_recording_in_millimetres_is_neither_sound_nor_judged(refused, tmp_pat
     assert 'wrong_unit: channel lateral is beyond' in capsys.readouterr().out
     scaled = ['--channel', 'lateral=/rig/lateral.position[0]*0.001']
     assert main(['replay', str(bag), *scaled]) == 0
+
+
+def test_a_unit_that_nobody_told_is_said_to_be_assumed(tmp_path, capsys) -> None:
+    table = tmp_path / 'quiet.csv'  # 0.02 mm are as little in m as no rig can be blamed for
+    rows = (f'{0.01 * i},{0.02 * np.sin(0.18 * i)},0.0,7' for i in range(2000))
+    table.write_text('t,lateral,yaw,speed_mps\n' + '\n'.join(rows))
+    bag = tmp_path / 'bag'
+    assert main(['import', str(table), str(bag)]) == 0
+    assert 'the file tells no unit, assumed: lateral in m, yaw in rad' in capsys.readouterr().out
+    assert main(['info', str(bag)]) == 0
+    assert 'units_assumed: lateral in m, yaw in rad' in capsys.readouterr().out
+    main(['check', str(bag)])
+    assert 'tells no unit, assumed: lateral in m, yaw in rad' in capsys.readouterr().out
 
 
 def test_an_event_without_a_speed_has_a_dash() -> None:

@@ -23,6 +23,8 @@ UNITS: dict[str, Mapping[str, float]] = {
     'roller': ANGLES,
     'speed': {'mps': 1.0, 'kmh': 1.0 / 3.6},
 }
+#: Channel -> the unit it is in.
+SI: dict[str, str] = {**{one.name: one.unit for one in SENSORS}, 'roller': 'rad', 'speed': 'm/s'}
 #: Column names that mean the time, and their unit in seconds, where the file does not tell it.
 TIMES: dict[str, float] = {
     'stamp_ns': 1e-9, 'time_ns': 1e-9, 't_ns': 1e-9, 'time_us': 1e-6, 't_us': 1e-6,
@@ -86,7 +88,10 @@ def load_record(
         series, mapping = _channels(table, mapping, rate_hz, time)
     except BagError as error:
         raise BagError(f'{path}: {error}') from error
-    record = Record(series, str(path), {'source': Path(path).name})
+    notes = {'source': Path(path).name}
+    if assumed := _assumed(table, mapping):
+        notes['units_assumed'] = assumed
+    record = Record(series, str(path), notes)
     return with_constants(record, mapping)
 
 
@@ -242,7 +247,7 @@ def _plain(unit: str) -> str:
 
 def _check_unit(table: Table, channel: str, source: ChannelSource) -> None:
     """Refuse a column that is taken as it is, and is not in SI by what the file says."""
-    unit = _plain(table.units.get(source.source, ''))
+    unit = _told_unit(table, channel, source)
     factor = UNITS[channel].get(unit)
     if not unit or source.scale != 1.0 or factor == 1.0:
         return
@@ -250,6 +255,23 @@ def _check_unit(table: Table, channel: str, source: ChannelSource) -> None:
     raise BagError(
         f'column {source.source} is in {unit}{known}, expected a factor:'
         f' {channel}={source.source}*{f"{factor:.7g}" if factor else "FACTOR"}'
+    )
+
+
+def _told_unit(table: Table, channel: str, source: ChannelSource) -> str:
+    """Return the unit that the file tells of a column, or its name ends in; '' for none."""
+    ending = source.source.rpartition('_')[2].lower()
+    told = _plain(table.units.get(source.source, ''))
+    return told or (ending if ending in UNITS[channel] else '')
+
+
+def _assumed(table: Table, mapping: Mapping[str, ChannelSource]) -> str:
+    """Return the channels of which nobody has told the unit: `lateral in m, speed in m/s`."""
+    return ', '.join(
+        f'{name} in {SI[name]}'
+        for name, source in mapping.items()
+        if source.constant is None and source.scale == 1.0
+        if not _told_unit(table, name, source)
     )
 
 
