@@ -36,6 +36,12 @@ class IdentificationError(HuntError):
     """The data given cannot support the identification asked for."""
 
 
+def one_line(error: BaseException) -> str:
+    """Return an error as one line; one that is not ours with the name of its class."""
+    text = ' '.join(str(error).split())
+    return text if isinstance(error, HuntError) else f'{type(error).__name__}: {text}'
+
+
 #: Libraries that only a part needs: recordings, the page. No package of Ubuntu or of ROS
 #: brings all of a part.
 _BY_PIP = ('rosbags mcap lz4 zstandard', 'tornado')

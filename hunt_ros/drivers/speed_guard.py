@@ -11,15 +11,20 @@ from __future__ import annotations
 import math
 import threading
 import time
+from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime, timezone
 from typing import Any
 
 from hunt_ros.drivers.alarms import Shelved
+from hunt_ros.drivers.base import DriveDriver
 from hunt_ros.drivers.command import DriveLimits, RollerCommand
 from hunt_ros.drivers.interlock import Change, Heard, Interlock, InterlockSettings
 from hunt_ros.drivers.readings import Displacement, RollerReadings
 from hunt_ros.drivers.safety_state import SafetyState
+from hunt_ros.errors import one_line
+from hunt_ros.samples import NANOSECONDS
 from hunt_ros.suite import Awaited
 
 #: The roller stands below this, m/s.
@@ -33,6 +38,9 @@ _COMPARED_S = 0.1
 class SpeedGuard:
     """
     Decides for one roller. Every method may be called from any thread.
+
+    A set point goes through a mailbox of one to the thread that owns the drive (`hand_over`):
+    nobody waits for the drive, and of two the newer one counts.
 
     Parameters
     ----------
@@ -50,11 +58,22 @@ class SpeedGuard:
         False for a rig whose time is not that of the clocks.
     longest_step_s : float
         See `RollerCommand`.
+    connection : callable
+        Returns level and words of what is wrong with the connection to the drive, ('OK', '')
+        where nothing is; None where none is wanted yet.
+    silent_s : callable
+        Returns how long ago the drive sent its last reading, s.
 
     Attributes
     ----------
     autostart : bool
         The profile starts by itself yet; any stop ends that.
+    taken : (float, int)
+        What the drive took last, m/s, and when that was decided; (NaN, 0): it is left alone.
+    refusal : str
+        Why it did not take the last one; '' where it did.
+    refused, answered : int
+        How many it refused; number of the last one that was answered.
     """
 
     def __init__(
@@ -67,12 +86,19 @@ class SpeedGuard:
         autostart: bool = False,
         real_time: bool = True,
         longest_step_s: float = math.inf,
+        connection: Callable[[], tuple[str, str] | None] = lambda: ('OK', ''),
+        silent_s: Callable[[], float] = lambda: 0.0,
     ) -> None:
         self.command = RollerCommand(limits, longest_step_s)
         self.interlock = Interlock(settings, real_time)
         self.readings = RollerReadings(diameter_m if real_time else 0.0)
         self.displacement = Displacement()
         self.deciding = threading.RLock()
+        self._connection, self._silent_s = connection, silent_s
+        self._mailbox: deque[tuple[int, float, int]] = deque(maxlen=1)
+        self._posted = self.answered = self.refused = 0
+        self.taken, self.refusal = (math.nan, 0), ''
+        self._asked_ns = 0  # when the last set point was asked for, profile clock
         self.waits = ''  # why the profile does not start by itself
         #: The history, the alarm and what is shelved; what else is in force follows.
         self._kept, self._saved = state, SafetyState()
@@ -108,74 +134,131 @@ class SpeedGuard:
             self._alarmed = heard.alarm
             self.interlock.hear(now_ns, heard)
 
-    def watch(
-        self, now_ns: int, lost: str, target_mps: float, measured_mps: float
-    ) -> Change | None:
+    @property
+    def target_mps(self) -> float:
+        """What the drive took last, m/s; NaN: it is left alone."""
+        return self.taken[0]
+
+    @property
+    def measured_mps(self) -> float:
+        """What the roller runs at, m/s; NaN where the drive does not say."""
+        return math.nan if self.silent else self.readings.speed_mps
+
+    @property
+    def silent(self) -> str:
+        """'' or since when the drive sends nothing."""
+        return self.readings.silent(self._silent_s())
+
+    def trouble(self) -> tuple[str, str]:
+        """Return level and words of what is wrong with the drive; ('OK', '') where nothing is."""
+        level, words = self._connection() or ('OK', '')
+        if words:
+            return level, words
+        if self.refusal:
+            return 'ERROR', f'set point refused: {self.refusal}'
+        never = math.isnan(self.readings.speed_mps)
+        silent = self.silent
+        return (Awaited('STALE') if never else 'STALE', silent) if silent else ('OK', '')
+
+    def watch(self, steady_ns: int, now_ns: int) -> Change | None:
         """
-        Judge; return a transition of the interlock.
+        Judge, and post a lower set point at once; return a transition of the interlock.
 
         Parameters
         ----------
-        now_ns : int
-            Steady clock; to be called every 20 ms.
-        lost : str
-            '' or what is wrong with the connection to the drive.
-        target_mps : float
-            What the drive took last; NaN: it is left alone.
-        measured_mps : float
-            Speed of the roller; NaN: not known.
+        steady_ns, now_ns : int
+            Steady clock, and that of the profile; to be called every 20 ms while active.
         """
         with self.deciding:
-            now_s = now_ns * 1e-9
+            now_s, measured_mps = steady_ns / NANOSECONDS, self.measured_mps
             if now_s - self._compared_s >= _COMPARED_S:
                 self._compared_s = now_s
                 ceiling = self.command.limits.speed_ceiling_mps
-                self._fault = self.readings.fault(now_s, target_mps, ceiling)
+                self._fault = self.readings.fault(now_s, self.target_mps, ceiling)
                 self.interlock.displacement_m = self.displacement.largest_m(now_s)
-            self.interlock.drive(lost, self._fault)
-            change = self.interlock.judge(now_ns, measured_mps)
-            goal = self.interlock.goal_mps
-            if self.interlock.state == 'tripped' and goal < self.command.forced_mps:
+            self.interlock.drive(self.trouble()[1], self._fault)
+            change = self.interlock.judge(steady_ns, measured_mps)
+            goal, before = self.interlock.goal_mps, self.command.forced_mps
+            if self.interlock.state == 'tripped' and goal < before:
                 self.autostart = False
-                self.command.trip(goal, measured_mps)
+                if self.command.trip(goal, measured_mps) < before:
+                    self.decide(steady_ns, now_ns, active=True, there=True)
             return self._noted(change)
 
-    def set_point(
-        self, now_ns: int, passed_s: float, measured_mps: float, active: bool, busy: bool
-    ) -> float | None:
+    def decide(self, steady_ns: int, now_ns: int, active: bool, there: bool) -> None:
         """
-        Return the set point that is due; None where the drive is left alone.
+        Post the set point that holds now, if there is one.
 
         Parameters
         ----------
-        now_ns : int
-            Steady clock.
-        passed_s : float
-            On the clock of the profile, since the last call that was not `busy`.
-        measured_mps : float
-            Speed of the roller; NaN: not known.
-        active, busy : bool
-            The node is active; the drive has not answered to the last one.
+        steady_ns, now_ns : int
+            Steady clock, and that of the profile.
+        active, there : bool
+            The node is active; there is a drive, or was one.
         """
+        with self.deciding:  # an emergency stop comes before or after, not between
+            busy, (target_mps, decided_ns) = self.answered < self._posted, self.taken
+            forced = self.command.forced
+            if not math.isnan(target_mps) and (forced or not (busy or self.refusal)):
+                self.command.taken(target_mps)
+            # On the way down time counts from the set point that the drive has: none may rise.
+            since_ns = (decided_ns if forced else 0) or self._asked_ns
+            passed_s = (now_ns - since_ns) / NANOSECONDS if since_ns else 0.0
+            speed_mps = self._due(steady_ns, passed_s, active, busy)
+            if speed_mps is not None and there:
+                self.post(speed_mps, now_ns)
+            elif not busy:
+                self.taken = math.nan, 0  # the drive is left alone
+            if not busy:
+                self._asked_ns = now_ns
+
+    def _due(self, steady_ns: int, passed_s: float, active: bool, busy: bool) -> float | None:
+        """Return the set point that is due; None where the drive is left alone."""
+        if busy and not self.command.forced:
+            return None
+        if self.autostart and active:
+            self.waits = self._begin(steady_ns, '')
+            self.autostart = bool(self.waits)
+        if not (active or self.command.forced):
+            self.command.let_go()
+            return None
+        return self.command.next(passed_s, self.measured_mps, self.interlock.motion(steady_ns))
+
+    def post(self, speed_mps: float, decided_ns: int) -> int:
+        """Leave a set point for the drive, and when it was decided; return its number."""
         with self.deciding:
-            if busy and not self.command.forced:
-                return None
-            if self.autostart and active:
-                self.waits = self._begin(now_ns, '')
-                self.autostart = bool(self.waits)
-            if not (active or self.command.forced):
-                self.command.let_go()
-                return None
-            return self.command.next(passed_s, measured_mps, self.interlock.motion(now_ns))
+            self._posted += 1
+            self._mailbox.append((self._posted, speed_mps, decided_ns))
+            return self._posted
+
+    def hand_over(self, drive: DriveDriver) -> float | None:
+        """Send what waits, in the thread that owns the drive; return what the drive took, m/s."""
+        if not self._mailbox:
+            return None
+        number, speed_mps, decided_ns = self._mailbox.popleft()
+        try:
+            drive.set_speed(speed_mps)
+        except Exception as error:  # whatever a library of the hardware raises
+            self.refused += 1
+            self.refusal = one_line(error)
+        else:
+            self.refusal, self.taken = '', (speed_mps, decided_ns)
+        self.answered = number
+        return None if self.refusal else speed_mps
 
     def _begin(self, now_ns: int, against: str) -> str:
         against = against or self.interlock.refusal(now_ns)
         return self.command.start(self.interlock.motion(now_ns), against)
 
+    def _by_a_person(self) -> RollerCommand:
+        """Return the command; from now on nothing starts by itself."""
+        self.autostart, self.waits = False, ''
+        return self.command
+
     def start(self, now_ns: int, against: str) -> str:
         """Start the profile; return '' or why not, `against` among it."""
         with self.deciding:
-            self.autostart, self.waits = False, ''
+            self._by_a_person()
             return self._begin(now_ns, against)
 
     def resume(self, now_ns: int, against: str) -> str:
@@ -186,30 +269,36 @@ class SpeedGuard:
     def stop(self) -> str:
         """Hold the speed of this moment; only a person starts anything after it."""
         with self.deciding:
-            self.autostart, self.waits = False, ''
-            return self.command.stop()
+            return self._by_a_person().stop()
 
     def let_go(self) -> None:
         """Leave the drive alone, but for what is forced."""
         with self.deciding:
-            self.autostart, self.waits = False, ''
-            self.command.let_go()
+            self._by_a_person().let_go()
 
-    def emergency_stop(self, speed_mps: float, measured_mps: float) -> tuple[float, float]:
-        """Stop until `rearm`; return the set point, and the speed that shows that it slows."""
+    def emergency_stop(self, speed_mps: float, now_ns: int) -> tuple[int, float]:
+        """
+        Stop until `rearm`; return the number of its set point, and what shows that it slows, m/s.
+
+        Parameters
+        ----------
+        speed_mps : float
+            Set point.
+        now_ns : int
+            Clock of the profile.
+        """
         with self.deciding:
-            self.autostart, self.waits = False, ''
             before = self.readings.lowest_mps()
-            set_point = self.command.emergency_stop(speed_mps, measured_mps)
+            set_point = self._by_a_person().emergency_stop(speed_mps, self.measured_mps)
             self.remember('emergency_stop', 'asked for')
-            return set_point, max(set_point + _SLOWED_MPS, before - _SLOWED_MPS)
+            slowed_mps = max(set_point + _SLOWED_MPS, before - _SLOWED_MPS)
+            return self.post(set_point, now_ns), slowed_mps
 
-    def end(self, measured_mps: float) -> float:
+    def end(self) -> float:
         """Take the roller to the safe speed, which is returned; no trip, but nothing starts."""
         with self.deciding:
-            self.autostart, self.waits = False, ''
             safe_mps = self.interlock.safe_speed_mps()
-            self.command.trip(safe_mps, measured_mps)
+            self._by_a_person().trip(safe_mps, self.measured_mps)
             return safe_mps
 
     def rearm(self, now_ns: int) -> tuple[Change | None, str]:
@@ -275,24 +364,11 @@ class SpeedGuard:
             before, self._saved = self._saved, self._kept
             return self._kept.to_json() if self._kept != before else ''
 
-    def present(
-        self, active: bool, trouble: tuple[str, str], measured_mps: float
-    ) -> tuple[str, str]:
-        """
-        Return level and one line: the gravest first.
-
-        Parameters
-        ----------
-        active : bool
-            The node is active.
-        trouble : tuple of str
-            Level and words of what is wrong with the drive; ('OK', '') where nothing is.
-        measured_mps : float
-            Speed of the roller; NaN: not known.
-        """
+    def present(self, active: bool) -> tuple[str, str]:
+        """Return level and one line, the gravest first; `active`: the node is."""
         with self.deciding:
             interlock, command = self.interlock, self.command
-            level, words = trouble
+            level, words = ('OK', '') if self._connection() is None else self.trouble()
             if command.forced:
                 tripped = f'interlock tripped: {interlock.cause}'
                 said = (
@@ -303,7 +379,7 @@ class SpeedGuard:
                 if (more := words or self._fault) and more != interlock.cause:
                     said += f' ({more})' if words else f'; {more}'
                 return 'ERROR', said
-            if not active and measured_mps > _STANDS_MPS:
+            if not active and (measured_mps := self.measured_mps) > _STANDS_MPS:
                 return 'ERROR', f'nobody guards: inactive at {measured_mps:.2f} m/s'
             if words or not active:
                 return level, words or 'inactive'
@@ -325,6 +401,8 @@ class SpeedGuard:
             command, interlock = self.command, self.interlock
             profile, off = command.profile, not active and not command.forced
             return {
+                'speed_mps': self.readings.speed_mps,
+                'target_mps': self.target_mps,
                 'profile': ''
                 if profile is None
                 else profile.name or f'{len(profile.steps)} steps',

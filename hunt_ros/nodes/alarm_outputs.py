@@ -20,9 +20,9 @@ from pathlib import Path
 from diagnostic_msgs.msg import DiagnosticArray
 
 from hunt_ros.drivers.alarm_output import AlarmSettings, Call, Condition
-from hunt_ros.errors import ConfigError, DriverError
+from hunt_ros.errors import ConfigError, DriverError, one_line
 from hunt_ros.nodes.support.conversions import read_diagnostic
-from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, one_line, steady_clock
+from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, steady_clock
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare, warn_unknown
 from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched

@@ -22,9 +22,9 @@ from pathlib import Path
 from std_msgs.msg import String
 
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.errors import HuntError
+from hunt_ros.errors import HuntError, one_line
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, one_line
+from hunt_ros.nodes.support.diagnostics import Diagnostics, Health
 from hunt_ros.nodes.support.form_files import FormFiles, recordings_of, with_recordings
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare, declare_normal_form, warn_unknown

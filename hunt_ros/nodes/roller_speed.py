@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -43,17 +44,16 @@ from hunt_ros.nodes.support.driver_node import DriverNode
 from hunt_ros.nodes.support.hearing import CallWords, Channels
 from hunt_ros.nodes.support.parameters import declare, warn_unknown
 from hunt_ros.nodes.support.qos import EVENTS, MEASUREMENTS, STATUS, latched, stream
-from hunt_ros.nodes.support.set_points import SetPoints
-from hunt_ros.nodes.support.worker import Newest, Worker, answer_aside, offer
+from hunt_ros.nodes.support.worker import Worker, answer_aside, offer
 from hunt_ros.rig import of_rig
 from hunt_ros.samples import NANOSECONDS, number_of
 from hunt_ros.services import SERVICES
 from hunt_ros.settings import Settings, setting
-from hunt_ros.suite import Awaited
 
 #: The interlock looks so often, s.
 _WATCH_S = 0.02
-_STATUS_S = 0.1
+#: ... and how things stand is told, and kept where it has changed, so often, s.
+_STATUS_S, _KEPT_S = 0.1, 0.05
 #: In a longer gap between two set points the process or the machine stood still, s.
 _LONGEST_STEP_S = 0.25
 #: An emergency stop has to show on the encoder within this, s.
@@ -124,13 +124,14 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
             self._config.profile_autostart,
             not simulated_time,
             math.inf if simulated_time else _LONGEST_STEP_S,
+            self._connection,
+            self._silent_s,
         )
         self._parsed: tuple[str, Profile | None] = '', None  # text and what it is
         if self._config.profile:
             profile = Profile.read(self._config.profile)
             profile.check(limits.speed_ceiling_mps)
             self._guard.command.load(profile)
-        self._set_points = SetPoints(self._guard, self._on_taken, self._on_refused)
         self._since_ns = 0  # of the interlock's state, clock of the stamps
         self._read_ns = 0  # when the last reading came, profile clock
         self._note = ''
@@ -161,7 +162,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         # Of its own thread: it waits for the encoder, and works where the executor hangs.
         stop = {'speed/emergency_stop': self._emergency_stop}
         self._stopper = answer_aside(self, self._diagnostics.failed, stop)
-        self._to_keep: Newest[str] = Newest()
+        self._to_keep: deque[str] = deque(maxlen=1)
         self._keeper = Worker(self._diagnostics.failed, 'safety state', self._keep)
         interlock = self._guard.interlock
         if interlock.state != 'armed':
@@ -173,7 +174,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         super().close()
         self._stopper.close(0.0)
         if text := self._guard.unsaved(running=False):  # else what waits is the newest
-            self._to_keep.post(text)
+            self._to_keep.append(text)
         self._keeper.stop()
 
     def on_deactivate(self, state: State) -> TransitionCallbackReturn:
@@ -193,8 +194,8 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         """Write what must outlive the process whenever it changes; try again what failed."""
         path, unwritten = Path(self._config.state_file), ''
         while True:
-            last = stopping.is_set()
-            unwritten = self._to_keep.take(0.0 if last else 0.2) or unwritten
+            last = stopping.wait(_KEPT_S)
+            unwritten = self._to_keep.pop() if self._to_keep else unwritten
             if unwritten and self._config.state_file:
                 try:
                     write(path, unwritten)
@@ -240,12 +241,18 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         self._announced = self.create_publisher(JointState, 'roller', stream(MEASUREMENTS))
 
     def _attend(self, driver: DriveDriver) -> None:
-        self._set_points.hand_over(driver)
+        """Send the drive its set point, and publish what it took."""
+        refused, taken_mps = self._guard.refusal, self._guard.hand_over(driver)
+        if taken_mps is not None and self._active.is_set():
+            now_ns = self.get_clock().now().nanoseconds
+            self._target.publish(twist(now_ns, taken_mps, self._config.frame_id))
+        if self._guard.refusal and not refused:
+            self.get_logger().error(f'set point: {self._guard.refusal}')
 
     def _take(self, block: DriveBlock, publish: bool) -> None:
         """Hand in the readings of the drive, and publish them."""
         self._guard.readings.take(time.monotonic(), block)
-        self._read_ns = self._profile_clock.now().nanoseconds
+        self._read_ns = self._profile_ns()
         if not publish:
             return
         readings = zip(
@@ -264,15 +271,6 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
     def _lose(self, count: int) -> None:
         self.get_logger().warning(f'{count} readings came too late and are left out')
 
-    def _on_taken(self, speed_mps: float) -> None:
-        """Publish what the drive took; called by its thread."""
-        if self._active.is_set():
-            now_ns = self.get_clock().now().nanoseconds
-            self._target.publish(twist(now_ns, speed_mps, self._config.frame_id))
-
-    def _on_refused(self, speed_mps: float, reason: str) -> None:
-        self.get_logger().error(f'set point {speed_mps:.2f} m/s: {reason}')
-
     def _on_detector(self, message: DiagnosticArray) -> None:
         """Take a status of the detector, with the moment at which it came."""
         self._guard.hear(self._steady_ns(), heard_of(message))
@@ -286,30 +284,28 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
             self._guard.displacement.take(now_s, samples)
         active = self._active.is_set()
         if text := self._guard.unsaved(running=active):
-            self._to_keep.post(text)
-        if not active:
-            return
-        target_mps = self._set_points.target_mps
-        _, lost = self._trouble_of_drive()
-        before_mps = self._guard.command.forced_mps
-        change = self._guard.watch(self._steady_ns(), lost, target_mps, self._measured())
-        if self._guard.command.forced_mps < before_mps:
-            self._send_next()
-        if change is not None:
+            self._to_keep.append(text)
+        if active and (change := self._guard.watch(self._steady_ns(), self._profile_ns())):
             goal_mps = self._guard.command.forced_mps
             self._tell(change, f'; the roller goes to {goal_mps:.2f} m/s until speed/rearm')
 
-    def _trouble_of_drive(self) -> tuple[str, str]:
-        """Return level and words of what is wrong with the drive; ('OK', '') where nothing is."""
+    def _connection(self) -> tuple[str, str] | None:
+        """Return level and words of what is wrong with the connection, as the guard wants them."""
+        if self._worker is None:
+            return None
         if link := self._link():
             return link[0], f'drive: {link[1]}'
-        if refusal := self._set_points.refusal:
-            return 'ERROR', f'set point refused: {refusal}'
-        if self._diagnostics.namesake:
-            return 'ERROR', 'another speed node of this name commands the drive, too'
-        silent = self._silent()
-        level = Awaited('STALE') if math.isnan(self._guard.readings.speed_mps) else 'STALE'
-        return (level, silent) if silent else ('OK', '')
+        namesake = 'another speed node of this name commands the drive, too'
+        return ('ERROR', namesake) if self._diagnostics.namesake else ('OK', '')
+
+    def _silent_s(self) -> float:
+        """Return since when the drive sends nothing, s."""
+        # The time of a simulated rig stands still while it waits for the detector.
+        passed_s = (self._profile_ns() - self._read_ns) / NANOSECONDS
+        return min(time.monotonic() - self._heard_s, passed_s)
+
+    def _profile_ns(self) -> int:
+        return self._profile_clock.now().nanoseconds
 
     def _steady_ns(self) -> int:
         return self._steady.now().nanoseconds
@@ -351,24 +347,13 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
 
     def _send_next(self) -> None:
         """Post the set point that holds now, if there is one and a drive to take it."""
-        now_ns, measured_mps = self._profile_clock.now().nanoseconds, self._measured()
         active, there = self._active.is_set(), not self._connecting
-        self._set_points.decide(self._steady_ns(), now_ns, measured_mps, active, there)
+        self._guard.decide(self._steady_ns(), self._profile_ns(), active, there)
         note = self._guard.command.note
         if note != self._note:
             self._note = note
             if note:
                 self.get_logger().info(f'profile: {note}')
-
-    def _measured(self) -> float:
-        """Return what the roller runs at, m/s; NaN where the drive does not say."""
-        return math.nan if self._silent() else self._guard.readings.speed_mps
-
-    def _silent(self) -> str:
-        """Return '' or since when the drive sends nothing."""
-        # The time of a simulated rig stands still while it waits for the detector.
-        passed_s = (self._profile_clock.now().nanoseconds - self._read_ns) / NANOSECONDS
-        return self._guard.readings.silent(min(time.monotonic() - self._heard_s, passed_s))
 
     def _set_off(self, act: Callable[[int, str], str]) -> str:
         """Start or resume the profile."""
@@ -382,21 +367,18 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         Only the encoder tells that: a set point that was sent may not have arrived, and a
         drive that took it may not obey. The stop is sent again until `speed/rearm`.
         """
-        guard, points = self._guard, self._set_points
-        with guard.deciding:
-            emergency_mps = self._config.emergency_speed_mps
-            speed_mps, slowed_mps = guard.emergency_stop(emergency_mps, self._measured())
-            number = points.post(speed_mps, self._profile_clock.now().nanoseconds)
+        guard, emergency_mps = self._guard, self._config.emergency_speed_mps
+        number, slowed_mps = guard.emergency_stop(emergency_mps, self._profile_ns())
         began_s = time.monotonic()
         while not (problem := self._absence()):
-            if points.answered >= number and points.refusal:
-                problem = points.refusal
+            if guard.answered >= number and guard.refusal:
+                problem = guard.refusal
                 break
             if guard.readings.slower(slowed_mps, began_s):
                 break
             if time.monotonic() - began_s > _CONFIRM_S:
                 shown_mps = guard.readings.speed_mps
-                problem = self._silent() or (
+                problem = guard.silent or (
                     f'the encoder shows {shown_mps:.2f} m/s after {_CONFIRM_S:g} s'
                 )
                 break
@@ -414,16 +396,16 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
     def wind_down(self) -> bool:
         """Take the roller to the safe speed; return True when it is there, or cannot be."""
         guard, now_s = self._guard, time.monotonic()
-        left_alone = math.isnan(self._set_points.target_mps) and not guard.command.forced
+        left_alone = math.isnan(guard.target_mps) and not guard.command.forced
         unguarded = guard.interlock.state == 'disarmed' and left_alone
         if unguarded or not self._config.slow_down_at_end or math.isinf(self._heard_s):
             return True
         # Again and again: no rearm ends it.
-        speed_mps, safe_mps = guard.readings.speed_mps, guard.end(self._measured())
+        speed_mps, safe_mps = guard.readings.speed_mps, guard.end()
         if self._ends_s is None:
             ramp_s = max(0.0, speed_mps - safe_mps) / guard.command.limits.safe_deceleration_mps2
             self._ends_s = now_s + min(ramp_s + _ENDING_S, self.winding_s - 1.0)
-        if self._measured() <= safe_mps + _THERE_MPS:
+        if guard.measured_mps <= safe_mps + _THERE_MPS:
             return True
         if now_s > self._ends_s:
             self.failed = (
@@ -441,39 +423,35 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
     def _report(self) -> None:
         """Publish how things stand."""
         level, text = self._present()
-        values = {
-            'speed_mps': self._guard.readings.speed_mps,
-            'target_mps': self._set_points.target_mps,
-            **self._guard.values(self._active.is_set()),
-            'interlock_since_ns': self._since_ns,
-        }
+        values = self._guard.values(self._active.is_set())
+        values['interlock_since_ns'] = self._since_ns
         now_ns = self.get_clock().now().nanoseconds
         self._status.publish(
             diagnostic(now_ns, 'roller_speed', level, text, values, self.get_namespace()[1:])
         )
 
     def _present(self) -> tuple[str, str]:
-        trouble = self._trouble_of_drive() if self._worker is not None else ('OK', '')
-        if self._ends_s is not None and not trouble[1]:
-            speed_mps, goal_mps = self._measured(), self._guard.command.forced_mps
-            return 'OK', f'ending: {speed_mps:.2f} m/s on the way to {goal_mps:.2f} m/s'
-        return self._guard.present(self._active.is_set(), trouble, self._measured())
+        guard = self._guard
+        if self._ends_s is not None and not guard.trouble()[1]:
+            way = f'{guard.measured_mps:.2f} m/s on the way to {guard.command.forced_mps:.2f} m/s'
+            return 'OK', f'ending: {way}'
+        return guard.present(self._active.is_set())
 
     def _health(self) -> Health:
-        fresh = self._new('readings', self._published)
-        refused = self._new('refused', self._set_points.refused)
+        guard = self._guard
         values: dict[str, object] = {
-            'speed_mps': self._guard.readings.speed_mps,
-            'target_mps': self._set_points.target_mps,
-            'readings': fresh,
-            'refused_set_points': self._set_points.refused,
-            'interlock': self._guard.interlock.state,
+            'speed_mps': guard.readings.speed_mps,
+            'target_mps': guard.target_mps,
+            'readings': self._new('readings', self._published),
+            'refused_set_points': guard.refused,
+            'interlock': guard.interlock.state,
         }
+        refused = self._new('refused', guard.refused)
         level, text = self._present()
         if level == 'OK' and refused:
             level, text = 'WARN', f'{refused} set points were refused'
         elif level == 'OK' and self._active.is_set():
-            text = f'{self._guard.readings.speed_mps:.2f} m/s'
+            text = f'{guard.readings.speed_mps:.2f} m/s'
         return level, text, values
 
 

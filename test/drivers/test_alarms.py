@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from hunt_ros.detection.channels import health
 from hunt_ros.detection.decision.limits import LIMITS
 from hunt_ros.detection.regions import State
 from hunt_ros.drivers.alarms import DETECTED, TRIPS, Shelved
+from hunt_ros.drivers.base import DriveBlock
 from hunt_ros.drivers.command import DriveLimits
 from hunt_ros.drivers.interlock import Heard, InterlockSettings
 from hunt_ros.drivers.safety_state import SafetyState, read, write
@@ -95,12 +97,14 @@ def test_what_is_shelved_is_said_outlives_the_process_and_takes_no_trip(tmp_path
     guard = _guard()
     guard.shelve('limit_cycle 30 the grease, Mia')
     assert guard.values(True)['shelved'].startswith('limit_cycle until ')
-    assert guard.present(True, ('OK', ''), 0.0)[0] == 'WARN'
+    block = DriveBlock(np.array([1]), np.array([math.nan]), np.array([7.0]))
+    guard.readings.take(0.0, block)
+    assert guard.present(True)[0] == 'WARN'
     for k in range(1, 200):
         guard.hear(k * S // 20, Heard('OK', k, k * S // 20))
-        guard.watch(k * S // 20, '', math.nan, 7.0)
+        guard.watch(k * S // 20, 0)
     guard.hear(10 * S, Heard('ERROR', 200, 10 * S, 'limit cycle', alarm=True))
-    assert guard.watch(10 * S, '', math.nan, 7.0).event == 'interlock_tripped'
+    assert guard.watch(10 * S, 0).event == 'interlock_tripped'
     assert guard.values(True)['interlock_code'] == 'hunting'
     write(tmp_path / 'state.json', guard.unsaved(running=False))
     assert guard.unsaved(running=False) == '', 'written once'

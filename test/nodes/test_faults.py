@@ -29,7 +29,6 @@ from hunt_ros.dynamics.profile import Profile
 from hunt_ros.errors import DriverError
 from hunt_ros.nodes.roller_speed import heard_of
 from hunt_ros.nodes.support.conversions import diagnostic
-from hunt_ros.nodes.support.set_points import SetPoints
 
 RUNNING = 6.0
 #: v_n of the detector less the margin.
@@ -89,20 +88,20 @@ class Bench:
     def __init__(self, mode: str) -> None:
         limits = DriveLimits(acceleration_mps2=20.0, jerk_mps3=1000.0, safe_deceleration_mps2=10.0)
         settings = InterlockSettings(interlock=mode, amplitude_limit_m=1e-3)
-        self.guard = SpeedGuard(limits, settings, 0.0, SafetyState(), longest_step_s=0.25)
+        self.detector, self.drive = Detector(), Drive()
+        self.now_ns = self._read_ns = 0
+        self.active = True
+        self.guard = SpeedGuard(
+            limits, settings, 0.0, SafetyState(), longest_step_s=0.25,
+            connection=lambda: ('ERROR', 'drive: gone') if self.drive.absent else ('OK', ''),
+            silent_s=lambda: (self.now_ns - self._read_ns) / _SECOND_NS,
+        )  # fmt: skip
         self.guard.command.load(
             Profile.read(f'profile: [{{hold: {{speed_mps: {RUNNING}, duration_s: 100000}}}}]')
         )
         self.taken: list[tuple[int, float]] = []  # when, and which set points
-        self.points = SetPoints(self.guard, self._on_taken, lambda speed, why: None)
-        self.detector, self.drive = Detector(), Drive()
-        self.now_ns = self._read_ns = 0
-        self.active = True
-        self.until(lambda: self.points.last[0] == RUNNING or self._start())
+        self.until(lambda: self.guard.target_mps == RUNNING or self._start())
         self.until(lambda: self.guard.interlock.cause == 'no reason to trip')
-
-    def _on_taken(self, speed_mps: float) -> None:
-        self.taken.append((self.now_ns, speed_mps))
 
     def _start(self) -> bool:
         self.guard.start(self.now_ns, '')
@@ -126,38 +125,22 @@ class Bench:
         for message in self.detector.said(self.now_ns):
             self.guard.hear(self.now_ns, heard_of(message))
         if not self.drive.absent:
-            self.points.hand_over(self.drive)
+            if (speed_mps := self.guard.hand_over(self.drive)) is not None:
+                self.taken.append((self.now_ns, speed_mps))
             if not self.drive.mute:
                 self._read_ns = self.now_ns
                 speeds = np.array([self.drive.speed_mps])
                 block = DriveBlock(np.array([self.now_ns]), np.array([math.nan]), speeds)
                 self.guard.readings.take(self.now_ns / _SECOND_NS, block)
-        before_mps, target_mps = self.guard.command.forced_mps, self.points.target_mps
         if self.active:
-            self.guard.watch(self.now_ns, self.trouble[1], target_mps, self._measured)
-        falls = self.guard.command.forced_mps < before_mps
-        if falls or self.now_ns % (5 * _TICK_NS) == 0:
-            self.points.decide(self.now_ns, self.now_ns, self._measured, self.active, True)
-
-    @property
-    def _silent(self) -> str:
-        return self.guard.readings.silent((self.now_ns - self._read_ns) / _SECOND_NS)
-
-    @property
-    def _measured(self) -> float:
-        return math.nan if self._silent else self.guard.readings.speed_mps
-
-    @property
-    def trouble(self) -> tuple[str, str]:
-        """Level and words of what is wrong with the drive."""
-        refused = self.points.refusal and f'set point refused: {self.points.refusal}'
-        words = 'drive: gone' if self.drive.absent else refused or self._silent
-        return ('ERROR', words) if words else ('OK', '')
+            self.guard.watch(self.now_ns, self.now_ns)
+        if self.now_ns % (5 * _TICK_NS) == 0:
+            self.guard.decide(self.now_ns, self.now_ns, self.active, True)
 
     @property
     def told(self) -> tuple[str, str]:
         """What the operator is told: level and words."""
-        return self.guard.present(self.active, self.trouble, self._measured)
+        return self.guard.present(self.active)
 
 
 @dataclass(frozen=True)
@@ -299,7 +282,7 @@ def _suffer(fault: Fault) -> Row:
     assert interlock.state == fault.state
     assert fault.words in interlock.cause
     if not (bench.drive.refusal or bench.drive.absent):
-        bench.until(lambda: bench.points.target_mps == fault.speed)
+        bench.until(lambda: bench.guard.target_mps == fault.speed)
     bench.until(lambda: fault.also in bench.told[1])
     level, words = bench.told
     assert level == {'tripped': 'ERROR', 'disarmed': 'WARN', 'armed': 'OK'}[fault.state]

@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from hunt_ros.errors import HuntError
+from hunt_ros.errors import one_line
 from hunt_ros.nodes.support.conversions import diagnostic
 from hunt_ros.nodes.support.qos import STATUS
 from hunt_ros.suite import START_S, Awaited
@@ -150,12 +150,6 @@ class NewSince:
         """Return the growth of the total `name`."""
         before, self._before[name] = self._before.get(name, 0), total
         return total - before
-
-
-def one_line(error: Exception) -> str:
-    """Return an error as one line; one that is not ours with the name of its class."""
-    text = ' '.join(str(error).split())
-    return text if isinstance(error, HuntError) else f'{type(error).__name__}: {text}'
 
 
 def steady_clock() -> Clock:

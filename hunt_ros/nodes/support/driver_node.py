@@ -20,8 +20,8 @@ from rclpy.lifecycle import State, TransitionCallbackReturn
 from rclpy.publisher import Publisher
 
 from hunt_ros.drivers.base import DriveDriver, SensorDriver, driver_class
-from hunt_ros.errors import ConfigError, DriverError, RefusedError
-from hunt_ros.nodes.support.diagnostics import Diagnostics, one_line
+from hunt_ros.errors import ConfigError, DriverError, RefusedError, one_line
+from hunt_ros.nodes.support.diagnostics import Diagnostics
 from hunt_ros.nodes.support.node import ManagedNode
 from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.worker import Worker

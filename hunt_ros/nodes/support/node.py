@@ -20,8 +20,7 @@ from rclpy.lifecycle import LifecycleNode, State, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-from hunt_ros.errors import ConfigError
-from hunt_ros.nodes.support.diagnostics import one_line
+from hunt_ros.errors import ConfigError, one_line
 from hunt_ros.nodes.support.ending import CLOSING_S
 
 

@@ -11,7 +11,6 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Generic, TypeVar
 
 import rclpy
 from rclpy.context import Context
@@ -22,7 +21,6 @@ from std_srvs.srv import Trigger
 
 from hunt_ros.errors import HuntError
 
-_T = TypeVar('_T')
 #: An end is noticed so soon, s.
 _LOOK_S = 0.1
 #: Gets the name of a task and the error that ended it: `Diagnostics.failed`.
@@ -177,25 +175,3 @@ def hidden_node(name: str, namespace: str = '', context: Context | None = None) 
         enable_rosout=False,
         start_parameter_services=False,
     )
-
-
-class Newest(Generic[_T]):
-    """A mailbox of one between two threads: who posts never waits, who takes gets the newest."""
-
-    def __init__(self) -> None:
-        self._arrived = threading.Condition()
-        self._waiting: _T | None = None
-
-    def post(self, value: _T) -> None:
-        """Leave a value, in place of one that waits."""
-        with self._arrived:
-            self._waiting = value
-            self._arrived.notify()
-
-    def take(self, timeout_s: float = 0.0) -> _T | None:
-        """Return what waits, or comes within a time; None where nothing does."""
-        with self._arrived:
-            if self._waiting is None and timeout_s > 0.0:
-                self._arrived.wait(timeout_s)
-            value, self._waiting = self._waiting, None
-            return value

@@ -11,7 +11,6 @@ from hunt_ros.drivers.command import DriveLimits
 from hunt_ros.drivers.interlock import InterlockSettings
 from hunt_ros.drivers.safety_state import SafetyState
 from hunt_ros.drivers.speed_guard import SpeedGuard
-from hunt_ros.nodes.support.set_points import SetPoints
 
 
 class _Slow:
@@ -29,43 +28,37 @@ def _guard() -> SpeedGuard:
     return SpeedGuard(DriveLimits(), InterlockSettings(), 0.0, SafetyState(), longest_step_s=0.25)
 
 
-def test_the_newest_counts_and_a_refusal_is_told_once() -> None:
-    told: list[object] = []
-    points = SetPoints(_guard(), told.append, lambda speed, why: told.append((speed, why)))
-    drive = _Slow()
-    points.post(5.0, 1)
-    points.post(4.0, 2)
-    assert points.busy
-    points.hand_over(drive)
-    assert (drive.taken, points.last, points.busy) == ([4.0], (4.0, 2), False)
-    points.hand_over(drive)
-    assert drive.taken == [4.0]
+def test_the_newest_counts_and_what_is_refused_is_not_what_the_drive_has() -> None:
+    guard, drive = _guard(), _Slow()
+    guard.post(5.0, 1)
+    guard.post(4.0, 2)
+    assert guard.hand_over(drive) == 4.0
+    assert (drive.taken, guard.taken, guard.answered) == ([4.0], (4.0, 2), 2)
+    assert guard.hand_over(drive) is None
     drive.refuses = True
     for speed in (3.0, 2.0):
-        points.post(speed, 3)
-        points.hand_over(drive)
-    assert points.refused == 2
-    assert told == [4.0, (3.0, 'OSError: not now')]
-    assert points.last == (4.0, 2), 'what the drive has'
+        guard.post(speed, 3)
+        assert guard.hand_over(drive) is None
+    assert (drive.taken, guard.refused, guard.refusal) == ([4.0], 2, 'OSError: not now')
+    assert guard.taken == (4.0, 2), 'what the drive has'
 
 
 @pytest.mark.parametrize('seed', range(20))
 def test_no_set_point_of_a_trip_rises_however_late_the_drive_takes_it(seed) -> None:
     """Ticks and hand-overs in any order, and goals that are lowered on the way."""
     rng, guard, drive = np.random.default_rng(seed), _guard(), _Slow()
-    points = SetPoints(guard, lambda speed: None, lambda speed, why: None)
-    points.post(8.0, 1)
-    points.hand_over(drive)
+    guard.post(8.0, 1)
+    guard.hand_over(drive)
     guard.command.taken(8.0)
     guard.command.trip(6.0, 8.0)
     now_ns = 1
     for _ in range(400):
         now_ns += int(rng.integers(1, 200_000_000))
         if rng.random() < 0.5:
-            points.hand_over(drive)
+            guard.hand_over(drive)
             continue
         if rng.random() < 0.2:
-            guard.command.trip(points.target_mps - 0.5, points.target_mps)
-        points.decide(now_ns, now_ns, points.target_mps, True, True)
+            guard.command.trip(guard.target_mps - 0.5, guard.target_mps)
+        guard.decide(now_ns, now_ns, True, True)
     assert all(b <= a for a, b in itertools.pairwise(drive.taken))
     assert drive.taken[-1] < 6.0
