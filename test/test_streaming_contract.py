@@ -92,7 +92,7 @@ def _bad_tracker_input(make: Callable[[], Any]) -> None:
     *samples, outputs = _hunting(3)
     clean = make()
     expected = clean.update(*samples, outputs)
-    # Each bad sample between good ones is left out and counted, and changes nothing.
+    # Each bad sample between good ones is left out, and changes nothing.
     stamps, sensor, values, theta, speed = (list(column) for column in samples)
     at = 900
     for value, stamp in ((np.inf, stamps[at]), (np.nan, stamps[at]), (1.0, stamps[at - 50])):
@@ -104,8 +104,6 @@ def _bad_tracker_input(make: Callable[[], Any]) -> None:
     spoiled = make()
     result = spoiled.update(stamps, sensor, values, theta, speed, outputs)
     assert result.tobytes() == expected.tobytes()
-    assert spoiled.dropped['not_finite'] == clean.dropped['not_finite'] + 2
-    assert spoiled.dropped['backwards'] == clean.dropped['backwards'] + 1
     empty = np.zeros(0)
     with pytest.raises(HuntError, match='must increase'):
         spoiled.update(empty, empty, empty, empty, empty, outputs[-1:])

@@ -57,7 +57,7 @@ _TRACKED = {
     )
 }
 _INSIDE = {
-    *(f'{name}_{what}' for name in MOTION for what in ('roughness_second', 'nis', 'clean')),
+    *(f'{name}_{what}' for name in MOTION for what in ('roughness_second', 'clean')),
     *('yaw_ratio', 'yaw_ratio_std', 'yaw_lag', 'yaw_factor', 'yaw_contrary', 'lateral_tied'),
 }
 _TAKEN = tuple(name for name in TRACK_DTYPE.names or () if name not in _INSIDE)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -65,10 +64,9 @@ class HuntingTracker:
 
     Notes
     -----
-    Answers to bad input: a value that is not finite, a stamp behind the last one of the
+    Left out of the estimate are a value that is not finite, a stamp behind the last one of the
     same or another sensor, a repeated stamp of one sensor, a value that has not changed for
-    `STUCK_S` and samples that are wrong, also in a row, are left out of the estimate and counted
-    in `dropped`.
+    `STUCK_S`, and samples that are wrong, also in a row.
     Feeding the same samples and output stamps in other blocks gives the same numbers,
     bit for bit, as long as each call holds all samples up to its last output stamp.
     """
@@ -78,13 +76,9 @@ class HuntingTracker:
         self._modes = self.config.mode_table()
         self.reset()
 
-    def _memory(self) -> at.Tracker:
-        """Return the record that the kernel works on, all zero."""
-        return zeros(at.Tracker, HAVE_COMPILER)
-
     def reset(self) -> None:
         """Forget everything seen."""
-        t = self._tracker = self._memory()
+        t = self._tracker = zeros(at.Tracker, HAVE_COMPILER)
         t.turns_angle = math.nan
         t.last_stamp = t.last_output = _NEVER
         for read in t.inputs:
@@ -206,11 +200,9 @@ class HuntingTracker:
         numbers = np.full((outputs.size, len(TRACK_DTYPE.names or ())), math.nan)
         track = numbers.view(TRACK_DTYPE)[:, 0]
         track['stamp_ns'] = outputs
-        self._run(stamps, sensors, measured, angles, speeds, outputs, track.view(ESTIMATE))
+        samples = stamps, sensors, measured, angles, speeds
+        track_block(self._tracker, self._modes, *samples, outputs, track.view(ESTIMATE))
         return track
-
-    def _run(self, *block: NDArray[Any]) -> None:
-        track_block(self._tracker, self._modes, *block)
 
     def set_modes(self, modes: Sequence[ModePoint], yaw_ratio_std: float | None = None) -> None:
         """
@@ -232,36 +224,3 @@ class HuntingTracker:
         for f in self._tracker.filters:
             f.cfg.ratio_std = self.config.yaw_ratio_std
             f.modes_changed = True
-
-    @property
-    def _filter(self) -> at.Filter:
-        """The likeliest filter at present."""
-        return self._tracker.filters[self._tracker.lead]
-
-    @property
-    def state(self) -> NDArray[np.float64]:
-        """Copy of the state vector, shape (n,), in the order of `tracker.layout`, in its time."""
-        state: NDArray[np.float64] = self._filter.x[: self._filter.states].copy()
-        return state
-
-    @property
-    def covariance(self) -> NDArray[np.float64]:
-        """Copy of the covariance of `state`, shape (n, n)."""
-        used = slice(self._filter.states)
-        covariance: NDArray[np.float64] = self._filter.P[used, used].copy()
-        return covariance
-
-    @property
-    def restarts(self) -> int:
-        """Sensors started anew because their signal was no more the one they had given."""
-        return int(self._filter.restarts)
-
-    @property
-    def dropped(self) -> dict[str, int]:
-        """Samples left out since the start, by reason; glitches as it seems now."""
-        return {
-            'not_finite': int(self._tracker.not_finite),
-            'backwards': int(self._tracker.backwards),
-            'stuck': int(self._tracker.stuck),
-            'glitches': int(self._filter.glitches),
-        }

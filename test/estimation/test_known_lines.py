@@ -33,7 +33,6 @@ def test_the_phase_of_a_line_is_tracked_where_only_the_speed_is_known(scale, hun
     rows = _track(tracker, (1.0, 2.0), scale, hunting=hunting)[500:]
     assert abs(rows['lateral_amplitude'] - hunting).max() < 4.0 * NOISE
     np.testing.assert_allclose(rows['lateral_roughness'], LINE, rtol=0.1)
-    assert tracker.state[-1] == pytest.approx(1.0 / scale - 1.0, abs=1e-3)
 
 
 def test_a_third_line_is_an_entry_of_the_list() -> None:
@@ -51,4 +50,3 @@ def test_a_wheel_that_creeps_has_a_slip_of_its_own() -> None:
     )
     rows = _track(tracker, (1.0, wheel), rate=500.0)[1000:]
     assert rows['lateral_amplitude'].max() < 4.0 * NOISE
-    assert tracker.state[-1] == pytest.approx(1.0 / 1.004 - 1.0, abs=1e-3)

@@ -219,13 +219,11 @@ def set_lines(t: at.Tracker, f: at.Filter, k: int) -> None:
 
 @compiled_part
 def measures(t: at.Tracker, k: int, stamp: int, value: float) -> bool:
-    """Return True if a sample of sensor k is to be used; count it by reason if not."""
+    """Return True if a sample of sensor k is to be used."""
     own, cfg = t.inputs[k], t.filters[0].cfg
     if not abs(value) < 1e100:
-        t.not_finite += 1
         return False
     if stamp < t.last_stamp or stamp <= own.last_stamp or stamp <= t.last_output:
-        t.backwards += 1
         return False
     if not t.started:
         t.started = True
@@ -238,10 +236,7 @@ def measures(t: at.Tracker, k: int, stamp: int, value: float) -> bool:
     if value != own.value:
         own.value = value
         own.value_since = time
-    elif time - own.value_since > cfg.stuck:
-        t.stuck += 1
-        return False
-    return True
+    return bool(time - own.value_since <= cfg.stuck)
 
 
 @compiled_part
@@ -372,7 +367,6 @@ def write_reading(f: at.Filter, k: int, reading: at.Reading) -> None:
         if f.line_count > 1:
             reading.roughness_second = math.hypot(x[r + 2], x[r + 3])
     reading.bias = x[at.BIAS + k]
-    reading.nis = sensor.nis
     reading.noise_std = math.sqrt(sensor.noise)
     if sensor.clean_count > 0.0:
         reading.clean = sensor.clean_sum / sensor.clean_count

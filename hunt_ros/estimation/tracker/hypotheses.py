@@ -164,7 +164,6 @@ def face(f: at.Filter, k: int, mean: float, noise: float) -> None:
     if not noise <= f.variance < math.inf:
         # Covariance no longer positive: reset it.
         P = f.P
-        f.resets += 1
         for i in range(f.states):
             scale = max(abs(P[i, i]), 1e-30)
             for j in range(f.states):
@@ -244,7 +243,6 @@ def weigh(f: at.Filter, k: int, mean: float, count: float) -> float:
 def leave_out(f: at.Filter, k: int, dt: float) -> float:
     """Leave a bin of sensor k out as wrong; return the logarithm of its likelihood if it is."""
     sensor = f.sensors[k]
-    f.glitches += 1
     share = min(max(sensor.wrong, WRONG_LEAST), WRONG_MOST)
     sensor.wrong += (1.0 - math.exp(-min(dt, 0.05) / WRONG_TIME)) * (1.0 - sensor.wrong)
     wide = OPENED * OPENED * f.innovation * f.innovation

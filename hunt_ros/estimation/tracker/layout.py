@@ -224,9 +224,6 @@ class Filter:
     sensor_count: int
     sensors: Annotated[list[Sensor], MOST_SENSORS]
     cfg: Settings
-    glitches: int  # bins left out
-    resets: int
-    restarts: int
 
 
 class Tracker:
@@ -250,10 +247,6 @@ class Tracker:
     bin_number: int
     last_stamp: int  # ns
     last_output: int
-    # samples left out, by reason
-    not_finite: int
-    backwards: int
-    stuck: int
 
 
 class Motion:
@@ -272,7 +265,6 @@ class Reading:
     roughness_std: float
     roughness_second: float
     bias: float
-    nis: float
     clean: float
     noise_std: float
 

@@ -114,7 +114,6 @@ def forget_start(f: at.Filter, k: int) -> None:
 def stop_sensor(f: at.Filter, k: int) -> None:
     """Forget the level and noise of sensor k, which now gives another signal: start it anew."""
     sensor = f.sensors[k]
-    f.restarts += 1
     forget_start(f, k)
     sensor.alive = False
     sensor.wrong = 0.0
