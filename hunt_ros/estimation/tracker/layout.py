@@ -202,8 +202,7 @@ class Filter:
     rho: complex  # in force: learnt times given
     rho_var: float
     ratio_time: float  # when it was last learnt
-    ratio_speed: float  # where: mean speed, and mean logarithm of the lateral amplitude
-    ratio_log: float
+    ratio_speed: float  # where
     ratio_known: bool  # it is given, or has been learnt
     # what has happened, by this filter
     event: int  # what its covariance was last opened for: NOTHING yet, a KICK, a STEP

@@ -19,10 +19,9 @@ from hunt_ros.estimation.tracker.algebra import (
 
 _F = NDArray[np.float64]
 
-#: A ratio that nobody gave is carried to another speed and amplitude with this doubt, relative:
-#: per change of ln(speed), and per change of ln(amplitude) up to the factor e^3. A wheelset's
-#: moves by 0.1 of the one and a few hundredths in all over the other (linear theory, full model).
-CARRY_SPEED, CARRY_AMPLITUDE = 0.5, 0.02
+#: A ratio that nobody gave is carried to another speed with this doubt, relative, per change of
+#: ln(speed). A wheelset's moves by 0.1 of that (linear theory, full model).
+CARRY_SPEED = 0.5
 BIASED = 1.5  # times the relative variance of the lateral phasor
 FORCED = 0.3  # relative error of the ratio where all of the motion is made anew in a second
 #: Relative variance of the response to a line per ln(speed): hunting damped by a twentieth of its
@@ -98,43 +97,13 @@ def learn_ratio(f: at.Filter) -> None:
     gain = drifted / (drifted + variance + floor)
     if not f.ratio_known:  # what it was before is no more than its order
         gain, drifted = 1.0, variance + floor
-    note_place(f, gain, 0.5 * math.log(power))
+    f.ratio_known, f.ratio_speed = True, f.speed
     left = drifted if gain == 1.0 else (1.0 - gain) * drifted
     f.ratio, f.ratio_var = rho + gain * (seen - rho), max(left, floor)
     if given:
         f.ratio /= f.mode.rho
         f.ratio_var /= squared(f.mode.rho)
     ratio_in_force(f)
-
-
-@compiled_part
-def note_place(f: at.Filter, gain: float, logarithm: float) -> None:
-    """Remember at what speed and amplitude the ratio was learnt."""
-    if not f.ratio_known:
-        gain = 1.0
-        f.ratio_known = True
-        f.ratio_speed = f.speed
-        f.ratio_log = logarithm
-    f.ratio_speed += gain * (f.speed - f.ratio_speed)
-    f.ratio_log += gain * (logarithm - f.ratio_log)
-
-
-@compiled_part
-def carried(f: at.Filter, amplitude: float) -> float:
-    """Variance of the ratio in force, relative, of each part, where it is used by itself."""
-    size = squared(f.rho)
-    if size == 0.0:
-        return math.inf
-    doubt = float(f.rho_var / size)
-    if not math.isnan(f.mode.rho.real):
-        return float(doubt + f.mode.rho_std**2)
-    speed, learnt = f.speed, f.ratio_speed
-    if speed > 0.0 and learnt > 0.0:
-        doubt += (CARRY_SPEED * math.log(speed / learnt)) ** 2
-    if amplitude > 0.0:
-        change = min(abs(math.log(amplitude) - f.ratio_log), 3.0)
-        doubt += (CARRY_AMPLITUDE * change) ** 2
-    return doubt
 
 
 @compiled_part
@@ -161,9 +130,13 @@ def tie_silent(f: at.Filter, k: int) -> None:
         carry(P[:, j], z, o, ratio)
     for j in range(f.states):
         carry(P[j, :], z, o, ratio)
+    own = f.mode.rho_std
+    if math.isnan(f.mode.rho.real):
+        own = at.RATIO_FLOOR
+        if f.speed > 0.0 and f.ratio_speed > 0.0:
+            own += CARRY_SPEED * abs(math.log(f.speed / f.ratio_speed))
     power = x[o] * x[o] + x[o + 1] * x[o + 1]
-    lateral = math.sqrt(power if other == 0 else x[z] * x[z] + x[z + 1] * x[z + 1])
-    doubt = power * carried(f, lateral)
+    doubt = power * (f.rho_var / squared(f.rho) + own * own)
     P[o, o] += doubt
     P[o + 1, o + 1] += doubt
     f.coordinates[other].tied = True
@@ -252,34 +225,16 @@ def put_in_force(f: at.Filter, modes: _F) -> None:
 
 @compiled_part
 def take_modes(f: at.Filter, modes: _F) -> None:
-    """
-    Go on with another table of modes.
-
-    The ratio learnt so far and the one that is given now are two measurements of one quantity,
-    and are weighed as such. With none in the new table the one in force counts as learnt.
-    """
+    """Go on with another table of modes; where it gives no ratio the one in force is kept."""
     f.modes_changed = False
-    rho, variance, known = f.rho, f.rho_var, f.ratio_known
-    before = not math.isnan(f.mode.rho.real)
-    if before:
+    rho, variance = f.rho, f.rho_var
+    if not math.isnan(f.mode.rho.real):
         variance += f.mode.rho_std**2 * squared(rho)
+        f.ratio_speed = f.speed
     put_in_force(f, modes)
-    if math.isnan(f.mode.rho.real):
-        if before:
-            f.ratio_known = False
-            f.ratio, f.ratio_var = 0j, 1.0
-            amplitude = lateral_amplitude(f)
-            if known and amplitude > 0.0:
-                note_place(f, 1.0, math.log(amplitude))
-                f.ratio, f.ratio_var = rho, variance
-    else:
-        f.ratio, f.ratio_var = 1.0 + 0j, f.cfg.ratio_std**2
-        if known and not before:
-            spread = variance / squared(f.mode.rho) + f.mode.rho_std**2
-            share = f.ratio_var / (f.ratio_var + spread)
-            f.ratio += share * (rho / f.mode.rho - 1.0)
-            f.ratio_var = share * spread
-        f.ratio_known = True
+    f.ratio, f.ratio_var = rho, variance
+    if not math.isnan(f.mode.rho.real):
+        f.ratio, f.ratio_var, f.ratio_known = 1.0 + 0j, f.cfg.ratio_std**2, True
     ratio_in_force(f)
 
 
