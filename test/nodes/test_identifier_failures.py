@@ -24,7 +24,7 @@ BAGS = Path(__file__).resolve().parents[2] / 'bags'
 
 def _at_work(node: int = os.getpid()) -> list[int]:
     """Return the processes of a node that identify."""
-    return children(node, 'hunt_ros.nodes.support.refit')
+    return children(node, '--multiprocessing-fork')
 
 
 def test_work_that_is_killed_is_told_and_the_next_recording_is_tried_again(

@@ -3,28 +3,25 @@ An identification in a process of its own, for the node that asks for it.
 
 What it takes of memory it gives back, a library that crashes ends nothing else, and the one
 interpreter of the node, which may be that of the detector and of the interlock too, stays free.
-The order comes on standard input, and the answer goes to standard output; standard error is that
-of the node.
 """
 
 from __future__ import annotations
 
 import os
-import pickle
 import signal
-import subprocess
 import sys
-import threading
-import time
 import traceback
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import Connection
 from pathlib import Path
+from threading import Event, Thread
+from typing import Any
 
 from hunt_ros.bag.columns import read_record
 from hunt_ros.compiled import on_compilation
-from hunt_ros.errors import HuntError
+from hunt_ros.errors import HuntError, one_line
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import Unknown
 
@@ -62,7 +59,7 @@ def refit(
     recordings: Sequence[Path],
     settings: IdentificationSettings,
     whole: Path,
-    stopping: threading.Event,
+    stopping: Event,
 ) -> Refit:
     """
     Identify from recordings, and wait for it.
@@ -83,33 +80,30 @@ def refit(
     RuntimeError
         If the process ends without an answer, or with an error that nobody expected.
     """
-    order = pickle.dumps((os.getpid(), list(recordings), settings, whole))
-    words = [sys.executable, '-m', 'hunt_ros.nodes.support.refit']
-    pipe = subprocess.PIPE
-    # A session of its own: Ctrl-C is for the node, which ends this.
-    with subprocess.Popen(words, stdin=pipe, stdout=pipe, start_new_session=True) as child:
-        with suppress(OSError):  # it has ended already
-            os.setpriority(os.PRIO_PROCESS, child.pid, os.nice(0) + _NICENESS)
-        sent: bytes | None = order
-        while True:
-            try:
-                answer, _ = child.communicate(sent, timeout=_LOOK_S)
-                break
-            except subprocess.TimeoutExpired:
-                sent = None
+    context = get_context('spawn')
+    found, answer = context.Pipe(duplex=False)
+    child = context.Process(target=_work, args=(answer, list(recordings), settings, whole))
+    child.start()
+    assert child.pid is not None
+    os.setpriority(os.PRIO_PROCESS, child.pid, os.nice(0) + _NICENESS)
+    answer.close()
+    with found:
+        try:
+            while not found.poll(_LOOK_S):
                 if stopping.is_set():
                     child.kill()
-    if stopping.is_set():
-        return Refit(problem='ended before it was done')
-    if child.returncode < 0:
-        raise RuntimeError(f'its process was ended by {signal.Signals(-child.returncode).name}')
-    if child.returncode:
-        raise RuntimeError(f'its process has ended with {child.returncode}')
-    found = pickle.loads(answer)
-    if isinstance(found, str):
-        raise RuntimeError(found)
-    assert isinstance(found, Refit)
-    return found
+                    return Refit(problem='ended before it was done')
+            said = found.recv()
+        except EOFError:
+            child.join()
+            code = child.exitcode or 0
+            how = f'by {signal.Signals(-code).name}' if code < 0 else f'with exit code {code}'
+            raise RuntimeError(f'its process was ended {how}') from None
+    child.join()
+    if isinstance(said, str):
+        raise RuntimeError(said)
+    assert isinstance(said, Refit)
+    return said
 
 
 def _identified(
@@ -141,31 +135,21 @@ def _identified(
     return replace(found, problem='; '.join(reasons))
 
 
-def _end_without(parent: int) -> None:
-    """End this process when that of the node is gone, however it went."""
-    while os.getppid() == parent:
-        time.sleep(_LOOK_S)
-    os._exit(1)
-
-
-def main() -> None:
-    """Take an order, and answer it: with a text where an error came that nobody expected."""
-    answer = os.fdopen(os.dup(1), 'wb')
-    os.dup2(2, 1)  # what a library prints is no answer
-    parent, *order = pickle.load(sys.stdin.buffer)
-    threading.Thread(target=_end_without, args=(parent,), daemon=True).start()
+def _work(answer: Connection, *order: Any) -> None:
+    """Answer an order, in the process of its own: with a text where nobody expected the error."""
+    os.setsid()  # Ctrl-C is for the node, which ends this
+    Thread(target=_end_without_node, daemon=True).start()
     on_compilation(lambda text: print(f'identification: {text}', file=sys.stderr, flush=True))
     try:
-        found: Refit | str = _identified(*order)
+        answer.send(_identified(*order))
     except Exception as error:  # any: numbers of a rig that nobody has seen
         traceback.print_exc()
-        found = f'{type(error).__name__}: {error}'
-    with answer:
-        pickle.dump(found, answer)
+        answer.send(one_line(error))
 
 
-if __name__ == '__main__':
-    # By its own name, not __main__: an answer is read by another process.
-    from hunt_ros.nodes.support import refit as here
-
-    here.main()
+def _end_without_node() -> None:
+    """End this process when that of the node is gone, however it went."""
+    node = parent_process()
+    assert node is not None
+    node.join()
+    os._exit(1)
