@@ -10,15 +10,18 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
-from launch import LaunchDescription
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from hunt_ros.drivers.alarm_output import AlarmSettings
 from hunt_ros.drivers.safety_state import state_file
-from hunt_ros.nodes.support.launching import SWITCH, description
 from hunt_ros.rig import Rig
 from hunt_ros.suite import ALARM_OUTPUTS, DRIVE, LISTENERS, PAGE, SIMULATOR, SUITE, sources_of
 
+#: The values of an argument that is a switch.
+SWITCH = ['true', 'false']
 #: Name: default, values (any where there are none), description.
 ARGUMENTS = {
     'namespace': ('rig', None, 'ROS namespace'),
@@ -51,7 +54,15 @@ _WAY_DOWN_S = '130'
 
 def generate_launch_description() -> LaunchDescription:
     """Return the description of the whole suite under one namespace."""
-    return description(ARGUMENTS, _nodes)
+
+    def launched(context: LaunchContext) -> list[Node]:
+        return _nodes({name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS})
+
+    declared = [
+        DeclareLaunchArgument(name, default_value=default, choices=choices, description=words)
+        for name, (default, choices, words) in ARGUMENTS.items()
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=launched)])
 
 
 def _nodes(given: Mapping[str, str]) -> list[Node]:

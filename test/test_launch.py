@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -38,24 +37,12 @@ class _Argument:
 @pytest.fixture
 def launched(monkeypatch: pytest.MonkeyPatch):
     """Return a function that gives the nodes of the suite for values of the arguments."""
-    return described('rig.launch.py', monkeypatch)
-
-
-@pytest.fixture
-def shown(monkeypatch: pytest.MonkeyPatch):
-    """Return a function that gives the nodes that show the model."""
-    return described('model.launch.py', monkeypatch)
-
-
-def described(file: str, monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[_Kept]]:
-    """Return what a launch file makes of values of its arguments."""
     names: dict[str, dict[str, object]] = {
         'launch': {'LaunchContext': dict, 'LaunchDescription': _Kept},
         'launch.actions': {'DeclareLaunchArgument': _Kept, 'OpaqueFunction': _Kept},
         'launch.substitutions': {'LaunchConfiguration': _Argument},
         'launch_ros': {},
         'launch_ros.actions': {'Node': _Kept},
-        'launch_ros.parameter_descriptions': {'ParameterValue': _Kept},
         'ament_index_python': {},
         'ament_index_python.packages': {'get_package_share_directory': lambda name: str(ROOT)},
     }
@@ -64,7 +51,7 @@ def described(file: str, monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[
         for member, value in members.items():
             setattr(module, member, value)
         monkeypatch.setitem(sys.modules, name, module)
-    spec = importlib.util.spec_from_file_location('launch_file', ROOT / 'launch' / file)
+    spec = importlib.util.spec_from_file_location('launch_file', ROOT / 'launch' / 'rig.launch.py')
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -175,20 +162,3 @@ def test_alarm_outputs_start_where_the_rig_file_names_one(launched, tmp_path: Pa
     rig.write_text('/rig/alarm_outputs: {ros__parameters: {command: /nowhere/notify}}')
     with pytest.raises(ConfigError, match=r'rig\.yaml: alarm_outputs: .*/nowhere/notify'):
         launched(rig=str(rig))
-
-
-def test_the_model_is_moved_by_the_topics_of_the_sensors(shown) -> None:
-    joints, robot, view = shown(namespace='lab2', use_sim_time='true')
-    assert [node.named['package'] for node in (joints, robot, view)] == [
-        'joint_state_publisher', 'robot_state_publisher', 'rviz2',
-    ]  # fmt: skip
-    # Relative names: those of the namespace in which the nodes are.
-    assert joints.named['parameters'][0]['source_list'] == ['lateral', 'yaw', 'roller']
-    assert joints.named['namespace'] == robot.named['namespace'] == 'lab2'
-    text = robot.named['parameters'][0]['robot_description']
-    assert text.positional == ((ROOT / 'config' / 'rig.urdf').read_text(),)
-    assert text.named == {'value_type': str}, 'or launch reads it as YAML'
-    assert view.named['remappings'] == [('/rig/robot_description', '/lab2/robot_description')]
-    assert Path(view.named['arguments'][1]).is_file()
-    for node in (joints, robot, view):
-        assert node.named['parameters'][0]['use_sim_time'] is True

@@ -8,7 +8,6 @@ and in a recording.
 
 from __future__ import annotations
 
-import ast
 import json
 import re
 import xml.etree.ElementTree as ElementTree
@@ -18,7 +17,6 @@ from runpy import run_path
 from typing import Any, NamedTuple
 from unittest import mock
 
-import numpy as np
 import pytest
 import yaml
 from rosbags.highlevel import AnyReader
@@ -122,7 +120,6 @@ def strings(node: Any) -> Iterator[str]:
 def test_what_the_foxglove_layout_names_is_published(
     published: dict[str, Published], status_keys: set[str]
 ) -> None:
-    described = {'/rig/robot_description'}  # by robot_state_publisher
     paths = [text for text in strings(foxglove()['configById']) if text.startswith('/')]
     assert len(paths) > 15
     for path in paths:
@@ -130,7 +127,7 @@ def test_what_the_foxglove_layout_names_is_published(
         if dot:
             check_field(dot + field, published[topic], status_keys)
         else:
-            assert topic in published or topic in described, path
+            assert topic in published, path
 
 
 def test_the_foxglove_layout_is_that_of_the_default_rig() -> None:
@@ -142,7 +139,6 @@ def test_the_foxglove_layout_is_that_of_the_default_rig() -> None:
     assert [(rule['rawValue'], rule['label']) for rule in rules] == [
         ('0', 'OK'), ('1', 'WARN'), ('2', 'ERROR'), ('3', 'STALE'),
     ]  # fmt: skip
-    assert panels['3D!model']['fixedFrame'] == root_link()
 
 
 def test_what_the_plotjuggler_layout_names_is_published(published: dict[str, Published]) -> None:
@@ -162,108 +158,6 @@ def test_what_the_plotjuggler_layout_names_is_published(published: dict[str, Pub
         check_field('.' + '.'.join(parts).replace('.[', '['), known, set())
 
 
-def test_what_the_rqt_perspective_plots_is_published(published: dict[str, Published]) -> None:
-    """The values of a perspective are the `repr` of Python values."""
-    manager = json.loads((CONFIG / 'rig.perspective').read_text())['groups']['pluginmanager']
-
-    def value(item: dict[str, str]) -> Any:
-        assert item['type'] == 'repr'
-        return ast.literal_eval(item['repr'])
-
-    running = value(manager['keys']['running-plugins'])
-    names = {
-        f'plugin__{plugin.replace("/", "__")}__{serial}'
-        for plugin, serials in running.items()
-        for serial in serials
-    }
-    assert set(manager['groups']) <= names
-    plots = [group for name, group in manager['groups'].items() if 'rqt_plot' in name]
-    assert len(plots) == len(running['rqt_plot/Plot'])
-    for plot in plots:
-        for path in value(plot['groups']['plugin']['keys']['topics']):
-            topic = max((name for name in published if path.startswith(name + '/')), key=len)
-            field = path[len(topic) :].replace('/', '.')
-            check_field(field, published[topic], set())
-
-
-class Joint(NamedTuple):
-    """A joint of the model."""
-
-    child: str
-    origin: np.ndarray
-    axis: np.ndarray
-    mimics: str
-    multiplier: float
-
-
-def model() -> ElementTree.Element:
-    return ElementTree.parse(CONFIG / 'rig.urdf').getroot()
-
-
-def joints() -> dict[str, Joint]:
-    found = {}
-    for each in model().iter('joint'):
-        origin, axis = each.find('origin'), each.find('axis')
-        mimic = each.find('mimic')
-        assert axis is not None
-        found[each.get('name', '')] = Joint(
-            each.find('child').get('link', ''),  # type: ignore[union-attr]
-            vector('0 0 0' if origin is None else origin.get('xyz', '')),
-            vector(axis.get('xyz', '')),
-            '' if mimic is None else mimic.get('joint', ''),
-            1.0 if mimic is None else float(mimic.get('multiplier', '1')),
-        )
-    assert len(found) == len(list(model().iter('joint'))), 'a joint stands twice'
-    return found
-
-
-def vector(text: str) -> np.ndarray:
-    return np.array([float(word) for word in text.split()])
-
-
-def root_link() -> str:
-    links = {link.get('name', '') for link in model().iter('link')}
-    (root,) = links - {joint.child for joint in joints().values()}
-    return root
-
-
-def test_the_joints_that_move_are_those_that_are_published(measured: dict[str, Published]) -> None:
-    free = {name for name, joint in joints().items() if not joint.mimics}
-    names = {name for topic in measured.values() for name in topic.joints}
-    assert free == names == {'lateral', 'yaw', 'roller'}
-    for joint in joints().values():
-        assert not joint.mimics or joint.mimics in free
-
-
-def test_no_estimate_moves_the_model(published: dict[str, Published]) -> None:
-    estimates = {
-        joint
-        for name, topic in published.items()
-        if name.startswith('/rig/hunting/')
-        for joint in topic.joints
-    }
-    assert estimates
-    assert not estimates & set(joints())
-
-
-def test_the_axes_are_those_of_rep_103() -> None:
-    """Lateral to the left, yaw about the vertical; wheels and rollers roll without slip."""
-    model_joints = joints()
-    for joint in model_joints.values():
-        assert np.linalg.norm(joint.axis) == 1.0
-    for suffix in ('', '_shown'):
-        assert model_joints['lateral' + suffix].axis.tolist() == [0, 1, 0]
-        assert model_joints['yaw' + suffix].axis.tolist() == [0, 0, 1]
-    roller, axle = model_joints['roller'], model_joints['axle']
-    height = model_joints['lateral'].origin
-    assert axle.mimics == 'roller'
-    # Velocity of both surfaces at the contact, for a roller that turns with 1 rad/s.
-    of_roller = np.cross(roller.axis, -roller.origin)
-    of_wheel = np.cross(axle.multiplier * axle.axis, -height)
-    np.testing.assert_allclose(of_wheel, of_roller, rtol=1e-6)
-    assert of_roller[0] < 0.0, 'the track runs backwards below a wheelset that travels ahead'
-
-
 def test_the_layouts_are_installed_and_documented(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
     declared: dict[str, Any] = {}
@@ -271,7 +165,7 @@ def test_the_layouts_are_installed_and_documented(monkeypatch: pytest.MonkeyPatc
         run_path('setup.py')
     installed = dict(declared['data_files'])['share/hunt_ros/config']
     told = (ROOT / 'docs' / 'tools.md').read_text()
-    for name in ('foxglove.json', 'plotjuggler.xml', 'rig.perspective', 'rig.rviz', 'rig.urdf'):
+    for name in ('foxglove.json', 'plotjuggler.xml'):
         assert f'config/{name}' in installed
         assert name in told
     # Another namespace is one replacement in each.
