@@ -1,7 +1,7 @@
 """
 The hunting mode as the two sensors see it: yaw over lateral, by speed and amplitude.
 
-It is measured by `hunt_ros.estimation.mode_measurement`, made a table by `fitted_shape`, stands
+It is measured by `hunt_ros.estimation.response_windows`, made a table by `fitted_shape`, stands
 in the parameter file beside the normal form, and lets the
 tracker tell the lateral amplitude from the yaw sensor alone.
 """

@@ -1,9 +1,10 @@
 """
-Windows of quiet running: what noise makes of both sensors together, as cross-spectra.
+Windows of a recording at one speed: what both sensors show together, as cross-spectra.
 
-A window is twelve periods of hunting long. Each channel is averaged into cells, sixteen a period,
-on a grid that both sensors share, and the known lines are taken out by the angle of the roller;
-the rest, under Hann's window, becomes one cross-spectral matrix a bin.
+A window is twelve periods of hunting long. Each channel is averaged into cells, sixteen a
+period, and the known lines are taken out by the angle of the roller; the rest, under Hann's
+window, becomes one cross-spectral matrix a bin. The samples of a cell stand where their mean stamp
+is, so that sensors of any rates see one motion alike.
 """
 
 from __future__ import annotations
@@ -37,9 +38,9 @@ _PARTS = 4
 #: Cells of a window that may be empty, and that may repeat the one before: a sensor that stands
 #: still is none.
 _LOST, _REPEATED = 0.02, 0.5
-#: Sensors of different rates see one motion alike from this many samples a cell on: with fewer
-#: the cells of the slower one stand unevenly about their middle.
-_EVEN = 4.0
+#: The ratio is that of the bins so near to the hunting; known to this at least, relative, or it is
+#: not clear of the noise, which biases it.
+_NEAR, _CLEAR = 2, 0.17
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +98,7 @@ def measure_response(
     Returns
     -------
     ResponseWindows
-        Empty where a sensor is missing or stands still, takes fewer than 16 samples a period, or
-        is so slow beside the other one, of another rate, that they cannot be compared.
+        Empty where a sensor is missing or stands still, or takes fewer than 16 samples a period.
     """
     told = {name: series.in_order().finite() for name, series in record.items()}
     windows = []
@@ -117,7 +117,40 @@ def measure_response(
     )
 
 
-_PLACE = np.linspace(-1.0, 1.0, WINDOW)
+def measured_ratio(windows: ResponseWindows, frequency_hz: float) -> tuple[_F, _F, _C, _F, _F]:
+    """
+    Yaw over lateral phasor of the hunting, whatever drives it.
+
+    Parameters
+    ----------
+    windows : ResponseWindows
+        Of motion of any size.
+    frequency_hz : float
+        With which they were taken.
+
+    Returns
+    -------
+    tuple of ndarray, shape (n,)
+        Where both sensors show it clear of their noise: mean speed, m/s; lateral amplitude, m;
+        ratio, rad/m; its relative standard deviation; frequency, Hz.
+    """
+    near = np.abs(BINS - PERIODS) <= _NEAR
+    spectra = windows.spectra[:, near]
+    power = spectra[:, :, 0, 0].real
+    lateral, yaw, cross = power.sum(1), spectra[:, :, 1, 1].sum(1).real, spectra[:, :, 1, 0].sum(1)
+    with np.errstate(all='ignore'):
+        # What of yaw is not the lateral motion times one number is noise, in all bins but one.
+        noise = np.maximum(lateral * yaw / np.abs(cross) ** 2 - 1.0, 0.0)
+        # Neighbouring bins of Hann's window are half a value each.
+        std = np.sqrt(noise / (2 * _NEAR))
+        turning = power @ BINS[near] / lateral * frequency_hz / PERIODS
+        clear = windows.usable[:, near].all(1) & (std < _CLEAR)
+        amplitude = 2.0 * np.sqrt(lateral * frequency_hz / PERIODS)
+        found = windows.speed, amplitude, cross / lateral, std, turning
+    speed, amplitude, ratio, std, turning = (one[clear] for one in found)
+    return speed, amplitude, ratio, std, turning
+
+
 _TAPER = np.hanning(WINDOW + 1)[:WINDOW]
 _TAPER /= math.sqrt(float(_TAPER @ _TAPER))
 
@@ -140,70 +173,64 @@ def _window(
     told: Mapping[str, Series], start_ns: int, step_s: float, orders: Sequence[float]
 ) -> tuple[float, float, _C, NDArray[np.bool_]] | None:
     """Return speed, amplitude, spectra and usable bins; None where the speed changes."""
-    speed = _between(told['speed'], start_ns, step_s)
+    even = step_s * np.arange(0.5, WINDOW)
+    speed = _between(told['speed'], start_ns, even)
     mean, parts = abs(float(speed.mean())), speed.reshape(_PARTS, -1).mean(axis=1)
     if not float(np.ptp(parts)) < SAME_SPEED * mean:
         return None
-    cells = [_means(told[name], start_ns, step_s) for name in ('lateral', 'yaw')]
-    rates = [float(np.median(samples[samples > 0])) for _, samples in cells]
-    if min(rates) < _EVEN and max(rates) > 1.2 * min(rates) + 1.0:
+    turned = np.empty((2, BINS.size), dtype=np.complex128)
+    free = np.ones(BINS.size, dtype=np.bool_)
+    for k, name in ((1, 'yaw'), (0, 'lateral')):
+        cells = _cells(told[name], start_ns, even)
+        if cells is None:
+            return None
+        seconds, moved = cells
+        angle = np.full(WINDOW, math.nan)
+        if len(told.get('roller', ())) > 1:
+            angle = _between(told['roller'], start_ns, seconds)
+        columns = [np.ones(WINDOW), seconds]
+        if np.isfinite(angle).all():
+            turns = abs(float(angle[-1] - angle[0])) / (2.0 * math.pi * (WINDOW - 1))
+            for order in orders:
+                columns += [np.cos(order * angle), np.sin(order * angle)]
+                free &= np.abs(BINS - order * turns * WINDOW) > _LINE
+        basis = np.stack(columns, axis=1)
+        motion = moved - basis @ np.linalg.lstsq(basis, moved, rcond=None)[0]
+        wave = np.exp(-2j * math.pi / (WINDOW * step_s) * np.outer(BINS, seconds))
+        turned[k] = wave @ (motion * _TAPER)
+    spectra = step_s * turned.T[:, :, None] * turned.T[:, None, :].conj()
+    return mean, math.sqrt(2.0) * float(np.std(motion)), spectra, free
+
+
+def _cells(series: Series, start_ns: int, even: _F) -> tuple[_F, _F] | None:
+    """Return mean stamp, s, and mean of the samples of each cell; None: no motion is seen."""
+    step_s = 2.0 * even[0]
+    length_ns = int(WINDOW * step_s * NANOSECONDS)
+    first, last = np.searchsorted(series.stamps_ns, [start_ns, start_ns + length_ns])
+    seconds = (series.stamps_ns[first:last] - start_ns) / NANOSECONDS
+    cell = (seconds / step_s).astype(np.int64)
+    count = np.bincount(cell, minlength=WINDOW)
+    held = count > 0
+    if np.count_nonzero(~held) > _LOST * WINDOW:
         return None
-    moved = _whole(np.stack([values for values, _ in cells], axis=1))
-    if moved is None:
-        return None
-    angle = np.full(WINDOW, math.nan)
-    if len(told.get('roller', ())) > 1:
-        angle = _between(told['roller'], start_ns, step_s)
-    motion, free = _without_lines(moved, angle, orders)
-    turned = np.fft.rfft(motion * _TAPER[:, None], axis=0)[BINS]
-    spectra = step_s * turned[:, :, None] * turned[:, None, :].conj()
-    return mean, math.sqrt(2.0) * float(np.std(motion[:, 0])), spectra, free
+    # The few empty cells are bridged.
+    when, mean = even.copy(), np.empty(WINDOW)
+    when[held], mean[held] = (
+        np.bincount(cell, weights=one, minlength=WINDOW)[held] / count[held]
+        for one in (seconds, series.values[first:last])
+    )
+    mean[~held] = np.interp(when[~held], when[held], mean[held])
+    moves = np.count_nonzero(np.diff(mean)) > (1.0 - _REPEATED) * WINDOW
+    return (when, mean) if moves else None
 
 
-def _whole(motion: _F) -> _F | None:
-    """Return a window with its few empty cells bridged; None: too many, or a sensor stands."""
-    lost = ~np.isfinite(motion).all(axis=1)
-    if np.count_nonzero(lost) > _LOST * WINDOW:
-        return None
-    filled = motion.copy()
-    for k in range(2):
-        filled[lost, k] = np.interp(_PLACE[lost], _PLACE[~lost], motion[~lost, k])
-    still = np.count_nonzero(np.diff(filled, axis=0) == 0.0, axis=0)
-    return filled if np.all(still < _REPEATED * WINDOW) else None
-
-
-def _without_lines(motion: _F, angle: _F, orders: Sequence[float]) -> tuple[_F, NDArray[np.bool_]]:
-    """Return a window without trend and known lines, and which bins no line is near."""
-    columns, free = [np.ones(WINDOW), _PLACE], np.ones(BINS.size, dtype=np.bool_)
-    if np.isfinite(angle).all():
-        turning = abs(float(angle[-1] - angle[0])) / (2.0 * math.pi * (WINDOW - 1))
-        for order in orders:
-            columns += [np.cos(order * angle), np.sin(order * angle)]
-            free &= np.abs(BINS - order * turning * WINDOW) > _LINE
-    basis = np.stack(columns, axis=1)
-    return motion - basis @ np.linalg.lstsq(basis, motion, rcond=None)[0], free
-
-
-def _means(series: Series, start_ns: int, step_s: float) -> tuple[_F, NDArray[np.int64]]:
-    """Return the mean of the samples in each cell, NaN where there is none, and their number."""
-    step_ns = step_s * NANOSECONDS
-    first, last = np.searchsorted(series.stamps_ns, [start_ns, start_ns + int(WINDOW * step_ns)])
-    cell = ((series.stamps_ns[first:last] - start_ns) / step_ns).astype(np.int64)
-    samples = np.bincount(cell, minlength=WINDOW)
-    total = np.bincount(cell, weights=series.values[first:last], minlength=WINDOW)
-    mean: _F = np.full(WINDOW, math.nan)
-    np.divide(total, samples, out=mean, where=samples > 0)
-    return mean, samples
-
-
-def _between(series: Series, start_ns: int, step_s: float) -> _F:
+def _between(series: Series, start_ns: int, wanted: _F) -> _F:
     """Interpolate; NaN beyond the ends and in gaps: what was not measured does not stand still."""
-    length_ns = WINDOW * step_s * NANOSECONDS
-    around = [start_ns - length_ns, start_ns + 2.0 * length_ns]
+    length_s = wanted[-1] + wanted[0]
+    around = start_ns + np.array([-1.0, 2.0]) * length_s * NANOSECONDS
     first, last = np.searchsorted(series.stamps_ns, around)
     seconds = (series.stamps_ns[first:last] - start_ns) / NANOSECONDS
-    if seconds.size < 2 or np.diff(seconds).max() > WINDOW * step_s:
+    if seconds.size < 2 or np.diff(seconds).max() > length_s:
         return np.full(WINDOW, math.nan)
-    wanted = step_s * (np.arange(WINDOW) + 0.5)
     found: _F = np.interp(wanted, seconds, series.values[first:last], math.nan, math.nan)
     return found

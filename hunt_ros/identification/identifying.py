@@ -29,9 +29,9 @@ from hunt_ros.identification.preparation import (
     Source,
     digest_of,
     motion_in,
-    motions_in,
     powers_in,
     runs_in,
+    windows_in,
 )
 from hunt_ros.identification.record.envelope import (
     WINDOW_CYCLES,
@@ -313,7 +313,7 @@ def _mode_shape(
 ) -> ModeShape | None:
     """Measure both modes wherever what can be used holds both sensors; else None."""
     measuring = [one for one in recordings if one.digest.measures and not one.digest.refused]
-    work = partial(motions_in, bare=bare, frequency_hz=frequency_hz)
+    work = partial(windows_in, bare=bare, frequency_hz=frequency_hz)
     return measured_shape(list(pool.map(work, measuring)), form, frequency_hz)
 
 

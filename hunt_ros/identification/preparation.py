@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.errors import IdentificationError
-from hunt_ros.estimation.mode_measurement import measure_ratio
 from hunt_ros.estimation.record_lines import ForcedLine, Motion, turns_per_metre
-from hunt_ros.estimation.response_windows import measure_response
+from hunt_ros.estimation.response_windows import ResponseWindows, measure_response
 from hunt_ros.identification.record.channels import Channels
 from hunt_ros.identification.record.envelope import (
     WINDOW_CYCLES,
@@ -32,7 +31,6 @@ from hunt_ros.identification.record.hunting_frequency import (
     power_on,
     tracked_envelope,
 )
-from hunt_ros.identification.record.mode import Motions
 from hunt_ros.identification.record.screening import (
     Digest,
     Stretch,
@@ -226,11 +224,8 @@ def runs_in(
     return runs, said
 
 
-def motions_in(recording: Recording, bare: bool, frequency_hz: float) -> Motions:
+def windows_in(recording: Recording, bare: bool, frequency_hz: float) -> ResponseWindows:
     """Return what it shows of yaw and lateral motion together, where it holds both."""
     one, orders = recording.prepared, recording.settings.orders.tolist()
     record = one.record if bare and is_assumed(one.turning) else one.turning
-    return Motions(
-        measure_ratio(record, frequency_hz, orders),
-        measure_response(record, frequency_hz, orders),
-    )
+    return measure_response(record, frequency_hz, orders)

@@ -15,7 +15,7 @@ from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation import simulate
 from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, SimulationSettings
 from hunt_ros.errors import ConfigError
-from hunt_ros.estimation.response_windows import joined, measure_response
+from hunt_ros.estimation.response_windows import joined, measure_response, measured_ratio
 from hunt_ros.estimation.second_mode import (
     HuntingMode,
     SecondMode,
@@ -198,6 +198,28 @@ def test_a_long_pause_costs_neither_memory_nor_windows(record) -> None:
     }
     paused = measure_response(Record(later), 2.8)
     assert abs(paused.speed.size - whole.speed.size) <= 3
+
+
+@pytest.mark.parametrize('every', [1, 5, 8])
+def test_sensors_of_other_rates_and_stamps_see_one_motion(every: int) -> None:
+    """500 samples a second, the yaw sensor fewer and later: down to four in three cells."""
+    rig = RIGS['paper']
+    frequency, known = hunting(rig)
+    full = quiet(rig, sample_rate_hz=500.0)
+    yaw = Series(
+        full['yaw'].stamps_ns[every // 2 :: every], full['yaw'].values[every // 2 :: every]
+    )
+    windows = measure_response(changed(full, yaw=yaw), frequency)
+    found = second_mode(windows, frequency, known)
+    assert found is not None
+    assert errors(found, rig)[2] < 3.0 * found.relative_std
+    speed, _, ratio, std, turning = measured_ratio(windows, frequency)
+    assert speed.size > 60
+    true = [hunting_mode(rig, float(v)).yaw_per_lateral / rig.length_scale for v in speed]
+    off = np.abs(ratio / true - 1.0) / np.sqrt(2.0)
+    assert np.sqrt(np.mean(np.square(off))) < 0.15
+    assert np.sqrt(np.mean(np.square(off / np.hypot(std, 0.02)))) < 1.8
+    assert np.median(turning) == pytest.approx(frequency, rel=0.04)
 
 
 def test_lost_samples_are_bridged_and_gaps_are_left_out() -> None:

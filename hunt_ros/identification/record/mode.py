@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from hunt_ros.dynamics.mode_shape import CARRY_SPEED, ModeShape, fitted_shape, rounded
 from hunt_ros.dynamics.normal_form import NormalForm
-from hunt_ros.estimation.mode_measurement import RatioPoints
-from hunt_ros.estimation.response_windows import ResponseWindows, joined
+from hunt_ros.estimation.response_windows import ResponseWindows, joined, measured_ratio
 from hunt_ros.estimation.second_mode import HuntingMode, SecondMode, second_mode
 
 #: Below this part of the critical speed the rig is on its way, or stands.
@@ -22,32 +21,15 @@ _LINEAR = 0.1
 _LEAST_KNOWN = 0.15
 
 
-@dataclass(frozen=True, eq=False)
-class Motions:
-    """
-    What one recording shows of both sensors together.
-
-    Parameters
-    ----------
-    ratio : RatioPoints
-        Yaw over lateral phasor of the hunting.
-    response : ResponseWindows
-        Cross-spectra wherever the speed stands still.
-    """
-
-    ratio: RatioPoints
-    response: ResponseWindows
-
-
 def measured_shape(
-    motions: Sequence[Motions], form: NormalForm, frequency_hz: float
+    recordings: Sequence[ResponseWindows], form: NormalForm, frequency_hz: float
 ) -> ModeShape | None:
     """
     Put together what the recordings show of the mode shape, and of the second mode.
 
     Parameters
     ----------
-    motions : sequence of Motions
+    recordings : sequence of ResponseWindows
         Of each recording; those without `yaw` add nothing.
     form : NormalForm
         Identified from them: tells which motion is small, and how it is damped.
@@ -59,19 +41,13 @@ def measured_shape(
     ModeShape or None
         None where no recording shows the motion on both sensors.
     """
-    if not motions:
+    if not recordings:
         return None
-    points = [one.ratio for one in motions]
-    shape = fitted_shape(
-        np.concatenate([p.speed for p in points]),
-        np.concatenate([p.amplitude for p in points]),
-        np.concatenate([p.ratio for p in points]),
-        np.concatenate([p.relative_std for p in points]),
-        np.concatenate([p.frequency_hz for p in points]),
-    )
+    windows = joined(recordings)
+    shape = fitted_shape(*measured_ratio(windows, frequency_hz))
     if shape is None:
         return None
-    second = _second(joined([one.response for one in motions]), shape, form, frequency_hz)
+    second = _second(windows, shape, form, frequency_hz)
     if second is None or not second.relative_std < _LEAST_KNOWN:
         return shape
     held = np.clip(shape.speeds, second.speeds[0], second.speeds[-1])
