@@ -102,6 +102,9 @@ figures: $(VENV)/installed  ## draw the pictures of docs/
 	$(BIN)/python docs/figures.py
 	$(BIN)/python docs/animation.py
 
+page-pictures: $(VENV)/installed  ## take the pictures of the page in docs/, with a Chromium
+	$(BIN)/python docs/page_pictures.py
+
 settings: $(VENV)/installed  ## write docs/settings.md, and the table of docs/alarm.md, from the code
 	$(BIN)/python docs/settings.py
 
@@ -124,4 +127,4 @@ bench-day: $(VENV)/installed  ## the detector on 500 random rigs and days; DAYS=
 bench-detection: $(VENV)/installed  ## the detector against the railway criteria; SCALE=0.05: a quick look (1: 24 h quiet, 10 min)
 	$(BIN)/python test/benchmark/bench_detection.py --scale $${SCALE:-1} --publish
 
-.PHONY: gauntlet bench-day settings test-rig wheel demo-proof soak docs bench-trip bench-interlock faults bench-plan bench-detection bench-identification bench-peer figures bench-bags fuzz golden-bags help install demo test test-kilted test-nodes test-elsewhere check format clean bench-live bench-forecast bench-estimation
+.PHONY: page-pictures gauntlet bench-day settings test-rig wheel demo-proof soak docs bench-trip bench-interlock faults bench-plan bench-detection bench-identification bench-peer figures bench-bags fuzz golden-bags help install demo test test-kilted test-nodes test-elsewhere check format clean bench-live bench-forecast bench-estimation

@@ -29,7 +29,7 @@ function make(name, x, y, lines, hooks = {}, log = false) {
   const plot = new uPlot({
     mode: 2, hooks, ...sizeOf(place.clientWidth, place.clientHeight),
     cursor: {show: false}, legend: {show: false}, select: {show: false},
-    padding: [0.5 * rem, 0.8 * rem, 0, 0],
+    padding: [(name === 'diagram' ? 1.5 : 0.5) * rem, 0.8 * rem, 0, 0],   // above: the names of the speeds
     scales: {
       x: {time: false, auto: false, min: x[1], max: x[2]},
       y: {auto: false, min: y[1], max: y[2], distr: log ? 3 : 1},
@@ -143,22 +143,23 @@ function drawSpeeds(plot) {
   ctx.save();
   ctx.strokeStyle = ctx.fillStyle = palette.muted;
   ctx.font = `${0.9 * rem * devicePixelRatio}px "DejaVu Sans", sans-serif`;
-  ctx.textBaseline = 'top';
+  ctx.textBaseline = 'bottom';
+  ctx.textAlign = 'left';
   ctx.lineWidth = 0.07 * rem * devicePixelRatio;
   ctx.setLineDash([ctx.lineWidth, 3 * ctx.lineWidth]);
-  const room = 6 * rem * devicePixelRatio;   // of a name
-  let before = -Infinity;
-  for (const [name, value] of shown.marks || []) {
+  let free = bbox.left + bbox.width;   // a name stands over its line, and left of the next one
+  for (const [name, value] of [...(shown.marks || [])].reverse()) {
     const x = plot.valToPos(value, 'x', true);
     if (x < bbox.left || x > bbox.left + bbox.width) continue;
     ctx.beginPath();
     ctx.moveTo(x, bbox.top);
     ctx.lineTo(x, bbox.top + bbox.height);
     ctx.stroke();
-    const aside = x + room > bbox.left + bbox.width ? -1 : 1;
-    ctx.textAlign = aside > 0 ? 'left' : 'right';
-    ctx.fillText(`${name} ${value.toFixed(unit() === 'm/s' ? 2 : 1)}`, x + aside * 4 * devicePixelRatio, bbox.top + (x - before < (aside > 0 ? room : 2 * room) ? 1.2 * rem * devicePixelRatio : 0));
-    before = x;
+    const text = `${name} ${value.toFixed(unit() === 'm/s' ? 2 : 1)}`;
+    const wide = ctx.measureText(text).width;
+    free = Math.min(x + wide / 2, free) - wide;
+    ctx.fillText(text, free, bbox.top - 0.1 * rem * devicePixelRatio);
+    free -= 0.5 * rem * devicePixelRatio;
   }
   ctx.restore();
 }
