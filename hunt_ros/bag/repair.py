@@ -334,7 +334,7 @@ def _finish_file(file: Path) -> None:
     repaired = file.with_suffix('.mcap.part')
     repaired.unlink(missing_ok=True)
     with closing(McapFile(file)) as left:
-        if left.layout.is_complete:
+        if not left.problems:
             return
         try:
             with closing(McapWriter(repaired)) as writer:

@@ -1,9 +1,9 @@
 """
 One MCAP file, opened: its topics, its chunks, and its messages as blocks.
 
-A complete file is read through its summary; a file that was cut short (a recorder
-that was killed), or one whose recorder wrote no index, is walked from the front, record by
-record, and everything complete in it is there.
+A file is walked from the front, record by record, over the heads of its chunks: everything
+complete in it is there, also of one that was cut short (a recorder that was killed) or has no
+index.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from hunt_ros.bag.mcap.layout import (
     IMPOSSIBLE,
     IndexPlace,
     Layout,
-    read_summary,
+    claimed_counts,
     walk_file,
     walked_places,
 )
@@ -94,22 +94,17 @@ class McapFile:
         self.metadata = [(part.name, part.metadata) for part in self.layout.metadata]
 
     def _open(self) -> Layout:
-        """Read the summary, or walk through the file where it has none that can be trusted."""
-        claimed: dict[int, int] | None = None
+        """Walk through the file, and compare it with what its summary says."""
+        layout = walk_file(self.view)
         try:
-            layout = read_summary(self.view)
-            if layout.is_complete:
-                return layout
-            claimed = layout.claimed
+            claimed = claimed_counts(self.view)
         except ValueError as error:
             self.problems.append(f'no usable summary: {error}')
-        layout = walk_file(self.view)
+            claimed = None
         self.problems += layout.problems
-        there = layout.counts.total()
         if not self.problems and claimed is not None and claimed != +layout.counts:
-            self.problems.append(
-                f'{there} messages are in it, {sum(claimed.values())} by its summary'
-            )
+            there, told = layout.counts.total(), sum(claimed.values())
+            self.problems.append(f'{there} messages are in it, {told} by its summary')
         self.problems += [f'{count} {what}' for what, count in layout.left_out.items() if count]
         return layout
 
