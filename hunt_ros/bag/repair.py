@@ -160,7 +160,7 @@ def _copy_mcap(file: McapFile, writer: McapWriter, report: Repair) -> None:
             writer.add_beside(record)
     for chunk in layout.chunks:
         try:
-            _copy_chunk(file.view, chunk, layout, writer)
+            copy_chunk(file.view, chunk, layout, writer)
         except ValueError as error:
             end = chunk.data + chunk.stored
             report.lost_spans_ns.append((chunk.first_ns, chunk.last_ns))
@@ -173,7 +173,7 @@ def _copy_mcap(file: McapFile, writer: McapWriter, report: Repair) -> None:
     report.problems += left_out
 
 
-def _copy_chunk(view: memoryview, chunk: rec.Chunk, layout: Layout, writer: McapWriter) -> None:
+def copy_chunk(view: memoryview, chunk: rec.Chunk, layout: Layout, writer: McapWriter) -> None:
     """Copy a sound chunk as it is; message by message where one in it must not be copied."""
     raw = rec.expand_chunk(view, chunk)
     data, found = np.frombuffer(raw, np.uint8), walked_places(raw)

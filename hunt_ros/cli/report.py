@@ -6,6 +6,7 @@ import argparse
 from functools import partial
 from pathlib import Path
 
+from hunt_ros.bag.clips import clips_of
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import progress, tell
 from hunt_ros.cli.support.recordings import add_recordings, records_of, settings_of
@@ -56,8 +57,10 @@ def run(arguments: argparse.Namespace) -> int:
         events, loads = {}, []
         for count, record in enumerate(identification.records):
             found = events[record.source] = events_of(record, identification.normal_form)
-            live = recorded_events(Path(record.source))
-            loads.append(load_of(found if live is None else live, record, live is not None))
+            live = recorded_events(path := Path(record.source))
+            told = found if live is None else live
+            clips = [clip.name for clip in clips_of(path)]
+            loads.append(load_of(told, record, live is not None, clips))
             advance((count + 1) / len(identification.records))
     with progress('drawing') as advance:
         report = Report(

@@ -111,6 +111,52 @@ def table() -> str:
     return ''.join(f'| {" | ".join(row)} |\n' for row in rows)
 
 
+#: Event -> code of the alarm that begins with it, or ends with it; that of a limit is its test.
+_BEGINS = {
+    'escaping': 'hunting',
+    'limit_cycle': 'hunting',
+    'limit_exceeded': '',
+    'input_stale': 'CHANNEL_silent',
+    'sensor_fault': 'CHANNEL_fault',
+    'interlock_tripped': 'trip',
+}
+_ENDS = {
+    'quiet': 'hunting',
+    'disturbed': 'hunting',
+    'limit_cleared': '',
+    'input_recovered': 'CHANNEL_silent',
+    'sensor_recovered': 'CHANNEL_fault',
+    'interlock_armed': 'trip',
+    'interlock_disarmed': 'trip',
+}
+
+
+class Told(NamedTuple):
+    """What an event says of an alarm: its code, and whether it begins, or is over."""
+
+    code: str
+    begins: bool
+
+
+def alarm_of(event: str, level: str, test: str, cause: str) -> Told | None:
+    """
+    Return the alarm that an event of `hunting/events` begins or ends; None where it does neither.
+
+    Parameters
+    ----------
+    event, level, test, cause : str
+        As they are published; what is OK or WARN calls nobody, and begins no alarm.
+    """
+    begins = event in _BEGINS
+    code = (_BEGINS if begins else _ENDS).get(event)
+    if code is None or (begins and level in ('OK', 'WARN')):
+        return None
+    if not code and not test.startswith('alarm_'):  # a warning beside an alarm
+        return None
+    channel = cause.partition(' ')[0].rstrip(':')
+    return Told(code.replace('CHANNEL', channel) or test, begins)
+
+
 #: An alarm is shelved for no longer than this, min.
 LONGEST_MIN = 480.0
 

@@ -9,7 +9,7 @@ the recording began is not of it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from scipy.stats import chi2
 
+from hunt_ros.drivers.alarms import alarm_of
 from hunt_ros.report.numbers import shown
 from hunt_ros.report.tables import table
 from hunt_ros.samples import NANOSECONDS, Record, Uncertain
@@ -34,26 +35,6 @@ STANDS_S = 86_400.0
 #: The suite ends its nodes one after the other: what falls silent so short before the end of a
 #: recording calls nobody, s.
 _ENDING_S = 5.0
-_HUNTS, _TRIP, _SILENT = 'hunting', 'interlock trip', 'silent'
-#: Event -> the alarm that begins with it, and that ends with it; of one channel or limit each
-#: where the name is empty.
-_BEGINS = {
-    'escaping': _HUNTS,
-    'limit_cycle': _HUNTS,
-    'limit_exceeded': '',
-    'input_stale': _SILENT,
-    'sensor_fault': 'at fault',
-    'interlock_tripped': _TRIP,
-}
-_ENDS = {
-    'quiet': _HUNTS,
-    'disturbed': _HUNTS,
-    'limit_cleared': '',
-    'input_recovered': _SILENT,
-    'sensor_recovered': 'at fault',
-    'interlock_armed': _TRIP,
-    'interlock_disarmed': _TRIP,
-}
 
 
 @dataclass(frozen=True)
@@ -70,14 +51,17 @@ class AlarmLoad:
     duration_s : float
         Of the recording.
     alarms : mapping of str to sequence of (float, float)
-        Name of the alarm -> when it came and was over, s since the start; inf: it was on at the
+        Code of the alarm -> when it came and was over, s since the start; inf: it was on at the
         end.
+    clips : sequence of str
+        Names of its clips, which stand beside it.
     """
 
     source: str
     live: bool
     duration_s: float
     alarms: Mapping[str, Sequence[tuple[float, float]]]
+    clips: Sequence[str] = ()
 
     @property
     def count(self) -> int:
@@ -127,10 +111,13 @@ class AlarmLoad:
             'chattering': self.chattering,
             'longest_s': self.longest_s,
             'on_at_end': self.on_at_end,
+            'clips': list(self.clips),
         }
 
 
-def load_of(events: Sequence[Event], record: Record, live: bool) -> AlarmLoad:
+def load_of(
+    events: Sequence[Event], record: Record, live: bool, clips: Sequence[str] = ()
+) -> AlarmLoad:
     """
     Count the alarms among the events of a recording.
 
@@ -140,12 +127,16 @@ def load_of(events: Sequence[Event], record: Record, live: bool) -> AlarmLoad:
         In the order of time. Those of level WARN and OK begin no alarm: they call nobody.
     record : Record
         For its start and its length.
-    live : bool
+    live, clips
         See `AlarmLoad`.
     """
     alarms: dict[str, list[tuple[float, float]]] = {}
     on: set[str] = set()
-    for event, name, begins in _told(events):
+    for event in events:
+        told = alarm_of(event.event, event.level.label, event.test, event.cause)
+        if told is None:
+            continue
+        name, begins = told
         at_s = (event.stamp_ns - record.start_ns) / NANOSECONDS
         if begins and name not in on:
             on.add(name)
@@ -153,25 +144,11 @@ def load_of(events: Sequence[Event], record: Record, live: bool) -> AlarmLoad:
         elif not begins and name in on:
             on.remove(name)
             alarms[name][-1] = (alarms[name][-1][0], at_s)
-    for name in [name for name in on if name.endswith(_SILENT)]:
+    for name in [name for name in on if name.endswith('_silent')]:
         if alarms[name][-1][0] > record.duration_s - _ENDING_S:
             alarms[name].pop()
     kept = {name: times for name, times in alarms.items() if times}
-    return AlarmLoad(record.source, live, record.duration_s, kept)
-
-
-def _told(events: Sequence[Event]) -> Iterator[tuple[Event, str, bool]]:
-    """Yield what begins or ends an alarm, with the name of the alarm and whether it begins."""
-    for event in events:
-        begins = event.event in _BEGINS
-        name = (_BEGINS if begins else _ENDS).get(event.event)
-        if name is None or (begins and event.level.label in ('OK', 'WARN')):
-            continue
-        if not name and not event.test.startswith('alarm_'):  # a warning beside an alarm
-            continue
-        if name in (_SILENT, 'at fault'):
-            name = f'{event.cause.split()[0].rstrip(":")} {name}'
-        yield event, name or event.test, begins
+    return AlarmLoad(record.source, live, record.duration_s, kept, clips)
 
 
 def alarm_table(loads: Sequence[AlarmLoad]) -> str:
@@ -186,6 +163,7 @@ def alarm_table(loads: Sequence[AlarmLoad]) -> str:
             shown(load.longest_s, digits=3)
             + (' <b>standing</b>' if load.longest_s > STANDS_S else ''),
             _names(load.on_at_end),
+            _names(load.clips),
         ]
         for load in loads
     ]
@@ -197,6 +175,7 @@ def alarm_table(loads: Sequence[AlarmLoad]) -> str:
     )
     header = [
         'recording', 'said', 'alarms', 'an hour', 'chattering', 'longest (s)', 'on at the end',
+        'clips',
     ]  # fmt: skip
     return table(header, rows, caption)
 

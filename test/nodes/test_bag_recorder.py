@@ -14,6 +14,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='the extra ros is not installed')
 
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter
@@ -23,9 +24,9 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from hunt_ros.bag import Bag, read_columns, read_record
-from hunt_ros.bag.messages import read_texts
+from hunt_ros.bag.messages import read_statuses, read_texts
 from hunt_ros.bag.recording import RecordingState
-from hunt_ros.nodes.support.conversions import to_time
+from hunt_ros.nodes.support.conversions import diagnostic, to_time
 from hunt_ros.nodes.support.qos import JOURNAL, latched
 
 pytestmark = pytest.mark.ros
@@ -140,10 +141,50 @@ def test_services_start_split_stop_and_mark_with_words_or_without(graph) -> None
     assert len(list(path.glob('*.mcap'))) == 2
 
 
+def alarm(word: str, level: str) -> DiagnosticArray:
+    values = {'event': word, 'test': 'rate', 'cause': 'it grows'}
+    return diagnostic(time.time_ns(), word, level, 'it grows', values, 'rig')
+
+
+def test_an_alarm_has_a_clip_while_the_recording_goes_on_and_when_it_ends(
+    graph, resident, monkeypatch
+) -> None:
+    from hunt_ros.bag import clips
+    from hunt_ros.nodes import bag_recorder
+
+    monkeypatch.setattr(clips, 'AFTER_S', 1.0)
+    lateral = graph.node.create_publisher(JointState, 'lateral', 1000)
+    events = graph.node.create_publisher(DiagnosticArray, 'hunting/events', 1000)
+    resident(bag_recorder.BagRecorderNode, directory=graph.folder, least_free_mib=1.0)
+    graph.spin_until(lambda: lateral.get_subscription_count() and events.get_subscription_count())
+    lateral.publish(joint('lateral', BEGIN_NS, 1.5))
+    events.publish(alarm('margin_low', 'WARN'))
+    for word in ('escaping', 'limit_cycle'):  # one alarm, and it chatters
+        events.publish(alarm(word, 'ERROR'))
+        events.publish(alarm('quiet', 'OK'))
+    graph.spin_until(lambda: list(graph.folder.glob('*.mcap')))
+    (path,) = graph.folder.glob('*.mcap')
+    assert path.stem.endswith('_hunting')
+    assert read_record(path)['lateral'].values.tolist() == [1.5]
+    assert len(read_statuses(path, 'hunting/events')) == 5
+    (active,) = graph.folder.glob('*.active')
+    assert path.name.startswith(f'{active.stem}_clip_')
+
+    monkeypatch.setattr(clips, 'AFTER_S', 500.0)
+    events.publish(alarm('interlock_tripped', 'ERROR'))
+    graph.spin(0.5)
+    answer = graph.call('recording/stop')
+    assert answer.success, answer.message
+    graph.spin_until(lambda: len(list(graph.folder.glob('*.mcap'))) == 1 and len(
+        read_statuses(path, 'hunting/events')) == 6)  # fmt: skip
+
+
 def test_kill_loses_at_most_a_second_and_the_next_start_closes_the_rest(graph) -> None:
     lateral = graph.node.create_publisher(JointState, 'lateral', 1000)
+    events = graph.node.create_publisher(DiagnosticArray, 'hunting/events', 1000)
     process = graph.start('bag_recorder', directory=str(graph.folder))
-    graph.spin_until(lateral.get_subscription_count)
+    graph.spin_until(lambda: lateral.get_subscription_count() and events.get_subscription_count())
+    events.publish(alarm('escaping', 'ERROR'))  # its clip waits when the recorder is killed
     sent: list[float] = []
     begin = time.monotonic()
     while time.monotonic() - begin < 2.5:

@@ -1,0 +1,145 @@
+"""
+Clips: the stretch of a recording around an alarm, as a small recording beside it.
+
+Chunks that are on the disk are copied as they are, also while the recording goes on. A clip has
+its name only when it is whole, and nothing is written into the recording: what ends its making,
+a kill or a full disk, costs the clip alone.
+"""
+
+from __future__ import annotations
+
+import glob
+from contextlib import closing, suppress
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from hunt_ros.bag.mcap.file import McapFile
+from hunt_ros.bag.mcap.writer import McapWriter
+from hunt_ros.bag.reader import Bag
+from hunt_ros.bag.repair import copy_chunk
+from hunt_ros.errors import BagError
+from hunt_ros.samples import NANOSECONDS
+
+#: What a clip shows before and after an alarm, s.
+BEFORE_S, AFTER_S = 30.0, 30.0
+#: All clips of an hour of a recording are no longer than this together, s.
+MOST_S = 600.0
+_HOUR_NS = 3600 * NANOSECONDS
+#: A clip is cut so long after its end, s: by then all of it is on the disk.
+_WRITTEN_S = 2.0
+#: So often is one tried: a recording that is closed just then changes its name.
+_TRIES = 2
+
+
+@dataclass
+class Clip:
+    """A stretch of a recording, log times in ns; of the alarm that began it the code and time."""
+
+    recording: Path
+    code: str
+    stamp_ns: int
+    first_ns: int
+    last_ns: int
+    tries: int = _TRIES
+
+    @property
+    def path(self) -> Path:
+        """Where it is: beside the recording, by the name of it, time and code of the alarm."""
+        at = datetime.fromtimestamp(self.stamp_ns / NANOSECONDS)
+        name = f'{self.recording.name}_clip_{at:%Y%m%d_%H%M%S}_{self.code}.mcap'
+        return self.recording.with_name(name)
+
+    def cut(self) -> Path:
+        """
+        Copy it out of the recording, which may be running.
+
+        Raises
+        ------
+        BagError
+            If the recording cannot be read or holds nothing of it, or the disk refuses.
+        """
+        part = self.path.with_name(self.path.name + '.part')
+        part.unlink(missing_ok=True)
+        try:
+            with Bag(self.recording) as bag, closing(McapWriter(part)) as writer:
+                for name in dict.fromkeys(name for file in bag.files for name, _ in file.metadata):
+                    writer.add_metadata(name, bag.strings(name))
+                for file in bag.files:
+                    if isinstance(file, McapFile):
+                        self._copy(file, writer)
+                if not writer.counts.total():
+                    raise BagError(f'{self.recording}: nothing in it at the time of {self.code}')
+                writer.finish()
+            return part.replace(self.path)
+        except OSError as error:
+            raise BagError(f'{self.path}: cannot be written ({error.strerror})') from error
+        finally:
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
+
+    def _copy(self, file: McapFile, writer: McapWriter) -> None:
+        """Copy the chunks of a file that reach into the clip."""
+        layout = file.layout
+        chunks = [
+            chunk
+            for chunk in layout.chunks
+            if chunk.first_ns <= self.last_ns and self.first_ns <= chunk.last_ns
+        ]
+        if chunks:  # the files of one recorder number their topics alike
+            for schema in layout.schemas.values():
+                writer.describe(schema)
+            for channel in layout.channels.values():
+                writer.describe(channel)
+        for chunk in chunks:
+            with suppress(ValueError):  # damaged
+                copy_chunk(file.view, chunk, layout, writer)
+
+
+class Clips:
+    """Which clips are to be cut: windows that overlap are one, and there is a bound an hour."""
+
+    def __init__(self) -> None:
+        self._clips: list[Clip] = []  # those to be cut, and those that count for the bound
+
+    def take(self, recording: Path, stamp_ns: int, code: str) -> bool:
+        """Take an alarm at a log time, ns; return False where the bound refuses it a clip."""
+        first = stamp_ns - round(BEFORE_S * NANOSECONDS)
+        last = stamp_ns + round(AFTER_S * NANOSECONDS)
+        self._clips = [
+            clip for clip in self._clips if clip.tries or clip.last_ns > stamp_ns - _HOUR_NS
+        ]
+        before = self._clips[-1] if self._clips else None
+        goes_on = before and before.recording == recording and first <= before.last_ns
+        longer = max(0, last - before.last_ns) if before and goes_on else last - first
+        length = sum(clip.last_ns - clip.first_ns for clip in self._clips)
+        if length + longer > MOST_S * NANOSECONDS:
+            return False
+        if before and goes_on:
+            before.last_ns, before.tries = before.last_ns + longer, _TRIES
+        else:
+            self._clips.append(Clip(recording, code, stamp_ns, first, last))
+        return True
+
+    def due(self, now_ns: int, running: Path | None) -> list[Clip]:
+        """
+        Return the clips that are to be cut now: they are until no tries are left them.
+
+        Parameters
+        ----------
+        now_ns : int
+            Of the clock of the log times.
+        running : Path or None
+            The recording that goes on: of another one nothing more comes.
+        """
+        until_ns = now_ns - round(_WRITTEN_S * NANOSECONDS)
+        return [
+            clip
+            for clip in self._clips
+            if clip.tries and (clip.last_ns < until_ns or clip.recording != running)
+        ]
+
+
+def clips_of(recording: Path) -> list[Path]:
+    """Return the clips beside a recording, by name."""
+    return sorted(recording.parent.glob(f'{glob.escape(recording.name)}_clip_*.mcap'))
