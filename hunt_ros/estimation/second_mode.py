@@ -54,14 +54,14 @@ _LEFT = 0.9
 #: What is known of the second mode of any wheelset: logarithms of its decay and frequency over the
 #: frequency of hunting, with their standard deviations (of random rigs that can hunt). What the
 #: spectra put further off than this many is a line that nobody named, or the hunting once more.
-#: The other parameters of the law have no prior.
-_PARAMETERS, _FURTHEST = 9, 2.5
+#: The ratio of the hunting has what is known of it; the other parameters have no prior.
+_PARAMETERS, _FURTHEST = 11, 2.5
 _USUAL = np.array([-0.2, -0.15, *[0.0] * (_PARAMETERS - 2)])
-_USUAL_STD = np.array([0.6, 0.3, *[math.inf] * (_PARAMETERS - 2)])
+_USUAL_STD = np.array([0.6, 0.3, *[math.inf] * (_PARAMETERS - 4), 0.0, 0.0])
+#: No ratio is known better, relative.
+_LEAST_STD = 1e-3
 #: Evaluations in a search.
 _TURNS = 200
-#: Steps in which an eigenvalue is followed from one speed to another.
-_FOLLOWED = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,9 +165,6 @@ def _fitted(fit: _Fit, hunting: HuntingMode) -> SecondMode | None:
     if eigenvalue is None:
         return None
     covariance = max(scatter, 1.0) * np.linalg.inv(fit.whittle.slopes(theta)[1])
-    for turn in (1.0, 1j):  # as far as the ratio of the hunting is known, each way
-        moved = fit.moved_by(theta, turn * hunting.ratio_std)
-        covariance = covariance + np.outer(moved, moved)
     parts = np.exp(theta[:2])
     variance = float(np.sum(parts**2 * np.diag(covariance)[:2]))
     if not 0.0 < variance < math.inf:
@@ -229,14 +226,16 @@ class _Fit:
     The law beside the levels, in units of its own: of hunting in time, of the sensors in size.
 
     Parameters theta: logarithms of decay and frequency of the second mode; its ratio, real and
-    imaginary; the factor L of Q = L L^T, its diagonal as logarithms; logarithms of R.
+    imaginary; the factor L of Q = L L^T, its diagonal as logarithms; logarithms of R; how far the
+    ratio of the hunting is from what is known of it, relative, real and imaginary.
     """
 
     def __init__(self, levels: _Levels, frequency_hz: float, hunting: HuntingMode) -> None:
         self.speed = levels.speed
-        self.whittle = Whittle(
-            self._expected, levels.spectra, _NEIGHBOURS * levels.windows, _USUAL, _USUAL_STD
-        )
+        std = _USUAL_STD.copy()
+        std[9:] = max(hunting.ratio_std, _LEAST_STD)
+        weight = _NEIGHBOURS * levels.windows
+        self.whittle = Whittle(self._expected, levels.spectra, weight, _USUAL, std)
         self._all = int(np.count_nonzero(levels.windows))
         self._omega = 2.0 * math.pi * frequency_hz
         self._s = 1j * _FINE / PERIODS
@@ -261,14 +260,15 @@ class _Fit:
         theta[[4, 6]] = 0.5 * math.log(0.5)
         level = float(np.median(self.whittle.seen(theta)[self.whittle.weight > 0.0]))
         theta[[4, 6]] += 0.5 * math.log(max(level, 1e-300))
-        theta[7:] += math.log(max(level, 1e-300))
+        theta[7:9] += math.log(max(level, 1e-300))
         return theta
 
     def _law(self, theta: _F) -> tuple[_F, _F]:
         """Return C and K, both of shape (2, 2), whose modes are the two."""
         second = complex(-math.exp(theta[0]), math.exp(theta[1]))
         eigenvalues = np.array([self._hunting.eigenvalue, second])
-        shapes = np.array([[1.0, 1.0], [self._hunting.ratio, complex(theta[2], theta[3])]])
+        ratio = self._hunting.ratio * complex(1.0 + theta[9], theta[10])
+        shapes = np.array([[1.0, 1.0], [ratio, complex(theta[2], theta[3])]])
         known = np.concatenate([shapes * eigenvalues, shapes])
         wanted = -shapes * eigenvalues**2
         both = np.linalg.solve(
@@ -293,19 +293,8 @@ class _Fit:
         seen = np.zeros((fine.shape[0], BINS.size, 2, 2), dtype=np.complex128)
         for k, share in enumerate(_SHARES):
             seen += share * fine[:, k : k + 2 * BINS.size : 2]
-        expected: _C = seen * _GAIN[:, None, None] + np.diag(np.exp(theta[7:]))
+        expected: _C = seen * _GAIN[:, None, None] + np.diag(np.exp(theta[7:9]))
         return expected
-
-    def moved_by(self, theta: _F, turn: complex) -> _F:
-        """Return how far the best parameters move with the ratio of the hunting, relative."""
-        if turn == 0.0:
-            return np.zeros(theta.size)
-        own = self._hunting
-        before, information, _ = self.whittle.slopes(theta)
-        self._hunting = replace(own, ratio=own.ratio * (1.0 + turn))
-        after, _, _ = self.whittle.slopes(theta)
-        self._hunting = own
-        return np.asarray(np.linalg.solve(information, before - after), dtype=np.float64)
 
     def _off(self, theta: _F) -> _F:
         """Return how far the spectra are above the law, in standard deviations; 0: left out."""
@@ -327,17 +316,15 @@ class _Fit:
     def eigenvalues(self, theta: _F) -> _C | None:
         """Return those of the second mode at each level, 1/s; None: it does not ring out."""
         damping, stiffness = self._law(theta)
-        begun = complex(-math.exp(theta[0]), math.exp(theta[1]))
-        if not begun.real < self._hunting.eigenvalue.real:
+        if not -math.exp(theta[0]) < self._hunting.eigenvalue.real:
             return None
         found = []
         for slow in self._slow:
-            value = begun
-            for place in np.linspace(1.0, slow, _FOLLOWED):
-                system = np.block([[np.zeros((2, 2)), np.eye(2)], [-stiffness, -place * damping]])
-                values = np.linalg.eigvals(system)
-                value = complex(values[np.argmin(np.abs(values - value))])
-            if not (value.imag > 1e-6 and value.real < 0.0):
+            system = np.block([[np.zeros((2, 2)), np.eye(2)], [-stiffness, -slow * damping]])
+            turning = [value for value in np.linalg.eigvals(system) if value.imag > 1e-6]
+            # It is the one of the two that is damped more.
+            value = min(turning, key=lambda one: one.real, default=0j)
+            if len(turning) < 2 or not value.real < 0.0:
                 return None
             found.append(value)
         return np.array(found, dtype=np.complex128) * self._omega
