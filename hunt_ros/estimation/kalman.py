@@ -83,8 +83,8 @@ class HuntingTracker:
         t.last_stamp = t.last_output = _NEVER
         for read in t.inputs:
             read.value, read.last_stamp = math.nan, _NEVER
-        t.on_trial[0].alive = True
         f = t.filters[0]
+        f.alive = True
         self._set_up(f.cfg)
         f.kick = f.opened = -math.inf
         f.speed = f.speed_seen = f.angle = math.nan

@@ -113,7 +113,7 @@ def advance(f: at.Filter, t: float) -> None:
 def advance_all(t: at.Tracker, time: float) -> None:
     """Bring all hypotheses to a time, s."""
     for h in range(at.HYPOTHESES):
-        if t.on_trial[h].alive:
+        if t.filters[h].alive:
             advance(t.filters[h], time)
 
 
@@ -122,7 +122,7 @@ def take_speed(t: at.Tracker, modes: _F, speed: float) -> None:
     """Put the modes at this speed in force, in all hypotheses; NaN: as before."""
     for h in range(at.HYPOTHESES):
         f = t.filters[h]
-        if not t.on_trial[h].alive:
+        if not t.filters[h].alive:
             continue
         if f.modes_changed and not math.isnan(f.speed):
             take_modes(f, modes)
@@ -139,7 +139,7 @@ def absorb(t: at.Tracker, modes: _F, k: int, time: float, mean: float) -> None:
     """Take the closed bin of sensor k, whose mean stamp is `time`, into all hypotheses."""
     count, has_started = t.inputs[k].bin.count, True
     for h in range(at.HYPOTHESES):
-        if not t.on_trial[h].alive:
+        if not t.filters[h].alive:
             continue
         f = t.filters[h]
         set_lines(t, f, k)
@@ -158,7 +158,7 @@ def absorb(t: at.Tracker, modes: _F, k: int, time: float, mean: float) -> None:
     judge(t, k, mean, count)
     for h in range(at.HYPOTHESES):
         f = t.filters[h]
-        if t.on_trial[h].alive and f.sensors[k].last == time:
+        if t.filters[h].alive and f.sensors[k].last == time:
             learn_ratio(f)
             tie_silent(f, k)
             if modes.shape[1] > 1:
@@ -293,9 +293,9 @@ def spread(t: at.Tracker, first: int) -> float:
     total = weight = 0.0
     for h in range(at.HYPOTHESES):
         f = t.filters[h]
-        if not t.on_trial[h].alive:
+        if not t.filters[h].alive:
             continue
-        share = math.exp(t.on_trial[h].likelihood - t.on_trial[t.lead].likelihood)
+        share = math.exp(t.filters[h].likelihood - t.filters[t.lead].likelihood)
         off = math.hypot(f.x[first], f.x[first + 1]) - modulus
         total += share * (radial(f, first) + off * off)
         weight += share

@@ -209,14 +209,11 @@ def suppose(t: at.Tracker, event: int, k: int, mean: float, credit: float) -> No
     `credit` is the logarithm of the likelihood ratio that the bins before have gathered for it.
     """
     prior = math.log(KICKED if event == at.KICK else STEPPED)
-    trial = t.on_trial[event]
-    likelihood = t.on_trial[0].likelihood + prior + credit
-    if trial.alive and (credit > 0.0 or trial.likelihood >= likelihood):
+    f, likelihood = t.filters[event], t.filters[0].likelihood + prior + credit
+    if f.alive and (credit > 0.0 or f.likelihood >= likelihood):
         return  # a burst is one event, while it lasts
-    trial.alive = True
-    trial.likelihood = likelihood
     t.filters[event] = t.filters[0]
-    f = t.filters[event]
+    f.likelihood = likelihood
     for i in range(f.sensor_count):
         f.sensors[i].stepped = -math.inf
     open_for(f, event, k, mean)
@@ -301,7 +298,7 @@ def judge(t: at.Tracker, k: int, mean: float, count: float) -> None:
         return
     if best.sensors[k].strange_since < math.inf:  # no event is so large
         for h in range(at.HYPOTHESES):
-            if t.on_trial[h].alive:
+            if t.filters[h].alive:
                 leave_out(t.filters[h], k, t.filters[h].time - t.filters[h].sensors[k].last)
         return
     f = t.filters[0]
@@ -314,8 +311,8 @@ def judge(t: at.Tracker, k: int, mean: float, count: float) -> None:
         suppose(t, at.KICK, k, mean, credit)
         suppose(t, at.STEP, k, mean, credit)
     for h in range(at.HYPOTHESES):
-        if t.on_trial[h].alive:
-            t.on_trial[h].likelihood += weigh(t.filters[h], k, mean, count)
+        if t.filters[h].alive:
+            t.filters[h].likelihood += weigh(t.filters[h], k, mean, count)
     compare(t)
 
 
@@ -328,7 +325,7 @@ def rests_on_trial(t: at.Tracker, f: at.Filter) -> bool:
 @compiled_part
 def trying(t: at.Tracker) -> bool:
     """Return True while more than one hypothesis is tried."""
-    return bool(t.on_trial[at.KICK].alive or t.on_trial[at.STEP].alive)
+    return bool(t.filters[at.KICK].alive or t.filters[at.STEP].alive)
 
 
 @compiled_part
@@ -336,18 +333,16 @@ def compare(t: at.Tracker) -> None:
     """Find the likeliest hypothesis; give up those far behind, and all but the best in the end."""
     t.lead = 0
     for h in range(1, at.HYPOTHESES):
-        trial = t.on_trial[h]
-        if trial.alive and trial.likelihood > t.on_trial[t.lead].likelihood:
+        if t.filters[h].alive and t.filters[h].likelihood > t.filters[t.lead].likelihood:
             t.lead = h
     f = t.filters[t.lead]
-    least = t.on_trial[t.lead].likelihood - DROPPED
+    least = t.filters[t.lead].likelihood - DROPPED
     for h in range(1, at.HYPOTHESES):
-        if t.on_trial[h].likelihood < least:
-            t.on_trial[h].alive = False
-    if t.on_trial[0].likelihood < least:
+        if t.filters[h].likelihood < least:
+            t.filters[h].alive = False
+    if t.filters[0].likelihood < least:
         t.filters[0] = f
-        t.on_trial[0].likelihood = t.on_trial[t.lead].likelihood
-        t.on_trial[t.lead].alive = False
+        f.alive = False
         t.lead = 0
     over = (f.time - t.since) * f.mode.omega > 2.0 * math.pi
     if over or not trying(t):
@@ -361,5 +356,5 @@ def settle(t: at.Tracker) -> None:
         t.filters[0] = t.filters[t.lead]
     t.lead = 0
     for h in range(at.HYPOTHESES):
-        t.on_trial[h].alive = h == 0
-        t.on_trial[h].likelihood = 0.0
+        t.filters[h].alive = h == 0
+        t.filters[h].likelihood = 0.0

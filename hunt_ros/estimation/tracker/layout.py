@@ -174,16 +174,11 @@ class Sensor:
     lines: Annotated[list[LineNoise], MOST_LINES]
 
 
-class Trial:
-    """How one hypothesis stands."""
-
-    alive: bool
-    likelihood: float  # logarithm, with that of what it supposes
-
-
 class Filter:
     """All one filter remembers between blocks, its settings, and room to work in."""
 
+    alive: bool  # what it supposes may have happened; the likelihood of that, logarithm
+    likelihood: float
     # the Kalman filter
     states: int  # in use
     x: Annotated[_F, MOST_STATES]
@@ -234,7 +229,6 @@ class Tracker:
     """
 
     filters: Annotated[list[Filter], HYPOTHESES]
-    on_trial: Annotated[list[Trial], HYPOTHESES]
     lead: int  # the likeliest of them
     since: float  # when the trial began
     # samples as they come in

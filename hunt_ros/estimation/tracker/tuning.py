@@ -11,6 +11,8 @@ from hunt_ros.estimation.tracker.algebra import (
     SCALE_STD,
     line,
     magnified,
+    measured,
+    newest,
     speaks,
 )
 from hunt_ros.estimation.tracker.ratio import loosen, squared
@@ -31,17 +33,17 @@ def start_sensor(f: at.Filter, k: int, t: float) -> None:
     noise *= sensor.boot.samples / count
     sensor.noise = min(max(noise, 1e-8 * spread), spread)
     sensor.quick_noise = 0.0
+    c = sensor.coordinate
+    # No other sensor has started; none tells the motion that this one measures.
+    alone, fresh = max(newest(f, 0), newest(f, 1)) == -math.inf, not measured(f, c)
     sensor.alive = True
     sensor.nis = 1.0
     sensor.residual = sensor.noise
     for j in range(f.line_count):
         sensor.lines[j].log_bandwidth = 0.0
     sensor.log_bias_bandwidth = math.log(0.1)
-    alone = first_of_all(f, k)
     if alone:
         x[at.OMEGA] = f.mode.omega
-    c = sensor.coordinate
-    fresh = not known_by_others(f, k)
     motion = spread / magnified(f, k)  # the same, of the coordinate
     forget(f, at.BIAS + k, 1, 4.0 * spread)
     forget(f, line(f, k), 2 * f.line_count, 4.0 * spread * sensor.angle_known)
@@ -82,24 +84,6 @@ def forget(f: at.Filter, first: int, count: int, variance: float) -> None:
             f.P[i, j] = 0.0
             f.P[j, i] = 0.0
         f.P[i, i] = variance
-
-
-@compiled_part
-def first_of_all(f: at.Filter, k: int) -> bool:
-    """Return True if no other sensor has started."""
-    others = 0
-    for i in range(f.sensor_count):
-        others += i != k and f.sensors[i].alive
-    return others == 0
-
-
-@compiled_part
-def known_by_others(f: at.Filter, k: int) -> bool:
-    """Return True if another sensor tells the motion that sensor k measures."""
-    for i in range(f.sensor_count):
-        if i != k and f.sensors[i].coordinate == f.sensors[k].coordinate and speaks(f, i):
-            return True
-    return False
 
 
 @compiled_part
