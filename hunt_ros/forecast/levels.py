@@ -17,7 +17,6 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import F1, F2, I1, R1, compiled
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ, Shaft
 from hunt_ros.estimation.turning import SPEED_STD
 from hunt_ros.samples import NANOSECONDS
@@ -191,48 +190,6 @@ def _strongest(
     return line
 
 
-@compiled
-def _fill_cells(
-    stamps: I1,
-    values: R1,
-    speeds: R1,
-    angles: R1,
-    orders: R1,
-    cell_ns: int,
-    clock: I1,
-    cell: F1,
-    numbers: I1,
-    cells: F2,
-) -> int:
-    """
-    Sum samples into cells; return how many cells were completed.
-
-    clock = [number of the open cell, last stamp, running]. Changed in place.
-    """
-    done = 0
-    for k in range(stamps.size):
-        clock[1] = stamps[k]
-        number = stamps[k] // cell_ns
-        if clock[2] == 0 or number != clock[0]:
-            if clock[2] and cell[0] > 0.0:
-                numbers[done] = clock[0]
-                cells[done] = cell
-                done += 1
-            clock[0] = number
-            clock[2] = 1
-            cell[:] = 0.0
-        if not (np.isfinite(values[k]) and np.isfinite(speeds[k])):
-            continue
-        cell[0] += 1.0
-        cell[1] += values[k]
-        cell[2] += speeds[k]
-        cell[3] += angles[k]
-        for h in range(orders.size):
-            cell[COLUMNS + 2 * h] += np.cos(orders[h] * angles[k])
-            cell[COLUMNS + 1 + 2 * h] += np.sin(orders[h] * angles[k])
-    return done
-
-
 class QuietLevels:
     """
     Collect the levels of a run as it goes.
@@ -276,18 +233,15 @@ class QuietLevels:
         """Forget everything."""
         self.levels: list[SpeedLevel] = []
         self.closed_s = 0.0
-        self._clock = np.zeros(3, dtype=np.int64)
-        self._cell = np.zeros(self._columns)
+        self.last_stamp_ns = 0
+        # Of the cell that is open, if there is one.
+        self._number: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+        self._sums: NDArray[np.float64] = np.zeros((0, self._columns))
         self._block = np.zeros((BLOCK, self._columns))
         self._block_number: int | None = None
         self._blocks: list[NDArray[np.float64]] = []
         self._speed = 0.0
         self._skip = 0
-
-    @property
-    def last_stamp_ns(self) -> int:
-        """Stamp of the last sample taken."""
-        return int(self._clock[1])
 
     @property
     def gathered_s(self) -> float:
@@ -312,14 +266,12 @@ class QuietLevels:
         stamps_ns, values, speeds, angles : ndarray, shape (n,)
             ns; m; m/s; continuous roller angle in rad, NaN where it is not known.
         """
-        numbers = np.empty(stamps_ns.size, dtype=np.int64)
-        cells = np.empty((stamps_ns.size, self._columns))
-        samples = stamps_ns, values, speeds, angles
-        own = self._orders, self._cell_ns, self._clock, self._cell
-        count = _fill_cells(*samples, *own, numbers, cells)
-        blocks, places = np.divmod(numbers[:count], BLOCK)
+        if stamps_ns.size:
+            self.last_stamp_ns = int(stamps_ns[-1])
+        numbers, cells = self._filled(stamps_ns, values, speeds, angles)
+        blocks, places = np.divmod(numbers, BLOCK)
         changes = (np.flatnonzero(np.diff(blocks)) + 1).tolist()
-        for begin, end in pairwise([0, *changes, count] if count else []):
+        for begin, end in pairwise([0, *changes, numbers.size] if numbers.size else []):
             block = int(blocks[begin])
             if block != self._block_number:
                 if self._block_number is not None:
@@ -330,6 +282,29 @@ class QuietLevels:
                 self._block_number = block
                 self._block[:] = 0.0
             self._block[places[begin:end]] = cells[begin:end]
+
+    def _filled(
+        self,
+        stamps_ns: NDArray[np.int64],
+        values: NDArray[np.float64],
+        speeds: NDArray[np.float64],
+        angles: NDArray[np.float64],
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Sum samples into cells, shape (n, columns); return those that are complete now."""
+        good = np.isfinite(values) & np.isfinite(speeds)
+        angle = angles[good]
+        turned = self._orders[:, None] * angle
+        lines = [wave for one in turned for wave in (np.cos(one), np.sin(one))]
+        samples = np.stack([np.ones(angle.size), values[good], speeds[good], angle, *lines], 1)
+        # The sum of the open cell goes on as its first sample: blocks of any size add up alike.
+        numbers = np.concatenate([self._number, stamps_ns[good] // self._cell_ns])
+        columns = np.concatenate([self._sums, samples]).T
+        first = np.diff(numbers, prepend=numbers[:1] - 1) != 0
+        cell = np.cumsum(first) - 1
+        added = [np.bincount(cell, weights=column) for column in columns]
+        sums: NDArray[np.float64] = np.array(added, dtype=np.float64).T
+        self._number, self._sums = numbers[first][-1:], sums[-1:]
+        return numbers[first][:-1], sums[:-1]
 
     def mark_disturbed(self) -> None:
         """Close the level: what comes now is not the quiet response (a kick, hunting)."""
