@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.estimation.spectrum import without_lines
 from hunt_ros.samples import NANOSECONDS, Record, Series
 
 _F = NDArray[np.float64]
@@ -188,14 +189,13 @@ def _window(
         angle = np.full(WINDOW, math.nan)
         if len(told.get('roller', ())) > 1:
             angle = _between(told['roller'], start_ns, seconds)
-        columns = [np.ones(WINDOW), seconds]
+        waves = []
         if np.isfinite(angle).all():
             turns = abs(float(angle[-1] - angle[0])) / (2.0 * math.pi * (WINDOW - 1))
             for order in orders:
-                columns += [np.cos(order * angle), np.sin(order * angle)]
+                waves.append(np.exp(1j * order * angle))
                 free &= np.abs(BINS - order * turns * WINDOW) > _LINE
-        basis = np.stack(columns, axis=1)
-        motion = moved - basis @ np.linalg.lstsq(basis, moved, rcond=None)[0]
+        motion = without_lines(moved, seconds, waves)
         wave = np.exp(-2j * math.pi / (WINDOW * step_s) * np.outer(BINS, seconds))
         turned[k] = wave @ (motion * _TAPER)
     spectra = step_s * turned.T[:, :, None] * turned.T[:, None, :].conj()

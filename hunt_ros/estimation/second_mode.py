@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.estimation.response_windows import BINS, PERIODS, SAME_SPEED, WINDOW, ResponseWindows
-from hunt_ros.estimation.whittle import Whittle, inverse
+from hunt_ros.estimation.spectrum import Whittle, inverse
 
 _F = NDArray[np.float64]
 _C = NDArray[np.complex128]

@@ -17,6 +17,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.estimation.spectrum import without_lines
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ, Shaft
 from hunt_ros.estimation.turning import SPEED_STD
 from hunt_ros.samples import NANOSECONDS
@@ -146,13 +147,12 @@ def level_spectrum(
     if not known:
         turning = columns[:, 1] * 2.0 / roller_diameter_m
         angle, lines = np.cumsum(turning) * cell_s, lines[:, :0]
-    trend = np.stack([np.ones_like(place), place / place.size], axis=1)
-    regressors = np.concatenate([trend, lines], axis=1)
-    y = y - regressors @ np.linalg.lstsq(regressors, y, rcond=None)[0]
+    place /= place.size
+    y = without_lines(y, place, (lines[:, ::2] + 1j * lines[:, 1::2]).T)
     duration = y.size * cell_s
     frequency = np.arange(y.size // 2 + 1) / duration
     weight = np.ones_like(frequency)
-    roller = abs(float(np.polyfit(place * cell_s, angle, 1)[0])) / (2.0 * math.pi)
+    roller = abs(float(np.polyfit(place * duration, angle, 1)[0])) / (2.0 * math.pi)
     for shaft in shafts:
         slip = shaft.slip_std if known else max(shaft.slip_std, SPEED_STD)
         for order in shaft.orders:
@@ -161,7 +161,7 @@ def level_spectrum(
             width = max(3.0 / duration, 2.0 * slip * line) if slip > 0.0 else 1.5 / duration
             weight[np.abs(frequency - line) <= width] = 0.0
             if slip > 0.0:
-                y = y - _strongest(y, order * angle, 2.0 * slip)
+                y = without_lines(y, place, [_strongest(y, order * angle, 2.0 * slip)])
     power = np.asarray(np.abs(np.fft.rfft(y)) ** 2 * cell_s / y.size, dtype=np.float64)
     above = (frequency > 1.5 * band_hz[1]) & (frequency < 2.7 * band_hz[1])
     inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
@@ -180,14 +180,12 @@ def level_spectrum(
 
 def _strongest(
     y: NDArray[np.float64], phase: NDArray[np.float64], slip: float
-) -> NDArray[np.float64]:
-    """Return the line of this phase, rad, at the slip at which most of it is in y."""
+) -> NDArray[np.complex128]:
+    """Return the wave of this phase, rad, at the slip at which most of it is in y."""
     step = 0.25 * 2.0 * math.pi / max(float(np.ptp(phase)), 1.0)
     scales = 1.0 + np.arange(-slip, slip + step, step)
-    place = int(np.argmax([abs(np.exp(-1j * scale * phase) @ y) for scale in scales]))
-    basis = np.stack([np.cos(scales[place] * phase), np.sin(scales[place] * phase)], axis=1)
-    line: NDArray[np.float64] = basis @ np.linalg.lstsq(basis, y, rcond=None)[0]
-    return line
+    waves = [np.exp(1j * scale * phase) for scale in scales]
+    return max(waves, key=lambda wave: float(abs(np.vdot(wave, y))))
 
 
 class QuietLevels:

@@ -17,7 +17,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.estimation.whittle import Whittle
+from hunt_ros.estimation.spectrum import Whittle
 from hunt_ros.forecast.levels import SpeedLevel
 from hunt_ros.samples import NORMAL_95, Uncertain
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.errors import IdentificationError
 from hunt_ros.estimation.record_lines import ForcedLine, Motion, RecordLines, motion_of
+from hunt_ros.estimation.spectrum import without_lines
 from hunt_ros.identification.record.channels import Channels
 from hunt_ros.identification.record.envelope import Envelope, envelope_of
 from hunt_ros.identification.record.screening import Stretch
@@ -129,7 +130,7 @@ def power_on(
     power, pieces = np.zeros(grid.size), 0
     length = min(_PIECE_S, 0.9 * float(record.time[-1] - record.time[0]))
     even = np.arange(length * rate) / rate
-    window = np.hanning(even.size)[:, None]
+    window = np.hanning(even.size)
     known = np.isfinite(record.lateral)
     way = np.concatenate([[0.0], np.cumsum(record.speed[1:] * np.diff(record.time))])
     orders = settings.orders if record.roller.size else np.zeros(0)
@@ -138,17 +139,15 @@ def power_on(
         here, time = known[part], record.time[part]
         if here.sum() < max(0.6 * here.size, 30):
             continue
-        piece = np.interp(start + even, time[here], record.lateral[part][here])[:, None]
+        piece = np.interp(start + even, time[here], record.lateral[part][here])
         covered = np.interp(start + even, time, way[part])
         angles = [2.0 * np.pi * _turns(line, even, covered) for line in forced]
         if orders.size:
             angle = np.interp(start + even, time, record.roller[part])
             angles += [order * angle for order in orders]
-        columns = [np.ones_like(even), even, *np.cos(angles), *np.sin(angles)]
-        basis = np.stack(columns, axis=1) * window
-        left = piece * window - basis @ np.linalg.lstsq(basis, piece * window, rcond=None)[0]
+        left = window * without_lines(piece, even, np.exp(1j * np.array(angles)), window)
         size = 1 << (math.ceil(math.log2(left.size)) + 2)
-        spectrum = np.abs(np.fft.rfft(left[:, 0], size)) ** 2
+        spectrum = np.abs(np.fft.rfft(left, size)) ** 2
         at_grid = np.interp(grid, np.fft.rfftfreq(size, 1.0 / rate), spectrum, right=0.0)
         power += at_grid / left.size**2
         pieces += 1

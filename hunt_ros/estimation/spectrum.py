@@ -1,5 +1,7 @@
 """
-The one spectral likelihood: Whittle's, of one channel or of several together, and its maximum.
+Spectra: how known lines are taken out, and the one likelihood.
+
+The likelihood is Whittle's, of one channel or of several together, and its maximum.
 
 The bins of a periodogram are nearly independent, and distributed about the expected spectrum as
 an exponential variable, or those of several channels about the expected cross-spectral matrix as
@@ -11,7 +13,7 @@ second mode.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,32 @@ _A = NDArray[Any]
 #: Of each parameter: step of its derivative, and the farthest it goes at once. Parameters are
 #: logarithms, or of the order of 1.
 _STEP, _FAR = 1e-5, 0.5
+
+
+def without_lines(
+    values: _F, place: _F, waves: Sequence[NDArray[np.complex128]] | _A, weight: _F | float = 1.0
+) -> _F:
+    """
+    Return values without their trend and without lines whose phase is known.
+
+    Parameters
+    ----------
+    values, place : ndarray, shape (n,)
+        The values, and where they are, in any units.
+    waves : sequence of ndarray of complex, each of shape (n,)
+        exp(i phase) of each line, or its mean over what a value is the mean of.
+    weight : ndarray, shape (n,), optional
+        Of each value in the least squares.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+    """
+    columns = [np.ones(values.size), place, *(part for w in waves for part in (w.real, w.imag))]
+    basis = np.stack(columns, axis=1)
+    weighted = basis * np.broadcast_to(weight, values.shape)[:, None]
+    left: _F = values - basis @ np.linalg.lstsq(weighted, values * weight, rcond=None)[0]
+    return left
 
 
 class Whittle:
