@@ -274,23 +274,6 @@ def steady_states(one: Identification) -> str:
     return table(header, rows, caption)
 
 
-def branches(one: Identification, count: int = 16) -> str:
-    """Table of the branches of the model, thinned evenly to at most about `count` speeds."""
-    stride = max(1, -(-len(one.branches) // count))
-    rows = [
-        [
-            f'{point.speed:.3f}',
-            *(
-                shown(found or one.why(f'branches.{name}_amplitude_m'), 1e3)
-                for name, found in (('unstable', point.unstable), ('stable', point.stable))
-            ),
-        ]
-        for point in one.branches[::stride]
-    ]
-    header = ['speed (m/s)', 'unstable amplitude (mm)', 'stable amplitude (mm)']
-    return table(header, rows, 'Branches of the identified normal form.')
-
-
 def segments(one: Identification) -> str:
     """Table of the stretches of the recordings: what each was used for, or why it was not."""
     rows = [

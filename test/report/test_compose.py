@@ -23,8 +23,7 @@ from hunt_ros.dynamics.simulation import (
     simulate,
 )
 from hunt_ros.identification import identify
-from hunt_ros.report.compose import Report
-from hunt_ros.report.drawings import Drawing
+from hunt_ros.report.compose import Drawing, Report
 from hunt_ros.report.events import events_of, sentence
 from hunt_ros.samples import Record, Series
 

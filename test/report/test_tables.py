@@ -27,7 +27,7 @@ def everything(one: Identification) -> str:
         show(one)
         for show in (
             tables.critical_speeds, tables.coefficients, tables.fit_quality, tables.correlations,
-            tables.steady_states, tables.branches, tables.unknowns, words.lead,
+            tables.steady_states, tables.unknowns, words.lead,
             words.disturbance,
         )
     )  # fmt: skip
