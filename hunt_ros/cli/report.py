@@ -54,9 +54,10 @@ def run(arguments: argparse.Namespace) -> int:
         with progress(f'identifying {record.source}') as advance:
             alone.append(identify([record], settings, advance))
     with progress('detecting') as advance:
-        events, loads = {}, []
+        events, loads, clearances = {}, [], {}
         for count, record in enumerate(identification.records):
-            found = events[record.source] = events_of(record, identification.normal_form)
+            found, held = events_of(record, identification.normal_form)
+            events[record.source], clearances[record.source] = found, held
             live = recorded_events(path := Path(record.source))
             told = found if live is None else live
             clips = [clip.name for clip in clips_of(path)]
@@ -69,6 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
             roller_diameter=settings.roller_diameter_m or None,
             alone=alone,
             loads=loads,
+            clearances=clearances,
             **({'title': arguments.title} if arguments.title else {}),
         )
         drawings = report.drawings()

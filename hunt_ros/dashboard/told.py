@@ -185,6 +185,7 @@ class Told:
             'region': 'unknown' if silent else status.get('region', 'unknown'),
             'alarm': status.get('alarm') == 'True',
             'absent': status.get('absent', ''),
+            'clearance': '' if silent else self.words.text(status.get('clearance', '')),
             'normal_form': self.words.text(status.get('normal_form', '')),
             'since_s': None if silent else known(number_of(status, 'since_s')),
             'stamp_s': round(self._stamp_s, 3),

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hunt_ros.detection.acceptance import form_event
+from hunt_ros.detection.clearance import Clearances
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.door import Door, Stretch
 from hunt_ros.detection.journal import JournalEntry
@@ -75,6 +76,7 @@ class HuntingDetector:
         self._rows = RowMaker(c, drain)
         self._rows.set_normal_form(self._form)
         self._transitions = Transitions(self._basis())
+        self.clearances = Clearances(c)
         self._last_row: np.void | None = None
         self._sequence = 0
         self._rows.remember(memory)
@@ -144,6 +146,7 @@ class HuntingDetector:
         self._rows.set_normal_form(form)
         self._door.note('normal_form', text='' if form is None else form.to_yaml())
         self._transitions.basis = self._basis()
+        self.clearances.begin_anew()
         row = self._last_row
         output = self._advance()
         if row is None:
@@ -177,6 +180,7 @@ class HuntingDetector:
         self.config = config
         self._rows.reconfigure(config)
         self._transitions.basis = self._basis()
+        self.clearances.margin_in = config.margin_in
         self._door.note('settings', config=asdict(config))
         return self._advance()
 
@@ -305,6 +309,7 @@ class HuntingDetector:
         if not rows.size:
             return EMPTY
         events = self._transitions.update(rows)
+        self.clearances.update(rows)
         self._history.update(rows, events)
         self._sequence += rows.size
         self._last_row = rows[-1]

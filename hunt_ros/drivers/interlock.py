@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from hunt_ros.dynamics.profile import Motion
@@ -239,7 +239,7 @@ class Interlock:
     def motion(self, now_ns: int) -> Motion:
         """Return what the detector sees; of one that is silent the form in force alone."""
         motion = self.heard.motion
-        return replace(motion, amplitude_m=math.nan) if self._silence(now_ns) else motion
+        return motion.form_alone if self._silence(now_ns) else motion
 
     def trouble(self, now_ns: int) -> Trouble:
         """Return what would trip the interlock now (steady clock), the gravest first."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from queue import SimpleQueue
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -234,8 +234,18 @@ class HuntingDetectorNode(ManagedNode):
 
     def _publish_status(self) -> None:
         if self._active.is_set():
-            self._status.publish(status_message(self._detector.status, self._rig))
+            self._status.publish(status_message(self._present_status(), self._rig))
             self._estimates.beside |= self._critical_speed()
+
+    def _present_status(self) -> DetectorStatus:
+        """Return the status with what is known of the speed that is held, and of v_c."""
+        status, forecast = self._detector.status, self._companions.forecast
+        v_c = None if forecast is None else forecast.critical_speed
+        low, high = (math.nan, math.nan) if v_c is None else (v_c.low, v_c.high)
+        doubt = '; '.join(status.reasons) if status.level is Level.STALE else ''
+        known = self._detector.clearances.now(doubt, high).values
+        known |= {'forecast_v_c_low_mps': low, 'forecast_v_c_high_mps': high}
+        return replace(status, values={**status.values, **known})
 
     def close(self) -> None:
         """Stop the worker."""

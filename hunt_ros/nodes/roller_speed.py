@@ -463,6 +463,11 @@ def heard_of(message: DiagnosticArray) -> Heard:
         number_of(said, 'v_n_mps'),
         number_of(said, 'v_c_mps'),
         number_of(said, 'fold_amplitude_m'),
+        number_of(said, 'held_speed_mps'),
+        number_of(said, 'held_s'),
+        number_of(said, 'held_margin'),
+        number_of(said, 'held_escape_chance'),
+        number_of(said, 'forecast_v_c_low_mps'),
     )
     sequence = said.get('sequence', '')
     return Heard(

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
     from hunt_ros.analysis.steady_state import SteadyState
     from hunt_ros.detection import Event
+    from hunt_ros.detection.clearance import Clearance
     from hunt_ros.identification.result import Identification
 
 _LETTERS = 'abcd'
@@ -89,6 +90,8 @@ class Report:
         Of each recording by itself, to be set side by side.
     loads : sequence of AlarmLoad
         The alarms of each recording.
+    clearances : mapping of str to sequence of Clearance
+        Verdicts on the speeds that were held, by the source of their record.
     """
 
     identification: Identification
@@ -97,6 +100,7 @@ class Report:
     roller_diameter: float | None = None
     alone: Sequence[Identification] = ()
     loads: Sequence[AlarmLoad] = ()
+    clearances: Mapping[str, Sequence[Clearance]] = field(default_factory=dict)
 
     @cached_property
     def document(self) -> Mapping[str, Any]:
@@ -106,6 +110,12 @@ class Report:
             document['compared'] = comparison.to_json(self.alone)
         if self.loads:
             document['alarms'] = [load.to_json() for load in self.loads]
+        if self.clearances:
+            document['clearances'] = [
+                {'recording': source, **one.to_json()}
+                for source, held in self.clearances.items()
+                for one in held
+            ]
         return document
 
     @cached_property
@@ -261,6 +271,11 @@ class Report:
             Section('result', 'Result', tables.critical_speeds(one)),
             Section('run', 'The recordings', tables.recordings(one.records) + pick('run')),
             *([Section('alarms', 'Alarms', alarm_table(self.loads))] if self.loads else []),
+            *(
+                [Section('clearances', 'Clearance', tables.clearances(self.clearances))]
+                if self.clearances
+                else []
+            ),
             Section('events', 'Events', tables.events(self.events, one.records)),
             Section(
                 'hysteresis', 'Hysteresis', pick('fig06', _unknown('no steady state was found'))

@@ -15,6 +15,7 @@ from hunt_ros.samples import Record
 
 if TYPE_CHECKING:
     from hunt_ros.detection import Event
+    from hunt_ros.detection.clearance import Clearance
 
 SENTENCES: dict[str, str] = {
     'hysteresis_entered': 'entered the hysteresis region: a bump can now start hunting',
@@ -50,7 +51,9 @@ def sentence(event: str) -> str:
     return SENTENCES.get(event, event.replace('_', ' '))
 
 
-def events_of(record: Record, normal_form: IdentifiedNormalForm | None) -> Sequence[Event]:
+def events_of(
+    record: Record, normal_form: IdentifiedNormalForm | None
+) -> tuple[Sequence[Event], Sequence[Clearance]]:
     """
     Run the detector over a record.
 
@@ -63,8 +66,10 @@ def events_of(record: Record, normal_form: IdentifiedNormalForm | None) -> Seque
 
     Returns
     -------
-    sequence of Event
+    events : sequence of Event
         In the order of time.
+    clearances : sequence of Clearance
+        Of each speed that was held, the verdict at the end.
     """
     from hunt_ros.detection import DetectorConfig, HuntingDetector
     from hunt_ros.detection.offline import collect, config_for, frequency_for, watch
@@ -73,4 +78,5 @@ def events_of(record: Record, normal_form: IdentifiedNormalForm | None) -> Seque
     config, _ = config_for(record, DetectorConfig())
     if normal_form is None:
         config, _ = frequency_for(record, config)
-    return collect(watch(record, HuntingDetector(config, normal_form))).events
+    detector = HuntingDetector(config, normal_form)
+    return collect(watch(record, detector)).events, detector.clearances.all()

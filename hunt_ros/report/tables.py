@@ -23,6 +23,7 @@ from hunt_ros.samples import NANOSECONDS, Record, Uncertain, Unknown
 if TYPE_CHECKING:
     from hunt_ros.analysis.spectrum import Line
     from hunt_ros.detection import Event
+    from hunt_ros.detection.clearance import Clearance
     from hunt_ros.identification.result import Identification
 
 _MEANING = {
@@ -324,6 +325,34 @@ def events(seen: Mapping[str, Sequence[Event]], records: Sequence[Record]) -> st
     )
     body = table(header, rows, caption)
     return folded(f'{len(rows)} events', body) if len(rows) > LONG_TABLE else body
+
+
+def clearances(held: Mapping[str, Sequence[Clearance]]) -> str:
+    """Table of the speeds that were held, by recording, and the verdict on each."""
+    rows = [
+        [
+            escape(source),
+            f'{one.speed_mps:.2f}',
+            f'{one.held_s:.0f}',
+            '∞' if one.margin == math.inf else shown(one.margin, digits=2),
+            shown(one.escape_chance, 100.0, digits=2),
+            'cleared' if one.cleared else f'<b>not cleared</b>: {escape(one.reason)}',
+        ]
+        for source, found in held.items()
+        for one in found
+    ]
+    if not rows:
+        return '<p>No speed was held for long enough to be judged.</p>'
+    header = [
+        'recording', 'speed (m/s)', 'held for (s)', 'margin (95 %)', 'escape in 10 min (%)',
+        'verdict',
+    ]  # fmt: skip
+    caption = (
+        'Speeds that were held, and whether they are cleared, with this normal form: the least'
+        ' margin of the last seconds at the lower end of its interval, and the chance that noise'
+        ' starts hunting within 10 minutes.'
+    )
+    return table(header, rows, caption)
 
 
 def responses(panels: Mapping[str, Response]) -> str:

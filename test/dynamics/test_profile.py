@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,8 @@ import pytest
 from hunt_ros.dynamics.limit_cycle import limit_cycles
 from hunt_ros.dynamics.linear_stability import critical_speed
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile import Hold, Motion, Profile, Ramp, Seesaw
+from hunt_ros.dynamics.profile import Climb, Hold, Motion, Profile, Ramp, Seesaw
+from hunt_ros.dynamics.profile.run import ProfileRun
 from hunt_ros.dynamics.simulation import SimulationSettings, simulate
 from hunt_ros.errors import ConfigError
 
@@ -70,6 +72,7 @@ def test_a_staircase_goes_up_and_down_and_ends_at_the_top_it_was_given() -> None
         ('profile: [{corners: {times_s: [0, a], speeds_mps: [6, 7]}}]', 'step 1 (corners)'),
         ('profile: [{corners: {times_s: 3, speeds_mps: [6, 7]}}]', 'step 1 (corners)'),
         ('profile: [{staircase: {low_mps: 7, high_mps: 6}}]', 'below low_mps'),
+        ('profile: [{climb: {low_mps: 7, high_mps: 6}}]', 'below low_mps'),
     ],
 )
 def test_what_is_no_profile_is_refused_in_one_line(text, words) -> None:
@@ -90,6 +93,80 @@ def test_a_profile_above_the_ceiling_is_refused_with_its_step(tmp_path) -> None:
         profile.check(8.5)
     with pytest.raises(ConfigError, match='cannot read it'):
         Profile.read(str(tmp_path / 'nowhere.yaml'))
+
+
+def climbed(step: Climb, seen, seconds: int = 400) -> tuple[list[float], ProfileRun]:
+    """Run a climb; `seen(speed, seconds at it)` is what the detector says. Return its speeds."""
+    run, speeds, held_s = ProfileRun(Profile((step, Hold(5.0, 1.0))), 5.0), [5.0], 0.0
+    for _ in range(10 * seconds):
+        speed = run.advance(0.1, seen(speeds[-1], held_s))
+        held_s = held_s + 0.1 if speed == speeds[-1] else 0.0
+        speeds.append(speed)
+        if run.finished:
+            break
+    return speeds, run
+
+
+def cleared(speed: float, held_s: float, **more: float) -> Motion:
+    known = {'margin': 4.0, 'escape_chance': 0.01, 'forecast_mps': 8.0, **more}
+    unknown = {'held_mps': speed, 'held_s': held_s, 'amplitude_m': 1e-5}
+    return Motion(**(unknown | known if held_s > 20.0 else unknown))
+
+
+CLIMB = Climb(6.0, 7.0, 0.5, wait_s=30.0)
+
+
+@pytest.mark.parametrize(
+    ('step', 'seen', 'top', 'words'),
+    [
+        pytest.param(CLIMB, cleared, 7.0, '', id='to the top'),
+        pytest.param(CLIMB, lambda v, t: cleared(v, t, margin=9.5 - v), 7.0, '',
+                     id='the margin falls with the speed, and is kept'),
+        pytest.param(CLIMB, lambda v, t: cleared(v, t, margin=8.2 - v), 6.5,
+                     'margin 1.7, expected 2 or more', id='low margin'),
+        pytest.param(CLIMB, lambda v, t: cleared(v, t, escape_chance=0.1 * (v > 6.2)), 6.5,
+                     'chance of escape 0.1, expected 0.05', id='an escape is likely'),
+        pytest.param(CLIMB, lambda v, t: cleared(v, min(t, 19.0)), 6.0, 'margin not known',
+                     id='what is not known is not kept'),
+        pytest.param(replace(CLIMB, margin=0.0, escape_chance=1.0, forecast_mps=1.2),
+                     lambda v, t: cleared(v, t, margin=math.nan), 7.0, '8, expected 1.2 m/s above',
+                     id='forecast alone'),
+        pytest.param(CLIMB, lambda v, t: cleared(6.0, 300.0), 6.5, '6.5 m/s is not cleared',
+                     id='the speed that was cleared before is no other'),
+    ],
+)  # fmt: skip
+def test_a_climb_goes_on_where_a_speed_is_cleared_and_back_where_it_is_not(
+    step, seen, top, words
+) -> None:
+    speeds, run = climbed(step, seen)
+    assert max(speeds) == pytest.approx(top)
+    assert run.finished
+    assert words in run.note
+    # What comes after it is not run where it went back.
+    assert speeds[-1] == pytest.approx(6.0 if words else 5.0)
+
+
+def test_a_climb_goes_back_at_once_where_it_hunts_or_what_was_kept_falls() -> None:
+    def hunts(v: float, t: float) -> Motion:
+        return replace(cleared(v, t), **({'margin': 0.0} if v == 7.0 and t > 5.0 else {}))
+
+    speeds, run = climbed(CLIMB, hunts)
+    assert speeds.count(7.0) == pytest.approx(50, abs=3)
+    assert 'margin 0' in run.note
+    stays = replace(CLIMB, hold_s=100.0)
+    speeds, run = climbed(stays, lambda v, t: cleared(v, t, margin=4.0 if t < 60.0 else 1.9))
+    assert max(speeds) == 6.0
+    assert 'margin 1.9' in run.note
+
+
+def test_a_climb_needs_a_detector_that_judges_and_tells_its_highest_speed() -> None:
+    profile = Profile.from_yaml('profile: [{climb: {low_mps: 6, high_mps: 9.1}}]')
+    assert 'no detector judges' in profile.missing(Motion(amplitude_m=1e-5))
+    assert not profile.missing(Motion(held_s=0.0))
+    with pytest.raises(ConfigError, match=r'9.1 m/s is above'):
+        profile.check(9.0)
+    with pytest.raises(ConfigError, match='no detector judges'):
+        simulate(paper_rig(), SimulationSettings(), profile)
 
 
 def test_a_see_saw_needs_a_form_or_its_numbers_and_no_simulation_alone() -> None:

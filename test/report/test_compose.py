@@ -60,8 +60,8 @@ def report() -> Report:
     identification = identify([staircase()])
     assert identification.normal_form is not None
     (record,) = identification.records
-    events = events_of(record, identification.normal_form)
-    return Report(identification, {record.source: events})
+    events, held = events_of(record, identification.normal_form)
+    return Report(identification, {record.source: events}, clearances={record.source: held})
 
 
 @pytest.fixture(scope='module')
@@ -105,15 +105,30 @@ def test_every_number_of_the_page_is_of_the_identification_or_an_event(
     known = set(numbers(report.identification.to_json()))
     known |= {x for events in report.events.values() for event in events
               for x in event.numbers.values()}  # fmt: skip
+    known |= set(numbers(report.document['clearances']))
     values = Elements(page).values
     assert {report.identification.v_c.value, report.identification.observed.v_c} <= values
     assert values <= known
 
 
+def test_a_verdict_on_each_speed_that_was_held_stands_in_the_report(report: Report, page) -> None:
+    held = report.document['clearances']
+    verdicts = [(round(one['speed_mps'], 1), one['cleared']) for one in held]
+    assert [speed for speed, _ in verdicts[:8]] == [6.0, 6.4, 6.8, 7.2, 7.6, 8.0, 8.4, 8.8]
+    assert verdicts[0] == verdicts[-1] == (6.0, True)
+    # Where it hunts on the way down, too, and where the margin is small.
+    assert not any(is_cleared for _, is_cleared in verdicts[4:14])
+    assert page.count('<b>not cleared</b>') == sum(not one['cleared'] for one in held)
+    above = next(one for one in held if one['speed_mps'] > 8.5)
+    assert 'limit cycle' in above['reason']
+
+
 def test_the_json_in_the_page_is_that_of_the_identification(report: Report, page: str) -> None:
     found = re.search(r'id="identification">(.*?)</script>', page, re.DOTALL)
     assert found
-    assert json.loads(found.group(1)) == report.identification.to_json()
+    document = json.loads(found.group(1))
+    assert document == report.document
+    assert document.items() >= report.identification.to_json().items()
 
 
 def test_every_figure_of_the_paper_is_on_the_page(drawn: dict[str, Drawing], page: str) -> None:

@@ -144,6 +144,8 @@ class Screen:
         if not status['silent'] and not status['normal_form']:
             words += ', no normal form: v_n and v_c are not known'
         yield from _wrapped(2.5, words, width, 'bold')
+        if status['clearance']:
+            yield from _wrapped(4.0, f' {status["clearance"]}', width)
         yield 6.0, *_bar(width, _SHORTEST_SPEED, 1.12, speed, marks)
 
     def _amplitude(self, width: int) -> Iterator[_Row]:

@@ -207,6 +207,7 @@ const WORDS = {
     if (status.since_s) more.push(`${status.level} since ${when(status.since_s)}`);
     if (status.alarm && !status.silent) more.unshift('ALARM NOT ACKNOWLEDGED');
     if (status.absent) more.push(status.absent);
+    if (status.clearance) more.push(status.clearance);
     showLevel(status.level, status.silent ? 'no word from the detector' : `${status.state}, ${region}`, reasons[0], more.join('; '));
     set('clock', when(status.stamp_s));
   },

@@ -8,6 +8,7 @@ against time that is left where no detector decides how it goes.
 from hunt_ros.dynamics.profile.profile import Profile
 from hunt_ros.dynamics.profile.steps import (
     STEPS,
+    Climb,
     Corners,
     Hold,
     Leg,
@@ -22,6 +23,7 @@ from hunt_ros.dynamics.profile.steps import (
 
 __all__ = [
     'STEPS',
+    'Climb',
     'Corners',
     'Hold',
     'Leg',

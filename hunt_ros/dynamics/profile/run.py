@@ -88,8 +88,8 @@ class ProfileRun:
                 self._begin()
                 idle += 1
                 continue
-            if motion.amplitude_m > self._leg.above_m or motion.amplitude_m < self._leg.below_m:
-                self._leg = None
+            if self._leg.cut(motion):
+                self._end_leg(self._leg)
                 continue
             used_s = self._use(left_s)
             left_s -= used_s
@@ -114,6 +114,7 @@ class ProfileRun:
         if math.isnan(leg.speed_mps):  # no form was ever in force: stay here, and say so
             self.note = 'the step has to know v_n and v_c, and no normal form tells them'
             leg = Leg(self.speed_mps, hold_s=_LOOK_AGAIN_S)
+        self.note = leg.note or self.note
         self._leg, self._in_leg, self._from = leg, 0.0, self.speed_mps
         self._cut = self._step is not None and self._scene.elapsed_s < self._step.longest_s
 
@@ -139,5 +140,8 @@ class ProfileRun:
             way = math.copysign(leg.rate_mps2 * self._in_leg, leg.speed_mps - self._from)
             self.speed_mps = self._from + way
         if self._in_leg >= end_s:
-            self._leg = None
+            self._end_leg(leg)
         return used_s
+
+    def _end_leg(self, leg: Leg) -> None:
+        self._leg, self.finished = None, leg.last

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any
 
@@ -25,6 +25,8 @@ _LONGEST_S = 604_800.0
 #: Of the see-saw, in parts of the hysteresis region and of the amplitude at the fold.
 _WATCHED = (0.36, 0.74, 0.49, 0.62)
 _FALLEN, _GROWN = 0.7, 0.3
+#: What is held within this of a step, m/s, and for so long, s, is that step.
+_NEAR_MPS, _HELD_S = 0.1, 2.0
 #: The see-saw goes so much lower where hunting does not die out.
 _LOWER_MPS = 0.1
 #: Key of the see-saw -> what of the form it follows from.
@@ -51,12 +53,30 @@ class Motion:
         Critical speeds of the normal form in force, m/s; NaN: unknown.
     fold_amplitude_m : float
         Amplitude of the limit cycle at v_n; NaN: unknown.
+    held_mps, held_s : float
+        Speed that is held, m/s, and for how long, s; the latter NaN where nobody judges it.
+    margin : float
+        There, unstable amplitude over amplitude with 95 %; 0: it hunts; NaN: unknown.
+    escape_chance : float
+        There, chance that noise starts hunting within ten minutes; NaN: unknown.
+    forecast_mps : float
+        Lower end of the 95 % interval of the forecast of v_c; NaN: there is none.
     """
 
     amplitude_m: float = math.nan
     v_n: float = math.nan
     v_c: float = math.nan
     fold_amplitude_m: float = math.nan
+    held_mps: float = math.nan
+    held_s: float = math.nan
+    margin: float = math.nan
+    escape_chance: float = math.nan
+    forecast_mps: float = math.nan
+
+    @property
+    def form_alone(self) -> Motion:
+        """What is left where nothing is heard of the motion any more."""
+        return Motion().with_form(self)
 
     def with_form(self, before: Motion) -> Motion:
         """Return it with the form of another one where it tells none."""
@@ -83,6 +103,12 @@ class Leg:
         How long to stay.
     above_m, below_m : float
         Ends as soon as the amplitude is above, or below, this; NaN: not.
+    until : callable, optional
+        Ends as soon as this is true of the motion.
+    note : str
+        Told to the operator when it begins.
+    last : bool
+        The profile ends with it.
     """
 
     speed_mps: float
@@ -90,6 +116,15 @@ class Leg:
     hold_s: float = 0.0
     above_m: float = math.nan
     below_m: float = math.nan
+    until: Callable[[Motion], bool] | None = None
+    note: str = ''
+    last: bool = False
+
+    def cut(self, motion: Motion) -> bool:
+        """Return True where it ends early, by what the detector sees."""
+        if motion.amplitude_m > self.above_m or motion.amplitude_m < self.below_m:
+            return True
+        return self.until is not None and self.until(motion)
 
 
 class Scene:
@@ -249,6 +284,106 @@ class Staircase(Step):
 
 
 @dataclass(frozen=True)
+class Climb(Step):
+    """
+    Go up in steps, each once the one before is cleared; else back to the lowest, and end.
+
+    The practice of flight flutter tests: at each speed it waits until what is asked for is kept,
+    and what is not known is not. It goes back where that takes too long, and at once where it
+    hunts or what was kept is so no more.
+    """
+
+    low_mps: float = _speed('the lowest step, to which it goes back: below v_n')
+    high_mps: float = _speed('the highest step')
+    step_mps: float = setting(0.2, 'height of a step', unit='m/s', low=0.05, high=_FASTEST_MPS)
+    rate_mps2: float = _rate(0.2)
+    margin: float = setting(2.0, 'margin that is kept with 95 % (0: any)', low=0.0, high=1e6)
+    escape_chance: float = setting(
+        0.05, 'chance of an escape in ten minutes that is kept (1: any)', low=0.0, high=1.0
+    )
+    forecast_mps: float = setting(
+        0.0, 'v_c is forecast to be so much higher with 95 % (0: any)', unit='m/s', low=0.0
+    )
+    wait_s: float = _time('the longest wait on a step', 120.0)
+    hold_s: float = _time('and so long on it from then on', 0.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.high_mps < self.low_mps:
+            raise ConfigError(f'high_mps: {self.high_mps:g} is below low_mps ({self.low_mps:g})')
+
+    def legs(self, scene: Scene) -> Iterator[Leg]:
+        """Wait on each step, and stay there; or go back."""
+        levels = Staircase(self.low_mps, self.high_mps, self.step_mps, back=False).levels
+        for level, before in zip(levels, [math.nan, *levels], strict=False):
+
+            def kept(motion: Motion, level: float = level, before: float = before) -> bool:
+                return self._kept(motion, level, before)
+
+            def decided(motion: Motion, kept: Callable[[Motion], bool] = kept) -> bool:
+                return kept(motion) or motion.margin < 1.0
+
+            def fell(motion: Motion, kept: Callable[[Motion], bool] = kept) -> bool:
+                return not kept(motion)
+
+            yield Leg(level, self.rate_mps2, self.wait_s, until=decided)
+            if kept(scene.motion) and self.hold_s:
+                yield Leg(level, self.rate_mps2, self.hold_s, until=fell)
+            if not kept(scene.motion):
+                note = f'back to {self.low_mps:g} m/s: {level:g} m/s is not cleared'
+                note += f' ({self._seen(scene.motion)})'
+                yield Leg(self.low_mps, self.rate_mps2, note=note, last=True)
+
+    def _kept(self, motion: Motion, level: float, before: float) -> bool:
+        """Return True where this speed, and not the step before, is held and all is kept."""
+        near = _NEAR_MPS if math.isnan(before) else min(_NEAR_MPS, 0.4 * (level - before))
+        return (
+            abs(motion.held_mps - level) <= near
+            and motion.held_s >= _HELD_S
+            and (not self.margin or motion.margin >= self.margin)
+            and (self.escape_chance == 1.0 or motion.escape_chance <= self.escape_chance)
+            and (not self.forecast_mps or motion.forecast_mps - level >= self.forecast_mps)
+        )
+
+    def _seen(self, motion: Motion) -> str:
+        """Return what is asked for, and what is known of it."""
+        asked = (
+            (self.margin, 'margin', motion.margin, f'{self.margin:g} or more'),
+            (
+                self.escape_chance < 1.0,
+                'chance of escape',
+                motion.escape_chance,
+                f'{self.escape_chance:g} or less',
+            ),
+            (
+                self.forecast_mps,
+                'forecast of v_c',
+                motion.forecast_mps,
+                f'{self.forecast_mps:g} m/s above',
+            ),
+        )
+        return ', '.join(
+            f'{name} {"not known" if math.isnan(value) else f"{value:.2g}"}, expected {expected}'
+            for is_asked, name, value, expected in asked
+            if is_asked
+        )
+
+    def plan(self) -> list[Leg]:
+        """Return the legs of a rig on which every step waits for as long as it may."""
+        levels = Staircase(self.low_mps, self.high_mps, self.step_mps, back=False).levels
+        return [Leg(level, self.rate_mps2, self.wait_s + self.hold_s) for level in levels]
+
+    def missing(self, motion: Motion) -> str:
+        """A detector has to judge the speeds that are held."""
+        return 'no detector judges the speed that is held' if math.isnan(motion.held_s) else ''
+
+    @property
+    def reacts(self) -> bool:
+        """The detector decides how far it goes."""
+        return True
+
+
+@dataclass(frozen=True)
 class Seesaw(Step):
     """
     Cross the middle amplitudes again and again, by reversals that the amplitude triggers.
@@ -367,6 +502,7 @@ STEPS: dict[str, type[Step]] = {
     'ramp': Ramp,
     'sweep': Sweep,
     'staircase': Staircase,
+    'climb': Climb,
     'seesaw': Seesaw,
     'corners': Corners,
 }

@@ -1,0 +1,297 @@
+"""
+Clearance of a speed, as flight flutter tests give it: may the rig stay at this speed, or go on?
+
+A speed is cleared once it has been held for long enough that the noise there is known, nothing
+was in doubt meanwhile, the margin kept above its limit with 95 %, and a normal form expects no
+escape from the noise that is seen. What is not known is never cleared.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.detection import doubts
+from hunt_ros.detection.channels import health
+from hunt_ros.detection.configuration import DetectorConfig, with_frequencies
+from hunt_ros.detection.regions import Region, State
+from hunt_ros.detection.words.reasons import reason_counts
+from hunt_ros.estimation.tracker_config import REFERENCE_HZ
+from hunt_ros.samples import NANOSECONDS, known
+
+#: Of a rig that hunts at `REFERENCE_HZ`, s: the time constant of the noise floor, some sixty
+#: periods, which tell a mean square to 13 %. As many periods of any other rig.
+_LEAST_S = 20.0
+#: A speed is held while it stays within this band, m/s or a part of it: half a percent of v_c
+#: moves the unstable amplitude by less than it is known to.
+_BAND_MPS, _BAND = 0.04, 0.01
+#: For so long no escape is to be expected, in minutes, and up to this chance none is.
+MINUTES, _CHANCE = 10, 0.05
+#: These make a row WARN, and are judged by their numbers.
+_JUDGED = doubts.HYSTERESIS | doubts.MARGIN
+#: Of a live run so many holds are kept.
+_KEPT = 200
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """
+    The verdict on a speed that is held.
+
+    Parameters
+    ----------
+    begin_ns : int
+        Stamp of the second in which the hold began.
+    speed_mps, held_s : float
+        Its last speed, m/s; whole seconds for which it was held.
+    margin : float
+        The least of the last `_LEAST_S` at the lower end of its 95 % interval: unstable amplitude
+        over amplitude; inf: no motion grows at this speed; 0: it hunts; NaN: unknown, or in doubt.
+    escape_chance : float
+        Chance that noise starts hunting within `MINUTES`, by the same rows; 1: it hunts;
+        NaN: unknown, or in doubt.
+    reason : str
+        Why it is not cleared; '' where it is.
+    """
+
+    begin_ns: int = 0
+    speed_mps: float = math.nan
+    held_s: float = 0.0
+    margin: float = math.nan
+    escape_chance: float = math.nan
+    reason: str = 'no estimates yet'
+
+    @property
+    def cleared(self) -> bool:
+        """True where nothing speaks against this speed."""
+        return not self.reason
+
+    @property
+    def words(self) -> str:
+        """The verdict as a sentence."""
+        if not self.cleared:
+            held = math.isfinite(self.speed_mps) and self.held_s > 0.0
+            what = f'{self.speed_mps:.2f} m/s is not cleared' if held else 'not cleared'
+            return f'{what}: {self.reason}'
+        room = f'margin {min(self.margin, 99.9):.1f} (95 %)'
+        if math.isinf(self.margin):
+            room = 'every motion dies out'
+        return (
+            f'{self.speed_mps:.2f} m/s is cleared: {room}, no escape expected in {MINUTES} minutes'
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it as JSON types; what is unknown is None, and so is a margin without end."""
+        return {
+            'begin_ns': self.begin_ns,
+            'speed_mps': known(self.speed_mps),
+            'held_s': self.held_s,
+            'margin': known(self.margin),
+            'escape_chance': known(self.escape_chance),
+            'cleared': self.cleared,
+            'reason': self.reason,
+        }
+
+    @property
+    def values(self) -> dict[str, object]:
+        """It as it is published in `hunting/status`."""
+        return {
+            'clearance': self.words,
+            'cleared': self.cleared,
+            'held_speed_mps': self.speed_mps,
+            'held_s': self.held_s,
+            'held_margin': self.margin,
+            'held_escape_chance': self.escape_chance,
+        }
+
+
+@dataclass(frozen=True)
+class _Second:
+    """What the rows of one second come to."""
+
+    number: int
+    low: float
+    high: float
+    margin: float
+    minute: float
+    trouble: str
+    hunts: bool
+
+    @classmethod
+    def of(cls, rows: NDArray[np.void]) -> _Second:
+        wrong = np.bitwise_or.reduce(
+            [rows[name] for name in rows.dtype.names or () if name.endswith('_wrong')]
+        )
+        hunting = (rows['state'] == State.ESCAPING) | (rows['state'] == State.LIMIT_CYCLE)
+        bad = (rows['doubts'] & ~np.uint32(_JUDGED)) | (wrong & ~np.uint32(health.ABSENT))
+        bad = (bad != 0) | hunting | (rows['limits'] != 0)
+        trouble = ''
+        if bad.any():
+            row = rows[np.flatnonzero(bad)[:1]].copy()
+            row['doubts'] &= ~np.uint32(_JUDGED)
+            trouble = next(iter(reason_counts(row)), 'the inputs cannot be trusted')
+        calm = (rows['region'] == Region.STABLE) & np.isnan(rows['margin'])
+        margin = np.where(calm & np.isfinite(rows['outlook']), math.inf, rows['margin_low'])
+        return cls(
+            int(rows['stamp_ns'][0]) // NANOSECONDS,
+            float(rows['speed'].min()),
+            float(rows['speed'].max()),
+            float(margin.min()),
+            float(rows['outlook'].max()),
+            trouble,
+            bool(hunting.any()),
+        )
+
+    def joined(self, later: _Second) -> _Second:
+        """Return the same second with further rows of it."""
+        return replace(
+            self,
+            low=float(np.minimum(self.low, later.low)),
+            high=float(np.maximum(self.high, later.high)),
+            margin=float(np.minimum(self.margin, later.margin)),
+            minute=float(np.maximum(self.minute, later.minute)),
+            trouble=self.trouble or later.trouble,
+            hunts=self.hunts or later.hunts,
+        )
+
+
+class Clearances:
+    """
+    Judges the speeds that are held, from the rows of the detector in order.
+
+    Parameters
+    ----------
+    config : DetectorConfig
+        Its `margin_in` is the least margin.
+
+    Attributes
+    ----------
+    least_s : int
+        A speed is cleared no sooner than after so many whole seconds.
+    ended : deque of Clearance
+        Of the holds that were long enough and are over, the verdict at their end.
+
+    Notes
+    -----
+    Smallest, largest and first of what falls into each second: in whatever blocks the rows come,
+    the verdict is the same. A row is missing where nothing was heard: that ends the hold.
+    """
+
+    def __init__(self, config: DetectorConfig) -> None:
+        tuned_hz = with_frequencies(config).hunting_frequency_hz
+        self.least_s = math.ceil(_LEAST_S * REFERENCE_HZ / tuned_hz)
+        self.margin_in = config.margin_in
+        self.ended: deque[Clearance] = deque(maxlen=_KEPT)
+        self.begin_anew()
+
+    def begin_anew(self) -> None:
+        """Forget the hold that is under way: another form, a pause."""
+        self._open: _Second | None = None  # it is not over yet
+        self._end_hold()
+
+    def _end_hold(self) -> None:
+        self._seconds: deque[_Second] = deque(maxlen=self.least_s)
+        self._first, self._low, self._high = 0, math.inf, -math.inf
+
+    def update(self, rows: NDArray[np.void]) -> None:
+        """Take rows of ESTIMATE_DTYPE, in order."""
+        numbers = rows['stamp_ns'] // NANOSECONDS
+        for part in np.split(rows, np.flatnonzero(np.diff(numbers)) + 1):
+            if not part.size:
+                continue
+            new, before = _Second.of(part), self._open
+            if before is not None and before.number == new.number:
+                new = before.joined(new)
+            elif before is not None:
+                self._close(before)
+            self._open = new
+
+    def _close(self, second: _Second) -> None:
+        """Take a second that is over."""
+        if not self._goes_on(second):
+            if self._held_s >= self.least_s:
+                self.ended.append(self._judged(self._seconds))
+            self._end_hold()
+            self._first = second.number
+        self._low, self._high = self._range_with(second)
+        self._seconds.append(second)
+
+    def _goes_on(self, second: _Second) -> bool:
+        """Return True where the hold goes on in a second: the next one, and the same speed."""
+        if not self._seconds or second.number != self._seconds[-1].number + 1:
+            return False
+        low, high = self._range_with(second)
+        return high - low <= max(_BAND_MPS, _BAND * high)
+
+    def _range_with(self, second: _Second) -> tuple[float, float]:
+        # Of numpy: what is not known does not vanish.
+        return float(np.minimum(self._low, second.low)), float(np.maximum(self._high, second.high))
+
+    @property
+    def _held_s(self) -> int:
+        return self._seconds[-1].number + 1 - self._first if self._seconds else 0
+
+    def now(self, doubt: str = '', forecast_high_mps: float = math.nan) -> Clearance:
+        """
+        Return the verdict on the speed that is held now.
+
+        Parameters
+        ----------
+        doubt : str
+            '' or why the rows so far do not tell what is now.
+        forecast_high_mps : float
+            Upper end of the 95 % interval of the forecast of v_c, m/s; NaN: there is none.
+        """
+        newest = self._open
+        if newest is None:
+            return Clearance(reason=doubt or Clearance.reason)
+        if doubt or not self._goes_on(newest):
+            # Not held yet, but whether it hunts is known.
+            reason = doubt or newest.trouble or 'the speed is not held yet'
+            hunts = (0.0, 1.0) if newest.hunts and not doubt else (math.nan, math.nan)
+            return Clearance(newest.number * NANOSECONDS, newest.high, 0.0, *hunts, reason)
+        return self._judged([*self._seconds, newest], forecast_high_mps)
+
+    def all(self) -> list[Clearance]:
+        """Return the verdicts of all holds that were long enough, that of now among them."""
+        last = [self._judged(self._seconds)] if self._held_s >= self.least_s else []
+        return [*self.ended, *last]
+
+    def _judged(
+        self, seconds: Sequence[_Second], forecast_high_mps: float = math.nan
+    ) -> Clearance:
+        """Judge the last seconds of the hold, at least one."""
+        # Of its last second: the hold may have begun with the end of a ramp.
+        held_s, speed = self._held_s, 0.5 * (seconds[-1].low + seconds[-1].high)
+        trouble = next((one.trouble for one in reversed(seconds) if one.trouble), '')
+        margin = chance = math.nan
+        if seconds[-1].hunts:
+            margin, chance = 0.0, 1.0
+        elif not trouble and held_s >= self.least_s:
+            margin = float(np.min([one.margin for one in seconds]))
+            minute = float(np.max([one.minute for one in seconds]))
+            chance = 1.0 - (1.0 - minute) ** MINUTES
+        if trouble:
+            reason = trouble
+        elif math.isnan(speed):
+            reason = 'the speed is not known'
+        elif held_s < self.least_s:
+            reason = f'held for {held_s} s of {self.least_s} s'
+        elif math.isnan(margin) or math.isnan(chance):
+            reason = 'margin and chance of escape are not known'
+        elif margin < self.margin_in:
+            reason = f'margin {margin:.1f} (95 %), expected {self.margin_in:g} or more'
+        elif chance > _CHANCE:
+            reason = f'chance of an escape in {MINUTES} minutes {100.0 * chance:.0f} %'
+        elif forecast_high_mps < speed:
+            reason = f'the forecast of v_c is {forecast_high_mps:.2f} m/s at most'
+        else:
+            reason = ''
+        begin_ns = self._first * NANOSECONDS
+        return Clearance(begin_ns, speed, float(held_s), margin, chance, reason)
