@@ -25,7 +25,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.dynamics.linear_stability import critical_frequency, critical_speed
+from hunt_ros.dynamics.linear_stability import (
+    critical_frequency,
+    critical_speed,
+    eigenvalues,
+    hunting_mode,
+)
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.dynamics.wheelset import Wheelset
@@ -130,19 +135,15 @@ def normal_form_of(rig: RigParameters) -> ComplexNormalForm:
     )
 
 
-def _critical_vectors(
-    rig: RigParameters, matrix: NDArray[np.float64], omega: float
-) -> tuple[Complex, Complex]:
-    """Right vector with y* = 1 and left vector with l . v = 1."""
-    values, vectors = np.linalg.eig(matrix.astype(np.complex128))
-    inverse = np.linalg.inv(vectors)
-    place = int(np.argmin(np.abs(values - 1j * omega)))
-    more_damped = float(np.sort(values.real)[1])
-    if more_damped > -_SMALLEST or np.linalg.norm(inverse[place]) > 1.0 / _SMALLEST:
-        found = ', '.join(f'{value:.4g}' for value in values)
-        raise ConfigError(f'{rig.name}: degenerate critical eigenvalues ({found})')
-    scale = vectors[0, place]
-    return vectors[:, place] / scale, inverse[place] * scale
+def _critical_vectors(rig: RigParameters, speed: float) -> tuple[Complex, Complex]:
+    """Right vector with y* = 1 and left vector with l . v = 1, of the only critical pair."""
+    found = eigenvalues(rig, speed) * rig.time_scale
+    mode = hunting_mode(rig, speed)
+    condition = np.linalg.norm(mode.adjoint) * np.linalg.norm(mode.shape)
+    if found[2].real > -_SMALLEST or condition > 1.0 / _SMALLEST:
+        listed = ', '.join(f'{value:.4g}' for value in found)
+        raise ConfigError(f'{rig.name}: degenerate critical eigenvalues ({listed})')
+    return mode.shape, mode.adjoint
 
 
 def _parametrise(
@@ -150,7 +151,7 @@ def _parametrise(
 ) -> tuple[Series, dict[Monomial, complex]]:
     """Solve the cohomological equation to grade 5; return the coefficients of W and R."""
     matrix = wheelset.linear_matrix(speed)
-    right, left = _critical_vectors(rig, matrix, omega)
+    right, left = _critical_vectors(rig, speed)
     damping = np.diag(np.diag(matrix) * np.array([0.0, 1.0, 0.0, 1.0]))
     w: Series = {(1, 0, 0): right, (0, 1, 0): right.conj()}
     r: dict[Monomial, complex] = {(1, 0, 0): 1j * omega}

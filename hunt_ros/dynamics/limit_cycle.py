@@ -112,41 +112,18 @@ class Branch:
         """
         Limit cycles at exactly one speed, m/s, the smallest amplitude first.
 
-        Guessed by a parabola through three neighbours on the branch, which turns with it at a
-        fold, and corrected by Newton's iteration. Within some 1e-6 of a fold, relative,
-        the two cycles there may not be told apart, or not be found.
+        Guessed between neighbours on the branch, corrected by Newton's iteration. Next to a
+        fold, within a step of the branch, none may be found.
         """
-        found: list[Array] = []
-        for guess in self._guesses(speed):
-            corrected = self.system.at_speed(guess, speed)
-            if corrected is None or np.abs(corrected[: self.system.points]).max() < 1e-4:
-                continue  # Newton's iteration has fallen to the state of rest
-            if all(np.abs(corrected - other).max() > 1e-9 for other in found):
-                found.append(corrected)
-        cycles = _branch_of(self.system, np.array(found).reshape(-1, self.unknowns.shape[1]))
-        return cycles[np.argsort(cycles.amplitude)]
-
-    def _guesses(self, speed: float) -> list[Array]:
-        """Points of the branch at a speed, by parabolas in the arclength."""
         x, v = self.unknowns, self.speed - speed
-        length = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(x, axis=0), axis=1)))
-        guesses = []
-        for i in range(1, len(v) - 1):
-            near = slice(i - 1, i + 2)
-            if np.abs(v[near]).min() > np.ptp(v[near]) or not np.ptp(v[near]):
-                continue
-            s = length[near] - length[i]
-            # Each parabola answers for its middle, those at the ends for the ends too; the
-            # parts overlap a little, so that no root falls between two.
-            low = s[0] if i == 1 else 0.55 * s[0]
-            high = s[2] if i == len(v) - 2 else 0.55 * s[2]
-            curve = np.polynomial.polynomial.polyfit(s, v[near], 2)
-            roots = np.polynomial.polynomial.polyroots(curve)
-            for root in roots[np.abs(roots.imag) < 1e-12].real:
-                if low <= root <= high:
-                    weights = np.polynomial.polynomial.polyvander(np.array([root]), 2)[0]
-                    guesses.append(weights @ np.polynomial.polynomial.polyfit(s, x[near], 2))
-        return guesses
+        found = []
+        for k in np.flatnonzero(np.diff(v >= 0.0)):
+            part = v[k] / (v[k] - v[k + 1])
+            cycle = self.system.at_speed(x[k] + part * (x[k + 1] - x[k]), speed)
+            if cycle is not None:
+                found.append(cycle)
+        cycles = _branch_of(self.system, np.array(found).reshape(-1, x.shape[1]))
+        return cycles[np.argsort(cycles.amplitude)]
 
     def __getitem__(self, places: NDArray[np.intp] | slice) -> Branch:
         return _branch_of(self.system, self.unknowns[places])

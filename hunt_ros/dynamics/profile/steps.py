@@ -317,56 +317,36 @@ class Climb(Step):
         levels = Staircase(self.low_mps, self.high_mps, self.step_mps, back=False).levels
         for level, before in zip(levels, [math.nan, *levels], strict=False):
 
-            def kept(motion: Motion, level: float = level, before: float = before) -> bool:
-                return self._kept(motion, level, before)
+            def against(motion: Motion, level: float = level, before: float = before) -> str:
+                return self._against(motion, level, before)
 
-            def decided(motion: Motion, kept: Callable[[Motion], bool] = kept) -> bool:
-                return kept(motion) or motion.margin < 1.0
+            def decided(motion: Motion, against: Callable[[Motion], str] = against) -> bool:
+                return not against(motion) or motion.margin < 1.0
 
-            def fell(motion: Motion, kept: Callable[[Motion], bool] = kept) -> bool:
-                return not kept(motion)
+            def fell(motion: Motion, against: Callable[[Motion], str] = against) -> bool:
+                return bool(against(motion))
 
             yield Leg(level, self.rate_mps2, self.wait_s, until=decided)
-            if kept(scene.motion) and self.hold_s:
+            if self.hold_s and not against(scene.motion):
                 yield Leg(level, self.rate_mps2, self.hold_s, until=fell)
-            if not kept(scene.motion):
-                note = f'back to {self.low_mps:g} m/s: {level:g} m/s is not cleared'
-                note += f' ({self._seen(scene.motion)})'
+            if why := against(scene.motion):
+                note = f'back to {self.low_mps:g} m/s: {level:g} m/s is not cleared ({why})'
                 yield Leg(self.low_mps, self.rate_mps2, note=note, last=True)
 
-    def _kept(self, motion: Motion, level: float, before: float) -> bool:
-        """Return True where this speed, and not the step before, is held and all is kept."""
+    def _against(self, motion: Motion, level: float, before: float) -> str:
+        """Return '' where this speed, not the step before, is held and all is kept; or why not."""
         near = _NEAR_MPS if math.isnan(before) else min(_NEAR_MPS, 0.4 * (level - before))
-        return (
-            abs(motion.held_mps - level) <= near
-            and motion.held_s >= _HELD_S
-            and (not self.margin or motion.margin >= self.margin)
-            and (self.escape_chance == 1.0 or motion.escape_chance <= self.escape_chance)
-            and (not self.forecast_mps or motion.forecast_mps - level >= self.forecast_mps)
-        )
-
-    def _seen(self, motion: Motion) -> str:
-        """Return what is asked for, and what is known of it."""
-        asked = (
-            (self.margin, 'margin', motion.margin, f'{self.margin:g} or more'),
-            (
-                self.escape_chance < 1.0,
-                'chance of escape',
-                motion.escape_chance,
-                f'{self.escape_chance:g} or less',
-            ),
-            (
-                self.forecast_mps,
-                'forecast of v_c',
-                motion.forecast_mps,
-                f'{self.forecast_mps:g} m/s above',
-            ),
-        )
-        return ', '.join(
-            f'{name} {"not known" if math.isnan(value) else f"{value:.2g}"}, expected {expected}'
-            for is_asked, name, value, expected in asked
-            if is_asked
-        )
+        if not (abs(motion.held_mps - level) <= near and motion.held_s >= _HELD_S):
+            return 'it is not held'
+        if self.margin and not motion.margin >= self.margin:
+            return f'margin {_told(motion.margin)}, expected {self.margin:g} or more'
+        if self.escape_chance < 1.0 and not motion.escape_chance <= self.escape_chance:
+            chance = _told(motion.escape_chance)
+            return f'chance of escape {chance}, expected {self.escape_chance:g} or less'
+        if self.forecast_mps and not motion.forecast_mps - level >= self.forecast_mps:
+            v_c = _told(motion.forecast_mps)
+            return f'forecast of v_c {v_c} or more, expected {level + self.forecast_mps:g} m/s'
+        return ''
 
     def plan(self) -> list[Leg]:
         """Return the legs of a rig on which every step waits for as long as it may."""
@@ -381,6 +361,10 @@ class Climb(Step):
     def reacts(self) -> bool:
         """The detector decides how far it goes."""
         return True
+
+
+def _told(value: float) -> str:
+    return 'not known' if math.isnan(value) else f'{value:.2g}'
 
 
 @dataclass(frozen=True)
