@@ -29,6 +29,7 @@ VERBS: dict[str, str] = {
     'simulate': 'simulate the rig over a speed profile and write the recording as a bag',
     'replay': 'run a recording through the detector; --live: through the running nodes',
     'identify': 'identify the normal form, with intervals, from recordings',
+    'tune': 'settings of the detector over recordings: false alarms an hour and delay of alarm',
     'plan': 'say what to measure next: the profile that teaches the most a minute',
     'report': 'write the report of recordings: one HTML page, and the figures as SVG and PNG',
     'normal-form': 'compute critical speed and normal form of a rig from its parameters',

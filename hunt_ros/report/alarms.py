@@ -37,6 +37,16 @@ STANDS_S = 86_400.0
 _ENDING_S = 5.0
 
 
+def rate_per_hour(count: int, seconds: float) -> Uncertain:
+    """Return events an hour, with the exact 95 % interval of a Poisson count (Garwood, 1936)."""
+    hours = seconds / 3600.0
+    if hours <= 0.0:
+        return Uncertain(math.nan, math.nan)
+    low = chi2.ppf(0.025, 2 * count) / 2.0 if count else 0.0
+    high = chi2.ppf(0.975, 2 * count + 2) / 2.0
+    return Uncertain(count / hours, math.sqrt(count) / hours, low / hours, high / hours)
+
+
 @dataclass(frozen=True)
 class AlarmLoad:
     """
@@ -70,13 +80,8 @@ class AlarmLoad:
 
     @property
     def per_hour(self) -> Uncertain:
-        """Alarms an hour, with the exact 95 % interval of a Poisson count (Garwood, 1936)."""
-        hours, n = self.duration_s / 3600.0, self.count
-        if hours <= 0.0:
-            return Uncertain(math.nan, math.nan)
-        low = chi2.ppf(0.025, 2 * n) / 2.0 if n else 0.0
-        high = chi2.ppf(0.975, 2 * n + 2) / 2.0
-        return Uncertain(n / hours, math.sqrt(n) / hours, low / hours, high / hours)
+        """Alarms an hour, see `rate_per_hour`."""
+        return rate_per_hour(self.count, self.duration_s)
 
     @cached_property
     def chattering(self) -> list[str]:

@@ -14,7 +14,7 @@ from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.samples import Record
 
 if TYPE_CHECKING:
-    from hunt_ros.detection import Event
+    from hunt_ros.detection import DetectorConfig, Event
     from hunt_ros.detection.clearance import Clearance
 
 SENTENCES: dict[str, str] = {
@@ -52,7 +52,9 @@ def sentence(event: str) -> str:
 
 
 def events_of(
-    record: Record, normal_form: IdentifiedNormalForm | None
+    record: Record,
+    normal_form: IdentifiedNormalForm | None,
+    settings: DetectorConfig | None = None,
 ) -> tuple[Sequence[Event], Sequence[Clearance]]:
     """
     Run the detector over a record.
@@ -63,6 +65,8 @@ def events_of(
         With `speed`, and `lateral` or `yaw`.
     normal_form : IdentifiedNormalForm or None
         The form in force; None: the detector knows nothing of the rig.
+    settings : DetectorConfig, optional
+        The usual ones by default.
 
     Returns
     -------
@@ -75,7 +79,7 @@ def events_of(
     from hunt_ros.detection.offline import collect, config_for, frequency_for, watch
 
     # Only the channels it has: one that is promised and silent would be a fault.
-    config, _ = config_for(record, DetectorConfig())
+    config, _ = config_for(record, settings or DetectorConfig())
     if normal_form is None:
         config, _ = frequency_for(record, config)
     detector = HuntingDetector(config, normal_form)

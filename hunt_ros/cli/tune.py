@@ -1,0 +1,105 @@
+"""`hunt tune BAG...`: settings of the detector over all recordings of a lab, beside the truth."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from functools import partial
+
+from hunt_ros.cli.support import options
+from hunt_ros.cli.support.output import progress, tell
+from hunt_ros.cli.support.recordings import add_recordings, records_of, settings_of
+from hunt_ros.detection import DetectorConfig
+from hunt_ros.errors import ConfigError
+from hunt_ros.files import write_whole
+from hunt_ros.identification import identify
+from hunt_ros.report.figures import style
+from hunt_ros.report.tuning import Outcome, Truth, picture, tune, usual_grid
+
+EXAMPLE = 'hunt tune bags/kick_escapes bags/kick_decays --grid alarm_lateral_mm=0.1,0.3'
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    add_recordings(parser)
+    add = partial(options.add, parser)
+    add('--normal-form')
+    what = 'one setting of hunting_detector that is kept, e.g. lines=[]; repeatable'
+    add('--set', action='append', default=[], metavar='NAME=VALUE', help=what)
+    what = 'values of one setting, e.g. false_alarms_per_week=1,100; repeatable (the usual ones)'
+    add('--grid', action='append', default=[], metavar='NAME=X,...', help=what)
+    what = 'draw false alarms against delay'
+    add('--out', type=options.new_file('.svg', '.png'), metavar='FILE', help=what)
+    add('--json')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Say what is true, replay, and compare; 1 where no recording says what is true."""
+    (config,) = options.settings_of(arguments, 'hunting_detector', DetectorConfig)
+    form = options.read_form(arguments.normal_form) if arguments.normal_form else None
+    asked = dict(map(_values, arguments.grid))
+    settings = settings_of(arguments)
+    with progress('reading') as advance:
+        records = records_of(arguments, advance)
+    with progress('what is true') as advance:
+        found = identify(records, settings, advance)
+    grid = asked or usual_grid(found, form is not None)
+    with progress('replaying') as advance:
+        truths, outcomes = tune(found, config, form, grid, settings.cluster, advance)
+    if arguments.out:
+        drawn = picture(outcomes)
+        if arguments.out.suffix == '.svg':
+            write_whole(arguments.out, style.svg(drawn), 'picture')
+        else:
+            arguments.out.write_bytes(style.png(drawn))
+    tell(
+        arguments.json,
+        lambda: {'truth': _truth(truths), 'settings': [one.to_json() for one in outcomes]},
+        lambda: '\n'.join(_lines(truths, outcomes)),
+    )
+    return 0 if any(truth.hunting or truth.harmless for truth in truths) else 1
+
+
+def _values(word: str) -> tuple[str, tuple[float, ...]]:
+    name, _, values = word.partition('=')
+    try:
+        numbers = tuple(map(float, values.split(',')))
+    except ValueError:
+        numbers = ()
+    if not numbers or not isinstance(getattr(DetectorConfig(), name, None), float):
+        raise ConfigError(f'--grid {word}: expected a number of hunting_detector, NAME=X,X,...')
+    return name, numbers
+
+
+def _truth(truths: Sequence[Truth]) -> dict[str, float]:
+    hunting = [end - begin for truth in truths for begin, end in truth.hunting]
+    harmless, whole = (
+        sum(getattr(truth, name) for truth in truths) for name in ('harmless_s', 'duration_s')
+    )
+    return {
+        'recordings': len(truths),
+        'hunting': len(hunting),
+        'hunting_s': sum(hunting),
+        'harmless_s': harmless,
+        'undecided_s': max(0.0, whole - harmless - sum(hunting)),
+    }
+
+
+def _lines(truths: Sequence[Truth], outcomes: Sequence[Outcome]) -> list[str]:
+    lines = [
+        '{recordings} recordings: hunting {hunting} times, {hunting_s:.0f} s; harmless'
+        ' {harmless_s:.0f} s; undecided {undecided_s:.0f} s'.format(**_truth(truths)),
+        f'{"setting":32}{"false":>6}{"an hour (95 %)":>24}{"delay (s)":>24}{"missed":>8}'
+        f'{"undecided":>11}',
+    ]
+    for one in outcomes:
+        name = f'{one.setting}={one.value:g}' if one.setting else 'as they are'
+        rate, (median, least, longest) = one.per_hour, one.delay_s
+        told = f'{rate.value:.3g} ({rate.low:.2g} to {rate.high:.2g})' if one.harmless_s else '-'
+        delay = f'{median:.2f} ({least:.2f} to {longest:.2f})' if one.delays_s else '-'
+        lines.append(
+            f'{name:32}{one.false_alarms:>6}{told:>24}{delay:>24}{one.missed:>8}{one.undecided:>11}'
+        )
+    if not any(one.differs(outcomes[0]) for one in outcomes):
+        lines.append('no rate of false alarms differs from the present one by more than chance')
+    return lines
