@@ -29,6 +29,8 @@ def test_the_unit_starts_a_command_that_there_is_and_ends_it_with_an_interrupt(
     assert main(words) == 2
     assert '/etc/hunt/rig.yaml' in capsys.readouterr().err
     assert unit['Service']['KillSignal'] == signal.SIGINT.name
+    assert {'dialout', 'audio'} <= set(unit['Service']['SupplementaryGroups'].split())
+    assert unit['Service']['Environment'] == 'ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST', 'the last'
     assert unit['Service']['KillMode'] == 'mixed', 'hunt ends its nodes itself, in order'
 
 

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import groupby
 from queue import SimpleQueue
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -119,25 +120,19 @@ class CompanionWorker:
 
     def _work(self, stopping: threading.Event) -> None:
         while not stopping.wait(_ROUND_S):
-            motions: list[Motion] = []
+            waiting = [self._queue.get() for _ in range(self._queue.qsize())]
             try:
-                for _ in range(self._queue.qsize()):
-                    if (motion := self._queue.get()) is not None:
-                        motions.append(motion)
+                for anew, motions in groupby(waiting, lambda motion: motion is None):
+                    if anew:
+                        self._companions.reset()
+                        self._diagnostics.done(_TASK)
                         continue
-                    self._take(motions)
-                    motions = []
-                    self._companions.reset()
-                    self._diagnostics.done(_TASK)
-                self._take(motions)
+                    known = [motion for motion in motions if motion is not None]
+                    for verdict in self._companions.take(Motion.joined(known)):
+                        self._tell(verdict)
             except Exception as error:  # any: numbers of a rig that nobody has seen
                 self._diagnostics.failed(_TASK, error)
                 self._companions.reset()
-
-    def _take(self, motions: Sequence[Motion]) -> None:
-        if motions:
-            for verdict in self._companions.take(Motion.joined(motions)):
-                self._tell(verdict)
 
 
 class HuntingDetectorNode(ManagedNode):

@@ -150,26 +150,6 @@ def test_the_speed_of_a_drive_without_one_is_the_slope_of_its_encoder(
     drive.close()
 
 
-def test_a_set_point_is_sent_while_another_thread_reads(modbus_server, machine) -> None:
-    drive = _drive(modbus_server, actual_register=5, poll_hz=1000.0)
-    ended = threading.Event()
-    blocks = []
-
-    def read() -> None:
-        while not ended.is_set():
-            blocks.append(drive.read(0.1))
-
-    thread = threading.Thread(target=read)
-    thread.start()
-    for k in range(50):
-        drive.set_speed(0.01 * k)
-    ended.set()
-    thread.join()
-    assert [values for _, values in modbus_server.written] == [[k] for k in range(50)]
-    assert {speed for block in blocks for speed in block.speed_mps} <= {0.0}
-    drive.close()
-
-
 def test_a_device_that_is_cut_is_one_line_and_is_read_again_when_it_is_back(
     modbus_server, machine
 ) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import re
+import sys
+import threading
 from collections.abc import Callable
 
 import numpy as np
@@ -86,6 +88,27 @@ def test_encoder_and_drive_apart_and_another_master_are_found() -> None:
     assert _ride(lambda t: 8.0, lambda t: 8.0, 5.0, turns=-1.0) == {}  # it counts backwards
     assert _ride(lambda t: 8.0, lambda t: 8.0, 5.0, turns=0.99) == {}
     assert _ride(lambda t: 8.0, lambda t: 8.0, 1.0, foreign=7.5)
+
+
+def test_readings_may_come_while_they_are_looked_at() -> None:
+    readings, seen = RollerReadings(0.3), 0.0
+
+    def come() -> None:
+        for k in range(20_000):
+            block = DriveBlock(np.array([k]), np.array([0.0]), np.array([8.0]))
+            readings.take(0.02 * k, block)
+
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        thread = threading.Thread(target=come)
+        thread.start()
+        while thread.is_alive():
+            seen = max(seen, readings.lowest_mps())
+            readings.slower(8.0, 0.0)
+    finally:
+        sys.setswitchinterval(interval)
+    assert seen == 8.0
 
 
 def test_a_silent_drive_does_not_count_as_one_that_does_not_follow() -> None:

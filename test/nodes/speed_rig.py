@@ -32,7 +32,7 @@ class Drive:
         self._angle = 0.0
         self.refusal = ''
         self.mute = self.breaks = False
-        self.obeys, self.scale = True, 1.0
+        self.obeys = True
         self.hangs = False  # in a call, until it is released
         self.released = threading.Event()
         self.released.set()
@@ -60,7 +60,7 @@ class Drive:
         self.hangs = False
         self.set_points.append(speed_mps)
         if self.obeys:
-            self.speed_mps = self.scale * speed_mps
+            self.speed_mps = speed_mps
 
     def close(self) -> None:
         if self.breaks:
@@ -76,7 +76,6 @@ class Detector:
         self.sent = 0
         self._sequence = 0
         self.level, self.silent, self.alarm = 'OK', False, False
-        self.hunts_above: tuple[Drive, float] | None = None
         self.numbers: dict[str, object] = {'amplitude_m': 1e-5, 'v_n_mps': 5.0, 'v_c_mps': 7.0}
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -86,9 +85,6 @@ class Detector:
         while not self._ending.wait(0.05):
             self.sent += 1
             self._sequence += 5
-            if self.hunts_above is not None:
-                drive, speed_mps = self.hunts_above
-                self.level = 'ERROR' if drive.speed_mps > speed_mps else 'WARN'
             values = {'sequence': self._sequence, 'alarm': self.alarm, **self.numbers}
             message = diagnostic(
                 time.time_ns(), 'hunting', self.level, 'its reasons', values, 'rig'

@@ -59,20 +59,6 @@ def test_an_emergency_stop_says_whether_the_drive_took_it_in_every_state(graph, 
     graph.spin_until(lambda: graph.call('speed/emergency_stop').success)
 
 
-def test_a_refused_set_point_stays_in_the_diagnostics(graph, resident) -> None:
-    drive = Drive(6.0)
-    health = graph.told()
-    profile = graph.profile('hold: {speed_mps: 6, duration_s: 10}')
-    Rig(graph, resident, drive, interlock=UNGUARDED, profile=profile, profile_autostart=True)
-    graph.spin_until(lambda: drive.set_points)
-    drive.refusal = 'drive: illegal data address'
-    graph.spin_until(lambda: health.says(drive.refusal, level='ERROR'))
-    drive.refusal = ''
-    # What is left to say is that nothing guards the roller here.
-    graph.spin_until(lambda: 'interlock is disarmed' in health.last['message'])
-    assert float(health.last['refused_set_points']) > 0
-
-
 def test_a_step_of_the_machines_clock_does_not_move_the_roller(
     graph, resident, monkeypatch
 ) -> None:

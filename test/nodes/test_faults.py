@@ -72,21 +72,26 @@ class Drive:
     """A drive in memory: the roller runs at the set point at once."""
 
     def __init__(self) -> None:
-        self.speed_mps, self.obeys = RUNNING, True
+        self.speed_mps, self.obeys, self.scale = RUNNING, True, 1.0
         self.refusal, self.absent, self.mute = '', False, False
 
     def set_speed(self, speed_mps: float) -> None:
         if self.refusal:
             raise DriverError(self.refusal)
         if self.obeys:
-            self.speed_mps = speed_mps
+            self.speed_mps = self.scale * speed_mps
 
 
 class Bench:
     """What a speed node decides with, and what it hears, from one moment to the next."""
 
     def __init__(self, mode: str) -> None:
-        limits = DriveLimits(acceleration_mps2=20.0, jerk_mps3=1000.0, safe_deceleration_mps2=10.0)
+        limits = DriveLimits(
+            acceleration_mps2=20.0,
+            jerk_mps3=1e3,
+            safe_deceleration_mps2=10.0,
+            speed_ceiling_mps=8.0,
+        )
         settings = InterlockSettings(interlock=mode, amplitude_limit_m=1e-3)
         self.detector, self.drive = Detector(), Drive()
         self.now_ns = self._read_ns = 0
@@ -252,6 +257,22 @@ FAULTS = [
         words='ERROR',
         also='hard-wired stop',
     ),
+    Fault(
+        'the roller runs at three times its set point',
+        _set(scale=3.0),
+        words='18.00 m/s, above the ceiling, 8.00 m/s',
+        speed=0.0,
+        mode='measure',
+        also='hard-wired stop',
+    ),
+    Fault(
+        'the roller does not follow its set point',
+        _set(obeys=False, speed_mps=3.0),
+        words='does not follow its set point, 6.00 m/s',
+        speed=0.0,
+        mode='measure',
+        also='hard-wired stop',
+    ),
     Fault('hunting, while the interlock is disarmed', _disarmed, 'disarmed', 'disarmed', RUNNING),
     Fault('the speed node is deactivated after a trip', _deactivate, words='ERROR'),
 ]
@@ -260,6 +281,23 @@ FAULTS = [
 @pytest.mark.parametrize('fault', FAULTS, ids=lambda fault: f'{fault.what}, {fault.mode}')
 def test_a_fault_ends_as_the_table_says(fault: Fault) -> None:
     _suffer(fault)
+
+
+def test_hunting_at_a_speed_that_a_wrong_form_calls_safe_is_driven_down_until_it_dies() -> None:
+    """The form says v_n 9.6; the wheelset hunts above 3 m/s, and dies out below."""
+    bench = Bench('protect')
+    bench.detector.numbers['v_n_mps'] = 9.6
+    bench.run(0.2)
+
+    def quiet() -> bool:
+        bench.detector.level = 'ERROR' if bench.drive.speed_mps > 3.0 else 'WARN'
+        return bench.drive.speed_mps <= 3.0
+
+    bench.until(quiet)
+    bench.run(1.0)
+    assert 1.0 < bench.drive.speed_mps <= 3.0, 'where it is quiet the roller stays'
+    speeds = [speed for _, speed in bench.taken]
+    assert speeds[speeds.index(RUNNING) :] == sorted(speeds[speeds.index(RUNNING) :], reverse=True)
 
 
 def test_the_table_of_the_docs_is_made_of_them() -> None:

@@ -35,43 +35,6 @@ def _held_at(graph, resident, detector, drive: Drive, **parameters: object) -> R
     return rig
 
 
-def test_hunting_at_a_speed_that_a_wrong_form_calls_safe_is_driven_down_until_it_dies(
-    graph, resident, detector
-) -> None:
-    """The form says v_n 9.6; the wheelset hunts above 3 m/s, and dies out below."""
-    drive = Drive(6.0)
-    detector.numbers['v_n_mps'] = 9.6
-    rig = _held_at(graph, resident, detector, drive, safe_deceleration_mps2=2.0)
-    detector.hunts_above = drive, 3.0
-    rig.until(interlock_state='tripped')
-    graph.spin_until(lambda: drive.speed_mps <= 3.0)
-    graph.spin(1.0)
-    assert 1.0 < drive.speed_mps <= 3.0, 'where it is quiet the roller stays'
-    assert max(np.diff(drive.set_points)) <= 0.0
-    assert not graph.call('speed/start_profile').success
-
-
-@pytest.mark.parametrize(
-    ('fault', 'words'),
-    [({'scale': 3.0}, 'above the ceiling, 8.00 m/s'), ({'obeys': False}, 'does not follow')],
-)
-def test_a_roller_that_does_what_nobody_told_it_trips_and_goes_to_zero(
-    graph, resident, detector, fault, words
-) -> None:
-    drive = Drive(1.0)
-    vars(drive).update(fault)
-    rig = Rig(
-        graph, resident, drive, profile=graph.profile(HOLD), interlock='measure',
-        speed_ceiling_mps=8.0, acceleration_mps2=5.0,
-    )  # fmt: skip
-    graph.spin_until(lambda: graph.call('speed/start_profile').success)
-    rig.until(interlock_state='tripped')
-    assert words in rig.status['interlock_cause']
-    assert 'hard-wired stop' in rig.status['message']
-    graph.spin_until(lambda: drive.set_points[-1] == 0.0)
-    rig.until(level='ERROR')
-
-
 def test_a_drive_that_hangs_holds_up_neither_the_watch_nor_an_emergency_stop(
     graph, resident, detector
 ) -> None:
@@ -113,13 +76,6 @@ def test_a_driver_that_fails_to_close_is_opened_again(graph, resident, detector)
     graph.spin_until(lambda: drive.opened == 2)
     graph.spin_until(lambda: drive.set_points[-1] == 4.5)
     assert graph.call('speed/emergency_stop').success
-
-
-def test_a_set_point_that_the_drive_refuses_trips_the_guard(graph, resident, detector) -> None:
-    rig = _held_at(graph, resident, detector, drive := Drive(6.0))
-    drive.refusal = 'no such register'
-    rig.until(interlock_state='tripped')
-    assert 'set point refused: no such register' in rig.status['interlock_cause']
 
 
 def test_five_millimetres_on_the_sensor_trip_it_though_no_detector_speaks(graph, resident) -> None:
