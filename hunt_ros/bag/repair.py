@@ -28,7 +28,7 @@ from hunt_ros.bag.blocks import Places, expand_messages, expand_zstd, is_compres
 from hunt_ros.bag.cdr.message_types import definition_text
 from hunt_ros.bag.mcap import records as rec
 from hunt_ros.bag.mcap.file import McapFile
-from hunt_ros.bag.mcap.layout import IMPOSSIBLE, Layout, walk_file, walked_places
+from hunt_ros.bag.mcap.layout import IMPOSSIBLE, Layout, walked_places
 from hunt_ros.bag.mcap.writer import McapWriter
 from hunt_ros.bag.reader import ACTIVE, Bag, folder_files, open_storage
 from hunt_ros.bag.sqlite_file import SALVAGE_HINT, SqliteFile
@@ -146,7 +146,7 @@ def _repair_files(files: Sequence[Path], active: Path, report: Repair) -> None:
 
 def _copy_mcap(file: McapFile, writer: McapWriter, report: Repair) -> None:
     """Copy what is sound of an MCAP file."""
-    layout = walk_file(file.view)
+    layout = file.layout
     report.problems += layout.problems
     report.lost_bytes += layout.lost_bytes
     for schema in layout.schemas.values():

@@ -193,6 +193,8 @@ def test_the_diagram_is_whole_on_a_laptop_also_while_the_drive_is_held(page, liv
     page.set_viewport_size({'width': 1366, 'height': 900})
     page.set_viewport_size({'width': 1366, 'height': 650})
     page.wait_for_function(f'() => Math.abs(figures.diagram.height - {box["height"]}) < 2')
+    # Above the plot: there no branch is, whatever the form.
+    assert page.evaluate('() => figures.diagram.bbox.top > 1.2 * rem * devicePixelRatio')
     # Another screen has other letters: the figures are made anew, with all that was in them.
     for width, height in (*SIZES[::-1], SIZES[0]):
         page.set_viewport_size({'width': width, 'height': height})

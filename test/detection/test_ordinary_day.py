@@ -46,6 +46,17 @@ def test_a_run_up_below_v_n_is_no_alarm(recorded, true_form, lines, rate) -> Non
         assert seconds_of(output, Level.ERROR) == 0.0
 
 
+@pytest.mark.parametrize('rate', [0.3, 0.6, 1.5])
+def test_a_stop_out_of_quiet_running_is_no_alarm(recorded, true_form, rate) -> None:
+    # The line of the roller passes the frequency of the hunting at 2.7 m/s on every way to rest.
+    ends = 30.0 + 5.0 / rate
+    profile = SpeedProfile((0.0, 30.0, ends, ends + 20.0), (5.0, 5.0, 0.0, 0.0))
+    for seed in range(3):
+        record = recorded(profile, ends + 20.0, seed=seed)
+        output = detect(HuntingDetector(DetectorConfig(), true_form), record)
+        assert seconds_of(output, Level.ERROR) == 0.0
+
+
 @pytest.mark.parametrize('begin', [0.0, 0.1])
 @pytest.mark.parametrize('informed', [True, False])
 def test_what_drives_the_motion_at_rest_is_not_what_drives_it_at_speed(

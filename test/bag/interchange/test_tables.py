@@ -161,7 +161,6 @@ def test_equal_stamps_get_rows_of_their_own() -> None:
             [],
             'lateral_m is in mm by the line of units',
         ),
-        ('a.csv', 't,y\n[s],[mm]\n0,1\n1,2\n', ['lateral=y'], r'lateral=y\*0.001'),
         ('a.csv', 't,y_mm\n0,1\n1,2\n', ['lateral=y_mm'], r'lateral=y_mm\*0.001'),
         (
             'a.csv',
