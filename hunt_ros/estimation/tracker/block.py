@@ -313,20 +313,10 @@ def write_row(t: at.Tracker, row: at.Estimate) -> None:
             continue
         z = at.Z + 2 * c
         amplitude = math.hypot(x[z], x[z + 1])
-        variance = spread(t, z)
-        across = 0.0
-        if amplitude > 0.0:
-            across = (x[z] * P[z, at.GROWTH] + x[z + 1] * P[z + 1, at.GROWTH]) / amplitude
-        rate_variance = (
-            amplitude * amplitude * P[at.GROWTH, at.GROWTH]
-            + growth * growth * variance
-            + 2.0 * amplitude * growth * across
-        )
         motion = row.coordinates[c]
         motion.amplitude = amplitude
-        motion.amplitude_std = math.sqrt(variance)
+        motion.amplitude_std = math.sqrt(spread(t, z))
         motion.amplitude_rate = per_s * growth * amplitude
-        motion.amplitude_rate_std = per_s * math.sqrt(max(rate_variance, 0.0))
     for k in range(f.sensor_count):
         if f.sensors[k].alive:
             write_reading(f, k, row.sensors[f.sensors[k].column])
@@ -367,7 +357,6 @@ def write_reading(f: at.Filter, k: int, reading: at.Reading) -> None:
         if f.line_count > 1:
             reading.roughness_second = math.hypot(x[r + 2], x[r + 3])
     reading.bias = x[at.BIAS + k]
-    reading.noise_std = math.sqrt(sensor.noise)
     if sensor.clean_count > 0.0:
         reading.clean = sensor.clean_sum / sensor.clean_count
 

@@ -248,7 +248,6 @@ class Motion:
     amplitude: float
     amplitude_std: float
     amplitude_rate: float
-    amplitude_rate_std: float
 
 
 class Reading:
@@ -259,7 +258,6 @@ class Reading:
     roughness_second: float
     bias: float
     clean: float
-    noise_std: float
 
 
 class Estimate:
