@@ -311,11 +311,16 @@ class QuietLevels:
 
     def open_level(self) -> SpeedLevel | None:
         """Return the level that is still open; None while it is too short or not quiet."""
-        level = self._reduce()
-        neighbour = None if level is None else self._neighbour(level)
-        if level is None or (neighbour is not None and level.rms > HUNTING * neighbour.rms):
+        blocks = self._quiet_blocks()
+        if not blocks:
             return None
-        return level
+        level = level_spectrum(
+            np.concatenate(blocks), self._cell_s, self._band, self._diameter, self._shafts
+        )
+        neighbour = self._neighbour(level)
+        loud = neighbour is not None and level.rms > HUNTING * neighbour.rms
+        # A stuck sensor has no noise at all.
+        return level if level.floor > 0.0 and not loud else None
 
     def _take_block(self) -> None:
         """Put the finished block into the open level, or close that and start another."""
@@ -343,15 +348,13 @@ class QuietLevels:
 
     def _close(self) -> None:
         """End the open level and keep it, if it is long enough and was quiet."""
-        level = self._reduce()
+        level = self.open_level()
         self._blocks = []
         self._speed = 0.0
         self._skip = 0
         if level is None:
             return
         neighbour = self._neighbour(level)
-        if neighbour is not None and level.rms > HUNTING * neighbour.rms:
-            return
         if neighbour is not None and level.rms * HUNTING < neighbour.rms:
             self.levels.remove(neighbour)  # it was not quiet, as shows only now
         self.closed_s += level.duration_s
@@ -391,13 +394,3 @@ class QuietLevels:
             zip(edges[::2], edges[1::2], strict=True), key=lambda run: run[1] - run[0]
         )
         return self._blocks[begin:end] if end - begin >= self._fewest else []
-
-    def _reduce(self) -> SpeedLevel | None:
-        """Reduce the open level; None while too little of it is quiet."""
-        blocks = self._quiet_blocks()
-        if not blocks:
-            return None
-        level = level_spectrum(
-            np.concatenate(blocks), self._cell_s, self._band, self._diameter, self._shafts
-        )
-        return level if level.floor > 0.0 else None  # a stuck sensor has no noise at all
