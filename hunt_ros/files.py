@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import suppress
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from hunt_ros.errors import HuntError
 
 def write_whole(path: str | Path, content: str | bytes, what: str = 'file') -> None:
     """
-    Write a file under another name first: what stood there stays until the new one is complete.
+    Write a file under another name first: what stood there stays until the new one is on the disk.
 
     Parameters
     ----------
@@ -31,9 +32,17 @@ def write_whole(path: str | Path, content: str | bytes, what: str = 'file') -> N
     raw = content.encode('utf-8') if isinstance(content, str) else content
     try:
         partial.write_bytes(raw)
+        with partial.open('rb+') as file:
+            os.fsync(file.fileno())
         partial.replace(target)
     except OSError as error:
         raise HuntError(f'{path}: cannot write the {what} ({error.strerror})') from error
     finally:
         with suppress(OSError):
             partial.unlink(missing_ok=True)
+    with suppress(OSError):  # not every system syncs a folder
+        folder = os.open(target.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)  # or the new name is lost with the power
+        finally:
+            os.close(folder)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
@@ -92,26 +91,3 @@ def read(path: Path) -> SafetyState | None:
     except (ArithmeticError, AttributeError, OSError, LookupError, TypeError, ValueError) as error:
         raise ConfigError(f'{path}: cannot read the safety state ({error})') from error
     return state
-
-
-def write(path: Path, text: str) -> None:
-    """
-    Write the file whole or not at all, and onto the disk.
-
-    Raises
-    ------
-    OSError
-        Where the folder or the disk refuses it.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + '.part')
-    with partial.open('w', encoding='utf-8') as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    partial.replace(path)
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)  # or the new name is lost with the power
-    finally:
-        os.close(folder)

@@ -26,12 +26,13 @@ from std_srvs.srv import SetBool
 from hunt_ros.drivers.base import DriveBlock, DriveDriver
 from hunt_ros.drivers.command import DriveLimits
 from hunt_ros.drivers.interlock import Change, Heard, InterlockSettings
-from hunt_ros.drivers.safety_state import SafetyState, read, write
+from hunt_ros.drivers.safety_state import SafetyState, read
 from hunt_ros.drivers.speed_guard import SpeedGuard
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.dynamics.profile import Motion, Profile
 from hunt_ros.dynamics.profile.run import SET_POINT_S
-from hunt_ros.errors import ConfigError, DriverError
+from hunt_ros.errors import ConfigError, DriverError, HuntError
+from hunt_ros.files import write_whole
 from hunt_ros.nodes.support.conversions import (
     diagnostic,
     joint_writer,
@@ -198,10 +199,11 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
             unwritten = self._to_keep.pop() if self._to_keep else unwritten
             if unwritten and self._config.state_file:
                 try:
-                    write(path, unwritten)
+                    path.parent.mkdir(parents=True, exist_ok=True)
+                    write_whole(path, unwritten, 'safety state')
                     unwritten = ''
                     self._diagnostics.done('safety state')
-                except OSError as error:
+                except (HuntError, OSError) as error:
                     self._diagnostics.failed('safety state', error)
                     stopping.wait(1.0)
             if last:

@@ -14,10 +14,11 @@ from hunt_ros.drivers.alarms import DETECTED, TRIPS, Shelved
 from hunt_ros.drivers.base import DriveBlock
 from hunt_ros.drivers.command import DriveLimits
 from hunt_ros.drivers.interlock import Heard, InterlockSettings
-from hunt_ros.drivers.safety_state import SafetyState, read, write
+from hunt_ros.drivers.safety_state import SafetyState, read
 from hunt_ros.drivers.speed_guard import SpeedGuard
 from hunt_ros.dynamics.profile import Motion
 from hunt_ros.errors import ConfigError
+from hunt_ros.files import write_whole
 
 S = 1_000_000_000
 NOON = 1_800_000_000.0
@@ -106,7 +107,7 @@ def test_what_is_shelved_is_said_outlives_the_process_and_takes_no_trip(tmp_path
     guard.hear(10 * S, Heard('ERROR', 200, 10 * S, 'limit cycle', alarm=True))
     assert guard.watch(10 * S, 0).event == 'interlock_tripped'
     assert guard.values(True)['interlock_code'] == 'hunting'
-    write(tmp_path / 'state.json', guard.unsaved(running=False))
+    write_whole(tmp_path / 'state.json', guard.unsaved(running=False))
     assert guard.unsaved(running=False) == '', 'written once'
     again = _guard(read(tmp_path / 'state.json'))
     assert again.interlock.state == 'tripped'
@@ -135,7 +136,7 @@ def test_a_state_that_is_none_is_refused(tmp_path, change) -> None:
     path = tmp_path / 'state.json'
     state = SafetyState(running=True, shelved=(Shelved('limit_cycle', NOON, 5.0, 'why'),))
     assert read(path) is None
-    write(path, state.to_json())
+    write_whole(path, state.to_json())
     assert read(path) == state
     path.write_text(state.to_json().replace(*change))
     with pytest.raises(ConfigError, match=r'state\.json: cannot read the safety state'):

@@ -18,6 +18,7 @@ from pathlib import Path
 from hunt_ros.detection.acceptance import rolled_back
 from hunt_ros.dynamics.identified import NEWEST_FILE, RECORDING, IdentifiedNormalForm
 from hunt_ros.errors import HuntError
+from hunt_ros.files import write_whole
 
 #: Ends the name of the identification that a parameter file comes from.
 _WHOLE = '.npz'
@@ -111,7 +112,7 @@ class FormFiles:
                 _move(self.newest, self._next('normal_form'))
             if whole is not None:
                 shutil.copyfile(whole, self.newest.with_suffix(_WHOLE))
-            self._write(text)
+            write_whole(self.newest, text, 'normal form')
         except OSError as error:
             raise HuntError(
                 f'{self.newest}: cannot keep the normal form ({error.strerror})'
@@ -142,16 +143,10 @@ class FormFiles:
             if self.newest.exists():
                 _move(self.newest, self._next('normal_form_reverted'))
             _move(latest, self.newest)
-            self._write(text)
+            write_whole(self.newest, text, 'normal form')
         except OSError as error:
             raise HuntError(f'{latest}: cannot go back to it ({error.strerror})') from error
         return text
-
-    def _write(self, text: str) -> None:
-        """Write the newest whole or not at all."""
-        partial = self.newest.with_suffix('.part')
-        partial.write_text(text, encoding='utf-8')
-        partial.replace(self.newest)
 
     def _numbered(self, stem: str) -> list[Path]:
         pattern = re.compile(re.escape(stem) + r'_(\d{3,})\.yaml')
