@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import trapezoid
 from scipy.signal import lfilter
 
-from hunt_ros.dynamics.forced_response import quiet_covariance
-from hunt_ros.dynamics.linear_stability import critical_speed, hunting_mode
+from hunt_ros.dynamics.linear_stability import critical_speed, hunting_mode, quiet_covariance
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.forecast.damping_laws import SmoothLaw, WheelsetLaw, held_growth
 from hunt_ros.forecast.levels import SpeedLevel

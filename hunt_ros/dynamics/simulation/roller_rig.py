@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.dynamics.covariance_root import covariance_root
-from hunt_ros.dynamics.forced_response import direction_response, quiet_covariance
+from hunt_ros.dynamics.linear_stability import direction_response, quiet_covariance
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.dynamics.simulation import kernel
 from hunt_ros.dynamics.simulation.settings import Roughness, SimulationSettings

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from hunt_ros.dynamics.forced_response import quiet_covariance
+from hunt_ros.dynamics.linear_stability import quiet_covariance
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.simulation import (
     DriveModel,
