@@ -1,7 +1,7 @@
 """
 From samples to region, state and alarm.
 
-A sample goes through the `door` (which samples count, and when), `channels` (are they sound),
+A sample goes through the `door` (which samples count, and when), `health` (are they sound),
 `estimates` (the tracker and its second opinion), `rows` and `decision` (what they mean), and
 `words` (what is told of it). `detector` is the whole of it, `offline` and `replay` run it.
 """

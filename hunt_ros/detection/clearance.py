@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.detection import doubts
-from hunt_ros.detection.channels import health
+from hunt_ros.detection import doubts, health
 from hunt_ros.detection.configuration import DetectorConfig, with_frequencies
 from hunt_ros.detection.regions import Region, State
 from hunt_ros.detection.words.reasons import reason_counts

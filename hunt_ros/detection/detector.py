@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, fields, replace
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -59,30 +58,27 @@ class HuntingDetector:
         normal_form: IdentifiedNormalForm | None = None,
     ) -> None:
         self._form = normal_form
-        self._history = AlarmHistory((config or DetectorConfig()).period_ns)
-        self._start(config or DetectorConfig(), {})
+        self._begin(config or DetectorConfig())
 
-    def _start(
-        self,
-        config: DetectorConfig,
-        received: Mapping[str, Any],
-        memory: Mapping[str, float] = MappingProxyType({}),
-    ) -> None:
-        """Make everything anew, but for the normal form and what is to be remembered."""
-        self.config = c = config
-        timeouts = {name: c.timeout_ns(name) for name in CHANNELS if name in c.channels}
-        drain = max(timeouts.values()) + 2 * c.period_ns
-        self._door = Door(timeouts, drain, c.period_ns)
-        self._rows = RowMaker(c, drain)
+    def _begin(self, config: DetectorConfig, **received: Any) -> None:
+        """Make everything anew, but for the normal form."""
+        self.config = config
+        self._history = AlarmHistory(config.period_ns)
+        self._rows = RowMaker(config)
         self._rows.set_normal_form(self._form)
         self._transitions = Transitions(self._basis())
+        self._open(received)
+
+    def _open(self, received: Mapping[str, Any], kept: bool = False) -> None:
+        """Begin a run: of what came before nothing counts any more, or no sample."""
+        c = self.config
+        timeouts = {name: c.timeout_ns(name) for name in CHANNELS if name in c.channels}
+        self._door = Door(timeouts, c.period_ns)
         self.clearances = Clearances(c)
         self._last_row: np.void | None = None
         self._sequence = 0
-        self._rows.remember(memory)
-        self._transitions.remember(self._rows.state)
         text = '' if self._form is None else self._form.to_yaml()
-        self._door.note('start', text=text, config=asdict(c), memory=dict(memory), **received)
+        self._door.note('start', text=text, config=asdict(c), kept=kept, **received)
 
     def update(self, channel: str, stamps_ns: ArrayLike, values: ArrayLike) -> Output:
         """
@@ -243,11 +239,7 @@ class HuntingDetector:
         """The channels that are not waited for."""
         return self._door.silent
 
-    def reset(
-        self,
-        config: DetectorConfig | None = None,
-        memory: Mapping[str, float] = MappingProxyType({}),
-    ) -> None:
+    def reset(self, config: DetectorConfig | None = None) -> None:
         """
         Forget every sample, the alarms and the journal; keep the normal form.
 
@@ -255,15 +247,8 @@ class HuntingDetector:
         ----------
         config : DetectorConfig, optional
             Settings from now on; without them those it has.
-        memory : mapping of str to float
-            For a replay: what a restart of the live run kept; with any, the history of alarms
-            is kept as well.
         """
-        config = config or self.config
-        came = [name for name, channel in self._door.channels.items() if channel.received]
-        if not memory:
-            self._history = AlarmHistory(config.period_ns)
-        self._start(config, self._door.received(came), memory)
+        self._begin(config or self.config, **self._door.heard())
 
     def restart(self) -> None:
         """
@@ -272,7 +257,9 @@ class HuntingDetector:
         Config, normal form, noise floor, hunting, alarm and the history of alarms are kept: a
         pause ends no hunting, and only `acknowledge` takes an alarm back.
         """
-        self.reset(self.config, self._rows.lasting())
+        self._rows.start_again()
+        self._transitions.restart(self._rows.state)
+        self._open(self._door.heard(), kept=True)
 
     @property
     def history(self) -> AlarmHistory:

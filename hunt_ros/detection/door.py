@@ -57,10 +57,9 @@ class Block(NamedTuple):
 
 
 class Stretch(NamedTuple):
-    """All samples in (after_ns, until_ns] by channel; `after_ns` None: the first of an epoch."""
+    """Stamps of rows, ns, shape (m,), and all samples up to the last of them, by channel."""
 
-    after_ns: int | None
-    until_ns: int
+    rows_ns: Stamps
     blocks: dict[str, Block]
 
 
@@ -72,11 +71,8 @@ class Door:
     ----------
     timeouts_ns : mapping of str to int
         Expected channels, each with the silence after which it is let go.
-    drain_ns : int
-        Where every channel is silent, the stamps this far beyond the newest are
-        complete as well, so that the silence itself is processed.
     period_ns : int
-        Spacing of the rows, which lie on its multiples.
+        Spacing of the rows, which lie on its multiples whatever the samples' stamps are.
 
     Attributes
     ----------
@@ -87,7 +83,7 @@ class Door:
         Number of clock resets so far.
     """
 
-    def __init__(self, timeouts_ns: Mapping[str, int], drain_ns: int, period_ns: int) -> None:
+    def __init__(self, timeouts_ns: Mapping[str, int], period_ns: int) -> None:
         self.channels = {name: Channel(timeout) for name, timeout in timeouts_ns.items()}
         self.position_ns: int | None = None
         self.epoch = 0
@@ -95,10 +91,13 @@ class Door:
         #: is followed within the second, so that no step of it leaves a gap that is silence.
         self._tolerance = min(timeouts_ns.values())
         self._followed = self._tolerance // 2
-        self._drain_ns = drain_ns
+        #: Where every channel is silent, the stamps this far beyond the newest are complete as
+        #: well, so that the silence itself is processed; no row is made beyond.
+        self._drain_ns = max(timeouts_ns.values()) + 2 * period_ns
         self._period_ns = period_ns
         self._limit: tuple[int, int | None] | None = None
         self._silence_until_ns: int | None = None
+        self._newest_ns: int | None = None  # that was given out in this epoch
         self._finished = False
         self._journal: list[JournalEntry] = []
 
@@ -118,6 +117,10 @@ class Door:
             'channels': {name: channel.received_ns for name, channel in found.items()},
             'received': {name: channel.received for name, channel in found.items()},
         }
+
+    def heard(self) -> dict[str, Any]:
+        """Return the same of all channels of which anything came."""
+        return self.received(name for name, channel in self.channels.items() if channel.received)
 
     def push(self, name: str, stamps_ns: ArrayLike, values: ArrayLike) -> None:
         """Take samples of one channel in, see `HuntingDetector.update`."""
@@ -244,14 +247,12 @@ class Door:
             until_ns = self._next_ns()
             if until_ns is not None:
                 after_ns, self.position_ns = self.position_ns, until_ns
-                yield Stretch(
-                    after_ns,
-                    until_ns,
-                    {
-                        name: Block(*c.queues[0].take(until_ns), c.clock.shift_ns != 0)
-                        for name, c in self.channels.items()
-                    },
-                )
+                blocks = {
+                    name: Block(*c.queues[0].take(until_ns), c.clock.shift_ns != 0)
+                    for name, c in self.channels.items()
+                }
+                stamps = np.sort(np.concatenate([block.stamps_ns for block in blocks.values()]))
+                yield Stretch(self._rows(after_ns, until_ns, stamps), blocks)
             elif self._epoch_ends():
                 if self.silent:  # whether they were is not in the samples
                     self.note('clock', **self.received(self.channels))
@@ -334,6 +335,29 @@ class Door:
         last = min(last, self._row_before(begin + _CHUNK_NS))
         return last if position is None or last > position else None
 
+    def _rows(self, after_ns: int | None, until_ns: int, stamps_ns: Stamps) -> Stamps:
+        """Return the rows in (after_ns, until_ns] that follow one of the samples soon enough."""
+        newest = self._newest_ns
+        if stamps_ns.size:
+            self._newest_ns = int(stamps_ns[-1])
+        elif newest is None:
+            return stamps_ns
+        if newest is None or after_ns is None:  # the first of an epoch
+            begin = int(stamps_ns[0]) - 1
+        else:
+            begin, stamps_ns = after_ns, np.concatenate(([newest], stamps_ns))
+        # From each long silence to the next: `drain` beyond the last sample before it.
+        breaks = np.flatnonzero(np.diff(stamps_ns) > self._drain_ns)
+        starts = [begin, *(stamps_ns[breaks + 1] - 1).tolist()]
+        ends = (stamps_ns[[*breaks, -1]] + self._drain_ns).tolist()
+        parts = [
+            np.arange(
+                max(low, begin) // self._period_ns + 1, min(high, until_ns) // self._period_ns + 1
+            )
+            for low, high in zip(starts, ends, strict=True)
+        ]
+        return np.concatenate(parts) * self._period_ns
+
     def _row_before(self, stamp_ns: int) -> int:
         """Return the last row not after a stamp."""
         return stamp_ns // self._period_ns * self._period_ns
@@ -387,7 +411,7 @@ class Door:
             else:
                 channel.start_again()
             channel.silent, channel.late_until_ns = False, None
-        self.position_ns = None
+        self.position_ns = self._newest_ns = None
         self.epoch += 1
         for channel in self.channels.values():
             channel.drop_known(self.epoch)

@@ -11,16 +11,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.detection import doubts
-from hunt_ros.detection.channels import health
-from hunt_ros.detection.channels.grid import SlowChannel
-from hunt_ros.detection.channels.health import ChannelHealth
-from hunt_ros.detection.channels.speed_check import SpeedCheck
+from hunt_ros.detection import doubts, health
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.door import Block
+from hunt_ros.detection.health import ChannelHealth
 from hunt_ros.detection.judged import Agreement, Turning
 from hunt_ros.detection.output import TRACKER_FIELDS, Motion, blank_rows
 from hunt_ros.detection.second_opinion import SecondOpinion
+from hunt_ros.detection.slow import SlowChannel, SpeedCheck
 from hunt_ros.dynamics.mode_shape import ModeShape
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.estimation.kalman import HuntingTracker
@@ -55,7 +53,7 @@ class Estimator:
         """Make all that remembers anything but the mode shape."""
         self.config = config
         self._channels = tuple(name for name in CHANNELS if name in config.channels)
-        self._health = {name: channel_health(config, name) for name in self._channels}
+        self._health = {name: ChannelHealth(config, name) for name in self._channels}
         self._motion = tuple(name for name in MOTION if name in self._channels)
         self._slow: dict[str, SlowChannel] = {
             name: SlowChannel(config.timeout_ns(name), rising=name == 'roller')
@@ -89,8 +87,8 @@ class Estimator:
         self.config = config
         if moved:
             self._follow(config)
-        for name, watch in self._health.items():
-            watch.follow(channel_health(config, name))
+        for watch in self._health.values():
+            watch.follow(config)
 
     def reset(self) -> None:
         """Forget every sample; the mode shape is kept."""
@@ -132,14 +130,10 @@ class Estimator:
         rows = blank_rows(rows_ns)
         usable = {}
         for name, block in blocks.items():
-            wrong, usable[name], sizes = self._health[name].update(block, rows_ns)
+            rows[f'{name}_wrong'], usable[name], sizes = self._health[name].update(block, rows_ns)
             if name in DISPLACEMENTS:
-                blind = (wrong & health.BLIND) != 0
                 for what, size in zip(('step', 'measured', 'swing'), sizes, strict=True):
-                    rows[f'{name}_{what}'] = np.where(blind, math.nan, size)
-            if name in self.config.optional_channels:
-                wrong = health.excused(wrong)
-            rows[f'{name}_wrong'] = wrong
+                    rows[f'{name}_{what}'] = size
         stamp, sensor, value = self._in_order(blocks, usable)
         slow = self._slow_at(np.concatenate([stamp, rows_ns]), blocks, usable)
         count = stamp.size
@@ -253,18 +247,6 @@ class Estimator:
         first = np.isnan(rows['outside_hz'])
         rows['outside_hz'] = np.where(first, frequency, rows['outside_hz'])
         rows[f'outside_{name}'] = amplitude
-
-
-def channel_health(config: DetectorConfig, channel: str) -> ChannelHealth:
-    """Return the watch over one channel."""
-    ranges = {s.name: float(getattr(config, s.range_setting, 0.0)) for s in SENSORS}
-    return ChannelHealth(
-        channel,
-        config.timeout_ns(channel),
-        ranges.get(channel, 0.0),
-        config.hunting_frequency_hz,
-        config.hunting_frequency_max_hz,
-    )
 
 
 def tracker_config(config: DetectorConfig) -> TrackerConfig:

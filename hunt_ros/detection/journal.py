@@ -16,7 +16,7 @@ from hunt_ros.errors import HuntError
 from hunt_ros.settings import Settings
 
 KINDS = (
-    'start',  # of the detector, reset() or restart(): with `config`, and the `memory` it kept
+    'start',  # of the detector, reset() or, with `kept`, restart(): with `config`
     'heard',  # the first samples of `channels` since the start
     'released',  # tick: `channels` were silent and are not waited for any more
     'offset',  # tick: `offsets` are added to the stamps of `channels` that come after it
@@ -61,8 +61,8 @@ class JournalEntry:
     config : mapping of str to object
         For 'start' and 'settings': every setting of the detector by name; empty in earlier
         recordings.
-    memory : mapping of str to float
-        For 'start': what `RowMaker.lasting` gave.
+    kept : bool
+        For 'start': hunting, alarm and what is quiet go on from the run before, as after a pause.
     companions : mapping of str to object
         For 'start' of a node: every setting of what runs beside the detector, see
         `CompanionConfig`; empty in earlier recordings.
@@ -77,7 +77,7 @@ class JournalEntry:
     offsets: dict[str, int] = field(default_factory=dict)
     text: str = ''
     config: dict[str, object] = field(default_factory=dict)
-    memory: dict[str, float] = field(default_factory=dict)
+    kept: bool = False
     companions: dict[str, object] = field(default_factory=dict)
 
     def beside(self, companions: Settings) -> JournalEntry:
@@ -102,8 +102,11 @@ class JournalEntry:
             If it is something else.
         """
         try:
-            entry = cls(**json.loads(text))
-        except (ValueError, TypeError) as error:
+            told = json.loads(text)
+            if told.pop('memory', None):  # 0.2.0 wrote down what was kept
+                told['kept'] = True
+            entry = cls(**told)
+        except (ValueError, TypeError, AttributeError) as error:
             raise HuntError(f'journal entry {text[:60]!r} cannot be read: {error}') from error
         if entry.kind not in KINDS:
             raise HuntError(f'journal entry of kind {entry.kind!r}, expected one of {KINDS}')

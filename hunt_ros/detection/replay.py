@@ -97,8 +97,11 @@ class Playback:
                 first = entries[0]
                 config = DetectorConfig.from_recorded(first.config) if first.config else None
                 form = IdentifiedNormalForm.from_yaml(first.text) if first.text else None
-                detector.set_normal_form(form)
-                detector.reset(config, first.memory)
+                if first.kept and run is not runs[0]:
+                    detector.restart()
+                else:
+                    detector.set_normal_form(form)
+                    detector.reset(config)
             elif repeats:
                 detector.reset()
             for late in _late_runs(entries):

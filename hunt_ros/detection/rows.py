@@ -9,14 +9,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.detection import doubts
-from hunt_ros.detection.channels import health
-from hunt_ros.detection.channels.grid import RowGrid
+from hunt_ros.detection import doubts, health
 from hunt_ros.detection.configuration import DetectorConfig, nominal_hz, with_frequencies
 from hunt_ros.detection.decision import decisions, states
 from hunt_ros.detection.decision.limits import ALARMS
@@ -47,8 +45,6 @@ class RowMaker:
     ----------
     config : DetectorConfig
         Settings.
-    drain_ns : int
-        Silence after which no row is made, see `RowGrid`.
 
     Attributes
     ----------
@@ -56,13 +52,12 @@ class RowMaker:
         What the decisions remember.
     """
 
-    def __init__(self, config: DetectorConfig, drain_ns: int) -> None:
+    def __init__(self, config: DetectorConfig) -> None:
         self._asked = config
         self._nominal_hz = REFERENCE_HZ
         self.config = with_frequencies(config)
         self.memory = decisions.fresh_memory()
         self._channels = tuple(name for name in CHANNELS if name in config.channels)
-        self._grid = RowGrid(config.period_ns, drain_ns)
         self._estimator = Estimator(self.config)
         self._judged = JudgedChannel(config)
         #: The coordinate that is judged, and what is quiet in the other one: sizes have units.
@@ -102,16 +97,6 @@ class RowMaker:
         nowhere = math.nan if form.criticality == 'supercritical' else 0.0
         return nowhere if fold is None else fold, form.critical_speed
 
-    def lasting(self) -> dict[str, float]:
-        """Return what a pause does not end: the hunting, its alarm, and what size is quiet."""
-        return {**decisions.lasting(self.memory), 'in_yaw': float(self._judging == 'yaw')}
-
-    def remember(self, lasting: Mapping[str, float]) -> None:
-        """Go on, before the first row, with what `lasting` gave."""
-        self.memory = decisions.remembered(lasting)
-        if lasting.get('in_yaw'):
-            self._judging = 'yaw'
-
     def _follow(self, form_hz: float | None) -> None:
         """Look for the motion where the normal form says; elsewhere than before: begin anew."""
         self._nominal_hz = nominal_hz(self._asked, form_hz, self._nominal_hz)
@@ -126,7 +111,6 @@ class RowMaker:
 
     def start_again(self) -> None:
         """Begin anew after the clocks were set back; form, hunting and noise floor are kept."""
-        self._grid.reset()
         self._estimator.reset()
         self._judged.reset()
         self._forget(floor=True, reference=True)
@@ -150,28 +134,24 @@ class RowMaker:
         decisions.acknowledge(self.memory[0])
 
     def make(
-        self, after_ns: int | None, until_ns: int, blocks: dict[str, Block]
+        self, rows_ns: NDArray[np.int64], blocks: dict[str, Block]
     ) -> tuple[NDArray[np.void], Motion]:
         """
-        Make the rows in (after_ns, until_ns].
+        Make rows.
 
         Parameters
         ----------
-        after_ns : int or None
-            Last row made; None at the beginning.
-        until_ns : int
-            A grid stamp.
+        rows_ns : ndarray of int64, shape (m,)
+            Their stamps.
         blocks : dict of str to Block
-            All samples in that stretch, by channel.
+            All samples since the last call, by channel.
 
         Returns
         -------
         rows : ndarray of ESTIMATE_DTYPE, shape (m,)
         motion : Motion
-            The usable samples of the motion in that stretch.
+            The usable samples of the motion.
         """
-        stamps = np.sort(np.concatenate([block.stamps_ns for block in blocks.values()]))
-        rows_ns = self._grid.rows(after_ns, until_ns, stamps)
         rows, disagree, motion = self._estimator.run(rows_ns, blocks)
         if rows.size:
             self._decide(rows, self._trusted(rows), disagree)

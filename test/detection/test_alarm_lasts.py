@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from fed import Fed
 
-from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State
-from hunt_ros.detection.channels import health
+from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, health
 from hunt_ros.detection.decision.states import CYCLE_S
 from hunt_ros.detection.output import EVENT_NUMBERS, seconds_text
 from hunt_ros.dynamics.identified import IdentifiedNormalForm

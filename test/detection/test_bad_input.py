@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hunt_ros.detection import HuntingDetector, Level, State, detect
-from hunt_ros.detection.channels import health
+from hunt_ros.detection import HuntingDetector, Level, State, detect, health
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.samples import Record, Series

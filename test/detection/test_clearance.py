@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from hunt_ros.detection import DetectorConfig, HuntingDetector, doubts
-from hunt_ros.detection.channels import health
+from hunt_ros.detection import DetectorConfig, HuntingDetector, doubts, health
 from hunt_ros.detection.clearance import Clearance, Clearances
 from hunt_ros.detection.offline import watch
 from hunt_ros.detection.output import blank_rows

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, detect
-from hunt_ros.detection.channels import health
+from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, detect, health
 from hunt_ros.samples import Record, Series
 
 RATE, STEP = 200.0, 1e-6

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from hunt_ros.detection.channels import health
+from hunt_ros.detection import health
 from hunt_ros.detection.decision.limits import LIMITS
 from hunt_ros.detection.regions import State
 from hunt_ros.drivers.alarms import DETECTED, TRIPS, Shelved

@@ -10,7 +10,6 @@ row. Its parts are `likelihood` and `noise` (what quiet is), `prediction` (what 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Annotated, Any
 
 import numpy as np
@@ -85,39 +84,6 @@ def kept(memory: NDArray[np.void], *, floor: bool, reference: bool) -> NDArray[n
         fresh['floor']['square'] = memory['floor']['square']
         fresh['floor']['learnt'] = memory['floor']['learnt']
     return fresh
-
-
-def lasting(memory: NDArray[np.void]) -> dict[str, float]:
-    """Return the numbers that a pause does not end, for a journal."""
-    m = memory[0]
-    state, floor = m['state'], m['floor']
-    found = {
-        'hunting': state['hunting']['word'],
-        'cause': state['cause'],
-        'reference': state['reference'],
-        'square': floor['square'],
-        'learnt': floor['learnt'],
-        **{name: m[name] for name in ('alarm', 'acknowledged', 'causes')},
-        'limits': sum(1 << k for k, held in enumerate(m['limits']) if held['word']),
-    }
-    return {name: float(value) for name, value in found.items() if not math.isnan(value)}
-
-
-def remembered(numbers: Mapping[str, float]) -> NDArray[np.void]:
-    """Return the memory that goes on with what `lasting` gave."""
-    memory = fresh_memory()
-    for part, names in (
-        (memory['state'], ('cause', 'reference')),
-        (memory['floor'], ('square', 'learnt')),
-        (memory, ('alarm', 'acknowledged', 'causes')),
-    ):
-        for name in set(names) & set(numbers):
-            part[name] = numbers[name]
-    hunting, bits = memory['state']['hunting'], int(numbers.get('limits', 0.0))
-    hunting['word'] = hunting['wanted'] = numbers.get('hunting', 0.0)
-    over = [bits >> k & 1 for k in range(len(limits.LIMITS))]
-    memory['limits']['word'] = memory['limits']['wanted'] = over
-    return memory
 
 
 def acknowledge(memory: Any) -> None:

@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.detection import doubts
-from hunt_ros.detection.channels import health
+from hunt_ros.detection import doubts, health
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.decision import states
 from hunt_ros.detection.decision.decisions import MARGIN_BACK

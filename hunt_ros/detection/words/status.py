@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hunt_ros.detection.channels import health
+from hunt_ros.detection import health
 from hunt_ros.detection.door import Door
 from hunt_ros.detection.output import PUBLIC, blank_rows, seconds_text
 from hunt_ros.detection.regions import Level, Region, State

@@ -8,12 +8,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.detection import doubts
-from hunt_ros.detection.channels import health
-from hunt_ros.detection.channels.speed_check import CONTRADICTED_S, TOLERANCE_MPS
+from hunt_ros.detection import doubts, health
 from hunt_ros.detection.decision.limits import LIMITS, limit_cause
 from hunt_ros.detection.output import Event, blank_rows, numbers_behind
 from hunt_ros.detection.regions import Level, Region, State
+from hunt_ros.detection.slow import CONTRADICTED_S, TOLERANCE_MPS
 from hunt_ros.detection.words.reasons import (
     Basis,
     margin_cause,
@@ -60,17 +59,17 @@ class Transitions:
     def __init__(self, basis: Basis) -> None:
         self.basis = basis
         self._channels = tuple(name for name in CHANNELS if name in basis.config.channels)
+        self.restart(State.QUIET)
+
+    def restart(self, state: State) -> None:
+        """Forget all that was said, and take a state for that of the row before the first."""
         self._before = blank_rows(np.zeros(1, dtype=np.int64))
-        self._before['level'] = -1
+        self._before['level'], self._before['state'] = -1, state
         #: Largest motion outside the range that was named, by coordinate; when what lasts began.
         self._said: dict[str, float] = {}
         self._began_ns: dict[str, int] = {}
         self.decided, self.test = '', ''
         self.decided_ns = self.level_since_ns = 0
-
-    def remember(self, state: State) -> None:
-        """Take a state for that of the row before the first."""
-        self._before['state'] = state
 
     def update(self, rows: NDArray[np.void]) -> list[Event]:
         """

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level
-from hunt_ros.detection.channels.speed_check import SpeedCheck
 from hunt_ros.detection.replay import detect
+from hunt_ros.detection.slow import SpeedCheck
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile

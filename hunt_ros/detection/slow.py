@@ -1,5 +1,5 @@
 """
-Do speed and roller angle agree?
+The slow channels, speed and roller angle: what they say at any stamp, and whether they agree.
 
 A speed sensor that sticks at a plausible value looks well by itself; the roller's angle
 tells on it. The ratio of roller rate and speed, 2 / D, is learnt while both move, so that
@@ -9,16 +9,19 @@ no diameter need be known.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import B1, I1, R1, compiled, compiled_part
-from hunt_ros.detection.channels import health
+from hunt_ros.compiled import B1, F1, I1, R1, compiled, compiled_part
+from hunt_ros.detection import health
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.regions import HELD, hold
 from hunt_ros.samples import GAP_STEPS, NANOSECONDS
+
+_Stamps = NDArray[np.int64]
+_Values = NDArray[np.float64]
 
 #: Speed and roller may differ by so much, m/s, and by this share of the speed: a scale that is
 #: off by a few per cent, a filter in the drive and a wheel that slips are no contradiction.
@@ -54,14 +57,145 @@ _MEMORY: np.dtype[np.void] = np.dtype(
     align=True,
 )
 
+#: Stands for the stamp of a sample that there is not.
+_NEVER = -(2**62)
 
-class _Limits(NamedTuple):
-    """Hold and recovery in cells; rad/m (NaN: learnt); s."""
 
-    hold: int
-    recovery: int
-    ratio: float
-    period_s: float
+class SlowChannel:
+    """
+    Value of a slow channel (speed, roller angle) at any stamp.
+
+    Straight lines between neighbouring samples that are valid and not further
+    apart than the timeout; otherwise the last valid value, moved on by the last
+    slope if `rising`. NaN once it is older than the timeout.
+
+    Parameters
+    ----------
+    timeout_ns : int
+        Of the channel.
+    rising : bool
+        True for an angle, which goes on at its last rate. A reading that repeats the one
+        before says nothing then: the encoder is coarse, or it is stuck.
+
+    Attributes
+    ----------
+    within : ndarray of float64, shape (n,)
+        How far the values of the last call may be off, since the change of a reading that was
+        repeated lies anywhere between two samples; 0 where no reading is repeated.
+    """
+
+    def __init__(self, timeout_ns: int, rising: bool) -> None:
+        self._timeout = timeout_ns
+        self._rising = rising
+        self._whole = np.zeros(3, dtype=np.int64)
+        self._real = np.array([math.nan, math.nan, 0.0, 0.0])
+        self.within = np.zeros(0)
+
+    def at(
+        self,
+        wanted_ns: _Stamps,
+        stamps_ns: _Stamps,
+        values: _Values,
+        following: tuple[int, float] | None,
+    ) -> _Values:
+        """
+        Evaluate, and take the samples in.
+
+        Parameters
+        ----------
+        wanted_ns : ndarray of int64, shape (n,)
+            Sorted stamps, none before those of earlier calls.
+        stamps_ns, values : ndarray, shape (m,)
+            New samples up to the last wanted stamp; invalid ones as NaN.
+        following : tuple of (int, float), optional
+            The sample after these.
+
+        Returns
+        -------
+        ndarray of float64, shape (n,)
+        """
+        found, self.within = np.empty(wanted_ns.size), np.zeros(wanted_ns.size)
+        after_ns, after = (_NEVER, math.nan) if following is None else following
+        _evaluate(
+            wanted_ns,
+            stamps_ns,
+            values,
+            after_ns,
+            after,
+            self._timeout,
+            self._rising,
+            self._whole,
+            self._real,
+            found,
+            self.within,
+        )
+        return found
+
+
+@compiled
+def _evaluate(
+    wanted: I1,
+    stamps: I1,
+    values: R1,
+    after_stamp: int,
+    after: float,
+    timeout: int,
+    rising: bool,
+    whole: I1,
+    real: F1,
+    found: F1,
+    within: F1,
+) -> None:
+    """
+    Run `SlowChannel.at`.
+
+    whole = [stamp of the last sample, of the last valid one, and of the last repeat]; real =
+    [value of the last sample (NaN: invalid), and of the last valid one, rate of the last line,
+    how far its end may be off].
+    """
+    n = 0
+    for k in range(wanted.size):
+        stamp = wanted[k]
+        while n < stamps.size and stamps[n] <= stamp:
+            _take(stamps[n], values[n], timeout, rising, whole, real)
+            n += 1
+        within[k] = real[3]
+        end, value = after_stamp, after
+        if n < stamps.size:
+            end, value = stamps[n], values[n]
+        step = end - whole[0]
+        known = np.isfinite(value) and np.isfinite(real[0]) and not (rising and value == real[0])
+        if known and 0 < step <= timeout:
+            slope = (value - real[0]) / (step * 1e-9)
+            found[k] = real[0] + slope * ((stamp - whole[0]) * 1e-9)
+            continue
+        age = stamp - whole[1]
+        found[k] = np.nan
+        if age <= timeout:
+            found[k] = real[1] + (real[2] * (age * 1e-9) if rising else 0.0)
+    while n < stamps.size:
+        _take(stamps[n], values[n], timeout, rising, whole, real)
+        n += 1
+
+
+@compiled_part
+def _take(
+    stamp: int, value: float, timeout: int, rising: bool, whole: _Stamps, real: _Values
+) -> None:
+    """Take one sample."""
+    if rising and value == real[0]:
+        whole[2] = stamp
+        return
+    if not np.isfinite(value):
+        whole[0], real[0] = stamp, np.nan
+        return
+    step = stamp - whole[0]
+    if 0 < step <= timeout and np.isfinite(real[0]):
+        real[2] = (value - real[0]) / (step * 1e-9)
+        late = stamp - whole[2] if whole[2] > whole[0] else 0
+        real[3] = abs(real[2]) * (late * 1e-9)
+    whole[0] = whole[1] = stamp
+    real[0] = real[1] = value
 
 
 class SpeedCheck:
@@ -82,14 +216,9 @@ class SpeedCheck:
     """
 
     def __init__(self, config: DetectorConfig) -> None:
-        cells = NANOSECONDS / _CELL_NS
         diameter = config.roller_diameter_m
-        self._limits = _Limits(
-            round(CONTRADICTED_S * cells),
-            round(health.FAULT_HOLD_S * cells),
-            2.0 / diameter if diameter > 0.0 else math.nan,
-            config.period_ns * 1e-9,
-        )
+        self._ratio = 2.0 / diameter if diameter > 0.0 else math.nan
+        self._period_s = config.period_ns * 1e-9
         self._memory = np.zeros(1, dtype=_MEMORY)
         self._memory['angle'] = self._memory['before'] = math.nan
 
@@ -111,7 +240,7 @@ class SpeedCheck:
         ndarray of bool, shape (m,)
         """
         found = np.zeros(rows_ns.size, dtype=np.bool_)
-        _check(rows_ns, angle, speed, self._limits, self._memory, found)
+        _check(rows_ns, angle, speed, self._ratio, self._period_s, self._memory, found)
         return found
 
 
@@ -120,21 +249,22 @@ def _check(
     stamps: I1,
     angle: R1,
     speed: Annotated[NDArray[np.float64], 1, 'A'],
-    limits: _Limits,
+    ratio: float,
+    period_s: float,
     memory: Annotated[NDArray[np.void], 1, _MEMORY],
     found: B1,
 ) -> None:
-    """Run `SpeedCheck.update`."""
+    """Run `SpeedCheck.update`; the ratio in rad/m, NaN: it is learnt."""
     m = memory[0]
     for k in range(stamps.size):
         cell = stamps[k] // _CELL_NS
         if cell != m['cell']:
-            _judge(limits, m)
+            _judge(ratio, period_s, m)
             m['cell'] = cell
             m['turned'] = m['covered'] = m['speed'] = m['rows'] = 0.0
         dt = (stamps[k] - m['stamp']) * 1e-9
         step = angle[k] - m['angle']
-        if np.isfinite(step) and dt <= GAP_STEPS * limits.period_s:
+        if np.isfinite(step) and dt <= GAP_STEPS * period_s:
             m['turned'] += step
             m['covered'] += dt
         m['stamp'] = stamps[k]
@@ -146,17 +276,17 @@ def _check(
 
 
 @compiled_part
-def _judge(limits: _Limits, m: Any) -> None:
+def _judge(given: float, period_s: float, m: Any) -> None:
     """Compare the rate and the speed of the cell that is complete."""
     rate, before = math.nan, m['before']
     if m['covered'] >= _COVERED_S:
         rate = abs(m['turned']) / m['covered']
     m['before'] = rate
-    if m['rows'] * limits.period_s < _COVERED_S:
+    if m['rows'] * period_s < _COVERED_S:
         return
     v = m['speed'] / m['rows']
     stands = v <= health.STANDSTILL_MPS
-    ratio, learnt_at = limits.ratio, 0.0  # given at any speed
+    ratio, learnt_at = given, 0.0  # given at any speed
     if math.isnan(ratio) and m['cells'] >= _CELLS:
         ratio = m['cross'] / m['square']
         learnt_at = m['cells'] / (m['cells'] + _MORE) * math.sqrt(m['square'] / m['cells'])
@@ -175,8 +305,8 @@ def _judge(limits: _Limits, m: Any) -> None:
             tolerance += abs(rate - before) / ratio
         contrary = abs(rate / ratio - v) > tolerance
     told = m['contradicted']
-    rows = limits.recovery if told['word'] > 0 else limits.hold
-    hold(told, int(contrary), rows, m['stamp'])
+    wait_s = health.FAULT_HOLD_S if told['word'] > 0 else CONTRADICTED_S
+    hold(told, int(contrary), round(wait_s * NANOSECONDS / _CELL_NS), m['stamp'])
     if not (stands or contrary) and rate > 0.0:  # least squares, so that high speeds count
         m['cross'] += v * rate
         m['square'] += v * v

@@ -9,16 +9,29 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hunt_ros.detection.channels.grid import RowGrid, SlowChannel
+from hunt_ros.detection.door import Door
+from hunt_ros.detection.slow import SlowChannel
 
 MS = 1_000_000
 
 
+def _rows(stamps: np.ndarray, cuts: list[int]) -> list[int]:
+    """Return the rows, ms, of one channel with a timeout of 80 ms that comes in pieces."""
+    door, found = Door({'speed': 80 * MS}, 10 * MS), []
+    for part in [*np.split(stamps, sorted(cuts)), None]:
+        if part is None:
+            door.finish()
+        else:
+            door.push('speed', part, np.zeros(part.size))
+        found += [row // MS for stretch in door.complete() for row in stretch.rows_ns.tolist()]
+    return found
+
+
 def test_rows_stop_in_a_long_silence_and_go_on_after_it() -> None:
-    grid = RowGrid(10 * MS, 100 * MS)
     samples = np.array([5, 15, 25, 1005, 1015], dtype=np.int64) * MS
-    rows = grid.rows(None, 1010 * MS, samples[samples <= 1010 * MS]) // MS
-    assert rows.tolist() == [*range(10, 130, 10), 1010]
+    assert _rows(samples, []) == [*range(10, 130, 10), 1010]
+    later = np.append(samples, samples[-1] + 50 * 365 * 86400 * 1000 * MS)
+    assert _rows(later, [])[:14] == [*range(10, 130, 10), 1010, 1020]
 
 
 @settings(deadline=None)
@@ -27,18 +40,8 @@ def test_rows_stop_in_a_long_silence_and_go_on_after_it() -> None:
 )
 def test_rows_do_not_depend_on_where_the_stream_is_cut(gaps, data) -> None:
     samples = np.cumsum(gaps).astype(np.int64) * MS
-    end = int(samples[-1]) // (10 * MS) * 10 * MS
-    cuts = data.draw(st.lists(st.integers(1, max(1, end // (10 * MS))), max_size=8))
-    bounds = sorted({cut * 10 * MS for cut in cuts} | {end})
-    first_row = int(samples[0])
-    bounds = [bound for bound in bounds if first_row <= bound <= end]
-    whole = RowGrid(10 * MS, 100 * MS).rows(None, end, samples[samples <= end])
-    grid, after, parts = RowGrid(10 * MS, 100 * MS), None, []
-    for bound in bounds:
-        low = -1 if after is None else after
-        parts.append(grid.rows(after, bound, samples[(samples > low) & (samples <= bound)]))
-        after = bound
-    assert np.concatenate(parts or [whole[:0]]).tolist() == whole.tolist()
+    cuts = data.draw(st.lists(st.integers(0, len(gaps)), max_size=8))
+    assert _rows(samples, cuts) == _rows(samples, [])
 
 
 def test_between_samples_lies_a_straight_line_and_beyond_them_the_last_rate() -> None:
