@@ -7,8 +7,14 @@ The railway stability criteria as streaming detectors, to run beside the detecto
 
 from __future__ import annotations
 
-from hunt_ros.criteria.norms import CRITERIA, CRITERION_DTYPE, Criterion, make_criterion
-from hunt_ros.criteria.panel import CriteriaPanel, Verdict
+from hunt_ros.criteria.norms import (
+    CRITERIA,
+    CRITERION_DTYPE,
+    CriteriaPanel,
+    Criterion,
+    Verdict,
+    make_criterion,
+)
 
 __all__ = [
     'CRITERIA',

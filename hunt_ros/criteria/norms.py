@@ -9,6 +9,8 @@ limit, which is how criteria are compared at equal false-alarm rates.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -342,3 +344,69 @@ def make_criterion(name: str, rate_hz: float, scale: float = 1.0) -> Criterion:
     if name not in CRITERIA:
         raise ConfigError(f'criterion {name!r} is unknown, expected one of {", ".join(CRITERIA)}')
     return CRITERIA[name](rate_hz, scale)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """
+    A criterion that began, or ceased, to exceed its limit.
+
+    Parameters
+    ----------
+    stamp_ns : int
+        When.
+    criterion : str
+        Its name in `CRITERIA`.
+    exceeded : bool
+        True where it began.
+    index, limit : float
+        m/s^2; the index is NaN where a gap ended it.
+    """
+
+    stamp_ns: int
+    criterion: str
+    exceeded: bool
+    index: float
+    limit: float
+
+
+class CriteriaPanel:
+    """
+    Criteria side by side, fed with the same samples.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Keys of `CRITERIA`; none is allowed.
+    rate_hz, scale : float
+        As `Criterion` takes them.
+
+    Raises
+    ------
+    ConfigError
+        For an unknown name.
+    """
+
+    def __init__(self, names: Sequence[str], rate_hz: float, scale: float = 1.0) -> None:
+        self._criteria = [make_criterion(name, rate_hz, scale) for name in names]
+
+    def reset(self) -> None:
+        """Forget everything: as new."""
+        for criterion in self._criteria:
+            criterion.reset()
+
+    def update(
+        self, stamps_ns: ArrayLike, lateral: ArrayLike, speed: ArrayLike = np.nan
+    ) -> tuple[Verdict, ...]:
+        """Take samples as `Criterion.update` does; give what changed, in the order of stamps."""
+        verdicts = []
+        for criterion in self._criteria:
+            before = criterion.exceeded
+            rows = criterion.update(stamps_ns, lateral, speed)
+            above = np.concatenate([[before], rows['exceeded']])
+            for row in rows[above[1:] != above[:-1]]:
+                stamp_ns, index, exceeded = row.item()
+                verdicts.append(
+                    Verdict(stamp_ns, criterion.name, exceeded, index, criterion.limit)
+                )
+        return tuple(sorted(verdicts, key=lambda verdict: verdict.stamp_ns))

@@ -8,7 +8,7 @@ import numpy as np
 
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.decision import decisions
-from hunt_ros.detection.decision.outlook import FormNumbers, form_numbers
+from hunt_ros.detection.decision.form import FormNumbers, form_numbers
 from hunt_ros.detection.decision.rules import Rules, rules_of
 from hunt_ros.detection.output import blank_rows
 

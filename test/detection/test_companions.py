@@ -116,19 +116,6 @@ def test_a_stuck_sensor_and_a_missing_speed_are_not_heard(recorded) -> None:
     assert companions.update(output) == ()
 
 
-def test_the_forecast_is_made_for_the_rig_that_the_detector_is_told_of() -> None:
-    config = DetectorConfig(hunting_frequency_hz=12.0, roller_diameter_m=0.5)
-    of_rig = Companions(CompanionConfig(), config)._forecast
-    assert of_rig is not None
-    low, high = of_rig._levels._band
-    assert low < 12.0 / 2.84
-    assert high > 24.0
-    assert of_rig._levels._diameter == 0.5
-    plain = Companions(CompanionConfig())._forecast
-    assert plain is not None
-    assert plain._levels._band == (0.8, 8.0)
-
-
 def test_what_cannot_be_run_is_refused() -> None:
     with pytest.raises(ConfigError, match='cfr_213_333'):
         CompanionConfig(criteria=('cfr',))

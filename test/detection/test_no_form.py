@@ -18,18 +18,18 @@ RIGS = [(0.6, 3e-2, 0.06), (2.84, 2e-4, 0.12), (11.0, 2e-5, 0.2)]
 PERIODS, SAMPLES = 160, 60
 
 
-def trial(rig, seed: int, first: float, hit: float, noise: float = 0.03, forcing: float = 0.05):
+def trial(rig, seed: int, hit: float, noise: float = 0.03, forcing: float = 0.05):
     """
     Amplitude equation with a subcritical law; amplitudes in units of the unstable one.
 
-    `first` is the amplitude at the start, `hit` what is added to the phasor after 60 periods;
-    return detector, output and the true amplitude at the end.
+    `hit` is added to the phasor after 60 periods; return detector, output and the true amplitude
+    at the end.
     """
     frequency, unstable, damping = rig
     rng = np.random.default_rng(seed)
     step = 1.0 / SAMPLES
     steps = rng.normal(size=(PERIODS * SAMPLES, 2)) @ np.array([1.0, 1j])
-    z = first * np.exp(2j * np.pi * rng.random())
+    z = 0.05 * np.exp(2j * np.pi * rng.random())
     path = np.empty(steps.size, dtype=np.complex128)
     turn = np.exp(2j * np.pi * step)
     for k, shock in enumerate(steps):
@@ -73,7 +73,7 @@ def test_the_noise_of_sensors_on_a_rig_that_stands_still_is_no_hunting(form, rat
 @pytest.mark.parametrize('hit', [0.0, 0.5])
 def test_quiet_running_and_bumps_raise_no_alarm(rig, hit) -> None:
     for seed in range(2):
-        detector, _, end = trial(rig, seed, 0.05, hit)
+        detector, _, end = trial(rig, seed, hit)
         assert end < 0.5
         assert not detector.status.alarm
         assert detector.status.state in (State.QUIET, State.DISTURBED)
@@ -90,23 +90,11 @@ def alarm_period(output, frequency: float) -> float:
     return next(hunts, math.nan) * 1e-9 * frequency
 
 
-def test_a_motion_that_hunts_from_the_start_is_found_within_25_periods() -> None:
-    wrong = []
-    trials = [(rig, seed) for rig in RIGS for seed in range(3, 6)]
-    for rig, seed in trials:
-        detector, output, end = trial(rig, seed, math.sqrt(7.0), 0.0)
-        assert end > 2.0
-        at = alarm_period(output, rig[0])
-        if not (detector.status.state is State.LIMIT_CYCLE and at < 25.0):
-            wrong.append((rig, seed, detector.status.state, at))
-    assert len(wrong) <= at_most(0.02, len(trials)), wrong
-
-
 def test_a_hit_that_grows_is_an_alarm_soon_after_it_hunts() -> None:
     wrong = []
     trials = [(rig, seed) for rig in RIGS for seed in range(3, 6)]
     for rig, seed in trials:
-        detector, output, end = trial(rig, seed, 0.05, 1.5)
+        detector, output, end = trial(rig, seed, 1.5)
         at = alarm_period(output, rig[0])
         found = detector.status.alarm and detector.status.state is State.LIMIT_CYCLE
         if end > 2.0 and not (found and 60.0 < at < 110.0):
@@ -118,7 +106,7 @@ def test_the_same_motion_slower_and_smaller_is_judged_alike() -> None:
     words = []
     for frequency, unstable in ((2.84, 2e-4), (0.71, 5e-2), (1.42, 1e-6)):
         rig = frequency, unstable, 0.12
-        _, output, _ = trial(rig, 6, 0.05, 1.5)
+        _, output, _ = trial(rig, 6, 1.5)
         words.append([event.event for event in output.events])
     assert words[0] == words[1] == words[2]
     assert words[0][:1] == ['escaping']

@@ -10,7 +10,7 @@ from decided import decided
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hunt_ros.detection.decision.outlook import FormNumbers, form_numbers
+from hunt_ros.detection.decision.form import FormNumbers, form_numbers
 from hunt_ros.detection.regions import State
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM

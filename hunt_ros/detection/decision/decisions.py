@@ -3,8 +3,8 @@ The decisions, row by row: what is quiet, what the form says, and what follows.
 
 One compiled kernel over a block of rows, with its memory in a record, so that an hour
 of rows costs a fraction of a second and the live detector runs the very same code on one
-row. Its parts are `likelihood` and `noise` (what quiet is), `prediction` (what the form says),
-`states` and `limits` (what follows).
+row. Its parts are `likelihood` (what quiet is), `form` (what the form says), `states` and `limits`
+(what follows).
 """
 
 from __future__ import annotations
@@ -17,8 +17,16 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import B1, R1, compiled, compiled_part
 from hunt_ros.detection import doubts
-from hunt_ros.detection.decision import likelihood, limits, noise, prediction, states
-from hunt_ros.detection.decision.outlook import NO_OUTLOOK, OUTLOOK, FormNumbers
+from hunt_ros.detection.decision import likelihood, limits, states
+from hunt_ros.detection.decision.form import (
+    NO_OUTLOOK,
+    OUTLOOK,
+    FormNumbers,
+    growth_at,
+    is_hunting_of,
+    predict,
+    time_to_cycle,
+)
 from hunt_ros.detection.decision.rules import Rules, rows_of
 from hunt_ros.detection.output import ESTIMATE_DTYPE
 from hunt_ros.detection.regions import HELD, hold, region_of, switched
@@ -27,7 +35,7 @@ from hunt_ros.detection.regions import HELD, hold, region_of, switched
 #: the causes of an alarm that last, the latched alarm, and that it has been acknowledged.
 MEMORY: np.dtype[np.void] = np.dtype(
     [
-        ('floor', noise.NOISE_FLOOR),
+        ('floor', likelihood.NOISE_FLOOR),
         ('ratios', likelihood.LIKELIHOOD),
         ('outlook', OUTLOOK),
         ('region', HELD),
@@ -123,7 +131,7 @@ def decide(
         There is a motion sensor to trust.
     rows : ndarray of ESTIMATE_DTYPE, shape (m,)
         With the fields of the tracker, the speed, the step of the readings, and the doubts
-        about these. Filled in: noise floor and intensity, all that `prediction` knows, region
+        about these. Filled in: noise floor and intensity, all that `form` knows, region
         and state with their beginning and cause, limits, doubts, alarm.
     """
     m = memory[0]
@@ -133,20 +141,20 @@ def decide(
         known = not math.isnan(a)
         _take_region(rules, m['region'], v, out)
         predictable = form.known and not math.isnan(v)
-        prediction.predict(form, m['outlook'], v, a, s, out)
+        predict(form, m['outlook'], v, a, s, out)
         _learn(rules, form, m, a, s, predictable, out)
         other = undecided = False
         if known:
             # What has begun to hunt is the hunting, at whatever frequency it goes on.
             of_the_form = m['state']['hunting']['word'] != states.NO or not predictable
             if not of_the_form:
-                of_the_form = prediction.is_hunting_of(form, rules.nominal_hz, v, a, out)
+                of_the_form = is_hunting_of(form, rules.nominal_hz, v, a, out)
             other, undecided = states.judge(
                 rules, m['state'], m['ratios'], m['floor'], a, s, outside[k], of_the_form, out
             )
         states.tell(rules, m['state'], m['ratios'], out)
         if known and form.known and out['state'] == states.ESCAPING:
-            out['time_to_limit_cycle'] = prediction.time_to_cycle(form, v, a, out)
+            out['time_to_limit_cycle'] = time_to_cycle(form, v, a, out)
         undecided &= out['state'] < states.ESCAPING
         undecided |= out['state'] == states.QUIET and math.isnan(m['floor']['square'])
         _doubt(rules, m, known, disagree[k], other, undecided, out)
@@ -180,20 +188,20 @@ def _learn(
     if idle and likelihood.moved_on(rules, m['ratios'], v):
         likelihood.begin_anew(m['ratios'], v)
         if not predictable or m['outlook']['quiet'] > 0.5:  # else there is none to learn
-            noise.forget_floor(m['floor'])
+            likelihood.forget_floor(m['floor'])
     if math.isnan(a):
         likelihood.interrupt(m['ratios'])
     else:
-        drift = prediction.growth_at(form, v, a) if predictable else math.nan
+        drift = growth_at(form, v, a) if predictable else math.nan
         likelihood.watch(rules, m['ratios'], a, math.hypot(s, 0.5 * out['step']), drift)
-        noise.observe(rules, m['floor'], a)
+        likelihood.observe(rules, m['floor'], a)
         if idle:
             # By the form, what grows from here is hunting that begins.
             sure = rules.probability_in
             beyond = out['escape_probability'] > sure
             beyond |= predictable and m['outlook']['quiet'] < 1.0 - sure
-            noise.learn(rules, m['floor'], m['ratios'], a, not beyond)
-    out['noise_floor'] = noise.floor_of(m['floor'], m['ratios'], s)
+            likelihood.learn(rules, m['floor'], m['ratios'], a, not beyond)
+    out['noise_floor'] = likelihood.floor_of(m['floor'], m['ratios'], s)
     out['noise_intensity'] = m['floor']['intensity']
 
 

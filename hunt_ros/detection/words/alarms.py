@@ -11,7 +11,7 @@ import json
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -37,7 +37,7 @@ _TOLD = {state.label for state in State} | {'limit_exceeded', 'limit_cleared'}
 _COLUMNS = (('lateral', 'highest_amplitude_m'), ('yaw', 'highest_yaw_amplitude_rad'))
 
 
-@dataclass(frozen=True)
+@dataclass
 class Alarm:
     """
     One alarm: hunting, or an amplitude above an alarm limit, from its beginning to its end.
@@ -179,46 +179,40 @@ class AlarmHistory:
         reached = event.event
         if event.test.startswith('alarm_') and event.event == 'limit_exceeded':
             reached = _FAR[0]
+        alarm = self._alarms[-1] if self._lasts else None
         if reached in _FAR:
-            if self._lasts and self._decays and self._alarms[-1].acknowledged_by:
-                self._end(event.stamp_ns)  # it was taken back while it decayed: another one
-            if self._lasts:
-                self._change(reached=max(self._alarms[-1].reached, reached, key=_FAR.index))
+            if alarm and self._decays and alarm.acknowledged_by:
+                # It was taken back while it decayed: this is another one.
+                alarm.over_ns, alarm = event.stamp_ns, None
+            if alarm:
+                alarm.reached = max(alarm.reached, reached, key=_FAR.index)
             else:
                 self.count += 1
                 began_ns, cause, test = event.since_ns, event.cause, event.test
                 self._alarms.append(Alarm(began_ns, event.stamp_ns, cause, test, reached))
                 self._lasts = True
-        elif self._lasts and row['state'] < State.ESCAPING and not above:
-            self._end(event.stamp_ns)
+        elif alarm and row['state'] < State.ESCAPING and not above:
+            alarm.over_ns, self._lasts = event.stamp_ns, False
         self._decays = bool(row['state'] == State.DECAYING) and not above
-
-    def _end(self, stamp_ns: int) -> None:
-        self._change(over_ns=stamp_ns)
-        self._lasts = False
 
     def _measure(self, rows: NDArray[np.void]) -> None:
         """Take in the amplitudes of rows between two events."""
-        if not (self._lasts and rows.size):
+        if not self._lasts:
             return
         for channel, name in _COLUMNS:
             amplitude, std = rows[f'{channel}_amplitude'], rows[f'{channel}_amplitude_std']
             # Where lateral is that of yaw through the mode shape, its own sensors may be dead.
-            seen = ~rows[f'{channel}_blind']
-            sure = amplitude[seen & (std < _SURE * amplitude)]
+            sure = amplitude[~rows[f'{channel}_blind'] & (std < _SURE * amplitude)]
             if sure.size:
-                highest = float(sure.max())
+                alarm, highest = self._alarms[-1], float(sure.max())
                 self.highest[name] = float(np.fmax(self.highest[name], highest))
-                before = getattr(self._alarms[-1], name)
-                self._change(**{name: float(np.fmax(before, highest))})
+                setattr(alarm, name, float(np.fmax(getattr(alarm, name), highest)))
 
     def acknowledge(self, now_ns: int, by: str) -> None:
         """Note who has acknowledged all alarms there are."""
-        for k, alarm in enumerate(self._alarms):
+        for alarm in self._alarms:
             if not alarm.acknowledged_by:
-                self._alarms[k] = replace(
-                    alarm, acknowledged_ns=now_ns, acknowledged_by=by or UNKNOWN
-                )
+                alarm.acknowledged_ns, alarm.acknowledged_by = now_ns, by or UNKNOWN
 
     def to_json(self, origin_ns: int = 0) -> dict[str, Any]:
         """Return the totals, and the alarms that are kept, the oldest first; s from an origin."""
@@ -240,6 +234,3 @@ class AlarmHistory:
     def to_text(self) -> str:
         """Return `to_json` as text."""
         return json.dumps(self.to_json(), allow_nan=False)
-
-    def _change(self, **values: Any) -> None:
-        self._alarms[-1] = replace(self._alarms[-1], **values)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.decision import decisions, likelihood, noise
+from hunt_ros.detection.decision import decisions, likelihood
 from hunt_ros.detection.decision.rules import rules_of
 
 PERIOD = 0.01
@@ -39,9 +39,9 @@ class Floor:
         memory = self.memory[0]
         for a in amplitudes:
             likelihood.watch(self.rules, memory['ratios'], a, STD, math.nan)
-            noise.observe(self.rules, memory['floor'], a)
-            noise.learn(self.rules, memory['floor'], memory['ratios'], a, basin)
-        return float(noise.floor_of(memory['floor'], memory['ratios'], STD))
+            likelihood.observe(self.rules, memory['floor'], a)
+            likelihood.learn(self.rules, memory['floor'], memory['ratios'], a, basin)
+        return float(likelihood.floor_of(memory['floor'], memory['ratios'], STD))
 
 
 @pytest.mark.parametrize('rms', [8e-6, 80e-6])

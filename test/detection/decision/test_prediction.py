@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from hunt_ros.detection.decision import prediction
-from hunt_ros.detection.decision.outlook import (
+from hunt_ros.detection.decision import form
+from hunt_ros.detection.decision.form import (
     NO_OUTLOOK,
     OUTLOOK,
     QUANTILES,
@@ -38,7 +38,7 @@ def _row(
 ) -> np.void:
     rows = blank_rows(np.zeros(1, dtype=np.int64))
     rows['lateral_roughness'] = roughness
-    prediction.predict(numbers, outlook[0], speed, amplitude, std, rows[0])
+    form.predict(numbers, outlook[0], speed, amplitude, std, rows[0])
     return rows[0]
 
 
@@ -122,7 +122,7 @@ def test_the_time_to_the_cycle_is_that_of_the_dynamics(speed, share) -> None:
     low = 1.03 * unstable if math.isfinite(unstable) else 1e-5
     amplitude = low + share * (0.9 * stable - low)
     row = _row(EXACT, speed, amplitude, 0.0)
-    found = prediction.time_to_cycle(EXACT, speed, amplitude, row)
+    found = form.time_to_cycle(EXACT, speed, amplitude, row)
     ends = math.log(amplitude), math.log(0.9 * stable)
     expected, _ = quad(lambda x: 1.0 / float(FORM.growth_rate(speed, math.exp(x))), *ends)
     assert found == pytest.approx(expected, rel=0.01)
@@ -130,6 +130,6 @@ def test_the_time_to_the_cycle_is_that_of_the_dynamics(speed, share) -> None:
 
 def test_without_a_limit_cycle_there_is_no_time_to_it_and_on_it_none_is_left() -> None:
     below, beyond = (_row(EXACT, speed, 1e-4, 0.0) for speed in (5.0, 7.2))
-    assert math.isnan(prediction.time_to_cycle(EXACT, 5.0, 1e-4, below))
+    assert math.isnan(form.time_to_cycle(EXACT, 5.0, 1e-4, below))
     stable = float(beyond['stable_amplitude'])
-    assert prediction.time_to_cycle(EXACT, 7.2, 0.95 * stable, beyond) == 0.0
+    assert form.time_to_cycle(EXACT, 7.2, 0.95 * stable, beyond) == 0.0
