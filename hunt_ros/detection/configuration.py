@@ -30,6 +30,13 @@ _SLOWEST_HZ, _FASTEST_HZ, _FASTEST_OF_RATE = 0.1, 50.0, 0.4
 _LEAST_HZ, _MOST_HZ = HUNTING_HZ['hunting_frequency_min_hz'], 150.0
 
 
+def _limit(level: str, what: str, unit: str) -> float:
+    """Return a limit of the lab, off by default."""
+    text = f'{level} above this {what} (0: off)'
+    limit: float = setting(0.0, text, unit=unit, low=0.0, high=1e4)
+    return limit
+
+
 @dataclass(frozen=True)
 class DetectorConfig(Settings):
     """
@@ -106,31 +113,15 @@ class DetectorConfig(Settings):
     margin_in: float = setting(
         2.0, 'WARN below this ratio of unstable amplitude to amplitude', low=1.0, high=100.0
     )
-    warn_lateral_mm: float = setting(
-        0.0, 'WARN above this lateral amplitude (0: off)', unit='mm', low=0.0, high=1e4
+    warn_lateral_mm: float = _limit('WARN', 'lateral amplitude', 'mm')
+    alarm_lateral_mm: float = _limit('ERROR and alarm', 'lateral amplitude', 'mm')
+    warn_yaw_mrad: float = _limit('WARN', 'yaw amplitude', 'mrad')
+    alarm_yaw_mrad: float = _limit('ERROR and alarm', 'yaw amplitude', 'mrad')
+    warn_acceleration_mps2: float = _limit(
+        'WARN', 'amplitude of the lateral acceleration, A (2 pi f)^2', 'm/s2'
     )
-    alarm_lateral_mm: float = setting(
-        0.0, 'ERROR and alarm above this lateral amplitude (0: off)', unit='mm', low=0.0, high=1e4
-    )
-    warn_yaw_mrad: float = setting(
-        0.0, 'WARN above this yaw amplitude (0: off)', unit='mrad', low=0.0, high=1e4
-    )
-    alarm_yaw_mrad: float = setting(
-        0.0, 'ERROR and alarm above this yaw amplitude (0: off)', unit='mrad', low=0.0, high=1e4
-    )
-    warn_acceleration_mps2: float = setting(
-        0.0,
-        'WARN above this amplitude of the lateral acceleration, A (2 pi f)^2 (0: off)',
-        unit='m/s2',
-        low=0.0,
-        high=1e4,
-    )
-    alarm_acceleration_mps2: float = setting(
-        0.0,
-        'ERROR and alarm above this amplitude of the lateral acceleration (0: off)',
-        unit='m/s2',
-        low=0.0,
-        high=1e4,
+    alarm_acceleration_mps2: float = _limit(
+        'ERROR and alarm', 'amplitude of the lateral acceleration', 'm/s2'
     )
 
     def __post_init__(self) -> None:

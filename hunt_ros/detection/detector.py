@@ -210,10 +210,6 @@ class HuntingDetector:
         self._door.hold_at(entry)
         return self._advance()
 
-    def expect_late(self, channel: str, epoch: int, first_ns: int, last_ns: int | None) -> None:
-        """For a replay: drop samples that came too late in the live run; None: all after."""
-        self._door.channels[channel].known_late.append((epoch, first_ns, last_ns))
-
     def repeat(self, entry: JournalEntry) -> Output:
         """For a replay: do what an entry says."""
         if self._door.repeat(entry):

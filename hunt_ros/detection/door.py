@@ -147,33 +147,12 @@ class Door:
                 channel.refused['clock'] += _WAITING // 2
                 channel.queues[-1].drop(1, 1 + _WAITING // 2, BACKWARD)
         for moved in dict.fromkeys([name, *self._rejoin()]):
-            if moved in before:
-                channel = self.channels[moved]
-                channel.drop(before[moved], len(channel.queues[0]), LATE)
-            else:
-                self._drop_late(moved)
-
-    def _drop_late(self, name: str) -> None:
-        """Drop what lies behind the position; note where such a run begins and ends."""
-        channel = self.channels[name]
-        channel.drop_known(self.epoch)
-        stamps = channel.queues[0].stamps
-        if self.position_ns is not None and stamps.size and stamps[0] <= self.position_ns:
-            count = int(np.searchsorted(stamps, self.position_ns, side='right'))
-            if channel.late_until_ns is None:
-                self.note('late_from', channels={name: int(stamps[0])})
-            channel.late_until_ns = int(stamps[count - 1])
-            channel.drop(0, count, LATE)
-        if len(channel.queues[0]):
-            self._end_late([name])
-
-    def _end_late(self, names: Iterable[str]) -> None:
-        """Note the end of runs of late samples."""
-        for name in sorted(names):
-            channel = self.channels[name]
-            if channel.late_until_ns is not None:
-                self.note('late_to', channels={name: channel.late_until_ns})
-                channel.late_until_ns = None
+            channel = self.channels[moved]
+            begin, end = before.get(moved, 0), len(channel.queues[0])
+            if moved not in before:  # then what lies behind the position has come too late
+                position, stamps = self.position_ns, channel.queues[0].stamps
+                end = 0 if position is None else int(np.searchsorted(stamps, position, 'right'))
+            channel.drop(begin, end, LATE)
 
     def _rejoin(self) -> list[str]:
         """Take channels back into the present epoch whose clock had leapt; return them."""
@@ -222,7 +201,6 @@ class Door:
         elif entry.kind == 'offset':
             for name, offset in entry.offsets.items():  # what waits of them is dropped
                 self.channels[name].go_on_from(self.position_ns, offset)
-            self._end_late(entry.offsets)
         elif entry.kind == 'resumed':
             for name in entry.channels:
                 self.channels[name].silent = False
@@ -410,11 +388,9 @@ class Door:
                 channel.queues.pop(0)
             else:
                 channel.start_again()
-            channel.silent, channel.late_until_ns = False, None
+            channel.silent = False
         self.position_ns = self._newest_ns = None
         self.epoch += 1
-        for channel in self.channels.values():
-            channel.drop_known(self.epoch)
         if silent:
             self.note('resumed', channels=dict.fromkeys(silent))
 
@@ -438,7 +414,6 @@ class Door:
             self.channels[name].silent = True
         known = [c.newest_ns for c in self.channels.values() if c.newest_ns is not None]
         self._silence_until_ns = max(known) + self._drain_ns if known else None
-        self._end_late(names)
 
     def _back(self) -> list[str]:
         """Return the silent channels that deliver again, by less than half their timeout late."""

@@ -2,8 +2,8 @@
 What happened to a live detector beside its samples, so that a replay can repeat it.
 
 The samples and their stamps are in the recording. What is not: the settings, with which
-sample the detector began, when a silent channel was let go and came back, which samples
-came too late, when the operator acknowledged or a new normal form arrived. Each is an
+sample the detector began, when a silent channel was let go and came back, when the operator
+acknowledged or a new normal form arrived. Each is an
 entry with the *position* at which it acted, that is the last row made before it.
 """
 
@@ -21,8 +21,8 @@ KINDS = (
     'released',  # tick: `channels` were silent and are not waited for any more
     'offset',  # tick: `offsets` are added to the stamps of `channels` that come after it
     'resumed',  # tick: `channels` speak again and are waited for
-    'late_from',  # samples of `channels`, from this stamp on, came behind the position: dropped
-    'late_to',  # ... up to and with this one
+    'late_from',  # of 0.2.0
+    'late_to',
     'clock',  # tick: the epoch was left because the clocks were set back
     'settings',  # reconfigure: from here on with `config`
     'normal_form',  # set_normal_form: `text` is its parameter file, empty for none
@@ -47,8 +47,7 @@ class JournalEntry:
     now_ns : int
         The time given with the call; 0 where none is.
     channels : mapping of str to int or None
-        Channel and the stamp of a sample: for 'heard' the first, for 'late_from' and
-        'late_to' the one that was too late, offset added; for others the last one received
+        Channel and the stamp of a sample: for 'heard' the first, for others the last one received
         before, as it came. None: no sample yet.
     received : mapping of str to int
         Channel and how many samples of it had been received since the start. For 'start':

@@ -16,7 +16,8 @@ from hunt_ros.detection.output import Output
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.samples import NANOSECONDS, Record, Series
 
-#: Not acted on at their position: they say which samples the run was made of.
+#: Not acted on at their position: they say which samples the run was made of. Which of these came
+#: too late, 0.2.0 wrote down; it follows from the rest.
 _ABOUT_SAMPLES = ('start', 'heard', 'late_from', 'late_to')
 #: A longer step of a channel is a clock that was set, and no silence.
 _LEAP_NS = 600 * NANOSECONDS
@@ -104,8 +105,6 @@ class Playback:
                     detector.reset(config)
             elif repeats:
                 detector.reset()
-            for late in _late_runs(entries):
-                detector.expect_late(*late)
             for number, entry in enumerate(entries):
                 if entry.kind in _ABOUT_SAMPLES:
                     continue
@@ -309,17 +308,3 @@ def _runs(record: Record, journal: Sequence[JournalEntry]) -> Iterator[_Run]:
         }
         begin = {name: part.end for name, part in parts.items()}
         yield _Run(entries, parts)
-
-
-def _late_runs(entries: Sequence[JournalEntry]) -> Iterator[tuple[str, int, int, int | None]]:
-    """Give the runs of samples that came too late: channel, epoch, first and last stamp."""
-    begun: dict[tuple[str, int], int] = {}
-    for entry in entries:
-        for channel, stamp in entry.channels.items():
-            place = channel, entry.epoch
-            if entry.kind == 'late_from' and stamp is not None:
-                begun[place] = stamp
-            elif entry.kind == 'late_to' and place in begun:
-                yield channel, entry.epoch, begun.pop(place), stamp
-    for (channel, epoch), first in begun.items():
-        yield channel, epoch, first, None

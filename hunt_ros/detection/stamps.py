@@ -250,9 +250,6 @@ class Channel:
         self.received = 0
         self.received_ns: int | None = None
         self.silent = False
-        self.late_until_ns: int | None = None  # newest of those that come too late just now
-        #: For a replay: epoch, first and last stamp of what came too late; None: to its end.
-        self.known_late: list[tuple[int, int, int | None]] = []
         self._held: tuple[int, float] | None = None
         self._behind: list[tuple[int, float]] = []
         self._mark = 0
@@ -351,17 +348,6 @@ class Channel:
         if marks:  # nothing waits that could carry them
             self.refused_since += end - begin
             self._mark |= marks
-
-    def drop_known(self, epoch: int) -> None:
-        """Drop what a journal says came too late in an epoch."""
-        for number, first_ns, last_ns in self.known_late:
-            stamps = self.queues[0].stamps
-            if number == epoch and stamps.size:
-                begin, end = int(np.searchsorted(stamps, first_ns)), stamps.size
-                if last_ns is not None:
-                    end = int(np.searchsorted(stamps, last_ns, side='right'))
-                if end > begin:
-                    self.drop(begin, end, LATE)
 
     def returned_ns(self) -> int | None:
         """
