@@ -17,7 +17,7 @@ from hunt_ros.samples import Record, Series
 def bag(tmp_path: Path) -> Path:
     stamps = 10**18 + np.arange(500) * 10_000_000
     channels = {
-        name: Series(stamps, np.sin(np.arange(500.0) + number))
+        name: Series(stamps, 0.05 * np.sin(np.arange(500.0) + number))
         for number, name in enumerate(('lateral', 'yaw', 'roller', 'speed'))
     }
     record = Record(channels, '', {'rig': 'a', 'operator': 'b'})
