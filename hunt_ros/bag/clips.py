@@ -9,14 +9,14 @@ a kill or a full disk, costs the clip alone.
 from __future__ import annotations
 
 import glob
-from contextlib import closing, suppress
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
 from hunt_ros.bag.mcap.file import McapFile
 from hunt_ros.bag.mcap.writer import McapWriter
-from hunt_ros.bag.reader import Bag
+from hunt_ros.bag.reader import ACTIVE, folder_files
 from hunt_ros.bag.repair import copy_chunk
 from hunt_ros.errors import BagError
 from hunt_ros.samples import NANOSECONDS
@@ -30,6 +30,11 @@ _HOUR_NS = 3600 * NANOSECONDS
 _WRITTEN_S = 2.0
 #: So often is one tried: a recording that is closed just then changes its name.
 _TRIES = 2
+#: A clip that is being cut has this ending.
+PART = '.part'
+#: A suite ends its nodes one after the other: what falls silent so short before the recording ends
+#: is no alarm, s.
+_ENDING_S = 10.0
 
 
 @dataclass
@@ -59,15 +64,19 @@ class Clip:
         BagError
             If the recording cannot be read or holds nothing of it, or the disk refuses.
         """
-        part = self.path.with_name(self.path.name + '.part')
-        part.unlink(missing_ok=True)
+        part = self.path.with_name(self.path.name + PART)
         try:
-            with Bag(self.recording) as bag, closing(McapWriter(part)) as writer:
-                for name in dict.fromkeys(name for file in bag.files for name, _ in file.metadata):
-                    writer.add_metadata(name, bag.strings(name))
-                for file in bag.files:
-                    if isinstance(file, McapFile):
-                        self._copy(file, writer)
+            part.unlink(missing_ok=True)
+            with ExitStack() as stack:
+                files = self._files(stack)
+                writer = stack.enter_context(closing(McapWriter(part)))
+                told: dict[str, dict[str, str]] = {}
+                for name, strings in (each for file in files for each in file.metadata):
+                    told.setdefault(name, {}).update(strings)
+                for name, strings in told.items():
+                    writer.add_metadata(name, strings)
+                for file in files:
+                    self._copy(file, writer)
                 if not writer.counts.total():
                     raise BagError(f'{self.recording}: nothing in it at the time of {self.code}')
                 writer.finish()
@@ -77,6 +86,17 @@ class Clip:
         finally:
             with suppress(OSError):
                 part.unlink(missing_ok=True)
+
+    def _files(self, stack: ExitStack) -> list[McapFile]:
+        """Open the files of the recording from the one that has the beginning on, in order."""
+        active = self.recording.with_name(self.recording.name + ACTIVE)
+        files: list[McapFile] = []
+        for name in reversed(folder_files(active if active.exists() else self.recording)):
+            files.insert(0, stack.enter_context(closing(McapFile(name))))
+            span = files[0].span_ns
+            if span is not None and span[0] <= self.first_ns:
+                break
+        return files
 
     def _copy(self, file: McapFile, writer: McapWriter) -> None:
         """Copy the chunks of a file that reach into the clip."""
@@ -133,6 +153,10 @@ class Clips:
             The recording that goes on: of another one nothing more comes.
         """
         until_ns = now_ns - round(_WRITTEN_S * NANOSECONDS)
+        for clip in self._clips:
+            silent = clip.code.endswith('_silent') and clip.recording != running
+            if silent and now_ns - clip.stamp_ns < _ENDING_S * NANOSECONDS:
+                clip.tries = 0
         return [
             clip
             for clip in self._clips

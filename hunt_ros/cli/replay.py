@@ -14,7 +14,7 @@ from hunt_ros.cli.support.output import progress, tell
 from hunt_ros.cli.support.replay_report import document, lines_of
 from hunt_ros.detection import CompanionConfig, Companions, DetectorConfig, HuntingDetector
 from hunt_ros.detection.offline import collect, config_for, frequency_for, watch
-from hunt_ros.detection.replay import detect, missing_samples, unheard_samples
+from hunt_ros.detection.replay import detect, samples_apart
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import ConfigError
 from hunt_ros.recorded_run import RecordedRun, recorded_run
@@ -104,7 +104,7 @@ def _of_the_live_run(record: Record, live: RecordedRun) -> list[str]:
     if live.unknown:
         names = ', '.join(live.unknown)
         found.append(f'settings of the recording that this version does not have: {names}')
-    missing, unheard = (find(record, live.journal) for find in (missing_samples, unheard_samples))
+    missing, unheard = samples_apart(record, live.journal)
     for text, counts in (
         ('lacks samples that the live detector had', missing),
         ('has samples that did not reach the live detector', unheard),

@@ -178,35 +178,30 @@ def detect(
     return output
 
 
-def missing_samples(record: Record, journal: Sequence[JournalEntry]) -> dict[str, int]:
+def samples_apart(
+    record: Record, journal: Sequence[JournalEntry]
+) -> tuple[dict[str, int], dict[str, int]]:
     """
-    Count the samples that the live detector had received, and the recording lacks.
+    Count by what samples a recording differs from those that the live detector had.
 
     With any, a replay cannot give the live numbers. What was lost after the last entry of
     the journal that counts is not seen.
 
     Returns
     -------
-    dict of str to int
-        Channel and the least number of samples that are missing; only those that lack any.
+    missing : dict of str to int
+        Channel -> least number of samples that were received and are not in the recording; only
+        those that lack any.
+    unheard : dict of str to int
+        Likewise those that the middleware lost on the way to the detector, within a run.
     """
-    return _counts(record, journal, 'missing')
-
-
-def unheard_samples(record: Record, journal: Sequence[JournalEntry]) -> dict[str, int]:
-    """
-    Count the samples of the recording that did not reach the live detector within a run.
-
-    As `missing_samples`, the other way round: the middleware lost them on the way.
-    """
-    return _counts(record, journal, 'unheard')
-
-
-def _counts(record: Record, journal: Sequence[JournalEntry], which: str) -> dict[str, int]:
-    found: Counter[str] = Counter()
+    missing: Counter[str] = Counter()
+    unheard: Counter[str] = Counter()
     for run in _runs(record, journal):
-        found += Counter({name: getattr(part, which) for name, part in run.parts.items()})
-    return dict(found)
+        for name, part in run.parts.items():
+            missing[name] += part.missing
+            unheard[name] += part.unheard
+    return dict(+missing), dict(+unheard)
 
 
 class _Part:

@@ -32,7 +32,7 @@ from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
-from hunt_ros.bag.clips import Clips
+from hunt_ros.bag.clips import PART, Clips
 from hunt_ros.bag.messages import DIAGNOSTIC_ARRAY, STRING
 from hunt_ros.bag.recording import Recording, RecordingLimits, RecordingState
 from hunt_ros.bag.repair import finalise_left
@@ -419,6 +419,8 @@ class BagRecorderNode(SuiteNode):
 
     def _finalise(self, stopping: threading.Event) -> None:
         """Close what a killed recorder left."""
+        for part in Path(self._config.directory).glob(f'*_clip_*{PART}'):
+            part.unlink(missing_ok=True)
         for done in finalise_left(Path(self._config.directory)):
             self.get_logger().warning(done)
 

@@ -32,16 +32,16 @@ def running(tmp_path: Path):
         tmp_path / 'run', RecordingLimits(split_s=20.0, least_free_mib=1.0), notes={'rig': 'R'}
     )
     stamps = _START + np.arange(10_000, dtype=np.int64) * (NANOSECONDS // 100)
-    for name in ('lateral', 'speed'):
-        key = recording.topic(f'/rig/{name}', CHANNEL_FIELDS[name][0])
-        for stamp, row in zip(
-            stamps.tolist(),
-            serialise(name, Series(stamps, np.sin(stamps * 1e-9))),
-            strict=True,
-        ):
+    sine = np.sin((stamps - _START) * 1e-9)
+    keys, rows = [], []
+    for name, values in (('lateral', 1e-3 * sine), ('speed', 7.0 + 0.1 * sine)):
+        keys.append(recording.topic(f'/rig/{name}', CHANNEL_FIELDS[name][0]))
+        rows.append(serialise(name, Series(stamps, values)))
+    for stamp, *several in zip(stamps.tolist(), *rows, strict=True):
+        for key, row in zip(keys, several, strict=True):
             recording.offer(key, stamp, row.tobytes())
-        while recording.state.waiting_bytes:
-            pass
+    while recording.state.waiting_bytes:
+        pass
     recording.note('parameters', {'/rig/a': 'x: 1'})
     yield recording
     if recording.state.running:
@@ -129,3 +129,11 @@ def test_a_clip_is_due_when_its_end_is_recorded_or_nothing_more_comes() -> None:
     assert not several.due(at(130.0), Path('run'))
     assert several.due(at(130.1 + clips._WRITTEN_S), Path('run'))
     assert several.due(at(101.0), Path('another'))
+
+
+def test_what_falls_silent_as_the_suite_ends_has_no_clip() -> None:
+    several = Clips()
+    several.take(Path('run'), at(100.0), 'yaw_silent')
+    assert not several.due(at(104.0), None)
+    several.take(Path('other'), at(200.0), 'yaw_silent')
+    assert several.due(at(220.0), None)

@@ -28,7 +28,7 @@ from hunt_ros.cli.support.console import Console, Line
 from hunt_ros.cli.support.supervisor import Supervisor
 from hunt_ros.cli.support.view import View
 from hunt_ros.detection import HuntingDetector
-from hunt_ros.detection.replay import detect, missing_samples, unheard_samples
+from hunt_ros.detection.replay import detect, samples_apart
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.profile import Corners, Profile
@@ -152,8 +152,7 @@ def replayed(bag: Path) -> tuple[list[_Said], int, float]:
         raise SystemExit(f'{bag}: the start of the detector is not in it')
     output = detect(HuntingDetector(run.config), record, run.journal)
     said = [(one.stamp_ns, one.event, str(one.amplitude_m)) for one in output.events]
-    differ = missing_samples(record, run.journal), unheard_samples(record, run.journal)
-    lack = sum(sum(counts.values()) for counts in differ)
+    lack = sum(sum(counts.values()) for counts in samples_apart(record, run.journal))
     for series in record.values():  # the simulated rig samples evenly
         steps = np.diff(series.stamps_ns)
         lack += int((np.rint(steps / np.median(steps)) - 1).sum())

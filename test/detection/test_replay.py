@@ -17,8 +17,7 @@ from hunt_ros.detection.output import Output
 from hunt_ros.detection.replay import (
     Playback,
     detect,
-    missing_samples,
-    unheard_samples,
+    samples_apart,
 )
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
@@ -220,17 +219,17 @@ def test_a_recorder_that_joined_late_is_told_of_what_it_lacks(recorded) -> None:
     record = recorded(7.2, 6.0, kicks=[(2.0, 400e-6)])
     live, arrived = _live(record, [('lateral', 3.0, 4.0)], [], [], seed=6)
     journal = list(live.journal)
-    assert missing_samples(arrived, journal) == {}
+    assert samples_apart(arrived, journal) == ({}, {})
     later = {**arrived, 'lateral': arrived['lateral'].between(100_000_000, 2**62)}
     lost = len(arrived['lateral']) - len(later['lateral'])
-    assert missing_samples(Record(later), journal) == {'lateral': lost}
-    assert unheard_samples(arrived, journal) == {}
+    assert samples_apart(Record(later), journal)[0] == {'lateral': lost}
     doubled = np.repeat(arrived['lateral'].stamps_ns[:100], 2) + np.tile([0, 1], 100)
     lateral = Series(
         np.concatenate([doubled, arrived['lateral'].stamps_ns[100:]]),
         np.concatenate([np.zeros(200), arrived['lateral'].values[100:]]),
     )
-    assert unheard_samples(Record({**arrived, 'lateral': lateral}), journal) == {'lateral': 100}
+    _, unheard = samples_apart(Record({**arrived, 'lateral': lateral}), journal)
+    assert unheard == {'lateral': 100}
 
 
 def test_each_run_of_the_detector_is_repeated_with_the_settings_of_that_run(recorded) -> None:
