@@ -22,18 +22,6 @@ def _identified(std_v_c: float = 0.05, **changes: float) -> IdentifiedNormalForm
     return IdentifiedNormalForm(replace(PAPER_NORMAL_FORM, **changes), covariance)
 
 
-def test_the_first_form_is_taken_over() -> None:
-    assert objections(_identified(), None) == []
-
-
-def test_the_same_form_sharper_is_taken_over() -> None:
-    assert objections(_identified(0.01), _identified(0.05)) == []
-
-
-def test_a_form_that_alarms_earlier_is_taken_over() -> None:
-    assert objections(_identified(D4=2600.0, critical_speed=7.8), _identified()) == []
-
-
 #: Subcritical, without a quintic term: no fold, an unstable branch at every speed below v_c.
 NO_FOLD = {'D15': 0.0, 'D10': 0.0, 'D7': 0.0}
 #: Limit cycles from zero on above v_c, nothing below.
@@ -43,12 +31,23 @@ SUPERCRITICAL = {'D4': -2000.0}
 @pytest.mark.parametrize(
     ('new', 'current'),
     [
+        (_identified(), None),
+        (_identified(0.01), _identified(0.05)),
+        (_identified(D4=2600.0, critical_speed=7.8), _identified()),
         (_identified(**NO_FOLD), _identified()),
         (_identified(), _identified(**SUPERCRITICAL)),
         (_identified(critical_speed=7.0), _identified(**SUPERCRITICAL)),
         (_identified(frequency_hz=2.9), _identified()),
     ],
-    ids=['no fold', 'of a supercritical one', 'of a faster one', 'the same rig'],
+    ids=[
+        'the first',
+        'sharper',
+        'earlier',
+        'no fold',
+        'of a supercritical one',
+        'of a faster one',
+        'the same rig',
+    ],
 )
 def test_a_form_that_alarms_no_later_at_any_speed_is_taken_over(new, current) -> None:
     assert objections(new, current) == []
