@@ -22,7 +22,7 @@ from hunt_ros.detection.configuration import DetectorConfig, with_frequencies
 from hunt_ros.detection.regions import Region, State
 from hunt_ros.detection.words.reasons import reason_counts
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
-from hunt_ros.samples import NANOSECONDS, known
+from hunt_ros.samples import CHANNELS, NANOSECONDS, known
 
 #: Of a rig that hunts at `REFERENCE_HZ`, s: the time constant of the noise floor, some sixty
 #: periods, which tell a mean square to 13 %. As many periods of any other rig.
@@ -34,8 +34,8 @@ _BAND_MPS, _BAND = 0.04, 0.01
 MINUTES, _CHANCE = 10, 0.05
 #: These make a row WARN, and are judged by their numbers.
 _JUDGED = doubts.HYSTERESIS | doubts.MARGIN
-#: Of a live run so many holds are kept.
-_KEPT = 200
+#: So many holds are kept, the newest.
+_KEPT = 5000
 
 
 @dataclass(frozen=True)
@@ -124,9 +124,7 @@ class _Second:
 
     @classmethod
     def of(cls, rows: NDArray[np.void]) -> _Second:
-        wrong = np.bitwise_or.reduce(
-            [rows[name] for name in rows.dtype.names or () if name.endswith('_wrong')]
-        )
+        wrong = np.bitwise_or.reduce([rows[f'{name}_wrong'] for name in CHANNELS])
         hunting = (rows['state'] == State.ESCAPING) | (rows['state'] == State.LIMIT_CYCLE)
         bad = (rows['doubts'] & ~np.uint32(_JUDGED)) | (wrong & ~np.uint32(health.ABSENT))
         bad = (bad != 0) | hunting | (rows['limits'] != 0)
