@@ -89,7 +89,7 @@ def _lines(truths: Sequence[Truth], outcomes: Sequence[Outcome]) -> list[str]:
     lines = [
         '{recordings} recordings: hunting {hunting} times, {hunting_s:.0f} s; harmless'
         ' {harmless_s:.0f} s; undecided {undecided_s:.0f} s'.format(**_truth(truths)),
-        f'{"setting":32}{"false":>6}{"an hour (95 %)":>24}{"delay (s)":>24}{"missed":>8}'
+        f'{"setting":32}{"false":>6}{"an hour (95 %)":>26}{"delay (s)":>24}{"missed":>8}'
         f'{"undecided":>11}',
     ]
     for one in outcomes:
@@ -98,8 +98,10 @@ def _lines(truths: Sequence[Truth], outcomes: Sequence[Outcome]) -> list[str]:
         told = f'{rate.value:.3g} ({rate.low:.2g} to {rate.high:.2g})' if one.harmless_s else '-'
         delay = f'{median:.2f} ({least:.2f} to {longest:.2f})' if one.delays_s else '-'
         lines.append(
-            f'{name:32}{one.false_alarms:>6}{told:>24}{delay:>24}{one.missed:>8}{one.undecided:>11}'
+            f'{name:32}{one.false_alarms:>6}{told:>26}{delay:>24}{one.missed:>8}{one.undecided:>11}'
         )
-    if not any(one.differs(outcomes[0]) for one in outcomes):
+    if not outcomes[0].harmless_s:
+        lines.append('nothing harmless was seen: the rate of false alarms is not known')
+    elif not any(one.differs(outcomes[0]) for one in outcomes):
         lines.append('no rate of false alarms differs from the present one by more than chance')
     return lines
