@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
     grid = asked or usual_grid(found, form is not None)
     with progress('replaying') as advance:
         truths, outcomes = tune(found, config, form, grid, settings.cluster, advance)
-    if arguments.out:
+    if arguments.out and outcomes[0].harmless_s:
         drawn = picture(outcomes)
         if arguments.out.suffix == '.svg':
             write_whole(arguments.out, style.svg(drawn), 'picture')
@@ -101,7 +101,9 @@ def _lines(truths: Sequence[Truth], outcomes: Sequence[Outcome]) -> list[str]:
             f'{name:32}{one.false_alarms:>6}{told:>26}{delay:>24}{one.missed:>8}{one.undecided:>11}'
         )
     if not outcomes[0].harmless_s:
-        lines.append('nothing harmless was seen: the rate of false alarms is not known')
+        lines.append(
+            'nothing harmless was seen: no rate of false alarms is known, and no picture drawn'
+        )
     elif not any(one.differs(outcomes[0]) for one in outcomes):
         lines.append('no rate of false alarms differs from the present one by more than chance')
     return lines
