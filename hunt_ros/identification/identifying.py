@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
+from operator import attrgetter
 from os import PathLike
 
 import numpy as np
@@ -27,7 +28,6 @@ from hunt_ros.identification.likelihood.path_likelihood import Path
 from hunt_ros.identification.preparation import (
     Recording,
     Source,
-    digest_of,
     motion_in,
     powers_in,
     runs_in,
@@ -170,7 +170,8 @@ def _usable(
                 f'ignore: recording {number} of {count} has no interval to leave out'
             )
     given = [Recording(source, k, settings) for k, source in enumerate(sources, start=1)]
-    for one, digest in zip(given, collected(pool.map(digest_of, given), count, tell), strict=True):
+    digests = pool.map(attrgetter('digest'), given)
+    for one, digest in zip(given, collected(digests, count, tell), strict=True):
         one.digest = digest
     left_out = zip(settings.ignore, *(one.digest.ignored for one in given), strict=True)
     warnings += [
@@ -227,7 +228,7 @@ def _places(recordings: Sequence[Recording]) -> list[tuple[Recording, int, Stret
 def _records(recordings: Sequence[Recording]) -> list[Record]:
     """Return those that were given as records; what a callable read stays where it was read."""
     given = [one for one in recordings if isinstance(one.source, Record) and one.digest.measures]
-    return [replace(one.prepared.record, source=one.name) for one in given]
+    return [replace(one.samples[0], source=one.name) for one in given]
 
 
 def _hunting_frequency(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from typing import Any, TypeAlias
 
@@ -74,20 +74,23 @@ class Recording:
         return _named, (pickle.dumps(self._given), self.name)
 
     @cached_property
-    def prepared(self) -> Prepared:
-        """All its samples, ready for the fit."""
-        return prepare(self.source, self.number, self.settings)
+    def samples(self) -> tuple[Record, Record, list[Channels], Digest]:
+        """
+        What is read of it: the record, NaN where no sensor measured; the same with the angle of
+        the roller; the stretches in which the rig runs; and what is known without the samples.
+        """
+        return _read(self.source, self.number, self.settings)
 
     @cached_property
     def digest(self) -> Digest:
         """What is known of it without its samples."""
-        return self.prepared.digest
+        return self.samples[-1]
 
     def stretches(self, bare: bool) -> list[Channels]:
         """Return the stretches in which the rig runs; `bare` without an angle nobody gave."""
+        _, _, channels, _ = self.samples
         return [
-            replace(one, roller=np.zeros(0)) if bare and one.assumed else one
-            for one in self.prepared.channels
+            replace(one, roller=np.zeros(0)) if bare and one.assumed else one for one in channels
         ]
 
 
@@ -103,29 +106,9 @@ def _named(given: bytes, name: str) -> Recording:
     return one
 
 
-@dataclass(frozen=True, eq=False)
-class Prepared:
-    """
-    A recording with all its samples, ready for the fit.
-
-    Parameters
-    ----------
-    record : Record
-        NaN where no sensor measured.
-    turning : Record
-        The same with the angle of the roller.
-    channels : tuple of Channels
-        The stretches in which the rig runs.
-    digest : Digest
-    """
-
-    record: Record
-    turning: Record
-    channels: tuple[Channels, ...]
-    digest: Digest
-
-
-def prepare(source: Source, number: int, settings: IdentificationSettings) -> Prepared:
+def _read(
+    source: Source, number: int, settings: IdentificationSettings
+) -> tuple[Record, Record, list[Channels], Digest]:
     """Read a recording and bring it onto its lateral samples."""
     record = source if isinstance(source, Record) else source()
     record = replace(record, channels={name: one.in_order() for name, one in record.items()})
@@ -156,17 +139,12 @@ def prepare(source: Source, number: int, settings: IdentificationSettings) -> Pr
         ),
         stretches=tuple(map(Stretch.of, channels)),
     )
-    return Prepared(record, turning, tuple(channels), digest)
-
-
-def digest_of(recording: Recording) -> Digest:
-    """Return what is known of it without its samples."""
-    return recording.digest
+    return record, turning, channels, digest
 
 
 def motion_in(recording: Recording, stretch: int) -> Motion | None:
     """Return the displacement in one of its stretches, in which lines are looked for."""
-    channels = recording.prepared.channels[stretch]
+    channels = recording.stretches(bare=False)[stretch]
     return motion_of_channels(without_contact(channels, recording.settings))
 
 
@@ -226,6 +204,6 @@ def runs_in(
 
 def windows_in(recording: Recording, bare: bool, frequency_hz: float) -> ResponseWindows:
     """Return what it shows of yaw and lateral motion together, where it holds both."""
-    one, orders = recording.prepared, recording.settings.orders.tolist()
-    record = one.record if bare and is_assumed(one.turning) else one.turning
-    return measure_response(record, frequency_hz, orders)
+    record, turning, _, _ = recording.samples
+    shown = record if bare and is_assumed(turning) else turning
+    return measure_response(shown, frequency_hz, recording.settings.orders.tolist())
