@@ -44,12 +44,15 @@ class Posterior:
         motion shows none.
     speeds : (float, float)
         Lowest and highest speed of the data, m/s.
+    prior_v_c : float, optional
+        What is known of v_c from elsewhere, m/s.
     """
 
     law: GrowthLaw
     p: Array
     intensity: Array
     speeds: tuple[float, float]
+    prior_v_c: float | None = None
 
     @cached_property
     def laws(self) -> GrowthLaw:
@@ -62,15 +65,26 @@ class Posterior:
         return [GrowthLaw(row, self.law.scales) for row in self.p]
 
     @property
-    def lowest(self) -> float:
-        """Speed below which no fold is looked for, m/s."""
+    def reach(self) -> tuple[float, float]:
+        """Speeds between which a law says something of v_n and v_c, m/s: half the range beyond."""
         low, high = self.speeds
-        return low - 0.3 * (high - low)
+        beyond, known = 0.5 * (high - low), [] if self.prior_v_c is None else [self.prior_v_c]
+        return min(low - beyond, *known, low), max(high + beyond, *known, high)
 
     @cached_property
     def forms(self) -> list[NormalForm | None]:
-        """Normal form of each draw; None where it has no critical speed."""
-        return [normal_form_of(one, *self.speeds) for one in self.drawn]
+        """Normal form of each draw; None where it has no critical speed within reach."""
+        near = np.isfinite(self._within(self.laws.critical_speeds))
+        return [
+            normal_form_of(one, *self.speeds) if there else None
+            for one, there in zip(self.drawn, near.tolist(), strict=True)
+        ]
+
+    def _within(self, speeds: Array) -> Array:
+        """Speeds, NaN for those beyond reach."""
+        low, high = self.reach
+        with np.errstate(invalid='ignore'):
+            return np.where((speeds >= low) & (speeds <= high), speeds, math.nan)
 
     @cached_property
     def table(self) -> Array:
@@ -81,8 +95,10 @@ class Posterior:
             for form in self.forms
         ]
         coefficients = np.array(rows).reshape(-1, len(COEFFICIENTS))
-        speeds = self.laws.critical_speeds, *self.laws.folds(self.lowest)
-        return np.column_stack([*speeds, coefficients])
+        v_c, (v_n, amplitude) = self.laws.critical_speeds, self.laws.folds(self.reach[0])
+        near = self._within(v_n)
+        amplitude = np.where(np.isfinite(near), amplitude, math.nan)
+        return np.column_stack([self._within(v_c), near, amplitude, coefficients])
 
     @cached_property
     def chosen(self) -> Array:

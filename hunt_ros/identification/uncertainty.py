@@ -29,6 +29,8 @@ ENOUGH_RUNS = 8
 _APART = 1e-3
 #: Draws behind the intervals.
 _DRAWS = 400
+#: Share of the draws in which a quantity must exist, to be given: that of the intervals.
+EXISTS = 0.95
 #: Fewer draws than this say nothing of an interval.
 ENOUGH_DRAWS = 10
 #: Draws that are tried for one that is kept, at most.
@@ -199,7 +201,7 @@ def draw_laws(
 
 
 def summary(
-    value: float, sample: NDArray[np.float64], extra_std: float = 0.0, least: float = 0.8
+    value: float, sample: NDArray[np.float64], extra_std: float = 0.0, least: float = EXISTS
 ) -> Uncertain | None:
     """
     Turn a value and its draws into a number with its interval.

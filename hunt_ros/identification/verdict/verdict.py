@@ -33,6 +33,7 @@ from hunt_ros.identification.result import GIVEN, PAPERS, FitSummary, Identifica
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.uncertainty import (
     ENOUGH_DRAWS,
+    EXISTS,
     critical_speed_bound,
     draw_laws,
     robust_covariance,
@@ -64,8 +65,6 @@ _ONE_SPEED = 0.02
 _VAGUE_SPEED, _VAGUE, _VAGUE_D1 = 0.1, 0.5, 0.3
 #: A limit cycle so many times larger than what was measured was not seen.
 _BEYOND = 1.1
-#: Share of the laws that the data allow in which a thing must be so, to be said.
-_SURE = 0.8
 #: Share of the largest amplitude below which motion shows linear growth.
 _SMALL = 0.3
 #: Cycles of free motion below which a record is too short for anything.
@@ -80,7 +79,7 @@ _SUPERCRITICAL = 'a supercritical rig has no fold and no unstable branch'
 _LINEAR = ('speeds', 'believed', 'critical', 'small')
 _CUBIC = (*_LINEAR, 'time', 'cubic')
 #: The fold is seen where hunting ends: it needs no small motion near v_c.
-_SHAPE = ('speeds', 'believed', 'critical', 'time', 'cubic')
+_SHAPE = ('speeds', 'believed', 'time', 'cubic')
 _FOLD = (*_SHAPE, 'subcritical', 'limited', 'agree', 'fits')
 _NEEDS: Mapping[str, tuple[str, ...]] = {
     'v_c': _LINEAR,
@@ -181,7 +180,11 @@ def conclude(
             ' what was seen: the intervals are those of the others'
         )
     posterior = Posterior(
-        best.law, drawn, _intensity(best, len(drawn), settings.seed), evidence.speeds
+        best.law,
+        drawn,
+        _intensity(best, len(drawn), settings.seed),
+        evidence.speeds,
+        None if settings.prior_v_c is None else settings.prior_v_c[0],
     )
     failed |= _unsupported(best, posterior, evidence, settings, warnings)
     numbers = Quantities(posterior, settings)
@@ -346,7 +349,7 @@ def _unsupported(
         )
     elif int(np.isfinite(amplitude).sum()) < _FEWEST_STEPS:
         failed['speeds'] = 'too short: fewer than a few dozen hunting cycles'
-    if reason := _no_critical_speed(law, posterior, (low, high), settings):
+    if reason := _no_critical_speed(law, posterior):
         failed['critical'] = reason
     elif settings.prior_v_c is None and (reason := _no_small_motion(law, evidence)):
         failed['small'] = reason
@@ -355,13 +358,14 @@ def _unsupported(
         failed['time'] = 'no free transient: D1 cannot be known; give it with --prior-D1'
     elif hunts and not moved:
         warnings.append('no free transient: the time scale rests on the prior or on quiet motion')
-    middle, std = _spread(posterior.forms, 'D4')
+    soft = posterior.laws.soft[np.isfinite(posterior.laws.critical_speeds)]
+    hard = 1.0 - float(np.mean(soft)) if soft.size else 0.5
     if not hunts:
         failed['cubic'] = (
             'all amplitudes are of one kind: no passage between quiet and hunting, so that the'
             ' nonlinear coefficients cannot be known'
         )
-    elif not std < _VAGUE * abs(middle):
+    elif 1.0 - EXISTS < hard < EXISTS:
         failed['cubic'] = 'D4 is not determined, not even its sign'
     if law.criticality == 'supercritical':
         failed['subcritical'] = _SUPERCRITICAL
@@ -369,7 +373,9 @@ def _unsupported(
         failed['subcritical'] = 'no free transient: none passed by the unstable branch'
     size, sizes = _limit(law, high), np.array([_limit(x, high) for x in posterior.drawn])
     endless = float(np.mean(~np.isfinite(sizes))) if sizes.size else 1.0
-    if law.criticality != 'supercritical' and not (math.isfinite(size) and endless <= 1.0 - _SURE):
+    if law.criticality != 'supercritical' and not (
+        math.isfinite(size) and endless <= 1.0 - EXISTS
+    ):
         failed['limited'] = (
             f'nothing ends the growth at v_c in {100.0 * endless:.0f} % of the laws that the data'
             f' allow{"" if math.isfinite(size) else ", the likeliest among them"}: no normal form'
@@ -391,7 +397,7 @@ def _unsupported(
 def _spread(forms: Sequence[NormalForm | None], name: str) -> tuple[float, float]:
     """Median and half the central 68 % of one attribute, where enough of the draws have it."""
     values = [getattr(form, name) for form in forms if form is not None]
-    if len(values) < max(_SURE * len(forms), ENOUGH_DRAWS):
+    if len(values) < max(EXISTS * len(forms), ENOUGH_DRAWS):
         return math.nan, math.inf
     low, middle, high = np.percentile(values, [15.87, 50.0, 84.13])
     return float(middle), 0.5 * float(high - low)
@@ -407,27 +413,19 @@ def _growth_there(best: FittedLaw, speed: float, runs: int) -> str:
     return f'linear growth rate {rate:.2g} +/- {math.sqrt(variance):.1g} 1/s'
 
 
-def _no_critical_speed(
-    law: GrowthLaw,
-    posterior: Posterior,
-    speeds: tuple[float, float],
-    settings: IdentificationSettings,
-) -> str:
+def _no_critical_speed(law: GrowthLaw, posterior: Posterior) -> str:
     """Why v_c is not known: it must exist, in most draws, near the data, and not vaguely."""
-    v_c = law.critical_speed
+    v_c, (low, high), (lowest, highest) = law.critical_speed, posterior.speeds, posterior.reach
     if v_c is None:
         return 'the linear growth rate nowhere rises through zero: v_c is not known'
+    if not lowest <= v_c <= highest:
+        return (
+            f'v_c would lie far {"above" if v_c > high else "below"} the speeds of the data'
+            f' ({low:.3g} to {high:.3g} m/s): it is not given'
+        )
     if not _spread(posterior.forms, 'critical_speed')[1] <= _VAGUE_SPEED * v_c:
         return 'v_c is not determined by these data'
-    low, high = speeds
-    reach = 0.5 * (high - low)
-    if low - reach <= v_c <= high + reach or settings.prior_v_c is not None:
-        return ''
-    side = 'above' if v_c > high else 'below'
-    return (
-        f'v_c would lie far {side} the speeds of the data ({low:.3g} to {high:.3g} m/s):'
-        ' it is not given'
-    )
+    return ''
 
 
 def _no_small_motion(law: GrowthLaw, evidence: Evidence) -> str:
