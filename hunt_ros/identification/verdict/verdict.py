@@ -366,7 +366,10 @@ def _unsupported(
             ' nonlinear coefficients cannot be known'
         )
     elif 1.0 - EXISTS < hard < EXISTS:
-        failed['cubic'] = 'D4 is not determined, not even its sign'
+        failed['cubic'] = (
+            f'{100.0 * hard:.0f} % of the laws that the data allow are subcritical: the sign'
+            ' of D4 is not determined'
+        )
     if law.criticality == 'supercritical':
         failed['subcritical'] = _SUPERCRITICAL
     elif not moved:
