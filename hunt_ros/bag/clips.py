@@ -52,7 +52,7 @@ class Clip:
     def path(self) -> Path:
         """Where it is: beside the recording, by the name of it, time and code of the alarm."""
         at = datetime.fromtimestamp(self.stamp_ns / NANOSECONDS)
-        name = f'{self.recording.name}_clip_{at:%Y%m%d_%H%M%S}_{self.code}.mcap'
+        name = f'clip_{self.recording.name}_{at:%Y%m%d_%H%M%S}_{self.code}.mcap'
         return self.recording.with_name(name)
 
     def cut(self) -> Path:
@@ -166,4 +166,4 @@ class Clips:
 
 def clips_of(recording: Path) -> list[Path]:
     """Return the clips beside a recording, by name."""
-    return sorted(recording.parent.glob(f'{glob.escape(recording.name)}_clip_*.mcap'))
+    return sorted(recording.parent.glob(f'clip_{glob.escape(recording.name)}_*.mcap'))

@@ -419,7 +419,7 @@ class BagRecorderNode(SuiteNode):
 
     def _finalise(self, stopping: threading.Event) -> None:
         """Close what a killed recorder left."""
-        for part in Path(self._config.directory).glob(f'*_clip_*{PART}'):
+        for part in Path(self._config.directory).glob(f'clip_*{PART}'):
             part.unlink(missing_ok=True)
         for done in finalise_left(Path(self._config.directory)):
             self.get_logger().warning(done)

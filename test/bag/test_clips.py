@@ -54,7 +54,7 @@ def test_a_clip_is_a_sound_recording_of_its_window(running: Recording, goes_on: 
         running.stop()
     # What lies on both sides of the beginning of a file.
     path = Clip(running.path, 'hunting', at(50.0), at(35.0), at(65.0)).cut()
-    assert path.name.startswith('run_clip_2023')
+    assert path.name.startswith('clip_run_2023')
     assert path.name.endswith('_hunting.mcap')
     assert clips_of(running.path) == [path]
     clip, whole = read_record(path), read_record(running.path)

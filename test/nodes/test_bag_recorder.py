@@ -168,7 +168,7 @@ def test_an_alarm_has_a_clip_while_the_recording_goes_on_and_when_it_ends(
     assert read_record(path)['lateral'].values.tolist() == [1.5]
     assert len(read_statuses(path, 'hunting/events')) == 5
     (active,) = graph.folder.glob('*.active')
-    assert path.name.startswith(f'{active.stem}_clip_')
+    assert path.name.startswith(f'clip_{active.stem}_')
 
     monkeypatch.setattr(clips, 'AFTER_S', 500.0)
     events.publish(alarm('interlock_tripped', 'ERROR'))
