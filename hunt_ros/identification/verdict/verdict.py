@@ -88,7 +88,7 @@ _NEEDS: Mapping[str, tuple[str, ...]] = {
         ('coefficients.D4', 'coefficients.D10', 'coefficients.D15', 'branches'),
         (*_CUBIC, 'agree', 'near'),
     ),
-    'criticality': _CUBIC,
+    'criticality': _SHAPE,
     'correlations': (*_CUBIC, 'limited', 'agree', 'near'),
     **dict.fromkeys(('v_n', 'fold_amplitude_m'), _FOLD),
     **dict.fromkeys(('hysteresis_width', 'disturbance_m'), (*_FOLD, 'small')),
