@@ -267,10 +267,12 @@ class Clearances:
         # Of its last second: the hold may have begun with the end of a ramp.
         held_s, speed = self._held_s, 0.5 * (seconds[-1].low + seconds[-1].high)
         trouble = next((one.trouble for one in reversed(seconds) if one.trouble), '')
+        # Form and forecast contradict each other: then neither number is known.
+        below = forecast_high_mps < speed
         margin = chance = math.nan
         if seconds[-1].hunts:
             margin, chance = 0.0, 1.0
-        elif not trouble and held_s >= self.least_s:
+        elif not (trouble or below) and held_s >= self.least_s:
             margin = float(np.min([one.margin for one in seconds]))
             minute = float(np.max([one.minute for one in seconds]))
             chance = 1.0 - (1.0 - minute) ** MINUTES
@@ -280,14 +282,14 @@ class Clearances:
             reason = 'the speed is not known'
         elif held_s < self.least_s:
             reason = f'held for {held_s} s of {self.least_s} s'
+        elif below:
+            reason = f'the forecast of v_c is {forecast_high_mps:.2f} m/s at most'
         elif math.isnan(margin) or math.isnan(chance):
             reason = 'margin and chance of escape are not known'
         elif margin < self.margin_in:
             reason = f'margin {margin:.1f} (95 %), expected {self.margin_in:g} or more'
         elif chance > _CHANCE:
             reason = f'chance of an escape in {MINUTES} minutes {100.0 * chance:.0f} %'
-        elif forecast_high_mps < speed:
-            reason = f'the forecast of v_c is {forecast_high_mps:.2f} m/s at most'
         else:
             reason = ''
         begin_ns = self._first * NANOSECONDS

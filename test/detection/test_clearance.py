@@ -83,7 +83,10 @@ def test_what_is_short_low_or_in_doubt_is_not_cleared_and_says_why(rows, words) 
 def test_a_silent_detector_and_a_forecast_below_are_doubts() -> None:
     silent = verdict(rows_of(40.0), 'lateral: silent')
     assert (silent.words, math.isnan(silent.margin)) == ('not cleared: lateral: silent', True)
-    assert 'forecast' in verdict(rows_of(40.0), forecast_mps=7.3).reason
+    below = verdict(rows_of(40.0), forecast_mps=7.3)
+    assert 'forecast' in below.reason
+    assert math.isnan(below.margin), 'no profile climbs by a form that the forecast contradicts'
+    assert math.isnan(below.escape_chance)
     assert verdict(rows_of(40.0), forecast_mps=7.5).cleared
 
 

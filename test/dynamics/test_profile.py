@@ -159,6 +159,26 @@ def test_a_climb_goes_back_at_once_where_it_hunts_or_what_was_kept_falls() -> No
     assert 'margin 1.9' in run.note
 
 
+def test_hunting_ends_a_climb_that_asks_for_no_margin() -> None:
+    anything = replace(CLIMB, margin=0.0, escape_chance=1.0, hold_s=300.0)
+
+    def hunts(v: float, t: float) -> Motion:
+        seen = cleared(v, t)
+        return replace(seen, margin=0.0, escape_chance=1.0) if t > 5.0 else seen
+
+    speeds, run = climbed(anything, hunts)
+    assert len(speeds) < 300, 'at once'
+    assert run.finished
+    assert 'back to 6 m/s: 6 m/s is not cleared (margin 0: it hunts)' in run.note
+
+
+def test_a_slow_climb_decides_at_its_steps_and_not_on_the_way() -> None:
+    run, speeds = ProfileRun(Profile((replace(CLIMB, rate_mps2=0.003),)), 6.0), [6.0]
+    while not run.finished:  # so slow that the detector calls it held
+        speeds.append(run.advance(0.1, cleared(speeds[-1], 300.0)))
+    assert speeds[-1] == 7.0
+
+
 def test_a_climb_needs_a_detector_that_judges_and_tells_its_highest_speed() -> None:
     profile = Profile.from_yaml('profile: [{climb: {low_mps: 6, high_mps: 9.1}}]')
     assert 'no detector judges' in profile.missing(Motion(amplitude_m=1e-5))

@@ -326,6 +326,8 @@ class Climb(Step):
             def fell(motion: Motion, against: Callable[[Motion], str] = against) -> bool:
                 return bool(against(motion))
 
+            # Nothing is decided on the way, where a slow roller counts as held.
+            yield Leg(level, self.rate_mps2, until=_hunts)
             yield Leg(level, self.rate_mps2, self.wait_s, until=decided)
             if self.hold_s and not against(scene.motion):
                 yield Leg(level, self.rate_mps2, self.hold_s, until=fell)
@@ -336,6 +338,8 @@ class Climb(Step):
     def _against(self, motion: Motion, level: float, before: float) -> str:
         """Return '' where this speed, not the step before, is held and all is kept; or why not."""
         near = _NEAR_MPS if math.isnan(before) else min(_NEAR_MPS, 0.4 * (level - before))
+        if _hunts(motion):
+            return 'margin 0: it hunts'
         if not (abs(motion.held_mps - level) <= near and motion.held_s >= _HELD_S):
             return 'it is not held'
         if self.margin and not motion.margin >= self.margin:
@@ -361,6 +365,11 @@ class Climb(Step):
     def reacts(self) -> bool:
         """The detector decides how far it goes."""
         return True
+
+
+def _hunts(motion: Motion) -> bool:
+    """Return True where it hunts, which no climb allows, whatever it asks for."""
+    return motion.margin <= 0.0
 
 
 def _told(value: float) -> str:
