@@ -147,6 +147,8 @@ class RollerCommand:
     def resume(self, against: str = '') -> str:
         """Go on where the profile was stopped; return '' or why not, `against` at the last."""
         never = 'no profile was started' if self._state == 'idle' else ''
+        if self._state == 'paused' and self._run is not None and not self._run.resumable:
+            never = 'a climb does not go on where it was stopped: start the profile again'
         if not (against := self._refusal or never or against):
             self._state, self._held = 'running', None
         return against

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hunt_ros.drivers.command import DriveLimits, RollerCommand
-from hunt_ros.dynamics.profile import Corners, Hold, Motion, Profile, Ramp, Seesaw
+from hunt_ros.dynamics.profile import Climb, Corners, Hold, Motion, Profile, Ramp, Seesaw
 from hunt_ros.dynamics.profile.run import ProfileRun
 from hunt_ros.errors import ConfigError
 
@@ -91,6 +91,18 @@ def test_after_a_rearm_or_a_deactivation_nothing_moves_by_itself() -> None:
     assert command.next(0.5, 0.5) is None
     assert command.resume() == ''
     assert _next(command, 0.1, 0.5) == pytest.approx(0.6)
+
+
+def test_a_climb_does_not_go_on_behind_a_trip() -> None:
+    command = _command(Climb(0.5, 2.0))
+    seen = Motion(amplitude_m=0.0, held_mps=0.5, held_s=3.0)
+    assert command.start(seen) == ''
+    command.taken(command.next(0.5, 0.5, seen))
+    command.trip(0.2, 0.5)
+    command.rearm()
+    assert 'start the profile again' in command.resume()
+    assert _next(command, 0.5, 0.2) == pytest.approx(0.2)
+    assert command.start(seen) == ''
 
 
 def test_a_stopped_profile_holds_what_the_drive_was_told_not_where_the_ramp_leads() -> None:

@@ -65,6 +65,11 @@ class ProfileRun:
         here = max(0.0, self._durations[number] - self._scene.elapsed_s)
         return here + sum(self._durations[number + 1 :])
 
+    @property
+    def resumable(self) -> bool:
+        """Whether the step that is under way goes on where it was stopped."""
+        return self._step is None or self._step.resumable
+
     def advance(self, passed_s: float, motion: Motion) -> float:
         """
         Let time pass.

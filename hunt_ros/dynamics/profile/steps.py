@@ -167,6 +167,11 @@ class Step(Settings):
         return ''
 
     @property
+    def resumable(self) -> bool:
+        """Whether it goes on where it was stopped."""
+        return True
+
+    @property
     def reacts(self) -> bool:
         """True where the detector decides how the step goes."""
         return False
@@ -360,6 +365,11 @@ class Climb(Step):
     def missing(self, motion: Motion) -> str:
         """A detector has to judge the speeds that are held."""
         return 'no detector judges the speed that is held' if math.isnan(motion.held_s) else ''
+
+    @property
+    def resumable(self) -> bool:
+        """What was cleared before a stop is not so any more."""
+        return False
 
     @property
     def reacts(self) -> bool:
