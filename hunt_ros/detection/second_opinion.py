@@ -63,19 +63,21 @@ class SecondOpinion:
         self._memory = _PERIODS * self._rate / config.hunting_frequency_hz
         grid = np.linspace(0.0, 0.5 * self._rate, _FREQUENCIES)
         self._gains = np.stack([self._envelope.gain(grid), self._envelope.gain(-grid)])
-        self.reset()
+        # Rows that were taken in, mean square of the third difference, the three values before,
+        # the place in the ring; then the phasors of the lines, the first of which is the mean.
+        self._state = np.zeros(_LINES + 2 * self._orders.size)
+        self._state[_LINES] = np.nan
+        self._last_ns: int | None = None
+        self._start_again()
 
-    def reset(self) -> None:
-        """Forget every row."""
+    def _start_again(self) -> None:
+        """Begin anew behind missing rows, from the mean and the lines that there were before."""
         self._envelope.reset()
         # What was said, and the part that a line may take, in a ring as long as the envelope is
         # late.
         self._said = np.full((self._late, 5), np.nan)
-        # Rows that were taken in, mean square of the third difference, the three values before,
-        # the place in the ring; then the phasors of the lines, the first of which is the mean.
-        self._state = np.zeros(_LINES + 2 * self._orders.size)
+        self._state[:_LINES] = 0.0
         self._state[2:5] = np.nan
-        self._last_ns: int | None = None
 
     def update(
         self,
@@ -119,7 +121,7 @@ class SecondOpinion:
         cuts = np.flatnonzero(steps > self._period_ns).tolist()
         for begin, end in zip([0, *cuts], [*cuts, size], strict=True):
             if begin in cuts:
-                self.reset()
+                self._start_again()
             part = slice(begin, end)
             tuned = self._orders, self._memory, self._state
             _take_out(means[part], angle[part], *tuned, noise[part])
@@ -166,6 +168,8 @@ def _take_out(values: F1, angle: R1, orders: F1, memory: float, state: F1, noise
             seen = min(state[0], memory)
             third = value - 3.0 * state[2] + 3.0 * state[3] - state[4]
             state[4], state[3], state[2] = state[3], state[2], value
+            if math.isnan(state[_LINES]):  # a sensor reads far from 0 at rest
+                state[_LINES] = value
             if math.isfinite(third):
                 state[1] += (third * third / 20.0 - state[1]) / seen
             for k in range(orders.size):
