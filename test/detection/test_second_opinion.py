@@ -54,6 +54,28 @@ def test_rows_too_slow_for_the_hunting_are_refused(rate: float) -> None:
     HuntingDetector(slow)
 
 
+@pytest.mark.parametrize('gap_s', [1.0, 3.0])
+@pytest.mark.parametrize('offset_m', [0.0, 0.03])
+def test_a_gap_in_quiet_running_shows_no_motion(gap_s, offset_m, recorded) -> None:
+    """Tens of micrometres of lines, and a sensor that reads 30 mm at rest, are no hunting."""
+    for seed in range(1, 5):
+        record = recorded(5.0, 20.0, seed=seed)
+        parts = {}
+        for name, series in record.items():
+            seconds = 1e-9 * (series.stamps_ns - record.start_ns)
+            there = (seconds < 12.0) | (seconds > 12.0 + gap_s)
+            values = series.values + (offset_m if name == 'lateral' else 0.0)
+            parts[name] = Series(series.stamps_ns[there], values[there])
+        rows = detect(HuntingDetector(), Record(parts)).estimates
+        seconds = 1e-9 * (rows['stamp_ns'] - record.start_ns)
+        quiet = rows['noise_floor'][seconds < 12.0][-1]
+        behind = rows[seconds > 12.0 + gap_s]
+        assert np.isfinite(behind['lateral_envelope']).any()
+        assert np.nanmax(behind['lateral_amplitude']) < 6.0 * quiet
+        assert np.nanmax(behind['lateral_envelope']) < 6.0 * quiet
+        assert np.nanmax(rows['lateral_envelope']) < 1e-4  # at the start, neither
+
+
 def opinion_on(
     readings: NDArray[np.float64], line_hz: float, said: tuple[float, float, float]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:

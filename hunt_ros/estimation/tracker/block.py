@@ -22,7 +22,8 @@ Acceleration, or another derivative n of such a signal, with s + i omega = v:
   the order of the line, which need not be a whole number. Where th is not the angle of the
   shaft the line comes from but only near it (a speed that was integrated, a wheel that
   creeps), th turns slower by a factor 1 + slip: the slip is a state of that shaft, a random
-  walk within what it may be. Its estimate is added to th; c and s need not turn.
+  walk within what it may be. Its estimate is added to th; c and s need not turn. Where th is
+  not known at all, what the lines add is noise of their power.
 - b_k bias, of each sensor; as roughness_k is.
 - e error of the scale, of a sensor that is not the first one of its coordinate: by that one the
   amplitude is told, and a calibration that is off by a few per cent must not be taken for another
@@ -146,7 +147,7 @@ def absorb(t: at.Tracker, modes: _F, k: int, time: float, mean: float) -> None:
         sensor = f.sensors[k]
         if sensor.alive:
             advance(f, time)
-            face(f, k, mean, sensor.noise / count)
+            face(f, k, mean, sensor.noise / count + unknown_lines(f, k))
             f.surprise = f.innovation * f.innovation / f.variance
         else:
             gather_start(f, k, time, mean, count)
@@ -163,6 +164,16 @@ def absorb(t: at.Tracker, modes: _F, k: int, time: float, mean: float) -> None:
             tie_silent(f, k)
             if modes.shape[1] > 1:
                 put_in_force(f, modes)  # the shape depends on the amplitude, which has moved
+
+
+@compiled_part
+def unknown_lines(f: at.Filter, k: int) -> float:
+    """Variance of what the lines add to a bin of sensor k where their angle is not known."""
+    total, first = 0.0, line(f, k)
+    if not f.sensors[k].angle_known:
+        for i in range(first, first + 2 * f.line_count):
+            total += 0.5 * f.x[i] * f.x[i]
+    return total
 
 
 @compiled_part
