@@ -9,6 +9,7 @@ import pytest
 
 from hunt_ros.bag.record_writer import write_record
 from hunt_ros.cli.main import main
+from hunt_ros.dynamics.growth_law import GrowthLaw
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
@@ -94,3 +95,15 @@ def test_a_bag_that_was_cut_is_used_and_said_to_be_damaged(bag, tmp_path, capsys
     main(['identify', str(cut), '--json', '-'])
     warnings = json.loads(capsys.readouterr().out)['warnings']
     assert any(warning.startswith(f'{cut}: damaged: ') for warning in warnings)
+
+
+def test_a_fold_is_told_where_no_critical_speed_is(bag, tmp_path, monkeypatch):
+    monkeypatch.setattr(GrowthLaw, 'critical_speed', None)
+    out, target = tmp_path / 'form.yaml', tmp_path / 'result.json'
+    assert main(['identify', str(bag), '--out', str(out), '--json', str(target)]) == 1
+    document = json.loads(target.read_text())
+    assert document['v_n']['value'] == pytest.approx(6.43, abs=0.1)
+    # With v_n, the width would tell v_c.
+    assert document['v_c'] is document['hysteresis_width'] is None
+    assert 'v_c is not known' in document['unknown']['hysteresis_width']
+    assert not out.exists()

@@ -91,7 +91,8 @@ _NEEDS: Mapping[str, tuple[str, ...]] = {
     'criticality': _SHAPE,
     'correlations': (*_CUBIC, 'limited', 'agree', 'near'),
     **dict.fromkeys(('v_n', 'fold_amplitude_m'), _FOLD),
-    **dict.fromkeys(('hysteresis_width', 'disturbance_m'), (*_FOLD, 'small')),
+    'disturbance_m': (*_FOLD, 'small'),
+    'hysteresis_width': ('critical', *_FOLD, 'small'),
 }
 
 
@@ -359,12 +360,14 @@ def _unsupported(
     elif hunts and not moved:
         warnings.append('no free transient: the time scale rests on the prior or on quiet motion')
     soft = posterior.laws.soft[np.isfinite(posterior.laws.critical_speeds)]
-    hard = 1.0 - float(np.mean(soft)) if soft.size else 0.5
+    hard = 1.0 - float(np.mean(soft)) if soft.size else math.nan
     if not hunts:
         failed['cubic'] = (
             'all amplitudes are of one kind: no passage between quiet and hunting, so that the'
             ' nonlinear coefficients cannot be known'
         )
+    elif soft.size < ENOUGH_DRAWS:
+        failed['cubic'] = 'hardly any of the laws that the data allow has a v_c, at which D4 is'
     elif 1.0 - EXISTS < hard < EXISTS:
         failed['cubic'] = (
             f'{100.0 * hard:.0f} % of the laws that the data allow are subcritical: the sign'
