@@ -9,6 +9,7 @@ a kill or a full disk, costs the clip alone.
 from __future__ import annotations
 
 import glob
+import re
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -52,7 +53,8 @@ class Clip:
     def path(self) -> Path:
         """Where it is: beside the recording, by the name of it, time and code of the alarm."""
         at = datetime.fromtimestamp(self.stamp_ns / NANOSECONDS)
-        name = f'clip_{self.recording.name}_{at:%Y%m%d_%H%M%S}_{self.code}.mcap'
+        code = re.sub(r'\W', '_', self.code)  # an event may say anything
+        name = f'clip_{self.recording.name}_{at:%Y%m%d_%H%M%S}_{code}.mcap'
         return self.recording.with_name(name)
 
     def cut(self) -> Path:
@@ -166,4 +168,5 @@ class Clips:
 
 def clips_of(recording: Path) -> list[Path]:
     """Return the clips beside a recording, by name."""
-    return sorted(recording.parent.glob(f'clip_{glob.escape(recording.name)}_*.mcap'))
+    name, digit = glob.escape(recording.name), '[0-9]'  # the time: X is not the recording X_1
+    return sorted(recording.parent.glob(f'clip_{name}_{8 * digit}_{6 * digit}_*.mcap'))

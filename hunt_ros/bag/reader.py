@@ -35,6 +35,8 @@ STORAGES: dict[str, type[McapFile] | type[SqliteFile]] = {'.mcap': McapFile, '.d
 #: Left free where a compressed file is expanded, bytes.
 _RESERVE = 1 << 28
 _LARGEST_METADATA = 1 << 24
+#: Name of a clip: recording, time, code of the alarm (a letter, where files of recordings count).
+_CLIP = re.compile(r'clip_.+_\d{8}_\d{6}_[^\W\d]\w*\.mcap')
 _Loader: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 
@@ -221,10 +223,13 @@ def opened(bag: str | Path | Bag) -> AbstractContextManager[Bag]:
 
 
 def folder_files(folder: Path) -> list[Path]:
-    """Return the recorded files of a folder, in the order in which they were begun."""
+    """Return the files of the recording in a folder as they were begun; clips are of others."""
     try:
         found = [
-            name for name in folder.iterdir() if storage_kind(name) in STORAGES and name.is_file()
+            name
+            for name in folder.iterdir()
+            if storage_kind(name) in STORAGES and not _CLIP.fullmatch(name.name)
+            if name.is_file()
         ]
     except OSError as error:
         raise BagError(f'{folder}: cannot be read ({error.strerror})') from error

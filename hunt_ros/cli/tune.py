@@ -48,10 +48,8 @@ def run(arguments: argparse.Namespace) -> int:
         truths, outcomes = tune(found, config, form, grid, settings.cluster, advance)
     if arguments.out and outcomes[0].harmless_s:
         drawn = picture(outcomes)
-        if arguments.out.suffix == '.svg':
-            write_whole(arguments.out, style.svg(drawn), 'picture')
-        else:
-            arguments.out.write_bytes(style.png(drawn))
+        vector = arguments.out.suffix == '.svg'
+        write_whole(arguments.out, style.svg(drawn) if vector else style.png(drawn), 'picture')
     tell(
         arguments.json,
         lambda: {'truth': _truth(truths), 'settings': [one.to_json() for one in outcomes]},

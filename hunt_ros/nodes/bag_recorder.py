@@ -37,7 +37,7 @@ from hunt_ros.bag.messages import DIAGNOSTIC_ARRAY, STRING
 from hunt_ros.bag.recording import Recording, RecordingLimits, RecordingState
 from hunt_ros.bag.repair import finalise_left
 from hunt_ros.drivers.alarms import alarm_of
-from hunt_ros.errors import BagError, ConfigError
+from hunt_ros.errors import BagError, ConfigError, one_line
 from hunt_ros.nodes.support.conversions import message_class, read_diagnostic
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, steady_clock
 from hunt_ros.nodes.support.estimate_publishers import ESTIMATES
@@ -185,7 +185,7 @@ class BagRecorderNode(SuiteNode):
         self._closed = self.create_publisher(String, OWN_TOPIC, latched())
         self._mark = self.create_publisher(String, _MARK_TOPIC, stream(10))
         self._words = CallWords(self, SERVICES['mark'].words_topic)
-        self._clips = Clips()
+        self._clips, self._cutting = Clips(), threading.Lock()
         self._diagnostics = Diagnostics(self, self._health)
         failed = self._diagnostics.failed
         self._collector = ParameterCollector(self, failed, self._note_parameters)
@@ -378,7 +378,11 @@ class BagRecorderNode(SuiteNode):
 
     def _hear_event(self, path: Path, stamp_ns: int, raw: bytes) -> None:
         """Note that an alarm began: it is to have a clip."""
-        told = read_diagnostic(deserialize_message(raw, DiagnosticArray))
+        try:
+            told = read_diagnostic(deserialize_message(raw, DiagnosticArray))
+        except RuntimeError as error:  # it is recorded as it came: whoever sent it
+            self.get_logger().warning(f'{self._events_name}: {one_line(error)}')
+            return
         alarm = alarm_of(
             told.get('event', ''), told.get('level', ''), told.get('test', ''),
             told.get('cause', ''),
@@ -393,6 +397,10 @@ class BagRecorderNode(SuiteNode):
             self._cut()
 
     def _cut(self) -> None:
+        with self._cutting:  # of the thread, and of who closes
+            self._cut_due()
+
+    def _cut_due(self) -> None:
         with self._busy:
             running = self._recording or self._finishing
             due = self._clips.due(self._now_ns(), running.path if running else None)

@@ -91,6 +91,22 @@ def test_a_window_of_which_nothing_is_recorded_is_said(running: Recording) -> No
     assert not clips_of(running.path)
 
 
+def test_clips_are_of_their_own_recording_and_none_of_the_folder(running: Recording) -> None:
+    path = running.stop()
+    second = path.rename(path.with_name('run_1'))  # begun in the second of another one
+    own = Clip(second, 'hunting', at(50.0), at(35.0), at(65.0)).cut()
+    assert not clips_of(path)
+    assert clips_of(second) == [own]
+    with pytest.raises(BagError, match='it holds run_1: name them one by one'):
+        Bag(path.parent)
+
+
+def test_what_an_event_calls_its_alarm_names_no_other_folder(running: Recording) -> None:
+    path = Clip(running.path, 'alarm_../\0x', at(50.0), at(35.0), at(65.0)).cut()
+    assert path.name.endswith('_alarm_____x.mcap')
+    assert clips_of(running.path) == [path]
+
+
 def windows(several: Clips) -> list[tuple[float, float]]:
     due = several.due(at(1e6), None)
     return [((c.first_ns - _START) / 1e9, (c.last_ns - _START) / 1e9) for c in due]

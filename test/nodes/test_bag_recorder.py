@@ -19,6 +19,7 @@ from geometry_msgs.msg import TwistStamped
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -177,6 +178,20 @@ def test_an_alarm_has_a_clip_while_the_recording_goes_on_and_when_it_ends(
     assert answer.success, answer.message
     graph.spin_until(lambda: len(list(graph.folder.glob('*.mcap'))) == 1 and len(
         read_statuses(path, 'hunting/events')) == 6)  # fmt: skip
+
+
+def test_an_event_that_nobody_can_read_ends_no_recording(graph) -> None:
+    lateral = graph.node.create_publisher(JointState, 'lateral', 10)
+    events = graph.node.create_publisher(DiagnosticArray, 'hunting/events', 10)
+    start(graph)
+    graph.spin_until(lambda: lateral.get_subscription_count() and events.get_subscription_count())
+    events.publish(serialize_message(alarm('escaping', 'ERROR'))[:-9])
+    graph.spin(0.5)
+    lateral.publish(joint('lateral', BEGIN_NS, 1.5))
+    graph.spin(0.5)
+    answer = graph.call('recording/stop')
+    assert answer.success, answer.message
+    assert read_record(answer.message)['lateral'].values.tolist() == [1.5]
 
 
 def test_kill_loses_at_most_a_second_and_the_next_start_closes_the_rest(graph) -> None:
