@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hunt_ros.detection.acceptance import form_event
-from hunt_ros.detection.clearance import Clearances
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.door import Door, Stretch
 from hunt_ros.detection.journal import JournalEntry
@@ -24,6 +23,7 @@ from hunt_ros.detection.output import EMPTY, Event, Output
 from hunt_ros.detection.regions import Level
 from hunt_ros.detection.rows import RowMaker
 from hunt_ros.detection.words.alarms import UNKNOWN, AlarmHistory
+from hunt_ros.detection.words.clearance import Clearances
 from hunt_ros.detection.words.reasons import Basis
 from hunt_ros.detection.words.status import DetectorStatus, status_of
 from hunt_ros.detection.words.transitions import Transitions

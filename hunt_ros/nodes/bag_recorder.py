@@ -10,7 +10,6 @@ gone (ros2/rclpy #1644). Of each alarm a clip is cut out of the recording, in a 
 
 from __future__ import annotations
 
-import os
 import shutil
 import threading
 import time
@@ -23,22 +22,20 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any, cast
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import ROSClock
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
-from hunt_ros.bag.clips import PART, Clips
+from hunt_ros.bag.clips import PART
 from hunt_ros.bag.messages import DIAGNOSTIC_ARRAY, STRING
 from hunt_ros.bag.recording import Recording, RecordingLimits, RecordingState
 from hunt_ros.bag.repair import finalise_left
-from hunt_ros.drivers.alarms import alarm_of
-from hunt_ros.errors import BagError, ConfigError, one_line
-from hunt_ros.nodes.support.conversions import message_class, read_diagnostic
+from hunt_ros.errors import BagError, ConfigError
+from hunt_ros.nodes.support.clipper import Clipper
+from hunt_ros.nodes.support.conversions import message_class
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, steady_clock
 from hunt_ros.nodes.support.estimate_publishers import ESTIMATES
 from hunt_ros.nodes.support.hearing import CallWords, Missed, waiting
@@ -92,8 +89,6 @@ _RESENT_S = 6.5
 _ROUND_S, _LOOK_S = 0.05, 0.25
 #: A recording that cannot be is tried again after this, s.
 _AGAIN_S = 5.0
-#: The thread that cuts clips looks so often, s, and gives way to others of the machine.
-_CLIP_S, _NICE = 1.0, 10
 
 
 @dataclass(frozen=True)
@@ -185,13 +180,19 @@ class BagRecorderNode(SuiteNode):
         self._closed = self.create_publisher(String, OWN_TOPIC, latched())
         self._mark = self.create_publisher(String, _MARK_TOPIC, stream(10))
         self._words = CallWords(self, SERVICES['mark'].words_topic)
-        self._clips, self._cutting = Clips(), threading.Lock()
         self._diagnostics = Diagnostics(self, self._health)
         failed = self._diagnostics.failed
         self._collector = ParameterCollector(self, failed, self._note_parameters)
         #: A recording is wanted, and tried again at this time where it cannot be, steady clock.
         self._wanted, self._again_s = self._config.autostart, 0.0
         self._events_name = self._full('hunting/events')
+        self._clipper = Clipper(
+            failed,
+            self.get_logger(),
+            self._now_ns,
+            self._goes_on,
+            lambda: int(self._config.least_free_mib * 2**20),
+        )
         self._look_around()  # who sees that it listens may count on the recording
         for names, is_latched in ((DESIGN_TOPICS, False), (LATCHED_TOPICS, True)):
             for name, kind in names.items():
@@ -201,7 +202,6 @@ class BagRecorderNode(SuiteNode):
         self._answers = answer_aside(self, failed, answers)
         # A long repair of an earlier recording must not keep this one from beginning.
         Worker(failed, 'closing earlier recordings', self._finalise)
-        self._clipper = Worker(failed, 'clips', self._clip)
         self.create_timer(_ROUND_S, self._round, clock=steady_clock())
         self.create_timer(_LOOK_S, self._look_around, clock=steady_clock())
         self._collector.start()
@@ -218,8 +218,7 @@ class BagRecorderNode(SuiteNode):
                 finishing.stop()  # a service is at it
         except BagError as error:
             self.get_logger().error(str(error))
-        self._clipper.stop()
-        self._cut()  # what was on when the recording ended
+        self._clipper.close()  # what was on when the recording ended has a clip too
         self._closed.wait_for_all_acked(Duration(seconds=0.5))
 
     def _reconfigure(self, config: RecorderConfig) -> None:
@@ -374,50 +373,13 @@ class BagRecorderNode(SuiteNode):
                 stamp_ns = now_ns if simulated else received_ns or now_ns
                 recording.offer(topic.key, stamp_ns, raw)
                 if topic.name == self._events_name:
-                    self._hear_event(recording.path, stamp_ns, raw)
+                    self._clipper.hear(recording.path, stamp_ns, raw)
 
-    def _hear_event(self, path: Path, stamp_ns: int, raw: bytes) -> None:
-        """Note that an alarm began: it is to have a clip."""
-        try:
-            told = read_diagnostic(deserialize_message(raw, DiagnosticArray))
-        except RuntimeError as error:  # it is recorded as it came: whoever sent it
-            self.get_logger().warning(f'{self._events_name}: {one_line(error)}')
-            return
-        alarm = alarm_of(
-            told.get('event', ''), told.get('level', ''), told.get('test', ''),
-            told.get('cause', ''),
-        )  # fmt: skip
-        if alarm and alarm.begins and not self._clips.take(path, stamp_ns, alarm.code):
-            self.get_logger().warning(f'{alarm.code}: no clip, this hour has had its share')
-
-    def _clip(self, stopping: threading.Event) -> None:
-        """Cut the clips that are due, behind everything else that this machine does."""
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICE)
-        while not stopping.wait(_CLIP_S):
-            self._cut()
-
-    def _cut(self) -> None:
-        with self._cutting:  # of the thread, and of who closes
-            self._cut_due()
-
-    def _cut_due(self) -> None:
+    def _goes_on(self) -> Path | None:
+        """Return the recording that is not closed yet."""
         with self._busy:
-            running = self._recording or self._finishing
-            due = self._clips.due(self._now_ns(), running.path if running else None)
-        for clip in due:
-            end_ns, clip.tries = clip.last_ns, clip.tries - 1
-            try:
-                least = self._config.least_free_mib * 2**20
-                if shutil.disk_usage(clip.path.parent).free < least:
-                    raise BagError(f'{clip.path}: no clip, the disk is nearly full')
-                self.get_logger().info(f'clip of {clip.code}: {clip.cut()}')
-            except (BagError, OSError) as error:
-                if not clip.tries:
-                    self.get_logger().warning(str(error))
-                continue
-            with self._busy:
-                if clip.last_ns == end_ns:  # else another alarm came meanwhile
-                    clip.tries = 0
+            recording = self._recording or self._finishing
+            return recording.path if recording else None
 
     def _note_parameters(self, node: str, text: str) -> None:
         """Write a node's parameters into the recording (in the collector's thread)."""

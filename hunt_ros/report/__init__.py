@@ -3,5 +3,5 @@ The report: figures and numbers of a run as a paper would print them, in one HTM
 
 The only room beside the dashboard that draws. It computes nothing of its own: what it
 shows is an `Identification`, the analysis of the records, and the detector's events. `compose`
-puts it together: `drawings` in `figures`, and `words` and `tables` on a `page`.
+puts it together: `figures`, and `words` and `tables`, on a `page`.
 """

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from hunt_ros.analysis.steady_state import SteadyState
     from hunt_ros.detection import Event
-    from hunt_ros.detection.clearance import Clearance
+    from hunt_ros.detection.words.clearance import Clearance
     from hunt_ros.identification.result import Identification
 
 _LETTERS = 'abcd'

@@ -15,7 +15,7 @@ from hunt_ros.samples import Record
 
 if TYPE_CHECKING:
     from hunt_ros.detection import DetectorConfig, Event
-    from hunt_ros.detection.clearance import Clearance
+    from hunt_ros.detection.words.clearance import Clearance
 
 SENTENCES: dict[str, str] = {
     'hysteresis_entered': 'entered the hysteresis region: a bump can now start hunting',

@@ -23,7 +23,7 @@ from hunt_ros.samples import NANOSECONDS, Record, Uncertain, Unknown
 if TYPE_CHECKING:
     from hunt_ros.analysis.spectrum import Line
     from hunt_ros.detection import Event
-    from hunt_ros.detection.clearance import Clearance
+    from hunt_ros.detection.words.clearance import Clearance
     from hunt_ros.identification.result import Identification
 
 _MEANING = {

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, doubts, health
-from hunt_ros.detection.clearance import Clearance, Clearances
 from hunt_ros.detection.offline import watch
 from hunt_ros.detection.output import blank_rows
 from hunt_ros.detection.regions import Region, State
+from hunt_ros.detection.words.clearance import Clearance, Clearances
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 
 S = 1_000_000_000

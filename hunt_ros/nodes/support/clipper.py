@@ -1,0 +1,102 @@
+"""The clips of a recorder: of each alarm that is heard one is cut out of its recording."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.impl.rcutils_logger import RcutilsLogger
+from rclpy.serialization import deserialize_message
+
+from hunt_ros.bag.clips import Clips
+from hunt_ros.drivers.alarms import alarm_of
+from hunt_ros.errors import BagError, one_line
+from hunt_ros.nodes.support.conversions import read_diagnostic
+from hunt_ros.nodes.support.worker import Failed, Worker
+
+#: The thread looks so often, s, and gives way to others of the machine.
+_LOOK_S, _NICE = 1.0, 10
+
+
+class Clipper:
+    """
+    Cuts clips in a thread of its own, behind everything else that the machine does.
+
+    Parameters
+    ----------
+    failed : callable
+        Told when the thread raises.
+    logger : RcutilsLogger
+        Of the node.
+    now_ns : callable
+        Clock of the log times.
+    running : callable
+        Returns the recording that goes on, or None.
+    least_free : callable
+        Returns how many bytes of the disk are left free.
+    """
+
+    def __init__(
+        self,
+        failed: Failed,
+        logger: RcutilsLogger,
+        now_ns: Callable[[], int],
+        running: Callable[[], Path | None],
+        least_free: Callable[[], int],
+    ) -> None:
+        self._logger, self._now_ns = logger, now_ns
+        self._running, self._least_free = running, least_free
+        self._clips = Clips()
+        self._taking = threading.Lock()  # of what is heard and what is due
+        self._cutting = threading.Lock()  # of the thread, and of who closes
+        self._worker = Worker(failed, 'clips', self._work)
+
+    def close(self) -> None:
+        """End the thread, and cut what is left: no recording goes on."""
+        self._worker.stop()
+        self._cut()
+
+    def hear(self, recording: Path, stamp_ns: int, raw: bytes) -> None:
+        """Note an event, as it was on the wire, at its log time: an alarm is to have a clip."""
+        try:
+            told = read_diagnostic(deserialize_message(raw, DiagnosticArray))
+        except RuntimeError as error:  # it is recorded as it came: whoever sent it
+            self._logger.warning(f'no event, and no clip: {one_line(error)}')
+            return
+        said = (told.get(key, '') for key in ('event', 'level', 'test', 'cause'))
+        alarm = alarm_of(*said)
+        if alarm is None or not alarm.begins:
+            return
+        with self._taking:
+            taken = self._clips.take(recording, stamp_ns, alarm.code)
+        if not taken:
+            self._logger.warning(f'{alarm.code}: no clip, this hour has had its share')
+
+    def _work(self, stopping: threading.Event) -> None:
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICE)
+        while not stopping.wait(_LOOK_S):
+            self._cut()
+
+    def _cut(self) -> None:
+        """Cut the clips that are due."""
+        with self._cutting:
+            running = self._running()
+            with self._taking:
+                due = self._clips.due(self._now_ns(), running)
+            for clip in due:
+                end_ns, clip.tries = clip.last_ns, clip.tries - 1
+                try:
+                    if shutil.disk_usage(clip.path.parent).free < self._least_free():
+                        raise BagError(f'{clip.path}: no clip, the disk is nearly full')
+                    self._logger.info(f'clip of {clip.code}: {clip.cut()}')
+                except (BagError, OSError) as error:
+                    if not clip.tries:
+                        self._logger.warning(str(error))
+                    continue
+                with self._taking:
+                    if clip.last_ns == end_ns:  # else another alarm came meanwhile
+                        clip.tries = 0
