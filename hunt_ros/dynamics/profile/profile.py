@@ -15,7 +15,8 @@ from typing import Any
 import yaml
 
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
-from hunt_ros.dynamics.profile.steps import STEPS, Motion, Step
+from hunt_ros.dynamics.profile.step import Motion, Step
+from hunt_ros.dynamics.profile.steps import STEPS
 from hunt_ros.errors import ConfigError
 from hunt_ros.settings import yaml_value
 

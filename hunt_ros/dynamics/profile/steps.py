@@ -1,22 +1,17 @@
-"""
-The steps of a speed profile.
-
-Each kind of step is a small class that turns itself into *legs*: go to a speed, stay there, go
-on. What runs a profile knows legs only. A leg may end early by what the detector sees, and a
-step may choose its next leg by it, so a see-saw is no special case.
-"""
+"""The kinds of steps of a speed profile."""
 
 from __future__ import annotations
 
 import itertools
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
+from hunt_ros.dynamics.profile.step import Leg, Motion, Scene, Step
 from hunt_ros.errors import ConfigError
-from hunt_ros.settings import Settings, setting
+from hunt_ros.settings import setting
 
 #: Of a value that must be given.
 _REQUIRED = math.nan
@@ -38,148 +33,6 @@ _FROM_FORM = {
     'grown_m': 'fold_amplitude_m',
     'fallen_m': 'fold_amplitude_m',
 }
-
-
-@dataclass(frozen=True)
-class Motion:
-    """
-    What a profile may react to: the motion as the detector sees it, and the form in force.
-
-    Parameters
-    ----------
-    amplitude_m : float
-        Amplitude of the hunting motion; NaN: unknown.
-    v_n, v_c : float
-        Critical speeds of the normal form in force, m/s; NaN: unknown.
-    fold_amplitude_m : float
-        Amplitude of the limit cycle at v_n; NaN: unknown.
-    held_mps, held_s : float
-        Speed that is held, m/s, and for how long, s; the latter NaN where nobody judges it.
-    margin : float
-        There, unstable amplitude over amplitude with 95 %; 0: it hunts; NaN: unknown.
-    escape_chance : float
-        There, chance that noise starts hunting within ten minutes; NaN: unknown.
-    forecast_mps : float
-        Lower end of the 95 % interval of the forecast of v_c; NaN: there is none.
-    """
-
-    amplitude_m: float = math.nan
-    v_n: float = math.nan
-    v_c: float = math.nan
-    fold_amplitude_m: float = math.nan
-    held_mps: float = math.nan
-    held_s: float = math.nan
-    margin: float = math.nan
-    escape_chance: float = math.nan
-    forecast_mps: float = math.nan
-
-    @property
-    def form_alone(self) -> Motion:
-        """What is left where nothing is heard of the motion any more."""
-        return Motion().with_form(self)
-
-    def with_form(self, before: Motion) -> Motion:
-        """Return it with the form of another one where it tells none."""
-        kept = {
-            name: getattr(before, name)
-            for name in ('v_n', 'v_c', 'fold_amplitude_m')
-            if math.isnan(getattr(self, name))
-        }
-        return replace(self, **kept) if kept else self
-
-
-@dataclass(frozen=True)
-class Leg:
-    """
-    Go to a speed, and stay there.
-
-    Parameters
-    ----------
-    speed_mps : float
-        Where to.
-    rate_mps2 : float
-        How fast, positive; inf: as fast as the drive may.
-    hold_s : float
-        How long to stay.
-    above_m, below_m : float
-        Ends as soon as the amplitude is above, or below, this; NaN: not.
-    until : callable, optional
-        Ends as soon as this is true of the motion.
-    note : str
-        Told to the operator when it begins.
-    last : bool
-        The profile ends with it.
-    """
-
-    speed_mps: float
-    rate_mps2: float = math.inf
-    hold_s: float = 0.0
-    above_m: float = math.nan
-    below_m: float = math.nan
-    until: Callable[[Motion], bool] | None = None
-    note: str = ''
-    last: bool = False
-
-    def cut(self, motion: Motion) -> bool:
-        """Return True where it ends early, by what the detector sees."""
-        if motion.amplitude_m > self.above_m or motion.amplitude_m < self.below_m:
-            return True
-        return self.until is not None and self.until(motion)
-
-
-class Scene:
-    """
-    What a step sees while it runs.
-
-    Attributes
-    ----------
-    motion : Motion
-        Now.
-    elapsed_s : float
-        Since the step began.
-    """
-
-    def __init__(self, motion: Motion, elapsed_s: float = 0.0) -> None:
-        self.motion, self.elapsed_s = motion, elapsed_s
-
-
-@dataclass(frozen=True)
-class Step(Settings):
-    """A step of a profile; its fields are the keys of the YAML."""
-
-    _: KW_ONLY
-    note: str = setting('', 'told to the operator when the step begins')
-
-    def legs(self, scene: Scene) -> Iterator[Leg]:
-        """Iterate over the legs; the next one is asked for when the one before is over."""
-        raise NotImplementedError
-
-    def plan(self) -> list[Leg]:
-        """Return the legs, longest case, without a detector: what the step may ask for."""
-        return list(self.legs(Scene(Motion())))
-
-    def begin_mps(self, motion: Motion) -> float:
-        """Return where the roller runs when a profile begins with this step, m/s."""
-        return next(self.legs(Scene(motion))).speed_mps
-
-    def missing(self, motion: Motion) -> str:
-        """Return '' or what the step has to know of the detector, and does not."""
-        return ''
-
-    @property
-    def resumable(self) -> bool:
-        """Whether it goes on where it was stopped."""
-        return True
-
-    @property
-    def reacts(self) -> bool:
-        """True where the detector decides how the step goes."""
-        return False
-
-    @property
-    def longest_s(self) -> float:
-        """No longer than this, s; inf: the legs say."""
-        return math.inf
 
 
 def _speed(description: str, default: float = _REQUIRED) -> Any:
