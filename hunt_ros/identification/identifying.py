@@ -193,30 +193,38 @@ def _usable(
 
 
 def _distinct(given: Sequence[Recording], warnings: list[str]) -> list[Recording]:
-    """Leave out what was given twice, and give each recording a name of its own."""
+    """
+    Leave out what was given twice, and give each recording a name of its own.
+
+    Of two that overlap the longer one stays whole: the other one may be cut out of it.
+    """
     refuse_two_rigs([one.digest for one in given])
-    named: dict[str, int] = {}
-    names: set[str] = set()
+    warnings += [
+        f'{one.digest.source}: damaged: {one.digest.problems}'
+        for one in given
+        if one.digest.problems
+    ]
     kept: list[Recording] = []
-    for one in given:
-        digest, source, settings = one.digest, one.digest.source, one.settings
-        if digest.problems:
-            warnings.append(f'{source}: damaged: {digest.problems}')
-        again = repeated(digest, [other.digest for other in kept])
+    for one in sorted(given, key=lambda one: one.digest.span[0] - one.digest.span[1]):
+        again = repeated(one.digest, [other.digest for other in kept])
         if again is not None:
             low, high, whose = again
             cut = '' if math.isinf(high) else f' from {low:.4g} to {high:.4g} s'
-            warnings.append(f'left out: {source}{cut}: the same samples as {whose}')
+            warnings.append(f'left out: {one.digest.source}{cut}: the same samples as {whose}')
             if not cut:
                 continue
-            settings = replace(settings, ignore=(*settings.ignore, (low, high, 0)))
-            one = Recording(one.source, one.number, settings)
-        one.name = source
+            ignore = (*one.settings.ignore, (low, high, 0))
+            one = Recording(one.source, one.number, replace(one.settings, ignore=ignore))
+        kept.append(one)
+    kept.sort(key=lambda one: one.number)
+    named: dict[str, int] = {}
+    names: set[str] = set()
+    for one in kept:
+        source = one.name = one.digest.source
         while one.name in names:
             count = named[source] = named.get(source, 1) + 1
             one.name = f'{source} ({count})'
         names.add(one.name)
-        kept.append(one)
     return kept
 
 

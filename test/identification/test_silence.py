@@ -252,6 +252,11 @@ def test_data_that_are_given_twice_in_part_count_once(records):
     assert any(line.startswith('left out: last from 0 to ') for line in cuts.notices)
     counts = [np.isfinite(one.amplitude).sum() for one in cuts.envelopes]
     assert sum(counts) <= np.isfinite(once.envelopes[0].amplitude).sum()
+    # A clip that comes first cuts nothing out of its recording.
+    clip = Record(dict(loop.between(start, start + int(0.2 * length))), 'clip')
+    clipped = identify([clip, loop])
+    assert any('left out: clip: the same samples' in line for line in clipped.notices)
+    assert clipped.v_n == once.v_n
 
 
 def test_too_few_samples_a_cycle_are_no_drop_outs(records):
