@@ -2,8 +2,8 @@
 Clips: the stretch of a recording around an alarm, as a small recording beside it.
 
 Chunks that are on the disk are copied as they are, also while the recording goes on. A clip has
-its name only when it is whole, and nothing is written into the recording: what ends its making,
-a kill or a full disk, costs the clip alone.
+its name only when it is whole, and nothing is written into the recording: a full disk costs the
+clip alone.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ MOST_S = 600.0
 _HOUR_NS = 3600 * NANOSECONDS
 #: A clip is cut so long after its end, s: by then all of it is on the disk.
 _WRITTEN_S = 2.0
+#: An alarm has its clip after so long, s.
+LATEST_S = AFTER_S + _WRITTEN_S
 #: So often is one tried: a recording that is closed just then changes its name.
 _TRIES = 2
 #: A clip that is being cut has this ending.

@@ -12,7 +12,7 @@ import fcntl
 import shutil
 import tempfile
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -345,22 +345,22 @@ def _finish_file(file: Path) -> None:
             repaired.unlink(missing_ok=True)
 
 
-def finalise_left(directory: Path) -> list[str]:
+def finalise_left(directory: Path) -> Iterator[tuple[Path | None, str]]:
     """
     Close every recording in a directory whose recorder died.
 
-    Returns
-    -------
-    list of str
-        One line for each, on what was done or why not; recordings that are running
-        are passed over in silence.
+    Yields
+    ------
+    Path or None
+        The closed recording; None where it could not be closed.
+    str
+        What was done or why not. Recordings that are running are passed over in silence.
     """
-    lines = []
     for active in sorted(directory.glob(f'*{ACTIVE}')):
         try:
-            lines.append(f'{finalise(active)}: closed, its recorder had ended without doing so')
+            closed = finalise(active)
+            yield closed, f'{closed}: closed, its recorder had ended without doing so'
         except BeingRecorded:
             continue
         except BagError as error:
-            lines.append(str(error))
-    return lines
+            yield None, str(error)

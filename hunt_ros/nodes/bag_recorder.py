@@ -391,8 +391,10 @@ class BagRecorderNode(SuiteNode):
         """Close what a killed recorder left."""
         for part in Path(self._config.directory).glob(f'clip_*{PART}'):
             part.unlink(missing_ok=True)
-        for done in finalise_left(Path(self._config.directory)):
-            self.get_logger().warning(done)
+        for closed, said in finalise_left(Path(self._config.directory)):
+            self.get_logger().warning(said)
+            if closed is not None:
+                self._clipper.recover(closed, self._events_name)
 
     def _running(self) -> Recording:
         if self._recording is None:

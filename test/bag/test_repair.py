@@ -173,13 +173,13 @@ def test_what_a_dead_recorder_left_is_read_as_it_is_and_closed(
     # Found under its final name, too.
     assert message_set(tmp_path / 'run') == before
     assert 'not closed' in read_record(active).notes['problems']
-    assert finalise_left(tmp_path) == [
-        f'{tmp_path / "run"}: closed, its recorder had ended without doing so'
-    ]
+    ((closed, said),) = finalise_left(tmp_path)
+    assert closed == tmp_path / 'run'
+    assert said == f'{closed}: closed, its recorder had ended without doing so'
     assert not active.exists()
     assert message_set(tmp_path / 'run') >= before
     assert inspect(tmp_path / 'run').problems == []
-    assert finalise_left(tmp_path) == []
+    assert not list(finalise_left(tmp_path))
 
 
 def killed_copy(record, folder: Path, size: float) -> tuple[Path, Path]:
@@ -221,7 +221,8 @@ def test_what_no_disk_has_room_to_close_stays_as_it_is(
     active = active_copy(small, tmp_path, 500)
     before = message_set(active)
     monkeypatch.setattr('hunt_ros.bag.mcap.writer._write', full)
-    (line,) = finalise_left(tmp_path)
+    ((closed, line),) = finalise_left(tmp_path)
+    assert closed is None
     assert 'No space left on device' in line
     assert [name.name for name in active.iterdir()] == ['run_0.mcap']
     assert message_set(active) == before
@@ -234,7 +235,7 @@ def test_a_running_recording_is_left_alone(tmp_path: Path) -> None:
         writer.flush()
         with pytest.raises(BeingRecorded):
             finalise(tmp_path / 'run.active')
-        assert finalise_left(tmp_path) == []
+        assert not list(finalise_left(tmp_path))
     assert len(message_set(tmp_path / 'run')) == 1
 
 
@@ -251,7 +252,8 @@ def test_a_closed_recording_is_not_overwritten_by_what_was_left(
 def test_a_folder_without_a_message_is_reported_and_kept(tmp_path: Path) -> None:
     (tmp_path / 'run.active').mkdir()
     (tmp_path / 'run.active' / 'run_0.mcap').touch()
-    (line,) = finalise_left(tmp_path)
+    ((closed, line),) = finalise_left(tmp_path)
+    assert closed is None
     assert 'no whole message' in line
     assert (tmp_path / 'run.active').exists()
 

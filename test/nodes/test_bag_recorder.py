@@ -218,6 +218,10 @@ def test_kill_loses_at_most_a_second_and_the_next_start_closes_the_rest(graph) -
     final = left.with_suffix('')
     graph.spin_until(final.exists)
     np.testing.assert_array_equal(read_record(final)['lateral'].values, values)
+    clip = f'clip_{final.name}_*_hunting.mcap'
+    graph.spin_until(lambda: list(graph.folder.glob(clip)))
+    (path,) = graph.folder.glob(clip)
+    assert len(read_statuses(path, 'hunting/events')) == 1
 
 
 def test_what_was_published_before_a_stop_is_taken_though_the_machine_was_busy(graph) -> None:

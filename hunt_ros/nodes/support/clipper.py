@@ -6,17 +6,21 @@ import os
 import shutil
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.serialization import deserialize_message
 
-from hunt_ros.bag.clips import Clips
+from hunt_ros.bag.clips import LATEST_S, Clips
+from hunt_ros.bag.messages import read_raw
+from hunt_ros.bag.reader import Bag
 from hunt_ros.drivers.alarms import alarm_of
 from hunt_ros.errors import BagError, one_line
 from hunt_ros.nodes.support.conversions import read_diagnostic
 from hunt_ros.nodes.support.worker import Failed, Worker
+from hunt_ros.samples import NANOSECONDS
 
 #: The thread looks so often, s, and gives way to others of the machine.
 _LOOK_S, _NICE = 1.0, 10
@@ -75,6 +79,15 @@ class Clipper:
             taken = self._clips.take(recording, stamp_ns, alarm.code)
         if not taken:
             self._logger.warning(f'{alarm.code}: no clip, this hour has had its share')
+
+    def recover(self, recording: Path, topic: str) -> None:
+        """Hear again the events at the end of a recording: a kill may have cost their clips."""
+        with suppress(BagError), Bag(recording) as bag:  # one without events has no such topic
+            assert bag.span_ns is not None
+            late_ns = bag.span_ns[1] - round(LATEST_S * NANOSECONDS)
+            for message in read_raw(bag, [topic]):
+                if message.log_ns > late_ns:
+                    self.hear(recording, message.log_ns, message.data)
 
     def _work(self, stopping: threading.Event) -> None:
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICE)
