@@ -8,7 +8,6 @@ clip alone.
 
 from __future__ import annotations
 
-import glob
 import re
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
@@ -33,6 +32,7 @@ _WRITTEN_S = 2.0
 LATEST_S = AFTER_S + _WRITTEN_S
 #: So often is one tried: a recording that is closed just then changes its name.
 _TRIES = 2
+_NAME = re.compile(r'clip_(.+)_\d{8}_\d{6}_\w+\.mcap')
 #: A clip that is being cut has this ending.
 PART = '.part'
 #: A suite ends its nodes one after the other: what falls silent so short before the recording ends
@@ -168,7 +168,13 @@ class Clips:
         ]
 
 
+def recording_of(clip: Path) -> str:
+    """Return the name of the recording of a clip, by the clip's own; that where it is no clip."""
+    match = _NAME.fullmatch(clip.name)  # the last time in it: X is not the recording X_1
+    return match[1] if match else clip.name
+
+
 def clips_of(recording: Path) -> list[Path]:
     """Return the clips beside a recording, by name."""
-    name, digit = glob.escape(recording.name), '[0-9]'  # the time: X is not the recording X_1
-    return sorted(recording.parent.glob(f'clip_{name}_{8 * digit}_{6 * digit}_*.mcap'))
+    beside = recording.parent.glob('clip_*.mcap')
+    return sorted(clip for clip in beside if recording_of(clip) == recording.name)

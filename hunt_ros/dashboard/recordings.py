@@ -12,6 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
+from hunt_ros.bag.clips import recording_of
 from hunt_ros.bag.reader import (
     ACTIVE,
     STORAGES,
@@ -54,28 +55,30 @@ class Recordings:
             For JSON. `directory`; `problem` ('' where the folder can be read); `recordings`, the
             newest first: `name`, `open` (True: it is being recorded, or was not closed),
             `began_s` (s since 1970, or simulated), `duration_s` (null without a description),
-            `bytes`, `files` (names of those that can be had), `form` (the newest normal form
-            that rests on it: `file` and `words`, or null), and `report` (True where there is one).
+            `bytes`, `files` (names of those that can be had, its clips behind), `form` (the
+            newest normal form that rests on it: `file` and `words`, or null), and `report` (True
+            where there is one).
         """
         said: dict[str, Any] = {'directory': str(self.directory), 'problem': ''}
         try:
-            paths = list(self._paths())
+            paths = self._paths()
         except OSError as error:
             return said | {'problem': f'cannot be read: {error.strerror}', 'recordings': []}
         forms = list(self._forms())
         rows = []
-        for path in paths:
+        for path, clips in paths.items():
             with suppress(OSError, HuntError):  # it has gone meanwhile
-                rows.append(self._row(path, forms))
+                rows.append(self._row(path, clips, forms))
         rows.sort(key=lambda row: (row['open'], row['began_s'], row['name']), reverse=True)
         return said | {'recordings': rows}
 
     def file(self, name: str, file: str) -> Path | None:
-        """Return a file of a recording that is closed; None where there is none of that name."""
+        """Return a file of a recording that can be had; None where there is none of that name."""
         with suppress(OSError, HuntError):
-            for path in self._paths():
-                if path.name == name and not name.endswith(ACTIVE):
-                    return next((each for each in _files(path) if each.name == file), None)
+            for path, clips in self._paths().items():
+                if path.name == name:
+                    offered = _offered(path, clips)
+                    return next((each for each in offered if each.name == file), None)
         return None
 
     def form(self, name: str) -> Path | None:
@@ -91,28 +94,37 @@ class Recordings:
                     return _report(path)
         return None
 
-    def _paths(self) -> Iterator[Path]:
-        """Yield what looks like a recording."""
+    def _paths(self) -> dict[Path, list[Path]]:
+        """Return what looks like a recording, each with the clips of it."""
+        found: dict[Path, list[Path]] = {}
+        files = []
         for path in sorted(self.directory.iterdir()):
             if path.is_file():
-                if storage_kind(path) in STORAGES:
-                    yield path
+                files += [path] if storage_kind(path) in STORAGES else []
             elif (path / 'metadata.yaml').exists() or is_recording(path):
-                yield path
+                found[path] = []
+        for path in files:  # a clip whose recording is not there stands for itself
+            whole = path.with_name(recording_of(path))
+            whole = whole if whole in found else whole.with_name(whole.name + ACTIVE)
+            if whole in found:
+                found[whole].append(path)
+            else:
+                found[path] = []
+        return found
 
-    def _row(self, path: Path, forms: list[tuple[Path, frozenset[str], str]]) -> dict[str, Any]:
-        files = _files(path)
+    def _row(
+        self, path: Path, clips: list[Path], forms: list[tuple[Path, frozenset[str], str]]
+    ) -> dict[str, Any]:
         known = self._known(path / 'metadata.yaml', _span) or (path.stat().st_mtime, None)
         own = [form for form in forms if _word(path.name) in form[1]]
         newest = max(own, key=lambda form: form[0].stat().st_mtime_ns, default=None)
-        is_open = path.name.endswith(ACTIVE)
         return {
             'name': path.name,
-            'open': is_open,
+            'open': path.name.endswith(ACTIVE),
             'began_s': known[0],
             'duration_s': known[1],
-            'bytes': sum(file.stat().st_size for file in files),
-            'files': [] if is_open else [file.name for file in files],
+            'bytes': sum(file.stat().st_size for file in _files(path)),
+            'files': [file.name for file in _offered(path, clips)],
             'form': newest and {'file': newest[0].name, 'words': newest[2]},
             'report': _report(path) is not None,
         }
@@ -157,6 +169,11 @@ def _files(path: Path) -> list[Path]:
         return [path]
     description = path / 'metadata.yaml'
     return [*folder_files(path), *([description] if description.is_file() else [])]
+
+
+def _offered(path: Path, clips: list[Path]) -> list[Path]:
+    """Return the files that can be had: of a recording that is not closed its clips."""
+    return clips if path.name.endswith(ACTIVE) else [*_files(path), *clips]
 
 
 def _report(path: Path) -> Path | None:

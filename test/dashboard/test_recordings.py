@@ -75,6 +75,21 @@ def test_each_run_stands_with_its_files_its_form_and_its_report(live) -> None:
         assert ask(f'{live.url}{what}/hunt_10')[0] == 404
 
 
+def test_clips_are_files_of_their_recording(live) -> None:
+    run(live.folder / 'hunt_1')
+    run(live.folder / 'hunt_2').rename(live.folder / 'hunt_2.active')
+    clips = {name: f'clip_{name}_20261125_102233_hunting.mcap' for name in ('hunt_1', 'hunt_2')}
+    lost = 'clip_hunt_3_20261125_102233_CH_silent.mcap'
+    for name in (*clips.values(), lost):
+        (live.folder / name).write_bytes(name.encode())
+    said = listed(live)
+    assert {row['name'] for row in said['recordings']} == {'hunt_1', 'hunt_2.active', lost}
+    assert said['hunt_1']['files'][-1] == clips['hunt_1']
+    assert said['hunt_2.active']['files'] == [clips['hunt_2']]
+    for whole, name in (('hunt_1', clips['hunt_1']), ('hunt_2.active', clips['hunt_2'])):
+        assert ask(f'{live.url}file/{whole}/{name}') == (200, name.encode())
+
+
 def test_a_large_file_is_sent_whole(live) -> None:
     path = run(live.folder / 'run')
     content = np.random.default_rng(0).bytes(3_000_001)
