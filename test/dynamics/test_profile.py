@@ -172,6 +172,15 @@ def test_hunting_ends_a_climb_that_asks_for_no_margin() -> None:
     assert 'back to 6 m/s: 6 m/s is not cleared (margin 0: it hunts)' in run.note
 
 
+def test_the_steps_of_a_climb_are_of_equal_height() -> None:
+    step = Climb(6.0, 7.001, 0.5, wait_s=30.0)
+    speeds, run = climbed(step, cleared)
+    assert max(speeds) == 7.001
+    assert not run.note
+    assert np.ptp(np.diff(step.levels)) < 1e-9
+    assert Climb(6.0, 6.0).levels == [6.0]
+
+
 def test_a_slow_climb_decides_at_its_steps_and_not_on_the_way() -> None:
     run, speeds = ProfileRun(Profile((replace(CLIMB, rate_mps2=0.003),)), 6.0), [6.0]
     while not run.finished:  # so slow that the detector calls it held
@@ -183,6 +192,9 @@ def test_a_climb_needs_a_detector_that_judges_and_tells_its_highest_speed() -> N
     profile = Profile.from_yaml('profile: [{climb: {low_mps: 6, high_mps: 9.1}}]')
     assert 'no detector judges' in profile.missing(Motion(amplitude_m=1e-5))
     assert not profile.missing(Motion(held_s=0.0))
+    assert not profile.missing(Motion(held_s=0.0, v_n=6.1, v_c=8.0))
+    assert 'dies out below v_n, 5.90' in profile.missing(Motion(held_s=0.0, v_n=5.9, v_c=8.0))
+    assert 'dies out below v_c, 5.80' in profile.missing(Motion(held_s=0.0, v_c=5.8))
     with pytest.raises(ConfigError, match=r'9.1 m/s is above'):
         profile.check(9.0)
     with pytest.raises(ConfigError, match='no detector judges'):

@@ -170,10 +170,16 @@ class Climb(Step):
         if self.high_mps < self.low_mps:
             raise ConfigError(f'high_mps: {self.high_mps:g} is below low_mps ({self.low_mps:g})')
 
+    @property
+    def levels(self) -> list[float]:
+        """Speeds of the steps, m/s: of equal height, which the speed that is held can tell."""
+        height = self.high_mps - self.low_mps
+        count = math.ceil(height / self.step_mps - 1e-9)
+        return [self.low_mps + height * k / count for k in range(count)] + [self.high_mps]
+
     def legs(self, scene: Scene) -> Iterator[Leg]:
         """Wait on each step, and stay there; or go back."""
-        levels = Staircase(self.low_mps, self.high_mps, self.step_mps, back=False).levels
-        for level, before in zip(levels, [math.nan, *levels], strict=False):
+        for level, before in zip(self.levels, [math.nan, *self.levels], strict=False):
 
             def against(motion: Motion, level: float = level, before: float = before) -> str:
                 return self._against(motion, level, before)
@@ -212,11 +218,13 @@ class Climb(Step):
 
     def plan(self) -> list[Leg]:
         """Return the legs of a rig on which every step waits for as long as it may."""
-        levels = Staircase(self.low_mps, self.high_mps, self.step_mps, back=False).levels
-        return [Leg(level, self.rate_mps2, self.wait_s + self.hold_s) for level in levels]
+        return [Leg(level, self.rate_mps2, self.wait_s + self.hold_s) for level in self.levels]
 
     def missing(self, motion: Motion) -> str:
-        """A detector has to judge the speeds that are held."""
+        """A detector has to judge the speeds that are held, and what hunts has to die out."""
+        name = 'v_c' if math.isnan(motion.v_n) else 'v_n'
+        if self.low_mps >= (limit := getattr(motion, name)):
+            return f'low_mps: hunting dies out below {name}, {limit:.2f} m/s, got {self.low_mps:g}'
         return 'no detector judges the speed that is held' if math.isnan(motion.held_s) else ''
 
     @property
