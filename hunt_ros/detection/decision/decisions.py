@@ -187,7 +187,8 @@ def _learn(
     v, idle = out['speed'], m['state']['hunting']['word'] == states.NO
     if idle and likelihood.moved_on(rules, m['ratios'], v):
         likelihood.begin_anew(m['ratios'], v)
-        if not predictable or m['outlook']['quiet'] > 0.5:  # else there is none to learn
+        learns = not predictable or m['outlook']['quiet'] > 0.5  # else there is none to learn
+        if learns and not likelihood.settled(m['ratios']):
             likelihood.forget_floor(m['floor'])
     if math.isnan(a):
         likelihood.interrupt(m['ratios'])

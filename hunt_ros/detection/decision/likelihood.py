@@ -98,8 +98,8 @@ _LONGEST = HORIZONS[-1]
 _KEPT = 2 * _LONGEST + 1
 
 #: What is remembered. Since the last gap: rows since the last mark, marks; the speed at which the
-#: noise was last begun to be learnt, m/s (0: none), and for how many rows it is another;
-#: amplitudes and their standard deviations (m) at the last marks. Of the noise, by horizon:
+#: noise was last begun to be learnt, m/s (0: none), the first one half as far away as another one
+#: is, or the same, the marks since then, and for how many rows it is another; amplitudes and their standard deviations (m) at the last marks. Of the noise, by horizon:
 #: squared misses of the middle and the part of the tracker's error in them (m^2), the last one
 #: first, their number, variance of the quiet motion and variance S now (m^2; 0 before it is
 #: known), degrees of freedom; S by mean square (m^2), and the sum of the weights in it. The
@@ -109,6 +109,8 @@ LIKELIHOOD: np.dtype[np.void] = np.dtype(
         ('rows', np.int64),
         ('marks', np.int64),
         ('speed', np.float64),
+        ('later', np.float64),
+        ('since', np.int64),
         ('another', np.int64),
         ('a', np.float64, (_KEPT,)),
         ('s', np.float64, (_KEPT,)),
@@ -157,8 +159,7 @@ def well_known(a: float, s: float) -> bool:
 @compiled_part
 def interrupt(memory: Any) -> None:
     """Begin the chain of marks anew: the amplitude is not known. The evidence stands."""
-    memory['rows'] = 0
-    memory['marks'] = 0
+    memory['rows'] = memory['marks'] = memory['since'] = 0
 
 
 @compiled_part
@@ -170,27 +171,38 @@ def moved_on(rules: Rules, memory: Any, v: float) -> bool:
     """
     if not v >= 0.0:
         return False
-    begun = memory['speed']
-    memory['speed'] = v if begun == 0.0 else begun
-    change = abs(v - memory['speed'])
-    another = change > _ANOTHER_SPEED * v and change > _STANDSTILL
+    if memory['speed'] == 0.0:
+        memory['speed'] = memory['later'] = max(v, 1e-9)
+    if memory['later'] == memory['speed'] and _differ(v, memory['speed'], 0.5 * _ANOTHER_SPEED):
+        memory['later'], memory['since'] = v, 0
+    another = _differ(v, memory['speed'], _ANOTHER_SPEED)
     memory['another'] = memory['another'] + 1 if another else 0
     return bool(memory['another'] * rules.stride > _STAYS_S)
 
 
 @compiled_part
+def _differ(v: float, other: float, part: float) -> bool:
+    """Return True where speeds, m/s, differ by this part, and by more than readings at rest do."""
+    return abs(v - other) > max(part * v, _STANDSTILL)
+
+
+@compiled_part
 def begin_anew(memory: Any, v: float) -> None:
-    """Forget all that was learnt and seen at another speed than v, m/s."""
-    interrupt(memory)
-    memory['speed'] = max(v, 1e-9)
+    """Forget what was learnt at another speed than v, m/s: all but the marks since it was near."""
+    near = not _differ(v, memory['later'], _ANOTHER_SPEED)
+    kept = memory['since'] if near else 0
+    memory['speed'] = memory['later'] = max(memory['later'] if near else v, 1e-9)
     memory['another'] = 0
-    memory['seen'][:] = 0
-    memory['alone'][:] = 0
-    memory['quiet'][:] = 0.0
-    memory['noise'][:] = 0.0
-    memory['freedom'][:] = 0.0
-    memory['moved'][:] = 0.0
-    memory['known'][:] = 0.0
+    memory['marks'] = min(memory['marks'], kept)
+    for j in range(len(HORIZONS)):
+        memory['seen'][j] = min(memory['seen'][j], max(kept - 2 * HORIZONS[j], 0))
+        memory['alone'][j] = 0
+        recent = min(memory['seen'][j], _RECENT * HORIZONS[j])
+        if recent > 0:
+            memory['quiet'][j] = np.median(memory['square'][j, :recent]) / _MEDIAN
+        else:
+            memory['quiet'][j] = memory['noise'][j] = memory['freedom'][j] = 0.0
+            memory['moved'][j] = memory['known'][j] = 0.0
     memory['grows'][:] = 0.0
     memory['falls'][:] = 0.0
     memory['holds'][:] = 0.0
@@ -280,6 +292,7 @@ def watch(rules: Rules, memory: Any, a: float, s: float, drift: float) -> None:
     memory['a'][0] = a
     memory['s'][0] = s
     memory['marks'] += 1
+    memory['since'] += 1
     noise_alone = excess(rules, memory) < SOME * rules.evidence
     for j in range(len(HORIZONS)):
         if memory['marks'] > 2 * HORIZONS[j]:
