@@ -94,6 +94,8 @@ _EXACT = 0.5
 #: An amplitude is well known when its standard deviation is below this part of it.
 SURE = 0.1
 
+#: Marks from which on the noise is known over the longest horizon that tells growth.
+_KNOWN = (_FIRST + 2) * HORIZONS[_TELLING - 1]
 _LONGEST = HORIZONS[-1]
 _KEPT = 2 * _LONGEST + 1
 
@@ -188,8 +190,12 @@ def _differ(v: float, other: float, part: float) -> bool:
 
 @compiled_part
 def begin_anew(memory: Any, v: float) -> None:
-    """Forget what was learnt at another speed than v, m/s: all but the marks since it was near."""
-    near = not _differ(v, memory['later'], _ANOTHER_SPEED)
+    """
+    Forget what was learnt at another speed than v, m/s.
+
+    The marks since the speed was near stay where the noise is known from them.
+    """
+    near = not _differ(v, memory['later'], _ANOTHER_SPEED) and memory['since'] >= _KNOWN
     kept = memory['since'] if near else 0
     memory['speed'] = memory['later'] = max(memory['later'] if near else v, 1e-9)
     memory['another'] = 0
