@@ -98,3 +98,16 @@ def test_what_is_damped_by_less_than_the_least_damping_passes_for_a_limit_cycle(
     path = kicked(0.1, 3)
     assert math.isinf(seconds_to_alarm(judged(path)))
     assert seconds_to_alarm(judged(path, least_damping_per_s=0.5)) < 40.0
+
+
+def test_what_begins_to_hunt_just_above_another_speed_is_not_taken_for_its_noise() -> None:
+    t = np.arange(150 * ROWS) / ROWS
+    speed = np.interp(t, [0.0, 50.0, 55.0, 100.0, 105.0], [8.0, 8.0, 8.5, 8.5, 9.0])
+    grown = QUIET * np.minimum(np.exp(0.8 * np.maximum(t - 108.0, 0.0)), 12.0)
+    rules, said = rules_of(DetectorConfig(), math.nan, math.nan), 0
+    for seed in range(10):
+        amplitude = np.abs(noise(150.0, 0.4, seed=seed) + np.where(t < 108.0, 0.0, grown))
+        at = seconds_to_alarm(decided(amplitude, rules, speed=speed)['state'])
+        assert at > 105.0
+        said += at < 120.0
+    assert said >= 8
