@@ -11,7 +11,6 @@ from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import tell
 from hunt_ros.dynamics.center_manifold import ComplexNormalForm, normal_form_of
 from hunt_ros.dynamics.limit_cycle import Branch, cycles_of, fitted_form
-from hunt_ros.dynamics.linear_stability import creep_coefficients
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import ConfigError
 from hunt_ros.files import write_whole
@@ -36,9 +35,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add = partial(options.add, parser)
     what = 'YAML file of the rig; a key left out is that of Table 1, so {} is the linear rig'
     add('wheelset', type=Path, help=what)
-    positive = options.number(0.0, 1e3, above=True)
-    what = 'v_c (m/s) and D1 as measured: the creep coefficients are those that give them'
-    add('--measured', nargs=2, type=positive, metavar=('V_C', 'D1'), help=what)
     picture = options.new_file('.png', '.svg')
     add('--plot', type=picture, metavar='PNG', help='bifurcation diagram')
     add('--json')
@@ -48,17 +44,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Read the rig, compute, print."""
     text = options.read_text(arguments.wheelset, 'rig')
     rig = RigParameters.from_yaml(text, str(arguments.wheelset))
-    creep = creep_coefficients(rig, *arguments.measured) if arguments.measured else ()
-    rig = creep[0].rig if creep else rig
     form = normal_form_of(rig)
     branch = cycles_of(rig)
     result = document(form, branch)
-    if creep:  # the solutions of the inverse problem; the first is the one taken
-        names = ('creep_lateral_n', 'creep_longitudinal_n')
-        result['creep_coefficients'] = [
-            {'solution': one.name, **{name: getattr(one.rig, name) for name in names}}
-            for one in creep
-        ]
     tell(arguments.json, lambda: result, lambda: summary(rig.name, form, result))
     if arguments.plot:
         _plot(form, branch, arguments.plot)
@@ -86,15 +74,7 @@ def document(form: ComplexNormalForm, branch: Branch | None) -> dict[str, Any]:
 
 def summary(name: str, form: ComplexNormalForm, result: dict[str, Any]) -> str:
     """Return the lines for a person."""
-    creep = result.get('creep_coefficients', ())
     lines = [
-        f'creep_lateral_n: {one["creep_lateral_n"]:.5g},'
-        f' creep_longitudinal_n: {one["creep_longitudinal_n"]:.5g}  ({one["solution"]})'
-        for one in creep
-    ]
-    lines += ['the first is taken'] if len(creep) > 1 else []
-    lines += [''] if creep else []
-    lines += [
         f'{name}: {result["criticality"] or "linear"} Hopf bifurcation at'
         f' v_c = {form.critical_speed:.4f} m/s, {result["hunting_frequency_hz"]:.3f} Hz',
         '',

@@ -1,5 +1,5 @@
 """
-The linear theory, Appendix B: eigenvalues, critical speed, hunting frequency, and the inverse.
+The linear theory, Appendix B: eigenvalues, critical speed, hunting frequency.
 
 The hunting mode is the least damped oscillation of the wheelset about its centre. At the end the
 quiet wheelset under roughness and broadband excitation: linear response and covariance.
@@ -18,9 +18,6 @@ from hunt_ros.dynamics.wheelset import Wheelset
 from hunt_ros.errors import ConfigError
 
 Complex = NDArray[np.complex128]
-
-#: Ratios d22 / d11 searched by `creep_coefficients`.
-_RATIOS = np.geomspace(1e-3, 1e3, 1201)
 
 
 def eigenvalues(rig: RigParameters, speed: ArrayLike) -> Complex:
@@ -164,97 +161,6 @@ def speed_derivatives(rig: RigParameters) -> tuple[complex, complex]:
     second = -(by_ss + 2.0 * by_zs * first + by_zz * first**2) / by_z
     # s = 1 / (1 + eps) = 1 - eps + eps^2
     return -first, first + 0.5 * second
-
-
-@dataclass(frozen=True)
-class CreepSolution:
-    """
-    A pair of creep coefficients that gives a measured v_c and D1.
-
-    Parameters
-    ----------
-    name : str
-        'balanced' for the solution with d22 / d11 nearest to one, as creep theory
-        expects of two nearly equal coefficients; else 'lateral' (d11 > d22) or
-        'longitudinal'.
-    rig : RigParameters
-        The rig with these coefficients.
-    """
-
-    name: str
-    rig: RigParameters
-
-
-def creep_coefficients(
-    rig: RigParameters, measured_critical_speed: float, measured_d1: float
-) -> tuple[CreepSolution, ...]:
-    """
-    Inverse problem: creep coefficients from v_c and Re D1.
-
-    For a ratio d22 / d11 Eq. (B-1) gives omega, the Hopf condition the product
-    d11 d22; the ratio then follows from D1. On Table 1 with 8.0 m/s and 0.12
-    there are two solutions, (1.745, 2.566) and about (3.46, 1.27).
-
-    Parameters
-    ----------
-    rig : RigParameters
-        Its creep coefficients are not used.
-    measured_critical_speed : float
-        m/s.
-    measured_d1 : float
-        Real part of D1, dimensionless.
-
-    Returns
-    -------
-    tuple of CreepSolution
-        'balanced' first.
-
-    Raises
-    ------
-    ConfigError
-        If no pair gives these values.
-    """
-    from scipy.optimize import brentq  # 50 MB in every process that simulates, for this inverse
-
-    def candidate(log_ratio: float) -> RigParameters | None:
-        return _rig_with_ratio(rig, math.exp(log_ratio), measured_critical_speed)
-
-    def mismatch(log_ratio: float) -> float:
-        found = candidate(log_ratio)
-        return math.nan if found is None else speed_derivatives(found)[0].real - measured_d1
-
-    logs = np.log(_RATIOS)
-    values = np.array([mismatch(x) for x in logs])
-    known = np.isfinite(values[1:]) & np.isfinite(values[:-1])
-    # A value of exactly zero counts as above, so that a root on the grid is not lost.
-    crossings = np.flatnonzero(((values >= 0.0)[1:] != (values >= 0.0)[:-1]) & known)
-    roots = [brentq(mismatch, logs[i], logs[i + 1], xtol=1e-14) for i in crossings]
-    solutions: list[CreepSolution] = []
-    for root in sorted(roots, key=abs):
-        found = candidate(root)
-        if found is not None:
-            other = 'lateral' if found.d11 > found.d22 else 'longitudinal'
-            solutions.append(CreepSolution(other if solutions else 'balanced', found))
-    if not solutions:
-        raise ConfigError(
-            f'{rig.name}: no creep coefficients give v_c = {measured_critical_speed:g} m/s'
-            f' with D1 = {measured_d1:g}'
-        )
-    return tuple(solutions)
-
-
-def _rig_with_ratio(rig: RigParameters, ratio: float, speed: float) -> RigParameters | None:
-    """Creep coefficients with d22 / d11 = ratio and the Hopf point at `speed`, or None."""
-    v = speed / rig.speed_scale
-    omega2 = (rig.k22 + ratio * rig.k11) / (1.0 + ratio)
-    coupling = rig.k21 / rig.d22  # d0 gamma_0 / r0
-    deficit = coupling / omega2 - 1.0 / v**2
-    if deficit <= 0.0:
-        return None
-    product = (rig.k22 - omega2) * (omega2 - rig.k11) / omega2 / deficit
-    if product <= 0.0:
-        return None
-    return rig.with_linear(math.sqrt(product / ratio), math.sqrt(product * ratio))
 
 
 def direction_response(

@@ -39,8 +39,7 @@ class RigParameters:
     A wheelset on its rollers; the defaults are Table 1 of the paper.
 
     The paper does not give the creep coefficients. The defaults follow from its
-    v_c = 8.0 m/s and D1 = 0.12 (the root with nearly equal coefficients of
-    `linear_stability.creep_coefficients`).
+    v_c = 8.0 m/s and D1 = 0.12 (of two solutions the one with nearly equal coefficients).
 
     Parameters
     ----------

@@ -76,23 +76,3 @@ def test_bad_input_is_one_line_and_code_2(
     error = capsys.readouterr().err
     assert message in error
     assert error.count('\n') == 1
-
-
-def test_creep_coefficients_follow_from_what_was_measured(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / 'rig.yaml'
-    path.write_text('name: linear\n', encoding='utf-8')
-    words = ['normal-form', str(path), '--measured', '8.0', '0.12']
-    assert main([*words, '--json', '-']) == 0
-    result = json.loads(capsys.readouterr().out)
-    balanced = result['creep_coefficients'][0]
-    assert balanced['solution'] == 'balanced'
-    assert balanced['creep_lateral_n'] == pytest.approx(61.79, abs=0.01)
-    assert balanced['creep_longitudinal_n'] == pytest.approx(76.45, abs=0.01)
-    assert result['v_c_mps'] == pytest.approx(8.0)
-    assert result['D1'][0] == pytest.approx(0.12)
-    assert main(words) == 0
-    assert 'creep_lateral_n: 61.787' in capsys.readouterr().out
-    assert main([*words[:-1], '900']) == 2
-    assert 'no creep coefficients' in capsys.readouterr().err

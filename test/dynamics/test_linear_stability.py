@@ -1,4 +1,4 @@
-"""Appendix B against eigenvalues computed numerically, and the inverse against the forward."""
+"""Appendix B against eigenvalues computed numerically."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from hunt_ros.dynamics.linear_stability import (
-    creep_coefficients,
     critical_frequency,
     critical_speed,
     eigenvalues,
@@ -101,32 +100,11 @@ def test_eigenvectors_satisfy_their_equations() -> None:
         assert mode.adjoint @ mode.shape == pytest.approx(1.0)
 
 
-def test_both_creep_solutions_of_the_paper_are_found_and_named() -> None:
-    balanced, lateral = creep_coefficients(RigParameters(), 8.0, 0.12)
-    assert (balanced.name, lateral.name) == ('balanced', 'lateral')
-    assert (balanced.rig.d11, balanced.rig.d22) == pytest.approx((1.74497, 2.56600), abs=5e-6)
-    assert (lateral.rig.d11, lateral.rig.d22) == pytest.approx((3.46, 1.27), abs=5e-3)
-    assert critical_frequency(lateral.rig) == pytest.approx(0.873, abs=5e-4)
-    for solution in (balanced, lateral):
-        assert critical_speed(solution.rig) == pytest.approx(8.0, rel=1e-10)
-        assert speed_derivatives(solution.rig)[0].real == pytest.approx(0.12, rel=1e-9)
-
-
-@given(creep=st.tuples(st.floats(0.8, 4.0), st.floats(0.8, 4.0)))
-@settings(max_examples=15, deadline=None)
-def test_the_inverse_problem_finds_the_rig_it_came_from(creep: tuple[float, float]) -> None:
-    rig = linear_rig(creep)
-    assume(has_hopf(rig))
-    d1 = speed_derivatives(rig)[0].real
-    found = creep_coefficients(RigParameters(), critical_speed(rig), d1)
-    errors = [abs(s.rig.d11 / creep[0] - 1) + abs(s.rig.d22 / creep[1] - 1) for s in found]
-    # two solutions may have merged, where either is found to the square root of rounding only
-    assert min(errors) < 1e-4
-
-
-def test_values_that_no_creep_gives_are_refused() -> None:
-    with pytest.raises(ConfigError, match=r'v_c = 8 m/s with D1 = 5'):
-        creep_coefficients(RigParameters(), 8.0, 5.0)
+def test_a_second_pair_of_creep_coefficients_gives_the_same_critical_speed_and_d1() -> None:
+    rig = linear_rig((3.4589, 1.2703))
+    assert critical_speed(rig) == pytest.approx(8.0, abs=1e-3)
+    assert speed_derivatives(rig)[0].real == pytest.approx(0.12, abs=1e-4)
+    assert critical_frequency(rig) == pytest.approx(0.873, abs=5e-4)
 
 
 def test_a_rig_without_hopf_point_is_named() -> None:
