@@ -36,17 +36,11 @@ class Channels:
     rate_hz: float
     assumed: bool = False
 
-    def thinned(self, stride: int) -> Channels:
-        """Return every so many-th sample."""
-        return replace(self._at(slice(None, None, stride)), rate_hz=self.rate_hz / stride)
-
-    def part(self, first: int, last: int) -> Channels:
-        """Return the samples from first to before last; the time of the record stays."""
-        return self._at(slice(first, last))
-
-    def _at(self, place: slice) -> Channels:
+    def part(self, place: slice) -> Channels:
+        """Return the samples of a slice; the time of the record stays."""
         names = ('time', 'lateral', 'speed', 'roller')
-        return replace(self, **{name: getattr(self, name)[place] for name in names})
+        parts = {name: getattr(self, name)[place] for name in names}
+        return replace(self, **parts, rate_hz=self.rate_hz / (place.step or 1))
 
 
 def refuse(bad: bool, name: str, words: str) -> None:

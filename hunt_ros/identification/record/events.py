@@ -8,6 +8,7 @@ before it can have grown was kicked.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from hunt_ros.identification.record.envelope import WINDOW_CYCLES, Envelope
+from hunt_ros.identification.record.segments import runs
 from hunt_ros.samples import as_json, key
 
 Array = NDArray[np.float64]
@@ -193,10 +195,42 @@ class _Piece:
                 found.append(self.event('died', fall, end, size))
         return found
 
+    def events(self, rest: float, large: float) -> list[Event]:
+        """Return motion beyond `large` out of rest of median `rest`, m, and the rest between."""
+        amplitude, time, speed = self.amplitude, self.time, self.speed
+        small = math.sqrt(rest * large)
+        excursions = [
+            (max(a - 1, 0), min(b, amplitude.size - 1))
+            for a, b in runs(amplitude > small)
+            if (amplitude[a:b] > large).any()
+        ]
+        found: list[Event] = []
+        settled = 0
+        for begin, end in excursions:
+            last, kick = begin - 1, math.nan
+            if begin > 0:
+                top = begin + int(np.argmax(amplitude[begin : end + 1] > large))
+                # No law grows out of rest and returns to it at one speed.
+                pushed = end < amplitude.size - 1 and _is_one(speed[begin : end + 1])
+                if pushed or self.was_kicked(settled, begin, top):
+                    kick = float(amplitude[top : min(top + 1, end) + 1].max())
+                else:
+                    rate = math.log(amplitude[top] / amplitude[begin]) / (time[top] - time[begin])
+                    since = _GREW_SINCE * math.log(large / rest) / max(rate, 1e-9)
+                    last = int(np.searchsorted(time, time[top] - since)) - 1
+                    last = min(last, _since(speed[: begin + 1]) - 1)
+                    found.append(self.event('grew', begin, top, float(amplitude[top])))
+            found += self.rests(settled, last)
+            found += self.motion(begin, end, kick)
+            settled = end + 1
+        return found + self.rests(settled, amplitude.size - 1)
 
-def events_of(envelope: Envelope, struck: Mask, levels: tuple[float, float, float]) -> list[Event]:
+
+def events_of(
+    envelope: Envelope, struck: Mask, levels: tuple[float, float, float]
+) -> Iterator[Event]:
     """
-    Return what an envelope shows: motion out of rest, and the rest between.
+    Yield what an envelope shows: motion out of rest, and the rest between.
 
     Parameters
     ----------
@@ -207,72 +241,16 @@ def events_of(envelope: Envelope, struck: Mask, levels: tuple[float, float, floa
     levels : (float, float, float)
         Amplitudes, m: median of rest, smallest motion out of it, largest that lasts.
     """
-    return [
-        event for piece in _pieces(envelope) for event in _events(envelope, struck, piece, levels)
-    ]
-
-
-def _pieces(envelope: Envelope) -> list[NDArray[np.intp]]:
-    """Instants of the stretches without a gap longer than two windows."""
-    known = np.flatnonzero(np.isfinite(envelope.amplitude))
-    if known.size < 2:
-        return []
-    longest = 2.0 * WINDOW_CYCLES / float(np.median(envelope.frequency))
-    cuts = np.flatnonzero(np.diff(envelope.time[known]) > longest) + 1
-    return [piece for piece in np.split(known, cuts) if piece.size > 1]
-
-
-def _events(
-    envelope: Envelope,
-    struck: Mask,
-    piece: NDArray[np.intp],
-    levels: tuple[float, float, float],
-) -> list[Event]:
-    """Return what one stretch shows: motion out of rest, and the rest between."""
     rest, large, top = levels
-    small = math.sqrt(rest * large)
-    amplitude, time, speed = envelope.amplitude[piece], envelope.time[piece], envelope.speed[piece]
-    other = np.nan_to_num(envelope.residual[piece])
-    amplitude = np.where((amplitude <= large) & (other > SMALLEST * top), other, amplitude)
+    known = np.flatnonzero(np.isfinite(envelope.amplitude))
     period = 1.0 / float(np.median(envelope.frequency))
-    stamp = envelope.start_ns + np.round(1e9 * time).astype(np.int64)
-    seen = _Piece(envelope.source, stamp, time, amplitude, speed, struck[piece], period)
-    found: list[Event] = []
-    settled = 0
-    for begin, end in _excursions(amplitude, small, large):
-        last, kick = begin - 1, math.nan
-        if begin > 0:
-            top = begin + int(np.argmax(amplitude[begin : end + 1] > large))
-            # No law grows out of rest and returns to it at one speed.
-            pushed = end < amplitude.size - 1 and _is_one(speed[begin : end + 1])
-            if pushed or seen.was_kicked(settled, begin, top):
-                kick = float(amplitude[top : min(top + 1, end) + 1].max())
-            else:
-                rate = math.log(amplitude[top] / amplitude[begin]) / (time[top] - time[begin])
-                since = _GREW_SINCE * math.log(large / rest) / max(rate, 1e-9)
-                last = int(np.searchsorted(time, time[top] - since)) - 1
-                last = min(last, _since(speed[: begin + 1]) - 1)
-                found.append(seen.event('grew', begin, top, float(amplitude[top])))
-        found += seen.rests(settled, last)
-        found += seen.motion(begin, end, kick)
-        settled = end + 1
-    return found + seen.rests(settled, amplitude.size - 1)
-
-
-def _excursions(amplitude: Array, small: float, large: float) -> list[tuple[int, int]]:
-    """First and last instant of each motion beyond `large`, from and down to `small`."""
-    found: list[tuple[int, int]] = []
-    k = 0
-    while k < amplitude.size:
-        if not amplitude[k] > large:
-            k += 1
-            continue
-        begin = k
-        while begin > 0 and amplitude[begin] > small:
-            begin -= 1
-        end = k
-        while end < amplitude.size - 1 and amplitude[end] > small:
-            end += 1
-        found.append((begin, end))
-        k = end + 1
-    return found
+    stamp = envelope.start_ns + np.round(1e9 * envelope.time).astype(np.int64)
+    other = np.nan_to_num(envelope.residual)
+    beside = (envelope.amplitude <= large) & (other > SMALLEST * top)
+    amplitude = np.where(beside, other, envelope.amplitude)
+    # A gap of more than two windows parts what was seen.
+    gaps = np.flatnonzero(np.diff(envelope.time[known]) > 2.0 * WINDOW_CYCLES * period) + 1
+    for part in np.split(known, gaps):
+        if part.size > 1:
+            rows = (x[part] for x in (stamp, envelope.time, amplitude, envelope.speed, struck))
+            yield from _Piece(envelope.source, *rows, period).events(rest, large)

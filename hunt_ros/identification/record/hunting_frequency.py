@@ -184,7 +184,8 @@ def tracked_envelope(
     Envelope
     """
     # The first pass needs the turning alone: a few dozen samples a cycle show it.
-    coarse = record.thinned(max(int(record.rate_hz / (_COARSE * frequency_hz)), 1))
+    stride = max(int(record.rate_hz / (_COARSE * frequency_hz)), 1)
+    coarse = record.part(slice(None, None, stride))
     first = envelope_of(coarse, np.full(coarse.time.size, frequency_hz), settings)
     offset = _frequency_offset(first)
     if offset is None:

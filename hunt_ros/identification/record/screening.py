@@ -194,7 +194,7 @@ def moving(record: Record) -> list[Channels]:
     top = float(channels.speed.max())
     refuse(top <= 0.0, name, 'speed is 0 throughout, expected a running speed')
     parts = [
-        channels.part(first, last)
+        channels.part(slice(first, last))
         for first, last in runs(channels.speed > _STANDING * top)
         if last - first >= 50 and channels.time[last - 1] - channels.time[first] >= 3.0
     ]

@@ -170,7 +170,7 @@ def analyse_record(
     segments += [one.segment('gap', *ends, False, gap) for ends in gaps]
     segments += [
         one.segment('transient', *ends, True, free, *mean_growth(envelope, *ends))
-        for ends in find_transients(envelope, one.kicked)
+        for ends in one.transients()
     ]
     states: list[SteadyState] = []
     edge = 0
@@ -317,6 +317,21 @@ class _Analysis:
         edges = [start, *(start + 1 + np.sort(np.concatenate(turns))).tolist(), end]
         return [(a, b) for a, b in pairwise(edges) if b - a > 1]
 
+    def transients(self) -> list[tuple[int, int]]:
+        """Stretches in which the amplitude is on its way from one state to another."""
+        amplitude = self.envelope.amplitude
+        if self.threshold == math.inf or amplitude.size <= _SPAN:
+            return []
+        logs = np.log(np.where((amplitude > 0.0) & ~self.kicked, amplitude, np.nan))
+        pieces = sliding_window_view(logs, _SPAN + 1)
+        change, scatter = np.abs(pieces[:, -1] - pieces[:, 0]), np.std(np.diff(pieces), axis=1)
+        # A drift against the scatter of its own steps, and not a small one; NaN is none.
+        moving = np.zeros(amplitude.size, dtype=bool)
+        for k in np.flatnonzero((change > 0.3) & (change > 2.0 * math.sqrt(_SPAN) * scatter)):
+            moving[k : k + _SPAN + 1] = True
+        reach = 0.5 * self.threshold
+        return [(a, b) for a, b in runs(moving) if np.nanmax(amplitude[a:b]) > reach]
+
 
 def _known(values: Array) -> Array:
     return values[np.isfinite(values)]
@@ -367,22 +382,6 @@ def mean_growth(envelope: Envelope, start: int, end: int) -> tuple[float, float]
         return math.nan, math.nan
     line, covariance = np.polyfit(time[small], np.log(amplitude[small]), 1, cov=True)
     return float(line[0]), math.sqrt(float(covariance[0, 0]))
-
-
-def find_transients(envelope: Envelope, kicked: Mask) -> list[tuple[int, int]]:
-    """Stretches in which the amplitude is on its way from one state to another."""
-    amplitude = envelope.amplitude
-    threshold = hunting_threshold(amplitude)
-    moving = np.zeros(amplitude.size, dtype=bool)
-    if threshold is None or amplitude.size <= _SPAN:
-        return []
-    logs = np.log(np.where((amplitude > 0.0) & ~kicked, amplitude, np.nan))
-    pieces = sliding_window_view(logs, _SPAN + 1)
-    change, scatter = np.abs(pieces[:, -1] - pieces[:, 0]), np.std(np.diff(pieces), axis=1)
-    # A drift against the scatter of its own steps, and not a small one; NaN is none.
-    for k in np.flatnonzero((change > 0.3) & (change > 2.0 * math.sqrt(_SPAN) * scatter)):
-        moving[k : k + _SPAN + 1] = True
-    return [(a, b) for a, b in runs(moving) if np.nanmax(amplitude[a:b]) > 0.5 * threshold]
 
 
 def speed_holds(time: Array, speed: Array, shortest_s: float) -> list[tuple[int, int]]:
