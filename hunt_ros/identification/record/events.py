@@ -252,5 +252,13 @@ def events_of(
     gaps = np.flatnonzero(np.diff(envelope.time[known]) > 2.0 * WINDOW_CYCLES * period) + 1
     for part in np.split(known, gaps):
         if part.size > 1:
-            rows = (x[part] for x in (stamp, envelope.time, amplitude, envelope.speed, struck))
-            yield from _Piece(envelope.source, *rows, period).events(rest, large)
+            seen = _Piece(
+                envelope.source,
+                stamp[part],
+                envelope.time[part],
+                amplitude[part],
+                envelope.speed[part],
+                struck[part],
+                period,
+            )
+            yield from seen.events(rest, large)
