@@ -29,6 +29,7 @@ from hunt_ros.analysis.steady_state import (
     mean_of_maxima,
     standard_error,
 )
+from hunt_ros.estimation.spectrum import without_lines
 from hunt_ros.identification.record.channels import Channels
 from hunt_ros.identification.record.envelope import WINDOW_CYCLES, Envelope
 from hunt_ros.identification.settings import IdentificationSettings
@@ -502,38 +503,26 @@ def step_ratio(channels: Channels, envelope: Envelope, orders: Array, k: int) ->
     good = np.isfinite(y)
     time, y = time[good], y[good]
     lines = orders if channels.roller.size else np.zeros(0)
-    count = 1 + 2 * (_SMOOTH_ORDER + 1) + 2 * lines.size
-    if y.size < count + 4:
+    if y.size < 2 * (_SMOOTH_ORDER + 1 + lines.size) + 6:
         return -math.inf
     x = (time - envelope.time[k]) / half
     root = np.sqrt(0.42 + 0.5 * np.cos(np.pi * x) + 0.08 * np.cos(2.0 * np.pi * x))
-    phase = 2.0 * np.pi * envelope.frequency[k] * (time - envelope.time[k])
-    turning = np.stack([np.cos(phase), np.sin(phase)], axis=1)
-    common = [np.ones((y.size, 1))]
-    if lines.size:
-        angle = channels.roller[low:high][good][:, None] * lines
-        common += [np.cos(angle), np.sin(angle)]
-    powers = [x[:, None] ** n * turning for n in range(_SMOOTH_ORDER + 1)]
-    stepped = min(
-        _left(root, y, [*common, *powers[:2], (x[:, None] > at) * turning])
-        for at in np.linspace(-0.7, 0.7, _STEP_PLACES)
+    turning = np.exp(2j * np.pi * envelope.frequency[k] * (time - envelope.time[k]))
+    known = [np.exp(1j * line * channels.roller[low:high][good]) for line in lines]
+    growth = [x**n * turning for n in range(_SMOOTH_ORDER + 1)]
+
+    def left(*waves: NDArray[np.complex128]) -> float:
+        rest = root * without_lines(y, x, [*known, *waves], root)
+        return max(float(rest @ rest), 1e-300)
+
+    places = np.linspace(-0.7, 0.7, _STEP_PLACES)
+    stepped = min(left(*growth[:2], (x > at) * turning) for at in places)
+    # The step has its two parts and its place; growth its powers beyond the first.
+    return min(
+        0.5 * y.size * math.log(left(*growth[: order + 1]) / stepped)
+        - 0.5 * (3 - 2 * (order - 1)) * math.log(y.size)
+        for order in range(1, _SMOOTH_ORDER + 1)
     )
-
-    def ratio(order: int) -> float:
-        # The step has its two parts and its place; growth its powers beyond the first.
-        spent = 0.5 * (3 - 2 * (order - 1)) * math.log(y.size)
-        smooth = _left(root, y, [*common, *powers[: order + 1]])
-        return 0.5 * y.size * math.log(smooth / stepped) - spent
-
-    return min(ratio(order) for order in range(1, _SMOOTH_ORDER + 1))
-
-
-def _left(root: Array, y: Array, columns: list[Array]) -> float:
-    """Weighted sum of squares that columns leave over of samples."""
-    basis = np.concatenate(columns, axis=1) * root[:, None]
-    wanted = root * y
-    left = wanted - basis @ np.linalg.lstsq(basis, wanted, rcond=None)[0]
-    return max(float(left @ left), 1e-300)
 
 
 def runs(mask: Mask) -> list[tuple[int, int]]:
