@@ -270,7 +270,8 @@ class _Analysis:
     def on_plateau(self, start: int, end: int) -> tuple[SteadyState | None, str]:
         """Steady amplitude at the end of a plateau, and what is to be said of it."""
         amplitude = self.envelope.amplitude[start:end]
-        broken = np.flatnonzero(self.kicked[start:end] | ~np.isfinite(amplitude))
+        # A reading that stands still has an amplitude of zero, which tells nothing of ln A.
+        broken = np.flatnonzero(self.kicked[start:end] | ~(amplitude > 0.0))
         first = int(broken[-1]) + 1 if broken.size else 0
         if amplitude.size - first < _SPAN:
             return None, 'too short after the last kick or gap'
@@ -303,7 +304,7 @@ class _Analysis:
         states = []
         for begin in range(low, high - _SPAN + 1, _SPAN):
             amplitude = self.envelope.amplitude[begin : begin + _SPAN]
-            if self.kicked[begin : begin + _SPAN].any() or not np.isfinite(amplitude).all():
+            if self.kicked[begin : begin + _SPAN].any() or not (amplitude > 0.0).all():
                 continue
             if amplitude.mean() > self.threshold and abs(drift(amplitude)) > _FOLLOWING:
                 continue
@@ -378,7 +379,7 @@ def steady_part(amplitude: Array, least: int) -> slice | None:
 def mean_growth(envelope: Envelope, start: int, end: int) -> tuple[float, float]:
     """Slope of ln A over the small part of a transient, and its deviation, 1/s."""
     amplitude, time = envelope.amplitude[start:end], envelope.time[start:end]
-    small = amplitude < 0.5 * float(amplitude.max())
+    small = (amplitude > 0.0) & (amplitude < 0.5 * float(amplitude.max()))
     if small.sum() < 5:
         return math.nan, math.nan
     line, covariance = np.polyfit(time[small], np.log(amplitude[small]), 1, cov=True)

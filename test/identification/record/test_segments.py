@@ -16,6 +16,7 @@ from hunt_ros.identification.record.envelope import without_beat
 from hunt_ros.identification.record.hunting_frequency import tracked_envelope
 from hunt_ros.identification.record.segments import analyse_record, speed_holds, steady_part
 from hunt_ros.identification.settings import IdentificationSettings
+from hunt_ros.samples import Record, Series
 
 SETTINGS = IdentificationSettings()
 
@@ -100,3 +101,16 @@ def test_a_hole_in_the_samples_is_a_gap_that_is_not_used(make):
     gaps = [s for s in analysed(record)[0] if s.kind == 'gap']
     assert len(gaps) == 1
     assert not gaps[0].used
+
+
+def test_a_reading_that_stands_still_is_no_amplitude():
+    # A motion below one step of a coarse sensor: then the amplitude is zero.
+    time = np.arange(0.0, 120.0, 0.01)
+    stamps = (1e9 * time).astype(np.int64)
+    motion = np.where(time > 40.0, 2e-3, 2e-5) * np.sin(2.0 * np.pi * 2.8 * time)
+    lateral = np.round(motion / 1e-4) * 1e-4
+    speed = 7.0 + 0.2 * np.floor(time / 41.0)
+    record = Record({'lateral': Series(stamps, lateral), 'speed': Series(stamps, speed)})
+    segments, states = analysed(record)
+    assert [s.used for s in segments if s.kind == 'plateau'] == [False, True, True]
+    assert [round(1e3 * s.amplitude, 2) for s in states if s.kind == 'plateau'] == [2.0, 2.0]
