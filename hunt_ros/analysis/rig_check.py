@@ -55,7 +55,7 @@ class Finding:
     ----------
     check : str
         'rate', 'jitter', 'gaps', 'noise', 'resolution', 'range', 'unit', 'clock', 'encoder',
-        'diameter', 'speed', 'filter', 'publishers', 'disk', 'alarm'.
+        'diameter', 'speed', 'filter', 'publishers', 'damage', 'disk', 'alarm'.
     channel : str
         Of the rig; '' where it is none.
     state : str
@@ -272,10 +272,15 @@ def _roller(record: Record, rig: Rig) -> Iterator[Finding]:
         yield _judged('speed', 'speed', mean < -_TURNING_MPS, text, advice, mean, 'm/s')
     if 'roller' not in rig.channels or roller is None or len(roller) < _FEWEST:
         return
-    steps = np.diff(roller.values)
+    steps, times = np.diff(roller.values), np.diff(roller.stamps_ns) / NANOSECONDS
+    # How far it turned in a gap, or while a clock was set, is not known.
+    regular = np.isfinite(steps) & (times > 0.0) & (times < GAP_STEPS * np.median(times))
+    if not regular.any():
+        return
+    steps, times = steps[regular], times[regular]
     leaps = np.abs(steps) > _WRAP
-    turned = float(np.nansum((steps + math.pi) % (2.0 * math.pi) - math.pi))
-    span = float(roller.stamps_ns[-1] - roller.stamps_ns[0]) / NANOSECONDS
+    turned = float(np.sum((steps + math.pi) % (2.0 * math.pi) - math.pi))
+    span = float(np.sum(times))
     rate = turned / span
     if abs(rate) < 0.1:
         text, advice = 'the roller does not turn', 'let it turn, and look again'
@@ -283,12 +288,12 @@ def _roller(record: Record, rig: Rig) -> Iterator[Finding]:
         return
     way = 'forwards' if rate > 0.0 else 'backwards'
     wraps = f', and wraps every turn ({int(leaps.sum())} times)' if leaps.any() else ''
-    quick = float(np.nanquantile(np.abs(steps[~leaps]), 0.99)) if not leaps.all() else math.inf
+    quick = float(np.quantile(np.abs(steps[~leaps]), 0.99)) if not leaps.all() else math.inf
     running = 0.0 if speed is None else float(np.nanmean(np.abs(speed.values)))
     if leaps.any():
         # What wraps between two readings looks slower than it is: the speed says how fast it is.
         diameter_m = rig.roller_diameter_m or _ROLLER_M
-        quick = max(quick, 2.0 * running / diameter_m * span / (len(roller) - 1))
+        quick = max(quick, 2.0 * running / diameter_m * span / len(times))
     text = f'the angle runs {way} at {abs(rate):.4g} rad/s{wraps}'
     advice = 'it turns by more than a quarter from reading to reading: read it more often'
     seldom = quick > 0.5 * _WRAP

@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
         record, arrivals = _live(heard)
         findings = [*_publishers(heard, rig), *check_rig(record, arrivals, rig)]
         findings += [_disk(record, arguments.directory or options.RECORDINGS), _alarm(arguments)]
-    findings += [*_units(record), *_filters(record, rig)]
+    findings += [*_damage(record), *_units(record), *_filters(record, rig)]
     failed = sum(finding.state == FAIL for finding in findings)
     document = {
         'source': str(arguments.bag) if arguments.bag else f'/{arguments.namespace or "rig"}',
@@ -125,6 +125,13 @@ def _publishers(heard: Mapping[str, Any], rig: Rig) -> list[Finding]:
         if len(names) != 1:
             found.append(Finding('publishers', channel, state, text, advice, float(len(names))))
     return found
+
+
+def _damage(record: Record) -> list[Finding]:
+    """Return what opening a recording showed to be wrong with it."""
+    problems = record.notes.get('problems')
+    advice = 'hunt info tells all that is wrong with it, and its --repair saves what is sound'
+    return [Finding('damage', '', WARN, f'damaged: {problems}', advice)] if problems else []
 
 
 def _units(record: Record) -> list[Finding]:

@@ -134,6 +134,24 @@ def test_an_encoder_may_wrap_and_run_backwards(check) -> None:
     assert 'wraps' in text
 
 
+def test_what_turned_in_a_gap_does_not_change_the_diameter(check) -> None:
+    sound = _sound()
+    kept = np.arange(1000) // 200 != 2
+    holed = {
+        n: Series(sound[n].stamps_ns[kept], sound[n].values[kept]) for n in ('roller', 'speed')
+    }
+    _, found = check(sound | holed)
+    assert found['gaps', 'roller']['state'] == 'fail'
+    assert found['diameter', 'roller']['value'] == pytest.approx(DIAMETER_M, rel=1e-3)
+
+
+def test_a_recording_that_was_cut_is_said_to_be_damaged(tmp_path, capsys) -> None:
+    bag = write_record(tmp_path / 'bag', Record(_sound()))
+    (tmp_path / 'bag' / 'metadata.yaml').unlink()
+    assert main(['check', str(bag)]) == 0
+    assert 'warn    damage               damaged: it was not closed' in capsys.readouterr().out
+
+
 def test_a_person_reads_a_line_a_check(check, tmp_path, capsys) -> None:
     check(_sound())
     assert main(['check', str(tmp_path / 'bag')]) == 0
