@@ -105,7 +105,7 @@ def _channels(
         _check_unit(table, name, source)
     runs = {name: select(table, source.source) for name, source in sources.items()}
     if all(run.size < 2 for several in runs.values() for run in several):
-        raise BagError('only constants are asked for, expected a series of the file')
+        raise BagError('no channel has more than one value, expected a series of the file')
     stamps = _clocks(table, sources, runs, rate_hz, time)
     series = {
         name: _series(sources[name], several, stamps[name]) for name, several in runs.items()

@@ -286,7 +286,7 @@ def _column(cells: list[str], whole: bool, places: list[int]) -> Any:
         try:
             values[row] = int(cell or 0) if whole else float(cell or 0)
         except (ValueError, OverflowError) as error:
-            raise BagError(f'line {places[row]}: {cell!r} is not a number') from error
+            raise BagError(f'line {places[row]}: {cell[:40]!r} is not a number') from error
     return np.ma.MaskedArray(values, [not cell for cell in cells])
 
 

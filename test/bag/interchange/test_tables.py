@@ -152,8 +152,10 @@ def test_equal_stamps_get_rows_of_their_own() -> None:
         ('a.csv', 't,y\n0,1\n-1,2\n', ['lateral=y'], 't goes backwards in row 1'),
         ('a.csv', 't,y\n0,1\n,2\n', ['lateral=y'], 't is not finite in row 1'),
         ('a.csv', 't,y\n0,\n1,\n', ['lateral=y'], 'no finite number'),
-        ('a.csv', 't,y\n0,1\n1,2\n', ['speed=3'], 'only constants'),
-        ('a.csv', 't,y\n0,1\n1,2\n', ['speed=y[1]'], 'only constants'),
+        ('a.csv', 't,y\n0,1\n', ['lateral=y'], 'no channel has more'),
+        ('a.csv', f't,y\n0,1\n1,{"0" * 999}x\n', ['lateral=y'], r"line 3: '0{40}' is not a"),
+        ('a.csv', 't,y\n0,1\n1,2\n', ['speed=3'], 'no channel has more'),
+        ('a.csv', 't,y\n0,1\n1,2\n', ['speed=y[1]'], 'no channel has more'),
         ('a.csv', 't,lateral\n[s],[furlong]\n0,1\n1,2\n', [], 'unknown unit of lateral'),
         (
             'a.csv',
