@@ -40,8 +40,8 @@ _REACH, _BAND = 3.0, 5.0
 _CLEAR, _AROUND = 10.0, 2.0
 #: Share of the power of a forced line that changes, at most: an amplitude within 10 %.
 _STEADY = 0.01
-#: A line follows the speed where its steady power against the way is so many times that
-#: against time: at one speed both are the same.
+#: A line follows the speed where its power against the way is so many times that against time:
+#: at one speed both are the same.
 _FOLLOWS = 1.2
 #: ... and where the speeds at which its power is found are so far apart (standard deviation,
 #: relative): half the width of the window, so that what stays at one frequency leaves it.
@@ -266,9 +266,7 @@ class RecordLines:
         changing = np.array([power.changing for power in self._powers])
         for place in _lines(changing):
             frequency = _between(changing, place)
-            if not self._range[0] <= frequency <= self._range[1]:
-                continue
-            if not self._follows_speed(frequency):
+            if self._range[0] <= frequency <= self._range[1]:
                 return None if self._powers[place].is_steady else frequency
         return None
 
@@ -307,7 +305,7 @@ class RecordLines:
                 continue
             stays = (width for width in (_WINDOW, _LONG) if self._stays(frequency, width))
             width = next(stays, 0.0)
-            if width and not self._follows_speed(frequency):
+            if width:
                 found.append(_exact(self._motions, frequency, width))
         for frequency in found:
             for motion in self._motions:
@@ -350,21 +348,6 @@ class RecordLines:
         """Return the powers against time between two frequencies, Hz, and beside them."""
         first, last = np.searchsorted(_GRID, [low, high])
         return self._powers[max(int(first) - 1, 0) : int(last) + 1]
-
-    def _follows_speed(self, frequency: float) -> bool:
-        """Return True if what is at a frequency, Hz, follows the speed."""
-        amplitude, speed = _amplitudes([motion.line(frequency) for motion in self._motions])
-        known = np.isfinite(amplitude) & (speed > 0.0)
-        weight = amplitude[known] ** 2
-        if not weight.sum() > 0.0:
-            return False
-        order = frequency * float(weight.sum() / (weight @ speed[known]))
-        ways = [way for way in self._ways if way is not None]
-        if not self._changes_with_speed(ways, order):
-            return False
-        against_way = [_Power.of(ways, one * order).steady for one in np.linspace(0.9, 1.1, 9)]
-        others = self._near(0.9 * frequency, 1.1 * frequency)
-        return max(against_way) > _FOLLOWS * max(power.steady for power in others)
 
     def _changes_with_speed(self, ways: Sequence[Motion], order: float) -> bool:
         """Return True if a line, cycles a metre, is seen at speeds between which it must move."""
@@ -443,8 +426,9 @@ def _exact(motions: Sequence[Motion], frequency: float, width: float = _WINDOW) 
     found, weight = 0.0, 0.0
     for motion in motions:
         line = motion.line(frequency, width)
-        product = line.phasor[1:] * np.conj(line.phasor[:-1])
-        turn = complex(product[np.isfinite(product)].sum())
+        # Each period counts alike: where hunting passes through the line it is the larger one.
+        angle = np.angle(line.phasor[1:] * np.conj(line.phasor[:-1]))
+        turn = complex(np.exp(1j * angle[np.isfinite(angle)]).sum())
         turns = math.atan2(turn.imag, turn.real) / (2.0 * math.pi)
         found += abs(turn) * (line.centre + turns / line.step)
         weight += abs(turn)
