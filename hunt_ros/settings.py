@@ -9,9 +9,11 @@ value is named the same way wherever it comes from.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, TypeVar
+from numbers import Real
+from typing import Any, Literal, TypeVar
 
 from hunt_ros.errors import ConfigError
 
@@ -126,6 +128,41 @@ def yaml_value(default: Any, value: Any) -> Any:
         except ValueError:
             return value
     return tuple(value) if isinstance(default, tuple) and isinstance(value, list) else value
+
+
+def checked(
+    name: str,
+    value: Any,
+    must: Literal['be finite', 'be positive', 'not be negative'] = 'be finite',
+    expected: str = 'a number',
+) -> float:
+    """
+    Return one finite number, where no `Settings` holds it.
+
+    Parameters
+    ----------
+    name : str
+        Its name, for the message.
+    value : object
+        What stands there.
+    must : {'be finite', 'be positive', 'not be negative'}
+        Which numbers are taken; an infinite one never is.
+    expected : str
+        What should stand there, for the message.
+
+    Raises
+    ------
+    ConfigError
+        For anything else.
+    """
+    if type(value) is bool or not issubclass(type(value), Real):
+        raise ConfigError(f'{name} must be {expected}, got {str(value)[:40]!r}')
+    # A whole number may be larger than any float.
+    finite = -sys.float_info.max <= value <= sys.float_info.max
+    wrong = (must == 'be positive' and value <= 0.0) or (must == 'not be negative' and value < 0.0)
+    if wrong or not finite:
+        raise ConfigError(f'{name} must {must}, got {value!s:.40}')
+    return float(value)
 
 
 _KINDS = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}

@@ -22,6 +22,7 @@ from hunt_ros.dynamics.covariance_root import covariance_root
 from hunt_ros.dynamics.mode_shape import ModeShape, numbers
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, NormalForm
 from hunt_ros.errors import ConfigError
+from hunt_ros.settings import checked
 
 #: Order of the identified parameters in `IdentifiedNormalForm.covariance`.
 PARAMETERS: tuple[str, ...] = ('v_c', *COEFFICIENTS)
@@ -204,8 +205,7 @@ class IdentifiedNormalForm:
         given: dict[str, float] = {}
         for name in PARAMETERS + SCALES:
             if name in group:
-                entries = numbers([group[name]], name, source, 'a number')
-                given[name] = float(entries[0])
+                given[name] = checked(f'{source}: {name}', group[name])
             elif name not in SCALES:
                 raise ConfigError(f'{source}: {name} is missing, expected {", ".join(PARAMETERS)}')
         try:

@@ -9,7 +9,6 @@ tracker tell the lateral amplitude from the yaw sensor alone.
 from __future__ import annotations
 
 import math
-import sys
 from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -19,23 +18,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hunt_ros.errors import ConfigError
+from hunt_ros.settings import checked
 
 _F = NDArray[np.float64]
 
-#: Keys in a parameter file: all lists of numbers. The ratio is in rad/m.
-KEYS = (
-    'mode_speed',
-    'mode_amplitude',
-    'mode_frequency_hz',
-    'mode_ratio_real',
-    'mode_ratio_imag',
-    'mode_ratio_std',
-    'second_mode_frequency_hz',
-    'second_mode_decay',
-    'second_mode_ratio_real',
-    'second_mode_ratio_imag',
-    'second_mode_std',
-)
+#: Keys of each table in a parameter file, all lists of numbers: real and imaginary part of a
+#: ratio, which is in rad/m.
+KEYS: Mapping[str, tuple[str, ...]] = {
+    'speeds': ('mode_speed',),
+    'amplitudes': ('mode_amplitude',),
+    'frequency_hz': ('mode_frequency_hz',),
+    'ratio': ('mode_ratio_real', 'mode_ratio_imag'),
+    'ratio_std': ('mode_ratio_std',),
+    'second_frequency_hz': ('second_mode_frequency_hz',),
+    'second_decay': ('second_mode_decay',),
+    'second_ratio': ('second_mode_ratio_real', 'second_mode_ratio_imag'),
+    'second_std': ('second_mode_std',),
+}
 #: Nodes of a table along speed and amplitude.
 _SPEEDS, _AMPLITUDES = 5, 9
 #: How far a table reaches beyond the values it is made from.
@@ -129,25 +128,15 @@ class ModeShape:
 
     def to_parameters(self) -> dict[str, list[float]]:
         """Return the entries of the parameter file, `KEYS`: flat lists, speed by speed."""
-        tables = {
-            'mode_speed': self.speeds,
-            'mode_amplitude': self.amplitudes,
-            'mode_frequency_hz': self.frequency_hz,
-            'mode_ratio_real': self.ratio.real,
-            'mode_ratio_imag': self.ratio.imag,
-            'mode_ratio_std': self.ratio_std,
-            'second_mode_frequency_hz': self.second_frequency_hz,
-            'second_mode_decay': self.second_decay,
-            'second_mode_std': self.second_std,
-        }
-        if self.second_ratio is not None:
-            tables['second_mode_ratio_real'] = self.second_ratio.real
-            tables['second_mode_ratio_imag'] = self.second_ratio.imag
-        return {
-            name: [float(value) for value in table.ravel()]
-            for name, table in tables.items()
-            if table is not None
-        }
+        group: dict[str, list[float]] = {}
+        for name, keys in KEYS.items():
+            table = getattr(self, name)
+            if table is not None:
+                parts = (table.real, table.imag)
+                group |= {
+                    key: part.ravel().tolist() for key, part in zip(keys, parts, strict=False)
+                }
+        return group
 
     @classmethod
     def from_parameters(cls, group: Mapping[str, Any], source: str) -> ModeShape | None:
@@ -171,28 +160,23 @@ class ModeShape:
         ConfigError
             Naming the key that is missing or impossible.
         """
-        lists = {name: numbers(group.get(name), name, source) for name in KEYS}
-        speed, amplitude, frequency, real, imag, std, *second = lists.values()
-        if not real.size:
+        lists = {
+            key: numbers(group.get(key), key, source) for keys in KEYS.values() for key in keys
+        }
+        if not lists['mode_ratio_real'].size:
             return None
-        for name in KEYS[:6]:
-            if not lists[name].size:
-                raise ConfigError(f'{source}: {name} is missing beside mode_ratio_real')
-        # Frequency, decay, ratio and deviation of the second mode, each of which may be missing.
-        hz, decay, second_real, second_imag, doubt = second
-        both = second_real.size and second_imag.size
+        tables: dict[str, Any] = {}
         try:
-            return cls(
-                speed,
-                amplitude,
-                frequency,
-                (real + 1j * imag).reshape(speed.size, -1),
-                std.reshape(speed.size, -1),
-                hz if hz.size else None,
-                decay if decay.size else None,
-                second_real + 1j * second_imag if both else None,
-                doubt if doubt.size else None,
-            )
+            for name, keys in KEYS.items():
+                missing = [key for key in keys if not lists[key].size]
+                if missing and not name.startswith('second'):
+                    raise ConfigError(f'{missing[0]} is missing beside mode_ratio_real')
+                if not missing:
+                    real, *imag = (lists[key] for key in keys)
+                    tables[name] = real + 1j * imag[0] if imag else real
+            for name in ('ratio', 'ratio_std'):
+                tables[name] = tables[name].reshape(tables['speeds'].size, -1)
+            return cls(**tables)
         except ConfigError as error:
             raise ConfigError(f'{source}: {error}') from error
         except ValueError as error:
@@ -334,10 +318,4 @@ def numbers(values: object, name: str, source: str, expected: str = 'a list of n
         return np.zeros(0)
     listed = isinstance(values, Sequence | array) and not isinstance(values, str | bytes)
     entries: list[Any] = list(values) if listed else [values]  # type: ignore[call-overload]
-    for entry in entries:
-        if isinstance(entry, bool) or not isinstance(entry, int | float):
-            raise ConfigError(f'{source}: {name} must be {expected}, got {str(entry)[:40]!r}')
-        # A whole number may be larger than any float.
-        if not -sys.float_info.max <= entry <= sys.float_info.max:
-            raise ConfigError(f'{source}: {name} must be a finite number, got {entry!s:.40}')
-    return np.array(entries, dtype=np.float64)
+    return np.array([checked(f'{source}: {name}', entry, expected=expected) for entry in entries])

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hunt_ros.errors import ConfigError
+from hunt_ros.settings import checked
 
 Criticality = Literal['subcritical', 'supercritical']
 
@@ -65,12 +65,9 @@ class NormalForm:
 
     def __post_init__(self) -> None:
         for name in COEFFICIENTS:
-            if not math.isfinite(getattr(self, name)):
-                raise ConfigError(f'normal form: {name} is {getattr(self, name)}, not a number')
+            checked(f'normal form: {name}', getattr(self, name))
         for name in ('critical_speed', 'length_scale', 'time_scale', 'frequency_hz'):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ConfigError(f'normal form: {name} must be positive, got {value}')
+            checked(f'normal form: {name}', getattr(self, name), 'be positive')
 
     @property
     def criticality(self) -> Criticality:

@@ -15,6 +15,7 @@ from typing import Any
 import yaml
 
 from hunt_ros.errors import ConfigError
+from hunt_ros.settings import checked, yaml_value
 
 #: Keys 'ij' of alpha and beta: coefficients of y*^i psi^j in Eqs. (2), (3).
 CUBIC_KEYS: tuple[str, ...] = ('30', '21', '12', '03')
@@ -104,7 +105,9 @@ class RigParameters:
             if entry.name in ('alpha', 'beta'):
                 object.__setattr__(self, entry.name, _coefficients(entry.name, value))
             elif entry.name != 'name':
-                object.__setattr__(self, entry.name, _positive(entry.name, value))
+                object.__setattr__(
+                    self, entry.name, checked(entry.name, yaml_value(0.0, value), 'be positive')
+                )
 
     # Eq. (4), in the order in which it stands in the paper.
 
@@ -245,25 +248,6 @@ def paper_rig() -> RigParameters:
     return RigParameters(beta={'30': 446.87, '50': -2.74748e6}, name='paper rig')
 
 
-def _number(value: Any) -> Any:
-    """Return what YAML 1.1 takes for a word and people for a number, 1e-5, as a number."""
-    if not isinstance(value, str):
-        return value
-    try:
-        return float(value)
-    except ValueError:
-        return value
-
-
-def _positive(name: str, value: Any) -> float:
-    value = _number(value)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ConfigError(f'{name} must be a number, got {value!r}')
-    if not (math.isfinite(value) and value > 0.0):
-        raise ConfigError(f'{name} must be positive, got {value}')
-    return float(value)
-
-
 def _coefficients(name: str, value: Any) -> dict[str, float]:
     if not isinstance(value, Mapping):
         raise ConfigError(f'{name} must map keys such as 30 to numbers, got {value!r}')
@@ -275,12 +259,7 @@ def _coefficients(name: str, value: Any) -> dict[str, float]:
             raise ConfigError(
                 f'{name}: unknown key {key!r}, expected ij with i + j = 3 or 5, quoted'
             )
-        number = _number(number)
-        if isinstance(number, bool) or not isinstance(number, int | float):
-            raise ConfigError(f'{name} {text} must be a number, got {number!r}')
-        if not math.isfinite(number):
-            raise ConfigError(f'{name} {text} must be finite, got {number}')
-        result[text] = float(number)
+        result[text] = checked(f'{name} {text}', yaml_value(0.0, number))
     return result
 
 

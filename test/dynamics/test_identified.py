@@ -182,7 +182,7 @@ def test_a_sample_is_kept_in_the_file_and_drawn_from() -> None:
     [
         ([1.0] * 7, 'draws must be six numbers each, got 7 in all'),
         (['a'] * 6, "draws must be six numbers each, got 'a'"),
-        ([1.0] * 5 + [float('inf')], 'draws must be a finite number, got inf'),
+        ([1.0] * 5 + [float('inf')], 'draws must be finite, got inf'),
         ('many', "draws must be six numbers each, got 'many'"),
     ],
 )

@@ -124,7 +124,7 @@ def test_a_supercritical_form_has_no_fold_and_no_unstable_branch() -> None:
 @pytest.mark.parametrize('name', ['D1', 'D4', 'D7', 'D10', 'D15'])
 def test_a_coefficient_that_is_no_number_is_named(name: str) -> None:
     values = dict.fromkeys(('D1', 'D4', 'D7', 'D10', 'D15'), 1.0) | {name: math.nan}
-    with pytest.raises(ConfigError, match=f'{name} is nan'):
+    with pytest.raises(ConfigError, match=f'{name} must be finite, got nan'):
         NormalForm(critical_speed=8.0, **values)
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import itertools
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hunt_ros.errors import ConfigError
+from hunt_ros.settings import checked
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,7 @@ class SpeedProfile:
             if not after > before:
                 raise ConfigError(f'speed profile: {after} s comes after {before} s')
         for speed in self.speeds:
-            if not (math.isfinite(speed) and speed >= 0.0):
-                raise ConfigError(f'speed profile: speed must not be negative, got {speed}')
+            checked('speed profile: speed', speed, 'not be negative')
 
     @property
     def duration_s(self) -> float:
@@ -76,8 +75,8 @@ class SpeedProfile:
         acceleration : float
             Of the ramps between them, m/s^2.
         """
-        _positive('hold_s', hold_s)
-        _positive('acceleration', acceleration)
+        checked('speed profile: hold_s', hold_s, 'be positive')
+        checked('speed profile: acceleration', acceleration, 'be positive')
         times, values = [0.0], [float(speeds[0])] if speeds else []
         for speed in speeds:
             if speed != values[-1]:
@@ -94,13 +93,8 @@ class SpeedProfile:
 
         With low > high the sweep goes down first.
         """
-        _positive('rate', rate)
+        checked('speed profile: rate', rate, 'be positive')
         one_way = abs(high - low) / rate
         if back:
             return cls((0.0, one_way, 2.0 * one_way), (low, high, low))
         return cls((0.0, one_way), (low, high))
-
-
-def _positive(name: str, value: float) -> None:
-    if not (math.isfinite(value) and value > 0.0):
-        raise ConfigError(f'speed profile: {name} must be positive, got {value}')

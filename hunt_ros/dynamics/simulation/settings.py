@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, field
 
 from hunt_ros.errors import ConfigError
+from hunt_ros.settings import checked
 
 
 @dataclass(frozen=True)
@@ -48,15 +49,14 @@ class Roughness:
 
     def __post_init__(self) -> None:
         for value in (*self.amplitudes, *self.wheel_amplitudes):
-            _at_least_zero('roughness amplitude', value)
+            checked('roughness amplitude', value, 'not be negative')
         for value in self.phases:
-            if not math.isfinite(value):
-                raise ConfigError(f'roughness phase must be finite, got {value}')
+            checked('roughness phase', value)
         if len(self.phases) > len(self.amplitudes):
             raise ConfigError(
                 f'roughness has {len(self.phases)} phases for {len(self.amplitudes)} amplitudes'
             )
-        _above_zero('roughness reference_speed', self.reference_speed)
+        checked('roughness reference_speed', self.reference_speed, 'be positive')
 
 
 @dataclass(frozen=True)
@@ -98,10 +98,9 @@ class SensorModel:
 
     def __post_init__(self) -> None:
         for name in ('gain', 'offset', 'clock_drift'):
-            if not math.isfinite(getattr(self, name)):
-                raise ConfigError(f'sensor: {name} must be finite, got {getattr(self, name)}')
+            checked(f'sensor: {name}', getattr(self, name))
         for name in ('noise', 'resolution', 'dropouts_per_s', 'dropout_s'):
-            _at_least_zero(f'sensor: {name}', getattr(self, name))
+            checked(f'sensor: {name}', getattr(self, name), 'not be negative')
         if not self.full_scale > 0.0:
             raise ConfigError(f'sensor: full_scale must be positive, got {self.full_scale}')
         if not abs(self.clock_drift) < 0.1:
@@ -131,10 +130,10 @@ class DriveModel:
     speed_noise: float = 0.0
 
     def __post_init__(self) -> None:
-        _at_least_zero('drive: time_constant_s', self.time_constant_s)
-        _above_zero('drive: acceleration_limit', self.acceleration_limit)
-        _above_zero('drive: speed_gain', self.speed_gain)
-        _at_least_zero('drive: speed_noise', self.speed_noise)
+        checked('drive: time_constant_s', self.time_constant_s, 'not be negative')
+        checked('drive: acceleration_limit', self.acceleration_limit, 'be positive')
+        checked('drive: speed_gain', self.speed_gain, 'be positive')
+        checked('drive: speed_noise', self.speed_noise, 'not be negative')
 
 
 @dataclass(frozen=True)
@@ -174,16 +173,6 @@ class SimulationSettings:
 
     def __post_init__(self) -> None:
         for name in ('sample_rate_hz', 'drive_rate_hz'):
-            _above_zero(f'simulation: {name}', getattr(self, name))
+            checked(f'simulation: {name}', getattr(self, name), 'be positive')
         for name in ('initial_speed', 'broadband'):
-            _at_least_zero(f'simulation: {name}', getattr(self, name))
-
-
-def _above_zero(name: str, value: float) -> None:
-    if not (math.isfinite(value) and value > 0.0):
-        raise ConfigError(f'{name} must be positive, got {value}')
-
-
-def _at_least_zero(name: str, value: float) -> None:
-    if not (math.isfinite(value) and value >= 0.0):
-        raise ConfigError(f'{name} must not be negative, got {value}')
+            checked(f'simulation: {name}', getattr(self, name), 'not be negative')
