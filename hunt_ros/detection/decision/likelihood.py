@@ -138,8 +138,8 @@ LIKELIHOOD: np.dtype[np.void] = np.dtype(
 
 #: What is remembered: mean square of the quiet amplitude (m^2, NaN before it is known) and the
 #: rows it was learnt from; rows with an estimate since the start; mean square of the amplitude
-#: over a few seconds (m^2); D (m^2/s, NaN before it is known), and the deviation of its logarithm.
-_FLOOR = ('square', 'learnt', 'rows', 'recent', 'intensity', 'spread')
+#: over a few seconds, and the least that it was (m^2, 0 before it is known); D (m^2/s, NaN before it is known), and the deviation of its logarithm.
+_FLOOR = ('square', 'learnt', 'rows', 'recent', 'least', 'intensity', 'spread')
 NOISE_FLOOR: np.dtype[np.void] = np.dtype([(name, np.float64) for name in _FLOOR], align=True)
 
 #: Time constant, s: some sixty periods tell a mean square to 13 %.
@@ -437,6 +437,9 @@ def observe(rules: Rules, memory: Any, a: float) -> None:
     memory['rows'] += 1.0
     weight = max(1.0 / memory['rows'], rules.stride / _RECENT_S)
     memory['recent'] += weight * (a * a - memory['recent'])
+    if memory['rows'] * rules.stride >= _RECENT_S:
+        recent, least = memory['recent'], memory['least']
+        memory['least'] = min(least, recent) if least > 0.0 else recent
 
 
 @compiled_part
@@ -445,13 +448,16 @@ def learn(rules: Rules, memory: Any, ratios: Any, a: float, basin: bool = True) 
     Learn floor and intensity from a row that is not hunting: amplitude, m.
 
     Without a quiet `basin` at this speed, by the form, what grows is hunting that begins: the
-    floor does not rise on it.
+    floor neither begins nor rises on it. It begins with the least that was seen: what hunts just
+    when the noise is known is not the noise.
     """
     some = SOME * rules.evidence
     if not settled(ratios) or excess(rules, ratios) > some:
         return
     if math.isnan(memory['square']):
-        memory['square'] = max(memory['recent'], 1e-300)
+        if not basin:
+            return
+        memory['square'] = max(memory['least'] or memory['recent'], 1e-300)
         memory['learnt'] = _RECENT_S / rules.stride
         return
     if memory['recent'] < _FALLEN * memory['square']:
@@ -486,7 +492,7 @@ def floor_of(memory: Any, ratios: Any, s: float) -> float:
 def forget_floor(memory: Any) -> None:
     """Forget a floor that was learnt at another speed, or on the hunting itself."""
     memory['square'] = math.nan
-    memory['learnt'] = memory['rows'] = 0.0
+    memory['learnt'] = memory['rows'] = memory['least'] = 0.0
 
 
 @compiled_part
