@@ -38,7 +38,8 @@ square a miss counts for no more than is usual. What the tracker itself says of 
 from one mark to the next the error of an estimate that is being found out, s(t - T)^2 - s(t)^2,
 adds to S (the variance of the step of a Kalman filter); a miss of variance S + e tells
 (S / (S + e))^2 times as much of S as one of variance S, and has that weight. The first mark is a
-step after the first estimate, which is a guess.
+step after the first estimate, which is a guess. What moves further over the shortest horizon than
+noise does is a kick, or hunting that grows fast: the misses across it are left out.
 
 The *floor*, the amplitude that counts as quiet, is learnt on what may be noise alone by its
 excess, and neither while the wheelset hunts nor while the amplitude seems to grow. The
@@ -94,6 +95,8 @@ _EXACT = 0.5
 #: An amplitude is well known when its standard deviation is below this part of it.
 SURE = 0.1
 
+#: A jump so many marks after another one is no kick: the noise has risen.
+_SELDOM = 4 * HORIZONS[_TELLING - 1]
 #: Marks from which on the noise is known over the longest horizon that tells growth.
 _KNOWN = (_FIRST + 2) * HORIZONS[_TELLING - 1]
 _LONGEST = HORIZONS[-1]
@@ -101,7 +104,8 @@ _KEPT = 2 * _LONGEST + 1
 
 #: What is remembered. Since the last gap: rows since the last mark, marks; the speed at which the
 #: noise was last begun to be learnt, m/s (0: none), the first one half as far away as another one
-#: is, or the same, the marks since then, and for how many rows it is another; amplitudes and their standard deviations (m) at the last marks. Of the noise, by horizon:
+#: is, or the same, the marks since then and since a jump, and for how many rows it is another;
+#: amplitudes and their standard deviations (m) at the last marks. Of the noise, by horizon:
 #: squared misses of the middle and the part of the tracker's error in them (m^2), the last one
 #: first, their number, variance of the quiet motion and variance S now (m^2; 0 before it is
 #: known), degrees of freedom; S by mean square (m^2), and the sum of the weights in it. The
@@ -113,6 +117,7 @@ LIKELIHOOD: np.dtype[np.void] = np.dtype(
         ('speed', np.float64),
         ('later', np.float64),
         ('since', np.int64),
+        ('smooth', np.int64),
         ('another', np.int64),
         ('a', np.float64, (_KEPT,)),
         ('s', np.float64, (_KEPT,)),
@@ -299,9 +304,13 @@ def watch(rules: Rules, memory: Any, a: float, s: float, drift: float) -> None:
     memory['s'][0] = s
     memory['marks'] += 1
     memory['since'] += 1
+    memory['smooth'] += 1
+    jumps = _jumps(rules, memory)
+    if jumps and memory['smooth'] > _SELDOM:
+        memory['smooth'] = 0
     noise_alone = excess(rules, memory) < SOME * rules.evidence
     for j in range(len(HORIZONS)):
-        if memory['marks'] > 2 * HORIZONS[j]:
+        if min(memory['marks'], memory['smooth']) > 2 * HORIZONS[j]:
             _learn_noise(memory, j, noise_alone)
     # The filter smooths: over a longer horizon more of the noise shows, once there is a value.
     for j in range(_TELLING):
@@ -310,17 +319,25 @@ def watch(rules: Rules, memory: Any, a: float, s: float, drift: float) -> None:
                 part = HORIZONS[j] / HORIZONS[i]
                 memory['noise'][j] = max(memory['noise'][j], part * memory['noise'][i])
                 memory['moved'][j] = max(memory['moved'][j], part * memory['moved'][i])
-    count = excess(rules, memory) >= SOME * rules.evidence
+    count = excess(rules, memory) >= SOME * rules.evidence and not jumps  # that does not hold
+    if jumps and memory['a'][0] > memory['a'][HORIZONS[0]]:
+        memory['falls'][:] = 0.0  # nor does it fall on as it did before
     for j in range(_TELLING):
         if memory['marks'] > 2 * HORIZONS[j] and memory['noise'][j] > 0.0:
-            still = _compare(rules, memory, j, drift, count)
-            if j == 0 and still < -rules.evidence:
-                count = False  # what jumps does not hold
-                if memory['a'][0] > memory['a'][HORIZONS[0]]:
-                    memory['falls'][:] = 0.0  # nor does it fall on as it did before
+            _compare(rules, memory, j, drift, count)
     if not count:
         memory['holds'][:] = 0.0
     _sum_up(rules, memory)
+
+
+@compiled_part
+def _jumps(rules: Rules, memory: Any) -> bool:
+    """Return True where the amplitude has moved further, over the shortest horizon, than noise."""
+    if memory['marks'] <= 2 * HORIZONS[0] or not memory['noise'][0] > 0.0:
+        return False
+    variance = memory['noise'][0] + _found_out(memory['s'][HORIZONS[0]], memory['s'][0])
+    y = memory['a'][0] - math.sqrt(memory['a'][HORIZONS[0]] ** 2 + _RICE * variance)
+    return bool(_student(y, variance, memory['freedom'][0]) < -rules.evidence)
 
 
 @compiled_part
@@ -378,8 +395,8 @@ def _student(x: float, variance: float, freedom: float) -> float:
 
 
 @compiled_part
-def _compare(rules: Rules, memory: Any, j: int, drift: float, count: bool) -> float:
-    """Advance the statistics of one horizon; return how likely its increment is of no growth."""
+def _compare(rules: Rules, memory: Any, j: int, drift: float, count: bool) -> None:
+    """Advance the statistics of one horizon."""
     h = HORIZONS[j]
     a0, freedom = memory['a'][h], memory['freedom'][j]
     span = h * rules.step * rules.period_s
@@ -398,7 +415,6 @@ def _compare(rules: Rules, memory: Any, j: int, drift: float, count: bool) -> fl
         null = -rules.least_damping if math.isnan(drift) else _EXACT * drift
         gain = still - _student(_off(y, a0, null * span), variance, freedom)
         memory['holds'][j, chain] = _next(rules, memory['holds'][j, chain], gain)
-    return still
 
 
 @compiled_part
