@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -96,6 +97,24 @@ def test_a_kick_seconds_after_the_start_is_not_taken_for_noise(recorded) -> None
         late.append(min(told, default=math.inf) - at)
     assert np.median(late) < 2.0
     assert max(late) < 4.0
+
+
+@pytest.mark.parametrize('told', ['nothing', 'the truth', 'a v_c that is too high'])
+def test_what_hunts_seconds_after_a_run_up_is_said_whatever_the_form_says(
+    recorded, true_form, told
+) -> None:
+    late = replace(true_form, form=replace(true_form.form, critical_speed=12.0))
+    form = {'nothing': None, 'the truth': true_form}.get(told, late)
+    delays = []
+    runs = itertools.product((7.2, 7.4, 7.8, 8.2), (1.0, 3.0, 5.0))
+    for seed, (speed, waits) in enumerate(runs):
+        profile = SpeedProfile((0.0, 2.0, speed - 3.0), (5.0, 5.0, speed))
+        at = speed - 3.0 + waits
+        record = recorded(profile, at + 12.0, [(at, 2e-3)], seed, roughness=(20e-6,))
+        output = detect(HuntingDetector(normal_form=form), record)
+        delays.append(min(said(output, 'escaping', 'limit_cycle'), default=math.inf) - at)
+    assert np.median(delays) < 4.5
+    assert np.count_nonzero(np.array(delays) < 8.0) >= 11
 
 
 def test_what_escapes_after_a_kick_does_not_die_out_in_the_limit_cycle(

@@ -143,7 +143,8 @@ LIKELIHOOD: np.dtype[np.void] = np.dtype(
 
 #: What is remembered: mean square of the quiet amplitude (m^2, NaN before it is known) and the
 #: rows it was learnt from; rows with an estimate since the start; mean square of the amplitude
-#: over a few seconds, and the least that it was (m^2, 0 before it is known); D (m^2/s, NaN before it is known), and the deviation of its logarithm.
+#: over a few seconds, and the least that it was (m^2, 0 before it is known); D (m^2/s, NaN before
+#: it is known), and the deviation of its logarithm.
 _FLOOR = ('square', 'learnt', 'rows', 'recent', 'least', 'intensity', 'spread')
 NOISE_FLOOR: np.dtype[np.void] = np.dtype([(name, np.float64) for name in _FLOOR], align=True)
 
