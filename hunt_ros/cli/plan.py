@@ -77,15 +77,13 @@ def describe(found: Plan) -> str:
     lines.append(lasts)
     if found.steps:
         lines.append('the profile, and how long each part lasts on average:')
-    lines += [f'  {one.duration_s:5.0f} s  {one.action.words}' for one in found.steps]
+    lines += [f'  {one.duration_s:5.0f} s  {one.words}' for one in found.steps]
     if found.actions:
         lines.append(
             'the best actions from here, by what a minute teaches (drop of the logarithms of the'
             ' deviations above, 1/min):'
         )
-    lines += [
-        f'  {one.gain_per_minute:7.2f} 1/min  {one.action.words}' for one in found.actions[:_SHOWN]
-    ]
+    lines += [f'  {one.gain_per_minute:7.2f} 1/min  {one.words}' for one in found.actions[:_SHOWN]]
     return '\n'.join(lines)
 
 

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.dynamics.normal_form import NormalForm
-from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.record.segments import Segment
 from hunt_ros.samples import key
 
@@ -104,6 +103,7 @@ def four_point(detunings: NDArray[np.float64], radii: NDArray[np.float64], D1: f
     Parameters
     ----------
     detunings : ndarray, shape (4,)
+        All different, as `at_detunings` chooses them:
         eps = v / v_c - 1, Eq. (5).
     radii : ndarray, shape (4,)
         r = y_amp / (2 d0), Eq. (32).
@@ -114,24 +114,11 @@ def four_point(detunings: NDArray[np.float64], radii: NDArray[np.float64], D1: f
     -------
     FourPoint
 
-    Raises
-    ------
-    IdentificationError
-        For other than four different detunings or a radius that is not positive.
-
     References
     ----------
     The paper, Sect. 3.3, Eqs. (26)-(33).
     """
-    eps = np.asarray(detunings, dtype=np.float64)
-    r = np.asarray(radii, dtype=np.float64)
-    if eps.shape != (4,) or r.shape != (4,) or np.unique(eps).size < 4:
-        raise IdentificationError(
-            f'the four-point recipe needs four amplitudes at four speeds, got {r.size}'
-            f' at {np.unique(eps).size}'
-        )
-    if not (np.isfinite(r).all() and (r > 0.0).all()):
-        raise IdentificationError('the four-point recipe needs four positive amplitudes')
+    eps, r = detunings, radii
     matrix = np.stack([r**2, eps**2, eps * r**2, r**4], axis=1)
     lengths = np.linalg.norm(matrix, axis=0)
     condition = float(np.linalg.cond(matrix / lengths))

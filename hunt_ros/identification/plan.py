@@ -10,6 +10,7 @@ two actions ahead gains nothing measurable.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -24,6 +25,7 @@ from hunt_ros.identification.foresight import QUIET, Ensemble, Foresight, Move
 from hunt_ros.identification.plan_settings import PlanSettings
 from hunt_ros.identification.posterior import Posterior
 from hunt_ros.identification.result import Identification
+from hunt_ros.samples import as_json, key
 
 __all__ = ['Plan', 'PlanSettings', 'plan']
 
@@ -75,37 +77,17 @@ class Action:
         What it does.
     moves : tuple of Move
         As the drive runs it, and what each step is for.
+    duration_s, gain_per_minute, escape_chance : float
+        Known once it was run ahead: expected, s; drop of the logarithms of the deviations,
+        summed over the quantities, 1/min; chance that hunting has begun unwanted by its end.
     """
 
     kind: str
-    words: str
-    moves: tuple[Move, ...] = field(repr=False)
-
-
-@dataclass(frozen=True)
-class Rated:
-    """
-    An action, run ahead.
-
-    Parameters
-    ----------
-    action : Action
-    duration_s : float
-        Expected, s.
-    gain_per_minute : float
-        Drop of the logarithms of the deviations, summed over the quantities, 1/min.
-    escape_chance : float
-        Chance that hunting has begun unwanted by its end.
-    """
-
-    action: Action
-    duration_s: float
-    gain_per_minute: float
-    escape_chance: float
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the entry of `actions` or `steps`."""
-        return vars(self) | {'kind': self.action.kind, 'action': self.action.words}
+    words: str = field(metadata=key('action'))
+    moves: tuple[Move, ...] = field(repr=False, metadata=key(''))
+    duration_s: float = math.nan
+    gain_per_minute: float = math.nan
+    escape_chance: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -143,9 +125,9 @@ class Plan:
         Chance that hunting begins unwanted; None where too little is known to say.
     quantities : sequence of Prediction
         Empty where too little is known.
-    steps : sequence of Rated
+    steps : sequence of Action
         The actions taken, in their order.
-    actions : sequence of Rated
+    actions : sequence of Action
         All actions from where the rig is now, the best first.
     """
 
@@ -155,8 +137,8 @@ class Plan:
     longest_s: float
     escape: float | None = None
     quantities: Sequence[Prediction] = ()
-    steps: Sequence[Rated] = ()
-    actions: Sequence[Rated] = ()
+    steps: Sequence[Action] = ()
+    actions: Sequence[Action] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return what `hunt plan --json` writes."""
@@ -165,9 +147,9 @@ class Plan:
             'duration_s': self.duration_s,
             'longest_s': self.longest_s,
             'escape_chance': self.escape,
-            'quantities': [dict(vars(one)) for one in self.quantities],
-            'steps': [one.to_json() for one in self.steps],
-            'actions': [one.to_json() for one in self.actions],
+            'quantities': as_json(self.quantities),
+            'steps': as_json(self.steps),
+            'actions': as_json(self.actions),
             'profile': self.profile.to_yaml(),
         }
 
@@ -298,8 +280,8 @@ class _Planner:
         foresight, settings = self._foresight, self._settings
         state = foresight.start(self._start, settings.start_amplitude_m)
         information = foresight.nothing
-        taken: list[Rated] = []
-        ranking: list[Rated] = []
+        taken: list[Action] = []
+        ranking: list[Action] = []
         while True:
             elapsed = float(state.time.mean())
             rated = self._rank(state, information, settings.budget_s - elapsed)
@@ -317,7 +299,7 @@ class _Planner:
                 f' of {settings.max_escape:g} of unwanted hunting teaches anything'
             )
         begin, home = (Ramp(self._speed(v), _RATE) for v in (self._start, self._low))
-        steps = [move.step for one in taken for move in one.action.moves]
+        steps = [move.step for one in taken for move in one.moves]
         profile = Profile((begin, *steps, home), 'plan')
         return Plan(
             profile,
@@ -330,7 +312,7 @@ class _Planner:
             ranking,
         )
 
-    def _rank(self, state: Ensemble, information: Array, left_s: float) -> list[Rated]:
+    def _rank(self, state: Ensemble, information: Array, left_s: float) -> list[Action]:
         """Run all actions ahead on a few paths, the best first."""
         few = state.part(_RANKING)
         before = np.log(self._foresight.spread(information))
@@ -342,20 +324,28 @@ class _Planner:
                 continue
             gain = before - np.log(self._foresight.spread(information + told))
             escape = float(after.escaped.mean())
-            rated.append(Rated(action, lasted, 60.0 * float(gain.sum()) / lasted, escape))
+            gain_per_minute = 60.0 * float(gain.sum()) / lasted
+            rated.append(
+                replace(
+                    action,
+                    duration_s=lasted,
+                    gain_per_minute=gain_per_minute,
+                    escape_chance=escape,
+                )
+            )
         return sorted(rated, key=lambda one: -one.gain_per_minute)
 
     def _first_within(
-        self, state: Ensemble, rated: Sequence[Rated]
-    ) -> tuple[Rated, Ensemble, Array] | None:
+        self, state: Ensemble, rated: Sequence[Action]
+    ) -> tuple[Action, Ensemble, Array] | None:
         """Take the best action whose risk, on all paths, is within its bound."""
         settings = self._settings
         for one in rated:
             if one.gain_per_minute < _NOTHING:
                 break
-            if not settings.kicks and one.action.kind == 'kick':
+            if not settings.kicks and one.kind == 'kick':
                 continue
-            after, told = self._foresight.follow(state, one.action.moves)
+            after, told = self._foresight.follow(state, one.moves)
             # Some of the bound is free at once, all of it at the end.
             used = float(after.time.mean()) / settings.budget_s
             escape = float(after.escaped.mean())
@@ -443,11 +433,11 @@ class _Planner:
         stds = self._foresight.deviations.tolist(), self._foresight.spread(information).tolist()
         return [Prediction(*row) for row in zip(names, units, values, *stds, strict=True)]
 
-    def _reason(self, taken: Sequence[Rated], quantities: Sequence[Prediction]) -> str:
+    def _reason(self, taken: Sequence[Action], quantities: Sequence[Prediction]) -> str:
         """Say what the profile does most of the time, and what for."""
         kinds = dict.fromkeys(_DOES, 0.0)
         for one in taken:
-            kinds[one.action.kind] += one.duration_s
+            kinds[one.kind] += one.duration_s
         words = _DOES[max(kinds, key=lambda kind: kinds[kind])]
         most = max(quantities, key=lambda one: one.std / max(one.std_after, 1e-300))
         return (

@@ -42,9 +42,9 @@ def test_the_actions_are_ranked_and_reversals_beat_waiting_on_a_branch(found):
     assert gains == sorted(gains, reverse=True)
     best = {}
     for one in found.actions:
-        best.setdefault(one.action.kind, one.gain_per_minute)
+        best.setdefault(one.kind, one.gain_per_minute)
     assert set(best) == {'hold', 'sweep', 'reversal', 'kick'}
-    quiet = next(one for one in found.actions if one.action.words.startswith('hold 6.3'))
+    quiet = next(one for one in found.actions if one.words.startswith('hold 6.3'))
     assert best['reversal'] > 5.0 * quiet.gain_per_minute
 
 
@@ -77,15 +77,15 @@ def test_nothing_is_faster_than_the_ceiling(known):
 
 
 def test_kicks_are_used_only_where_somebody_stands_by(known, found):
-    assert all(one.action.kind != 'kick' for one in found.steps)
+    assert all(one.kind != 'kick' for one in found.steps)
     ceiling = PlanSettings(budget_s=60.0, speed_ceiling_mps=7.7, kicks=True, max_escape=1.0)
     kicked = plan(known, ceiling)
-    assert any(one.action.kind == 'kick' for one in kicked.steps)
+    assert any(one.kind == 'kick' for one in kicked.steps)
     assert 'kick the wheelset by' in kicked.profile.to_yaml()
     # A kick that costs more is worth less.
     dear = plan(known, replace(ceiling, rearm_s=30.0))
     first, second = (
-        next(one for one in plans.actions if one.action.kind == 'kick') for plans in (kicked, dear)
+        next(one for one in plans.actions if one.kind == 'kick') for plans in (kicked, dear)
     )
     assert second.gain_per_minute < 0.8 * first.gain_per_minute
 

@@ -95,38 +95,32 @@ def lack_of_fit(
     ----------
     Seber, G. A. F., Lee, A. J., Linear Regression Analysis (2003), Sect. 4.4: the F test.
     """
-    if len(states) < 8:
-        return LackOfFit()
     speed = np.array([state.speed for state in states])
     amplitude = np.array([state.amplitude for state in states])
-    if np.ptp(speed) < 0.02 * float(np.mean(speed)):
+    if len(states) < 8 or np.ptp(speed) < 0.02 * float(np.mean(speed)):
         return LackOfFit()
     expected, error = _expected(law, states, noise)
     with np.errstate(invalid='ignore'):
         residual = np.log(amplitude / expected)
-    residual = np.where(np.isfinite(residual), residual, _ABSENT)
-    bent = _bent(law, states, covariance)
+    residual = np.clip(np.where(np.isfinite(residual), residual, _ABSENT), -_ABSENT, _ABSENT)
     told = np.isfinite(error)
-    residual, speed, error, bent = residual[told], speed[told], error[told], bent[told]
-    if residual.size < 8:
-        return LackOfFit()
     # Also just below the data: a line forced by the roller moves the fold a little.
-    fold = law.saddle_node((1.0 - 2.0 * _LINGERING) * float(speed.min()))
+    lowest = float(speed[told].min(initial=math.inf))
+    fold = law.saddle_node((1.0 - 2.0 * _LINGERING) * lowest) if told.sum() >= 8 else None
     if fold is not None:
-        # Next to the fold time stands still, and a state lingers while the speed falls on.
-        away = np.abs(speed / fold - 1.0) > _LINGERING
-        residual, speed, error, bent = residual[away], speed[away], error[away], bent[away]
-    if residual.size < 8:
+        # Near the fold relaxation is slow, so that the state lags behind the speed.
+        told &= np.abs(speed / fold - 1.0) > _LINGERING
+    if told.sum() < 8:
         return LackOfFit()
-    residual = np.clip(residual, -_ABSENT, _ABSENT)
-    return _against_curve(speed, residual, error, bent)
+    bent = _bent(law, states, covariance)
+    return _against_curve(speed[told], residual[told], error[told], bent[told])
 
 
 def _against_curve(
     speed: NDArray[np.float64],
     residual: NDArray[np.float64],
     error: NDArray[np.float64],
-    bent: NDArray[np.float64] | None = None,
+    bent: NDArray[np.float64],
 ) -> LackOfFit:
     """
     Regress the residuals on a cubic in the speed; what scatters about it is pure error.
@@ -142,7 +136,7 @@ def _against_curve(
         ln of the measured over the expected amplitude.
     error : ndarray, shape (n,)
         Standard deviation of each that is expected of random motion.
-    bent : ndarray, shape (n, k), optional
+    bent : ndarray, shape (n, k)
         Change of ln of each expected amplitude with k independent directions of the law's
         coefficients, by one deviation each.
 
@@ -166,12 +160,10 @@ def _against_curve(
         fitted = basis @ np.linalg.lstsq(rows, residual * weight, rcond=None)[0]
         # A floor: amplitudes are not known to better than this.
         pure = max(float(np.sum((weight * (residual - fitted)) ** 2)) / freedom, _FLOOR**2)
-    left = np.ones(4)
-    if bent is not None:
-        directions = np.linalg.qr(basis * weight[:, None])[0]
-        taken = directions.T @ (weight[:, None] * bent)
-        left = np.clip(1.0 - np.linalg.svd(taken, compute_uv=False) ** 2 / pure, _LEAST_LEFT, 1.0)
-        left = np.concatenate([left, np.ones(4 - left.size)])
+    directions = np.linalg.qr(basis * weight[:, None])[0]
+    taken = directions.T @ (weight[:, None] * bent)
+    left = np.clip(1.0 - np.linalg.svd(taken, compute_uv=False) ** 2 / pure, _LEAST_LEFT, 1.0)
+    left = np.concatenate([left, np.ones(4 - left.size)])
     ratio = float(np.sum((weight * fitted) ** 2)) / float(left.sum()) / pure
     terms = float(left.sum() ** 2 / np.sum(left**2))
     return LackOfFit(float(stats.f.sf(ratio, terms, freedom)), float(np.sqrt(np.mean(fitted**2))))
@@ -310,12 +302,10 @@ def contradictions(states: Sequence[SteadyState]) -> str:
         apart = abs(one.amplitude - other.amplitude)
         share = apart / max(one.amplitude, other.amplitude)
         if share > worst and apart > 5.0 * math.hypot(one.amplitude_std, other.amplitude_std):
-            worst, said = (
-                share,
-                (
-                    f'runs contradict each other: at {one.speed:.3g} m/s the limit cycle is'
-                    f' {1e3 * one.amplitude:.3g} mm in {one.source} and'
-                    f' {1e3 * other.amplitude:.3g} mm in {other.source}'
-                ),
+            worst = share
+            said = (
+                f'runs contradict each other: at {one.speed:.3g} m/s the limit cycle is'
+                f' {1e3 * one.amplitude:.3g} mm in {one.source} and'
+                f' {1e3 * other.amplitude:.3g} mm in {other.source}'
             )
     return said
