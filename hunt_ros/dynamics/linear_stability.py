@@ -133,36 +133,6 @@ def critical_speed(rig: RigParameters) -> float:
     return rig.speed_scale * math.sqrt(rig.d11 * rig.d22 / damping)
 
 
-def speed_derivatives(rig: RigParameters) -> tuple[complex, complex]:
-    """
-    D1 and D7' as derivatives of the hunting eigenvalue: lambda = i omega + D1 eps + D7' eps^2.
-
-    From the characteristic polynomial P(lambda, s), s = v_c / v, by implicit
-    differentiation; dimensionless.
-
-    Raises
-    ------
-    ConfigError
-        If the critical eigenvalue is a double root of P.
-    """
-    v = critical_speed(rig) / rig.speed_scale
-    z = 1j * critical_frequency(rig)
-    # P = z^4 + s p3 z^3 + (k + s^2 q) z^2 + s p1 z + p0
-    p3, p1 = (rig.d11 + rig.d22) / v, (rig.d11 * rig.k22 + rig.d22 * rig.k11) / v
-    q, k = rig.d11 * rig.d22 / v**2, rig.k11 + rig.k22
-    by_z = 4.0 * z**3 + 3.0 * p3 * z**2 + 2.0 * (k + q) * z + p1
-    by_s = p3 * z**3 + 2.0 * q * z**2 + p1 * z
-    if abs(by_z) < 1e-12:
-        raise ConfigError(f'{rig.name}: the critical eigenvalue is a double one')
-    by_zz = 12.0 * z**2 + 6.0 * p3 * z + 2.0 * (k + q)
-    by_zs = 3.0 * p3 * z**2 + 4.0 * q * z + p1
-    by_ss = 2.0 * q * z**2
-    first = -by_s / by_z
-    second = -(by_ss + 2.0 * by_zs * first + by_zz * first**2) / by_z
-    # s = 1 / (1 + eps) = 1 - eps + eps^2
-    return -first, first + 0.5 * second
-
-
 def direction_response(
     rig: RigParameters, speed: ArrayLike, order: float
 ) -> NDArray[np.complex128]:

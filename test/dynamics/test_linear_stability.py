@@ -7,12 +7,12 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from hunt_ros.dynamics.center_manifold import normal_form_of
 from hunt_ros.dynamics.linear_stability import (
     critical_frequency,
     critical_speed,
     eigenvalues,
     hunting_mode,
-    speed_derivatives,
 )
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.dynamics.wheelset import Wheelset
@@ -38,7 +38,8 @@ def test_the_default_rig_is_the_linear_model_of_the_paper() -> None:
     assert (rig.d11, rig.d22) == pytest.approx((1.74497, 2.56600), abs=5e-6)
     assert critical_speed(rig) == pytest.approx(8.0, abs=1e-12)
     assert critical_frequency(rig) == pytest.approx(0.68755, abs=5e-6)
-    d1, d7 = speed_derivatives(rig)
+    form = normal_form_of(rig)
+    d1, d7 = form.D1, form.D7
     assert d1.real == pytest.approx(0.12, abs=1e-12)
     assert d7.real == pytest.approx(-0.1077, abs=5e-5)
     assert hunting_mode(rig, 8.0).frequency_hz == pytest.approx(2.835, abs=5e-4)
@@ -69,25 +70,6 @@ def test_the_hunting_mode_changes_sign_at_the_critical_speed_and_only_there(
     ).all()
 
 
-@given(creep=creeps)
-@settings(max_examples=40, deadline=None)
-def test_d1_and_d7_are_the_derivatives_of_the_eigenvalue(creep: tuple[float, float]) -> None:
-    rig = linear_rig(creep)
-    assume(has_hopf(rig))
-    v_c, h = critical_speed(rig), 1e-3
-    eps = h * np.array([-2, -1, 0, 1, 2])
-    tracked = []
-    for e in eps:
-        values = np.linalg.eigvals(Wheelset(rig).linear_matrix(v_c * (1 + e)))
-        tracked.append(values[np.argmin(np.abs(values - 1j * critical_frequency(rig)))])
-    values = np.array(tracked)
-    first = values @ np.array([1, -8, 0, 8, -1]) / (12 * h)
-    second = values @ np.array([-1, 16, -30, 16, -1]) / (12 * h * h)
-    d1, d7 = speed_derivatives(rig)
-    assert abs(first - d1) < 1e-7 * max(1.0, abs(d1)) + 1e-6 * abs(d7)
-    assert abs(0.5 * second - d7) < 1e-4 * max(1.0, abs(d7))
-
-
 def test_eigenvectors_satisfy_their_equations() -> None:
     rig = paper_rig()
     for speed in (3.0, 6.4, 7.2, 9.0):
@@ -103,7 +85,7 @@ def test_eigenvectors_satisfy_their_equations() -> None:
 def test_a_second_pair_of_creep_coefficients_gives_the_same_critical_speed_and_d1() -> None:
     rig = linear_rig((3.4589, 1.2703))
     assert critical_speed(rig) == pytest.approx(8.0, abs=1e-3)
-    assert speed_derivatives(rig)[0].real == pytest.approx(0.12, abs=1e-4)
+    assert normal_form_of(rig).D1.real == pytest.approx(0.12, abs=1e-4)
     assert critical_frequency(rig) == pytest.approx(0.873, abs=5e-4)
 
 
