@@ -275,6 +275,7 @@ class Told:
             nodes.append(
                 {
                     'name': name,
+                    'silent': silent,
                     'level': 'STALE' if silent else health.get('level', 'STALE'),
                     'message': self.words.text(said),
                     'rate_hz': known(rate),

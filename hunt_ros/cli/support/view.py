@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import threading
 import time
@@ -21,6 +22,9 @@ from hunt_ros.dashboard.told import Told
 _RATE_HZ = 5.0
 #: Lines that are kept.
 _KEPT = 1000
+#: Each node tells its health once a second: where none is heard for so long, s, it is the console
+#: that is silent. Who is silent is known again when it has listened for a while.
+_DEAF_S, _LISTENED_S = 2.0, 4.0
 
 
 class View:
@@ -49,6 +53,8 @@ class View:
         self._lock = threading.Lock()
         self._origin_ns = 0  # of the first stamp; none where nothing was received yet
         self._health: dict[str, str] = {}
+        #: When a health was heard last, and since when without a break: steady clock.
+        self._heard_s, self._listens_s = math.inf, -math.inf
 
     def __enter__(self) -> View:
         # Not `console.is_terminal`: that can be forced by the environment, for the colours.
@@ -130,11 +136,16 @@ class View:
 
     def _take_health(self, line: dict[str, Any], now_s: float) -> None:
         """Say when a node is unwell or silent, and when it is well again."""
+        if now_s - self._heard_s > _DEAF_S:
+            self._listens_s = now_s
+        self._heard_s = now_s
         with self._lock:
             self._told.take_health(line, now_s)
             nodes = self._told.sections(now_s)['nodes']
         for node in nodes:
             name, level = node['name'], node['level']
+            if node['silent'] and now_s - self._listens_s < _LISTENED_S:
+                continue
             if level != self._health.get(name, 'OK'):
                 self.say(f'{name}: {node["message"]}', STYLES.get(level, ''))
             self._health[name] = level

@@ -25,6 +25,21 @@ def test_a_node_that_freezes_is_told_once_and_again_when_it_is_back(capsys, monk
     assert lines == ['bag_recorder: silent for 4 s', 'bag_recorder: sound']
 
 
+def test_silence_of_the_console_while_it_is_started_again_is_not_that_of_the_nodes(
+    capsys, monkeypatch
+) -> None:
+    now = [100.0]
+    monkeypatch.setattr(time, 'monotonic', lambda: now[0])
+    nodes = ['bag_recorder', 'hunting_detector', 'yaw_sensor']
+    with View() as view:
+        for second in [*range(5), *range(9, 15)]:
+            now[0] = 100.0 + second
+            for name in nodes[: 2 if second > 4 else 3]:  # one ends meanwhile
+                now[0] += 0.1
+                view.show(health(name))
+    assert capsys.readouterr().out.splitlines() == ['yaw_sensor: silent for 9 s']
+
+
 def test_speeds_are_in_the_unit_of_the_rig(capsys) -> None:
     with View(speed_unit='km/h') as view:
         event = {'event': 'quiet', 'speed_mps': '5.0', 'amplitude_m': '1e-5', 'message': 'v 5 m/s'}
