@@ -146,8 +146,7 @@ def _fitted(fit: _Fit, hunting: HuntingMode) -> SecondMode | None:
     """Return the mode of best fit, if it is one."""
     if not fit.enough:
         return None
-    starts = [fit.whittle.least(fit.start(turn), _TURNS) for turn in (1j, -1j)]
-    theta = min((one for one in starts if one is not None), key=fit.whittle.cost, default=None)
+    theta = fit.whittle.least(fit.start(), _TURNS)
     for _ in range(_PASSES):
         if theta is None or not fit.leave_out_lines(theta):
             break
@@ -252,9 +251,9 @@ class _Fit:
         left = int(np.count_nonzero(self.whittle.weight))
         return left > 2 * _PARAMETERS and left >= _LEFT * self._all
 
-    def start(self, turn: complex) -> _F:
+    def start(self) -> _F:
         """Return a first guess: a mode that dies within a period, its ratio turned."""
-        ratio = self._hunting.ratio * turn
+        ratio = 1j * self._hunting.ratio
         theta = np.zeros(_PARAMETERS)
         theta[:4] = math.log(0.5), 0.1, ratio.real, ratio.imag
         theta[[4, 6]] = 0.5 * math.log(0.5)
