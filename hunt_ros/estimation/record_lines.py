@@ -57,6 +57,10 @@ _WEAKER = 0.2
 #: line whose amplitudes there differ by less than the other is no limit cycle, which grows
 #: with about the root of the speed.
 _FASTER, _SAME_SIZE = 0.1, 0.02
+#: What is at 80 % of the time more than so many times what it is at 20 % is hunting whose
+#: frequency follows the speed, as that of wheelsets does: no wheel that turns has a line that
+#: grows so.
+_GROWS = 10.0
 #: Samples in a period of the highest frequency that is looked at.
 _SAMPLES = 8.0
 
@@ -331,7 +335,7 @@ class RecordLines:
             # Over time it would be somewhere between these.
             others = self._near(0.95 * slow * frequency, 1.05 * fast * frequency)
             clear = lasting[place] > _FOLLOWS * max(power.lasting for power in others)
-            if clear and self._changes_with_speed(ways, frequency / mean):
+            if clear and self._turns(ways, frequency / mean):
                 found.append(_exact(ways, frequency / mean))
         for order in found:
             for way in ways:
@@ -349,14 +353,22 @@ class RecordLines:
         first, last = np.searchsorted(_GRID, [low, high])
         return self._powers[max(int(first) - 1, 0) : int(last) + 1]
 
-    def _changes_with_speed(self, ways: Sequence[Motion], order: float) -> bool:
-        """Return True if a line, cycles a metre, is seen at speeds between which it must move."""
+    def _turns(self, ways: Sequence[Motion], order: float) -> bool:
+        """
+        Return True if a line, cycles a metre, is of something that turns.
+
+        It is seen at speeds between which it must move, and is no hunting of the kinematic
+        wavelength (Klingel, 1883), which grows out of the quiet motion and dies out again.
+        """
         if self._is_known(order):
             return True
         amplitude, speed = _amplitudes([way.line(order) for way in ways])
         known = np.isfinite(amplitude) & np.isfinite(speed)
         weight = amplitude[known] ** 2
         if not weight.sum() > 0.0:
+            return False
+        low, high = np.quantile(amplitude[known], [_WEAKER, 1.0 - _WEAKER])
+        if high > _GROWS * low:
             return False
         mean = float(np.average(speed[known], weights=weight))
         apart = math.sqrt(float(np.average((speed[known] - mean) ** 2, weights=weight)))

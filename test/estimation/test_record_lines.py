@@ -48,3 +48,18 @@ def test_a_line_follows_the_speed_once_it_is_seen_at_speeds_far_enough_apart(
     channels = {'lateral': Series(stamps, lateral), 'speed': Series(stamps, speed)}
     lines = RecordLines([motion_of(Record(channels))]).forced()
     assert [line.turns_per_metre for line in lines] == pytest.approx([1.2] * forced, rel=0.01)
+
+
+@pytest.mark.parametrize(('grown', 'forced'), [(1.0, True), (3.0, True), (60.0, False)])
+def test_hunting_of_the_kinematic_wavelength_is_no_forced_line(grown, forced) -> None:
+    """Klingel (1883): its frequency follows the speed; what tells it is that it comes and goes."""
+    rng = np.random.default_rng(0)
+    count = 48_000
+    stamps = (np.arange(1, count + 1) * 10_000_000).astype(np.int64)
+    speed = 6.0 + 2.5 * np.sin(np.pi * np.arange(count) / count)
+    turned = 0.42 * np.cumsum(speed) * 0.01
+    size = 2e-5 * np.where(speed > 7.0, grown, 1.0)
+    lateral = size * np.cos(2.0 * np.pi * turned) + 1e-6 * rng.normal(size=count)
+    channels = {'lateral': Series(stamps, lateral), 'speed': Series(stamps, speed)}
+    lines = RecordLines([motion_of(Record(channels))]).forced()
+    assert [line.turns_per_metre for line in lines] == pytest.approx([0.42] * forced, rel=0.01)
