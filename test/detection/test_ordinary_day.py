@@ -113,6 +113,8 @@ def test_what_hunts_seconds_after_a_run_up_is_said_whatever_the_form_says(
         record = recorded(profile, at + 12.0, [(at, 2e-3)], seed, roughness=(20e-6,))
         output = detect(HuntingDetector(normal_form=form), record)
         delays.append(min(said(output, 'escaping', 'limit_cycle'), default=math.inf) - at)
+        rows = output.estimates
+        assert rows['level'][rows['stamp_ns'] * 1e-9 > at + 1.0].min() > Level.OK
     assert np.median(delays) < 4.5
     assert np.count_nonzero(np.array(delays) < 8.0) >= 11
 

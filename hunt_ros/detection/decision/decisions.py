@@ -21,6 +21,7 @@ from hunt_ros.detection.decision import likelihood, limits, states
 from hunt_ros.detection.decision.form import (
     NO_OUTLOOK,
     OUTLOOK,
+    SMALLEST,
     FormNumbers,
     growth_at,
     is_hunting_of,
@@ -156,7 +157,9 @@ def decide(
         if known and form.known and out['state'] == states.ESCAPING:
             out['time_to_limit_cycle'] = time_to_cycle(form, v, a, out)
         undecided &= out['state'] < states.ESCAPING
-        undecided |= out['state'] == states.QUIET and math.isnan(m['floor']['square'])
+        # A floor that was learnt on hunting calls quiet what is as large as a limit cycle.
+        large = a > SMALLEST * form.fold_amplitude
+        undecided |= out['state'] == states.QUIET and (large or math.isnan(m['floor']['square']))
         _doubt(rules, m, known, disagree[k], other, undecided, out)
         period_rows = 1.0 / (rules.period_s * rules.nominal_hz)
         over = limits.watch(rules.limits, period_rows, m, trusted[k], out) & limits.ALARMS

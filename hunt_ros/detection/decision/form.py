@@ -74,7 +74,7 @@ _ARRIVED = 0.9
 _LEFT = 1.02
 _PIECES = 64
 #: A limit cycle may be smaller than at the fold by this factor: two deviations of a poor form.
-_SMALLEST = 0.5
+SMALLEST = 0.5
 #: Frequency of worn wheels over that of new ones, or the other way round; and how many standard
 #: deviations make a frequency another one.
 _WORN, _SURE = 1.5, 3.0
@@ -431,7 +431,7 @@ def is_hunting_of(form: FormNumbers, nominal_hz: float, v: float, a: float, out:
     highest = max(form.frequency_hz, nominal_hz) * max(faster, 1.0) * _WORN
     if hz + _SURE * std_hz < lowest or hz - _SURE * std_hz > highest:
         return False
-    return bool(not a < _SMALLEST * form.fold_amplitude or out['escape_probability'] > 0.5)
+    return bool(not a < SMALLEST * form.fold_amplitude or out['escape_probability'] > 0.5)
 
 
 @compiled_part
