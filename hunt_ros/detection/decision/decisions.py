@@ -157,9 +157,11 @@ def decide(
         if known and form.known and out['state'] == states.ESCAPING:
             out['time_to_limit_cycle'] = time_to_cycle(form, v, a, out)
         undecided &= out['state'] < states.ESCAPING
-        # A floor that was learnt on hunting calls quiet what is as large as a limit cycle.
-        large = a > SMALLEST * form.fold_amplitude
-        undecided |= out['state'] == states.QUIET and (large or math.isnan(m['floor']['square']))
+        undecided |= out['state'] == states.QUIET and math.isnan(m['floor']['square'])
+        if a > SMALLEST * form.fold_amplitude and out['state'] < states.ESCAPING:
+            # A form may be wrong about the speed, and a floor be learnt on hunting: as large as a
+            # limit cycle, what does not fall is well neither as quiet nor as disturbed.
+            undecided |= not m['ratios']['fall'] > likelihood.SOME * rules.evidence
         _doubt(rules, m, known, disagree[k], other, undecided, out)
         period_rows = 1.0 / (rules.period_s * rules.nominal_hz)
         over = limits.watch(rules.limits, period_rows, m, trusted[k], out) & limits.ALARMS
