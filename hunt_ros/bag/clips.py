@@ -16,7 +16,7 @@ from pathlib import Path
 
 from hunt_ros.bag.mcap.file import McapFile
 from hunt_ros.bag.mcap.writer import McapWriter
-from hunt_ros.bag.reader import ACTIVE, folder_files
+from hunt_ros.bag.reader import ACTIVE, CLIP, folder_files
 from hunt_ros.bag.repair import copy_chunk
 from hunt_ros.errors import BagError
 from hunt_ros.samples import NANOSECONDS
@@ -32,7 +32,6 @@ _WRITTEN_S = 2.0
 LATEST_S = AFTER_S + _WRITTEN_S
 #: So often is one tried: a recording that is closed just then changes its name.
 _TRIES = 2
-_NAME = re.compile(r'clip_(.+)_\d{8}_\d{6}_\w+\.mcap')
 #: A clip that is being cut has this ending.
 PART = '.part'
 #: A suite ends its nodes one after the other: what falls silent so short before the recording ends
@@ -170,7 +169,7 @@ class Clips:
 
 def recording_of(clip: Path) -> str:
     """Return the name of the recording of a clip, by the clip's own; that where it is no clip."""
-    match = _NAME.fullmatch(clip.name)  # the last time in it: X is not the recording X_1
+    match = CLIP.fullmatch(clip.name)  # the last time in it: X is not the recording X_1
     return match[1] if match else clip.name
 
 

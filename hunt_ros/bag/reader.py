@@ -36,7 +36,7 @@ STORAGES: dict[str, type[McapFile] | type[SqliteFile]] = {'.mcap': McapFile, '.d
 _RESERVE = 1 << 28
 _LARGEST_METADATA = 1 << 24
 #: Name of a clip: recording, time, code of the alarm (a letter, where files of recordings count).
-_CLIP = re.compile(r'clip_.+_\d{8}_\d{6}_[^\W\d]\w*\.mcap')
+CLIP = re.compile(r'clip_(.+)_\d{8}_\d{6}_[^\W\d]\w*\.mcap')
 _Loader: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 
@@ -228,7 +228,7 @@ def folder_files(folder: Path) -> list[Path]:
         found = [
             name
             for name in folder.iterdir()
-            if storage_kind(name) in STORAGES and not _CLIP.fullmatch(name.name)
+            if storage_kind(name) in STORAGES and not CLIP.fullmatch(name.name)
             if name.is_file()
         ]
     except OSError as error:
