@@ -79,3 +79,17 @@ def test_hunting_that_holds_or_grows_from_the_start_is_not_taken_for_quiet(rate:
     floor = Floor()
     path = 60e-6 * np.exp(rate * PERIOD * np.arange(2500))
     assert not floor.feed(path) > 6e-6
+
+
+def test_what_hunts_just_when_the_noise_is_known_is_not_where_the_floor_begins() -> None:
+    for waits in np.arange(3.0, 6.0, 0.25):
+        floor = Floor()
+        floor.feed(_quiet(waits, 8e-6))
+        assert floor.feed(np.full(100, 400e-6)) < 40e-6
+
+
+def test_the_floor_does_not_begin_on_what_escapes_by_the_form() -> None:
+    floor = Floor()
+    floor.feed(_quiet(20.0, 80e-6), basin=False)
+    assert math.isnan(floor.memory['floor']['square'][0])
+    assert floor.feed(_quiet(20.0, 80e-6, 2)) > 20e-6
