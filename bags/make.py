@@ -30,12 +30,12 @@ from hunt_ros.dynamics.center_manifold import normal_form_of
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
+from hunt_ros.dynamics.profile import Corners, Profile
 from hunt_ros.dynamics.simulation import (
     Kick,
     Roughness,
     SensorModel,
     SimulationSettings,
-    SpeedProfile,
     simulate,
 )
 from hunt_ros.samples import Record
@@ -55,18 +55,17 @@ SUPERCRITICAL = replace(paper_rig(), beta={'30': -250.0}, name='supercritical')
 
 
 def record_of(
-    rig: RigParameters, profile: SpeedProfile, kicks: list[tuple[float, float]], seed: int
+    rig: RigParameters, profile: Profile, kicks: list[tuple[float, float]], seed: int
 ) -> Record:
     """Simulate a rig over a profile, with blows at (time, size)."""
-    settings = replace(SETTINGS, initial_speed=float(profile(0.0)))
     blows = [Kick(time_s, lateral_m=size) for time_s, size in kicks]
-    return simulate(rig, settings, profile, profile.duration_s, kicks=blows, seed=seed)
+    return simulate(rig, SETTINGS, profile, profile.duration_s, kicks=blows, seed=seed)
 
 
-def hold(*corners: tuple[float, float]) -> SpeedProfile:
+def hold(*corners: tuple[float, float]) -> Profile:
     """Return the profile through corners (s, m/s)."""
     times, speeds = zip(*corners, strict=True)
-    return SpeedProfile(tuple(times), tuple(speeds))
+    return Profile((Corners(tuple(times), tuple(speeds)),))
 
 
 def hysteresis_loop() -> Record:

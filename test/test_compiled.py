@@ -102,8 +102,9 @@ RUN_THE_CHAIN = textwrap.dedent(
     from hunt_ros.dynamics.identified import IdentifiedNormalForm
     from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
     from hunt_ros.dynamics.parameters import paper_rig
+    from hunt_ros.dynamics.profile import Hold, Profile
     from hunt_ros.dynamics.simulation import (
-        Kick, Roughness, SensorModel, SimulationSettings, SpeedProfile, simulate,
+        Kick, Roughness, SensorModel, SimulationSettings, simulate,
     )
 
     settings = SimulationSettings(
@@ -111,7 +112,7 @@ RUN_THE_CHAIN = textwrap.dedent(
         lateral_sensor=SensorModel(noise=5e-6), yaw_sensor=SensorModel(noise=2e-5),
     )
     record = simulate(
-        paper_rig(), settings, SpeedProfile.constant(7.2), 6.0, [Kick(2.0, 3e-4)], seed=4
+        paper_rig(), settings, Profile((Hold(7.2, 0.0),)), 6.0, [Kick(2.0, 3e-4)], seed=4
     )
     detector = HuntingDetector(DetectorConfig(), IdentifiedNormalForm(PAPER_NORMAL_FORM))
     rows = detect(detector, record).estimates
@@ -317,11 +318,12 @@ from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.errors import ConfigError
-from hunt_ros.dynamics.simulation import Kick, SimulationSettings, SpeedProfile, simulate
+from hunt_ros.dynamics.profile import Hold, Profile
+from hunt_ros.dynamics.simulation import Kick, SimulationSettings, simulate
 
 settings = SimulationSettings(sample_rate_hz=100.0, initial_speed=7.2, broadband=8e-6)
 kicks = [Kick(5.0, lateral_m=3e-4)]
-record = simulate(paper_rig(), settings, SpeedProfile.constant(7.2), 40.0, kicks, seed=1)
+record = simulate(paper_rig(), settings, Profile((Hold(7.2, 0.0),)), 40.0, kicks, seed=1)
 form = IdentifiedNormalForm(PAPER_NORMAL_FORM)
 channels = ('lateral', 'yaw', 'roller', 'speed')
 for missing in ('', *channels):

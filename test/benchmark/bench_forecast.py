@@ -10,12 +10,12 @@ import numpy as np
 from tables import asked, markdown, publish
 
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
+from hunt_ros.dynamics.profile import Hold, Profile, Sweep
 from hunt_ros.dynamics.simulation import (
     RollerRig,
     Roughness,
     SensorModel,
     SimulationSettings,
-    SpeedProfile,
 )
 from hunt_ros.forecast import CriticalSpeedForecast
 from hunt_ros.forecast.damping_laws import SmoothLaw, WheelsetLaw
@@ -43,11 +43,11 @@ class Case:
     roughness: tuple[float, ...] = ()
     sweep: float = 0.0
 
-    def profile(self) -> SpeedProfile:
+    def profile(self) -> Profile:
         """Return the staircase, or the slow sweep at so many m/s^2."""
         if self.sweep:
-            return SpeedProfile.sweep(self.speeds[0], self.speeds[-1], self.sweep, back=False)
-        return SpeedProfile.staircase(*self.speeds, hold_s=60.0)
+            return Profile((Sweep(self.speeds[0], self.speeds[-1], self.sweep, back=False),))
+        return Profile(tuple(Hold(float(v), 60.0) for v in self.speeds))
 
 
 def other_rig() -> RigParameters:
@@ -124,7 +124,7 @@ def run(case: Case, seed: int, truth: float) -> dict[str, list]:
     stages = [share * truth for share in STAGES if share * truth < case.speeds[-1] - 1e-6]
     for begin in range(0, total, 5000):
         count = min(5000, total - begin)
-        targets = profile(np.arange(begin, begin + count) / 500.0)
+        targets = np.interp(np.arange(begin, begin + count) / 500.0, *profile.corners())
         block = rig.advance(count, targets)
         for forecast in forecasts.values():
             forecast.update(block.stamps_ns, block.lateral, block.speed, block.roller_angle)

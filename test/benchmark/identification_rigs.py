@@ -21,7 +21,7 @@ from hunt_ros.dynamics.limit_cycle import limit_cycles
 from hunt_ros.dynamics.linear_stability import critical_speed
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
-from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
+from hunt_ros.dynamics.profile import Corners, Hold, Profile
 from hunt_ros.dynamics.simulation import simulate
 from hunt_ros.errors import HuntError
 from hunt_ros.identification import Identification, IdentificationSettings, identify
@@ -99,20 +99,16 @@ def steps(rig: RigParameters, seed: int, low: float, high: float, rise: float) -
     settings = _MAKERS['rig_settings'](3e-5 * size)
     sensor = replace(settings.lateral_sensor, noise=5e-6 * size)
     up = np.arange(low, high + 0.5 * rise, rise)
-    profile = SpeedProfile.staircase(*up, *up[-2::-1], hold_s=25.0)
+    profile = Profile(tuple(Hold(float(v), 25.0) for v in (*up, *up[-2::-1])))
     return simulate(rig, replace(settings, lateral_sensor=sensor), profile, seed=seed)
 
 
 def seldom_hunting(seed: int) -> Record:
     """Twenty minutes of holds below v_c, and half a minute of hunting at the end."""
-    holds = np.arange(6.0, 7.81, 0.2)
-    profile = SpeedProfile.staircase(*holds, hold_s=115.0)
-    times, speeds = [*profile.times_s], [*profile.speeds]
-    for after_s, speed in ((8.0, 8.8), (14.0, 8.8), (12.0, 6.2), (10.0, 6.2)):
-        times.append(times[-1] + after_s)
-        speeds.append(speed)
-    ended = SpeedProfile(tuple(times), tuple(speeds))
-    return simulate(paper_rig(), _MAKERS['rig_settings'](), ended, seed=seed)
+    holds = [Hold(float(v), 115.0) for v in np.arange(6.0, 7.81, 0.2)]
+    hunts = Corners((0.0, 8.0, 22.0, 34.0, 44.0), (7.8, 8.8, 8.8, 6.2, 6.2))
+    profile = Profile((*holds, hunts))
+    return simulate(paper_rig(), _MAKERS['rig_settings'](), profile, seed=seed)
 
 
 def strongly_subcritical(seed: int, by: float) -> list[Record]:

@@ -11,7 +11,7 @@ import pytest
 from hunt_ros.bag import write_record
 from hunt_ros.cli.main import main
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
+from hunt_ros.dynamics.profile import Hold, Profile
 from hunt_ros.dynamics.simulation import Kick, simulate
 from hunt_ros.dynamics.simulation.settings import SensorModel, SimulationSettings
 from hunt_ros.samples import Record, Series
@@ -74,7 +74,7 @@ TURNS = 1.0 / (np.pi * DIAMETER)
 def staircase() -> Record:
     """Up into the hysteresis and down, with a bump on the way; without roughness."""
     up = [5.6, 6.4, 7.2, 8.0]
-    profile = SpeedProfile.staircase(*up, *up[-2::-1], hold_s=20.0)
+    profile = Profile(tuple(Hold(float(v), 20.0) for v in (*up, *up[-2::-1])))
     settings = SimulationSettings(
         sample_rate_hz=100.0,
         initial_speed=up[0],

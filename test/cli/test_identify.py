@@ -12,7 +12,7 @@ from hunt_ros.cli.main import main
 from hunt_ros.dynamics.growth_law import GrowthLaw
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
+from hunt_ros.dynamics.profile import Corners, Profile
 from hunt_ros.dynamics.simulation import Kick, SensorModel, SimulationSettings, simulate
 from hunt_ros.identification import Identification
 
@@ -22,7 +22,7 @@ def bag(tmp_path_factory):
     settings = SimulationSettings(
         sample_rate_hz=100.0, broadband=8e-6, lateral_sensor=SensorModel(noise=5e-6)
     )
-    profile = SpeedProfile((0.0, 140.0, 280.0), (6.0, 8.8, 6.0))
+    profile = Profile((Corners((0.0, 140.0, 280.0), (6.0, 8.8, 6.0)),))
     kicks = [Kick(30.0, lateral_m=1e-4), Kick(60.0, lateral_m=1e-4), Kick(90.0, lateral_m=1e-4)]
     record = simulate(paper_rig(), settings, profile, kicks=kicks, seed=4)
     return write_record(tmp_path_factory.mktemp('bags') / 'sweep.mcap', record)

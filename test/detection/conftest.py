@@ -16,7 +16,7 @@ from hunt_ros.dynamics.center_manifold import normal_form_of
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.limit_cycle import fitted_form, limit_cycles
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
+from hunt_ros.dynamics.profile import Hold, Profile
 from hunt_ros.dynamics.simulation import Kick, simulate
 from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, SimulationSettings
 from hunt_ros.samples import Record
@@ -27,7 +27,7 @@ Recorder = Callable[..., Record]
 
 @cache
 def _recorded(
-    profile: SpeedProfile,
+    profile: Profile,
     duration_s: float,
     kicks: tuple[Kick, ...],
     seed: int,
@@ -49,14 +49,14 @@ def recorded() -> Recorder:
     """recorded(speed or profile, duration, kicks=[(time, lateral_m)]) -> Record."""
 
     def make(
-        speed: float | SpeedProfile,
+        speed: float | Profile,
         duration_s: float,
         kicks: Sequence[tuple[float, float]] = (),
         seed: int = 1,
         broadband: float = 8e-6,
         roughness: tuple[float, ...] = (50e-6, 20e-6),
     ) -> Record:
-        profile = speed if isinstance(speed, SpeedProfile) else SpeedProfile.constant(speed)
+        profile = speed if isinstance(speed, Profile) else Profile((Hold(speed, 0.0),))
         blows = tuple(Kick(time, lateral_m=size) for time, size in kicks)
         return _recorded(profile, duration_s, blows, seed, broadband, roughness)
 

@@ -22,7 +22,7 @@ from hunt_ros.detection.words.reasons import Basis, reasons_of
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
+from hunt_ros.dynamics.profile import Hold, Profile
 from hunt_ros.dynamics.simulation import simulate
 from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, SimulationSettings
 from hunt_ros.samples import CHANNELS, Record, Series
@@ -112,7 +112,7 @@ def _recorded(rate_hz: int, seed: int) -> Record:
         lateral_sensor=SensorModel(noise=5e-6),
         yaw_sensor=SensorModel(noise=2e-5),
     )
-    profile = SpeedProfile.constant(6.0)  # below v_n: all is OK but for the faults
+    profile = Profile((Hold(6.0, 0.0),))  # below v_n: all is OK but for the faults
     record = simulate(paper_rig(), settings_, profile, DURATION / SECOND, (), seed)
     lateral = record['lateral']
     noise = 5e-3 * np.random.default_rng(seed).standard_normal(len(lateral))

@@ -12,11 +12,11 @@ from hunt_ros.detection import CompanionConfig, Companions, DetectorConfig, Hunt
 from hunt_ros.detection.offline import collect, config_for, watch
 from hunt_ros.detection.output import Motion, Output
 from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.profile import Hold, Profile
 from hunt_ros.dynamics.simulation import (
     Roughness,
     SensorModel,
     SimulationSettings,
-    SpeedProfile,
     simulate,
 )
 from hunt_ros.errors import ConfigError
@@ -35,14 +35,14 @@ def staircase() -> Record:
         lateral_sensor=SensorModel(noise=5e-6),
         yaw_sensor=SensorModel(noise=2e-5),
     )
-    profile = SpeedProfile.staircase(*np.arange(4.0, 7.1, 0.6).tolist(), hold_s=40.0)
+    profile = Profile(tuple(Hold(float(v), 40.0) for v in np.arange(4.0, 7.1, 0.6).tolist()))
     return simulate(paper_rig(), settings_, profile, seed=2)
 
 
 @pytest.fixture(scope='module')
 def hunting() -> Record:
     settings_ = SimulationSettings(sample_rate_hz=200.0, broadband=8e-6)
-    return simulate(paper_rig(), settings_, SpeedProfile.constant(9.0), 40.0, seed=1)
+    return simulate(paper_rig(), settings_, Profile((Hold(9.0, 0.0),)), 40.0, seed=1)
 
 
 def test_the_forecast_is_made_from_what_the_detector_merged(staircase) -> None:

@@ -13,7 +13,7 @@ from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, Region, d
 from hunt_ros.detection.output import Output
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
+from hunt_ros.dynamics.profile import Profile, Sweep
 from hunt_ros.errors import ConfigError, HuntError
 from hunt_ros.samples import Record
 
@@ -76,7 +76,7 @@ def test_without_a_normal_form_the_amplitude_alone_decides(recorded) -> None:
 
 
 def test_critical_speeds_alone_give_the_regions(recorded) -> None:
-    profile = SpeedProfile.sweep(6.0, 8.4, 0.4)
+    profile = Profile((Sweep(6.0, 8.4, 0.4),))
     record = recorded(profile, profile.duration_s)
     config = DetectorConfig(critical_speed_mps=8.0, nonlinear_critical_speed_mps=6.4)
     output = detect(HuntingDetector(config), record)

@@ -7,7 +7,7 @@ import pytest
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, detect
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
+from hunt_ros.dynamics.profile import Hold, Profile
 from hunt_ros.dynamics.simulation import Kick, simulate
 from hunt_ros.dynamics.simulation.settings import SensorModel, SimulationSettings
 from hunt_ros.samples import Record, Series
@@ -87,7 +87,7 @@ def test_a_wheelset_that_was_hit_moves(way: str) -> None:
         )
         blow = (WAYS[way](size),)
         record = simulate(
-            paper_rig(), settings, SpeedProfile.constant(7.2), STEP_S + 1.5, blow, seed
+            paper_rig(), settings, Profile((Hold(7.2, 0.0),)), STEP_S + 1.5, blow, seed
         )
         rows = detect(HuntingDetector(), record).estimates
         # A period, in which the second mode is nearly gone.

@@ -12,7 +12,7 @@ from hunt_ros.detection.detector import HuntingDetector
 from hunt_ros.detection.offline import config_for
 from hunt_ros.detection.replay import detect
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
+from hunt_ros.dynamics.profile import Hold, Profile
 from hunt_ros.dynamics.simulation import Kick, simulate
 from hunt_ros.dynamics.simulation.settings import (
     DriveModel,
@@ -37,7 +37,7 @@ def _quiet(
         yaw_sensor=SensorModel(noise=2e-5),
         drive=DriveModel(**drive),
     )
-    return simulate(rig, settings, SpeedProfile.constant(speed), seconds, kicks, seed=1)
+    return simulate(rig, settings, Profile((Hold(speed, 0.0),)), seconds, kicks, seed=1)
 
 
 def _without(record: Record, name: str) -> Record:

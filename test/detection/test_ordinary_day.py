@@ -12,7 +12,7 @@ import pytest
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect
 from hunt_ros.detection.output import Output
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
+from hunt_ros.dynamics.profile import Corners, Hold, Profile
 from hunt_ros.dynamics.simulation import simulate
 from hunt_ros.dynamics.simulation.settings import SensorModel, SimulationSettings
 from hunt_ros.samples import Record, Series
@@ -40,7 +40,7 @@ def changed(record: Record, channel: str, values: np.ndarray) -> Record:
 def test_a_run_up_below_v_n_is_no_alarm(recorded, true_form, lines, rate) -> None:
     # A line that passes the frequency of the hunting changes tenfold on the way.
     end = 5.0 + 5.5 / rate
-    profile = SpeedProfile((0.0, 5.0, end, end + 40.0), (0.5, 0.5, 6.0, 6.0))
+    profile = Profile((Corners((0.0, 5.0, end, end + 40.0), (0.5, 0.5, 6.0, 6.0)),))
     for seed in range(2):
         record = recorded(profile, end + 40.0, seed=seed, roughness=lines)
         output = detect(HuntingDetector(DetectorConfig(), true_form), record)
@@ -51,7 +51,7 @@ def test_a_run_up_below_v_n_is_no_alarm(recorded, true_form, lines, rate) -> Non
 def test_a_stop_out_of_quiet_running_is_no_alarm(recorded, true_form, rate) -> None:
     # The line of the roller passes the frequency of the hunting at 2.7 m/s on every way to rest.
     ends = 30.0 + 5.0 / rate
-    profile = SpeedProfile((0.0, 30.0, ends, ends + 20.0), (5.0, 5.0, 0.0, 0.0))
+    profile = Profile((Corners((0.0, 30.0, ends, ends + 20.0), (5.0, 5.0, 0.0, 0.0)),))
     for seed in range(3):
         record = recorded(profile, ends + 20.0, seed=seed)
         output = detect(HuntingDetector(DetectorConfig(), true_form), record)
@@ -63,7 +63,7 @@ def test_a_stop_out_of_quiet_running_is_no_alarm(recorded, true_form, rate) -> N
 def test_what_drives_the_motion_at_rest_is_not_what_drives_it_at_speed(
     recorded, true_form, begin, informed
 ) -> None:
-    profile = SpeedProfile((0.0, 30.0, 65.0, 150.0), (begin, begin, 7.0, 7.0))
+    profile = Profile((Corners((0.0, 30.0, 65.0, 150.0), (begin, begin, 7.0, 7.0)),))
     for seed in range(2):
         record = recorded(profile, 150.0, seed=seed, roughness=())
         output = detect(HuntingDetector(normal_form=true_form if informed else None), record)
@@ -72,7 +72,9 @@ def test_what_drives_the_motion_at_rest_is_not_what_drives_it_at_speed(
 
 
 def test_after_hunting_it_gets_quiet_again_at_another_speed(recorded, true_form) -> None:
-    profile = SpeedProfile((0.0, 20.0, 40.0, 60.0, 80.0, 130.0), (0.0, 0.0, 8.6, 8.6, 6.0, 6.0))
+    profile = Profile(
+        (Corners((0.0, 20.0, 40.0, 60.0, 80.0, 130.0), (0.0, 0.0, 8.6, 8.6, 6.0, 6.0)),)
+    )
     for form in (true_form, None):
         record = recorded(profile, 130.0, roughness=())
         rows = detect(HuntingDetector(normal_form=form), record).estimates
@@ -108,7 +110,7 @@ def test_what_hunts_seconds_after_a_run_up_is_said_whatever_the_form_says(
     delays = []
     runs = itertools.product((7.2, 7.4, 7.8, 8.2), (1.0, 3.0, 5.0))
     for seed, (speed, waits) in enumerate(runs):
-        profile = SpeedProfile((0.0, 2.0, speed - 3.0), (5.0, 5.0, speed))
+        profile = Profile((Corners((0.0, 2.0, speed - 3.0), (5.0, 5.0, speed)),))
         at = speed - 3.0 + waits
         record = recorded(profile, at + 12.0, [(at, 2e-3)], seed, roughness=(20e-6,))
         output = detect(HuntingDetector(normal_form=form), record)
@@ -140,7 +142,7 @@ def test_steps_of_the_sensor_are_no_limit_cycle(true_form, broadband, informed) 
     )
     for seed in range(6):
         record = simulate(
-            paper_rig(), settings, SpeedProfile.constant(7.2), duration_s=60.0, seed=seed
+            paper_rig(), settings, Profile((Hold(7.2, 0.0),)), duration_s=60.0, seed=seed
         )
         config = DetectorConfig(channels=('lateral', 'roller', 'speed'))
         output = detect(HuntingDetector(config, true_form if informed else None), record)

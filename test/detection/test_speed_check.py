@@ -15,7 +15,7 @@ from hunt_ros.detection.replay import detect
 from hunt_ros.detection.slow import SpeedCheck
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
+from hunt_ros.dynamics.profile import Corners, Profile
 from hunt_ros.samples import Record, Series
 
 RATE = 100.0
@@ -147,7 +147,7 @@ def test_blocks_and_whole_give_the_same(cuts: list[int]) -> None:
 
 @pytest.mark.parametrize('lines', [(1.0, 2.0), ()])
 def test_the_detector_is_stale_and_says_why(lines: tuple[float, ...], recorded) -> None:
-    profile = SpeedProfile((0.0, 10.0, 20.0, 30.0, 40.0), (4.0, 4.0, 6.0, 6.0, 4.0))
+    profile = Profile((Corners((0.0, 10.0, 20.0, 30.0, 40.0), (4.0, 4.0, 6.0, 6.0, 4.0)),))
     record = recorded(profile, 48.0)
     speed = record['speed']
     t = speed.stamps_ns * 1e-9

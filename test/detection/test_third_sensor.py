@@ -8,7 +8,7 @@ import pytest
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect, doubts
 from hunt_ros.detection.output import Output
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
+from hunt_ros.dynamics.profile import Hold, Profile
 from hunt_ros.dynamics.simulation import Kick, simulate
 from hunt_ros.dynamics.simulation.settings import Roughness, SimulationSettings
 from hunt_ros.errors import ConfigError
@@ -25,7 +25,7 @@ def simulated() -> Record:
         sample_rate_hz=RATE, broadband=8e-6, roughness=Roughness((50e-6, 20e-6))
     )
     blow = Kick(8.0, lateral_m=4e-4)
-    record = simulate(paper_rig(), settings, SpeedProfile.constant(7.2), 30.0, [blow], seed=4)
+    record = simulate(paper_rig(), settings, Profile((Hold(7.2, 0.0),)), 30.0, [blow], seed=4)
     lateral = record['lateral']
     acceleration = np.gradient(np.gradient(lateral.values)) * RATE**2
     return Record({**record, 'axle_box': Series(lateral.stamps_ns, acceleration)})

@@ -11,7 +11,7 @@ from bench_forecast import other_rig
 
 from hunt_ros.dynamics.linear_stability import critical_speed, eigenvalues, hunting_mode
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
-from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
+from hunt_ros.dynamics.profile import Hold, Profile
 from hunt_ros.dynamics.simulation import simulate
 from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, SimulationSettings
 from hunt_ros.errors import ConfigError
@@ -37,9 +37,8 @@ SETTINGS = SimulationSettings(
 
 def quiet(rig: RigParameters, seed: int = 0, hold_s: float = 60.0, **changes: Any) -> Record:
     """Return a staircase below the critical speed, on which nothing but noise moves."""
-    profile = SpeedProfile.staircase(
-        *(critical_speed(rig) * np.array(LEVELS)), hold_s=hold_s, acceleration=1.0
-    )
+    v_c = critical_speed(rig)
+    profile = Profile(tuple(Hold(v_c * level, hold_s, 1.0) for level in LEVELS))
     return simulate(rig, replace(SETTINGS, **changes), profile, seed=seed)
 
 

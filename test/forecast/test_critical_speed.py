@@ -7,12 +7,12 @@ import pytest
 
 from hunt_ros.dynamics.linear_stability import critical_speed as theory
 from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.profile import Corners, Hold, Profile
 from hunt_ros.dynamics.simulation import (
     RollerRig,
     Roughness,
     SensorModel,
     SimulationSettings,
-    SpeedProfile,
 )
 from hunt_ros.forecast import COLLECTING, NO_EXCITATION, CriticalSpeedForecast, critical_speed
 from hunt_ros.samples import Uncertain
@@ -24,7 +24,7 @@ SPEEDS = np.arange(4.0, 7.3, 0.4)
 
 def staircase(broadband: float, seed: int = 0, rig=None, speeds=SPEEDS):
     """Columns stamps, lateral, speed, angle of a staircase with 30 s holds."""
-    profile = SpeedProfile.staircase(*speeds, hold_s=30.0)
+    profile = Profile(tuple(Hold(float(v), 30.0) for v in speeds))
     stream = RollerRig(
         paper_rig() if rig is None else rig,
         SimulationSettings(
@@ -37,7 +37,7 @@ def staircase(broadband: float, seed: int = 0, rig=None, speeds=SPEEDS):
         seed,
     )
     count = round(profile.duration_s * RATE)
-    block = stream.advance(count, profile(np.arange(count) / RATE))
+    block = stream.advance(count, np.interp(np.arange(count) / RATE, *profile.corners()))
     return block.stamps_ns, block.lateral, block.speed, block.roller_angle
 
 
@@ -136,7 +136,7 @@ def test_a_stuck_sensor_gives_no_level():
 def test_a_sweep_through_v_c_of_a_supercritical_rig_is_not_forecast_too_high(law) -> None:
     rig = replace(paper_rig(), beta={'30': -250.0}, name='supercritical')
     # To where no test of hunting has spoken yet.
-    profile = SpeedProfile((0.0, 10.0, 250.0), (6.0, 6.0, 8.4))
+    profile = Profile((Corners((0.0, 10.0, 250.0), (6.0, 6.0, 8.4)),))
     options = SimulationSettings(
         sample_rate_hz=100.0,
         initial_speed=6.0,
@@ -146,7 +146,7 @@ def test_a_sweep_through_v_c_of_a_supercritical_rig_is_not_forecast_too_high(law
     found = []
     for seed in range(6):
         stream = RollerRig(rig, options, seed)
-        block = stream.advance(25_000, profile(np.arange(25_000) / 100.0))
+        block = stream.advance(25_000, np.interp(np.arange(25_000) / 100.0, *profile.corners()))
         guess = rough_guess() if law == 'wheelset' else None
         forecast = CriticalSpeedForecast(guess, live=False)
         forecast.update(block.stamps_ns, block.lateral, block.speed, block.roller_angle)

@@ -19,7 +19,7 @@ from hunt_ros.dynamics.growth_law import (
 )
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
+from hunt_ros.dynamics.profile import Corners, Hold, Profile
 from hunt_ros.dynamics.simulation import (
     DriveModel,
     Kick,
@@ -118,13 +118,15 @@ def rig_settings(roughness: float = 3e-5) -> SimulationSettings:
 def staircase(seed: int) -> Record:
     """One staircase of the full model up and down, 0.2 m/s steps, 25 s holds."""
     up = np.arange(6.0, 8.9, 0.2)
-    profile = SpeedProfile.staircase(*up, *up[-2::-1], hold_s=25.0)
+    profile = Profile(tuple(Hold(float(v), 25.0) for v in (*up, *up[-2::-1])))
     return simulate(paper_rig(), rig_settings(), profile, seed=seed)
 
 
 def sweep(seed: int) -> Record:
     """A continuous sweep of the full model with bumps inside the basin on the way up."""
-    profile = SpeedProfile((0.0, 10.0, 250.0, 275.0, 515.0, 530.0), (6.0, 6.0, 8.8, 8.8, 6.0, 6.0))
+    profile = Profile(
+        (Corners((0.0, 10.0, 250.0, 275.0, 515.0, 530.0), (6.0, 6.0, 8.8, 8.8, 6.0, 6.0)),)
+    )
     kicks = [Kick(60.0, lateral_m=1e-4), Kick(120.0, lateral_m=1e-4), Kick(160.0, lateral_m=8e-5)]
     return simulate(paper_rig(), rig_settings(2e-5), profile, kicks=kicks, seed=seed)
 

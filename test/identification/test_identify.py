@@ -15,7 +15,7 @@ from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.linear_stability import eigenvalues
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
+from hunt_ros.dynamics.profile import Hold, Profile
 from hunt_ros.dynamics.simulation import Kick, SensorModel, SimulationSettings, simulate
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification import IdentificationSettings, identify
@@ -103,7 +103,7 @@ def stepped(hold_s, seed):
     settings = SimulationSettings(
         sample_rate_hz=100.0, broadband=2e-5, lateral_sensor=SensorModel(noise=5e-6)
     )
-    profile = SpeedProfile.staircase(6.2, 7.0, 7.8, 8.4, 7.6, 6.8, 6.2, hold_s=hold_s)
+    profile = Profile(tuple(Hold(float(v), hold_s) for v in (6.2, 7.0, 7.8, 8.4, 7.6, 6.8, 6.2)))
     return simulate(paper_rig(), settings, profile, seed=seed)
 
 
@@ -331,7 +331,7 @@ def test_the_limit_cycle_at_one_speed_says_nothing_of_the_linear_growth_rate(mak
 
 def test_where_only_the_limit_cycle_was_seen_no_critical_speed_is_told():
     """Hysteresis entered from above: from the limit cycle at 8.8 m/s down to rest."""
-    profile = SpeedProfile.staircase(*np.arange(8.8, 5.9, -0.2), hold_s=25.0)
+    profile = Profile(tuple(Hold(float(v), 25.0) for v in np.arange(8.8, 5.9, -0.2)))
     settings = SimulationSettings(sample_rate_hz=100.0, broadband=8e-6)
     kick = [Kick(0.5, lateral_m=6e-4)]
     for seed in range(3):

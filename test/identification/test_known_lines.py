@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
+from hunt_ros.dynamics.profile import Hold, Profile
 from hunt_ros.dynamics.simulation import simulate
 from hunt_ros.dynamics.simulation.settings import (
     DriveModel,
@@ -28,7 +28,7 @@ TRUTH = 1.005 * 8.0
 
 def _staircase(seed: int) -> Record:
     up = np.arange(5.6, 9.01, 0.3).tolist()
-    profile = SpeedProfile.staircase(*up, *up[-2::-1], hold_s=10.0)
+    profile = Profile(tuple(Hold(float(v), 10.0) for v in (*up, *up[-2::-1])))
     settings = SimulationSettings(
         sample_rate_hz=200.0,
         initial_speed=up[0],

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
+from hunt_ros.dynamics.profile import Hold, Profile
 from hunt_ros.dynamics.simulation import SimulationSettings, simulate
 from hunt_ros.errors import ConfigError, IdentificationError
 from hunt_ros.identification import IdentificationSettings, identify
@@ -91,7 +91,7 @@ def test_a_limit_cycle_of_one_amplitude_at_every_speed_asks_for_the_flange(power
 def test_the_frequency_is_that_of_hunting_and_not_of_contact_with_a_flange_that_is_told(seed):
     clearance = 0.65e-3
     up = np.arange(6.0, 8.81, 0.4)
-    profile = SpeedProfile.staircase(*up, *up[-2::-1], hold_s=12.0)
+    profile = Profile(tuple(Hold(float(v), 12.0) for v in (*up, *up[-2::-1])))
     rig = replace(paper_rig(), flange_clearance_m=clearance, flange_stiffness_n_per_m=1e7)
     settings = SimulationSettings(sample_rate_hz=200.0, initial_speed=6.0, broadband=1.5e-5)
     record = simulate(rig, settings, profile, seed=seed)

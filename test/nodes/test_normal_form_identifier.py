@@ -11,7 +11,7 @@ from hunt_ros.bag import write_record
 from hunt_ros.detection.acceptance import is_rolled_back
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
+from hunt_ros.dynamics.profile import Corners, Profile
 from hunt_ros.dynamics.simulation import Kick, SensorModel, SimulationSettings, simulate
 from hunt_ros.nodes.support.form_files import FormFiles
 from hunt_ros.nodes.support.qos import latched
@@ -23,7 +23,7 @@ def _sweep_bag(folder: Path, seed: int) -> Path:
     settings = SimulationSettings(
         sample_rate_hz=100.0, broadband=8e-6, lateral_sensor=SensorModel(noise=5e-6)
     )
-    profile = SpeedProfile((0.0, 140.0, 280.0), (6.0, 8.8, 6.0))
+    profile = Profile((Corners((0.0, 140.0, 280.0), (6.0, 8.8, 6.0)),))
     kicks = [Kick(at, lateral_m=1e-4) for at in (30.0, 60.0, 90.0)]
     record = simulate(paper_rig(), settings, profile, kicks=kicks, seed=seed)
     return write_record(folder / f'sweep_{seed}', record)

@@ -15,11 +15,11 @@ import pytest
 
 from hunt_ros.cli.main import main
 from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.profile import Hold, Profile
 from hunt_ros.dynamics.simulation import (
     Roughness,
     SensorModel,
     SimulationSettings,
-    SpeedProfile,
     simulate,
 )
 from hunt_ros.identification import identify
@@ -50,7 +50,7 @@ def staircase(source: str = 'day & night <1>.mcap') -> Record:
         yaw_sensor=SensorModel(noise=2e-5),
     )
     up = [6.0, 6.4, 6.8, 7.2, 7.6, 8.0, 8.4, 8.8]
-    profile = SpeedProfile.staircase(*up, *up[-2::-1], hold_s=25.0)
+    profile = Profile(tuple(Hold(float(v), 25.0) for v in (*up, *up[-2::-1])))
     record = simulate(paper_rig(), settings, profile, profile.duration_s, seed=5)
     return Record(dict(record), source, {'operator': '<b>A & B</b>'})
 
@@ -202,7 +202,7 @@ def test_the_lines_of_the_spectrum_are_hunting_and_roughness(report: Report) -> 
 
 def test_a_quiet_run_makes_a_report_that_says_what_cannot_be_known() -> None:
     settings = SimulationSettings(sample_rate_hz=100.0, initial_speed=6.2, broadband=8e-6)
-    record = simulate(paper_rig(), settings, SpeedProfile.constant(6.2), 60.0, seed=1)
+    record = simulate(paper_rig(), settings, Profile((Hold(6.2, 0.0),)), 60.0, seed=1)
     one = Report(identify([record]))
     assert one.identification.normal_form is None
     page = one.html(one.drawings())

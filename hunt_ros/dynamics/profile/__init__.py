@@ -1,8 +1,7 @@
 """
 Speed profiles: what a drive is asked for, as an experimenter writes it.
 
-A `Profile` is a sequence of `steps`, and `step` is what all of them are; `run` is one under way;
-`speed_profile` is the set point against time that is left where no detector decides how it goes.
+A `Profile` is a sequence of `steps`, and `step` is what all of them are; `run` is one under way.
 """
 
 from hunt_ros.dynamics.profile.profile import Profile

@@ -14,7 +14,6 @@ from typing import Any
 
 import yaml
 
-from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.profile.step import Motion, Step
 from hunt_ros.dynamics.profile.steps import STEPS
 from hunt_ros.errors import ConfigError
@@ -111,9 +110,14 @@ class Profile:
                         f' ceiling, {ceiling_mps:g} m/s'
                     )
 
-    def corners(self) -> SpeedProfile:
+    def corners(self) -> tuple[list[float], list[float]]:
         """
         Return the set point against time, for a simulation without a detector.
+
+        Returns
+        -------
+        times_s, speeds_mps : list of float
+            Ends of the straight lines; the last speed is held.
 
         Raises
         ------
@@ -131,7 +135,7 @@ class Profile:
             if leg.speed_mps != speeds[-1]:  # a jump
                 times.append(math.nextafter(times[-1], math.inf))
                 speeds.append(leg.speed_mps)
-        return SpeedProfile(tuple(times), tuple(speeds))
+        return times, speeds
 
     def _where(self, number: int, step: Step) -> str:
         return f'{self.source}, step {number} ({_WORDS[type(step)]})'

@@ -8,10 +8,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
-from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.profile.step import Leg, Motion, Scene, Step
 from hunt_ros.errors import ConfigError
-from hunt_ros.settings import setting
+from hunt_ros.settings import checked, setting
 
 #: Of a value that must be given.
 _REQUIRED = math.nan
@@ -347,9 +346,16 @@ class Corners(Step):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not all(map(math.isfinite, self.times_s)):
-            raise ConfigError(f'times_s: {list(self.times_s)} must be finite')
-        SpeedProfile(self.times_s, self.speeds_mps)
+        if len(self.times_s) != len(self.speeds_mps) or not self.times_s:
+            raise ConfigError(f'{len(self.times_s)} times for {len(self.speeds_mps)} speeds')
+        for time_s, speed in zip(self.times_s, self.speeds_mps, strict=True):
+            checked('times_s', time_s)
+            checked('speeds_mps', speed, 'not be negative')
+        if self.times_s[0] != 0.0:
+            raise ConfigError(f'times_s: must begin at 0 s, got {self.times_s[0]}')
+        for before, after in itertools.pairwise(self.times_s):
+            if not after > before:
+                raise ConfigError(f'times_s: {after} s comes after {before} s')
 
     def legs(self, scene: Scene) -> Iterator[Leg]:
         """One leg between two corners; the first speed is reached as fast as the drive may."""

@@ -5,7 +5,6 @@ Time-domain simulation of the rig.
 `experiment` a whole experiment as a record.
 """
 
-from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation.experiment import Kick, simulate
 from hunt_ros.dynamics.simulation.roller_rig import RollerRig, SimulatedBlock
 from hunt_ros.dynamics.simulation.settings import (
@@ -23,6 +22,5 @@ __all__ = [
     'SensorModel',
     'SimulatedBlock',
     'SimulationSettings',
-    'SpeedProfile',
     'simulate',
 ]

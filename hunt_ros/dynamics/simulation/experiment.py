@@ -16,11 +16,8 @@ from hunt_ros.dynamics.linear_stability import critical_frequency
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.dynamics.profile import Motion, Profile
 from hunt_ros.dynamics.profile.run import SET_POINT_S, ProfileRun
-from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
 from hunt_ros.dynamics.simulation.roller_rig import RollerRig, SimulatedBlock
-from hunt_ros.dynamics.simulation.settings import (
-    SimulationSettings,
-)
+from hunt_ros.dynamics.simulation.settings import SimulationSettings
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import Record, Series
 
@@ -51,7 +48,7 @@ class Kick:
 def simulate(
     rig: RigParameters,
     settings: SimulationSettings,
-    profile: SpeedProfile | Profile,
+    profile: Profile,
     duration_s: float | None = None,
     kicks: Sequence[Kick] = (),
     seed: int = 0,
@@ -65,7 +62,7 @@ def simulate(
         The rig.
     settings : SimulationSettings
         Its initial speed is replaced by that of the profile.
-    profile : SpeedProfile or Profile
+    profile : Profile
         Set point of the drive. Steps that react to the amplitude see that of the true
         motion, and critical speeds from the equations of the rig.
     duration_s : float, optional
@@ -88,7 +85,7 @@ def simulate(
         this rig does not have.
     """
     rate = settings.sample_rate_hz
-    points = _set_points(profile, rig, rate)
+    points = _Reacting(profile, rig, rate) if profile.reacts else _Fixed(profile, rate)
     wanted_s = points.duration_s if duration_s is None else duration_s
     if not wanted_s > 0.0 or (duration_s is not None and math.isinf(duration_s)):
         raise ConfigError(f'duration must be positive, got {wanted_s} s')
@@ -130,13 +127,15 @@ class _Fixed:
     finished = False
     block = BLOCK
 
-    def __init__(self, profile: SpeedProfile, rate_hz: float) -> None:
-        self._profile, self._rate_hz = profile, rate_hz
-        self.begin_mps, self.duration_s = float(profile(0.0)), profile.duration_s
+    def __init__(self, profile: Profile, rate_hz: float) -> None:
+        self._rate_hz = rate_hz
+        self._times_s, self._speeds_mps = profile.corners()
+        self.begin_mps, self.duration_s = self._speeds_mps[0], self._times_s[-1]
 
     def targets(self, begin: int, end: int) -> NDArray[np.float64]:
         """Return the set points of the next samples, m/s, shape (end - begin,)."""
-        return self._profile(np.arange(begin, end) / self._rate_hz)
+        times_s = np.arange(begin, end) / self._rate_hz
+        return np.asarray(np.interp(times_s, self._times_s, self._speeds_mps), dtype=np.float64)
 
     def see(self, block: SimulatedBlock) -> None:
         """Nothing depends on the motion."""
@@ -193,17 +192,6 @@ def _theory(rig: RigParameters) -> Motion:
         return Motion()
     v_n, amplitude = branch.saddle_node() or (math.nan, math.nan)
     return Motion(v_n=v_n, v_c=branch.critical_speed, fold_amplitude_m=amplitude)
-
-
-def _set_points(
-    profile: SpeedProfile | Profile, rig: RigParameters, rate_hz: float
-) -> _Fixed | _Reacting:
-    """Return what the drive is told."""
-    if isinstance(profile, SpeedProfile):
-        return _Fixed(profile, rate_hz)
-    if profile.reacts:
-        return _Reacting(profile, rig, rate_hz)
-    return _Fixed(profile.corners(), rate_hz)
 
 
 def record_of(

@@ -16,7 +16,7 @@ from hunt_ros.detection.offline import collect, watch
 from hunt_ros.detection.output import blank_rows
 from hunt_ros.detection.regions import Region, State
 from hunt_ros.detection.replay import detect
-from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
+from hunt_ros.dynamics.profile import Corners, Profile
 from hunt_ros.samples import USUAL_CHANNELS, Record, Series
 
 RULES = rules_of(DetectorConfig(), 6.4, 8.0)
@@ -85,7 +85,7 @@ def test_a_margin_that_noise_crosses_again_and_again_is_told_once() -> None:
 
 
 def test_the_margin_stays_low_as_long_as_the_wheelset_hunts(recorded, true_form) -> None:
-    profile = SpeedProfile((0.0, 12.0, 27.0, 45.0), (7.2, 7.2, 5.7, 5.7))
+    profile = Profile((Corners((0.0, 12.0, 27.0, 45.0), (7.2, 7.2, 5.7, 5.7)),))
     record = recorded(profile, 45.0, kicks=[(5.0, 0.6e-3)])
     output = detect(HuntingDetector(DetectorConfig(), true_form), record)
     words = [event.event for event in output.events]

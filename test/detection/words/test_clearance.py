@@ -12,7 +12,7 @@ from hunt_ros.detection.offline import watch
 from hunt_ros.detection.output import blank_rows
 from hunt_ros.detection.regions import Region, State
 from hunt_ros.detection.words.clearance import Clearance, Clearances
-from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
+from hunt_ros.dynamics.profile import Hold, Profile
 
 S = 1_000_000_000
 SEEDS = range(4)
@@ -125,7 +125,7 @@ def test_over_seeds_quiet_speeds_are_cleared_and_those_with_little_margin_never(
     recorded, true_form
 ) -> None:
     """Strong noise: at 7.6 m/s it would escape within minutes, and does so in some seeds."""
-    profile = SpeedProfile.staircase(5.6, 6.2, 6.6, 7.6, 8.2, hold_s=32.0, acceleration=0.5)
+    profile = Profile(tuple(Hold(float(v), 32.0, 0.5) for v in (5.6, 6.2, 6.6, 7.6, 8.2)))
     found: dict[float, list[bool]] = {}
     for seed in SEEDS:
         detector = HuntingDetector(DetectorConfig(), true_form)

@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 
 from hunt_ros.dynamics.linear_stability import quiet_covariance
 from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.profile import Corners, Hold, Profile, Sweep
 from hunt_ros.dynamics.simulation import (
     DriveModel,
     Kick,
@@ -20,7 +21,6 @@ from hunt_ros.dynamics.simulation import (
     SensorModel,
     SimulatedBlock,
     SimulationSettings,
-    SpeedProfile,
     experiment,
     simulate,
 )
@@ -67,13 +67,15 @@ def test_a_record_is_the_stream_with_its_kicks_and_profile(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(experiment, 'BLOCK', 333)
-    profile = SpeedProfile.sweep(6.5, 7.5, 0.5, back=False)
+    profile = Profile((Sweep(6.5, 7.5, 0.5, back=False),))
     record = simulate(paper_rig(), BUSY, profile, kicks=[Kick(1.0011, lateral_m=2e-4)], seed=7)
     stream = RollerRig(paper_rig(), replace(BUSY, initial_speed=6.5), 7)
     count = 1001
-    parts = [stream.advance(501, profile(np.arange(501) / 500))]
+    parts = [stream.advance(501, np.interp(np.arange(501) / 500, *profile.corners()))]
     stream.kick(2e-4)
-    parts.append(stream.advance(count - 501, profile(np.arange(501, count) / 500)))
+    parts.append(
+        stream.advance(count - 501, np.interp(np.arange(501, count) / 500, *profile.corners()))
+    )
     whole = numbers(parts)
     np.testing.assert_array_equal(record['lateral'].values, whole['lateral'])
     np.testing.assert_array_equal(record['lateral'].stamps_ns, whole['lateral_stamps_ns'])
@@ -273,7 +275,7 @@ def test_the_kernel_gives_the_same_without_the_compiler() -> None:
             'target speed must not be negative',
         ),
         (
-            lambda: simulate(paper_rig(), SimulationSettings(), SpeedProfile.constant(7.0)),
+            lambda: simulate(paper_rig(), SimulationSettings(), Profile((Hold(7.0, 0.0),))),
             'duration must be positive',
         ),
     ],
@@ -284,20 +286,19 @@ def test_impossible_values_are_named(make: object, message: str) -> None:
 
 
 def test_profiles_are_what_they_say() -> None:
-    stairs = SpeedProfile.staircase(6.0, 7.0, 6.5, hold_s=10.0, acceleration=0.5)
-    np.testing.assert_allclose(
-        stairs([0, 10, 11, 12, 22, 22.5, 23, 33]), [6, 6, 6.5, 7, 7, 6.75, 6.5, 6.5]
-    )
+    stairs = Profile(tuple(Hold(float(v), 10.0, 0.5) for v in (6.0, 7.0, 6.5)))
+    at = [0, 10, 11, 12, 22, 22.5, 23, 33]
+    np.testing.assert_allclose(np.interp(at, *stairs.corners()), [6, 6, 6.5, 7, 7, 6.75, 6.5, 6.5])
     assert stairs.duration_s == pytest.approx(33.0)
-    sweep = SpeedProfile.sweep(6.0, 9.0, 0.02)
+    sweep = Profile((Sweep(6.0, 9.0, 0.02),))
     assert sweep.duration_s == pytest.approx(300.0)
-    np.testing.assert_allclose(sweep([0, 75, 150, 300, 400]), [6, 7.5, 9, 6, 6])
-    assert float(SpeedProfile.constant(7.2)(1e6)) == 7.2
+    at = [0, 75, 150, 300, 400]
+    np.testing.assert_allclose(np.interp(at, *sweep.corners()), [6, 7.5, 9, 6, 6])
 
 
 def test_a_roller_that_stands_still_starts_and_stops() -> None:
     settings = SimulationSettings(initial_speed=0.0, broadband=8e-6, roughness=Roughness((2e-5,)))
-    profile = SpeedProfile((0.0, 5.0, 15.0, 25.0, 35.0), (0.0, 0.0, 5.0, 5.0, 0.0))
+    profile = Profile((Corners((0.0, 5.0, 15.0, 25.0, 35.0), (0.0, 0.0, 5.0, 5.0, 0.0)),))
     record = simulate(paper_rig(), settings, profile, seed=1)
     speed, angle = record['speed'].values, record['roller'].values
     assert speed[0] == 0.0

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile.speed_profile import SpeedProfile
+from hunt_ros.dynamics.profile import Corners, Profile
 from hunt_ros.dynamics.simulation import (
     Kick,
     Roughness,
@@ -77,7 +77,7 @@ def test_kicks_and_free_transients_of_a_sweep_are_found_where_they_were(records)
 
 def test_a_small_kick_into_the_noise_next_to_the_critical_speed_is_found():
     """Taken for free growth, one in ten demos was refused its normal form."""
-    profile = SpeedProfile((0.0, 60.0), (7.3, 7.9))
+    profile = Profile((Corners((0.0, 60.0), (7.3, 7.9)),))
     rig = SimulationSettings(
         sample_rate_hz=200.0,
         roughness=Roughness((2e-5,)),
