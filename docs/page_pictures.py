@@ -80,8 +80,8 @@ class PlayedRig:
         count = round(STEP_S * RATE_HZ)
         block = self.roller.advance(count, np.full(count, self.speed))
         for name, stamps_ns, values in (
-            ('lateral', block.lateral_stamps_ns, block.lateral),
-            ('yaw', block.yaw_stamps_ns, block.yaw),
+            ('lateral', block.stamps_ns, block.lateral),
+            ('yaw', block.stamps_ns, block.yaw),
             ('roller', block.stamps_ns, block.roller_angle),
             ('speed', block.stamps_ns, block.speed),
         ):

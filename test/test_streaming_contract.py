@@ -147,7 +147,7 @@ def _make_rig() -> Any:
     from hunt_ros.dynamics.simulation import RollerRig
     from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, SimulationSettings
 
-    sensor = SensorModel(noise=5e-6, dropouts_per_s=1.0)
+    sensor = SensorModel(noise=5e-6)
     settings_ = SimulationSettings(
         initial_speed=7.2,
         broadband=8e-6,

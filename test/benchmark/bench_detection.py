@@ -115,8 +115,8 @@ def recording(blocks: list[SimulatedBlock]) -> Record:
     stamps, slow = joined('stamps_ns'), slice(None, None, 5)
     return Record(
         {
-            'lateral': Series(joined('lateral_stamps_ns'), joined('lateral')),
-            'yaw': Series(joined('yaw_stamps_ns'), joined('yaw')),
+            'lateral': Series(stamps, joined('lateral')),
+            'yaw': Series(stamps, joined('yaw')),
             'roller': Series(stamps[slow], joined('roller_angle')[slow]),
             'speed': Series(stamps[slow], joined('speed')[slow]),
         }

@@ -81,8 +81,8 @@ class Loop:
         self.command.taken(target)
         block = self.roller.advance(STEP, np.full(STEP, target))
         for name, stamps, values in (
-            ('lateral', block.lateral_stamps_ns, block.lateral),
-            ('yaw', block.yaw_stamps_ns, block.yaw),
+            ('lateral', block.stamps_ns, block.lateral),
+            ('yaw', block.stamps_ns, block.yaw),
             ('roller', block.stamps_ns, block.roller_angle),
             ('speed', block.stamps_ns, block.speed),
         ):
@@ -91,7 +91,7 @@ class Loop:
         self.now_ns = int(block.stamps_ns[-1])
         self.amplitude = 0.5 * max(0.9 * self.amplitude, float(np.ptp(block.true_lateral)))
         for name, criterion in self.criteria.items():
-            rows = criterion.update(block.lateral_stamps_ns, block.lateral, self.measured)
+            rows = criterion.update(block.stamps_ns, block.lateral, self.measured)
             index = np.nan_to_num(rows['index'])
             self.indices[name] = float(index.max()) if index.size else 0.0
         status = self.detector.status

@@ -75,8 +75,7 @@ def simulate(
     Returns
     -------
     Record
-        lateral and yaw at the sample rate (NaN in drop-outs, stamps of their own
-        clocks), roller and speed at the drive rate.
+        lateral and yaw at the sample rate, roller and speed at the drive rate.
 
     Raises
     ------
@@ -207,8 +206,8 @@ def record_of(
     drive = np.diff(tick, prepend=-1.0) > 0.0
     return Record(
         {
-            'lateral': Series(joined('lateral_stamps_ns'), joined('lateral')),
-            'yaw': Series(joined('yaw_stamps_ns'), joined('yaw')),
+            'lateral': Series(stamps, joined('lateral')),
+            'yaw': Series(stamps, joined('yaw')),
             'roller': Series(stamps[drive], joined('roller_angle')[drive]),
             'speed': Series(stamps[drive], joined('speed')[drive]),
         },

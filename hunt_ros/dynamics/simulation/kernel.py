@@ -36,18 +36,10 @@ Array = NDArray[np.float64]
     LENGTH,  # d0, m
     FORCING,  # white yaw forcing, held over a step
     YAW_LIMIT,  # rad, of the argument of the nonlinear terms
-    SPEED_GAIN,
-    SPEED_NOISE,
-) = range(19)
+) = range(17)
 
 # Places in `state`.
-Y, Y_RATE, PSI, PSI_RATE, SPEED, ANGLE, LATERAL_LOST, YAW_LOST = range(8)
-
-# Rows of `sensors` are lateral (m) and yaw; columns:
-GAIN, OFFSET, NOISE, RESOLUTION, FULL_SCALE, LOSS, LOSS_SAMPLES = range(7)
-
-# Rows of `out`.
-LATERAL, YAW, MEASURED_SPEED, ROLLER_ANGLE, TRUE_LATERAL, TRUE_YAW = range(6)
+Y, Y_RATE, PSI, PSI_RATE, SPEED, ANGLE = range(6)
 
 
 @compiled_part
@@ -62,10 +54,10 @@ def _power_terms(y: float, p: float, c: Array) -> float:
 
 @compiled_part
 def _slope(angle: float, harmonics: Array) -> float:
-    """Direction of rolling, rad, at a roller angle; rows: order, slope amplitude, phase."""
+    """Direction of rolling, rad, at a roller angle; rows: order, slope amplitude."""
     total = 0.0
     for k in range(harmonics.shape[0]):
-        total += harmonics[k, 1] * math.sin(harmonics[k, 0] * angle + harmonics[k, 2])
+        total += harmonics[k, 1] * math.sin(harmonics[k, 0] * angle)
     return total
 
 
@@ -152,73 +144,40 @@ def _step(
     return s1
 
 
-@compiled_part
-def _reading(value: float, normal: float, sensor: Array) -> float:
-    """One reading of a sensor that is not in a drop-out."""
-    reading: float = sensor[GAIN] * value + sensor[OFFSET] + sensor[NOISE] * normal
-    reading = min(max(reading, -sensor[FULL_SCALE]), sensor[FULL_SCALE])
-    if sensor[RESOLUTION] > 0.0:
-        reading = math.floor(reading / sensor[RESOLUTION] + 0.5) * sensor[RESOLUTION]
-    return reading
-
-
 @compiled
 def advance(
     state: F1,
     targets: F1,
     forcing: Annotated[Array, 2, 'A'],
-    noise: F2,
-    losses: F2,
     model: F1,
     terms: F2,
     harmonics: F2,
-    sensors: F2,
     out: F2,
 ) -> None:
     """
-    Measure, then advance, once a sample.
+    Look, then advance, once a sample.
 
     Parameters
     ----------
-    state : ndarray, shape (8,)
+    state : ndarray, shape (6,)
         Changed in place.
     targets : ndarray, shape (n,)
         Speed set points, m/s.
     forcing : ndarray, shape (n, substeps)
         Standard normal numbers of the white yaw forcing.
-    noise : ndarray, shape (n, 3)
-        Standard normal numbers of lateral, yaw and speed readings.
-    losses : ndarray, shape (n, 2) or (0, 2)
-        Uniform numbers that start drop-outs; empty where no sensor has any.
-    model : ndarray, shape (19,)
+    model : ndarray, shape (17,)
         Numbers at the places named above.
     terms : ndarray, shape (2, 10)
         alpha and beta, as `_power_terms` takes them.
-    harmonics : ndarray, shape (k, 3)
+    harmonics : ndarray, shape (k, 2)
         As `_slope` takes them.
-    sensors : ndarray, shape (2, 7)
-        Lateral and yaw; columns named above.
-    out : ndarray, shape (6, n)
-        Filled.
+    out : ndarray, shape (4, n)
+        Filled: speed, m/s; roller angle, rad; lateral motion, m; yaw, rad.
     """
     slope = _slope(state[ANGLE], harmonics)
     for n in range(targets.shape[0]):
-        lateral, yaw = state[Y] * model[LENGTH], state[PSI]
-        out[LATERAL, n] = _reading(lateral, noise[n, 0], sensors[0])
-        out[YAW, n] = _reading(yaw, noise[n, 1], sensors[1])
-        out[MEASURED_SPEED, n] = (
-            model[SPEED_GAIN] * state[SPEED] + model[SPEED_NOISE] * noise[n, 2]
-        )
-        out[ROLLER_ANGLE, n] = state[ANGLE]
-        out[TRUE_LATERAL, n] = lateral
-        out[TRUE_YAW, n] = yaw
-        if losses.shape[0] > 0:
-            for k in range(2):
-                if losses[n, k] < sensors[k, LOSS] and state[LATERAL_LOST + k] <= 0.0:
-                    state[LATERAL_LOST + k] = sensors[k, LOSS_SAMPLES]
-                if state[LATERAL_LOST + k] > 0.0:
-                    state[LATERAL_LOST + k] -= 1.0
-                    out[k, n] = math.nan
+        out[0, n], out[1, n] = state[SPEED], state[ANGLE]
+        out[2, n], out[3, n] = state[Y] * model[LENGTH], state[PSI]
         for k in range(forcing.shape[1]):
             moment = model[FORCING] * forcing[n, k]
             slope = _step(state, targets[n], moment, slope, model, terms, harmonics)

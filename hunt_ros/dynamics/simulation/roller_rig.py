@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,7 @@ from hunt_ros.dynamics.covariance_root import covariance_root
 from hunt_ros.dynamics.linear_stability import direction_response, quiet_covariance
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.dynamics.simulation import kernel
-from hunt_ros.dynamics.simulation.settings import Roughness, SimulationSettings
+from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, SimulationSettings
 from hunt_ros.dynamics.wheelset import Wheelset
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import NANOSECONDS
@@ -57,13 +56,11 @@ class SimulatedBlock:
     stamps_ns : ndarray of int64
         True time of the samples since the start, ns.
     lateral, yaw : ndarray
-        Readings, m and rad; NaN in a drop-out.
+        Readings, m and rad.
     speed, roller_angle : ndarray
         Measured speed, m/s, and continuous roller angle, rad.
     true_lateral, true_yaw : ndarray
         What the sensors were looking at.
-    lateral_stamps_ns, yaw_stamps_ns : ndarray of int64
-        Stamps by the sensors' own clocks.
     """
 
     stamps_ns: NDArray[np.int64]
@@ -73,8 +70,6 @@ class SimulatedBlock:
     roller_angle: Array
     true_lateral: Array
     true_yaw: Array
-    lateral_stamps_ns: NDArray[np.int64]
-    yaw_stamps_ns: NDArray[np.int64]
 
     def __len__(self) -> int:
         return int(self.stamps_ns.size)
@@ -94,8 +89,8 @@ class RollerRig:
     rig : RigParameters
     settings : SimulationSettings
     seed : int
-        Of everything random. Forcing, sensors and drop-outs have streams of
-        their own: a noisier sensor does not change the motion.
+        Of everything random. Forcing and sensors have streams of their own: a
+        noisier sensor does not change the motion.
     """
 
     def __init__(
@@ -108,16 +103,13 @@ class RollerRig:
         wheelset = Wheelset(rig)
         self._terms = np.hstack([wheelset.cubic, wheelset.quintic])
         self._harmonics = _pack_harmonics(rig, self.settings.roughness)
-        self._sensors = _pack_sensors(self.settings)
-        self._no_losses = np.zeros((0, 2))
-        self._lossy = bool((self._sensors[:, kernel.LOSS] > 0.0).any())
         self._period_ns = NANOSECONDS / self.settings.sample_rate_hz
         self.reset()
 
     def reset(self) -> None:
         """Go back to the start: what follows is what a new rig of this seed would give."""
         streams = np.random.SeedSequence(self.seed).spawn(4)
-        self._forcing, self._noise, self._losses, start = map(np.random.default_rng, streams)
+        self._forcing, self._noise, _, start = map(np.random.default_rng, streams)
         self._count = 0
         self._target = self.settings.initial_speed
         self._state = self._settled(start)
@@ -205,34 +197,22 @@ class RollerRig:
             self._target = float(targets[-1])
         forcing = self._forcing.standard_normal((count, self._substeps))
         noise = self._noise.standard_normal((count, 3))
-        losses = self._losses.random((count, 2)) if self._lossy else self._no_losses
-        out = np.empty((6, count))
+        out = np.empty((4, count))
         kernel.advance(
-            self._state,
-            targets,
-            forcing,
-            noise,
-            losses,
-            self._model,
-            self._terms,
-            self._harmonics,
-            self._sensors,
-            out,
+            self._state, targets, forcing, self._model, self._terms, self._harmonics, out
         )
         stamps = np.arange(self._count, self._count + count) * self._period_ns
         self._count += count
-        true_ns = np.rint(stamps).astype(np.int64)
-        lateral, yaw, speed, angle, true_lateral, true_yaw = out
+        speed, angle, lateral, yaw = out
+        drive = self.settings.drive
         return SimulatedBlock(
-            true_ns,
+            np.rint(stamps).astype(np.int64),
+            _reading(lateral, noise[:, 0], self.settings.lateral_sensor),
+            _reading(yaw, noise[:, 1], self.settings.yaw_sensor),
+            drive.speed_gain * speed + drive.speed_noise * noise[:, 2],
+            angle,
             lateral,
             yaw,
-            speed,
-            angle,
-            true_lateral,
-            true_yaw,
-            lateral_stamps_ns=_drifted(stamps, true_ns, self.settings.lateral_sensor.clock_drift),
-            yaw_stamps_ns=_drifted(stamps, true_ns, self.settings.yaw_sensor.clock_drift),
         )
 
     @property
@@ -242,7 +222,7 @@ class RollerRig:
 
     def _settled(self, start: np.random.Generator) -> Array:
         """State of the wheelset that has run at the initial speed for long."""
-        state = np.zeros(8)
+        state = np.zeros(6)
         state[kernel.SPEED] = self.settings.initial_speed
         speed = self._rolling
         matrix = Wheelset(self.rig).linear_matrix(speed)
@@ -259,9 +239,9 @@ class RollerRig:
     def _forced_state(self, angle: float) -> Array:
         """Linear response to the roughness at the initial speed, at a roller angle."""
         total = np.zeros(4)
-        for order, slope, phase in self._harmonics:
-            # the direction is slope * sin(order * angle + phase)
-            phasor = slope * np.exp(1j * (order * angle + phase - math.pi / 2.0))
+        for order, slope in self._harmonics:
+            # the direction is slope * sin(order * angle)
+            phasor = slope * np.exp(1j * (order * angle - math.pi / 2.0))
             response = direction_response(self.rig, self._rolling, order)
             total += (response * phasor).real
         return total
@@ -277,32 +257,23 @@ class RollerRig:
         angle_step = self._model[kernel.STEP_S] * self._model[kernel.ANGLE_PER_METRE]
         state[kernel.ANGLE] = -SETTLING_PARTS * steps * angle_step * state[kernel.SPEED]
         targets, harmonics = np.full(steps, state[kernel.SPEED]), self._harmonics.copy()
-        zeros, out = np.zeros((steps, 3)), np.empty((6, steps))
+        forcing, out = np.zeros((steps, 1)), np.empty((4, steps))
         share = 0.0
         for part in range(SETTLING_PARTS):
             wanted = min(1.0, 1.25 * (part + 1) / SETTLING_PARTS)
             state[:4] += (wanted - share) * self._forced_state(float(state[kernel.ANGLE]))
             share = wanted
             harmonics[:, 1] = self._harmonics[:, 1] * share
-            kernel.advance(
-                state,
-                targets,
-                zeros[:, :1],
-                zeros,
-                self._no_losses,
-                self._model,
-                self._terms,
-                harmonics,
-                self._sensors,
-                out,
-            )
+            kernel.advance(state, targets, forcing, self._model, self._terms, harmonics, out)
         state[kernel.ANGLE] = 0.0  # reached to rounding
 
 
-def _drifted(
-    stamps: NDArray[Any], true_ns: NDArray[np.int64], clock_drift: float
-) -> NDArray[np.int64]:
-    return np.rint(stamps * (1.0 + clock_drift)).astype(np.int64) if clock_drift else true_ns
+def _reading(true: Array, normal: Array, sensor: SensorModel) -> Array:
+    """Return what a sensor reads."""
+    reading = true + sensor.noise * normal
+    if sensor.resolution > 0.0:
+        reading = np.floor(reading / sensor.resolution + 0.5) * sensor.resolution
+    return reading
 
 
 def _pack_model(rig: RigParameters, settings: SimulationSettings) -> tuple[int, Array]:
@@ -315,7 +286,7 @@ def _pack_model(rig: RigParameters, settings: SimulationSettings) -> tuple[int, 
     step = step_s / rig.time_scale
     drive = settings.drive
     lag = 1.0 - math.exp(-step_s / drive.time_constant_s) if drive.time_constant_s else 1.0
-    model = np.zeros(19)
+    model = np.zeros(17)
     model[kernel.STEP] = step
     model[kernel.D11] = rig.d11 * rig.speed_scale
     model[kernel.D22] = rig.d22 * rig.speed_scale
@@ -336,39 +307,18 @@ def _pack_model(rig: RigParameters, settings: SimulationSettings) -> tuple[int, 
     model[kernel.LENGTH] = rig.length_scale
     model[kernel.FORCING] = settings.broadband / math.sqrt(step)
     model[kernel.YAW_LIMIT] = YAW_LIMIT
-    model[kernel.SPEED_GAIN] = drive.speed_gain
-    model[kernel.SPEED_NOISE] = drive.speed_noise
     return substeps, model
 
 
 def _pack_harmonics(rig: RigParameters, roughness: Roughness) -> Array:
-    """Rows of order, slope amplitude and phase that make the lines asked for."""
+    """Rows of order and slope amplitude that make the lines asked for."""
     wheel_ratio = rig.roller_diameter_m / (2.0 * rig.wheel_radius_m)
     lines = [(k + 1.0, a) for k, a in enumerate(roughness.amplitudes)]
     lines += [((k + 1.0) * wheel_ratio, a) for k, a in enumerate(roughness.wheel_amplitudes)]
-    phases = dict(enumerate(roughness.phases))
     rows = []
-    for place, (order, amplitude) in enumerate(lines):
+    for order, amplitude in lines:
         if amplitude > 0.0:
             response = direction_response(rig, roughness.reference_speed, order)[0]
             slope = amplitude / rig.length_scale / abs(response)
-            rows.append((order, slope, phases.get(place, 0.0)))
-    return np.array(rows, dtype=np.float64).reshape(-1, 3)
-
-
-def _pack_sensors(settings: SimulationSettings) -> Array:
-    """Return the array `sensors` of the kernel: rows lateral and yaw."""
-    rate = settings.sample_rate_hz
-    rows = [
-        (
-            sensor.gain,
-            sensor.offset,
-            sensor.noise,
-            sensor.resolution,
-            sensor.full_scale,
-            sensor.dropouts_per_s / rate,
-            max(1.0, round(sensor.dropout_s * rate)),
-        )
-        for sensor in (settings.lateral_sensor, settings.yaw_sensor)
-    ]
-    return np.array(rows)
+            rows.append((order, slope))
+    return np.array(rows, dtype=np.float64).reshape(-1, 2)

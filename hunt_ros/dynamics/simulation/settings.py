@@ -6,10 +6,8 @@ All are frozen and know nothing of each other; `simulation` puts them together.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
-from hunt_ros.errors import ConfigError
 from hunt_ros.settings import checked
 
 
@@ -28,8 +26,6 @@ class Roughness:
         Amplitude, m, of the line in y at roller orders 1, 2, ... at
         `reference_speed`, as the quiet wheelset shows it. The surface that makes
         it is derived from the linear response, and stays the same at all speeds.
-    phases : tuple of float
-        Phases of the surface at roller angle 0, rad; zeros where not given.
     wheel_amplitudes : tuple of float
         The same for orders of the wheel, which turns D / (2 r0) times as fast
         (28 Hz at 6.4 m/s on the paper's rig: above its hunting, but it may alias).
@@ -43,43 +39,26 @@ class Roughness:
     """
 
     amplitudes: tuple[float, ...] = ()
-    phases: tuple[float, ...] = ()
     wheel_amplitudes: tuple[float, ...] = ()
     reference_speed: float = 7.2
 
     def __post_init__(self) -> None:
         for value in (*self.amplitudes, *self.wheel_amplitudes):
             checked('roughness amplitude', value, 'not be negative')
-        for value in self.phases:
-            checked('roughness phase', value)
-        if len(self.phases) > len(self.amplitudes):
-            raise ConfigError(
-                f'roughness has {len(self.phases)} phases for {len(self.amplitudes)} amplitudes'
-            )
         checked('roughness reference_speed', self.reference_speed, 'be positive')
 
 
 @dataclass(frozen=True)
 class SensorModel:
     """
-    A sensor: gain, offset, noise, then range, then resolution; drop-outs; its own clock.
+    A sensor: its noise, then its resolution.
 
     Parameters
     ----------
-    gain : float
-        Reading over true value.
-    offset, noise : float
-        Bias and standard deviation of the white noise of a sample, m or rad.
+    noise : float
+        Standard deviation of the white noise of a sample, m or rad.
     resolution : float
         Step of the converter, m or rad; 0: none.
-    full_scale : float
-        Readings saturate at +/- this value, m or rad.
-    dropouts_per_s : float
-        Mean number of drop-outs a second; readings in one are NaN.
-    dropout_s : float
-        Length of a drop-out, s.
-    clock_drift : float
-        Relative error of the clock that stamps the samples (1e-5 = 10 ppm fast).
 
     Raises
     ------
@@ -87,24 +66,12 @@ class SensorModel:
         Naming the value that is impossible.
     """
 
-    gain: float = 1.0
-    offset: float = 0.0
     noise: float = 0.0
     resolution: float = 0.0
-    full_scale: float = math.inf
-    dropouts_per_s: float = 0.0
-    dropout_s: float = 0.02
-    clock_drift: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ('gain', 'offset', 'clock_drift'):
-            checked(f'sensor: {name}', getattr(self, name))
-        for name in ('noise', 'resolution', 'dropouts_per_s', 'dropout_s'):
-            checked(f'sensor: {name}', getattr(self, name), 'not be negative')
-        if not self.full_scale > 0.0:
-            raise ConfigError(f'sensor: full_scale must be positive, got {self.full_scale}')
-        if not abs(self.clock_drift) < 0.1:
-            raise ConfigError(f'sensor: clock_drift must be below 0.1, got {self.clock_drift}')
+        checked('sensor: noise', self.noise, 'not be negative')
+        checked('sensor: resolution', self.resolution, 'not be negative')
 
 
 @dataclass(frozen=True)
