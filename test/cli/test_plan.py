@@ -32,7 +32,7 @@ def test_a_parameter_file_gives_the_next_profile_and_its_reason(form, tmp_path, 
     document = json.loads(capsys.readouterr().out)
     assert document['profile'] == out.read_text()
     profile = Profile.from_yaml(out.read_text())
-    assert profile.highest_mps <= 8.8
+    profile.check(8.8)
     assert document['duration_s'] <= 60.0
     assert document['longest_s'] == pytest.approx(profile.duration_s)
     assert document['escape_chance'] <= 0.05

@@ -32,7 +32,6 @@ def test_a_profile_is_read_written_and_simulated_alike() -> None:
     profile = Profile.from_yaml(EVERY_STEP)
     assert profile.steps[:2] == (Hold(6.0, 10.0), Ramp(7.0, note='up'))
     assert Profile.from_yaml(profile.to_yaml()) == profile
-    assert profile.highest_mps == 8.0
     times_s, speeds = profile.corners()
     assert times_s[-1] == pytest.approx(profile.duration_s)
     expected = 10.0 + 10.0 + 40.0 + (5 * 5.0 + 4.0) + 20.0
@@ -207,7 +206,6 @@ def test_a_see_saw_needs_a_form_or_its_numbers_and_no_simulation_alone() -> None
     assert 'watch_low_mps' in lacking
     assert 'low_mps,' not in lacking.split('give ')[1].split('watch')[0]
     assert not profile.missing(Motion(v_n=6.4, v_c=8.0, fold_amplitude_m=4e-4))
-    assert profile.highest_mps == 8.4
     assert profile.duration_s == pytest.approx(60.0)
     with pytest.raises(ConfigError, match='reacts to the detector'):
         profile.corners()

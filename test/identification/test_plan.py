@@ -61,7 +61,7 @@ def test_below_the_fold_nothing_is_faster_than_the_ceiling_and_little_is_learnt(
     with pytest.raises(IdentificationError, match=f'{ceiling:g} m/s.*teaches anything'):
         plan(known, settings)
     monkeypatch.setattr(planning, '_LEARNT', -1.0)
-    assert plan(known, settings).profile.highest_mps <= ceiling
+    plan(known, settings).profile.check(ceiling)
 
 
 def test_a_start_above_the_ceiling_is_refused(known):
@@ -71,7 +71,7 @@ def test_a_start_above_the_ceiling_is_refused(known):
 
 def test_nothing_is_faster_than_the_ceiling(known):
     found = plan(known, PlanSettings(budget_s=200.0, speed_ceiling_mps=7.7))
-    assert found.profile.highest_mps <= 7.7
+    found.profile.check(7.7)
     with pytest.raises(ConfigError, match='speed_ceiling_mps'):
         plan(known, PlanSettings(speed_ceiling_mps=5.0))
 
@@ -97,7 +97,7 @@ def test_without_v_n_it_begins_with_a_sweep_and_says_why(known):
     assert found.quantities == ()
     assert 'v_n must be known' in found.reason
     assert 'nothing hunted' in found.reason
-    assert found.profile.highest_mps == 9.0
+    found.profile.check(9.0)
     assert found.duration_s <= 125.0
 
 

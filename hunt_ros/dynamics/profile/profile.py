@@ -49,12 +49,6 @@ class Profile:
             raise ConfigError(f'{self.source}: no step in it')
 
     @property
-    def highest_mps(self) -> float:
-        """Highest speed that is known without a detector, m/s."""
-        known = [leg.speed_mps for step in self.steps for leg in step.plan()]
-        return max((x for x in known if math.isfinite(x)), default=0.0)
-
-    @property
     def reacts(self) -> bool:
         """True where the detector decides how it goes."""
         return any(step.reacts for step in self.steps)

@@ -51,7 +51,6 @@ class ProfileRun:
         self._leg: Leg | None = None
         self._from = self.speed_mps = speed_mps
         self._in_leg = 0.0
-        self._cut = False  # the leg may not outlast its step
         self.elapsed_s = 0.0
         self.finished = False
         self.note = ''
@@ -96,7 +95,7 @@ class ProfileRun:
             if self._leg.cut(motion):
                 self._end_leg(self._leg)
                 continue
-            used_s = self._use(left_s)
+            used_s = self._use(self._leg, left_s)
             left_s -= used_s
             idle = 0 if used_s > 0.0 else idle
             if self._leg is not None:
@@ -121,20 +120,11 @@ class ProfileRun:
             leg = Leg(self.speed_mps, hold_s=_LOOK_AGAIN_S)
         self.note = leg.note or self.note
         self._leg, self._in_leg, self._from = leg, 0.0, self.speed_mps
-        self._cut = self._step is not None and self._scene.elapsed_s < self._step.longest_s
 
-    def _way_s(self, leg: Leg) -> float:
-        return abs(leg.speed_mps - self._from) / leg.rate_mps2
-
-    def _use(self, left_s: float) -> float:
+    def _use(self, leg: Leg, left_s: float) -> float:
         """Spend time on the leg; return how much. A leg that is over is None from then on."""
-        leg, step = self._leg, self._step
-        if leg is None or step is None:
-            return 0.0
-        way_s = self._way_s(leg)
+        way_s = abs(leg.speed_mps - self._from) / leg.rate_mps2
         end_s = way_s + leg.hold_s
-        if self._cut:
-            end_s = min(end_s, self._in_leg + step.longest_s - self._scene.elapsed_s)
         used_s = min(left_s, max(0.0, end_s - self._in_leg))
         self._in_leg += used_s
         self._scene.elapsed_s += used_s

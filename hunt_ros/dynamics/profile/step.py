@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import KW_ONLY, dataclass, replace
+from typing import ClassVar
 
 from hunt_ros.settings import Settings, setting
 
@@ -122,6 +123,8 @@ class Scene:
 class Step(Settings):
     """A step of a profile; its fields are the keys of the YAML."""
 
+    #: Whether it goes on where it was stopped.
+    resumable: ClassVar[bool] = True
     _: KW_ONLY
     note: str = setting('', 'told to the operator when the step begins')
 
@@ -142,16 +145,6 @@ class Step(Settings):
         return ''
 
     @property
-    def resumable(self) -> bool:
-        """Whether it goes on where it was stopped."""
-        return True
-
-    @property
     def reacts(self) -> bool:
         """True where the detector decides how the step goes."""
         return False
-
-    @property
-    def longest_s(self) -> float:
-        """No longer than this, s; inf: the legs say."""
-        return math.inf

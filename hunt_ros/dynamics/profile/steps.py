@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import KW_ONLY, dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from hunt_ros.dynamics.profile.step import Leg, Motion, Scene, Step
 from hunt_ros.errors import ConfigError
@@ -112,20 +112,26 @@ class Sweep(Step):
 
 
 @dataclass(frozen=True)
-class Staircase(Step):
-    """Go up in steps, and down again."""
+class _Stairs(Step):
+    """Steps between two speeds."""
 
     low_mps: float = _speed('the lowest step')
     high_mps: float = _speed('the highest step')
     step_mps: float = setting(0.2, 'height of a step', unit='m/s', low=1e-3, high=_FASTEST_MPS)
-    hold_s: float = _time('on each step', 25.0)
-    rate_mps2: float = _rate(0.2)
-    back: bool = setting(True, 'and down again')
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.high_mps < self.low_mps:
             raise ConfigError(f'high_mps: {self.high_mps:g} is below low_mps ({self.low_mps:g})')
+
+
+@dataclass(frozen=True)
+class Staircase(_Stairs):
+    """Go up in steps, and down again."""
+
+    hold_s: float = _time('on each step', 25.0)
+    rate_mps2: float = _rate(0.2)
+    back: bool = setting(True, 'and down again')
 
     @property
     def levels(self) -> list[float]:
@@ -141,7 +147,7 @@ class Staircase(Step):
 
 
 @dataclass(frozen=True)
-class Climb(Step):
+class Climb(_Stairs):
     """
     Go up in steps, each once the one before is cleared; else back to the lowest, and end.
 
@@ -150,8 +156,7 @@ class Climb(Step):
     hunts or what was kept is so no more.
     """
 
-    low_mps: float = _speed('the lowest step, to which it goes back: below v_n')
-    high_mps: float = _speed('the highest step')
+    resumable: ClassVar[bool] = False  # what was cleared before a stop is not so any more
     step_mps: float = setting(0.2, 'height of a step', unit='m/s', low=0.05, high=_FASTEST_MPS)
     rate_mps2: float = _rate(0.2)
     margin: float = setting(2.0, 'margin that is kept with 95 % (0: any)', low=0.0, high=1e6)
@@ -164,11 +169,6 @@ class Climb(Step):
     wait_s: float = _time('the longest wait on a step', 120.0)
     hold_s: float = _time('and so long on it from then on', 0.0)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.high_mps < self.low_mps:
-            raise ConfigError(f'high_mps: {self.high_mps:g} is below low_mps ({self.low_mps:g})')
-
     @property
     def levels(self) -> list[float]:
         """Speeds of the steps, m/s: of equal height, which the speed that is held can tell."""
@@ -179,24 +179,25 @@ class Climb(Step):
     def legs(self, scene: Scene) -> Iterator[Leg]:
         """Wait on each step, and stay there; or go back."""
         for level, before in zip(self.levels, [math.nan, *self.levels], strict=False):
+            yield from self._step(scene, level, before)
 
-            def against(motion: Motion, level: float = level, before: float = before) -> str:
-                return self._against(motion, level, before)
+    def _step(self, scene: Scene, level: float, before: float) -> Iterator[Leg]:
+        """Iterate over the legs of one step, of which the way back is the last."""
 
-            def decided(motion: Motion, against: Callable[[Motion], str] = against) -> bool:
-                return not against(motion) or motion.margin < 1.0
+        def against(motion: Motion) -> str:
+            return self._against(motion, level, before)
 
-            def fell(motion: Motion, against: Callable[[Motion], str] = against) -> bool:
-                return bool(against(motion))
+        def decided(motion: Motion) -> bool:
+            return not against(motion) or motion.margin < 1.0
 
-            # Nothing is decided on the way, where a slow roller counts as held.
-            yield Leg(level, self.rate_mps2, until=_hunts)
-            yield Leg(level, self.rate_mps2, self.wait_s, until=decided)
-            if self.hold_s and not against(scene.motion):
-                yield Leg(level, self.rate_mps2, self.hold_s, until=fell)
-            if why := against(scene.motion):
-                note = f'back to {self.low_mps:g} m/s: {level:g} m/s is not cleared ({why})'
-                yield Leg(self.low_mps, self.rate_mps2, note=note, last=True)
+        # Nothing is decided on the way, where a slow roller counts as held.
+        yield Leg(level, self.rate_mps2, until=_hunts)
+        yield Leg(level, self.rate_mps2, self.wait_s, until=decided)
+        if self.hold_s and not against(scene.motion):
+            yield Leg(level, self.rate_mps2, self.hold_s, until=lambda seen: bool(against(seen)))
+        if why := against(scene.motion):
+            note = f'back to {self.low_mps:g} m/s: {level:g} m/s is not cleared ({why})'
+            yield Leg(self.low_mps, self.rate_mps2, note=note, last=True)
 
     def _against(self, motion: Motion, level: float, before: float) -> str:
         """Return '' where this speed, not the step before, is held and all is kept; or why not."""
@@ -225,11 +226,6 @@ class Climb(Step):
         if self.low_mps >= (limit := getattr(motion, name)):
             return f'low_mps: hunting dies out below {name}, {limit:.2f} m/s, got {self.low_mps:g}'
         return 'no detector judges the speed that is held' if math.isnan(motion.held_s) else ''
-
-    @property
-    def resumable(self) -> bool:
-        """What was cleared before a stop is not so any more."""
-        return False
 
     @property
     def reacts(self) -> bool:
@@ -290,20 +286,20 @@ class Seesaw(Step):
         def lowest() -> float:
             return max(self._by(scene.motion, 0)[0] - lower, 0.0)
 
-        def over() -> bool:
+        def over(motion: Motion | None = None) -> bool:
             return scene.elapsed_s >= self.duration_s
 
         for number in itertools.count():
             _, high, watched, grown, fallen = self._by(scene.motion, number)
-            yield Leg(high, self.rate_mps2, _LONGEST_S, above_m=grown)
+            yield Leg(high, self.rate_mps2, _LONGEST_S, above_m=grown, until=over)
             # A form with too high a v_n would leave the rig on the limit cycle.
             died_out = False
             while not (died_out or over()):
-                yield Leg(lowest(), self.rate_mps2, self.watch_s, below_m=fallen)
+                yield Leg(lowest(), self.rate_mps2, self.watch_s, below_m=fallen, until=over)
                 died_out = scene.motion.amplitude_m < fallen
                 lower += 0.0 if died_out else _LOWER_MPS
             if not over():
-                yield Leg(watched, self.rate_mps2, self.watch_s)
+                yield Leg(watched, self.rate_mps2, self.watch_s, until=over)
             if over():
                 break
         yield Leg(lowest(), self.rate_mps2)
@@ -330,11 +326,6 @@ class Seesaw(Step):
     def reacts(self) -> bool:
         """The detector triggers the reversals."""
         return True
-
-    @property
-    def longest_s(self) -> float:
-        """After this only the way down is left."""
-        return self.duration_s
 
 
 @dataclass(frozen=True)
