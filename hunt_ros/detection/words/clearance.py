@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.detection import doubts, health
 from hunt_ros.detection.configuration import DetectorConfig, with_frequencies
+from hunt_ros.detection.output import blank_rows
 from hunt_ros.detection.regions import Region, State
 from hunt_ros.detection.words.reasons import reason_counts
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
@@ -145,18 +146,6 @@ class _Second:
             bool(hunting.any()),
         )
 
-    def joined(self, later: _Second) -> _Second:
-        """Return the same second with further rows of it."""
-        return replace(
-            self,
-            low=float(np.minimum(self.low, later.low)),
-            high=float(np.maximum(self.high, later.high)),
-            margin=float(np.minimum(self.margin, later.margin)),
-            minute=float(np.maximum(self.minute, later.minute)),
-            trouble=self.trouble or later.trouble,
-            hunts=self.hunts or later.hunts,
-        )
-
 
 class Clearances:
     """
@@ -189,7 +178,8 @@ class Clearances:
 
     def begin_anew(self) -> None:
         """Forget the hold that is under way: another form, a pause."""
-        self._open: _Second | None = None  # it is not over yet
+        #: Rows of the second that is not over yet.
+        self._open = blank_rows(np.zeros(0, dtype=np.int64))
         self._end_hold()
 
     def _end_hold(self) -> None:
@@ -198,16 +188,11 @@ class Clearances:
 
     def update(self, rows: NDArray[np.void]) -> None:
         """Take rows of ESTIMATE_DTYPE, in order."""
-        numbers = rows['stamp_ns'] // NANOSECONDS
-        for part in np.split(rows, np.flatnonzero(np.diff(numbers)) + 1):
-            if not part.size:
-                continue
-            new, before = _Second.of(part), self._open
-            if before is not None and before.number == new.number:
-                new = before.joined(new)
-            elif before is not None:
-                self._close(before)
-            self._open = new
+        rows = np.concatenate([self._open, rows])
+        seconds = rows['stamp_ns'] // NANOSECONDS
+        *over, self._open = np.split(rows, np.flatnonzero(np.diff(seconds)) + 1)
+        for part in over:
+            self._close(_Second.of(part))
 
     def _close(self, second: _Second) -> None:
         """Take a second that is over."""
@@ -245,9 +230,9 @@ class Clearances:
         forecast_high_mps : float
             Upper end of the 95 % interval of the forecast of v_c, m/s; NaN: there is none.
         """
-        newest = self._open
-        if newest is None:
+        if not self._open.size:
             return Clearance(reason=doubt or Clearance.reason)
+        newest = _Second.of(self._open)
         if doubt or not self._goes_on(newest):
             # Not held yet, but whether it hunts is known.
             reason = doubt or newest.trouble or 'the speed is not held yet'
