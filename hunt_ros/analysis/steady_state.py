@@ -24,6 +24,8 @@ Bounds: TypeAlias = tuple[float | None, float | None]
 
 #: Distance of two kinds of amplitudes, quiet and hunting, at least, in ln A.
 _APART = math.log(2.5)
+#: Amplitude, of the median of rest, that noise does not reach (Rayleigh's: once in 10^7).
+ABOVE_NOISE = 5.0
 
 
 @dataclass(frozen=True)
@@ -231,9 +233,11 @@ def observed_critical_speeds(
         Means over the runs where several show the jump. These are observations: noise
         throws a rig out before v_c, and a sweep overshoots both.
     """
-    threshold = hunting_threshold(np.array([state.amplitude for state in states]))
+    amplitude = np.array([state.amplitude for state in states])
+    threshold = hunting_threshold(amplitude)
     if threshold is None:
         return ObservedCriticalSpeeds()
+    large = max(threshold, ABOVE_NOISE * float(np.median(amplitude[amplitude <= threshold])))
     ups: list[tuple[float, float]] = []
     downs: list[tuple[float, float]] = []
     # The two speeds either side of each jump, the lower first.
@@ -241,9 +245,9 @@ def observed_critical_speeds(
         if before.source != after.source or _kicked(before, after, kicks):
             continue
         sides = min(before.speed, after.speed), max(before.speed, after.speed)
-        if before.amplitude < threshold <= after.amplitude and after.direction == 'up':
+        if before.amplitude < large <= after.amplitude and after.direction == 'up':
             ups.append(sides)
-        if before.amplitude >= threshold > after.amplitude and after.direction == 'down':
+        if before.amplitude >= large > after.amplitude and after.direction == 'down':
             downs.append(sides)
     steps = [high - low for low, high in ups + downs]
     return ObservedCriticalSpeeds(

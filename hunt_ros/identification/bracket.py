@@ -17,11 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from hunt_ros.analysis.steady_state import hunting_threshold
+from hunt_ros.analysis.steady_state import ABOVE_NOISE, hunting_threshold
 from hunt_ros.dynamics.growth_law import GrowthLaw
 from hunt_ros.identification.record.envelope import Envelope
 from hunt_ros.identification.record.events import (
-    ABOVE_NOISE,
     ONE_SPEED,
     SMALLEST,
     STAY_CYCLES,

@@ -21,8 +21,8 @@ from hunt_ros.estimation.record_lines import ForcedLine, Motion, turns_per_metre
 from hunt_ros.estimation.response_windows import ResponseWindows, measure_response
 from hunt_ros.identification.record.channels import Channels
 from hunt_ros.identification.record.envelope import (
+    FEWEST_SAMPLES,
     WINDOW_CYCLES,
-    fewest_samples,
     without_beat,
 )
 from hunt_ros.identification.record.hunting_frequency import (
@@ -39,7 +39,7 @@ from hunt_ros.identification.record.screening import (
     sketch_of,
     without_contact,
 )
-from hunt_ros.identification.record.segments import Run, analyse_record
+from hunt_ros.identification.record.segments import Run, analyse_record, find_kicks
 from hunt_ros.identification.record.stops import ignoring, measuring
 from hunt_ros.identification.record.turning import is_assumed, with_angle
 from hunt_ros.identification.settings import IdentificationSettings
@@ -185,19 +185,20 @@ def runs_in(
     said: list[str] = []
     for channels in recording.stretches(bare):
         channels = replace(channels, source=recording.name or channels.source)
-        seen = tracked_envelope(channels, frequency_hz, settings)
+        seen, clean = tracked_envelope(channels, frequency_hz, settings)
         envelope = free_of_contact(seen, clearance_m, said)
         if np.isfinite(envelope.amplitude).sum() < 4:
-            least = fewest_samples(channels, settings) * frequency_hz / WINDOW_CYCLES
+            least = FEWEST_SAMPLES * frequency_hz / WINDOW_CYCLES
             said.append(
                 f'left out: {channels.source}: {channels.rate_hz:.3g} samples a second are too few'
-                f' to tell a motion of {frequency_hz:.3g} Hz from its lines, expected {least:.3g}'
+                f' to tell a motion of {frequency_hz:.3g} Hz, expected {least:.3g}'
                 if channels.rate_hz < least
                 else f'left out: {channels.source}: no stretch is free of drop-outs'
             )
             continue
         corrected = without_beat(envelope)
-        segments, states = analyse_record(channels, envelope, corrected, settings)
+        kicked = find_kicks(clean, envelope)
+        segments, states = analyse_record(channels, envelope, corrected, kicked, settings)
         runs.append(Run(seen, envelope, corrected, segments, states))
     return runs, said
 

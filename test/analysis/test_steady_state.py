@@ -76,6 +76,16 @@ def test_without_hunting_nothing_is_observed():
     assert seen.v_c_between == seen.v_n_between == (None, None)
 
 
+def test_noise_that_swells_with_the_speed_is_no_jump():
+    def seen(seed):
+        sizes = np.linspace(2e-5, 5e-5, 26) * np.random.default_rng(seed).rayleigh(1.0, 26)
+        speeds = np.linspace(12.0, 20.0, 26)
+        found = observed_critical_speeds([state(v, a, 'up') for v, a in zip(speeds, sizes, strict=True)])
+        return found.v_c
+
+    assert sum(seen(seed) is not None for seed in range(200)) <= 2
+
+
 def test_two_runs_are_not_joined_by_a_jump():
     states = [state(7.0, 1e-5, 'up', source='a'), state(8.0, 7e-4, 'up', source='b')]
     assert observed_critical_speeds(states).v_c is None

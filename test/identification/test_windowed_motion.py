@@ -17,7 +17,6 @@ from hunt_ros.identification.record.envelope import (
     WINDOW_VARIANCE,
     envelope_of,
 )
-from hunt_ros.identification.settings import IdentificationSettings
 
 RATE_HZ, SECONDS, FREQUENCY_HZ, NOISE, UNIT = 100.0, 500.0, 2.75, 5e-6, 1e-4
 #: One growth rate, and nothing else of the law.
@@ -38,7 +37,7 @@ def damping_found(lateral: np.ndarray) -> float:
     time = np.arange(lateral.size) / RATE_HZ
     channels = Channels('', 0, time, lateral, np.full(time.size, 7.0), np.zeros(0), RATE_HZ)
     frequency = np.full(time.size, FREQUENCY_HZ)
-    envelope = envelope_of(channels, frequency, IdentificationSettings())
+    envelope = envelope_of(channels, frequency)
     n, half = envelope.time.size, 0.5 * WINDOW_CYCLES / FREQUENCY_HZ
     path = Path(
         envelope.time,

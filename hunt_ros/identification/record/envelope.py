@@ -1,11 +1,10 @@
 """
 From samples to the complex envelope of the hunting mode: local least squares.
 
-In a window of three cycles around each output instant the lateral signal is fitted
-with bias + hunting phasor + roughness phasors at the roller's own angle, so that the
-roughness line (Eq. 1) is removed by its phase and not by its frequency, and a
-missing, late or unevenly sampled value costs only its weight. What comes out is the
-amplitude and phase against time that the amplitude equation (24) speaks of.
+In a window of three cycles around each output instant the lateral signal, free of the roller's
+lines (`lines`), is fitted with bias + hunting phasor, so that a missing, late or unevenly sampled
+value costs only its weight. What comes out is the amplitude and phase against time that the
+amplitude equation (24) speaks of.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import F2, R1, compiled
 from hunt_ros.identification.record.channels import Channels
-from hunt_ros.identification.settings import IdentificationSettings
 
 #: Length of the window and distance of the outputs, in cycles of the hunting mode.
 #: With a Blackman window twice as long as the step the noise of neighbours is nearly
@@ -40,6 +38,9 @@ _LARGE = 0.4
 _TELL = 0.35
 #: Change of ln A over a few instants below which a limit cycle counts as steady.
 _STEADY = 0.04
+#: Bias, hunting phasor and its slope; samples that a window must hold for them.
+_UNKNOWNS = 5
+FEWEST_SAMPLES = 2 * _UNKNOWNS
 #: A window with less of its weight on samples than this gives no value.
 LEAST_WEIGHT = 0.6
 
@@ -62,8 +63,6 @@ class Envelope:
         window was not filled.
     speed : ndarray, shape (n,)
         Running speed averaged over the window, m/s.
-    roughness : ndarray, shape (n,)
-        Amplitude of the roughness line, m; NaN without a roller channel.
     line_power : ndarray, shape (n,)
         Sum of the squared amplitudes of the roller's lines, m^2; NaN without a roller channel.
     noise : ndarray, shape (n,)
@@ -81,7 +80,6 @@ class Envelope:
     time: NDArray[np.float64]
     phasor: NDArray[np.complex128]
     speed: NDArray[np.float64]
-    roughness: NDArray[np.float64]
     line_power: NDArray[np.float64]
     noise: NDArray[np.float64]
     frequency: NDArray[np.float64]
@@ -102,19 +100,9 @@ class Envelope:
 
 
 @compiled
-def _local_phasors(
-    time: R1,
-    values: R1,
-    phase: R1,
-    roller: R1,
-    orders: R1,
-    centres: R1,
-    half: float,
-    out: F2,
-) -> None:
-    """Fit each window; out rows: re, im, roughness, noise, weight, residual, line power."""
-    harmonics = orders.size
-    count = 5 + 2 * harmonics
+def _local_phasors(time: R1, values: R1, phase: R1, centres: R1, half: float, out: F2) -> None:
+    """Fit each window; out rows: re, im, noise, weight, residual."""
+    count = _UNKNOWNS
     basis = np.zeros(count)
     matrix = np.zeros((count, count))
     right = np.zeros(count)
@@ -128,14 +116,11 @@ def _local_phasors(
         spread[:, :] = 0.0
         right[:] = 0.0
         power = 0.0
-        total = 0.0
         seen = 0.0
         i = first
         while i < time.size and time[i] <= centre + half:
             x = (time[i] - centre) / half
             weight = 0.42 + 0.5 * math.cos(math.pi * x) + 0.08 * math.cos(2.0 * math.pi * x)
-            # The even share of time this sample stands for: missing ones leave a hole.
-            total += weight
             y = values[i]
             if math.isfinite(y):
                 basis[0] = 1.0
@@ -144,9 +129,6 @@ def _local_phasors(
                 # Growth and turning within the window, so that only a jump is left over.
                 basis[3] = x * basis[1]
                 basis[4] = x * basis[2]
-                for h in range(harmonics):
-                    basis[5 + 2 * h] = math.cos(orders[h] * roller[i])
-                    basis[6 + 2 * h] = math.sin(orders[h] * roller[i])
                 for a in range(count):
                     right[a] += weight * basis[a] * y
                     for b in range(a + 1):
@@ -155,12 +137,11 @@ def _local_phasors(
                 power += weight * y * y
                 seen += weight
             i += 1
-        for j in range(7):
-            out[k, j] = math.nan
-        out[k, 4] = seen
-        if seen <= 0.0 or i - first < 2 * count:
+        out[k, :] = math.nan
+        out[k, 3] = seen
+        if seen <= 0.0 or i - first < FEWEST_SAMPLES:
             continue
-        # Cholesky, in place: a window that cannot tell its lines apart gives no value.
+        # Cholesky, in place: a window whose samples do not tell its waves apart gives no value.
         singular = False
         for a in range(count):
             for b in range(a + 1):
@@ -192,25 +173,15 @@ def _local_phasors(
             basis[a] = value / matrix[a, a]
         out[k, 0] = basis[1]
         out[k, 1] = basis[2]
-        if harmonics > 0:
-            out[k, 2] = math.sqrt(basis[5] * basis[5] + basis[6] * basis[6])
-            out[k, 6] = 0.0
-            for h in range(2 * harmonics):
-                out[k, 6] += basis[5 + h] * basis[5 + h]
         left = max(power - explained, 0.0) / seen
-        out[k, 3] = math.sqrt(left * (spread[1, 1] + spread[2, 2])) / (0.5 * seen) / math.sqrt(2.0)
-        out[k, 5] = math.sqrt(left)
-
-
-def fewest_samples(channels: Channels, settings: IdentificationSettings) -> int:
-    """Return how many samples a window must hold, for its hunting and its lines."""
-    return 2 * (5 + 2 * (settings.orders.size if channels.roller.size else 0))
+        out[k, 2] = math.sqrt(left * (spread[1, 1] + spread[2, 2])) / (0.5 * seen) / math.sqrt(2.0)
+        out[k, 4] = math.sqrt(left)
 
 
 def envelope_of(
     channels: Channels,
     frequency: NDArray[np.float64],
-    settings: IdentificationSettings,
+    line_power: NDArray[np.float64] | None = None,
 ) -> Envelope:
     """
     Complex envelope of the hunting mode along one record.
@@ -218,11 +189,11 @@ def envelope_of(
     Parameters
     ----------
     channels : Channels
-        The record.
+        The record, free of lines.
     frequency : ndarray, shape (n,)
         Of the turning frame at each lateral sample, Hz.
-    settings : IdentificationSettings
-        Says which lines are removed.
+    line_power : ndarray, shape (n,), optional
+        Sum of the squared amplitudes of the lines that there were, m^2.
 
     Returns
     -------
@@ -235,33 +206,31 @@ def envelope_of(
     centres = np.arange(time[0] + half, time[-1] - half + 1e-9, step)
     increments = np.diff(time, prepend=time[0]) * frequency
     phase = 2.0 * np.pi * np.cumsum(increments)
-    orders = settings.orders if channels.roller.size else np.zeros(0)
-    roller = channels.roller if orders.size else np.zeros(1)
-    out = np.empty((centres.size, 7))
+    out = np.empty((centres.size, 5))
     # A thinned record is a view, and the kernel takes arrays in one piece.
-    instants, lateral, angle = map(np.ascontiguousarray, (time, channels.lateral, roller))
-    _local_phasors(instants, lateral, phase, angle, orders, centres, half, out)
+    instants, lateral = map(np.ascontiguousarray, (time, channels.lateral))
+    _local_phasors(instants, lateral, phase, centres, half, out)
     # Weight of a full window, by the nominal rate: what is missing is missing from this.
     full = 0.42 * 2.0 * half * channels.rate_hz
-    out[out[:, 4] < LEAST_WEIGHT * full] = np.nan
+    out[out[:, 3] < LEAST_WEIGHT * full] = np.nan
     edges = np.searchsorted(time, np.stack([centres - 0.5 * half, centres + 0.5 * half]))
     summed = np.concatenate([[0.0], np.cumsum(channels.speed)])
     spans = np.maximum(edges[1] - edges[0], 1)
     speed = (summed[np.minimum(edges[0] + spans, time.size)] - summed[edges[0]]) / spans
+    power = np.full(time.size, np.nan) if line_power is None else line_power
+    lines = np.isfinite(power).any()
     return Envelope(
         channels.source,
         channels.start_ns,
         centres,
         out[:, 0] + 1j * out[:, 1],
         speed,
+        np.interp(centres, time, power),
         out[:, 2],
-        # A line of nothing but noise has the power of its two parts.
-        np.maximum(out[:, 6] - 2.0 * orders.size * out[:, 3] ** 2, 0.0),
-        out[:, 3],
         np.interp(centres, time, frequency),
-        out[:, 5],
+        out[:, 4],
         np.interp(centres, time, phase),
-        np.interp(centres, time, roller) if orders.size else np.full(centres.size, np.nan),
+        np.interp(centres, time, channels.roller) if lines else np.full(centres.size, np.nan),
     )
 
 

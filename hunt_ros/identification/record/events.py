@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from hunt_ros.analysis.steady_state import ABOVE_NOISE
 from hunt_ros.identification.record.envelope import WINDOW_CYCLES, Envelope
 from hunt_ros.identification.record.segments import runs
 from hunt_ros.samples import as_json, key
@@ -37,8 +38,6 @@ SMALLEST = 0.25
 #: Growth out of rest may be so many times faster than the rest before it allows, by its nonlinear
 #: part; what is faster was kicked.
 _FASTER = 4.0
-#: Amplitude, of the median of rest, that noise does not reach (Rayleigh's: once in 10^7).
-ABOVE_NOISE = 5.0
 #: Where growth rises in proportion to v - v_c, it took twice the time that its last rate says to
 #: come out of the noise; a half more for the noise itself.
 _GREW_SINCE = 3.0

@@ -14,6 +14,7 @@ from hunt_ros.estimation.record_lines import ForcedLine, Motion, RecordLines, mo
 from hunt_ros.estimation.spectrum import without_lines
 from hunt_ros.identification.record.channels import Channels
 from hunt_ros.identification.record.envelope import Envelope, envelope_of
+from hunt_ros.identification.record.lines import free_of_lines
 from hunt_ros.identification.record.screening import Stretch
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import NANOSECONDS, Record, Series
@@ -162,7 +163,7 @@ def _turns(line: ForcedLine, time: Array, way: Array) -> Array:
 
 def tracked_envelope(
     record: Channels, frequency_hz: float, settings: IdentificationSettings
-) -> Envelope:
+) -> tuple[Envelope, Channels]:
     """
     Envelope in a frame that follows the mode's own frequency.
 
@@ -181,19 +182,22 @@ def tracked_envelope(
 
     Returns
     -------
-    Envelope
+    envelope : Envelope
+    clean : Channels
+        The record without the lines of the roller.
     """
     # The first pass needs the turning alone: a few dozen samples a cycle show it.
     stride = max(int(record.rate_hz / (_COARSE * frequency_hz)), 1)
     coarse = record.part(slice(None, None, stride))
-    first = envelope_of(coarse, np.full(coarse.time.size, frequency_hz), settings)
-    offset = _frequency_offset(first)
-    if offset is None:
-        return envelope_of(record, np.full(record.time.size, frequency_hz), settings)
-    # Never beyond what the first pass could have seen without folding.
-    limit = 0.3 / first.step
-    along = frequency_hz + np.clip(np.interp(record.time, first.time, offset), -limit, limit)
-    return envelope_of(record, along, settings)
+    constant = np.full(coarse.time.size, frequency_hz)
+    first = envelope_of(free_of_lines(coarse, constant, settings.orders)[0], constant)
+    offset, along = _frequency_offset(first), np.full(record.time.size, frequency_hz)
+    if offset is not None:
+        # Never beyond what the first pass could have seen without folding.
+        limit = 0.3 / first.step
+        along += np.clip(np.interp(record.time, first.time, offset), -limit, limit)
+    clean, line_power = free_of_lines(record, along, settings.orders)
+    return envelope_of(clean, along, line_power), clean
 
 
 def _frequency_offset(envelope: Envelope) -> Array | None:

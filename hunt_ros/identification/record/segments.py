@@ -139,6 +139,7 @@ def analyse_record(
     channels: Channels,
     envelope: Envelope,
     corrected: Envelope,
+    kicked: Mask,
     settings: IdentificationSettings,
 ) -> tuple[list[Segment], list[SteadyState]]:
     """
@@ -152,6 +153,8 @@ def analyse_record(
         Its hunting component.
     corrected : Envelope
         The same without the beat of roughness and hunting.
+    kicked : ndarray of bool, shape (n,)
+        As `find_kicks` gives it.
     settings : IdentificationSettings
         Says what counts as a plateau.
 
@@ -161,7 +164,7 @@ def analyse_record(
     states : list of SteadyState
         In the order of time.
     """
-    one = _Analysis(channels, envelope, corrected, find_kicks(channels, envelope, settings.orders))
+    one = _Analysis(channels, envelope, corrected, kicked)
     time, speed = envelope.time, envelope.speed
     gaps = runs(~np.isfinite(envelope.amplitude))
     kick = 'motion that no growth law makes; a new segment begins'
@@ -432,7 +435,7 @@ def _drifts(time: Array, speed: Array, tolerance: float) -> bool:
     return abs(slope) * float(time[-1] - time[0]) > 1.5 * tolerance
 
 
-def find_kicks(channels: Channels, envelope: Envelope, orders: Array) -> Mask:
+def find_kicks(channels: Channels, envelope: Envelope) -> Mask:
     """
     Instants at which the amplitude changed as no growth law changes it.
 
@@ -442,11 +445,9 @@ def find_kicks(channels: Channels, envelope: Envelope, orders: Array) -> Mask:
     Parameters
     ----------
     channels : Channels
-        One record.
+        One record, free of lines.
     envelope : Envelope
         Its hunting component.
-    orders : ndarray, shape (k,)
-        Known lines, in turns of the roller.
 
     Returns
     -------
@@ -466,24 +467,22 @@ def find_kicks(channels: Channels, envelope: Envelope, orders: Array) -> Mask:
     jump &= np.nan_to_num(residual) > 2.0 * around
     limit = math.log(amplitude.size)
     for first, last in runs(jump):
-        ratios = (step_ratio(channels, envelope, orders, k) for k in range(first, last))
+        ratios = (step_ratio(channels, envelope, k) for k in range(first, last))
         if max(ratios) > limit:
             kicked[max(first - 1, 0) : last + 1] = True
     return kicked
 
 
-def step_ratio(channels: Channels, envelope: Envelope, orders: Array, k: int) -> float:
+def step_ratio(channels: Channels, envelope: Envelope, k: int) -> float:
     """
     Log likelihood of a step of the phasor in a window, less that of smooth growth.
 
     Parameters
     ----------
     channels : Channels
-        One record.
+        One record, free of lines.
     envelope : Envelope
         Its hunting component.
-    orders : ndarray, shape (m,)
-        Known lines, in turns of the roller.
     k : int
         Number of the window.
 
@@ -503,17 +502,15 @@ def step_ratio(channels: Channels, envelope: Envelope, orders: Array, k: int) ->
     time, y = channels.time[low:high], channels.lateral[low:high]
     good = np.isfinite(y)
     time, y = time[good], y[good]
-    lines = orders if channels.roller.size else np.zeros(0)
-    if y.size < 2 * (_SMOOTH_ORDER + 1 + lines.size) + 6:
+    if y.size < 2 * (_SMOOTH_ORDER + 1) + 6:
         return -math.inf
     x = (time - envelope.time[k]) / half
     root = np.sqrt(0.42 + 0.5 * np.cos(np.pi * x) + 0.08 * np.cos(2.0 * np.pi * x))
     turning = np.exp(2j * np.pi * envelope.frequency[k] * (time - envelope.time[k]))
-    known = [np.exp(1j * line * channels.roller[low:high][good]) for line in lines]
     growth = [x**n * turning for n in range(_SMOOTH_ORDER + 1)]
 
     def left(*waves: NDArray[np.complex128]) -> float:
-        rest = root * without_lines(y, x, [*known, *waves], root)
+        rest = root * without_lines(y, x, waves, root)
         return max(float(rest @ rest), 1e-300)
 
     places = np.linspace(-0.7, 0.7, _STEP_PLACES)

@@ -14,7 +14,12 @@ from hunt_ros.dynamics.simulation import (
 from hunt_ros.identification.record.channels import channels_of
 from hunt_ros.identification.record.envelope import without_beat
 from hunt_ros.identification.record.hunting_frequency import tracked_envelope
-from hunt_ros.identification.record.segments import analyse_record, speed_holds, steady_part
+from hunt_ros.identification.record.segments import (
+    analyse_record,
+    find_kicks,
+    speed_holds,
+    steady_part,
+)
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import Record, Series
 
@@ -23,8 +28,9 @@ SETTINGS = IdentificationSettings()
 
 def analysed(record):
     channels = channels_of(record)
-    envelope = tracked_envelope(channels, 2.8, SETTINGS)
-    return analyse_record(channels, envelope, without_beat(envelope), SETTINGS)
+    envelope, clean = tracked_envelope(channels, 2.8, SETTINGS)
+    kicked = find_kicks(clean, envelope)
+    return analyse_record(channels, envelope, without_beat(envelope), kicked, SETTINGS)
 
 
 def test_holds_are_found_in_a_noisy_staircase_and_none_in_a_ramp():
