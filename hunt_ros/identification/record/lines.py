@@ -25,6 +25,8 @@ _F = NDArray[np.float64]
 
 #: Distance of the knots of hunting and bias, in cycles, and how many lie between two of a line.
 _KNOT_CYCLES, _EVERY = 1.5, 16
+#: Samples in a cycle that are looked at, about: each knot of a line has a thousand.
+_SAMPLES = 40.0
 #: Solved so often, with the weights that follow from the solution before.
 _ROUNDS = 4
 
@@ -52,36 +54,54 @@ def free_of_lines(channels: Channels, frequency: _F, orders: _F) -> tuple[Channe
     time = channels.time
     if not channels.roller.size or not orders.size:
         return channels, np.full(time.size, np.nan)
-    step = _KNOT_CYCLES / float(np.median(frequency))
-    cells = max(int(np.ceil((time[-1] - time[0]) / (_EVERY * step))), 1)
+    hz = float(np.median(frequency))
+    some = slice(None, None, max(int(channels.rate_hz / (_SAMPLES * hz)), 1))
     phase = 2.0 * np.pi * np.cumsum(np.diff(time, prepend=time[0]) * frequency)
-    arrays = map(np.ascontiguousarray, (time, channels.lateral, phase, channels.roller, orders))
-    lines, hunting, width = _places(cells, orders.size)
-    size = int(hunting[-1, -1]) + 1
-    band, right = np.zeros((width, size)), np.zeros(size)
-    power = _normal_equations(*arrays, step, band, right)
-    samples = max(int(np.isfinite(channels.lateral).sum()), 1)
-    start = np.full(len(hunting) - 1, 1e-3 * samples / len(hunting))
-    loose = start
-    found = np.zeros(size)
-    for _ in range(_ROUNDS):
-        tied = band.copy()
-        for part in hunting.T:
-            _tie(tied, part, loose)
-        for part in lines.T:
-            _tie(tied, part, np.full(cells, float(np.median(loose))))
-        found = solveh_banded(tied, right, lower=True)
-        left = max(power - float(found @ right), 1e-12 * power) / samples
-        steps = (np.diff(found[hunting[:, :2]], axis=0) ** 2).sum(axis=1)
-        usual = steps + median_filter(steps, size=_EVERY + 1)
-        # Within what rounding leaves to be told.
-        loose = np.clip(left / np.maximum(usual, 1e-300), 1e-5 * start, 1e5 * start)
-    place = (time - time[0]) / (_EVERY * step)
-    sizes = [np.interp(place, np.arange(cells + 1), part) for part in found[lines].T]
-    phasors = np.array(sizes[0::2]) - 1j * np.array(sizes[1::2])
+    known = np.isfinite(channels.lateral[some])
+    traces = (time - time[0], channels.lateral, phase, channels.roller)
+    knots = _phasors(*(trace[some][known] for trace in traces), orders, _KNOT_CYCLES / hz)
+    place = np.linspace(0.0, len(knots) - 1.0, len(knots)) * (_EVERY * _KNOT_CYCLES / hz)
+    phasors = np.array([np.interp(time - time[0], place, size) for size in knots.T])
     shown = (phasors * np.exp(1j * orders[:, None] * channels.roller)).real.sum(axis=0)
-    total: _F = (np.abs(phasors) ** 2).sum(axis=0)
-    return replace(channels, lateral=channels.lateral - shown), total
+    power: _F = (np.abs(phasors) ** 2).sum(axis=0)
+    return replace(channels, lateral=channels.lateral - shown), power
+
+
+def _phasors(
+    time: _F, values: _F, phase: _F, roller: _F, orders: _F, step: float
+) -> NDArray[np.complex128]:
+    """Solve for the phasors of the lines at their knots: shape (cells + 1, k)."""
+    cells = max(int(np.ceil(time[-1] / (_EVERY * step))), 1) if time.size else 1
+    lines, hunting, width = _places(cells, orders.size)
+    count = len(hunting) - 1
+    at, knot = step * np.arange(count + 1), np.minimum((time / step).astype(np.int64), count - 1)
+    seen = np.maximum(np.bincount(knot, minlength=count), 1)
+    turning = np.exp(1j * orders[:, None] * roller)
+    start = np.full(count, 1e-3 * time.size / count)
+    weights, loose = np.ones(count), start
+    for _ in range(_ROUNDS):
+        right = np.zeros(int(hunting[-1, -1]) + 1)
+        band = np.zeros((width, right.size))
+        _normal_equations(time, values, phase, roller, orders, step, weights, band, right)
+        for part in hunting.T:
+            _tie(band, part, loose)
+        for part in lines.T:
+            _tie(band, part, np.full(cells, float(np.median(loose))))
+        found = solveh_banded(band, right, lower=True)
+        sizes = found[lines[:, 0::2]] - 1j * found[lines[:, 1::2]]
+        mode, bias = found[hunting[:, 0]] + 1j * found[hunting[:, 1]], found[hunting[:, 2]]
+        left = values - np.interp(time, at, bias)
+        left -= (np.interp(time, at, mode) * np.exp(1j * phase)).real
+        for wave, size in zip(turning, sizes.T, strict=True):
+            left -= (np.interp(time, at[::_EVERY], size) * wave).real
+        # Within what rounding leaves to be told.
+        noise = np.bincount(knot, left**2, count) / seen
+        usual = max(float(np.median(noise)), 1e-12 * float(np.mean(values**2)), 1e-300)
+        weights = usual / (usual + noise)
+        steps = np.abs(np.diff(mode)) ** 2
+        steps += median_filter(steps, size=_EVERY + 1)
+        loose = np.clip(usual / np.maximum(steps, 1e-300), 1e-5 * start, 1e5 * start)
+    return sizes
 
 
 def _places(cells: int, count: int) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
@@ -103,20 +123,24 @@ def _tie(band: _F, places: NDArray[np.int64], weights: _F) -> None:
 
 @compiled
 def _normal_equations(
-    time: R1, values: R1, phase: R1, roller: R1, orders: R1, step: float, band: F2, right: F1
-) -> float:
-    """Fill in the lower band of the normal equations; return the sum of the squared values."""
+    time: R1,
+    values: R1,
+    phase: R1,
+    roller: R1,
+    orders: R1,
+    step: float,
+    weights: R1,
+    band: F2,
+    right: F1,
+) -> None:
+    """Fill in the lower band of the normal equations, each interval of the knots by its weight."""
     lines = 2 * orders.size
     block = 3 * _EVERY + lines
     cells = (right.size - 3 - lines) // block
-    total = 0.0
     places = np.zeros(6 + 2 * lines, dtype=np.int64)
     basis = np.zeros(6 + 2 * lines)
     for i in range(time.size):
-        y = values[i]
-        if not np.isfinite(y):
-            continue
-        x = (time[i] - time[0]) / step
+        x = time[i] / step
         knot = min(int(x), cells * _EVERY - 1)
         cell = knot // _EVERY
         near, far = x - knot, x / _EVERY - cell
@@ -135,9 +159,8 @@ def _normal_equations(
                 basis[k] = share * np.cos(orders[h] * roller[i])
                 basis[k + 1] = share * np.sin(orders[h] * roller[i])
         for a in range(places.size):
-            right[places[a]] += basis[a] * y
+            weighted = weights[knot] * basis[a]
+            right[places[a]] += weighted * values[i]
             for b in range(places.size):
                 if places[a] >= places[b]:
-                    band[places[a] - places[b], places[b]] += basis[a] * basis[b]
-        total += y * y
-    return total
+                    band[places[a] - places[b], places[b]] += weighted * basis[b]
