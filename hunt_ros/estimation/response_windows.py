@@ -227,7 +227,7 @@ def _cells(series: Series, start_ns: int, even: _F) -> tuple[_F, _F] | None:
 def _between(series: Series, start_ns: int, wanted: _F) -> _F:
     """Interpolate; NaN beyond the ends and in gaps: what was not measured does not stand still."""
     length_s = wanted[-1] + wanted[0]
-    around = start_ns + np.array([-1.0, 2.0]) * length_s * NANOSECONDS
+    around = start_ns + (np.array([-1.0, 2.0]) * length_s * NANOSECONDS).astype(np.int64)
     first, last = np.searchsorted(series.stamps_ns, around)
     seconds = (series.stamps_ns[first:last] - start_ns) / NANOSECONDS
     if seconds.size < 2 or np.diff(seconds).max() > length_s:

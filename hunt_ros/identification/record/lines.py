@@ -59,7 +59,8 @@ def free_of_lines(channels: Channels, frequency: _F, orders: _F) -> tuple[Channe
     phase = 2.0 * np.pi * np.cumsum(np.diff(time, prepend=time[0]) * frequency)
     known = np.isfinite(channels.lateral[some])
     traces = (time - time[0], channels.lateral, phase, channels.roller)
-    knots = _phasors(*(trace[some][known] for trace in traces), orders, _KNOT_CYCLES / hz)
+    when, values, turn, angle = (trace[some][known] for trace in traces)
+    knots = _phasors(when, values, turn, angle, orders, _KNOT_CYCLES / hz)
     place = np.linspace(0.0, len(knots) - 1.0, len(knots)) * (_EVERY * _KNOT_CYCLES / hz)
     phasors = np.array([np.interp(time - time[0], place, size) for size in knots.T])
     shown = (phasors * np.exp(1j * orders[:, None] * channels.roller)).real.sum(axis=0)
@@ -88,7 +89,7 @@ def _phasors(
         for part in lines.T:
             _tie(band, part, np.full(cells, float(np.median(loose))))
         found = solveh_banded(band, right, lower=True)
-        sizes = found[lines[:, 0::2]] - 1j * found[lines[:, 1::2]]
+        sizes: NDArray[np.complex128] = found[lines[:, 0::2]] - 1j * found[lines[:, 1::2]]
         mode, bias = found[hunting[:, 0]] + 1j * found[hunting[:, 1]], found[hunting[:, 2]]
         left = values - np.interp(time, at, bias)
         left -= (np.interp(time, at, mode) * np.exp(1j * phase)).real
