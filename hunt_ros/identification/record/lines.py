@@ -4,9 +4,9 @@ The lines of the roller along a record, told apart from the hunting beside them.
 The displacement is bias + hunting phasor + a phasor a line, which turns with the roller's own
 angle. The phasors of the lines change slowly, those of hunting and bias as a random walk from one
 knot to the next: a line near the hunting, or across it, is what turns on evenly with the roller
-for many cycles. All knots of a record are solved for at once (generalised least squares). A step
-of the hunting that is far from usual, as after a kick, has the weight of a rare one (Holland,
-P. W., Welsch, R. E. (1977), Commun. Stat. A 6, 813-827: iteratively reweighted, Cauchy).
+for many cycles. All knots of a record are solved for at once, by generalised least squares. What
+is far from usual, as at a kick, has the weight of a rare one: Cauchy's, in iterations (Holland,
+P. W., Welsch, R. E. (1977), Communications in Statistics A 6, 813-827).
 """
 
 from __future__ import annotations
