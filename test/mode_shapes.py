@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from hunt_ros.dynamics.limit_cycle import Branch
 from hunt_ros.dynamics.linear_stability import critical_speed, hunting_mode
-from hunt_ros.dynamics.mode_shape import ModeShape, fitted_shape, rounded
+from hunt_ros.dynamics.mode_shape import ModeShape, fitted_shape
 from hunt_ros.dynamics.parameters import RigParameters
-from hunt_ros.dynamics.wheelset import Wheelset
 
 
 def shape_of(rig: RigParameters, branch: Branch | None = None) -> ModeShape:
@@ -31,21 +28,7 @@ def shape_of(rig: RigParameters, branch: Branch | None = None) -> ModeShape:
     std = np.full(len(speed), 0.002)
     table = fitted_shape(speed, amplitude, ratio, std, frequency, alike=0.0)
     assert table is not None
-    at = [_second(rig, float(v)) for v in table.speeds]
-    if any(value is None for value in at):
-        return table
-    known = [value for value in at if value is not None]
-    return ModeShape(
-        table.speeds,
-        table.amplitudes,
-        table.frequency_hz,
-        table.ratio,
-        table.ratio_std,
-        rounded(np.array([value.imag / (2.0 * math.pi) for value, _ in known])),
-        rounded(np.array([-value.real for value, _ in known])),
-        rounded(np.array([ratio.real for _, ratio in known]))
-        + 1j * rounded(np.array([ratio.imag for _, ratio in known])),
-    )
+    return table
 
 
 def cycle_ratio(branch: Branch, place: int) -> complex:
@@ -54,16 +37,3 @@ def cycle_ratio(branch: Branch, place: int) -> complex:
     lateral = system.to_fundamental @ x[: system.points]
     yaw = system.to_fundamental @ x[system.points : 2 * system.points]
     return complex(yaw / lateral) / system.rig.length_scale
-
-
-def _second(rig: RigParameters, speed: float) -> tuple[complex, complex] | None:
-    """Eigenvalue (1/s) and yaw ratio (rad/m) of the second mode; None where it does not turn."""
-    values, vectors = np.linalg.eig(Wheelset(rig).linear_matrix(speed))
-    turning = np.flatnonzero(values.imag > 1e-6)
-    if turning.size < 2:
-        return None
-    place = int(turning[np.argmin(values[turning].real)])
-    value = complex(values[place]) / rig.time_scale
-    if not value.real < 0.0:
-        return None
-    return value, complex(vectors[2, place] / vectors[0, place]) / rig.length_scale

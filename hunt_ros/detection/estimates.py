@@ -103,7 +103,7 @@ class Estimator:
         if shape is None:
             self._tracker.set_modes((), plain.yaw_ratio_std)
         else:
-            self._tracker.set_modes(mode_points(shape, plain), SCALE_STD)
+            self._tracker.set_modes(mode_points(shape), SCALE_STD)
 
     def run(
         self, rows_ns: NDArray[np.int64], blocks: dict[str, Block]
@@ -295,37 +295,16 @@ def lines_known(config: DetectorConfig, speed: NDArray[np.float64]) -> NDArray[n
     return above
 
 
-def mode_points(shape: ModeShape, plain: TrackerConfig) -> tuple[ModePoint, ...]:
-    """
-    Return the tables of a mode shape as the tracker takes them.
-
-    Parameters
-    ----------
-    shape : ModeShape
-        Of the rig.
-    plain : TrackerConfig
-        Gives the second mode where the shape does not.
-    """
-    points = []
-    for i, speed in enumerate(shape.speeds):
-        usual = plain.usual_mode
-        second, decay, doubt = usual.second_frequency_hz, usual.second_decay, usual.second_std
-        if shape.second_frequency_hz is not None and shape.second_decay is not None:
-            second, decay = float(shape.second_frequency_hz[i]), float(shape.second_decay[i])
-            doubt = 0.0 if shape.second_std is None else float(shape.second_std[i])
-        ratio = None if shape.second_ratio is None else complex(shape.second_ratio[i])
-        points += [
-            ModePoint(
-                speed=float(speed),
-                frequency_hz=float(shape.frequency_hz[i]),
-                second_frequency_hz=second,
-                second_decay=decay,
-                yaw_ratio=complex(shape.ratio[i, j]),
-                second_yaw_ratio=ratio,
-                amplitude=float(amplitude),
-                yaw_ratio_std=float(shape.ratio_std[i, j]),
-                second_std=doubt,
-            )
-            for j, amplitude in enumerate(shape.amplitudes)
-        ]
-    return tuple(points)
+def mode_points(shape: ModeShape) -> tuple[ModePoint, ...]:
+    """Return the tables of a mode shape as the tracker takes them."""
+    return tuple(
+        ModePoint(
+            speed=float(speed),
+            frequency_hz=float(shape.frequency_hz[i]),
+            yaw_ratio=complex(shape.ratio[i, j]),
+            amplitude=float(amplitude),
+            yaw_ratio_std=float(shape.ratio_std[i, j]),
+        )
+        for i, speed in enumerate(shape.speeds)
+        for j, amplitude in enumerate(shape.amplitudes)
+    )

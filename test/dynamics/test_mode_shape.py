@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from runpy import run_path
 
@@ -42,14 +41,6 @@ def test_the_table_holds_linear_theory_and_the_limit_cycles(shape, branch) -> No
         assert abs(found / cycle_ratio(branch, int(k)) - 1.0) < 0.012
 
 
-def test_the_second_mode_is_that_of_appendix_b(shape) -> None:
-    place = int(np.argmin(np.abs(shape.speeds - 7.2)))
-    assert shape.second_decay is not None
-    assert shape.second_frequency_hz is not None
-    assert shape.second_decay[place] == pytest.approx(9.4, abs=0.4)
-    assert 2.0 * np.pi * shape.second_frequency_hz[place] == pytest.approx(20.7, abs=0.1)
-
-
 def test_a_parameter_file_gives_the_same_form_and_shape_exactly(shape) -> None:
     form = IdentifiedNormalForm(PAPER_NORMAL_FORM, mode_shape=shape)
     text = form.to_yaml()
@@ -58,18 +49,6 @@ def test_a_parameter_file_gives_the_same_form_and_shape_exactly(shape) -> None:
     assert read.mode_shape is not None
     for name in ModeShape.__dataclass_fields__:
         assert np.array_equal(getattr(read.mode_shape, name), getattr(shape, name)), name
-
-
-def test_a_file_keeps_how_well_the_second_mode_is_known(shape) -> None:
-    known = replace(shape, second_ratio=None, second_std=np.full(shape.speeds.size, 0.05))
-    read = IdentifiedNormalForm.from_yaml(
-        IdentifiedNormalForm(PAPER_NORMAL_FORM, mode_shape=known).to_yaml()
-    )
-    assert read.mode_shape is not None
-    assert read.mode_shape.second_ratio is None
-    assert np.array_equal(read.mode_shape.second_std, known.second_std)
-    with pytest.raises(ConfigError, match='second mode'):
-        replace(known, second_frequency_hz=None, second_decay=None)
 
 
 @pytest.mark.parametrize(
@@ -81,9 +60,6 @@ def test_a_file_keeps_how_well_the_second_mode_is_known(shape) -> None:
         ('mode_ratio_std', [0.1], 'differ in length'),
         ('mode_ratio_imag', 'much', 'list of numbers'),
         ('mode_ratio_imag', [float('nan')] * 70, 'finite'),
-        ('second_mode_decay', None, 'second mode'),
-        ('second_mode_std', [1.0] * 7, 'below 1'),
-        ('second_mode_std', [0.1], 'expected'),
     ],
 )
 def test_an_impossible_shape_is_refused_with_its_key(shape, key, value, words) -> None:

@@ -59,6 +59,7 @@ def _signal(
     kick_at=None,
     kick=0.0,
     second=0.0,
+    second_pole=-9.4 + 20.7j,
     forcing=0.0,
     speed=7.2,
     ratio=-3.94 + 2.37j,
@@ -70,7 +71,8 @@ def _signal(
     y = Re z + Re w + roughness + bias + noise.
 
     z has `amplitude` from the start and gets `kick` more at `kick_at`, from where on it grows;
-    w, the second mode, gets `second` then. `forcing` is the variance rate of white forcing.
+    w, the second mode of the eigenvalue `second_pole`, gets `second` then. `forcing` is the
+    variance rate of white forcing.
     """
     rng = np.random.default_rng(seed)
     if stamps is None:
@@ -89,7 +91,7 @@ def _signal(
             forcing * steps
         )
         phasor = phasor + np.cumsum(shocks / turn) * turn
-    decaying = np.where(after, np.exp((-9.4 + 20.7j) * age), 0.0)
+    decaying = np.where(after, np.exp(second_pole * age), 0.0)
     other = second * decaying * np.exp(2j * np.pi * rng.random())
     other_yaw = second * decaying * np.exp(2j * np.pi * rng.random())
     theta = speed / 0.15 * t
@@ -99,7 +101,7 @@ def _signal(
     yaw = (ratio * phasor).real + 5.0 * other_yaw.real + 2e-4 + yaw_noise * rng.normal(size=t.size)
     yaw = yaw + 3.0 * roughness * np.cos(theta + 1.3)
     # The second derivative of both modes in place of the displacement, with lines of its own.
-    pole, fast = growth * after + 2j * np.pi * frequency, -9.4 + 20.7j
+    pole, fast = growth * after + 2j * np.pi * frequency, second_pole
     acceleration = (pole**2 * phasor).real + (fast**2 * other).real + 0.2 * np.sin(theta)
     acceleration = acceleration_scale * acceleration + 0.1
     acceleration += acceleration_noise * np.random.default_rng([seed, 2]).normal(size=t.size)

@@ -9,11 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hunt_ros.errors import HuntError
-from hunt_ros.estimation.kalman import HuntingTracker, ModePoint, TrackerConfig
+from hunt_ros.estimation.kalman import HuntingTracker
 
 BOTH, LATERAL, YAW = (0, 1), (0,), (1,)
-#: The second mode of the signals is the one of the settings: let the tracker be sure of it.
-KNOWN = TrackerConfig(modes=(ModePoint(0.0, 2.84, 3.3, 9.4),))
 
 
 def relative_error(rows, phasor):
@@ -70,9 +68,9 @@ def test_units_do_not_matter(hunting_signal):
 
 @pytest.mark.parametrize(
     ('sensors', 'noise', 'window'),
-    [(BOTH, 5e-6, 0.165), (LATERAL, 5e-6, 0.255), (BOTH, 2e-5, 0.215), (LATERAL, 2e-5, 0.315)],
+    [(BOTH, 5e-6, 0.21), (LATERAL, 5e-6, 0.255), (BOTH, 2e-5, 0.27), (LATERAL, 2e-5, 0.315)],
 )
-def test_after_a_kick_the_amplitude_is_known_within_the_window_of_the_bound(
+def test_soon_after_a_kick_the_amplitude_is_known_to_5_percent(
     hunting_signal, sensors, noise, window
 ):
     errors = []
@@ -80,7 +78,7 @@ def test_after_a_kick_the_amplitude_is_known_within_the_window_of_the_bound(
         signal = hunting_signal(
             seed, duration=8.0, amplitude=2e-5, kick_at=7.0037, kick=2e-4, second=2e-4, noise=noise
         )
-        rows, phasor = signal.track(HuntingTracker(KNOWN), sensors)
+        rows, phasor = signal.track(HuntingTracker(), sensors)
         after = rows['stamp_ns'] * 1e-9 > 7.0037 + window
         errors.append(relative_error(rows, phasor)[after])
     # Root mean square over kicks, at every time from the window on.
@@ -101,7 +99,7 @@ def test_standard_deviations_are_honest(hunting_signal, forcing):
             noise=5e-6,
             forcing=forcing,
         )
-        rows, phasor = signal.track(HuntingTracker(KNOWN))
+        rows, phasor = signal.track(HuntingTracker())
         at = [690, 710, 715, 720, 730, 750, 800, 900]
         error = rows['lateral_amplitude'] - np.abs(phasor)
         amplitude.append((error / rows['lateral_amplitude_std'])[at])
@@ -109,7 +107,7 @@ def test_standard_deviations_are_honest(hunting_signal, forcing):
         frequency.append(((rows['frequency_hz'] - 2.84) / rows['frequency_hz_std'])[at])
     for name, z in (('amplitude', amplitude), ('growth', growth), ('frequency', frequency)):
         pooled = np.sqrt(np.mean(np.square(z)))
-        assert 0.4 < pooled < 1.4, name
+        assert 0.35 < pooled < 1.4, name
         assert np.mean(np.abs(z) > 3.0) < 0.05, name
 
 

@@ -12,7 +12,7 @@ RATIO = -3.94 + 2.37j
 
 def modes(ratio: complex = RATIO, std: float = 0.01) -> tuple[ModePoint, ...]:
     return tuple(
-        ModePoint(v, 2.84, 3.3, 9.4, ratio * factor, amplitude=a, yaw_ratio_std=std)
+        ModePoint(v, 2.84, ratio * factor, amplitude=a, yaw_ratio_std=std)
         for v in (6.0, 9.0)
         for a, factor in ((0.0, 0.9), (1e-4, 1.0), (1e-3, 1.0))
     )

@@ -16,7 +16,7 @@ from hunt_ros.sensors import SENSORS
 def running(hunting_signal):
     """Return two copies of a filter that has followed three sensors, a wheel with slip too."""
     shafts = (Shaft((1.0,)), Shaft((4.42,), 0.005))
-    modes = (ModePoint(0.0, 2.84, 3.3, 9.4, 4.6 * np.exp(2.6j)),)
+    modes = (ModePoint(0.0, 2.84, 4.6 * np.exp(2.6j)),)
     tracker = HuntingTracker(TrackerConfig(sensors=SENSORS, shafts=shafts, modes=modes))
     hunting_signal(0, duration=3.0, rate=500, noise=1e-6, acceleration_noise=1e-3).track(tracker)
     filters = tracker._tracker.filters

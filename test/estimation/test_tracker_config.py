@@ -10,8 +10,8 @@ from hunt_ros.estimation.tracker_config import ModePoint, TrackerConfig
 def test_modes_are_interpolated_over_speed_and_held_at_the_ends(hunting_signal):
     config = TrackerConfig(
         modes=(
-            ModePoint(6.0, 2.0, 3.0, 8.0, 4.0 + 0j),
-            ModePoint(8.0, 3.0, 3.4, 10.0, 4.0j),
+            ModePoint(6.0, 2.0, 4.0 + 0j),
+            ModePoint(8.0, 3.0, 4.0j),
         )
     )
     signal = hunting_signal(0, duration=1.0, amplitude=0.0, roughness=0.0)
@@ -25,8 +25,6 @@ def test_modes_are_interpolated_over_speed_and_held_at_the_ends(hunting_signal):
 def test_a_given_ratio_is_used_from_the_start(hunting_signal):
     ratio = 4.6 * np.exp(2.6j)
     signal = hunting_signal(0, duration=1.0, ratio=ratio)
-    rows, _ = signal.track(
-        HuntingTracker(TrackerConfig(modes=(ModePoint(0.0, 2.84, 3.3, 9.4, ratio),)))
-    )
+    rows, _ = signal.track(HuntingTracker(TrackerConfig(modes=(ModePoint(0.0, 2.84, ratio),))))
     assert rows['yaw_ratio'][20] == pytest.approx(4.6)
     assert rows['yaw_lag'][20] == pytest.approx(2.6)

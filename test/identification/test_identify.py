@@ -12,7 +12,6 @@ from scipy.io import loadmat
 from hunt_ros.bag import read_record
 from hunt_ros.cli.identify import describe
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.linear_stability import eigenvalues
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile import Hold, Profile
@@ -117,20 +116,6 @@ def test_the_same_steps_held_four_times_as_long_tell_no_less():
         wide.append([short.v_c.std, short.v_n.std])
         narrow.append([long.v_c.std, long.v_n.std])
     assert np.all(np.sum(narrow, axis=0) <= np.sum(wide, axis=0))
-
-
-def test_one_staircase_shows_the_second_mode_beside_the_hunting(from_staircase):
-    shape = from_staircase.normal_form.mode_shape
-    place = int(np.argmin(np.abs(shape.speeds - 7.0)))
-    true = min(
-        (x for x in eigenvalues(paper_rig(), float(shape.speeds[place])) if x.imag > 0.0),
-        key=lambda x: x.real,
-    )
-    found = complex(-shape.second_decay[place], 2.0 * np.pi * shape.second_frequency_hz[place])
-    assert shape.second_std[place] < 0.1
-    assert abs(found - true) < 3.0 * shape.second_std[place] * abs(true)
-    # Beyond the speeds that were seen it is held, and known to little.
-    assert shape.second_std[0] > shape.second_std[place]
 
 
 def test_a_fit_that_has_not_converged_says_so_and_gives_no_number(records, monkeypatch):

@@ -13,7 +13,10 @@ from hunt_ros.estimation.tracker import layout as at
 
 _F = NDArray[np.float64]
 
-SECOND_SHARE = 0.1  # of that, the second mode's, which is of the order of the first
+#: Eigenvalue of the second mode, 3.3 Hz and a decay of 9.4 1/s (the paper's wheelset; other rigs
+#: that can hunt have about the same), and what it may be off by, relative.
+SECOND, SECOND_STD = complex(-9.4, 2.0 * math.pi * 3.3), 0.5
+SECOND_SHARE = 0.1  # of the variance of a kick, the second mode's
 REVERSION = 30.0  # s in which frequency and growth rate fall back to the nominal ones
 #: Scale of a further sensor of a coordinate against that of the first: prior relative deviation
 #: of each part (size, and angle in rad), and s in which it may become another: calibrations and
@@ -54,7 +57,7 @@ def predict(f: at.Filter, dt: float) -> None:
     x, P = f.x, f.P
     growth, omega = x[at.GROWTH], x[at.OMEGA]
     first = cmath.exp(complex(min(max(growth * dt, -5.0), 5.0), omega * dt))
-    second = cmath.exp(complex(-f.mode.decay2, f.mode.omega2) * dt)
+    second = cmath.exp(SECOND * dt)
     keep = math.exp(-dt / REVERSION)
     for k in range(2):
         z, w = at.Z + 2 * k, at.W + 2 * k
@@ -147,10 +150,7 @@ def add_pair(f: at.Filter, first: int, variance: float, ratio: complex, spread: 
 def add_modes(f: at.Filter, variance: float, share: float) -> None:
     """Add a jump of the lateral phasor to both modes; `share` of the variance to the second."""
     add_pair(f, at.Z, variance, f.rho, f.rho_var)
-    if math.isnan(f.mode.rho2.real):
-        add_pair(f, at.W, share * variance, 0j, 0.5 * ratio_power(f))
-    else:
-        add_pair(f, at.W, share * variance, f.mode.rho2, 0.0)
+    add_pair(f, at.W, share * variance, 0j, 0.5 * ratio_power(f))
 
 
 @compiled_part
@@ -242,20 +242,18 @@ def lateral_density(f: at.Filter) -> float:
 @compiled_part
 def doubt_second(f: at.Filter, dt: float) -> None:
     """
-    Add what dt seconds make unknown of a second mode whose eigenvalue is only guessed.
+    Add what dt seconds make unknown of the second mode, whose eigenvalue is only guessed.
 
-    A wrong eigenvalue, by d = M_STD2 |eigenvalue|, leaves an error that grows by d w a second.
+    A wrong eigenvalue, by d = SECOND_STD |SECOND|, leaves an error that grows by d w a second.
     Spread over the life of the power |w|^2, 1/(2 decay), that is white noise of the density
     |d w|^2/(2 decay). The power counted dies from the last kick on, as the slowest likely
     decay has it, so that what noise makes of the mode does not keep it alive.
     """
     x, P = f.x, f.P
-    std, decay = f.mode.std2, f.mode.decay2
-    if std == 0.0 or f.coordinates[0].second_left + f.coordinates[1].second_left == 0.0:
+    if f.coordinates[0].second_left + f.coordinates[1].second_left == 0.0:
         return
-    omega = f.mode.omega2
-    grown = 0.5 * std * std * (decay * decay + omega * omega) / (2.0 * decay) * dt
-    kept = math.exp(-2.0 * (1.0 - std) * decay * dt)
+    grown = 0.5 * (SECOND_STD * abs(SECOND)) ** 2 / (-2.0 * SECOND.real) * dt
+    kept = math.exp(2.0 * (1.0 - SECOND_STD) * SECOND.real * dt)
     for c in range(2):
         i = at.W + 2 * c
         power = x[i] ** 2 + x[i + 1] ** 2 + P[i, i] + P[i + 1, i + 1]
@@ -334,12 +332,12 @@ def aim(f: at.Filter, k: int) -> None:
     f.row.count = 2 * f.line_count
     reads(f, at.BIAS + k, 1.0)
     z, w = at.Z + 2 * sensor.coordinate, at.W + 2 * sensor.coordinate
-    pole, fast = complex(x[at.GROWTH], x[at.OMEGA]), complex(-f.mode.decay2, f.mode.omega2)
+    pole = complex(x[at.GROWTH], x[at.OMEGA])
     # v^d, its derivative with respect to v, and the same power of the second mode's.
     power, slope, second = complex(sensor.unit), 0j, complex(sensor.unit)
     for _ in range(sensor.derivative):
         slope = pole * slope + power
-        power, second = pole * power, fast * second
+        power, second = pole * power, SECOND * second
     scale = 1.0 + 0j
     if sensor.scale >= 0:
         scale += complex(x[sensor.scale], x[sensor.scale + 1])

@@ -16,8 +16,8 @@ Acceleration, or another derivative n of such a signal, with s + i omega = v:
   through the complex ratio of the mode shape; the ratio is learnt, or given. So the
   process noise, and the opening of the covariance by a kick, are of rank one along
   (1, ratio), but for the uncertainty of the ratio.
-- w_k the second mode, a phasor that decays. A kick excites both. Where its frequency and
-  decay are only guessed, what they may be off by is process noise (`doubt_second`).
+- w_k the second mode, a phasor that decays. A kick excites both. Its frequency and decay are
+  guessed, and what they may be off by is process noise (`doubt_second`).
 - roughness_k = sum over the known lines of c cos(n th) + s sin(n th), th the roller angle and n
   the order of the line, which need not be a whole number. Where th is not the angle of the
   shaft the line comes from but only near it (a speed that was integrated, a wheel that

@@ -58,15 +58,11 @@ class Settings:
 
 
 class Mode:
-    """What the table of modes says at the present speed and amplitude."""
+    """What the table of the mode says at the present speed and amplitude."""
 
     omega: float
     rho: complex  # ratio that is given; NaN: none
     rho_std: float  # relative
-    omega2: float  # second mode
-    decay2: float
-    rho2: complex
-    std2: float  # relative, of its eigenvalue
 
 
 class Line:

@@ -211,15 +211,14 @@ def between(grid: _F, value: float) -> tuple[int, int, float]:
 def put_in_force(f: at.Filter, modes: _F) -> None:
     """Interpolate the table of modes in speed and amplitude; it is held at its ends."""
     i, j, share = between(modes[:, 0, 0], f.speed)
-    p, q, part = between(modes[0, :, 8], lateral_amplitude(f) if modes.shape[1] > 1 else 0.0)
+    p, q, part = between(modes[0, :, 4], lateral_amplitude(f) if modes.shape[1] > 1 else 0.0)
     row = np.empty(modes.shape[2])
     for c in range(row.size):
         low = modes[i, p, c] + share * (modes[j, p, c] - modes[i, p, c])
         high = modes[i, q, c] + share * (modes[j, q, c] - modes[i, q, c])
         row[c] = low + part * (high - low)
     f.mode.omega, f.mode.rho = row[1], complex(row[2], row[3])
-    f.mode.omega2, f.mode.decay2, f.mode.rho2 = row[4], row[5], complex(row[6], row[7])
-    f.mode.rho_std, f.mode.std2 = row[9], row[10]
+    f.mode.rho_std = row[5]
     ratio_in_force(f)
 
 
