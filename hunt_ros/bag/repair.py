@@ -24,14 +24,14 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from hunt_ros.bag.bag_writer import FileEntry, folder_metadata, offered_qos
-from hunt_ros.bag.blocks import Places, expand_messages, expand_zstd, is_compressed
+from hunt_ros.bag.blocks import Places, expand_zstd, is_compressed
 from hunt_ros.bag.cdr.message_types import definition_text
 from hunt_ros.bag.mcap import records as rec
 from hunt_ros.bag.mcap.file import McapFile
 from hunt_ros.bag.mcap.layout import IMPOSSIBLE, Layout, walked_places
 from hunt_ros.bag.mcap.writer import McapWriter
 from hunt_ros.bag.reader import ACTIVE, Bag, folder_files, open_storage
-from hunt_ros.bag.sqlite_file import SALVAGE_HINT, SqliteFile
+from hunt_ros.bag.sqlite_file import SALVAGE_HINT
 from hunt_ros.errors import BagError
 
 
@@ -127,10 +127,9 @@ def _repair_files(files: Sequence[Path], active: Path, report: Repair) -> None:
             with tempfile.TemporaryDirectory(prefix='hunt_ros_repair_') as scratch:
                 storage = open_storage(file, Path(scratch), partial=True)
                 with closing(storage), closing(McapWriter(copy)) as writer:
-                    if isinstance(storage, McapFile):
-                        _copy_mcap(storage, writer, found)
-                    else:
-                        _copy_sqlite(storage, writer, found)
+                    if not isinstance(storage, McapFile):
+                        raise BagError(f'{file}: is SQLite, expected MCAP ({SALVAGE_HINT})')
+                    _copy_mcap(storage, writer, found)
                     writer.finish()
         except BagError as error:
             report.problems.append(str(error))
@@ -226,28 +225,6 @@ def _is_packed(layout: Layout, key: int, data: NDArray[np.uint8], places: Places
     if layout.channels[key].message_encoding != 'cdr' or not places.starts.size:
         return False
     return is_compressed(data[places.starts[0] :][:4].tobytes())
-
-
-def _copy_sqlite(storage: SqliteFile, writer: McapWriter, report: Repair) -> None:
-    """Copy the messages of an SQLite file, as far as it can be read."""
-    topics = {topic.id: topic for topic in storage.topics}
-    keys = {topic: number for number, topic in enumerate(topics, 1)}
-    for key, topic in topics.items():
-        kind = topic.type_hash or definition_text(topic.type)[1]
-        qos = offered_qos(topic.qos)
-        writer.add_topic(topic._replace(id=keys[key], qos=qos, type_hash=kind))
-    problems = list(storage.problems)
-    try:
-        for block in storage.blocks(topics.keys(), order='id'):
-            whole = expand_messages(block, topics, storage.path)
-            for key, places in whole.places.items():
-                for log_ns, start, length in zip(*(p.tolist() for p in places), strict=True):
-                    writer.add(keys[key], log_ns, whole.data[start : start + length].tobytes())
-    except BagError as error:
-        problems.append(str(error))
-    # The name of the file is put in front by whoever has its own, not the copy's.
-    told = (text.removeprefix(f'{storage.path}: ') for text in problems)
-    report.problems += dict.fromkeys(text.removesuffix(SALVAGE_HINT) for text in told)
 
 
 def _describe(active: Path) -> Counter[str]:
