@@ -14,7 +14,6 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hunt_ros.compiled import F1, F2, compiled
 from hunt_ros.errors import ConfigError
 
 _F = NDArray[np.float64]
@@ -75,9 +74,8 @@ class HilbertEnvelope:
 
     def reset(self) -> None:
         """Forget everything seen."""
-        self._ring = np.full(self._taps.shape[1], math.nan)
-        # Place in the ring, values missing in a row, last value, its slope.
-        self._memory = np.array([0.0, 0.0, math.nan, 0.0])
+        self._before = np.full(self._taps.size - 1, math.nan)  # the last values, gaps bridged
+        self._missing, self._last, self._slope = 0, math.nan, 0.0
 
     @property
     def delay_s(self) -> float:
@@ -87,7 +85,7 @@ class HilbertEnvelope:
     @property
     def noise_gain(self) -> float:
         """Standard deviation of the envelope of a strong signal over that of white noise in it."""
-        return math.sqrt(0.5 * float(np.sum(self._taps**2)))
+        return math.sqrt(0.5 * float(np.sum(np.abs(self._taps) ** 2)))
 
     def gain(self, frequency_hz: ArrayLike) -> NDArray[np.float64]:
         """
@@ -104,11 +102,8 @@ class HilbertEnvelope:
             1 in the band.
         """
         turn = 2.0 * math.pi * np.asarray(frequency_hz, dtype=np.float64)[..., None] / self.rate_hz
-        taps = self._taps[0] + 1j * self._taps[1]
-        steps = np.arange(taps.size) - self._half
-        gain: NDArray[np.float64] = (
-            np.abs(np.sum(taps * np.exp(-1j * turn * steps), axis=-1)) / 2.0
-        )
+        steps = np.arange(self._taps.size) - self._half
+        gain: _F = np.abs(np.sum(self._taps * np.exp(-1j * turn * steps), axis=-1)) / 2.0
         return gain
 
     def update(self, values: ArrayLike) -> NDArray[np.float64]:
@@ -126,16 +121,37 @@ class HilbertEnvelope:
             Envelope `delay_s` before each value, in the unit of the values; NaN where
             the filter is not full or spans a gap too long to bridge.
         """
-        block = np.ascontiguousarray(values, dtype=np.float64)
-        envelope = np.empty(block.size)
-        _filter_block(block, self._taps, self._ring, self._memory, self._longest, envelope)
+        block = np.asarray(values, dtype=np.float64)
+        if not block.size:
+            return block
+        filled = self._bridged(block)
+        signal = np.concatenate([self._before, filled])
+        self._before = signal[filled.size :]
+        envelope: _F = np.abs(np.convolve(signal, self._taps, 'valid'))
         return envelope
+
+    def _bridged(self, values: _F) -> _F:
+        """Go on along the slope where values are missing; NaN in longer gaps."""
+        told = np.flatnonzero(np.isfinite(values))
+        place = np.concatenate([[-1 - self._missing], told])
+        level = np.concatenate([[self._last], values[told]])
+        slope = np.concatenate([[self._slope], np.diff(level) / np.diff(place)])
+        slope[~np.isfinite(slope)] = 0.0
+        newest = np.cumsum(np.isfinite(values))
+        missing = np.arange(values.size) - place[newest]
+        filled = np.where(
+            missing <= self._longest, level[newest] + missing * slope[newest], math.nan
+        )
+        self._missing, self._last, self._slope = int(missing[-1]), level[-1], slope[-1]
+        return filled
 
 
 @cache  # every detector has two of the same
-def _analytic_taps(count: int, rate_hz: float, low_hz: float, high_hz: float) -> _F:
+def _analytic_taps(
+    count: int, rate_hz: float, low_hz: float, high_hz: float
+) -> NDArray[np.complex128]:
     """
-    Real and imaginary taps, shape (2, count), of the best one-sided band-pass.
+    Taps, shape (count,), of the best one-sided band-pass.
 
     Weighted least squares for gain 1 in the band and 0 at negative frequencies, at 0 Hz and
     above the band, with a transition as wide as the length of the filter allows.
@@ -154,34 +170,7 @@ def _analytic_taps(count: int, rate_hz: float, low_hz: float, high_hz: float) ->
     turn = 2.0 * math.pi / rate_hz * np.outer(grid[used], np.arange(1, half + 1))
     design = np.hstack([np.ones((turn.shape[0], 1)), 2.0 * np.cos(turn), 2.0 * np.sin(turn)])
     weight = weights[used]
-    found = np.linalg.lstsq(design * weight[:, None], passed[used] * weight, rcond=1e-9)[0]
-    side = found[1 : half + 1] + 1j * found[half + 1 :]
-    taps = 2.0 * np.concatenate([np.conj(side[::-1]), found[:1], side])
-    return np.ascontiguousarray(np.stack([taps.real, taps.imag]))
-
-
-@compiled
-def _filter_block(values: F1, taps: F2, ring: F1, memory: F1, longest: int, out: F1) -> None:
-    """Fill in the envelope; short gaps are bridged along the slope, at longer ones it is NaN."""
-    size = ring.size
-    place = int(memory[0])
-    for i in range(values.size):
-        value = values[i]
-        if math.isfinite(value):
-            missing = memory[1]
-            slope = (value - memory[2]) / (missing + 1.0)
-            memory[3] = slope if math.isfinite(slope) else 0.0
-            memory[1], memory[2] = 0.0, value
-        else:
-            memory[1] += 1.0
-            value = memory[2] + memory[1] * memory[3] if memory[1] <= longest else math.nan
-        ring[place] = value
-        place = place + 1 if place + 1 < size else 0
-        re, im = 0.0, 0.0
-        for j in range(size):  # ring[place] is the oldest value
-            k = place + j
-            old = ring[k if k < size else k - size]
-            re += taps[0, size - 1 - j] * old
-            im += taps[1, size - 1 - j] * old
-        out[i] = math.sqrt(re * re + im * im)
-    memory[0] = place
+    found: _F = np.linalg.lstsq(design * weight[:, None], passed[used] * weight, rcond=1e-9)[0]
+    side = np.asarray(found[1 : half + 1] + 1j * found[half + 1 :], dtype=np.complex128)
+    taps = np.concatenate([np.conj(side[::-1]), [complex(found[0])], side])
+    return np.asarray(2.0 * taps, dtype=np.complex128)
