@@ -12,13 +12,14 @@ import math
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.estimation.spectrum import Whittle
 from hunt_ros.forecast.levels import SpeedLevel
+from hunt_ros.forecast.whittle import Whittle
 from hunt_ros.samples import NORMAL_95, Uncertain
 
 #: A fit is not refined with fewer bins than this.
@@ -165,13 +166,8 @@ def expected_periodogram(
 
 def likelihood(law: ResponseLaw, spectra: Spectra) -> Whittle:
     """Return the likelihood of a law, with its priors."""
-
-    def expected(theta: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        found = expected_periodogram(law, spectra, theta)
-        return None if found is None else found[:, None, None]
-
-    power = spectra.power[:, None, None]
-    return Whittle(expected, power, spectra.weight, law.prior_mean, law.prior_std)
+    expected = partial(expected_periodogram, law, spectra)
+    return Whittle(expected, spectra.power, spectra.weight, law.prior_mean, law.prior_std)
 
 
 def own_bins(law: ResponseLaw, spectra: Spectra, theta: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -296,7 +292,7 @@ def _covariance(law: ResponseLaw, fit: Fit) -> NDArray[np.float64]:
     """
     spectra = fit.spectra
     _, fisher, relative = likelihood(law, spectra).slopes(fit.theta)
-    derivatives, inverse = relative[:, :, 0, 0].T, np.linalg.inv(fisher)
+    derivatives, inverse = relative.T, np.linalg.inv(fisher)
     modes = law.modes(spectra.speed, fit.theta)
     assert modes is not None  # theta was fitted
     score = np.diag(law.prior_std**-2.0)
