@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import F2, R1, compiled
 from hunt_ros.identification.record.channels import Channels
 
 #: Length of the window and distance of the outputs, in cycles of the hunting mode.
@@ -38,9 +37,12 @@ _LARGE = 0.4
 _TELL = 0.35
 #: Change of ln A over a few instants below which a limit cycle counts as steady.
 _STEADY = 0.04
-#: Bias, hunting phasor and its slope; samples that a window must hold for them.
-_UNKNOWNS = 5
-FEWEST_SAMPLES = 2 * _UNKNOWNS
+#: Samples that a window must hold for bias, hunting phasor and its slope.
+FEWEST_SAMPLES = 10
+#: Least part of each that the others do not explain, of the window's weight.
+_TOLD_APART = np.array([2e-2, 2e-2, 2e-2, 2e-3, 2e-3])
+#: What a window shows that gives no value.
+_UNKNOWN = complex(math.nan, math.nan), math.nan, math.nan
 #: A window with less of its weight on samples than this gives no value.
 LEAST_WEIGHT = 0.6
 
@@ -99,83 +101,28 @@ class Envelope:
         return float(self.time[1] - self.time[0]) if self.time.size > 1 else math.nan
 
 
-@compiled
-def _local_phasors(time: R1, values: R1, phase: R1, centres: R1, half: float, out: F2) -> None:
-    """Fit each window; out rows: re, im, noise, weight, residual."""
-    count = _UNKNOWNS
-    basis = np.zeros(count)
-    matrix = np.zeros((count, count))
-    right = np.zeros(count)
-    spread = np.zeros((count, count))
-    first = 0
-    for k in range(centres.size):
-        centre = centres[k]
-        while first < time.size and time[first] < centre - half:
-            first += 1
-        matrix[:, :] = 0.0
-        spread[:, :] = 0.0
-        right[:] = 0.0
-        power = 0.0
-        seen = 0.0
-        i = first
-        while i < time.size and time[i] <= centre + half:
-            x = (time[i] - centre) / half
-            weight = 0.42 + 0.5 * math.cos(math.pi * x) + 0.08 * math.cos(2.0 * math.pi * x)
-            y = values[i]
-            if math.isfinite(y):
-                basis[0] = 1.0
-                basis[1] = math.cos(phase[i])
-                basis[2] = -math.sin(phase[i])
-                # Growth and turning within the window, so that only a jump is left over.
-                basis[3] = x * basis[1]
-                basis[4] = x * basis[2]
-                for a in range(count):
-                    right[a] += weight * basis[a] * y
-                    for b in range(a + 1):
-                        matrix[a, b] += weight * basis[a] * basis[b]
-                        spread[a, b] += weight * weight * basis[a] * basis[b]
-                power += weight * y * y
-                seen += weight
-            i += 1
-        out[k, :] = math.nan
-        out[k, 3] = seen
-        if seen <= 0.0 or i - first < FEWEST_SAMPLES:
-            continue
-        # Cholesky, in place: a window whose samples do not tell its waves apart gives no value.
-        singular = False
-        for a in range(count):
-            for b in range(a + 1):
-                value = matrix[a, b]
-                for c in range(b):
-                    value -= matrix[a, c] * matrix[b, c]
-                if a == b:
-                    if value <= (2e-3 if a == 3 or a == 4 else 2e-2) * seen:
-                        singular = True
-                        break
-                    matrix[a, a] = math.sqrt(value)
-                else:
-                    matrix[a, b] = value / matrix[b, b]
-            if singular:
-                break
-        if singular:
-            continue
-        explained = 0.0
-        for a in range(count):
-            value = right[a]
-            for c in range(a):
-                value -= matrix[a, c] * basis[c]
-            basis[a] = value / matrix[a, a]
-            explained += basis[a] * basis[a]
-        for a in range(count - 1, -1, -1):
-            value = basis[a]
-            for c in range(a + 1, count):
-                value -= matrix[c, a] * basis[c]
-            basis[a] = value / matrix[a, a]
-        out[k, 0] = basis[1]
-        out[k, 1] = basis[2]
-        left = max(power - explained, 0.0) / seen
-        out[k, 2] = math.sqrt(left * (spread[1, 1] + spread[2, 2])) / (0.5 * seen) / math.sqrt(2.0)
-        out[k, 4] = math.sqrt(left)
+def window_weight(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Blackman window over -1 to 1."""
+    weight = 0.42 + 0.5 * np.cos(np.pi * x) + 0.08 * np.cos(2.0 * np.pi * x)
+    return np.maximum(weight, 0.0)  # by rounding below 0 at its ends
+
+
+def _local_fit(
+    x: NDArray[np.float64], values: NDArray[np.float64], turning: NDArray[np.complex128]
+) -> tuple[complex, float, float]:
+    """Fit one window; return phasor, noise of one of its parts, and residual."""
+    weight = window_weight(x)
+    seen, root = float(weight.sum()), np.sqrt(weight)
+    # Growth and turning within the window are fitted too, so that only a jump is left over.
+    waves = [part for wave in (turning, x * turning) for part in (wave.real, -wave.imag)]
+    columns = np.stack([np.ones_like(x), *waves, values])
+    triangle = np.asarray(np.linalg.qr((root * columns).T, mode='r'))
+    if (np.diag(triangle)[:-1] ** 2 <= _TOLD_APART * seen).any():
+        return _UNKNOWN
+    found = np.linalg.solve(triangle[:-1, :-1], triangle[:-1, -1])
+    residual = abs(float(triangle[-1, -1])) / math.sqrt(seen)
+    noise = residual * math.sqrt(2.0 * float(weight @ weight)) / seen
+    return complex(found[1], found[2]), noise, residual
 
 
 def envelope_of(
@@ -206,13 +153,18 @@ def envelope_of(
     centres = np.arange(time[0] + half, time[-1] - half + 1e-9, step)
     increments = np.diff(time, prepend=time[0]) * frequency
     phase = 2.0 * np.pi * np.cumsum(increments)
-    out = np.empty((centres.size, 5))
-    # A thinned record is a view, and the kernel takes arrays in one piece.
-    instants, lateral = map(np.ascontiguousarray, (time, channels.lateral))
-    _local_phasors(instants, lateral, phase, centres, half, out)
+    known = np.isfinite(channels.lateral)
+    instants, values = time[known], channels.lateral[known]
+    turning = np.exp(1j * phase[known])
     # Weight of a full window, by the nominal rate: what is missing is missing from this.
     full = 0.42 * 2.0 * half * channels.rate_hz
-    out[out[:, 3] < LEAST_WEIGHT * full] = np.nan
+    fits = []
+    for centre in centres:
+        inside = slice(*np.searchsorted(instants, [centre - half, centre + half]))
+        x = (instants[inside] - centre) / half
+        filled = x.size >= FEWEST_SAMPLES and window_weight(x).sum() >= LEAST_WEIGHT * full
+        fits.append(_local_fit(x, values[inside], turning[inside]) if filled else _UNKNOWN)
+    phasor, noise, residual = np.array(fits, dtype=np.complex128).reshape(-1, 3).T
     edges = np.searchsorted(time, np.stack([centres - 0.5 * half, centres + 0.5 * half]))
     summed = np.concatenate([[0.0], np.cumsum(channels.speed)])
     spans = np.maximum(edges[1] - edges[0], 1)
@@ -223,12 +175,12 @@ def envelope_of(
         channels.source,
         channels.start_ns,
         centres,
-        out[:, 0] + 1j * out[:, 1],
+        phasor,
         speed,
         np.interp(centres, time, power),
-        out[:, 2],
+        noise.real,
         np.interp(centres, time, frequency),
-        out[:, 4],
+        residual.real,
         np.interp(centres, time, phase),
         np.interp(centres, time, channels.roller) if lines else np.full(centres.size, np.nan),
     )

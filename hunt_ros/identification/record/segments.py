@@ -31,7 +31,7 @@ from hunt_ros.analysis.steady_state import (
 )
 from hunt_ros.estimation.spectrum import without_lines
 from hunt_ros.identification.record.channels import Channels
-from hunt_ros.identification.record.envelope import WINDOW_CYCLES, Envelope
+from hunt_ros.identification.record.envelope import WINDOW_CYCLES, Envelope, window_weight
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import key
 
@@ -505,7 +505,7 @@ def step_ratio(channels: Channels, envelope: Envelope, k: int) -> float:
     if y.size < 2 * (_SMOOTH_ORDER + 1) + 6:
         return -math.inf
     x = (time - envelope.time[k]) / half
-    root = np.sqrt(0.42 + 0.5 * np.cos(np.pi * x) + 0.08 * np.cos(2.0 * np.pi * x))
+    root = np.sqrt(window_weight(x))
     turning = np.exp(2j * np.pi * envelope.frequency[k] * (time - envelope.time[k]))
     growth = [x**n * turning for n in range(_SMOOTH_ORDER + 1)]
 
