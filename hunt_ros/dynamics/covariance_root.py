@@ -37,5 +37,7 @@ def inverse_of(information: NDArray[np.float64]) -> NDArray[np.float64]:
     size = np.sqrt(np.maximum(np.diag(information), 0.0))
     unit = np.where(size > 0.0, size, 1.0)
     scaled = np.linalg.pinv(information / np.outer(unit, unit), rcond=1e-13, hermitian=True)
-    inverse: NDArray[np.float64] = scaled / np.outer(unit, unit)
+    # Exactly: an eigenvector of a zero may have traces of the others.
+    varied = (size > 0.0).astype(np.float64)
+    inverse: NDArray[np.float64] = scaled * np.outer(varied / unit, varied / unit)
     return inverse

@@ -52,12 +52,9 @@ from hunt_ros.identification.record.segments import Run
 from hunt_ros.identification.record.turning import lines_above
 from hunt_ros.identification.result import Identification
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.identification.uncertainty import ENOUGH_RUNS
 from hunt_ros.identification.verdict.verdict import Evidence, conclude
-from hunt_ros.samples import Record, counted
+from hunt_ros.samples import Record
 
-#: Length of the blocks of a run that stand in for runs, s.
-_BLOCK_S = 15.0
 #: Share of the work that is done when all is read, when the envelopes are seen, and when the fit
 #: stands.
 _READ, _SEEN, _FITTED = 0.3, 0.6, 0.8
@@ -115,11 +112,6 @@ def identify(
             warnings,
             lambda part: tell(_READ + (_SEEN - _READ) * part),
         )
-        if len(runs) < ENOUGH_RUNS:
-            warnings.append(
-                f'{counted(len(runs), "independent run")}, fewer than {ENOUGH_RUNS}:'
-                f' the intervals rest on blocks of {_BLOCK_S:g} s'
-            )
         states = [state for run in runs for state in run.states]
         bracket = bracket_of([run.seen for run in runs], [run.kicked for run in runs])
         kicks = [*bracket.kicks, *(kick for run in runs for kick in run.kicks)]
@@ -336,17 +328,11 @@ def _path(
     """Put all envelopes in a row, in the units of the fit."""
     speed = np.concatenate([run.envelope.speed for run in runs])
     phasor: list[NDArray[np.complex128]] = []
-    restart, clusters, count = [], [], 0
+    restart = []
     for run in runs:
-        time = run.envelope.time
-        restart.append(np.arange(time.size) == 0)
+        restart.append(np.arange(run.envelope.time.size) == 0)
         # A kick begins a new segment, as a gap does.
         phasor.append(np.where(run.kicked, np.nan, run.corrected.phasor))
-        block = np.zeros(time.size, dtype=np.int64)
-        if len(runs) < ENOUGH_RUNS:
-            block = ((time - time[0]) / _BLOCK_S).astype(np.int64)
-        clusters.append(block + count)
-        count += int(block.max()) + 1
     joined = np.concatenate(phasor)
     scales = GrowthScales(
         speed=float(np.median(speed)),
@@ -361,7 +347,6 @@ def _path(
         u=speed / scales.speed - 1.0,
         phasor=np.asarray(joined / scales.amplitude, dtype=np.complex128),
         restart=np.concatenate(restart),
-        cluster=np.concatenate(clusters),
         blur=WINDOW_VARIANCE * half**2,
         reach=WINDOW_REACH * half,
         overlap=WINDOW_OVERLAP,

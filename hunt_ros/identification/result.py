@@ -93,8 +93,6 @@ class FitSummary:
     initial_amplitudes : int
         Stretches of the envelope with an initial amplitude of their own: one more behind
         every gap and kick.
-    clusters : int
-        Independent runs or blocks behind the intervals.
     residual_rms : float
         Of the one-step prediction of the amplitude, m.
     lack_of_fit : bool
@@ -116,7 +114,6 @@ class FitSummary:
     why: str
     segments: int
     initial_amplitudes: int
-    clusters: int
     residual_rms: float = field(metadata=key('residual_rms_m'))
     lack_of_fit: bool
     lack_of_fit_because: Sequence[str]

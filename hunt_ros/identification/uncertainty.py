@@ -1,9 +1,4 @@
-"""
-Intervals: cluster-robust variances, draws of laws, and numbers made of draws.
-
-The residuals of one run hang together, so that variances that count samples are too
-small. The sandwich of scores summed over runs (or blocks of a run) does not care how.
-"""
+"""Intervals: the covariance of the law, draws of laws, and numbers made of draws."""
 
 from __future__ import annotations
 
@@ -22,8 +17,8 @@ from hunt_ros.identification.likelihood.trajectory_fit import TrajectoryFit
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import NORMAL_95, Uncertain
 
-#: With fewer independent runs than this blocks of a run stand in for runs, and it is said.
-ENOUGH_RUNS = 8
+#: Degrees of freedom of the variances: the noise is found beside the law, and its model is one.
+_DEGREES = 12.0
 #: Spread of the speeds of recordings, relative, from which their number is that of the degrees
 #: of freedom.
 _APART = 1e-3
@@ -63,61 +58,30 @@ class Covariance:
         return float(stats.t.ppf(0.975, self.degrees))
 
 
-def robust_covariance(fit: TrajectoryFit, runs: int) -> Covariance:
+def law_covariance(fit: TrajectoryFit) -> Covariance:
     """
-    Cluster-robust covariance of the growth law, never below the model's own.
+    Covariance of the growth law by the information of its fit.
 
     Parameters
     ----------
     fit : TrajectoryFit
-        With its scores by cluster.
-    runs : int
-        Independent runs among the clusters; with fewer than `ENOUGH_RUNS` the blocks of
-        a run stand in for runs.
+        At a maximum.
 
     Returns
     -------
     Covariance
-
-    References
-    ----------
-    Cameron, A. C., Miller, D. L. (2015), J. Human Resources 50, 317-372, Sects. II, VI.
     """
     if not np.isfinite(fit.information).all():
         # A law that ran away says nothing: so wide that every guard sees it.
         return Covariance(1e6 * np.eye(TERMS), 2.0, math.inf)
-    inverse = inverse_of(fit.information)
-    active = np.flatnonzero(np.abs(fit.scores).sum(axis=1) > 0.0)
-    count = active.size
-    covariance = np.asarray(inverse[:TERMS, :TERMS], dtype=np.float64)
-    if count > 1:
-        scores = fit.scores[active]
-        scores = scores - scores.mean(axis=0)
-        meat = scores.T @ scores * count / (count - 1)
-        covariance = _no_less(np.asarray((inverse @ meat @ inverse)[:TERMS, :TERMS]), covariance)
-    degrees = float(max(count - 1, 2))
-    if runs < ENOUGH_RUNS:
-        degrees = min(degrees, 12.0)
+    covariance = np.asarray(inverse_of(fit.information)[:TERMS, :TERMS], dtype=np.float64)
+    degrees = _DEGREES
     if fit.spread[1:3].max() > _APART:
         degrees = min(degrees, float(max(len(fit.own) - 1, 2)))
     paper = fit.information[:PAPER_TERMS, :PAPER_TERMS]
     diagonal = np.sqrt(np.maximum(np.diag(paper), 1e-300))
     scaled = paper / np.outer(diagonal, diagonal)
     return Covariance(covariance, degrees, float(np.linalg.cond(scaled)))
-
-
-def _no_less(robust: NDArray[np.float64], plain: NDArray[np.float64]) -> NDArray[np.float64]:
-    """
-    Widen a covariance until it is in no direction narrower than another.
-
-    Few clusters leave the robust one too narrow along some directions, by chance.
-    """
-    root = covariance_root(plain)
-    inverse_root = np.linalg.pinv(root, rcond=1e-9)
-    values, vectors = np.linalg.eigh(inverse_root @ robust @ inverse_root.T)
-    wide = root @ vectors
-    covariance: NDArray[np.float64] = (wide * np.maximum(values, 1.0)) @ wide.T
-    return covariance
 
 
 def critical_speed_bound(fitted: FittedLaw) -> float:
@@ -150,7 +114,6 @@ def critical_speed_bound(fitted: FittedLaw) -> float:
 def draw_laws(
     laws: Sequence[FittedLaw],
     settings: IdentificationSettings,
-    runs: int,
     stretch: float = 1.0,
     admissible: Callable[[GrowthLaw], bool] | None = None,
 ) -> tuple[NDArray[np.float64], float]:
@@ -163,8 +126,6 @@ def draw_laws(
         With their weights.
     settings : IdentificationSettings
         For the seed, and how well the scale of the speed is known.
-    runs : int
-        Independent runs.
     stretch : float
         Further factor on all deviations, for a law that does not fit.
     admissible : callable, optional
@@ -184,7 +145,7 @@ def draw_laws(
     for number, one in enumerate(kept):
         share = max(round(_DRAWS * one.weight / total), 1)
         wanted = len(drawn) + share
-        covariance = robust_covariance(one.fit, runs)
+        covariance = law_covariance(one.fit)
         root = covariance_root(covariance.matrix)
         generator = np.random.default_rng([settings.seed, number])
         normal = generator.standard_normal((_TRIES * share, TERMS))

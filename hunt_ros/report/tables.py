@@ -227,7 +227,6 @@ def fit_quality(one: Identification) -> str:
         'segments used': shown(fit.segments),
         'stretches with an initial amplitude of their own': shown(fit.initial_amplitudes),
         'fit has converged': 'yes' if fit.converged else 'no',
-        'independent runs or blocks behind the intervals': shown(fit.clusters),
         'residual, rms (µm)': shown(
             _known(one, fit.residual_rms, 'fit.residual_rms_m'), 1e6, digits=2
         ),

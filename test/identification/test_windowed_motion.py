@@ -44,7 +44,6 @@ def damping_found(lateral: np.ndarray) -> float:
         np.zeros(n),
         envelope.phasor / UNIT,
         np.arange(n) == 0,
-        np.zeros(n, dtype=np.int64),
         blur=WINDOW_VARIANCE * half**2,
         reach=WINDOW_REACH * half,
         overlap=WINDOW_OVERLAP,

@@ -51,8 +51,6 @@ class Path:
         z / A_ref; NaN where nothing was measured.
     restart : ndarray of bool, shape (n,)
         True where a run begins.
-    cluster : ndarray of int, shape (n,)
-        Run or block each instant belongs to, 0-based, for robust variances.
     blur : float
         Variance of the window in which each phasor was measured, s^2.
     reach : float
@@ -69,7 +67,6 @@ class Path:
     u: NDArray[np.float64]
     phasor: NDArray[np.complex128]
     restart: NDArray[np.bool_]
-    cluster: NDArray[np.int64]
     blur: float = 0.0
     reach: float = 0.0
     overlap: float = 0.0
@@ -88,7 +85,6 @@ class Path:
                 self.u[a:b],
                 self.phasor[a:b],
                 self.restart[a:b],
-                self.cluster[a:b],
                 self.blur,
                 self.reach,
                 self.overlap,
@@ -96,11 +92,6 @@ class Path:
             )
             for a, b in itertools.pairwise(edges.tolist())
         ]
-
-    @property
-    def clusters(self) -> int:
-        """Number of clusters."""
-        return int(self.cluster.max()) + 1 if self.cluster.size else 0
 
     @cached_property
     def starts(self) -> NDArray[np.bool_]:

@@ -3,9 +3,8 @@ The fit: maximum likelihood of the measured paths, by Fisher scoring.
 
 With negligible process noise it is the trajectory fit by nonlinear least squares. Recordings of
 one rig differ: each has a gain, a scale of the speed, a critical speed, forcing and noise of its
-own, whose spread is learnt from them (`learnt`). What is kept of them beside their values is what
-they leave known of the law: its information, and the scores of each cluster, from which robust
-variances come.
+own, whose spread is learnt from them (`learnt`). What is kept of them beside their values is the
+information that they leave on the law.
 """
 
 from __future__ import annotations
@@ -88,8 +87,6 @@ class TrajectoryFit:
         Law, then the noise as in `path_likelihood.innovations`.
     information : ndarray, shape (16, 16)
         Fisher information, with the priors; what the recordings have of their own is unknown.
-    scores : ndarray, shape (clusters, 16)
-        Gradient of the log likelihood of each cluster at `theta`, in the same sense.
     log_likelihood : float
         With the priors, and the mean over what the recordings have of their own.
     innovations : ndarray, shape (n, 4)
@@ -108,7 +105,6 @@ class TrajectoryFit:
 
     theta: NDArray[np.float64]
     information: NDArray[np.float64]
-    scores: NDArray[np.float64]
     log_likelihood: float
     innovations: NDArray[np.float64]
     iterations: int
@@ -168,15 +164,14 @@ class _Expansion:
     """
     The log likelihood about a point.
 
-    `gradient` and `information` are those of the law alone, `scores` what each cluster adds to
-    the gradient; `own_slope` and `own_block` (its prior in it) and `cross` are those of what the
-    recordings have of their own, by which they were reduced.
+    `gradient` and `information` are those of the law alone; `own_slope` and `own_block` (its
+    prior in it) and `cross` are those of what the recordings have of their own, by which they were
+    reduced.
     """
 
     value: float
     gradient: Array
     information: Array
-    scores: Array
     innovations: Array
     derivative: Array
     own_slope: Array
@@ -250,9 +245,8 @@ class _Problem:
         return self.value(theta, own, np.concatenate(parts))
 
     def expand(self, theta: Array, own: Array) -> _Expansion:
-        """Value, gradient, expected information and scores by cluster."""
+        """Value, gradient, and expected information."""
         n, parts = theta.size, self.path.recordings
-        scores = np.zeros((self.path.clusters, n))
         gradient, information = np.zeros(n), np.zeros((n, n))
         base, derivative = [], []
         slopes, blocks = np.zeros((len(parts), _OWN)), np.tile(np.eye(_OWN), (len(parts), 1, 1))
@@ -263,20 +257,18 @@ class _Problem:
             way[:, :n] *= self.varied
             # Chain rule on the sums over windows: what a window says is never widened itself.
             e, d_e, d_l = out[:, :2], by_read[..., :2], by_read[..., 2:]
-            point = (-np.einsum('jnc,nc->nj', d_e, e) - 0.5 * d_l.sum(axis=2).T) @ way
+            point = (-np.einsum('jnc,nc->j', d_e, e) - 0.5 * d_l.sum(axis=(1, 2))) @ way
             mean = (d_e + 0.5 * e[None] * d_l).reshape(n, -1)
             wide = d_l.reshape(n, -1)
             with np.errstate(over='ignore', invalid='ignore'):  # of a law that runs away
                 whole = way.T @ (mean @ mean.T + 0.5 * wide @ wide.T) @ way
             lean = np.zeros((n, _OWN))
             if self.differ:
-                slopes[r] = point[:, n:].sum(axis=0) - one / self.spread**2
+                slopes[r] = point[n:] - one / self.spread**2
                 blocks[r] = whole[n:, n:] + np.diag(self.spread**-2)
                 cross[r] = whole[:n, n:]
                 lean = _solved(blocks[r], cross[r].T).T
-            reduced = point[:, :n] - point[:, n:] @ lean.T
-            np.add.at(scores, part.cluster, reduced)
-            gradient += point[:, :n].sum(axis=0) - lean @ slopes[r]
+            gradient += point[:n] - lean @ slopes[r]
             information += whole[:n, :n] - lean @ cross[r].T
             base.append(out)
             derivative.append(np.tensordot(way[:, :n].T, d_e, axes=1))
@@ -301,7 +293,6 @@ class _Problem:
             value,
             gradient,
             information,
-            scores,
             joined,
             np.concatenate(derivative, axis=1),
             slopes,
@@ -456,7 +447,6 @@ def fit_path(
     return TrajectoryFit(
         theta,
         current.information,
-        current.scores,
         -current.value - unknown,
         current.innovations,
         count,

@@ -36,7 +36,7 @@ from hunt_ros.identification.uncertainty import (
     EXISTS,
     critical_speed_bound,
     draw_laws,
-    robust_covariance,
+    law_covariance,
 )
 from hunt_ros.identification.verdict.lack_of_fit import (
     LackOfFit,
@@ -172,9 +172,7 @@ def conclude(
     lacks = [failed[name] for name in ('fits', 'believed', 'agree') if name in failed]
     # A misfit is a systematic error, in its proportion.
     stretch = 1.0 + (min(misfit.share / 0.01, 10.0) if lacks else 0.0)
-    drawn, rejected = draw_laws(
-        evidence.laws, settings, len(evidence.runs), stretch, _admissible(evidence)
-    )
+    drawn, rejected = draw_laws(evidence.laws, settings, stretch, _admissible(evidence))
     if rejected > _MANY:
         warnings.append(
             f'{100.0 * rejected:.0f} % of the laws around the fit are of no rig, or contradict'
@@ -344,7 +342,7 @@ def _unsupported(
     failed: dict[str, str] = {}
     speed = float(np.median(evidence.along('speed')))
     if not high - low > _ONE_SPEED * speed:
-        growth = _growth_there(best, speed, len(evidence.runs))
+        growth = _growth_there(best, speed)
         failed['speeds'] = (
             f'one speed only ({speed:.3g} m/s; {growth}): v_c and the coefficients cannot be known'
         )
@@ -409,11 +407,11 @@ def _spread(forms: Sequence[NormalForm | None], name: str) -> tuple[float, float
     return float(middle), 0.5 * float(high - low)
 
 
-def _growth_there(best: FittedLaw, speed: float, runs: int) -> str:
+def _growth_there(best: FittedLaw, speed: float) -> str:
     """Linear growth rate at one speed, where the motion shows its sign; or that it does not."""
     u = float(best.law.detuning(speed))
     rate, slopes = float(best.law.linear(best.law.detuning(speed))), best.law.linear_terms(u)
-    variance = float(slopes @ robust_covariance(best.fit, runs).matrix @ slopes)
+    variance = float(slopes @ law_covariance(best.fit).matrix @ slopes)
     if not variance < (_VAGUE * rate) ** 2:
         return 'this motion does not show its linear growth rate'
     return f'linear growth rate {rate:.2g} +/- {math.sqrt(variance):.1g} 1/s'
@@ -537,13 +535,12 @@ def _summary(evidence: Evidence, misfit: LackOfFit, lacks: Sequence[str]) -> Fit
         why=f"share of the evidence: the paper's form {paper:.2g}, further terms {1 - paper:.2g}",
         segments=sum(segment.used for segment in evidence.segments),
         initial_amplitudes=int(best.path.starts.sum()),
-        clusters=best.path.clusters,
         residual_rms=best.law.scales.amplitude * rms,
         lack_of_fit=bool(lacks),
         lack_of_fit_because=tuple(lacks),
         lack_of_fit_p=misfit.p,
         converged=best.fit.converged,
-        condition_number=robust_covariance(best.fit, len(evidence.runs)).condition_number,
+        condition_number=law_covariance(best.fit).condition_number,
         v_c_bound=critical_speed_bound(best),
     )
 

@@ -31,8 +31,7 @@ def found(seed: int, seconds: float) -> tuple[float, float]:
     z = [forced(rng, seconds), forced(rng, 500.0)]
     u = np.concatenate([np.full(part.size, 0.3 * k) for k, part in enumerate(z)])
     time = np.concatenate([np.arange(part.size) * STEP for part in z])
-    zero = np.zeros(u.size, dtype=np.int64)
-    path = Path(time, u, np.concatenate(z), time == 0.0, zero)
+    path = Path(time, u, np.concatenate(z), time == 0.0)
     start = np.array([*lawful([-0.3, *np.zeros(5)]), 0, 0, 2 * np.log(FORCING), -18.0, -18.0])
     fit = fit_path(path, start, PRIOR)
     return -float(fit.theta[0]), -float(fit.law[0])

@@ -33,7 +33,6 @@ def path_of(speed: float, start: float, step: float = 0.5, count: int = 60) -> P
         u=np.full(n, speed / SCALES.speed - 1.0),
         phasor=np.array(values) / SCALES.amplitude * np.exp(0.7j),
         restart=restart,
-        cluster=np.zeros(n, dtype=np.int64),
     )
 
 
@@ -78,7 +77,7 @@ def test_innovations_are_white_and_of_unit_variance_under_the_true_law():
     seen = z + noise * (rng.standard_normal((n, 2)) @ np.array([1.0, 1.0j]))
     restart = np.zeros(n, dtype=bool)
     restart[0] = True
-    path = Path(np.arange(n) * step, np.zeros(n), seen, restart, np.zeros(n, dtype=np.int64))
+    path = Path(np.arange(n) * step, np.zeros(n), seen, restart)
     logs = [2 * np.log(forcing), 2 * np.log(noise), -40.0]
     theta = np.array([*lawful([-damping, 0, 0, 0, 0, 0]), 0, 0, *logs])
     out = innovations(theta, path)[10:, :2]
@@ -99,7 +98,6 @@ def test_noise_shared_by_overlapping_windows_is_told_from_motion():
         np.zeros(n),
         seen,
         restart,
-        np.zeros(n, dtype=np.int64),
         overlap=shared / (1.0 + shared**2),
     )
     theta = np.array([*lawful(np.zeros(6)), 0, 0, -32.0, 2 * np.log(noise), -32.0])
@@ -132,7 +130,6 @@ def test_a_line_beside_hunting_acts_in_the_likelihood_as_in_the_law(more, felt):
         np.full(n, speed / SCALES.speed - 1.0),
         amplitude / SCALES.amplitude + 0j,
         restart,
-        np.zeros(n, dtype=np.int64),
         line=np.full(n, line / SCALES.amplitude**2),
     )
     out = innovations(np.concatenate([p, QUIET]), path)
@@ -179,7 +176,6 @@ def test_the_derivatives_are_those_of_the_innovations():
         0.1 * np.sin(np.arange(n) / 15.0),
         phasor,
         restart,
-        np.zeros(n, dtype=np.int64),
         blur=0.03,
         reach=0.2,
         overlap=0.09,
