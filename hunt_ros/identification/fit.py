@@ -28,7 +28,6 @@ from hunt_ros.dynamics.growth_law import (
     lawful,
 )
 from hunt_ros.dynamics.normal_form import NormalForm
-from hunt_ros.identification.likelihood.integral_fit import integral_start
 from hunt_ros.identification.likelihood.path_likelihood import NOISE_TERMS, Path
 from hunt_ros.identification.likelihood.trajectory_fit import (
     LawPrior,
@@ -88,7 +87,6 @@ def fit_laws(
     scales: GrowthScales,
     settings: IdentificationSettings,
     v_c: float | None,
-    floor: float,
 ) -> list[FittedLaw]:
     """
     Fit the law to a path under each scale of its departure from the paper's form.
@@ -103,8 +101,6 @@ def fit_laws(
         For what is known from elsewhere.
     v_c : float or None
         Observed critical speed, as a start only, m/s.
-    floor : float
-        Amplitude below which motion is noise, in units of A_ref.
 
     Returns
     -------
@@ -114,7 +110,7 @@ def fit_laws(
     """
     priors = priors_of(scales, settings)
     line = path.line is not None and bool(np.any(path.line > 0.0))
-    fit, path = _fit_paper(path, scales, priors, v_c, floor, line)
+    fit, path = _fit_paper(path, scales, priors, v_c, line)
     size = fit.theta[:PAPER_TERMS]
     fitted = []
     for departure in DEPARTURES:
@@ -159,7 +155,6 @@ def _fit_paper(
     scales: GrowthScales,
     priors: Sequence[Prior],
     v_c: float | None,
-    floor: float,
     line: bool,
 ) -> tuple[TrajectoryFit, Path]:
     """Fit the paper's form from several starts; break the path where a step was."""
@@ -170,7 +165,7 @@ def _fit_paper(
     noise = np.log([max(0.3 * usual / step, 1e-12), max(0.3 * usual, 1e-12), 1e-3])
     # From broad to narrow: under little noise the hills are too steep to find the highest.
     noise = np.concatenate([[0.0, 0.0], np.maximum(noise, _BROAD)])
-    laws = [integral_start(path, floor, scales.fastest_rate), *_templates(path, scales, v_c)]
+    laws = _templates(path, scales, v_c)
     starts = [
         fit_path(path, np.concatenate([lawful(law), noise]), prior, priors, 8) for law in laws
     ]
@@ -190,18 +185,19 @@ def _fit_paper(
 
 def _templates(path: Path, scales: GrowthScales, v_c: float | None) -> list[NDArray[np.float64]]:
     """
-    Laws of the usual shapes at the observed speeds, as further starts.
+    Laws of the usual shapes at the observed speeds, as starts.
 
-    The likelihood has more than one hill; which is the highest, the data decide.
+    The likelihood has more than one hill; which is the highest, the data decide, and from one side
+    a hill is climbed that is not from the other.
     """
     rate = scales.frequency_hz * scales.time_scale
     big = rate / scales.ratio
     speed = v_c or float(scales.speed * (1.0 + np.quantile(path.u, 0.75)))
 
-    def form(D1: float, D4: float, D15: float) -> NormalForm:
+    def form(part: float, D4: float, D15: float) -> NormalForm:
         return NormalForm(
-            critical_speed=speed,
-            D1=D1,
+            critical_speed=part * speed,
+            D1=rate,
             D4=D4,
             D7=0.0,
             D10=0.0,
@@ -211,7 +207,8 @@ def _templates(path: Path, scales: GrowthScales, v_c: float | None) -> list[NDAr
             frequency_hz=scales.frequency_hz,
         )
 
-    forms = [form(rate, big, -big / scales.ratio), form(rate, -big, 0.0)]
+    shapes = [(big, -big / scales.ratio), (-big, 0.0)]
+    forms = [form(part, *shape) for part in (0.9, 1.0, 1.1) for shape in shapes]
     return [from_normal_form(one, scales) for one in forms]
 
 

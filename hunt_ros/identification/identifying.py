@@ -120,7 +120,7 @@ def identify(
             amplitude = np.concatenate([run.envelope.amplitude for run in runs])
             observed = replace(observed, threshold=hunting_threshold(amplitude))
         path, scales = _path(runs, frequency, settings)
-        laws = fit_laws(path, scales, settings, observed.v_c, _floor(path))
+        laws = fit_laws(path, scales, settings, observed.v_c)
         tell(_FITTED)
         evidence = Evidence(laws, runs, bracket, observed, _records(recordings))
         result = conclude(evidence, settings, warnings)
@@ -371,13 +371,3 @@ def _line(envelope: Envelope) -> NDArray[np.float64]:
     filled = np.interp(np.arange(power.size), np.flatnonzero(known), power[known])
     smooth: NDArray[np.float64] = median_filter(filled, size=_LINE_SPAN, mode='nearest')
     return smooth
-
-
-def _floor(path: Path) -> float:
-    """Amplitude below which motion is noise, in units of A_ref: twice the quiet one's median."""
-    amplitude = np.abs(path.phasor)
-    known = amplitude[np.isfinite(amplitude)]
-    threshold = hunting_threshold(known)
-    if threshold is None:
-        return 0.1 * float(np.median(known))
-    return 2.0 * float(np.median(known[known <= threshold]))

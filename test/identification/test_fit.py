@@ -36,7 +36,7 @@ def runs_of(records, settings) -> list[Run]:
 def fitted(records):
     runs = runs_of(records['trajectories'], SETTINGS)
     path, scales = _path(runs, 2.835, SETTINGS)
-    return fit_laws(path, scales, SETTINGS, None, 0.02), runs
+    return fit_laws(path, scales, SETTINGS, None), runs
 
 
 def test_the_law_that_made_the_data_has_the_most_evidence(fitted):
@@ -104,7 +104,7 @@ def test_recordings_with_gains_of_their_own_give_the_law_of_all(fitted):
     assert (alike.spread[:3] < 2e-3).all()
     odd = path.recording % 2 == 1
     mixed = replace(path, phasor=np.where(odd, 1.02, 1.0) * path.phasor)
-    found = fit_laws(mixed, scales, SETTINGS, None, 0.02)[0]
+    found = fit_laws(mixed, scales, SETTINGS, None)[0]
     gain = found.fit.own[:, 0]
     # Those that reach the limit cycle tell their gain, the others nothing.
     assert 0.5 * np.log(1.02) < np.mean(gain[1::2]) - np.mean(gain[::2]) < 1.1 * np.log(1.02)
@@ -221,7 +221,7 @@ def test_the_evidence_does_not_hang_on_the_unit_of_time(fitted):
     # The same motion ten times slower: its rates have another size, its departure has none.
     path = replace(path, time=10.0 * path.time, blur=100.0 * path.blur, reach=10.0 * path.reach)
     scales = replace(scales, time_scale=10.0 * scales.time_scale, frequency_hz=0.1 * 2.835)
-    slow = fit_laws(path, scales, SETTINGS, None, 0.02)
+    slow = fit_laws(path, scales, SETTINGS, None)
 
     def evidence(fits):
         """Log evidence of each departure less that of none."""
