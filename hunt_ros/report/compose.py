@@ -22,7 +22,6 @@ from hunt_ros.report.figures import style
 from hunt_ros.report.figures.bifurcation import (
     hysteresis_loop,
     identified_diagram,
-    normal_form_alone,
 )
 from hunt_ros.report.figures.overview import run_overview
 from hunt_ros.report.figures.response_panels import poincare_pair, response_panels
@@ -162,13 +161,6 @@ class Report:
                 'Hysteresis loop',
             )
         if one.normal_form is not None:
-            found['fig09_normal_form'] = Drawing(
-                normal_form_alone(one.normal_form.form),
-                'Fig. 9',
-                'The identified normal form without dimensions: stable (solid) and unstable '
-                '(dashed) steady states.',
-                'Amplitude r against detuning',
-            )
             found['fig10_bifurcation'] = Drawing(
                 identified_diagram(one),
                 'Fig. 10',
@@ -266,7 +258,7 @@ class Report:
             return found or otherwise
 
         form = words.EQUATION + tables.coefficients(one)
-        form += pick('fig09') + pick('fig10') or _unknown(one.why('coefficients.D4').reason)
+        form += pick('fig10') or _unknown(one.why('coefficients.D4').reason)
         sections = [
             Section('result', 'Result', tables.critical_speeds(one)),
             Section('run', 'The recordings', tables.recordings(one.records) + pick('run')),

@@ -1,9 +1,8 @@
 """
 The figures of one identification: what was measured, and the normal form over it.
 
-Fig. 6 is the loop as measured, without any model. Fig. 9 is the identified form alone,
-without dimensions. Fig. 10 sets it against what was measured, with the bands in which the
-branches lie with 95 % probability.
+Fig. 6 is the loop as measured, without any model. Fig. 10 sets the identified
+form against what was measured, with the bands in which the branches lie with 95 % probability.
 """
 
 from __future__ import annotations
@@ -14,13 +13,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.report.figures import style
 from hunt_ros.report.figures.diagram import (
     bands_of_branches,
     bands_of_draws,
     bifurcation_diagram,
-    draw_branches,
     draw_states,
     form_curve,
 )
@@ -81,44 +78,6 @@ def hysteresis_loop(
             )
         if axes.get_legend_handles_labels()[0]:
             style.legend_above(axes, columns=2)
-        return figure
-
-
-def normal_form_alone(form: NormalForm) -> Figure:
-    """
-    Draw r against the detuning, with the Hopf point and the saddle-node.
-
-    Parameters
-    ----------
-    form : NormalForm
-        In the amplitude coordinate.
-
-    Returns
-    -------
-    Figure
-        One column wide.
-
-    References
-    ----------
-    The paper, Fig. 9, Eqs. (26) to (28).
-    """
-    with style.journal_style():
-        figure = style.new_figure()
-        axes = figure.subplots()
-        style.frame(axes, r'Detuning $\epsilon = v/v_c - 1$', r'Amplitude $r$')
-        v_c, fold = form.critical_speed, form.saddle_node()
-        below = v_c - fold[0] if fold else 0.15 * v_c
-        low, high = v_c - 1.3 * below, v_c + 0.7 * below
-        draw_branches(axes, [form_curve(form, low, high).scaled(form)], scale=1.0)
-        axes.set_xlim(*np.asarray(form.detuning([low, high])))
-        points = [('Hopf point', 0.0, 0.0, (4, 5))]
-        if fold:
-            eps, r = float(form.detuning(fold[0])), 0.5 * fold[1] / form.length_scale
-            points.append(('saddle-node', eps, r, (7, -2)))
-        for words, x, y, offset in points:
-            axes.plot([x], [y], 'o', color=style.INK, zorder=4)
-            axes.annotate(words, (x, y), xytext=offset, textcoords='offset points', fontsize=6.5)
-        style.legend_above(axes)
         return figure
 
 

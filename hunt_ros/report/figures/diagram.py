@@ -1,14 +1,14 @@
 """
 The bifurcation diagram: branches of any model, their bands, and measured points.
 
-Stable is solid and unstable dashed in every figure (the paper, Figs. 4, 9 and 10).
+Stable is solid and unstable dashed in every figure (the paper, Figs. 4 and 10).
 `draw_branches` and `draw_states` draw all of them; the figures around choose what is shown.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -70,16 +70,6 @@ class Curve:
     bands: Bands = field(default_factory=dict)
     colour: str = ''
     look: Mapping[str, Any] = field(default_factory=dict)
-
-    def scaled(self, form: NormalForm) -> Curve:
-        """Return it without dimensions: r against the detuning, as the paper's Fig. 9."""
-        factor = 0.5 / form.length_scale
-        return replace(
-            self,
-            speed=np.asarray(form.detuning(self.speed)),
-            unstable=factor * self.unstable,
-            stable=factor * self.stable,
-        )
 
 
 def branch_points(form: NormalForm, low: float, high: float) -> tuple[Array, Array, Array]:
@@ -182,7 +172,7 @@ def bands_of_branches(branches: Sequence[BranchPoint]) -> Bands:
     return bands
 
 
-def draw_branches(axes: Axes, curves: Sequence[Curve], scale: float = style.MILLIMETRES) -> None:
+def draw_branches(axes: Axes, curves: Sequence[Curve]) -> None:
     """
     Draw models, whatever they are of.
 
@@ -192,9 +182,8 @@ def draw_branches(axes: Axes, curves: Sequence[Curve], scale: float = style.MILL
         To draw into; labels and limits are its owner's.
     curves : sequence of Curve
         The first is drawn on top.
-    scale : float
-        From m to what the axis shows.
     """
+    scale = style.MILLIMETRES
     for place, curve in enumerate(curves):
         look = {'zorder': 3.0 - 0.1 * place, **curve.look}
         own = {'stable': style.STABLE, 'unstable': style.UNSTABLE}
