@@ -10,9 +10,9 @@ from typing import Any
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import tell
 from hunt_ros.dynamics.center_manifold import ComplexNormalForm, normal_form_of
-from hunt_ros.dynamics.limit_cycle import Branch, cycles_of, fitted_form
+from hunt_ros.dynamics.limit_cycle import Branch, cycles_of
+from hunt_ros.dynamics.normal_form import COEFFICIENTS
 from hunt_ros.dynamics.parameters import RigParameters
-from hunt_ros.errors import ConfigError
 from hunt_ros.files import write_whole
 from hunt_ros.report.figures import style
 from hunt_ros.report.figures.diagram import (
@@ -24,8 +24,6 @@ from hunt_ros.report.figures.diagram import (
 
 EXAMPLE = 'hunt normal-form config/wheelset.yaml --plot diagram.png'
 
-#: As they stand in the result.
-COEFFICIENTS = ('D1', 'D4', 'D7', 'D10', 'D15')
 #: Speeds in the picture, as shares of v_c.
 _SHOWN = (0.75, 1.15)
 
@@ -93,23 +91,15 @@ def summary(name: str, form: ComplexNormalForm, result: dict[str, Any]) -> str:
 
 
 def _plot(form: ComplexNormalForm, branch: Branch | None, path: Path) -> None:
-    """Draw the normal form, and with a branch the full model and the form fitted to it."""
+    """Draw the normal form, and with a branch the full model."""
     low, high = (share * form.critical_speed for share in _SHOWN)
     curves, highest = [], None
     if branch is not None:
         curves.append(branch_curve(branch, 'full model', colour=MODEL_COLOURS[0]))
         inside = (branch.speed >= low) & (branch.speed <= high)
         highest = 1.25 * float(branch.amplitude[inside].max())
-        try:
-            fitted = fitted_form(form, branch, (low, high))
-            curves.append(
-                form_curve(fitted, low, high, 'quintic form fitted to it', colour=MODEL_COLOURS[1])
-            )
-        except ConfigError:
-            pass  # too short a branch in the picture: nothing to fit
-    real = form.amplitude_coordinate
-    label = 'normal form at the Hopf point'
-    curves.append(form_curve(real, low, high, label, colour=MODEL_COLOURS[2]))
+    label, colour = 'normal form at the Hopf point', MODEL_COLOURS[1]
+    curves.append(form_curve(form.amplitude_coordinate, low, high, label, colour=colour))
     figure = bifurcation_diagram(curves, low, high, highest=highest)
     vector = path.suffix == '.svg'
     write_whole(path, style.svg(figure) if vector else style.png(figure, 200), 'picture')

@@ -12,7 +12,7 @@ import numpy as np
 from bench_forecast import other_rig
 
 from hunt_ros.dynamics.center_manifold import normal_form_of
-from hunt_ros.dynamics.limit_cycle import Branch, fitted_form, limit_cycles
+from hunt_ros.dynamics.limit_cycle import Branch, limit_cycles
 from hunt_ros.dynamics.linear_stability import Mode, critical_speed, hunting_mode
 from hunt_ros.dynamics.mode_shape import ModeShape
 from hunt_ros.dynamics.normal_form import NormalForm
@@ -22,6 +22,7 @@ from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, Simula
 
 RATE_HZ = 500.0
 _THEORY = run_path(str(Path(__file__).parents[1] / 'mode_shapes.py'))
+_FITTED = run_path(str(Path(__file__).parents[1] / 'fitted_form.py'))
 #: What of the state a kick adds to.
 WAYS = ('y', 'dy/dt', 'psi', 'dpsi/dt')
 
@@ -55,7 +56,8 @@ class Bench:
     def form(self) -> NormalForm:
         """The quintic form that fits the full model's limit cycles best: the true form."""
         within = (0.825 * self.v_c, 1.05 * self.v_c)
-        return fitted_form(normal_form_of(self.rig), self.branch, within)
+        form: NormalForm = _FITTED['fitted_form'](normal_form_of(self.rig), self.branch, within)
+        return form
 
     @cached_property
     def shape(self) -> ModeShape:
