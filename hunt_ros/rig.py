@@ -21,12 +21,10 @@ from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 from typing import Any, TypeVar
 
-import yaml
-
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import CHANNELS, USUAL_CHANNELS
 from hunt_ros.sensors import DISPLACEMENTS
-from hunt_ros.settings import Settings, setting, yaml_value
+from hunt_ros.settings import Settings, setting, yaml_document, yaml_value
 from hunt_ros.suite import NODES
 
 _Kind = TypeVar('_Kind', bound=Settings)
@@ -353,10 +351,7 @@ def parameters_of(node: str, text: str, source: str) -> dict[str, Any]:
     ConfigError
         Naming the file, the section and the key, and what was expected.
     """
-    try:
-        document = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise ConfigError(f'{source}: not YAML ({str(error).splitlines()[0]})') from error
+    document = yaml_document(text, source)
     if not isinstance(document, Mapping) or not document:
         raise ConfigError(f'{source}: no parameter file, expected NODE: ros__parameters: ...')
     values: dict[str, Any] = {}

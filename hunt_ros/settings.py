@@ -15,6 +15,8 @@ from dataclasses import dataclass, field, fields
 from numbers import Real
 from typing import Any, Literal, TypeVar
 
+import yaml
+
 from hunt_ros.errors import ConfigError
 
 _Kind = TypeVar('_Kind', bound='Settings')
@@ -106,6 +108,21 @@ class Settings:
     def unknown(cls, values: Mapping[str, Any]) -> set[str]:
         """Return the names that are none of these settings."""
         return set(values) - {item.name for item in fields(cls)}
+
+
+def yaml_document(text: str, source: str) -> Any:
+    """
+    Return what a YAML text holds.
+
+    Raises
+    ------
+    ConfigError
+        In one line, where it is not YAML.
+    """
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ConfigError(f'{source}: not YAML ({" ".join(str(error).split())})') from error
 
 
 def yaml_value(default: Any, value: Any) -> Any:

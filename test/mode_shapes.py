@@ -15,7 +15,7 @@ def shape_of(rig: RigParameters, branch: Branch | None = None) -> ModeShape:
     speeds = critical_speed(rig) * np.linspace(0.7, 1.15, 10)
     modes = [hunting_mode(rig, float(v)) for v in speeds]
     speed, amplitude = list(speeds), [0.0] * speeds.size
-    ratio = [mode.yaw_per_lateral / rig.length_scale for mode in modes]
+    ratio = [mode.shape[2] / rig.length_scale for mode in modes]
     frequency = [mode.frequency_hz for mode in modes]
     if branch is not None:
         inside = (branch.speed >= speeds[0]) & (branch.speed <= speeds[-1])

@@ -22,7 +22,7 @@ from hunt_ros.dynamics.covariance_root import covariance_root
 from hunt_ros.dynamics.mode_shape import ModeShape, numbers
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, NormalForm
 from hunt_ros.errors import ConfigError
-from hunt_ros.settings import checked
+from hunt_ros.settings import checked, yaml_document
 
 #: Order of the identified parameters in `IdentifiedNormalForm.covariance`.
 PARAMETERS: tuple[str, ...] = ('v_c', *COEFFICIENTS)
@@ -184,10 +184,7 @@ class IdentifiedNormalForm:
         ConfigError
             If the text is not YAML, or a value is missing or impossible.
         """
-        try:
-            document = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            raise ConfigError(f'{source}: not YAML ({str(error).splitlines()[0]})') from error
+        document = yaml_document(text, source)
         return cls.from_parameters(_find_group(document, source), source)
 
     @classmethod

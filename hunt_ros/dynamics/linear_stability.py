@@ -76,11 +76,6 @@ class Mode:
         """Hz."""
         return self.eigenvalue.imag / (2.0 * math.pi)
 
-    @property
-    def yaw_per_lateral(self) -> complex:
-        """Yaw over lateral, psi / y*: a phasor whose angle is the lead of yaw, rad."""
-        return complex(self.shape[2])
-
 
 def hunting_mode(rig: RigParameters, speed: float) -> Mode:
     """

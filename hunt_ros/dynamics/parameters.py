@@ -15,7 +15,7 @@ from typing import Any
 import yaml
 
 from hunt_ros.errors import ConfigError
-from hunt_ros.settings import checked, yaml_value
+from hunt_ros.settings import checked, yaml_document, yaml_value
 
 #: Keys 'ij' of alpha and beta: coefficients of y*^i psi^j in Eqs. (2), (3).
 CUBIC_KEYS: tuple[str, ...] = ('30', '21', '12', '03')
@@ -220,10 +220,7 @@ class RigParameters:
         ConfigError
             Naming the key that is unknown or has an impossible value.
         """
-        try:
-            document = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            raise ConfigError(f'{source}: not YAML ({str(error).splitlines()[0]})') from error
+        document = yaml_document(text, source)
         if not isinstance(document, Mapping):
             raise ConfigError(f'{source}: expected a mapping of rig parameters')
         known = [entry.name for entry in fields(cls)]

@@ -26,7 +26,7 @@ from hunt_ros.identification.record import envelope, events, segments
 from hunt_ros.identification.result import Identification
 
 #: Version of the file: another one is refused.
-VERSION = 3
+VERSION = 4
 _UNITS = 'SI: m, m/s, s, 1/s, Hz, rad; noise intensity m^2/s; stamps in ns'
 
 #: Rooms whose dataclasses a file may hold.

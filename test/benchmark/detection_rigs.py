@@ -112,7 +112,7 @@ class Bench:
         values = np.zeros(4)
         values[place] = size
         if place >= 2:
-            values[place] *= abs(mode.yaw_per_lateral) / self.rig.length_scale
+            values[place] *= abs(mode.shape[2]) / self.rig.length_scale
         if place % 2:
             values[place] *= 2.0 * math.pi * mode.frequency_hz
         y, y_rate, psi, psi_rate = (float(value) for value in values)

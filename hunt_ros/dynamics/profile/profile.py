@@ -17,7 +17,7 @@ import yaml
 from hunt_ros.dynamics.profile.step import Motion, Step
 from hunt_ros.dynamics.profile.steps import STEPS
 from hunt_ros.errors import ConfigError
-from hunt_ros.settings import yaml_value
+from hunt_ros.settings import yaml_document, yaml_value
 
 _WORDS = {kind: word for word, kind in STEPS.items()}
 
@@ -167,10 +167,7 @@ class Profile:
         ConfigError
             One line: what, in which step, and what was expected.
         """
-        try:
-            document = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            raise ConfigError(f'{source}: not YAML ({" ".join(str(error).split())})') from error
+        document = yaml_document(text, source)
         if not isinstance(document, Mapping) or 'profile' not in document:
             raise ConfigError(f'{source}: no profile, expected "profile:" and a list of steps')
         for key in document:

@@ -127,11 +127,6 @@ class RollerRig:
         self._target = float(speed)
 
     @property
-    def time_s(self) -> float:
-        """Time of the next sample, s."""
-        return self._count / self.settings.sample_rate_hz
-
-    @property
     def speed(self) -> float:
         """True running speed, m/s."""
         return float(self._state[kernel.SPEED])
