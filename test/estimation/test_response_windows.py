@@ -89,9 +89,7 @@ def test_sensors_of_other_rates_and_stamps_see_one_motion(every: int) -> None:
     )
     windows = measured_ratio(changed(full, yaw=yaw), frequency)
     assert windows.size > 60
-    true = [
-        hunting_mode(rig, float(v)).shape[2] / rig.length_scale for v in windows['speed']
-    ]
+    true = [hunting_mode(rig, float(v)).shape[2] / rig.length_scale for v in windows['speed']]
     off = np.abs(windows['ratio'] / true - 1.0) / np.sqrt(2.0)
     assert np.sqrt(np.mean(np.square(off))) < 0.15
     assert np.sqrt(np.mean(np.square(off / np.hypot(windows['relative_std'], 0.02)))) < 1.8
