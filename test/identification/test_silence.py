@@ -47,6 +47,29 @@ def quiet_start(t):
     return np.where(t < 40.0, 0.0, 5.8 + 0.02 * (t - 40.0))
 
 
+def paused(record, days):
+    """The same record, its second half so many days later."""
+    middle, pause = (record.start_ns + record.end_ns) // 2, round(days * 86_400_000_000_000)
+    late = {
+        name: Series(s.stamps_ns + pause * (s.stamps_ns > middle), s.values)
+        for name, s in record.items()
+    }
+    return Record(late, record.source)
+
+
+def dies_at_a_stop(record):
+    """The rig stops in the middle for ten seconds, and from then on the sensor reads nothing."""
+    lateral, speed = record['lateral'], record['speed']
+    middle = (record.start_ns + record.end_ns) // 2
+    stands = (speed.stamps_ns > middle) & (speed.stamps_ns < middle + 10_000_000_000)
+    gone = np.where(lateral.stamps_ns > middle, np.nan, lateral.values)
+    changes = {
+        'lateral': Series(lateral.stamps_ns, gone),
+        'speed': Series(speed.stamps_ns, np.where(stands, 0.0, speed.values)),
+    }
+    return Record({**record, **changes}, record.source)
+
+
 def cases(make, records):
     """Name -> records; each one a thing that a lab has handed in by mistake."""
     loop = records['sweep'][0]
@@ -72,6 +95,8 @@ def cases(make, records):
         'nine of ten dropped out': [
             changed(loop, lateral=lambda y: np.where(np.arange(y.size) % 10, np.nan, y))
         ],
+        'a pause of 60 days': [paused(loop, 60.0)],
+        'dies at a stop': [dies_at_a_stop(loop)],
         'long gaps': [
             changed(loop, lateral=lambda y: np.where(np.arange(y.size) % 4000 < 3600, np.nan, y))
         ],
@@ -121,7 +146,8 @@ NAMES = [
     'one speed only', 'one speed only, two runs', 'only decays', 'only the upper branch',
     'hysteresis from above only', 'never hunts', 'never hunts, no noise', 'ten samples',
     'five seconds', 'contradictory runs',
-    'dropped out', 'nine of ten dropped out', 'long gaps', 'speed zero',
+    'dropped out', 'nine of ten dropped out', 'a pause of 60 days', 'dies at a stop',
+    'long gaps', 'speed zero',
     'speed NaN', 'speed of infinity', 'stands at first', 'constant lateral', 'lateral zero',
     'millimetres as metres', 'metres as millimetres', 'speed in mm/s',
     'a channel that blows up', 'second speed in km/h', 'lateral of infinities',
@@ -278,6 +304,12 @@ def test_standing_still_first_does_not_spoil_the_run_after_it(outcome):
     document = outcome('stands at first')
     assert document['v_c']['value'] == pytest.approx(8.0, abs=0.3)
     assert min(state['speed_mps'] for state in document['steady_states']) > 5.0
+
+
+def test_what_comes_after_a_pause_of_weeks_counts_as_what_was_before(outcome):
+    document = outcome('a pause of 60 days')
+    assert document['v_c']['value'] == pytest.approx(8.0, abs=0.2)
+    assert document['v_n']['value'] == pytest.approx(6.43, abs=0.1)
 
 
 def test_damage_that_opening_showed_is_in_the_warnings(records):

@@ -51,13 +51,12 @@ def free_of_lines(channels: Channels, frequency: _F, orders: _F) -> tuple[Channe
     power : ndarray, shape (n,)
         Sum of the squared amplitudes of the lines, m^2; NaN without a roller channel.
     """
-    time = channels.time
-    if not channels.roller.size or not orders.size:
-        return channels, np.full(time.size, np.nan)
-    hz = float(np.median(frequency))
+    time, hz = channels.time, float(np.median(frequency))
     some = slice(None, None, max(int(channels.rate_hz / (_SAMPLES * hz)), 1))
-    phase = 2.0 * np.pi * np.cumsum(np.diff(time, prepend=time[0]) * frequency)
     known = np.isfinite(channels.lateral[some])
+    if not channels.roller.size or not orders.size or known.sum() < _SAMPLES:
+        return channels, np.full(time.size, np.nan)
+    phase = 2.0 * np.pi * np.cumsum(np.diff(time, prepend=time[0]) * frequency)
     traces = (time - time[0], channels.lateral, phase, channels.roller)
     when, values, turn, angle = (trace[some][known] for trace in traces)
     knots = _phasors(when, values, turn, angle, orders, _KNOT_CYCLES / hz)
@@ -72,7 +71,7 @@ def _phasors(
     time: _F, values: _F, phase: _F, roller: _F, orders: _F, step: float
 ) -> NDArray[np.complex128]:
     """Solve for the phasors of the lines at their knots: shape (cells + 1, k)."""
-    cells = max(int(np.ceil(time[-1] / (_EVERY * step))), 1) if time.size else 1
+    cells = max(int(np.ceil(time[-1] / (_EVERY * step))), 1)
     lines, hunting, width = _places(cells, orders.size)
     count = len(hunting) - 1
     at, knot = step * np.arange(count + 1), np.minimum((time / step).astype(np.int64), count - 1)
@@ -88,6 +87,8 @@ def _phasors(
             _tie(band, part, loose)
         for part in lines.T:
             _tie(band, part, np.full(cells, float(np.median(loose))))
+        # What cannot be told from bias or hunting at all, as of a roller that stands, is no line.
+        band[0, lines] += 1e-3 * start[0]
         found = solveh_banded(band, right, lower=True)
         sizes: NDArray[np.complex128] = found[lines[:, 0::2]] - 1j * found[lines[:, 1::2]]
         mode, bias = found[hunting[:, 0]] + 1j * found[hunting[:, 1]], found[hunting[:, 2]]

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
@@ -25,6 +26,8 @@ from hunt_ros.samples import NANOSECONDS, Record, Series
 
 #: Below this share of its highest speed a rig stands: there is nothing to learn there.
 _STANDING = 0.05
+#: A longer time without a sample parts a record, s: what went on meanwhile is not known.
+_GAP_S = 60.0
 #: Lateral motion larger or smaller than these in units of d0, and speeds outside this
 #: range (m/s), are rather a wrong unit.
 _LATERAL_RANGE = (2e-5, 5.0)
@@ -175,7 +178,7 @@ def refuse_two_rigs(recordings: Sequence[Digest]) -> None:
 
 def moving(record: Record) -> list[Channels]:
     """
-    Bring a record onto its lateral samples, without the stretches in which the rig stands.
+    Bring a record onto its lateral samples, in stretches in which the rig runs without a long gap.
 
     Raises
     ------
@@ -193,10 +196,13 @@ def moving(record: Record) -> list[Channels]:
     refuse(most > _ABSURD, name, absurd)
     top = float(channels.speed.max())
     refuse(top <= 0.0, name, 'speed is 0 throughout, expected a running speed')
+    gaps = np.flatnonzero(np.diff(channels.time) > _GAP_S) + 1
     parts = [
         channels.part(slice(first, last))
-        for first, last in runs(channels.speed > _STANDING * top)
-        if last - first >= 50 and channels.time[last - 1] - channels.time[first] >= 3.0
+        for begin, end in runs(channels.speed > _STANDING * top)
+        for first, last in pairwise([begin, *gaps[(gaps > begin) & (gaps < end)].tolist(), end])
+        if np.isfinite(channels.lateral[first:last]).sum() >= 50
+        and channels.time[last - 1] - channels.time[first] >= 3.0
     ]
     refuse(not parts, name, f'the rig never runs for 3 s on end (highest speed {top:.3g} m/s)')
     return parts
