@@ -19,7 +19,7 @@ from hunt_ros.dynamics.growth_law import GrowthScales
 from hunt_ros.dynamics.mode_shape import ModeShape, fitted_shape
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import IdentificationError
-from hunt_ros.estimation.record_lines import RecordLines
+from hunt_ros.estimation.record_lines import ForcedLine, RecordLines
 from hunt_ros.identification.bracket import bracket_of
 from hunt_ros.identification.executors import Tell, collected, executor
 from hunt_ros.identification.fit import fit_laws
@@ -102,11 +102,12 @@ def identify(
     warnings: list[str] = []
     with executor(settings.cluster) as pool:
         recordings = _usable(sources, settings, pool, warnings, lambda part: tell(_READ * part))
-        frequency, bare = _hunting_frequency(recordings, settings, pool, warnings)
+        frequency, bare, forced = _hunting_frequency(recordings, settings, pool, warnings)
         runs = _runs(
             recordings,
             frequency,
             bare,
+            forced,
             settings.flange_clearance_m,
             pool,
             warnings,
@@ -234,8 +235,8 @@ def _hunting_frequency(
     settings: IdentificationSettings,
     pool: Executor,
     warnings: list[str],
-) -> tuple[float, bool]:
-    """Return the frequency of the hunting, Hz, and whether an angle nobody gave is left out."""
+) -> tuple[float, bool, list[ForcedLine]]:
+    """Return the frequency of the hunting, Hz, whether an angle nobody gave is left out, lines."""
     places = _places(recordings)
     stretches = [stretch for _, _, stretch in places]
     chosen = [places[k] for k in looked_at(stretches)]
@@ -264,18 +265,21 @@ def _hunting_frequency(
             f' lines {"would be near the hunting, none is" if bare else "are"} removed'
             f'{"" if bare else " where the speed has them"}'
         )
+    forced = []
     for line in lines.unknown():
         at = [line.frequency_hz, *(line.turns_per_metre * one.speed for one in stretches)]
         # A limit cycle that stays as it is for most of the time looks forced.
         if not any(abs(math.log(hz / frequency)) < _ITSELF for hz in at):
             warnings.append(line.words(roller))
-    return frequency, bare
+            forced.append(line)
+    return frequency, bare, forced
 
 
 def _runs(
     recordings: Sequence[Recording],
     frequency_hz: float,
     bare: bool,
+    forced: Sequence[ForcedLine],
     clearance_m: float,
     pool: Executor,
     warnings: list[str],
@@ -284,7 +288,13 @@ def _runs(
     """Return envelopes, segments and steady amplitudes of all stretches."""
 
     def all_runs(clearance_m: float, tell: Tell | None) -> tuple[list[Run], list[str]]:
-        work = partial(runs_in, bare=bare, frequency_hz=frequency_hz, clearance_m=clearance_m)
+        work = partial(
+            runs_in,
+            bare=bare,
+            frequency_hz=frequency_hz,
+            clearance_m=clearance_m,
+            forced=forced,
+        )
         found = collected(pool.map(work, recordings), len(recordings), tell)
         return [run for some, _ in found for run in some], [x for _, said in found for x in said]
 

@@ -158,7 +158,11 @@ def powers_in(
 
 
 def runs_in(
-    recording: Recording, bare: bool, frequency_hz: float, clearance_m: float
+    recording: Recording,
+    bare: bool,
+    frequency_hz: float,
+    clearance_m: float,
+    forced: Sequence[ForcedLine] = (),
 ) -> tuple[list[Run], list[str]]:
     """
     Return envelope, segments and steady amplitudes of each of its stretches.
@@ -173,6 +177,8 @@ def runs_in(
         Of the hunting.
     clearance_m : float
         Amplitude at which a flange touches; 0: not known.
+    forced : sequence of ForcedLine
+        Lines that are taken out beside those of the roller.
 
     Returns
     -------
@@ -185,7 +191,7 @@ def runs_in(
     said: list[str] = []
     for channels in recording.stretches(bare):
         channels = replace(channels, source=recording.name or channels.source)
-        seen, clean = tracked_envelope(channels, frequency_hz, settings)
+        seen, clean = tracked_envelope(channels, frequency_hz, settings, forced)
         envelope = free_of_contact(seen, clearance_m, said)
         if np.isfinite(envelope.amplitude).sum() < 4:
             least = FEWEST_SAMPLES * frequency_hz / WINDOW_CYCLES

@@ -142,7 +142,7 @@ def power_on(
             continue
         piece = np.interp(start + even, time[here], record.lateral[part][here])
         covered = np.interp(start + even, time, way[part])
-        angles = [2.0 * np.pi * _turns(line, even, covered) for line in forced]
+        angles = [2.0 * np.pi * line.turns(even, covered) for line in forced]
         if orders.size:
             angle = np.interp(start + even, time, record.roller[part])
             angles += [order * angle for order in orders]
@@ -155,14 +155,11 @@ def power_on(
     return power, pieces
 
 
-def _turns(line: ForcedLine, time: Array, way: Array) -> Array:
-    """Turns of a forced line along a piece, s and m since its start."""
-    in_time = math.isfinite(line.frequency_hz)
-    return line.frequency_hz * time if in_time else line.turns_per_metre * way
-
-
 def tracked_envelope(
-    record: Channels, frequency_hz: float, settings: IdentificationSettings
+    record: Channels,
+    frequency_hz: float,
+    settings: IdentificationSettings,
+    forced: Sequence[ForcedLine] = (),
 ) -> tuple[Envelope, Channels]:
     """
     Envelope in a frame that follows the mode's own frequency.
@@ -178,25 +175,27 @@ def tracked_envelope(
     frequency_hz : float
         First guess.
     settings : IdentificationSettings
-        Says which lines are removed.
+        Says which lines of the roller are taken out.
+    forced : sequence of ForcedLine
+        Others that are.
 
     Returns
     -------
     envelope : Envelope
     clean : Channels
-        The record without the lines of the roller.
+        The record without the lines.
     """
     # The first pass needs the turning alone: a few dozen samples a cycle show it.
     stride = max(int(record.rate_hz / (_COARSE * frequency_hz)), 1)
     coarse = record.part(slice(None, None, stride))
     constant = np.full(coarse.time.size, frequency_hz)
-    first = envelope_of(free_of_lines(coarse, constant, settings.orders)[0], constant)
+    first = envelope_of(free_of_lines(coarse, constant, settings.orders, forced)[0], constant)
     offset, along = _frequency_offset(first), np.full(record.time.size, frequency_hz)
     if offset is not None:
         # Never beyond what the first pass could have seen without folding.
         limit = 0.3 / first.step
         along += np.clip(np.interp(record.time, first.time, offset), -limit, limit)
-    clean, line_power = free_of_lines(record, along, settings.orders)
+    clean, line_power = free_of_lines(record, along, settings.orders, forced)
     return envelope_of(clean, along, line_power), clean
 
 

@@ -1,16 +1,18 @@
 """
-The lines of the roller along a record, told apart from the hunting beside them.
+The lines along a record, of the roller and others, told apart from the hunting beside them.
 
-The displacement is bias + hunting phasor + a phasor a line, which turns with the roller's own
-angle. The phasors of the lines change slowly, those of hunting and bias as a random walk from one
-knot to the next: a line near the hunting, or across it, is what turns on evenly with the roller
-for many cycles. All knots of a record are solved for at once, by generalised least squares. What
-is far from usual, as at a kick, has the weight of a rare one: Cauchy's, in iterations (Holland,
-P. W., Welsch, R. E. (1977), Communications in Statistics A 6, 813-827).
+The displacement is bias + hunting phasor + a phasor a line, which turns with an angle that is
+known: the roller's own, or what follows from time or way. The phasors of the lines change slowly,
+those of hunting and bias as a random walk from one knot to the next: a line near the hunting, or
+across it, is what turns on evenly for many cycles. All knots of a record are solved for at once,
+by generalised least squares. What is far from usual, as at a kick, has the weight of a rare one:
+Cauchy's, in iterations (Holland, P. W., Welsch, R. E. (1977), Communications in Statistics A 6,
+813-827).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +21,7 @@ from scipy.linalg import solveh_banded
 from scipy.ndimage import median_filter
 
 from hunt_ros.compiled import F1, F2, R1, compiled
+from hunt_ros.estimation.record_lines import ForcedLine
 from hunt_ros.identification.record.channels import Channels
 
 _F = NDArray[np.float64]
@@ -31,9 +34,11 @@ _SAMPLES = 40.0
 _ROUNDS = 4
 
 
-def free_of_lines(channels: Channels, frequency: _F, orders: _F) -> tuple[Channels, _F]:
+def free_of_lines(
+    channels: Channels, frequency: _F, orders: _F, forced: Sequence[ForcedLine] = ()
+) -> tuple[Channels, _F]:
     """
-    Take the lines of the roller out of the lateral displacement.
+    Take lines out of the lateral displacement.
 
     Parameters
     ----------
@@ -42,47 +47,55 @@ def free_of_lines(channels: Channels, frequency: _F, orders: _F) -> tuple[Channe
     frequency : ndarray, shape (n,)
         Of the hunting at each lateral sample, Hz, to a tenth or so.
     orders : ndarray, shape (k,)
-        Of the lines, in turns of the roller.
+        Of those of the roller, in its turns; they count where there is a roller channel.
+    forced : sequence of ForcedLine
+        Others.
 
     Returns
     -------
     channels : Channels
-        Without the lines, or as they were without a roller channel.
+        Without the lines.
     power : ndarray, shape (n,)
-        Sum of the squared amplitudes of the lines, m^2; NaN without a roller channel.
+        Sum of the squared amplitudes of those of the roller, m^2; NaN without a roller channel.
     """
     time, hz = channels.time, float(np.median(frequency))
     some = slice(None, None, max(int(channels.rate_hz / (_SAMPLES * hz)), 1))
     known = np.isfinite(channels.lateral[some])
-    if not channels.roller.size or not orders.size or known.sum() < _SAMPLES:
+    steps = np.diff(time, prepend=time[0])
+    way = np.cumsum(channels.speed * steps)
+    own = orders.tolist() if channels.roller.size else []
+    turned = [order * channels.roller for order in own]
+    turned += [2.0 * np.pi * line.turns(time - time[0], way) for line in forced]
+    if not turned or known.sum() < _SAMPLES:
         return channels, np.full(time.size, np.nan)
-    phase = 2.0 * np.pi * np.cumsum(np.diff(time, prepend=time[0]) * frequency)
-    traces = (time - time[0], channels.lateral, phase, channels.roller)
-    when, values, turn, angle = (trace[some][known] for trace in traces)
-    knots = _phasors(when, values, turn, angle, orders, _KNOT_CYCLES / hz)
+    angles = np.array(turned)
+    phase = 2.0 * np.pi * np.cumsum(steps * frequency)
+    when, values, turn = (x[some][known] for x in (time - time[0], channels.lateral, phase))
+    looked_at = np.ascontiguousarray(angles[:, some][:, known])
+    knots = _phasors(when, values, turn, looked_at, _KNOT_CYCLES / hz)
     place = np.linspace(0.0, len(knots) - 1.0, len(knots)) * (_EVERY * _KNOT_CYCLES / hz)
     phasors = np.array([np.interp(time - time[0], place, size) for size in knots.T])
-    shown = (phasors * np.exp(1j * orders[:, None] * channels.roller)).real.sum(axis=0)
-    power: _F = (np.abs(phasors) ** 2).sum(axis=0)
+    shown = (phasors * np.exp(1j * angles)).real.sum(axis=0)
+    power = np.full(time.size, np.nan)
+    if own:
+        power = (np.abs(phasors[: len(own)]) ** 2).sum(axis=0)
     return replace(channels, lateral=channels.lateral - shown), power
 
 
-def _phasors(
-    time: _F, values: _F, phase: _F, roller: _F, orders: _F, step: float
-) -> NDArray[np.complex128]:
+def _phasors(time: _F, values: _F, phase: _F, angles: _F, step: float) -> NDArray[np.complex128]:
     """Solve for the phasors of the lines at their knots: shape (cells + 1, k)."""
     cells = max(int(np.ceil(time[-1] / (_EVERY * step))), 1)
-    lines, hunting, width = _places(cells, orders.size)
+    lines, hunting, width = _places(cells, len(angles))
     count = len(hunting) - 1
     at, knot = step * np.arange(count + 1), np.minimum((time / step).astype(np.int64), count - 1)
     seen = np.maximum(np.bincount(knot, minlength=count), 1)
-    turning = np.exp(1j * orders[:, None] * roller)
+    turning = np.exp(1j * angles)
     start = np.full(count, 1e-3 * time.size / count)
     weights, loose = np.ones(count), start
     for _ in range(_ROUNDS):
         right = np.zeros(int(hunting[-1, -1]) + 1)
         band = np.zeros((width, right.size))
-        _normal_equations(time, values, phase, roller, orders, step, weights, band, right)
+        _normal_equations(time, values, phase, angles, step, weights, band, right)
         for part in hunting.T:
             _tie(band, part, loose)
         for part in lines.T:
@@ -128,15 +141,14 @@ def _normal_equations(
     time: R1,
     values: R1,
     phase: R1,
-    roller: R1,
-    orders: R1,
+    angles: F2,
     step: float,
     weights: R1,
     band: F2,
     right: F1,
 ) -> None:
     """Fill in the lower band of the normal equations, each interval of the knots by its weight."""
-    lines = 2 * orders.size
+    lines = 2 * angles.shape[0]
     block = 3 * _EVERY + lines
     cells = (right.size - 3 - lines) // block
     places = np.zeros(6 + 2 * lines, dtype=np.int64)
@@ -154,12 +166,12 @@ def _normal_equations(
                 places[3 * side + c] = at + c
                 basis[3 * side + c] = share * waves[c]
             share = far if side else 1.0 - far
-            for h in range(orders.size):
+            for h in range(angles.shape[0]):
                 k = 6 + lines * side + 2 * h
                 places[k] = block * (cell + side) + 2 * h
                 places[k + 1] = places[k] + 1
-                basis[k] = share * np.cos(orders[h] * roller[i])
-                basis[k + 1] = share * np.sin(orders[h] * roller[i])
+                basis[k] = share * np.cos(angles[h, i])
+                basis[k + 1] = share * np.sin(angles[h, i])
         for a in range(places.size):
             weighted = weights[knot] * basis[a]
             right[places[a]] += weighted * values[i]
