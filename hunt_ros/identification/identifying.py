@@ -272,7 +272,8 @@ def _hunting_frequency(
         if not any(abs(math.log(hz / frequency)) < _ITSELF for hz in at):
             warnings.append(line.words(roller))
             forced.append(line)
-    return frequency, bare, forced
+    # The way does not tell the angle of one that follows the speed well enough.
+    return frequency, bare, [line for line in forced if math.isfinite(line.frequency_hz)]
 
 
 def _runs(
