@@ -269,7 +269,7 @@ def law_prior(
 def priors_of(scales: GrowthScales, settings: IdentificationSettings) -> Sequence[Prior]:
     """Turn what is known from elsewhere into functions of the law's coefficients."""
     priors: list[Prior] = []
-    if settings.prior_v_c is not None:
+    if settings.prior_v_c:
         v_c, std = settings.prior_v_c
         u = v_c / scales.speed - 1.0
 
@@ -280,7 +280,7 @@ def priors_of(scales: GrowthScales, settings: IdentificationSettings) -> Sequenc
             return float(law.linear(u)) / slope * scales.speed
 
         priors.append((offset, 0.0, std))
-    if settings.prior_D1 is not None:
+    if settings.prior_D1:
 
         def linear(p: NDArray[np.float64]) -> float:
             v_c = GrowthLaw(p, scales).critical_speed
@@ -289,5 +289,6 @@ def priors_of(scales: GrowthScales, settings: IdentificationSettings) -> Sequenc
             slope = float(GrowthLaw(p, scales).linear_slope(v_c / scales.speed - 1.0))
             return slope * v_c / scales.speed * scales.time_scale
 
-        priors.append((linear, *settings.prior_D1))
+        D1, std = settings.prior_D1
+        priors.append((linear, D1, std))
     return priors

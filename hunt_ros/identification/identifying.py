@@ -154,7 +154,7 @@ def _usable(
     tell: Tell,
 ) -> list[Recording]:
     """Read the recordings; return those that count."""
-    count, settings = len(sources), settings.of_recording()
+    count = len(sources)
     for _, _, number in settings.ignore:
         if number > count:
             raise IdentificationError(
@@ -249,8 +249,8 @@ def _hunting_frequency(
     grid = frequency_grid(lines, settings)
 
     def found(bare: bool) -> float:
-        if settings.frequency_hz is not None:
-            return settings.frequency_hz
+        if settings.hunting_frequency_hz:
+            return settings.hunting_frequency_hz
         work = partial(powers_in, bare=bare, grid=grid, forced=lines.forced())
         return strongest(grid, [power for some in pool.map(work, recordings) for power in some])
 

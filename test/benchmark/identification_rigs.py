@@ -285,7 +285,7 @@ def flutter() -> str:
             'speed': Series(stamps[::25], np.full(stamps[::25].size, speed)),
         }
         runs.append(Record(channels, path.name, {'day': path.name[:8]}))
-    settings = IdentificationSettings(length_scale=0.1)
+    settings = IdentificationSettings(length_scale_m=0.1)
     rows = []
     days = sorted({run.notes['day'] for run in runs})
     for name, some in [

@@ -226,7 +226,7 @@ def test_a_rig_that_runs_in_reverse_has_the_form_it_has_ahead(records, from_swee
 
 
 def test_resolution_and_scale_of_the_speed_enter_the_intervals(records, from_sweep):
-    settings = IdentificationSettings(speed_resolution=0.2, speed_scale_std=0.01)
+    settings = IdentificationSettings(speed_resolution_mps=0.2, speed_scale_std=0.01)
     coarse = identify(records['sweep'], settings)
     assert coarse.v_n.std > np.hypot(0.2 / np.sqrt(12), 0.064) * 0.99
     assert coarse.v_c.std > from_sweep.v_c.std
@@ -237,7 +237,8 @@ def test_resolution_and_scale_of_the_speed_enter_the_intervals(records, from_swe
 
 
 def test_scales_are_only_units(records, from_sweep):
-    other = identify(records['sweep'], IdentificationSettings(length_scale=0.1, time_scale=0.1))
+    settings = IdentificationSettings(length_scale_m=0.1, time_scale_s=0.1)
+    other = identify(records['sweep'], settings)
     assert other.v_n.value == pytest.approx(from_sweep.v_n.value, rel=1e-3)
     # Units that the user did not give are said, and where they are from.
     assert dict(other.scales_from) == {'length': 'given', 'time': 'given'}
@@ -396,7 +397,7 @@ def flutter_runs(pattern: str) -> list[Record]:
 
 @pytest.mark.skipif(not FLUTTER.is_dir(), reason='the flutter recordings are not on this machine')
 def test_real_flutter_recordings_give_amplitudes_and_flag_the_quintic_form():
-    result = identify(flutter_runs('17*.mat'), IdentificationSettings(length_scale=0.1))
+    result = identify(flutter_runs('17*.mat'), IdentificationSettings(length_scale_m=0.1))
     assert result.v_n is None
     if result.criticality is None:
         assert 'supercritical' not in reason_in(result.unknown, 'v_n')
@@ -419,7 +420,7 @@ def test_a_wing_that_rests_and_cycles_at_one_speed_is_subcritical_by_what_was_se
         stamps = np.round(1e9 * given['t']).astype(np.int64)
         channels = {x: Series(stamps, given[x]) for x in ('lateral', 'yaw', 'speed')}
         records.append(Record(channels, name))
-    result = identify(records, IdentificationSettings(lines=(), frequency_hz=4.0))
+    result = identify(records, IdentificationSettings(lines=(), hunting_frequency_hz=4.0))
     first = describe(result).splitlines()[:5]
     assert 'subcritical: rest (' in first[0]
     assert 'limit cycle (' in first[0]

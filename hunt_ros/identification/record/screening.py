@@ -211,8 +211,8 @@ def moving(record: Record) -> list[Channels]:
 def doubts(stretches: Sequence[Stretch], settings: IdentificationSettings) -> Iterator[str]:
     """Say what is taken from the paper's rig, and what looks like a wrong unit."""
     unit, time = settings.length_unit, settings.time_unit
-    assumed = [f'd0 = {unit:.4g} m (--length-scale)'] * (settings.length_scale is None)
-    assumed += [f'1/omega_psi = {time:.4g} s (--time-scale)'] * (settings.time_scale is None)
+    assumed = [f'd0 = {unit:.4g} m (--length-scale)'] * (not settings.length_scale_m)
+    assumed += [f'1/omega_psi = {time:.4g} s (--time-scale)'] * (not settings.time_scale_s)
     if assumed:
         yield (
             f'not given, and taken from the rig of the paper: {" and ".join(assumed)}; the'

@@ -42,7 +42,7 @@ class Quantities:
         self._posterior = posterior
         self.form = normal_form_of(posterior.law, *posterior.speeds)
         #: Deviation of a speed by the resolution of its reading, m/s.
-        self._speed_std = settings.speed_resolution / math.sqrt(12.0)
+        self._speed_std = settings.speed_resolution_mps / math.sqrt(12.0)
 
     def critical_speed(self) -> Uncertain | None:
         """Linear critical speed v_c, m/s."""

@@ -183,7 +183,7 @@ def conclude(
         drawn,
         _intensity(best, len(drawn), settings.seed),
         evidence.speeds,
-        None if settings.prior_v_c is None else settings.prior_v_c[0],
+        settings.prior_v_c[0] if settings.prior_v_c else None,
     )
     failed |= _unsupported(best, posterior, evidence, settings, warnings)
     numbers = Quantities(posterior, settings)
@@ -216,8 +216,8 @@ def conclude(
         length_scale=settings.length_unit,
         time_scale=settings.time_unit,
         scales_from={
-            'length': PAPERS if settings.length_scale is None else GIVEN,
-            'time': PAPERS if settings.time_scale is None else GIVEN,
+            'length': GIVEN if settings.length_scale_m else PAPERS,
+            'time': GIVEN if settings.time_scale_s else PAPERS,
         },
         speeds=evidence.speeds,
         branches=() if why['branches'] else numbers.branches(),
@@ -350,10 +350,10 @@ def _unsupported(
         failed['speeds'] = 'too short: fewer than a few dozen hunting cycles'
     if reason := _no_critical_speed(law, posterior):
         failed['critical'] = reason
-    elif settings.prior_v_c is None and (reason := _no_small_motion(law, evidence)):
+    elif not settings.prior_v_c and (reason := _no_small_motion(law, evidence)):
         failed['small'] = reason
     middle, std = _spread(posterior.forms, 'D1')
-    if not (moved or settings.prior_D1 is not None or std < _VAGUE_D1 * abs(middle)):
+    if not (moved or settings.prior_D1 or std < _VAGUE_D1 * abs(middle)):
         failed['time'] = 'no free transient: D1 cannot be known; give it with --prior-D1'
     elif hunts and not moved:
         warnings.append('no free transient: the time scale rests on the prior or on quiet motion')
