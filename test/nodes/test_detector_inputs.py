@@ -42,7 +42,12 @@ def test_a_driver_with_the_profile_of_sensor_data_is_heard_if_told_so_and_named_
     text = told()['message']
     assert 'qos_overrides./rig/yaw.subscription.reliability' in text
     assert '/rig/lateral is published' not in text
+    # As of a killed node and the one that was started in its place.
     second = graph.node.create_publisher(JointState, 'lateral', qos_profile_sensor_data)
+    other = graph.beside('other')
+    other.create_publisher(JointState, 'lateral', qos_profile_sensor_data)
     graph.spin_until(lambda: '/rig/lateral has 2 publishers' in told()['message'])
+    assert '/rig/other' in told()['message']
     assert told()['level'] != 'OK'
+    other.destroy_node()
     graph.node.destroy_publisher(second)

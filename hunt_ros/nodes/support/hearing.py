@@ -167,10 +167,16 @@ class Channels:
                 yield channel, np.array(stamps, dtype=np.int64), np.array(values), came_ns
 
     def publishers(self, channel: str) -> tuple[str, list[str]]:
-        """Return the full names of the topic of a channel, and of the nodes that publish it."""
+        """
+        Return the full names of the topic of a channel, and of the nodes that publish it.
+
+        A killed node stays in the graph for 20 s, nameless or beside the one that was started in
+        its place: each name counts once. Nodes of one name say so themselves (`diagnostics`).
+        """
         topic = self._heard[channel].topic_name
         found = self._node.get_publishers_info_by_topic(topic)
-        return topic, sorted(f'{p.node_namespace.rstrip("/")}/{p.node_name}' for p in found)
+        names = {f'{p.node_namespace.rstrip("/")}/{p.node_name}' for p in found}
+        return topic, sorted({name for name in names if 'UNKNOWN_' not in name} or names)
 
     def problem(self) -> str:
         """Return what is wrong with the publishers of the channels, and what to do; or ''."""
