@@ -127,7 +127,7 @@ def random_rig(rng: np.random.Generator) -> RandomRig:
         math.exp(rng.uniform(math.log(2e-4), math.log(2e-2))),
         math.exp(rng.uniform(math.log(0.005), math.log(0.06))),
         lines,
-        v_c / (math.pi * turns),
+        min(v_c / (math.pi * turns), 10.0),  # no rig file takes a larger roller
         rng.uniform(2.0, 8.0) * np.exp(1j * rng.uniform(0.8, 2.2)),
     )
 
