@@ -44,6 +44,8 @@ _BLIND_DIES_S = 1.0
 #: What is so many times as large as the quiet motion is none, though a detector that cannot trust
 #: its inputs does not say what it is.
 _GROWN = 10.0
+#: Hunting that dies out lasts until it is no larger than so many quiet motions.
+_ENDED = 3.0
 #: The set point leads the roller by so much on its way down from a refuted safe speed, m/s.
 _LEAD_MPS = 0.5
 
@@ -116,6 +118,8 @@ class Heard:
         It hunts or escapes, as far as is known: also where the level is STALE.
     quiet_m : float
         Amplitude of the quiet motion; NaN: not known.
+    dies : bool
+        It says that the hunting dies out, which a wrong form says of a limit cycle, too.
     """
 
     level: str = 'STALE'
@@ -127,6 +131,7 @@ class Heard:
     alarm: bool = False
     hunts: bool = False
     quiet_m: float = math.nan
+    dies: bool = False
 
 
 class Change(NamedTuple):
@@ -304,7 +309,8 @@ class Interlock:
         if blind and amplitude_m > _GROWN * self.heard.quiet_m:
             seen = seen or f'the amplitude was {1e3 * amplitude_m:.3f} mm at last'
         # Silence ends no hunting: what was seen lasts until its end is seen.
-        self._moving = bool(seen) or (self._moving and blind)
+        dying = self.heard.dies and not amplitude_m <= _ENDED * self.heard.quiet_m
+        self._moving = bool(seen) or (self._moving and (blind or dying))
         if self.state == 'tripped':
             return self._slow_down(now_ns, speed_mps, trouble.code, seen, blind)
         if self.state != 'armed':

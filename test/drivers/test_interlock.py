@@ -191,6 +191,21 @@ def test_motion_that_a_blind_detector_still_sees_refutes_the_form(seen) -> None:
     assert 'does not die out' in watched.interlock.cause
 
 
+def test_a_limit_cycle_that_a_wrong_form_calls_dying_refutes_it() -> None:
+    """Gauntlet 236: v_n told too high; below it, the form takes what does not fall for dying."""
+    watched = Watched()
+    told = {'level': 'WARN', 'v_n': 8.0, 'amplitude_m': 8e-4}
+    watched.run(4.0, speed=8.2, v_n=8.0)
+    watched.run(0.1, level='ERROR', speed=8.2, v_n=8.0, amplitude_m=8e-4)
+    dying = {'dies': True, 'quiet_m': 3e-5}
+    assert _goal(watched, 2.5, 7.5, heard=dying, **told) == pytest.approx(7.5)
+    assert _goal(watched, 2.0, 7.5, heard=dying, **told) < 7.0
+    assert 'does not die out at 7.50 m/s' in watched.interlock.cause
+    lower = _goal(watched, 0.1, 7.5, heard=dying, **told | {'amplitude_m': 8e-5})
+    held = _goal(watched, 9.0, lower, heard=dying, **told | {'amplitude_m': 8e-5})
+    assert held == pytest.approx(lower), 'it has ended, whatever it is called'
+
+
 @pytest.mark.parametrize('blind', ['STALE', 'silent'])
 def test_hunting_whose_end_nobody_saw_is_not_over(blind) -> None:
     """At 5 m/s, v_n told 6.4: 20 mm, then the sensor or the detector is gone."""
