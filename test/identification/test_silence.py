@@ -12,7 +12,8 @@ import pytest
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.errors import HuntError
 from hunt_ros.identification import identify
-from hunt_ros.identification.result import lines_of, nulls_of, reason_in, unknown_of
+from hunt_ros.identification.result import lines_of, reason_in
+from hunt_ros.identification.verdict.reasons import nulls_of, unknown_of
 from hunt_ros.samples import Record, Series
 
 OTHER = NormalForm(8.0, 0.12, 900.0, -0.06, 1900.0, -7e6, frequency_hz=4.4)

@@ -13,7 +13,6 @@ from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import COEFFICIENTS
 from hunt_ros.identification.posterior import Posterior, normal_scores
 from hunt_ros.identification.result import BranchPoint
-from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.uncertainty import summary
 from hunt_ros.samples import Uncertain
 
@@ -25,86 +24,72 @@ _BRANCH_POINTS = 41
 _SAMPLE = 64
 
 
-class Quantities:
+def numbers_of(posterior: Posterior, speed_std: float) -> dict[str, Uncertain | None]:
     """
-    Quantities of a law, each with the spread that the draws give it; None where too few
-    draws have it.
+    Return the numbers of a law, each with the spread that the draws give it.
 
     Parameters
     ----------
     posterior : Posterior
         The law chosen, and its draws.
-    settings : IdentificationSettings
-        For the errors of the speed reading.
+    speed_std : float
+        Deviation of a speed by the resolution of its reading, m/s.
+
+    Returns
+    -------
+    dict of str to Uncertain or None
+        By the key of the JSON, SI units; None where too few draws have it.
     """
+    v_c, v_n = posterior.chosen[:2]
+    both = posterior.table[:, :2]
+    return {
+        'v_c': posterior.number('v_c', speed_std),
+        'v_n': posterior.number('v_n', speed_std),
+        'fold_amplitude_m': posterior.number('fold_amplitude'),
+        'hysteresis_width': summary(
+            v_c - v_n, both[:, 0] - both[:, 1], math.sqrt(2.0) * speed_std
+        ),
+        **{f'coefficients.{name}': posterior.number(name) for name in COEFFICIENTS},
+    }
 
-    def __init__(self, posterior: Posterior, settings: IdentificationSettings) -> None:
-        self._posterior = posterior
-        self.form = normal_form_of(posterior.law, *posterior.speeds)
-        #: Deviation of a speed by the resolution of its reading, m/s.
-        self._speed_std = settings.speed_resolution_mps / math.sqrt(12.0)
 
-    def critical_speed(self) -> Uncertain | None:
-        """Linear critical speed v_c, m/s."""
-        return self._posterior.number('v_c', self._speed_std)
+def identified(posterior: Posterior, speed_std: float) -> IdentifiedNormalForm | None:
+    """Return the normal form of the law chosen, with its covariance; None where it has none."""
+    form = normal_form_of(posterior.law, *posterior.speeds)
+    if form is None:
+        return None
+    known = [form for form in posterior.forms if form is not None]
+    rows = np.array([IdentifiedNormalForm(form).vector for form in known])
+    matrix = _rank_covariance(rows)
+    matrix[0, 0] += speed_std**2
+    provenance = {'method': 'trajectory likelihood', 'law': posterior.law.name}
+    sample = rows[np.linspace(0, len(rows) - 1, _SAMPLE).round().astype(np.intp)]
+    sample[:, 0] += speed_std * np.random.default_rng(0).standard_normal(_SAMPLE)
+    sample = np.vectorize(lambda x: float(f'{x:.6g}'))(sample)  # as short as it is sure
+    return IdentifiedNormalForm(form, matrix, provenance, sample=sample)
 
-    def fold(self) -> Uncertain | None:
-        """Nonlinear critical speed v_n, m/s."""
-        return self._posterior.number('v_n', self._speed_std)
 
-    def fold_amplitude(self) -> Uncertain | None:
-        """Amplitude at which the two limit cycles meet, at v_n, m."""
-        return self._posterior.number('fold_amplitude')
+def branches(posterior: Posterior) -> tuple[BranchPoint, ...]:
+    """Both limit cycles over the speeds of the data."""
+    low, high = posterior.speeds
+    speeds, fold = np.linspace(low, high, _BRANCH_POINTS), posterior.chosen[1]
+    if low < fold < high:
+        speeds = np.unique(np.concatenate([speeds, fold + np.array([1e-4, 0.01, 0.03, 0.1])]))
+    found = posterior.branches(speeds)
+    return tuple(map(BranchPoint, speeds.tolist(), found['stable'], found['unstable']))
 
-    def width(self) -> Uncertain | None:
-        """Hysteresis width v_c - v_n, m/s."""
-        v_c, v_n = self._posterior.chosen[:2]
-        both = self._posterior.table[:, :2]
-        return summary(v_c - v_n, both[:, 0] - both[:, 1], math.sqrt(2.0) * self._speed_std)
 
-    def coefficients(self) -> dict[str, Uncertain | None]:
-        """Return all coefficients."""
-        return {name: self._posterior.number(name) for name in COEFFICIENTS}
-
-    def identified(self, name: str) -> IdentifiedNormalForm | None:
-        """Normal form with its covariance."""
-        if self.form is None:
-            return None
-        known = [form for form in self._posterior.forms if form is not None]
-        rows = np.array([IdentifiedNormalForm(form).vector for form in known])
-        matrix = _rank_covariance(rows)
-        matrix[0, 0] += self._speed_std**2
-        provenance = {'method': 'trajectory likelihood', 'law': name}
-        sample = rows[np.linspace(0, len(rows) - 1, _SAMPLE).round().astype(np.intp)]
-        sample[:, 0] += self._speed_std * np.random.default_rng(0).standard_normal(_SAMPLE)
-        sample = np.vectorize(lambda x: float(f'{x:.6g}'))(sample)  # as short as it is sure
-        return IdentifiedNormalForm(self.form, matrix, provenance, sample=sample)
-
-    def branches(self) -> tuple[BranchPoint, ...]:
-        """Both limit cycles over the speeds of the data."""
-        low, high = self._posterior.speeds
-        speeds, fold = np.linspace(low, high, _BRANCH_POINTS), self._posterior.chosen[1]
-        if low < fold < high:
-            speeds = np.unique(np.concatenate([speeds, fold + np.array([1e-4, 0.01, 0.03, 0.1])]))
-        found = self._posterior.branches(speeds)
-        return tuple(
-            BranchPoint(float(speed), stable, unstable)
-            for speed, stable, unstable in zip(
-                speeds, found['stable'], found['unstable'], strict=True
-            )
-        )
-
-    def disturbance(self, observed: ObservedCriticalSpeeds) -> Uncertain | None:
-        """Disturbance that explains the observed jump up: A_u there, Appendix A."""
-        low, high = observed.v_c_between
-        if observed.v_c is None or low is None or high is None:
-            return None
-        law, laws = self._posterior.law, self._posterior.laws
-        value = float(law.steady_amplitudes(observed.v_c)[0][0])
-        # The jump lies anywhere between the two states: each draw has it elsewhere.
-        share = (np.arange(len(laws.p)) * _GOLDEN) % 1.0
-        sample = laws.steady_amplitudes(low + share[:, None] * (high - low))[0][:, 0]
-        return summary(value, sample, least=0.5)
+def disturbance(posterior: Posterior, observed: ObservedCriticalSpeeds) -> Uncertain | None:
+    """Disturbance that explains the observed jump up: A_u there, Appendix A."""
+    low, high = observed.v_c_between
+    if observed.v_c is None or low is None or high is None:
+        return None
+    law, laws = posterior.law, posterior.laws
+    value = float(law.steady_amplitudes(observed.v_c)[0][0])
+    # The jump lies anywhere between the two states: each draw has it elsewhere.
+    share = (np.arange(len(laws.p)) * _GOLDEN) % 1.0
+    sample = laws.steady_amplitudes(low + share[:, None] * (high - low))[0][:, 0]
+    return summary(value, sample, least=0.5)
 
 
 def _rank_covariance(rows: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ that failed as its reason.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,7 +29,7 @@ from hunt_ros.identification.four_point import FourPoint, at_detunings, four_poi
 from hunt_ros.identification.posterior import Posterior
 from hunt_ros.identification.record.envelope import Envelope
 from hunt_ros.identification.record.segments import Run, Segment
-from hunt_ros.identification.result import GIVEN, PAPERS, FitSummary, Identification, unknown_of
+from hunt_ros.identification.result import GIVEN, PAPERS, FitSummary, Identification
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.uncertainty import (
     ENOUGH_DRAWS,
@@ -44,7 +44,13 @@ from hunt_ros.identification.verdict.lack_of_fit import (
     misfit_of,
     missed_transients,
 )
-from hunt_ros.identification.verdict.quantities import Quantities
+from hunt_ros.identification.verdict.quantities import (
+    branches,
+    disturbance,
+    identified,
+    numbers_of,
+)
+from hunt_ros.identification.verdict.reasons import reasons, unknown_of
 from hunt_ros.samples import Record, Uncertain
 
 #: Logarithm of a noise intensity, in units of A_ref^2 / s, below which there is none to see.
@@ -72,7 +78,6 @@ _FEWEST_STEPS = 12
 #: Widths of one step of a staircase differ from it by the noise of the speed reading.
 _ONE_STEP = 1.25
 
-_FEW_DRAWS = 'too few of the laws that the data allow have one'
 _SUPERCRITICAL = 'a supercritical rig has no fold and no unstable branch'
 
 #: What must hold for what: conditions in the order in which they are asked.
@@ -186,16 +191,16 @@ def conclude(
         settings.prior_v_c[0] if settings.prior_v_c else None,
     )
     failed |= _unsupported(best, posterior, evidence, settings, warnings)
-    numbers = Quantities(posterior, settings)
     why = {
         name: next((failed[need] for need in needs if need in failed), '')
         for name, needs in _NEEDS.items()
     }
-
-    def given(name: str, number: Callable[[], Uncertain | None]) -> Uncertain | None:
-        return None if why[name] else number()
-
-    form = None if why['correlations'] else numbers.identified(best.law.name)
+    speed_std = settings.speed_resolution_mps / math.sqrt(12.0)
+    given = {
+        name: None if why[name] else number
+        for name, number in numbers_of(posterior, speed_std).items()
+    }
+    form = None if why['correlations'] else identified(posterior, speed_std)
     criticality = None if why['criticality'] else best.law.criticality
     bracket = evidence.bracket
     if bracket.coexistence is not None and criticality == 'supercritical':
@@ -205,13 +210,12 @@ def conclude(
         criticality = 'subcritical'
     observed, no_hysteresis = resolved(evidence.observed, criticality)
     four = _recipe(form, evidence, warnings)
-    found = numbers.coefficients()
     result = Identification(
         normal_form=form,
-        v_c=given('v_c', numbers.critical_speed),
-        v_n=given('v_n', numbers.fold),
-        hysteresis_width=given('hysteresis_width', numbers.width),
-        coefficients={x: None if why[f'coefficients.{x}'] else found[x] for x in COEFFICIENTS},
+        v_c=given['v_c'],
+        v_n=given['v_n'],
+        hysteresis_width=given['hysteresis_width'],
+        coefficients={name: given[f'coefficients.{name}'] for name in COEFFICIENTS},
         criticality=criticality,
         length_scale=settings.length_unit,
         time_scale=settings.time_unit,
@@ -220,22 +224,22 @@ def conclude(
             'time': GIVEN if settings.time_scale_s else PAPERS,
         },
         speeds=evidence.speeds,
-        branches=() if why['branches'] else numbers.branches(),
+        branches=() if why['branches'] else branches(posterior),
         steady_states=tuple(evidence.states),
         observed=observed,
-        disturbance=given('disturbance_m', lambda: numbers.disturbance(evidence.observed)),
+        disturbance=(None if why['disturbance_m'] else disturbance(posterior, evidence.observed)),
         four_point=four if isinstance(four, FourPoint) else None,
         fit=_summary(evidence, misfit, lacks),
         segments=tuple(evidence.segments),
         envelopes=tuple(evidence.envelopes),
         records=tuple(evidence.records),
         frequency_hz=_frequency(evidence),
-        fold_amplitude=given('v_n', numbers.fold_amplitude),
+        fold_amplitude=given['fold_amplitude_m'],
         notices=tuple(warnings),
         posterior=posterior,
         bracket=bracket,
     )
-    told = _reasons(result, why, four if isinstance(four, str) else '', no_hysteresis)
+    told = reasons(result, why, four if isinstance(four, str) else '', no_hysteresis)
     return replace(result, unknown=unknown_of(result.to_json(), told))
 
 
@@ -552,60 +556,3 @@ def _frequency(evidence: Evidence) -> Uncertain:
     mean = float(np.average(frequency, weights=power if power.sum() > 0.0 else None))
     spread = float(np.sqrt(np.mean((frequency - mean) ** 2)))
     return Uncertain(mean, max(spread, 0.01))
-
-
-def _reasons(
-    result: Identification, why: dict[str, str], no_recipe: str, no_hysteresis: str
-) -> dict[str, str]:
-    """Key of the JSON, or its beginning -> why it is null, where it is."""
-    none = f'no fold of the law lies near the speeds of the data, or {_FEW_DRAWS}'
-    told = {name: reason or _FEW_DRAWS for name, reason in why.items()}
-    told['branches'] = why['branches'] or 'at some speeds the law has no such limit cycle'
-    if result.v_n is None:
-        fold = ('v_n', 'fold_amplitude_m', 'hysteresis_width', 'disturbance_m')
-        told |= {name: why[name] or none for name in fold}
-    elif not why['disturbance_m']:
-        v_c = result.observed.v_c
-        told['disturbance_m'] = (
-            'no jump up was observed, speed rising'
-            if v_c is None
-            else f'the unstable branch does not reach {v_c:.3g} m/s, the observed jump'
-        )
-    told |= {'four_point': no_recipe, **dict(_unobserved(result, no_hysteresis))}
-    return told | dict(_unseen(result.bracket))
-
-
-def _unobserved(result: Identification, no_hysteresis: str) -> Iterator[tuple[str, str]]:
-    """Why what runs show by themselves is not known."""
-    observed = result.observed
-    if observed.threshold is None:
-        yield 'observed', 'all amplitudes are of one kind: nothing jumped'
-        return
-    jump = 'no run shows steady states either side of a jump {0}, speed {1}, without a kick'
-    up, down = jump.format('up', 'rising'), no_hysteresis or jump.format('down', 'falling')
-    yield from ((f'observed.v_c{end}', up) for end in ('', '_between_mps'))
-    yield from ((f'observed.v_n{end}', down) for end in ('', '_between_mps'))
-    yield 'observed.hysteresis_width', up if observed.v_c is None else down
-    yield 'observed.step_mps', 'no jump was observed'
-
-
-def _unseen(bracket: Bracket) -> Iterator[tuple[str, str]]:
-    """Why what is seen without a model bounds a quantity on one side only, or not."""
-    if not bracket.events:
-        yield (
-            'bracket',
-            'all amplitudes are of one kind: rest and a limit cycle cannot be told apart',
-        )
-        return
-    apart = 'rest and a limit cycle were not seen at one speed'
-    if 'rest' in bracket.why and bracket.coexistence is None:
-        apart = 'rest beside the limit cycle was no longer than the law grows slowly there'
-    none_stayed = 'no motion as large as a limit cycle died, or none stayed'
-    yield 'bracket.criticality', apart
-    yield 'bracket.coexistence_mps', apart
-    yield 'bracket.v_n_between_mps', none_stayed if bracket.coexistence else apart
-    yield 'bracket.cycle_ends_between_mps', none_stayed
-    yield 'bracket.v_c_above_mps', 'rest was not seen for long at one speed'
-    yield 'bracket.began_mps', 'nothing grew out of rest unkicked, and stayed'
-    yield 'bracket.unstable_amplitude', 'kicks bound it on one side, or on none'
-    yield 'bracket.events', 'not every motion was kicked'

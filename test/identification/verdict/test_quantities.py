@@ -7,32 +7,31 @@ from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds
 from hunt_ros.dynamics.growth_law import GrowthLaw, GrowthScales, from_normal_form, lawful
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.identification.posterior import Posterior
-from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.identification.verdict.quantities import Quantities
+from hunt_ros.identification.verdict.quantities import branches as branches_of
+from hunt_ros.identification.verdict.quantities import disturbance, numbers_of
 
 SCALES = GrowthScales(7.4, 7e-4, 0.0485, 1.0 / 25.91, 2.84)
 LAW = GrowthLaw(lawful(from_normal_form(PAPER_NORMAL_FORM, SCALES)), SCALES)
 
 
 @pytest.fixture(scope='module')
-def quantities():
+def posterior():
     """Of the paper's form, v_n known to 0.03 m/s and v_c to 0.05 m/s."""
     rng = np.random.default_rng(1)
     p = np.tile(LAW.p, (400, 1))
     p[:, 0] += 0.02 * rng.standard_normal(400)
     p[:, 5] *= 1.0 + 0.01 * rng.standard_normal(400)
-    posterior = Posterior(LAW, p, np.full(400, np.nan), (6.2, 8.8))
-    return Quantities(posterior, IdentificationSettings())
+    return Posterior(LAW, p, np.full(400, np.nan), (6.2, 8.8))
 
 
 @pytest.fixture(scope='module')
-def branches(quantities):
-    return quantities.branches()
+def branches(posterior):
+    return branches_of(posterior)
 
 
-def test_a_jump_known_to_half_a_step_leaves_the_disturbance_as_open(quantities):
+def test_a_jump_known_to_half_a_step_leaves_the_disturbance_as_open(posterior):
     fine, coarse = (
-        quantities.disturbance(ObservedCriticalSpeeds(7.4, v_c_between=(7.4 - half, 7.4 + half)))
+        disturbance(posterior, ObservedCriticalSpeeds(7.4, v_c_between=(7.4 - half, 7.4 + half)))
         for half in (0.001, 0.2)
     )
     assert coarse.value == fine.value
@@ -77,7 +76,5 @@ def test_draws_that_have_lost_the_branch_beyond_v_c_pull_its_lower_edge_to_zero(
 @pytest.mark.parametrize('count', [0, 3])
 def test_of_hardly_a_draw_nothing_is_said(count):
     drawn = Posterior(LAW, np.tile(LAW.p, (count, 1)), np.full(count, np.nan), (6.2, 8.8))
-    quantities = Quantities(drawn, IdentificationSettings())
-    found = quantities.critical_speed(), quantities.fold(), quantities.width()
-    assert {*found, *quantities.coefficients().values()} == {None}
+    assert set(numbers_of(drawn, 0.0).values()) == {None}
     assert not np.isfinite(drawn.correlations()).any()

@@ -1,0 +1,133 @@
+"""Why an entry of the result is null: of every one, in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from hunt_ros.identification.result import Identification, reason_in
+
+#: Lists that say something by being empty.
+_LISTS = ('branches', 'steady_states')
+
+_FEW_DRAWS = 'too few of the laws that the data allow have one'
+_NO_FOLD = f'no fold of the law lies near the speeds of the data, or {_FEW_DRAWS}'
+_NO_JUMP_UP, _NO_JUMP_DOWN = (
+    f'no run shows steady states either side of a jump {way}, without a kick'
+    for way in ('up, speed rising', 'down, speed falling')
+)
+_APART = 'rest and a limit cycle were not seen at one speed'
+_NONE_STAYED = 'no motion as large as a limit cycle died, or none stayed'
+
+#: Reasons where no condition of a quantity failed, by the key of the JSON or its beginning.
+_USUAL: Mapping[str, str] = {
+    **dict.fromkeys(('v_c', 'coefficients', 'criticality', 'correlations'), _FEW_DRAWS),
+    **dict.fromkeys(('v_n', 'fold_amplitude_m', 'hysteresis_width', 'disturbance_m'), _NO_FOLD),
+    'branches': 'at some speeds the law has no such limit cycle',
+    'steady_states.amplitude_std_m': 'some steady states are too short for a deviation',
+    'steady_states': 'the mean of the maxima is taken on plateaus only, over two cycles or more',
+    'segments': 'a growth rate is read where a free transient is small for long enough',
+    'fit.lack_of_fit_p': 'fewer than eight hunting states at several speeds: no test of the fit',
+    'fit': 'the information of the fit is singular',
+    'frequency_hz': 'no line stands out',
+    'observed.step_mps': 'no jump was observed',
+    **dict.fromkeys(('observed.v_n', 'observed.v_n_between_mps'), _NO_JUMP_DOWN),
+    'observed': _NO_JUMP_UP,
+    'bracket.v_c_above_mps': 'rest was not seen for long at one speed',
+    'bracket.began_mps': 'nothing grew out of rest unkicked, and stayed',
+    'bracket.unstable_amplitude': 'kicks bound it on one side, or on none',
+    'bracket.events': 'not every motion was kicked',
+    'bracket.cycle_ends_between_mps': _NONE_STAYED,
+    'bracket': _APART,
+}
+
+
+def reasons(
+    result: Identification, failed: Mapping[str, str], no_recipe: str, no_hysteresis: str
+) -> dict[str, str]:
+    """
+    Return the reasons that hold for this result, where they are not the usual ones.
+
+    Parameters
+    ----------
+    result : Identification
+        Without its reasons.
+    failed : mapping of str to str
+        Key of the JSON -> the first of its conditions that failed, in words; '' for none.
+    no_recipe, no_hysteresis : str
+        Why there is no four-point recipe, and no v_n and width as observed; '' for none.
+    """
+    observed, bracket = result.observed, result.bracket
+    told = {**failed, 'four_point': no_recipe}
+    if result.v_n is not None and not failed['disturbance_m']:
+        told['disturbance_m'] = (
+            'no jump up was observed, speed rising'
+            if observed.v_c is None
+            else f'the unstable branch does not reach {observed.v_c:.3g} m/s, the observed jump'
+        )
+    told |= dict.fromkeys(('observed.v_n', 'observed.v_n_between_mps'), no_hysteresis)
+    if observed.threshold is None:
+        told['observed'] = 'all amplitudes are of one kind: nothing jumped'
+    elif observed.v_c is not None:
+        told['observed.hysteresis_width'] = no_hysteresis or _NO_JUMP_DOWN
+    if not bracket.events:
+        told['bracket'] = (
+            'all amplitudes are of one kind: rest and a limit cycle cannot be told apart'
+        )
+    elif bracket.coexistence is not None:
+        told['bracket.v_n_between_mps'] = _NONE_STAYED
+    elif 'rest' in bracket.why:
+        slow = 'rest beside the limit cycle was no longer than the law grows slowly there'
+        told |= {
+            f'bracket.{name}': slow
+            for name in ('criticality', 'coexistence_mps', 'v_n_between_mps')
+        }
+    return {name: reason for name, reason in told.items() if reason}
+
+
+def nulls_of(document: Mapping[str, Any]) -> list[str]:
+    """
+    Return the keys that are null, or empty where that says something, each once.
+
+    Parameters
+    ----------
+    document : mapping
+        As `Identification.to_json` gives it.
+    """
+    found = [key for key in _LISTS if not document.get(key, True)]
+    return list(dict.fromkeys([*found, *_walk(document, '')]))
+
+
+def _walk(entry: Any, path: str) -> Iterator[str]:
+    """Iterate over the paths of all entries that are None."""
+    if entry is None:
+        yield path
+    elif isinstance(entry, Mapping):
+        for key, below in entry.items():
+            yield from _walk(below, f'{path}.{key}' if path else str(key))
+    elif isinstance(entry, Sequence) and not isinstance(entry, str):
+        for below in entry:
+            yield from _walk(below, path)
+
+
+def unknown_of(document: Mapping[str, Any], told: Mapping[str, str]) -> dict[str, str]:
+    """
+    Say of every null why it is not known.
+
+    Parameters
+    ----------
+    document : mapping
+        As `Identification.to_json` gives it.
+    told : mapping of str to str
+        Key, or the part of it before a dot -> reason; the longest that fits counts, and before
+        the usual ones.
+
+    Returns
+    -------
+    dict of str to str
+        Key -> reason.
+    """
+    return {
+        key: reason_in(told, key) or reason_in(_USUAL, key) or 'the data do not show it'
+        for key in nulls_of(document)
+    }
