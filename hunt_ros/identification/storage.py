@@ -1,45 +1,34 @@
 """
 An identification as one file: everything but the samples, in NumPy's `.npz`.
 
-A frozen dataclass becomes its name and its fields, an array an entry of the archive; nothing in
-the file is code. The file knows the normal form it belongs to.
+A dataclass of the package becomes its name and its fields, an array an entry of the archive;
+nothing in the file is code. The file knows the normal form it belongs to.
 """
 
 from __future__ import annotations
 
 import json
-import math
 import zipfile
-from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
+from functools import partial
 from os import PathLike
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
 
-from hunt_ros import samples
-from hunt_ros.analysis import steady_state
-from hunt_ros.dynamics import growth_law, identified, mode_shape, normal_form
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import HuntError, IdentificationError
-from hunt_ros.identification import bracket, four_point, posterior, result
-from hunt_ros.identification.record import envelope, events, segments
 from hunt_ros.identification.result import Identification
 
 #: Version of the file: another one is refused.
-VERSION = 4
-_UNITS = 'SI: m, m/s, s, 1/s, Hz, rad; noise intensity m^2/s; stamps in ns'
-
-#: Rooms whose dataclasses a file may hold.
-_ROOMS = (
-    samples, steady_state, identified, mode_shape, normal_form, bracket, four_point, growth_law,
-    posterior, result, envelope, events, segments,
+VERSION = 5
+#: What reading raises of a file that holds something else, or is spoilt.
+_SPOILT = (
+    HuntError, ValueError, KeyError, TypeError, AttributeError, ImportError, EOFError,
+    zipfile.BadZipFile,
 )  # fmt: skip
-_CLASSES: Mapping[str, Any] = {
-    name: one for room in _ROOMS for name, one in vars(room).items() if is_dataclass(one)
-}
-
-#: Fields that are not kept: samples stay in their recordings.
-_LEFT_OUT = {'Identification': {'records': ()}}
+_UNITS = 'SI: m, m/s, s, 1/s, Hz, rad; noise intensity m^2/s; stamps in ns'
 
 
 def save(found: Identification, path: str | PathLike[str]) -> None:
@@ -49,7 +38,7 @@ def save(found: Identification, path: str | PathLike[str]) -> None:
     Parameters
     ----------
     found : Identification
-        Its `records` are not written.
+        Its `records` are not written: samples stay in their recordings.
     path : path
         Of the file, as it is given.
 
@@ -58,25 +47,20 @@ def save(found: Identification, path: str | PathLike[str]) -> None:
     IdentificationError
         If it cannot be written.
     """
-    arrays: dict[str, np.ndarray[Any, Any]] = {}
-    head = {
-        'version': VERSION,
-        'units': _UNITS,
-        'form': '' if found.normal_form is None else found.normal_form.fingerprint,
-        'content': _encoded(found, arrays),
-    }
+    form = '' if found.normal_form is None else found.normal_form.fingerprint
+    head = json.dumps({'version': VERSION, 'units': _UNITS, 'form': form})
+    arrays: dict[str, Any] = {}
+    content = json.dumps(replace(found, records=()), default=partial(_plain, arrays))
     try:
         with open(path, 'wb') as file:
-            np.savez_compressed(file, head=np.array(json.dumps(head)), **arrays)  # type: ignore[arg-type]
+            np.savez_compressed(file, head=head, content=content, **arrays)
     except OSError as error:
         raise IdentificationError(
             f'{path}: cannot write the identification ({error.strerror})'
         ) from error
 
 
-def load(
-    path: str | PathLike[str], form: identified.IdentifiedNormalForm | None = None
-) -> Identification:
+def load(path: str | PathLike[str], form: IdentifiedNormalForm | None = None) -> Identification:
     """
     Read an identification.
 
@@ -103,54 +87,46 @@ def load(
                 raise IdentificationError(
                     f'{path}: belongs to another normal form, v_c or one of its numbers differs'
                 )
-            arrays = {name: archive[name] for name in archive.files if name != 'head'}
-        found = _decoded(head['content'], arrays)
+            found = json.loads(str(archive['content']), object_hook=partial(_whole, archive))
+        if not isinstance(found, Identification):
+            raise TypeError(type(found))
     except OSError as error:
         reason = error.strerror or 'not an identification'
         raise IdentificationError(f'{path}: cannot read the identification ({reason})') from error
     except IdentificationError:
         raise
-    except (HuntError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+    except _SPOILT as error:
         raise IdentificationError(
             f'{path}: is no identification that hunt identify has written'
         ) from error
-    if not isinstance(found, Identification):
-        raise IdentificationError(f'{path}: is no identification that hunt identify has written')
     return found
 
 
-def _encoded(entry: Any, arrays: dict[str, np.ndarray[Any, Any]]) -> Any:
-    """Return an entry as JSON; arrays go into the archive."""
+def _plain(arrays: dict[str, Any], entry: Any) -> Any:
+    """Return as JSON what JSON has not; arrays go into the archive."""
     if isinstance(entry, np.ndarray):
         name = f'array{len(arrays)}'
         arrays[name] = entry
         return {'array': name}
-    if isinstance(entry, np.generic):
-        entry = entry.item()
-    if isinstance(entry, float) and not math.isfinite(entry):
-        return {'float': repr(entry)}
-    if is_dataclass(entry) and not isinstance(entry, type):
-        name = type(entry).__name__
-        left_out = _LEFT_OUT.get(name, {})
-        kept = [one.name for one in fields(entry) if one.name not in left_out]
-        return {name: {key: _encoded(getattr(entry, key), arrays) for key in kept}}
-    if isinstance(entry, Mapping):
-        return {'mapping': {key: _encoded(below, arrays) for key, below in entry.items()}}
-    if isinstance(entry, list | tuple):
-        return [_encoded(below, arrays) for below in entry]
-    return entry
+    if not is_dataclass(entry):
+        return entry.item()
+    kind = type(entry)
+    content = {item.name: getattr(entry, item.name) for item in fields(entry)}
+    return {'dataclass': f'{kind.__module__}:{kind.__name__}', **content}
 
 
-def _decoded(entry: Any, arrays: Mapping[str, np.ndarray[Any, Any]]) -> Any:
-    """Return what `_encoded` was given; sequences as tuples."""
-    if isinstance(entry, list):
-        return tuple(_decoded(below, arrays) for below in entry)
-    if not isinstance(entry, dict):
+def _whole(archive: Any, entry: dict[str, Any]) -> Any:
+    """Return what `_plain` was given; sequences as tuples."""
+    if 'array' in entry:
+        return archive[entry['array']]
+    name = entry.pop('dataclass', None)
+    if name is None:
         return entry
-    ((name, content),) = entry.items()
-    if name == 'array':
-        return arrays[content]
-    if name == 'float':
-        return float(content)
-    below = {key: _decoded(one, arrays) for key, one in content.items()}
-    return below if name == 'mapping' else _CLASSES[name](**_LEFT_OUT.get(name, {}), **below)
+    kind = resolve_name(name) if name.startswith('hunt_ros.') else None
+    if not (isinstance(kind, type) and is_dataclass(kind)):
+        raise TypeError(f'{name} is no part of an identification')
+    return kind(**{key: _tuple(below) for key, below in entry.items()})
+
+
+def _tuple(entry: Any) -> Any:
+    return tuple(map(_tuple, entry)) if isinstance(entry, list) else entry
