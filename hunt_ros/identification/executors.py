@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
@@ -12,21 +11,16 @@ from hunt_ros.errors import IdentificationError
 _T = TypeVar('_T')
 #: Told which fraction of the work is done.
 Tell = Callable[[float], None]
+#: As the built-in `map`: gives the results in the order of the arguments.
+Mapper = Callable[..., Iterator[Any]]
 #: A scheduler that does not answer within this is not there.
 _ANSWER_S = 10
 
 
-class _Here(Executor):
-    """The process itself: each piece of work is done when its result is asked for."""
-
-    def map(self, fn: Callable[..., _T], *iterables: Iterable[Any], **_: Any) -> Iterator[_T]:
-        return map(fn, *iterables)
-
-
 @contextmanager
-def executor(cluster: str = '') -> Iterator[Executor]:
+def mapper(cluster: str = '') -> Iterator[Mapper]:
     """
-    Open an executor; its `map` gives the results in the order of the arguments.
+    Open what maps a function; in this process each piece is done when its result is asked for.
 
     Parameters
     ----------
@@ -39,7 +33,7 @@ def executor(cluster: str = '') -> Iterator[Executor]:
         If the scheduler cannot be reached, or its library is not installed.
     """
     if not cluster:
-        yield _Here()
+        yield map
         return
     try:
         import distributed
@@ -56,11 +50,11 @@ def executor(cluster: str = '') -> Iterator[Executor]:
             f'cluster: no Dask scheduler answers at {cluster} ({error})'
         ) from error
     with client, client.get_executor(pure=False) as pool:
-        yield pool
+        yield pool.map
 
 
 def collected(results: Iterable[_T], count: int, tell: Tell | None = None) -> list[_T]:
-    """Return what an executor's `map` gives, and say after each which share of `count` is done."""
+    """Return what a mapper gives, and say after each which share of `count` is done."""
     found = []
     for done, result in enumerate(results, start=1):
         found.append(result)

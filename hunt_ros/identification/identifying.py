@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from concurrent.futures import Executor
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from operator import attrgetter
@@ -21,7 +20,7 @@ from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import IdentificationError
 from hunt_ros.estimation.record_lines import ForcedLine, RecordLines
 from hunt_ros.identification.bracket import bracket_of
-from hunt_ros.identification.executors import Tell, collected, executor
+from hunt_ros.identification.executors import Mapper, Tell, collected, mapper
 from hunt_ros.identification.fit import fit_laws
 from hunt_ros.identification.likelihood.path_likelihood import Path
 from hunt_ros.identification.preparation import (
@@ -100,19 +99,12 @@ def identify(
     settings = settings or IdentificationSettings()
     tell = progress or (lambda fraction: None)
     warnings: list[str] = []
-    with executor(settings.cluster) as pool:
-        recordings = _usable(sources, settings, pool, warnings, lambda part: tell(_READ * part))
-        frequency, bare, forced = _hunting_frequency(recordings, settings, pool, warnings)
-        runs = _runs(
-            recordings,
-            frequency,
-            bare,
-            forced,
-            settings.flange_clearance_m,
-            pool,
-            warnings,
-            lambda part: tell(_READ + (_SEEN - _READ) * part),
-        )
+    with mapper(settings.cluster) as mapped:
+        recordings = _usable(sources, settings, mapped, warnings, lambda part: tell(_READ * part))
+        frequency, bare, forced = _hunting_frequency(recordings, settings, mapped, warnings)
+        work = partial(runs_in, bare=bare, frequency_hz=frequency, forced=forced)
+        tell_seen: Tell = lambda part: tell(_READ + (_SEEN - _READ) * part)  # noqa: E731
+        runs = _runs(recordings, work, settings.flange_clearance_m, mapped, warnings, tell_seen)
         states = [state for run in runs for state in run.states]
         bracket = bracket_of([run.seen for run in runs], [run.kicked for run in runs])
         kicks = [*bracket.kicks, *(kick for run in runs for kick in run.kicks)]
@@ -123,11 +115,10 @@ def identify(
         path, scales = _path(runs, frequency, settings)
         laws = fit_laws(path, scales, settings, observed.v_c)
         tell(_FITTED)
-        evidence = Evidence(laws, runs, bracket, observed, _records(recordings))
-        result = conclude(evidence, settings, warnings)
-        if result.normal_form is not None:
-            found = result.normal_form
-            shape = _mode_shape(recordings, frequency, bare, pool)
+        result = conclude(Evidence(laws, runs, bracket, observed), settings, warnings)
+        result = replace(result, records=_records(recordings))
+        if (found := result.normal_form) is not None:
+            shape = _mode_shape(recordings, frequency, bare, mapped)
             result = replace(result, normal_form=replace(found, mode_shape=shape))
     tell(1.0)
     return result
@@ -149,7 +140,7 @@ def _sources(given: Source | Iterable[Source]) -> list[Source]:
 def _usable(
     sources: Sequence[Source],
     settings: IdentificationSettings,
-    pool: Executor,
+    mapped: Mapper,
     warnings: list[str],
     tell: Tell,
 ) -> list[Recording]:
@@ -161,7 +152,7 @@ def _usable(
                 f'ignore: recording {number} of {count} has no interval to leave out'
             )
     given = [Recording(source, k, settings) for k, source in enumerate(sources, start=1)]
-    digests = pool.map(attrgetter('digest'), given)
+    digests = mapped(attrgetter('digest'), given)
     for one, digest in zip(given, collected(digests, count, tell), strict=True):
         one.digest = digest
     left_out = zip(settings.ignore, *(one.digest.ignored for one in given), strict=True)
@@ -224,23 +215,23 @@ def _places(recordings: Sequence[Recording]) -> list[tuple[Recording, int, Stret
     return [(one, k, part) for one in recordings for k, part in enumerate(one.digest.stretches)]
 
 
-def _records(recordings: Sequence[Recording]) -> list[Record]:
+def _records(recordings: Sequence[Recording]) -> tuple[Record, ...]:
     """Return those that were given as records; what a callable read stays where it was read."""
     given = [one for one in recordings if isinstance(one.source, Record) and one.digest.measures]
-    return [replace(one.samples[0], source=one.name) for one in given]
+    return tuple(replace(one.samples[0], source=one.name) for one in given)
 
 
 def _hunting_frequency(
     recordings: Sequence[Recording],
     settings: IdentificationSettings,
-    pool: Executor,
+    mapped: Mapper,
     warnings: list[str],
 ) -> tuple[float, bool, list[ForcedLine]]:
     """Return the frequency of the hunting, Hz, whether an angle nobody gave is left out, lines."""
     places = _places(recordings)
     stretches = [stretch for _, _, stretch in places]
     chosen = [places[k] for k in looked_at(stretches)]
-    motions = pool.map(motion_in, [one for one, _, _ in chosen], [k for _, k, _ in chosen])
+    motions = mapped(motion_in, [one for one, _, _ in chosen], [k for _, k, _ in chosen])
     turns = [one.digest.turns_per_metre for one in recordings if one.digest.measures]
     seen = [one for one in turns if math.isfinite(one)]
     roller = float(np.median(seen)) if seen else math.nan
@@ -252,7 +243,7 @@ def _hunting_frequency(
         if settings.hunting_frequency_hz:
             return settings.hunting_frequency_hz
         work = partial(powers_in, bare=bare, grid=grid, forced=lines.forced())
-        return strongest(grid, [power for some in pool.map(work, recordings) for power in some])
+        return strongest(grid, [power for some in mapped(work, recordings) for power in some])
 
     frequency, bare = found(bare=False), False
     if any(stretch.assumed for stretch in stretches):
@@ -278,25 +269,17 @@ def _hunting_frequency(
 
 def _runs(
     recordings: Sequence[Recording],
-    frequency_hz: float,
-    bare: bool,
-    forced: Sequence[ForcedLine],
+    work: Callable[..., tuple[list[Run], list[str]]],
     clearance_m: float,
-    pool: Executor,
+    mapped: Mapper,
     warnings: list[str],
     tell: Tell,
 ) -> list[Run]:
     """Return envelopes, segments and steady amplitudes of all stretches."""
 
     def all_runs(clearance_m: float, tell: Tell | None) -> tuple[list[Run], list[str]]:
-        work = partial(
-            runs_in,
-            bare=bare,
-            frequency_hz=frequency_hz,
-            clearance_m=clearance_m,
-            forced=forced,
-        )
-        found = collected(pool.map(work, recordings), len(recordings), tell)
+        some = mapped(partial(work, clearance_m=clearance_m), recordings)
+        found = collected(some, len(recordings), tell)
         return [run for some, _ in found for run in some], [x for _, said in found for x in said]
 
     runs, said = all_runs(clearance_m, tell)
@@ -315,12 +298,12 @@ def _runs(
 
 
 def _mode_shape(
-    recordings: Sequence[Recording], frequency_hz: float, bare: bool, pool: Executor
+    recordings: Sequence[Recording], frequency_hz: float, bare: bool, mapped: Mapper
 ) -> ModeShape | None:
     """Measure the shape wherever what can be used holds both sensors; None where nothing does."""
     measuring = [one for one in recordings if one.digest.measures and not one.digest.refused]
     work = partial(ratio_in, bare=bare, frequency_hz=frequency_hz)
-    found = list(pool.map(work, measuring))
+    found = list(mapped(work, measuring))
     if not found:
         return None
     windows = np.concatenate(found)

@@ -79,7 +79,39 @@ class Recording:
         What is read of it: the record, NaN where no sensor measured; the same with the angle of
         the roller; the stretches in which the rig runs; and what is known without the samples.
         """
-        return _read(self.source, self.number, self.settings)
+        settings = self.settings
+        record = self.source if isinstance(self.source, Record) else self.source()
+        record = replace(record, channels={name: one.in_order() for name, one in record.items()})
+        record, ignored = ignoring(record, self.number, settings)
+        said: list[str] = []
+        refused, measures, turning = '', False, record
+        channels: list[Channels] = []
+        try:
+            record = measuring(record, said, settings.lateral_range_m)
+            measures = True
+            turning = with_angle(record, settings)
+            assumed = is_assumed(turning)
+            channels = [replace(one, assumed=assumed) for one in moving(turning)]
+        except IdentificationError as error:
+            refused = str(error)
+        digest = Digest(
+            source=record.source or 'record',
+            rig=record.notes.get('rig', '').strip(),
+            problems=record.notes.get('problems', ''),
+            span=(record.start_ns, record.end_ns),
+            sketch=sketch_of(
+                record.get('lateral', Series(np.zeros(0, dtype=np.int64), np.zeros(0)))
+            ),
+            ignored=ignored,
+            said=tuple(said),
+            refused=refused,
+            measures=measures,
+            turns_per_metre=turns_per_metre(
+                record if is_assumed(turning) else turning, settings.roller_diameter_m
+            ),
+            stretches=tuple(map(Stretch.of, channels)),
+        )
+        return record, turning, channels, digest
 
     @cached_property
     def digest(self) -> Digest:
@@ -104,42 +136,6 @@ def _named(given: bytes, name: str) -> Recording:
     one = _held(given)
     one.name = name
     return one
-
-
-def _read(
-    source: Source, number: int, settings: IdentificationSettings
-) -> tuple[Record, Record, list[Channels], Digest]:
-    """Read a recording and bring it onto its lateral samples."""
-    record = source if isinstance(source, Record) else source()
-    record = replace(record, channels={name: one.in_order() for name, one in record.items()})
-    record, ignored = ignoring(record, number, settings)
-    said: list[str] = []
-    refused, measures, turning = '', False, record
-    channels: list[Channels] = []
-    try:
-        record = measuring(record, said, settings.lateral_range_m)
-        measures = True
-        turning = with_angle(record, settings)
-        assumed = is_assumed(turning)
-        channels = [replace(one, assumed=assumed) for one in moving(turning)]
-    except IdentificationError as error:
-        refused = str(error)
-    digest = Digest(
-        source=record.source or 'record',
-        rig=record.notes.get('rig', '').strip(),
-        problems=record.notes.get('problems', ''),
-        span=(record.start_ns, record.end_ns),
-        sketch=sketch_of(record.get('lateral', Series(np.zeros(0, dtype=np.int64), np.zeros(0)))),
-        ignored=ignored,
-        said=tuple(said),
-        refused=refused,
-        measures=measures,
-        turns_per_metre=turns_per_metre(
-            record if is_assumed(turning) else turning, settings.roller_diameter_m
-        ),
-        stretches=tuple(map(Stretch.of, channels)),
-    )
-    return record, turning, channels, digest
 
 
 def motion_in(recording: Recording, stretch: int) -> Motion | None:

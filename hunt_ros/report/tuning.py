@@ -21,7 +21,7 @@ import numpy as np
 from hunt_ros.detection import DetectorConfig
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.identification import Identification
-from hunt_ros.identification.executors import Tell, collected, executor
+from hunt_ros.identification.executors import Tell, collected, mapper
 from hunt_ros.identification.record.events import Event
 from hunt_ros.report.alarms import load_of, rate_per_hour
 from hunt_ros.report.events import events_of
@@ -163,7 +163,7 @@ def tune(
     grid : mapping of str to sequence of float
         Name of a setting -> its values.
     cluster : str
-        See `executor`.
+        See `mapper`.
     tell : callable, optional
         Told which share is done.
 
@@ -186,9 +186,9 @@ def tune(
     records = identification.records
     truths = [Truth.of(record, identification.bracket.events) for record in records]
     pairs = list(product(configs, records))
-    with executor(cluster) as pool:
+    with mapper(cluster) as mapped:
         spells = collected(
-            pool.map(partial(_spells, form), *zip(*pairs, strict=True)), len(pairs), tell
+            mapped(partial(_spells, form), *zip(*pairs, strict=True)), len(pairs), tell
         )
     rows = [spells[k : k + len(records)] for k in range(0, len(spells), len(records))]
     return truths, [_outcome(*one, truths, row) for one, row in zip(asked, rows, strict=True)]

@@ -51,7 +51,7 @@ from hunt_ros.identification.verdict.quantities import (
     numbers_of,
 )
 from hunt_ros.identification.verdict.reasons import reasons, unknown_of
-from hunt_ros.samples import Record, Uncertain
+from hunt_ros.samples import Uncertain
 
 #: Logarithm of a noise intensity, in units of A_ref^2 / s, below which there is none to see.
 _UNSEEN = -30.0
@@ -109,7 +109,6 @@ class Evidence:
     runs: Sequence[Run]
     bracket: Bracket
     observed: ObservedCriticalSpeeds
-    records: Sequence[Record]
 
     @property
     def envelopes(self) -> list[Envelope]:
@@ -232,7 +231,6 @@ def conclude(
         fit=_summary(evidence, misfit, lacks),
         segments=tuple(evidence.segments),
         envelopes=tuple(evidence.envelopes),
-        records=tuple(evidence.records),
         frequency_hz=_frequency(evidence),
         fold_amplitude=given['fold_amplitude_m'],
         notices=tuple(warnings),
