@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import F1, F2, F3, I1, compiled
+from hunt_ros.compiled import F1, F2, F3, compiled
 from hunt_ros.dynamics.profile import Step
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.posterior import Posterior
@@ -64,10 +64,8 @@ class Move:
     def rows(self) -> Iterator[tuple[float, ...]]:
         """Return its legs as the kernel takes them: m/s, m/s^2, s, m, m, whether wanted, m."""
         for leg in self.step.plan():
-            above = math.inf if math.isnan(leg.above_m) else leg.above_m
-            below = 0.0 if math.isnan(leg.below_m) else leg.below_m
             went = leg.speed_mps, leg.rate_mps2, leg.hold_s
-            yield (*went, above, below, float(self.wanted), self.kick)
+            yield (*went, leg.above_m, leg.below_m, float(self.wanted), self.kick)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,14 +75,11 @@ class Ensemble:
 
     Parameters
     ----------
-    law : ndarray of int, shape (n,)
-        Which law each path follows.
     states : ndarray, shape (n, 5)
         Speed, m/s; amplitude, m; whether it was quiet since hunting was last wanted; whether
         hunting began unwanted; s since the beginning.
     """
 
-    law: NDArray[np.int64]
     states: Array
 
     @property
@@ -104,7 +99,7 @@ class Ensemble:
 
     def part(self, count: int) -> Ensemble:
         """Return the first paths."""
-        return Ensemble(self.law[:count], self.states[:count])
+        return Ensemble(self.states[:count])
 
 
 class Foresight:
@@ -203,11 +198,10 @@ class Foresight:
 
     def start(self, speed: float, amplitude: float) -> Ensemble:
         """Begin all paths at a speed, m/s, and an amplitude, m."""
-        law = np.arange(self._paths) % len(self._folds)
         states = np.zeros((self._paths, 5))
         states[:, 0], states[:, 1] = speed, amplitude
-        states[:, 2] = amplitude < QUIET * self._folds[law]
-        return Ensemble(law, states)
+        states[:, 2] = amplitude < QUIET * np.resize(self._folds, self._paths)
+        return Ensemble(states)
 
     def follow(self, state: Ensemble, moves: Sequence[Move]) -> tuple[Ensemble, Array]:
         """
@@ -233,12 +227,11 @@ class Foresight:
         first, second = self._speeds[:2]
         grid = np.array([first, second - first, self._amplitudes[1] - self._amplitudes[0]])
         _follow(
-            legs, self._growth, self._folds, self._intensity, state.law, grid, self._normal, told,
-            states,
+            legs, self._growth, self._folds, self._intensity, grid, self._normal, told, states,
         )  # fmt: skip
-        weight = told.ravel() / state.law.size
+        weight = told.ravel() / len(states)
         information = self._slopes.T @ (weight[:, None] * self._slopes)
-        return Ensemble(state.law, states), information
+        return Ensemble(states), information
 
 
 def _central(rows: Array) -> NDArray[np.bool_]:
@@ -255,7 +248,6 @@ def _follow(
     growth: F3,
     folds: F1,
     intensity: F1,
-    laws: I1,
     grid: F1,
     normal: F3,
     told: F2,
@@ -269,11 +261,9 @@ def _follow(
     legs : ndarray, shape (m, 7)
         Rows of `Move`.
     growth : ndarray, shape (laws, speeds, amplitudes)
-        1/s.
+        1/s; the paths follow the laws in turn.
     folds, intensity : ndarray, shape (laws,)
         m, m^2/s.
-    laws : ndarray of int, shape (n,)
-        Which each path follows.
     grid : ndarray, shape (3,)
         First speed, step of speed (m/s), step of amplitude (m).
     normal : ndarray, shape (at least n, steps, 2)
@@ -285,8 +275,8 @@ def _follow(
     """
     last_v, last_a = growth.shape[1] - 2, growth.shape[2] - 2
     top = (last_a + 1) * grid[2]
-    for k in range(laws.size):
-        law = laws[k]
+    for k in range(ends.shape[0]):
+        law = k % growth.shape[0]
         speed, amplitude, quiet, escaped = ends[k, 0], ends[k, 1], ends[k, 2], ends[k, 3]
         step = math.sqrt(2.0 * intensity[law] * _STEP_S)
         fold = folds[law]

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from hunt_ros.dynamics.covariance_root import covariance_root, inverse_of
 from hunt_ros.dynamics.growth_law import PAPER_TERMS, TERMS, GrowthLaw, reading
@@ -43,7 +42,7 @@ class Covariance:
     ----------
     matrix : ndarray, shape (11, 11)
     degrees : float
-        Degrees of freedom of its variances: quantiles are Student's.
+        Degrees of freedom of its variances: draws are Student's.
     condition_number : float
         Of the information on the paper's form, scaled to unit diagonal.
     """
@@ -51,11 +50,6 @@ class Covariance:
     matrix: NDArray[np.float64]
     degrees: float
     condition_number: float
-
-    @property
-    def quantile(self) -> float:
-        """Student's 97.5 % quantile."""
-        return float(stats.t.ppf(0.975, self.degrees))
 
 
 def law_covariance(fit: TrajectoryFit) -> Covariance:

@@ -28,10 +28,10 @@ from hunt_ros.dynamics.simulation import (
     SimulationSettings,
     simulate,
 )
-from hunt_ros.identification import Identification, IdentificationSettings
+from hunt_ros.identification import Identification
 from hunt_ros.identification.posterior import Posterior
 from hunt_ros.identification.result import FitSummary
-from hunt_ros.identification.verdict.quantities import Quantities
+from hunt_ros.identification.verdict.quantities import branches, identified, numbers_of
 from hunt_ros.samples import Record, Series
 
 ORIGIN_NS = 1_700_000_000_000_000_000
@@ -140,20 +140,19 @@ def identification_of_the_paper(seed: int = 1) -> Identification:
     p = law.p + np.abs(law.p) * vague * rng.standard_normal((400, TERMS))
     intensity = 5e-12 * np.exp(0.2 * rng.standard_normal(400))
     posterior = Posterior(law, p, intensity, (6.0, 8.8))
-    settings = IdentificationSettings()
-    numbers = Quantities(posterior, settings)
+    numbers = numbers_of(posterior, 0.0)
     return Identification(
-        normal_form=numbers.identified(QUINTIC),
-        v_c=numbers.critical_speed(),
-        v_n=numbers.fold(),
-        hysteresis_width=numbers.width(),
+        normal_form=identified(posterior, 0.0),
+        v_c=numbers['v_c'],
+        v_n=numbers['v_n'],
+        hysteresis_width=numbers['hysteresis_width'],
         coefficients={},
         criticality='subcritical',
         length_scale=scales.length_scale,
         time_scale=scales.time_scale,
         scales_from={'length': 'given', 'time': 'given'},
         speeds=(6.0, 8.8),
-        branches=numbers.branches(),
+        branches=branches(posterior),
         steady_states=(),
         observed=ObservedCriticalSpeeds(),
         disturbance=None,
