@@ -321,13 +321,10 @@ def _path(
 ) -> tuple[Path, GrowthScales]:
     """Put all envelopes in a row, in the units of the fit."""
     speed = np.concatenate([run.envelope.speed for run in runs])
-    phasor: list[NDArray[np.complex128]] = []
-    restart = []
-    for run in runs:
-        restart.append(np.arange(run.envelope.time.size) == 0)
-        # A kick begins a new segment, as a gap does.
-        phasor.append(np.where(run.kicked, np.nan, run.corrected.phasor))
-    joined = np.concatenate(phasor)
+    sizes = [run.envelope.time.size for run in runs]
+    names = list(dict.fromkeys(run.envelope.source for run in runs))
+    # A kick begins a new segment, as a gap does.
+    joined = np.concatenate([np.where(run.kicked, np.nan, run.corrected.phasor) for run in runs])
     scales = GrowthScales(
         speed=float(np.median(speed)),
         amplitude=_NEAR_TOP * float(np.nanmax(np.abs(joined))),
@@ -340,20 +337,14 @@ def _path(
         time=np.concatenate([run.envelope.time for run in runs]),
         u=speed / scales.speed - 1.0,
         phasor=np.asarray(joined / scales.amplitude, dtype=np.complex128),
-        restart=np.concatenate(restart),
+        restart=np.concatenate([np.arange(size) == 0 for size in sizes]),
         blur=WINDOW_VARIANCE * half**2,
         reach=WINDOW_REACH * half,
         overlap=WINDOW_OVERLAP,
         line=np.concatenate([_line(run.envelope) for run in runs]) / scales.amplitude**2,
-        recording=np.repeat(_recordings(runs), [run.envelope.time.size for run in runs]),
+        recording=np.repeat([names.index(run.envelope.source) for run in runs], sizes),
     )
     return path, scales
-
-
-def _recordings(runs: Sequence[Run]) -> list[int]:
-    """Return of which recording each run is, 0-based."""
-    names = list(dict.fromkeys(run.envelope.source for run in runs))
-    return [names.index(run.envelope.source) for run in runs]
 
 
 def _line(envelope: Envelope) -> NDArray[np.float64]:

@@ -323,16 +323,8 @@ class _Planner:
             if lasted <= 0.0 or lasted > left_s:
                 continue
             gain = before - np.log(self._foresight.spread(information + told))
-            escape = float(after.escaped.mean())
-            gain_per_minute = 60.0 * float(gain.sum()) / lasted
-            rated.append(
-                replace(
-                    action,
-                    duration_s=lasted,
-                    gain_per_minute=gain_per_minute,
-                    escape_chance=escape,
-                )
-            )
+            found = lasted, 60.0 * float(gain.sum()) / lasted, float(after.escaped.mean())
+            rated.append(Action(action.kind, action.words, action.moves, *found))
         return sorted(rated, key=lambda one: -one.gain_per_minute)
 
     def _first_within(

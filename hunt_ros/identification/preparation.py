@@ -67,11 +67,11 @@ class Recording:
     name = ''
 
     def __init__(self, source: Source, number: int, settings: IdentificationSettings) -> None:
-        self._given = source, number, settings
-        self.source, self.number, self.settings = self._given
+        self.source, self.number, self.settings = source, number, settings
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _named, (pickle.dumps(self._given), self.name)
+        given = self.source, self.number, self.settings
+        return _held, (pickle.dumps(given),), {'name': self.name}
 
     @cached_property
     def samples(self) -> tuple[Record, Record, list[Channels], Digest]:
@@ -130,12 +130,6 @@ class Recording:
 def _held(given: bytes) -> Recording:
     """A process that is asked for several things of a recording reads it once."""
     return Recording(*pickle.loads(given))
-
-
-def _named(given: bytes, name: str) -> Recording:
-    one = _held(given)
-    one.name = name
-    return one
 
 
 def motion_in(recording: Recording, stretch: int) -> Motion | None:

@@ -1,12 +1,22 @@
-"""What an identification hands back, and its public JSON."""
+"""
+What an identification hands back, its public JSON, and the file that keeps it.
+
+The file holds everything but the samples, in NumPy's `.npz`: a dataclass of the package is its
+name and its fields, an array an entry of the archive; nothing in it is code. It knows the normal
+form it belongs to.
+"""
 
 from __future__ import annotations
 
+import json
 import math
+import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from functools import partial
 from html import escape
 from os import PathLike
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -15,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds, SteadyState
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, Criticality
-from hunt_ros.errors import IdentificationError
+from hunt_ros.errors import HuntError, IdentificationError
 from hunt_ros.identification.bracket import Bracket
 from hunt_ros.identification.four_point import FourPoint
 from hunt_ros.identification.posterior import QUANTITIES, BranchName, Posterior
@@ -30,6 +40,15 @@ GIVEN, PAPERS = 'given', 'rig of the paper'
 
 #: Quantities whose key in the JSON names their unit.
 _KEYS = {'fold_amplitude': 'fold_amplitude_m', 'disturbance': 'disturbance_m'}
+
+#: Version of the file: another one is refused. A dataclass that moves needs a new one.
+_VERSION = 5
+#: What reading raises of a file that holds something else, or is spoilt.
+_SPOILT = (
+    HuntError, ValueError, KeyError, TypeError, AttributeError, ImportError, EOFError,
+    zipfile.BadZipFile,
+)  # fmt: skip
+_UNITS = 'SI: m, m/s, s, 1/s, Hz, rad; noise intensity m^2/s; stamps in ns'
 
 #: Coefficients that hold for the speeds and amplitudes measured; the others are Taylor's.
 EFFECTIVE = ('D7', 'D10', 'D15')
@@ -194,9 +213,17 @@ class Identification:
         IdentificationError
             If it cannot be written.
         """
-        from hunt_ros.identification.storage import save
-
-        save(self, path)
+        form = '' if self.normal_form is None else self.normal_form.fingerprint
+        head = json.dumps({'version': _VERSION, 'units': _UNITS, 'form': form})
+        arrays: dict[str, Any] = {}
+        content = json.dumps(replace(self, records=()), default=partial(_plain, arrays))
+        try:
+            with open(path, 'wb') as file:
+                np.savez_compressed(file, head=head, content=content, **arrays)
+        except OSError as error:
+            raise IdentificationError(
+                f'{path}: cannot write the identification ({error.strerror})'
+            ) from error
 
     @classmethod
     def load(
@@ -215,11 +242,36 @@ class Identification:
         Raises
         ------
         IdentificationError
-            If it cannot be read, or belongs to another form.
+            If it cannot be read, is no such file, is of another version, or belongs to another
+            form.
         """
-        from hunt_ros.identification.storage import load
-
-        return load(path, form)
+        try:
+            with np.load(path, allow_pickle=False) as archive:
+                head = json.loads(str(archive['head']))
+                if head['version'] != _VERSION:
+                    raise IdentificationError(
+                        f'{path}: identification of version {head["version"]}, expected {_VERSION}'
+                    )
+                if form is not None and head['form'] != form.fingerprint:
+                    raise IdentificationError(
+                        f'{path}: belongs to another normal form, v_c or one of its numbers'
+                        ' differs'
+                    )
+                found = json.loads(str(archive['content']), object_hook=partial(_whole, archive))
+            if not isinstance(found, cls):
+                raise TypeError(type(found))
+        except OSError as error:
+            reason = error.strerror or 'not an identification'
+            raise IdentificationError(
+                f'{path}: cannot read the identification ({reason})'
+            ) from error
+        except IdentificationError:
+            raise
+        except _SPOILT as error:
+            raise IdentificationError(
+                f'{path}: is no identification that hunt identify has written'
+            ) from error
+        return found
 
     def branch(self, which: BranchName, speeds: ArrayLike) -> tuple[Array, Array, Array]:
         """
@@ -367,3 +419,33 @@ def reason_in(unknown: Mapping[str, str], path: str) -> str:
     parts = [part for part in path.split('.') if not part.isdecimal()]
     starts = ('.'.join(parts[:count]) for count in range(len(parts), 0, -1))
     return next((unknown[start] for start in starts if start in unknown), '')
+
+
+def _plain(arrays: dict[str, Any], entry: Any) -> Any:
+    """Return as JSON what JSON has not; arrays go into the archive."""
+    if isinstance(entry, np.ndarray):
+        name = f'array{len(arrays)}'
+        arrays[name] = entry
+        return {'array': name}
+    if not is_dataclass(entry):
+        return entry.item()
+    kind = type(entry)
+    content = {item.name: getattr(entry, item.name) for item in fields(entry)}
+    return {'dataclass': f'{kind.__module__}:{kind.__name__}', **content}
+
+
+def _whole(archive: Any, entry: dict[str, Any]) -> Any:
+    """Return what `_plain` was given; sequences as tuples."""
+    if 'array' in entry:
+        return archive[entry['array']]
+    name = entry.pop('dataclass', None)
+    if name is None:
+        return entry
+    kind = resolve_name(name) if name.startswith('hunt_ros.') else None
+    if not (isinstance(kind, type) and is_dataclass(kind)):
+        raise TypeError(f'{name} is no part of an identification')
+    return kind(**{key: _tuple(below) for key, below in entry.items()})
+
+
+def _tuple(entry: Any) -> Any:
+    return tuple(map(_tuple, entry)) if isinstance(entry, list) else entry

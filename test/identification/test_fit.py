@@ -69,13 +69,11 @@ def test_draws_that_no_rig_can_be_are_rejected_and_counted(fitted):
 
 def test_no_transient_of_the_law_itself_is_missed_and_those_of_another_are(fitted):
     laws, runs = fitted
-    segments = [segment for run in runs for segment in run.segments]
-    envelopes = [run.envelope for run in runs]
-    missed, count = missed_transients(laws[0], segments, envelopes)
+    missed, count = missed_transients(laws[0], runs)
     assert count >= 10
     assert missed == 0
     wrong = replace(laws[0], law=replace(laws[0].law, p=-laws[0].law.p))
-    missed, count = missed_transients(wrong, segments, envelopes)
+    missed, count = missed_transients(wrong, runs)
     assert missed > 0.8 * count
 
 

@@ -16,8 +16,7 @@ from hunt_ros.dynamics.covariance_root import inverse_of
 from hunt_ros.dynamics.growth_law import TERMS, GrowthLaw
 from hunt_ros.identification.fit import FittedLaw
 from hunt_ros.identification.likelihood.stationary import forcing, stationary_amplitude
-from hunt_ros.identification.record.envelope import Envelope
-from hunt_ros.identification.record.segments import Segment
+from hunt_ros.identification.record.segments import Run
 
 #: A discrepancy is a lack of fit if chance makes it in one case of a hundred, and it is
 #: more than this share of the amplitude.
@@ -234,9 +233,7 @@ def misfit_of(fitted: FittedLaw, states: Sequence[SteadyState]) -> LackOfFit:
     return lack_of_fit(fitted.law, states, fitted.noise, covariance)
 
 
-def missed_transients(
-    fitted: FittedLaw, segments: Sequence[Segment], envelopes: Sequence[Envelope]
-) -> tuple[int, int]:
+def missed_transients(fitted: FittedLaw, runs: Sequence[Run]) -> tuple[int, int]:
     """
     Count the free transients that go another way than the law says.
 
@@ -244,9 +241,7 @@ def missed_transients(
     ----------
     fitted : FittedLaw
         The law, with the random forcing that was found beside it.
-    segments : sequence of Segment
-        Of all records.
-    envelopes : sequence of Envelope
+    runs : sequence of Run
         Of all records.
 
     Returns
@@ -260,9 +255,10 @@ def missed_transients(
     forcing = math.sqrt(math.exp(theta[-3]) * _MEMORY_S + math.exp(theta[-2]))
     floor = 4.0 * law.scales.amplitude * forcing
     missed = count = 0
-    for envelope in envelopes:
-        for segment in segments:
-            if segment.kind != 'transient' or segment.source != envelope.source:
+    for run in runs:
+        envelope = run.envelope
+        for segment in run.segments:
+            if segment.kind != 'transient':
                 continue
             stamp = envelope.start_ns + 1e9 * envelope.time
             inside = (stamp >= segment.start_ns - 1e6) & (stamp <= segment.end_ns + 1e6)

@@ -310,7 +310,7 @@ def _astray(best: FittedLaw, evidence: Evidence) -> str:
             f'the fit of the {name} law has not converged (a gain of the log likelihood of'
             f' {best.fit.remaining:.2g} is still in reach): nothing is read from it'
         )
-    missed, transients = missed_transients(best, evidence.segments, evidence.envelopes)
+    missed, transients = missed_transients(best, evidence.runs)
     if stats.binom.sf(missed - 1, transients, _STRAYS) < _BY_CHANCE:
         return f'{missed} of {transients} free transients go another way than the {name} law says'
     if refuted := refutations(best.law, evidence.bracket):
@@ -412,7 +412,7 @@ def _spread(forms: Sequence[NormalForm | None], name: str) -> tuple[float, float
 def _growth_there(best: FittedLaw, speed: float) -> str:
     """Linear growth rate at one speed, where the motion shows its sign; or that it does not."""
     u = float(best.law.detuning(speed))
-    rate, slopes = float(best.law.linear(best.law.detuning(speed))), best.law.linear_terms(u)
+    rate, slopes = float(best.law.linear(u)), best.law.linear_terms(u)
     variance = float(slopes @ law_covariance(best.fit).matrix @ slopes)
     if not variance < (_VAGUE * rate) ** 2:
         return 'this motion does not show its linear growth rate'
