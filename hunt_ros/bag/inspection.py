@@ -160,6 +160,7 @@ def _read_times(
     done = 0
 
     def found(error: BagError) -> None:
+        """Note a damaged chunk."""
         problems.append(Problem('damaged_chunk', str(error)))
 
     for topics, block in bag.blocks(bag.topics.keys(), damaged=found):
@@ -182,6 +183,7 @@ def _in_time(name: str, stamps: NDArray[np.int64], start: int, end: int) -> list
     steps = np.diff(stamps)
 
     def problem(kind: str, at_ns: int, text: str) -> Problem:
+        """Return what is wrong at a stamp, in seconds from the start."""
         return Problem(kind, f'{name}: {text}', (at_ns - start) / NANOSECONDS)
 
     problems = [

@@ -135,6 +135,7 @@ def _end(supervisor: Supervisor, console: Console, view: View) -> bool:
     told_s = -math.inf
 
     def meanwhile() -> None:
+        """Say where the roller is, once a second."""
         nonlocal told_s
         for _ in console.lines(0.2):
             pass

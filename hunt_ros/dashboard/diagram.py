@@ -53,6 +53,7 @@ def branches(identified: IdentifiedNormalForm, words: Words) -> Mapping[str, Any
     std = identified.std('v_c')
 
     def speeds(mps: NDArray[np.float64]) -> list[float | None]:
+        """Return speeds in the unit of the page."""
         return _shorts(words.factor * mps)
 
     return {

@@ -195,6 +195,7 @@ def _templates(path: Path, scales: GrowthScales, v_c: float | None) -> list[NDAr
     speed = v_c or float(scales.speed * (1.0 + np.quantile(path.u, 0.75)))
 
     def form(part: float, D4: float, D15: float) -> NormalForm:
+        """Return a start: v_c as a part of the speed, and two coefficients."""
         return NormalForm(
             critical_speed=part * speed,
             D1=rate,
@@ -274,7 +275,7 @@ def priors_of(scales: GrowthScales, settings: IdentificationSettings) -> Sequenc
         u = v_c / scales.speed - 1.0
 
         def offset(p: NDArray[np.float64]) -> float:
-            # How far the root of the linear growth rate is from v_c, to first order.
+            """Return how far the root of the linear growth rate is from v_c, to first order."""
             law = GrowthLaw(p, scales)
             slope = max(float(law.linear_slope(u)), 1e-3 * scales.fastest_rate)
             return float(law.linear(u)) / slope * scales.speed
@@ -283,6 +284,7 @@ def priors_of(scales: GrowthScales, settings: IdentificationSettings) -> Sequenc
     if settings.prior_D1:
 
         def linear(p: NDArray[np.float64]) -> float:
+            """Return D1, at v_c where the law has one."""
             v_c = GrowthLaw(p, scales).critical_speed
             if v_c is None:
                 return float(p[1]) * scales.time_scale

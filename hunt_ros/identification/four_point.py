@@ -76,6 +76,7 @@ def at_detunings(
     moving = [part for part in segments if part.kind in ('transient', 'kick')]
 
     def settled(state: SteadyState) -> bool:
+        """Return True where nothing moved for as long before."""
         start, end = 2 * state.start_ns - state.end_ns, state.end_ns
         parts = (part for part in moving if part.source == state.source)
         return not any(part.start_ns < end and part.end_ns > start for part in parts)

@@ -240,6 +240,7 @@ def _hunting_frequency(
     grid = frequency_grid(lines, settings)
 
     def found(bare: bool) -> float:
+        """Return the strongest frequency; `bare`: without lines that nobody named."""
         if settings.hunting_frequency_hz:
             return settings.hunting_frequency_hz
         work = partial(powers_in, bare=bare, grid=grid, forced=lines.forced())
@@ -278,6 +279,7 @@ def _runs(
     """Return envelopes, segments and steady amplitudes of all stretches."""
 
     def all_runs(clearance_m: float, tell: Tell | None) -> tuple[list[Run], list[str]]:
+        """Return runs and warnings for a clearance."""
         some = mapped(partial(work, clearance_m=clearance_m), recordings)
         found = collected(some, len(recordings), tell)
         return [run for some, _ in found for run in some], [x for _, said in found for x in said]

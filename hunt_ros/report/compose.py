@@ -254,6 +254,7 @@ class Report:
         one = self.identification
 
         def pick(start: str, otherwise: str = '') -> str:
+            """Return the figures whose names begin so."""
             found = ''.join(text for name, text in placed.items() if name.startswith(start))
             return found or otherwise
 
@@ -319,6 +320,7 @@ def _eventful(records: Sequence[Record], events: Mapping[str, Sequence[Event]]) 
     """Return the records to draw, in their order: those with the most events and speeds."""
 
     def happenings(record: Record) -> tuple[int, float]:
+        """Return events and range of speeds of a record."""
         speed = record['speed'].values if 'speed' in record else np.zeros(0)
         known = speed[np.isfinite(speed)]
         return len(events.get(record.source, ())), float(np.ptp(known)) if known.size else 0.0

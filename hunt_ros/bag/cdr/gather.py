@@ -94,6 +94,7 @@ def _layouts(block: Block, places: Places, wanted: Wanted) -> Iterator[tuple[_Ro
     """Yield the layouts of the messages, and the rows of those that have each."""
 
     def layout_of(row: int) -> _Layout:
+        """Return the layout of the message of a row."""
         start, length = int(places.starts[row]), int(places.lengths[row])
         return _layout(block.data[start : start + length].tobytes(), wanted)
 

@@ -53,6 +53,7 @@ def number(
     limits = f'{"above" if above else "from"} {low:g} to {high:g} {unit}'.rstrip()
 
     def parse(text: str) -> float:
+        """Return the value of a text, or refuse it."""
         try:
             value = float(text)
         except ValueError:
@@ -75,6 +76,7 @@ def whole(low: int = 0, high: int = 2**31 - 1) -> Callable[[str], int]:
     """Return the type of an option that is a whole number from `low` to `high`."""
 
     def parse(text: str) -> int:
+        """Return the value of a text, or refuse it."""
         try:
             value = int(text)
         except ValueError:
@@ -101,6 +103,7 @@ def new_file(*endings: str) -> Callable[[str], Path]:
     """
 
     def parse(text: str) -> Path:
+        """Return the value of a text, or refuse it."""
         path = Path(text)
         if not path.name or path.is_dir() or not path.absolute().parent.is_dir():
             raise argparse.ArgumentTypeError(

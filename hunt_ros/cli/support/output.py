@@ -97,6 +97,7 @@ def progress(title: str) -> Iterator[Advance]:
         task = bar.add_task(title, total=1.0)
 
         def advance(fraction: float) -> None:
+            """Move the bar."""
             bar.update(task, completed=fraction)
 
         yield advance

@@ -34,6 +34,7 @@ def document(
     summary = found.summary
 
     def seconds(stamp_ns: int) -> float:
+        """Return a stamp in seconds from the start of the recording."""
         return (stamp_ns - record.start_ns) / 1e9
 
     return {

@@ -81,6 +81,7 @@ class Alarm:
         """
 
         def seconds(stamp_ns: int, there: object = True) -> float | None:
+            """Return a stamp in seconds from the origin; None where it is not there."""
             return (stamp_ns - origin_ns) / NANOSECONDS if there else None
 
         return {

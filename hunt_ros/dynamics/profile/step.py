@@ -9,6 +9,7 @@ legs only.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import KW_ONLY, dataclass, replace
 from typing import ClassVar
@@ -120,7 +121,7 @@ class Scene:
 
 
 @dataclass(frozen=True)
-class Step(Settings):
+class Step(Settings, ABC):
     """A step of a profile; its fields are the keys of the YAML."""
 
     #: Whether it goes on where it was stopped.
@@ -128,9 +129,9 @@ class Step(Settings):
     _: KW_ONLY
     note: str = setting('', 'told to the operator when the step begins')
 
+    @abstractmethod
     def legs(self, scene: Scene) -> Iterator[Leg]:
         """Iterate over the legs; the next one is asked for when the one before is over."""
-        raise NotImplementedError
 
     def plan(self) -> list[Leg]:
         """Return the legs, longest case, without a detector: what the step may ask for."""

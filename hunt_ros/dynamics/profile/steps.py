@@ -185,9 +185,11 @@ class Climb(_Stairs):
         """Iterate over the legs of one step, of which the way back is the last."""
 
         def against(motion: Motion) -> str:
+            """Return what speaks against this step."""
             return self._against(motion, level, before)
 
         def decided(motion: Motion) -> bool:
+            """Return True where waiting on brings nothing."""
             return not against(motion) or motion.margin < 1.0
 
         # Nothing is decided on the way, where a slow roller counts as held.
@@ -284,9 +286,11 @@ class Seesaw(Step):
         lower = 0.0
 
         def lowest() -> float:
+            """Return how low the roller goes, m/s."""
             return max(self._by(scene.motion, 0)[0] - lower, 0.0)
 
         def over(motion: Motion | None = None) -> bool:
+            """Return True once the time of the step is up."""
             return scene.elapsed_s >= self.duration_s
 
         for number in itertools.count():

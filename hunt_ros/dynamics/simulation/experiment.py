@@ -199,6 +199,7 @@ def record_of(
     """Return blocks of a stream as one record, in the rates of the sensors and of the drive."""
 
     def joined(name: str) -> NDArray[Any]:
+        """Return a field of all blocks."""
         return np.concatenate([getattr(block, name) for block in blocks])
 
     stamps = joined('stamps_ns')

@@ -90,6 +90,7 @@ def _moments(
     u, unit = float(law.detuning(speed)), law.scales.amplitude
 
     def growth(a: Array) -> Array:
+        """Return the growth rate at an amplitude."""
         return law.growth_rate(speed, a * unit, line)
 
     hunts = math.isfinite(stable)

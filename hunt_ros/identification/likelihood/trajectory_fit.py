@@ -503,6 +503,7 @@ def _likeliest(path: Path, fit: TrajectoryFit, prior: LawPrior, priors: Sequence
     free = np.flatnonzero(np.diag(law) > 0.0)
 
     def evidence(spread: Array) -> float:
+        """Return the log evidence of the spreads, with their prior."""
         block = bare + np.diag(spread**-2.0)
         weighed = _solved(block, at.cross.transpose(0, 2, 1))
         seen = _solved(block, wanted[..., None])[..., 0]

@@ -510,6 +510,7 @@ def step_ratio(channels: Channels, envelope: Envelope, k: int) -> float:
     growth = [x**n * turning for n in range(_SMOOTH_ORDER + 1)]
 
     def left(*waves: NDArray[np.complex128]) -> float:
+        """Return the power that these waves leave."""
         rest = root * without_lines(y, x, waves, root)
         return max(float(rest @ rest), 1e-300)
 

@@ -251,6 +251,7 @@ def _admissible(evidence: Evidence) -> Callable[[GrowthLaw], bool] | None:
     speeds = chosen.detuning(np.linspace(*evidence.speeds, 9))
 
     def admissible(law: GrowthLaw) -> bool:
+        """Return True for a law that a rig can have."""
         rises = all(law.linear_slope(u) > 0.0 for u in speeds.tolist())
         return rises and not any(contradicts(law, event) for event in seen)
 
