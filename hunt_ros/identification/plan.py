@@ -131,27 +131,18 @@ class Plan:
         All actions from where the rig is now, the best first.
     """
 
-    profile: Profile
+    profile: Profile = field(metadata=key(''))
     reason: str
     duration_s: float
     longest_s: float
-    escape: float | None = None
+    escape: float | None = field(default=None, metadata=key('escape_chance'))
     quantities: Sequence[Prediction] = ()
     steps: Sequence[Action] = ()
     actions: Sequence[Action] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return what `hunt plan --json` writes."""
-        return {
-            'reason': self.reason,
-            'duration_s': self.duration_s,
-            'longest_s': self.longest_s,
-            'escape_chance': self.escape,
-            'quantities': as_json(self.quantities),
-            'steps': as_json(self.steps),
-            'actions': as_json(self.actions),
-            'profile': self.profile.to_yaml(),
-        }
+        return {**as_json(self), 'profile': self.profile.to_yaml()}
 
 
 def plan(known: Identification, settings: PlanSettings | None = None) -> Plan:

@@ -128,38 +128,31 @@ class Posterior:
                     matrix[i, j] = matrix[j, i] = float(np.mean(pair[:, 0] * pair[:, 1]))
         return matrix
 
-    def branch(self, which: BranchName, speeds: ArrayLike) -> list[Uncertain | None]:
+    def branches(self, speeds: ArrayLike) -> dict[BranchName, list[Uncertain | None]]:
         """
-        Amplitude of a limit cycle with its interval, speed by speed.
+        Amplitude of both limit cycles with its interval, speed by speed.
 
         A draw is continued beyond its ends: at zero beyond v_c, at the fold's amplitude below
         v_n. A draw without the branch at a speed is part of the interval there, no gap in it.
 
         Parameters
         ----------
-        which : {'stable', 'unstable'}
-            Limit cycle.
         speeds : array_like, shape (n,)
             m/s.
 
         Returns
         -------
-        list of Uncertain or None
+        dict of str to list of Uncertain or None
             m; None where the law chosen, or too many draws, have none.
         """
-        return self.branches(speeds)[which]
-
-    def branches(self, speeds: ArrayLike) -> dict[str, list[Uncertain | None]]:
-        """Both branches, as `branch` gives them."""
         speeds = np.atleast_1d(np.asarray(speeds, dtype=np.float64))
         values = self.law.steady_amplitudes(speeds)
         drawn = self.continued(speeds)
-        return {
-            name: [
-                summary(float(values[k][i]), drawn[:, k, i], least=0.3) for i in range(speeds.size)
-            ]
-            for k, name in enumerate(('unstable', 'stable'))
-        }
+        unstable, stable = (
+            [summary(float(values[k][i]), drawn[:, k, i], least=0.3) for i in range(speeds.size)]
+            for k in (0, 1)
+        )
+        return {'unstable': unstable, 'stable': stable}
 
     def continued(self, speeds: Array) -> Array:
         """Both branches of each draw, continued beyond their ends, m, shape (n, 2, speeds)."""

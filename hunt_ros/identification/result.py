@@ -299,7 +299,7 @@ class Identification:
         speeds = np.atleast_1d(np.asarray(speeds, dtype=np.float64))
         found: list[Uncertain | None] = [None] * speeds.size
         if self.posterior is not None and self.branches:
-            found = self.posterior.branch(which, speeds)
+            found = self.posterior.branches(speeds)[which]
         none = (math.nan, math.nan, math.nan)
         rows = [none if one is None else (one.value, one.low, one.high) for one in found]
         value, low, high = np.array(rows).reshape(-1, 3).T

@@ -237,7 +237,7 @@ def compared(result: Identification) -> list[list[str]]:
     ]
     for side, truths in (('unstable', FULL_UNSTABLE), ('stable', FULL_STABLE)):
         for speed, truth in truths:
-            point = result.posterior.branch(side, speed)[0] if result.posterior else None
+            point = result.posterior.branches(speed)[side][0] if result.posterior else None
             wanted.append((f'{side} at {speed} (um)', scaled(point, 1e6), 1e6 * truth))
     rows = []
     for name, number, truth in wanted:

@@ -226,7 +226,7 @@ def conclude(
         branches=() if why['branches'] else branches(posterior),
         steady_states=tuple(evidence.states),
         observed=observed,
-        disturbance=(None if why['disturbance_m'] else disturbance(posterior, evidence.observed)),
+        disturbance=None if why['disturbance_m'] else disturbance(posterior, evidence.observed),
         four_point=four if isinstance(four, FourPoint) else None,
         fit=_summary(evidence, misfit, lacks),
         segments=tuple(evidence.segments),
