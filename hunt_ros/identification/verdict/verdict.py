@@ -22,7 +22,7 @@ from hunt_ros.analysis.steady_state import (
 )
 from hunt_ros.dynamics.growth_law import GrowthLaw
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.normal_form import COEFFICIENTS, Criticality, NormalForm
+from hunt_ros.dynamics.normal_form import COEFFICIENTS, Criticality
 from hunt_ros.identification.bracket import Bracket, contradicts, refutations
 from hunt_ros.identification.fit import FittedLaw
 from hunt_ros.identification.four_point import FourPoint, at_detunings, four_point
@@ -355,8 +355,9 @@ def _unsupported(
         failed['critical'] = reason
     elif not settings.prior_v_c and (reason := _no_small_motion(law, evidence)):
         failed['small'] = reason
-    middle, std = _spread(posterior.forms, 'D1')
-    if not (moved or settings.prior_D1 or std < _VAGUE_D1 * abs(middle)):
+    D1 = posterior.number('D1')
+    told = D1 is not None and D1.std < _VAGUE_D1 * abs(D1.value)
+    if not (moved or settings.prior_D1 or told):
         failed['time'] = 'no free transient: D1 cannot be known; give it with --prior-D1'
     elif hunts and not moved:
         warnings.append('no free transient: the time scale rests on the prior or on quiet motion')
@@ -392,22 +393,13 @@ def _unsupported(
     if v_c is not None and not failed.keys() & {'speeds', 'critical'} and not low <= v_c <= high:
         end = f'end at {high:.3g} m/s' if v_c > high else f'begin at {low:.3g} m/s'
         warnings.append(f'v_c = {v_c:.3g} m/s is a forecast: the data {end}')
-    told = law.criticality != 'supercritical' and not failed.keys() & set(_CUBIC)
-    if told and size > _BEYOND * top:
+    shaped = law.criticality != 'supercritical' and not failed.keys() & set(_CUBIC)
+    if shaped and size > _BEYOND * top:
         warnings.append(
             f'the limit cycle ({size:.2g} m at v_c) is a forecast: no amplitude above {top:.2g} m'
             ' was measured'
         )
     return failed
-
-
-def _spread(forms: Sequence[NormalForm | None], name: str) -> tuple[float, float]:
-    """Median and half the central 68 % of one attribute, where enough of the draws have it."""
-    values = [getattr(form, name) for form in forms if form is not None]
-    if len(values) < max(EXISTS * len(forms), ENOUGH_DRAWS):
-        return math.nan, math.inf
-    low, middle, high = np.percentile(values, [15.87, 50.0, 84.13])
-    return float(middle), 0.5 * float(high - low)
 
 
 def _growth_there(best: FittedLaw, speed: float) -> str:
@@ -430,7 +422,8 @@ def _no_critical_speed(law: GrowthLaw, posterior: Posterior) -> str:
             f'v_c would lie far {"above" if v_c > high else "below"} the speeds of the data'
             f' ({low:.3g} to {high:.3g} m/s): it is not given'
         )
-    if not _spread(posterior.forms, 'critical_speed')[1] <= _VAGUE_SPEED * v_c:
+    number = posterior.number('v_c')
+    if number is None or number.std > _VAGUE_SPEED * v_c:
         return 'v_c is not determined by these data'
     return ''
 
