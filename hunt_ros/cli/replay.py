@@ -13,8 +13,8 @@ from hunt_ros.cli.support.live_replay import replay_live
 from hunt_ros.cli.support.output import progress, tell
 from hunt_ros.cli.support.replay_report import document, lines_of
 from hunt_ros.detection import CompanionConfig, Companions, DetectorConfig, HuntingDetector
-from hunt_ros.detection.offline import collect, config_for, frequency_for, watch
-from hunt_ros.detection.replay import detect, samples_apart
+from hunt_ros.detection.offline import collect, config_for, frequency_for
+from hunt_ros.detection.replay import detect, samples_apart, watch
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import ConfigError
 from hunt_ros.recorded_run import RecordedRun, recorded_run

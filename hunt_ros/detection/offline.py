@@ -1,15 +1,10 @@
-"""
-A whole record through the detector, and what came of it.
-
-The channels are fed side by side, a stretch of time each in turn, as they would
-come live; the numbers are the same for any stretch.
-"""
+"""What a record needs before it goes through the detector, and what came of it then."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,15 +18,11 @@ from hunt_ros.detection.detector import HuntingDetector
 from hunt_ros.detection.estimates import line_orders, roller_diameter
 from hunt_ros.detection.output import Event, Output, numbers_behind
 from hunt_ros.detection.regions import Level, Region
-from hunt_ros.detection.replay import Playback
 from hunt_ros.detection.words.alarms import AlarmHistory
 from hunt_ros.detection.words.reasons import reason_counts
 from hunt_ros.estimation.record_lines import RecordLines, motion_of, turns_per_metre
 from hunt_ros.forecast import Forecast
-from hunt_ros.samples import NANOSECONDS, Record
-
-#: Time that is fed at once: one channel waits for the others no longer than this.
-_STRETCH_NS = 2 * NANOSECONDS
+from hunt_ros.samples import Record
 
 
 @dataclass
@@ -190,35 +181,6 @@ def frequency_for(
     return replace(config, hunting_frequency_hz=found), [remark, *remarks]
 
 
-def watch(
-    record: Record,
-    detector: HuntingDetector,
-    progress: Callable[[float], None] = lambda fraction: None,
-) -> Iterator[Output]:
-    """
-    Feed a record to a detector, to its end.
-
-    Parameters
-    ----------
-    record : Record
-        Its channels must be those of the detector's config.
-    detector : HuntingDetector
-        Fresh, or going on.
-    progress : callable
-        Told which fraction is done.
-
-    Yields
-    ------
-    Output
-        Stretch after stretch.
-    """
-    playback, until_ns = Playback(detector, record), 0
-    while not playback.finished:
-        until_ns += _STRETCH_NS
-        yield playback.advance(until_ns)
-        progress(min(1.0, until_ns / max(1, playback.length_ns)))
-
-
 def collect(
     outputs: Iterator[Output],
     companions: Companions | None = None,
@@ -230,7 +192,7 @@ def collect(
     Parameters
     ----------
     outputs : iterator of Output
-        As from `watch`.
+        As from `replay.watch`.
     companions : Companions, optional
         Fed with the outputs, and finished at their end.
     detector : HuntingDetector, optional

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,123 +20,117 @@ from hunt_ros.samples import NANOSECONDS, Record, Series
 _ABOUT_SAMPLES = ('start', 'heard', 'late_from', 'late_to')
 #: A longer step of a channel is a clock that was set, and no silence.
 _LEAP_NS = 600 * NANOSECONDS
+#: Time that is fed at once: one channel waits for the others no longer than this.
+_STRETCH_NS = 2 * NANOSECONDS
 
 
-class Playback:
+def watch(
+    record: Record,
+    detector: HuntingDetector,
+    progress: Callable[[float], None] = lambda fraction: None,
+    journal: Sequence[JournalEntry] = (),
+) -> Iterator[Output]:
     """
-    A record through a detector, as far as is asked for.
+    Feed a record to a detector, to its end, or repeat a live run bit for bit.
 
-    Its time is 0 at the first sample of the record. A step of a channel that goes back, or leaps
-    by more than `_LEAP_NS`, is a clock that was set: no time passes there.
+    The channels are fed side by side, a stretch of time each in turn, as they would come live;
+    the numbers are the same for any stretch. Time is 0 at the first sample of the record. A step
+    of a channel that goes back, or leaps by more than `_LEAP_NS`, is a clock that was set: no
+    time passes there.
 
     Parameters
     ----------
+    record : Record
+        Each channel in the order of its arrival; they must be those of the detector's config.
     detector : HuntingDetector
         Without a journal it goes on as it is. With one it is started as the journal says, with its
         settings and its normal form; its own settings count where an earlier recording does
         not have them.
-    record : Record
-        Each channel in the order of its arrival.
+    progress : callable
+        Told which fraction is done.
     journal : sequence of JournalEntry, optional
-        That of the live run, in order, to repeat it bit for bit: a detector that was started
-        several times had several runs, which are repeated one after the other.
+        That of the live run, in order: a detector that was started several times had several
+        runs, which are repeated one after the other.
 
-    Attributes
-    ----------
-    length_ns : int
-        Time of the last sample, ns.
-    finished : bool
-        Whether all has been fed. Without a journal the detector has finished then.
+    Yields
+    ------
+    Output
+        Stretch after stretch; without a journal the detector has finished at the end.
+
+    Raises
+    ------
+    HuntError
+        If a normal form or the settings in the journal cannot be read.
     """
+    start_ns = record.start_ns
+    times_ns = {name: _times(series, start_ns) for name, series in record.items()}
+    length_ns = max((int(x[-1]) for x in times_ns.values() if x.size), default=0)
+    until_ns = _STRETCH_NS
+    added: list[Output] = []
+    for number_of_run, (entries, parts) in enumerate(_runs(record, journal)):
+        if journal:
+            _begin(detector, entries[0], number_of_run == 0)
+        for number, entry in enumerate([*entries, None]):
+            if entry is not None and entry.kind in _ABOUT_SAMPLES:
+                continue
+            added.append(detector.hold_at(entry))
+            named = () if entry is None else entry.received
+            while True:
+                outputs, waits = _feed(detector, parts, number, named, times_ns, until_ns)
+                added += outputs
+                if not waits:
+                    break
+                yield Output.joined(added)
+                progress(min(1.0, until_ns / max(1, length_ns)))
+                added, until_ns = [], until_ns + _STRETCH_NS
+            if entry is not None:
+                added.append(detector.repeat(entry))
+    if not journal:
+        added.append(detector.finish())
+    yield Output.joined(added)
+    progress(1.0)
 
-    def __init__(
-        self, detector: HuntingDetector, record: Record, journal: Sequence[JournalEntry] = ()
-    ) -> None:
-        self.finished = False
-        self._detector = detector
-        start_ns = record.start_ns
-        self.times_ns = {name: _times(series, start_ns) for name, series in record.items()}
-        self.length_ns = max((int(x[-1]) for x in self.times_ns.values() if x.size), default=0)
-        self._until_ns = -1
-        self._steps = self._play(list(_runs(record, journal)), bool(journal))
 
-    def advance(self, until_ns: int) -> Output:
-        """
-        Feed all that came up to a time; the rows and events are the same for any steps.
+def _begin(detector: HuntingDetector, first: JournalEntry, alone: bool) -> None:
+    """Start a run as its first entry says; `alone`: there is none before it."""
+    if first.kind != 'start':
+        detector.reset()
+    elif first.kept and not alone:
+        detector.restart()
+    else:
+        form = IdentifiedNormalForm.from_yaml(first.text) if first.text else None
+        config = DetectorConfig.from_recorded(first.config) if first.config else None
+        detector.set_normal_form(form)
+        detector.reset(config)
 
-        Parameters
-        ----------
-        until_ns : int
-            On the time of the playback, ns, not before the last one.
 
-        Returns
-        -------
-        Output
-            What was added.
+def _feed(
+    detector: HuntingDetector,
+    parts: Mapping[str, _Part],
+    number: int,
+    named: Container[str],
+    times_ns: Mapping[str, NDArray[np.int64]],
+    until_ns: int,
+) -> tuple[list[Output], bool]:
+    """
+    Feed what may have come before entry `number`, up to a time; of silent channels less.
 
-        Raises
-        ------
-        HuntError
-            If a normal form or the settings in the journal cannot be read.
-        """
-        self._until_ns = until_ns
-        outputs: list[Output] = []
-        for output in self._steps:
-            if output is None:  # the rest comes later
-                return Output.joined(outputs)
-            outputs.append(output)
-        self.finished = True
-        return Output.joined(outputs)
-
-    def _play(self, runs: Sequence[_Run], repeats: bool) -> Iterator[Output | None]:
-        """Yield what is added; None where it is to wait until more is asked for."""
-        detector = self._detector
-        for run in runs:
-            entries = run.entries
-            if entries and entries[0].kind == 'start':
-                first = entries[0]
-                config = DetectorConfig.from_recorded(first.config) if first.config else None
-                form = IdentifiedNormalForm.from_yaml(first.text) if first.text else None
-                if first.kept and run is not runs[0]:
-                    detector.restart()
-                else:
-                    detector.set_normal_form(form)
-                    detector.reset(config)
-            elif repeats:
-                detector.reset()
-            for number, entry in enumerate(entries):
-                if entry.kind in _ABOUT_SAMPLES:
-                    continue
-                yield detector.hold_at(entry)
-                yield from self._feed(run, number)
-                yield detector.repeat(entry)
-            yield detector.hold_at(None)
-            yield from self._feed(run, len(entries))
-        if not repeats:
-            yield detector.finish()
-
-    def _feed(self, run: _Run, number: int) -> Iterator[Output | None]:
-        """Feed what may have come before entry `number`; of silent channels less."""
-        named = run.entries[number].received if number < len(run.entries) else {}
-        while True:
-            waits = False
-            for name in self._detector.channels:
-                if (part := run.parts.get(name)) is None or (
-                    name in self._detector.silent and name not in named
-                ):
-                    continue
-                stop = max(part.done, part.until(number))
-                reached = int(np.searchsorted(self.times_ns[name], self._until_ns, 'right'))
-                span = slice(part.done, max(part.done, min(stop, reached)))
-                part.done = span.stop
-                waits |= part.done < stop
-                if span.start < span.stop:
-                    series = part.series
-                    stamps, values = series.stamps_ns[span], series.values[span]
-                    yield self._detector.update(name, stamps, values)
-            if not waits:
-                return
-            yield None
+    Returns what was added, and True where more comes before that entry.
+    """
+    outputs, waits = [], False
+    for name in detector.channels:
+        part = parts.get(name)
+        if part is None or (name in detector.silent and name not in named):
+            continue
+        stop = max(part.done, part.until(number))
+        reached = int(np.searchsorted(times_ns[name], until_ns, 'right'))
+        span = slice(part.done, max(part.done, min(stop, reached)))
+        part.done = span.stop
+        waits |= part.done < stop
+        if span.start < span.stop:
+            series = part.series
+            outputs.append(detector.update(name, series.stamps_ns[span], series.values[span]))
+    return outputs, waits
 
 
 def _times(series: Series, start_ns: int) -> NDArray[np.int64]:
@@ -160,7 +153,7 @@ def detect(
     Parameters
     ----------
     detector, record, journal
-        As for `Playback`.
+        As for `watch`.
 
     Returns
     -------
@@ -172,10 +165,7 @@ def detect(
     HuntError
         If a normal form or the settings in the journal cannot be read.
     """
-    playback = Playback(detector, record, journal)
-    output = playback.advance(playback.length_ns)
-    assert playback.finished
-    return output
+    return Output.joined(list(watch(record, detector, journal=journal)))
 
 
 def samples_apart(
@@ -197,8 +187,8 @@ def samples_apart(
     """
     missing: Counter[str] = Counter()
     unheard: Counter[str] = Counter()
-    for run in _runs(record, journal):
-        for name, part in run.parts.items():
+    for _, parts in _runs(record, journal):
+        for name, part in parts.items():
             missing[name] += part.missing
             unheard[name] += part.unheard
     return dict(+missing), dict(+unheard)
@@ -283,15 +273,10 @@ class _Part:
         return int(places[np.argmin(np.abs(places - expected))])
 
 
-class _Run(NamedTuple):
-    """One run of the detector: its journal, and the samples of each channel."""
-
-    entries: Sequence[JournalEntry]
-    parts: dict[str, _Part]
-
-
-def _runs(record: Record, journal: Sequence[JournalEntry]) -> Iterator[_Run]:
-    """Give the runs of a journal, in order."""
+def _runs(
+    record: Record, journal: Sequence[JournalEntry]
+) -> Iterator[tuple[Sequence[JournalEntry], dict[str, _Part]]]:
+    """Give the runs of a journal, in order: its entries, and the samples of each channel."""
     starts = [k for k, entry in enumerate(journal) if entry.kind == 'start'] or [0]
     begin = dict.fromkeys(record, 0)
     for start, stop in zip(starts, [*starts[1:], len(journal)], strict=True):
@@ -302,4 +287,4 @@ def _runs(record: Record, journal: Sequence[JournalEntry]) -> Iterator[_Run]:
             for name, series in record.items()
         }
         begin = {name: part.end for name, part in parts.items()}
-        yield _Run(entries, parts)
+        yield entries, parts

@@ -76,7 +76,8 @@ def events_of(
         Of each speed that was held, the verdict at the end.
     """
     from hunt_ros.detection import DetectorConfig, HuntingDetector
-    from hunt_ros.detection.offline import collect, config_for, frequency_for, watch
+    from hunt_ros.detection.offline import collect, config_for, frequency_for
+    from hunt_ros.detection.replay import watch
 
     # Only the channels it has: one that is promised and silent would be a fault.
     config, _ = config_for(record, settings or DetectorConfig())

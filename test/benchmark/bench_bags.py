@@ -156,7 +156,8 @@ def memory(folder: Path, count: int) -> tuple[float, float]:
 def hour(folder: Path, seconds: float) -> list[list[object]]:
     """Write, read and replay three channels at 1 kHz."""
     from hunt_ros.detection import DetectorConfig, HuntingDetector
-    from hunt_ros.detection.offline import collect, config_for, watch
+    from hunt_ros.detection.offline import collect, config_for
+    from hunt_ros.detection.replay import watch
     from hunt_ros.dynamics.identified import IdentifiedNormalForm
     from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 

@@ -9,8 +9,9 @@ import pytest
 
 from hunt_ros.criteria import Verdict
 from hunt_ros.detection import CompanionConfig, Companions, DetectorConfig, HuntingDetector, detect
-from hunt_ros.detection.offline import collect, config_for, watch
+from hunt_ros.detection.offline import collect, config_for
 from hunt_ros.detection.output import Motion, Output
+from hunt_ros.detection.replay import watch
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile import Hold, Profile
 from hunt_ros.dynamics.simulation import (

@@ -12,8 +12,9 @@ import pytest
 from scipy.io import loadmat
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State
-from hunt_ros.detection.offline import Summary, collect, watch
+from hunt_ros.detection.offline import Summary, collect
 from hunt_ros.detection.output import Output
+from hunt_ros.detection.replay import watch
 from hunt_ros.detection.words.status import DetectorStatus
 from hunt_ros.samples import Record, Series
 

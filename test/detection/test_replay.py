@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Mapping
 from types import MappingProxyType
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -14,11 +15,7 @@ from hypothesis import strategies as st
 from hunt_ros.detection import DetectorConfig, HuntingDetector, JournalEntry, Level
 from hunt_ros.detection.acceptance import rolled_back
 from hunt_ros.detection.output import Output
-from hunt_ros.detection.replay import (
-    Playback,
-    detect,
-    samples_apart,
-)
+from hunt_ros.detection.replay import detect, samples_apart, watch
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.errors import HuntError
@@ -100,13 +97,9 @@ def _journal(live: Output) -> list[JournalEntry]:
 
 
 def _repeated_in_steps(live: Output, arrived: Record, rng: np.random.Generator) -> Output:
-    playback = Playback(HuntingDetector(DetectorConfig(), PAPER), arrived, _journal(live))
-    outputs, until_ns = [], 0
-    while not playback.finished:
-        until_ns += int(rng.integers(1, 10**9))
-        outputs.append(playback.advance(until_ns))
-    assert until_ns - 10**9 < playback.length_ns <= until_ns
-    return Output.joined(outputs)
+    with patch('hunt_ros.detection.replay._STRETCH_NS', int(rng.integers(10**8, 10**9))):
+        outputs = watch(arrived, HuntingDetector(DetectorConfig(), PAPER), journal=_journal(live))
+        return Output.joined(list(outputs))
 
 
 def _joined(first: Record, second: Record) -> Record:

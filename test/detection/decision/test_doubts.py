@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from hunt_ros.detection import DetectorConfig, HuntingDetector, doubts
 from hunt_ros.detection.decision import decisions
 from hunt_ros.detection.decision.rules import rows_of, rules_of
-from hunt_ros.detection.offline import collect, watch
+from hunt_ros.detection.offline import collect
 from hunt_ros.detection.output import blank_rows
 from hunt_ros.detection.regions import Region, State
-from hunt_ros.detection.replay import detect
+from hunt_ros.detection.replay import detect, watch
 from hunt_ros.dynamics.profile import Corners, Profile
 from hunt_ros.samples import USUAL_CHANNELS, Record, Series
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, doubts, health
-from hunt_ros.detection.offline import watch
 from hunt_ros.detection.output import blank_rows
 from hunt_ros.detection.regions import Region, State
+from hunt_ros.detection.replay import watch
 from hunt_ros.detection.words.clearance import Clearance, Clearances
 from hunt_ros.dynamics.profile import Hold, Profile
 
