@@ -43,6 +43,13 @@ class HuntingDetector:
         Without one, v_n and v_c of the config stand in for the regions; with
         neither, growth rate and noise floor decide, and the region is unknown.
 
+    Attributes
+    ----------
+    history : AlarmHistory
+        The alarms there were.
+    clearances : Clearances
+        Of the speeds that are held.
+
     Notes
     -----
     *Stream equals batch*: the same samples in any blocks, the channels interleaved
@@ -63,7 +70,7 @@ class HuntingDetector:
     def _begin(self, config: DetectorConfig, **received: Any) -> None:
         """Make everything anew, but for the normal form."""
         self.config = config
-        self._history = AlarmHistory(config.period_ns)
+        self.history = AlarmHistory(config.period_ns)
         self._rows = RowMaker(config)
         self._rows.set_normal_form(self._form)
         self._transitions = Transitions(self._basis())
@@ -192,7 +199,7 @@ class HuntingDetector:
             Who does; '' where that is not known.
         """
         self._rows.acknowledge()
-        self._history.acknowledge(now_ns, by)
+        self.history.acknowledge(now_ns, by)
         self._door.note('acknowledged', now_ns=now_ns, text=by)
         row = self._last_row
         cause = f'by {by or UNKNOWN}'
@@ -258,21 +265,11 @@ class HuntingDetector:
         self._open(self._door.heard(), kept=True)
 
     @property
-    def history(self) -> AlarmHistory:
-        """The alarms there were."""
-        return self._history
-
-    @property
     def status(self) -> DetectorStatus:
         """The present view."""
         present = self._rows.state, self._rows.alarm
         return status_of(
-            self._last_row,
-            self._transitions,
-            self._door,
-            present,
-            self._history,
-            self._sequence,
+            self._last_row, self._transitions, self._door, present, self.history, self._sequence
         )
 
     def _advance(self) -> Output:
@@ -293,7 +290,7 @@ class HuntingDetector:
             return EMPTY
         events = self._transitions.update(rows)
         self.clearances.update(rows)
-        self._history.update(rows, events)
+        self.history.update(rows, events)
         self._sequence += rows.size
         self._last_row = rows[-1]
         return Output(rows, tuple(events), motion=(motion,))

@@ -56,11 +56,8 @@ class Block(NamedTuple):
     shifted: bool
 
 
-class Stretch(NamedTuple):
-    """Stamps of rows, ns, shape (m,), and all samples up to the last of them, by channel."""
-
-    rows_ns: Stamps
-    blocks: dict[str, Block]
+#: Stamps of rows, ns, shape (m,), and all samples up to the last of them, by channel.
+Stretch = tuple[Stamps, dict[str, Block]]
 
 
 class Door:
@@ -230,7 +227,7 @@ class Door:
                     for name, c in self.channels.items()
                 }
                 stamps = np.sort(np.concatenate([block.stamps_ns for block in blocks.values()]))
-                yield Stretch(self._rows(after_ns, until_ns, stamps), blocks)
+                yield self._rows(after_ns, until_ns, stamps), blocks
             elif self._epoch_ends():
                 if self.silent:  # whether they were is not in the samples
                     self.note('clock', **self.received(self.channels))

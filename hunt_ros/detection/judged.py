@@ -153,11 +153,9 @@ class Agreement:
 
     def _on_line(self, track: NDArray[np.void], turning: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return the rows in which the motion is at the frequency of a line."""
-        found = np.zeros(track.size, dtype=np.bool_)
-        for order in self._orders:
-            away = np.abs(track['frequency_hz'] - order * turning)
-            found |= away < _NEAR * track['frequency_hz']
-        return found
+        away = np.abs(track['frequency_hz'] - np.multiply.outer(self._orders, turning))
+        on_line: NDArray[np.bool_] = (away < _NEAR * track['frequency_hz']).any(axis=0)
+        return on_line
 
 
 def by_yaw(track: NDArray[np.void]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -22,18 +22,17 @@ from hunt_ros.detection.words.alarms import AlarmHistory
 from hunt_ros.detection.words.reasons import reason_counts
 from hunt_ros.estimation.record_lines import RecordLines, motion_of, turns_per_metre
 from hunt_ros.forecast import Forecast
+from hunt_ros.rig import HUNTING_HZ
 from hunt_ros.samples import Record
 
 
 @dataclass
-class Summary:
+class Findings:
     """
-    What a record was, seen by the detector.
+    What came of a record.
 
     Parameters
     ----------
-    rows : int
-        Estimates made.
     level_rows, region_rows : Counter
         Rows on each level and in each region.
     reason_rows : Counter
@@ -43,18 +42,28 @@ class Summary:
         to trust, whose amplitude less its standard deviation is the largest. It counts for no
         more than half the range of the readings within the last seconds: while the filter
         starts, and after a kick, it may be far off. NaN where nothing was known.
+    events : list of Event
+        Transitions of the detector, and of the criteria.
+    verdicts : list of Verdict
+        Railway criteria that began or ceased to exceed their limit.
+    history : AlarmHistory or None
+        The alarms; None where no detector was named.
+    forecast : Forecast or None
+        Of v_c, from the quiet response of the whole record; None where none was made.
     """
 
-    rows: int = 0
     level_rows: Counter[str] = field(default_factory=Counter)
     region_rows: Counter[str] = field(default_factory=Counter)
     reason_rows: Counter[str] = field(default_factory=Counter)
     max_amplitude_m: float = math.nan
+    events: list[Event] = field(default_factory=list)
+    verdicts: list[Verdict] = field(default_factory=list)
+    history: AlarmHistory | None = None
+    forecast: Forecast | None = None
     _least_m: float = field(default=-math.inf, repr=False)
 
     def add(self, rows: NDArray[np.void]) -> None:
         """Take in rows of estimates, at least one."""
-        self.rows += int(rows.size)
         for column, kind, counter in (
             ('level', Level, self.level_rows),
             ('region', Region, self.region_rows),
@@ -74,31 +83,6 @@ class Summary:
         best = int(np.argmax(least))
         if least[best] > self._least_m:
             self._least_m, self.max_amplitude_m = float(least[best]), float(amplitude[best])
-
-
-@dataclass
-class Findings:
-    """
-    What came of a record.
-
-    Parameters
-    ----------
-    summary : Summary
-    events : list of Event
-        Transitions of the detector, and of the criteria.
-    verdicts : list of Verdict
-        Railway criteria that began or ceased to exceed their limit.
-    history : AlarmHistory or None
-        The alarms; None where no detector was named.
-    forecast : Forecast or None
-        Of v_c, from the quiet response of the whole record; None where none was made.
-    """
-
-    summary: Summary = field(default_factory=Summary)
-    events: list[Event] = field(default_factory=list)
-    verdicts: list[Verdict] = field(default_factory=list)
-    history: AlarmHistory | None = None
-    forecast: Forecast | None = None
 
 
 def config_for(record: Record, config: DetectorConfig) -> tuple[DetectorConfig, list[str]]:
@@ -161,12 +145,7 @@ def frequency_for(
     named = [order * turns for order in line_orders(config) if math.isfinite(turns)]
     lines = RecordLines([motion_of(record)], known=named)
     remarks = [line.words(turns) for line in lines.unknown()]
-    if (
-        known
-        or config.hunting_frequency_hz
-        or config.hunting_frequency_min_hz
-        or config.hunting_frequency_max_hz
-    ):
+    if known or any(getattr(config, name) for name in HUNTING_HZ):
         return config, remarks
     usual = with_frequencies(config)
     low, high = usual.hunting_frequency_min_hz, usual.hunting_frequency_max_hz
@@ -201,7 +180,7 @@ def collect(
     found = Findings()
     for output in outputs:
         if output.estimates.size:
-            found.summary.add(output.estimates)
+            found.add(output.estimates)
         events = list(output.events)
         if companions is not None:
             verdicts = companions.update(output)

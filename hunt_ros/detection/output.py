@@ -266,9 +266,7 @@ class Output:
     @classmethod
     def joined(cls, outputs: list[Output]) -> Output:
         """Return several outputs as one."""
-        full = [output for output in outputs if output is not EMPTY]
-        if not full:
-            return EMPTY
+        full = [output for output in outputs if output is not EMPTY] or [EMPTY]
         if len(full) == 1:
             return full[0]
         return cls(

@@ -184,13 +184,9 @@ class RowMaker:
                 self._judging = channel
             stretch = rows[begin:end]
             lateral = channel == 'lateral'
-            size, std = (
-                ('judged', 'judged_std')
-                if lateral
-                else (f'yaw_amplitude{x}' for x in ('', '_std'))
-            )
+            size = 'judged' if lateral else 'yaw_amplitude'
             amplitude = np.where(trusted[begin:end], stretch[size], math.nan)
-            spread = np.ascontiguousarray(stretch[std])
+            spread = np.ascontiguousarray(stretch[f'{size}_std'])
             outside = np.ascontiguousarray(stretch[f'outside_{channel}'])
             stretch['step'] = np.nan_to_num(stretch[f'{channel}_step'], posinf=0.0)
             if not lateral and (self.config.measures('lateral') or self._numbers.known):

@@ -12,7 +12,7 @@ import pytest
 from scipy.io import loadmat
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State
-from hunt_ros.detection.offline import Summary, collect
+from hunt_ros.detection.offline import Findings, collect
 from hunt_ros.detection.output import Output
 from hunt_ros.detection.replay import watch
 from hunt_ros.detection.words.status import DetectorStatus
@@ -44,7 +44,7 @@ def _record(path: Path) -> Record:
 
 
 @cache
-def _detected(path: Path) -> tuple[Record, Output, Summary, DetectorStatus]:
+def _detected(path: Path) -> tuple[Record, Output, Findings, DetectorStatus]:
     """Return the record of a file and what the detector said of it."""
     record, outputs = _record(path), []
 
@@ -55,8 +55,8 @@ def _detected(path: Path) -> tuple[Record, Output, Summary, DetectorStatus]:
 
     # A wing has no roller: no line follows the speed of the air.
     detector = HuntingDetector(DetectorConfig(channels=('lateral', 'yaw', 'speed'), lines=()))
-    summary = collect(listen()).summary
-    return record, Output.joined(outputs), summary, detector.status
+    found = collect(listen())
+    return record, Output.joined(outputs), found, detector.status
 
 
 def _half_range(values: np.ndarray) -> float:
@@ -98,8 +98,8 @@ def test_hits_that_grow_alarm_before_they_have_grown_and_hits_that_decay_do_not(
 
 @pytest.mark.parametrize('path', HITS, ids=lambda path: path.stem[9:])
 def test_the_largest_amplitude_is_that_of_the_motion(path: Path) -> None:
-    record, _, summary, _ = _detected(path)
+    record, _, found, _ = _detected(path)
     values = record['lateral'].values
     # A hit decays within the first period: the half range of that is less than its maximum.
     least = max(_half_range(values[k : k + 100]) for k in range(0, values.size, 50))
-    assert 0.7 * least < summary.max_amplitude_m < np.abs(values - np.median(values)).max()
+    assert 0.7 * least < found.max_amplitude_m < np.abs(values - np.median(values)).max()

@@ -23,7 +23,7 @@ def _rows(stamps: np.ndarray, cuts: list[int]) -> list[int]:
             door.finish()
         else:
             door.push('speed', part, np.zeros(part.size))
-        found += [row // MS for stretch in door.complete() for row in stretch.rows_ns.tolist()]
+        found += [row // MS for stretch in door.complete() for row in stretch[0].tolist()]
     return found
 
 

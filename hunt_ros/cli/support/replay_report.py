@@ -31,7 +31,6 @@ def document(
     lacks and what is wrong with it.
     """
     row_s = config.period_ns / 1e9
-    summary = found.summary
 
     def seconds(stamp_ns: int) -> float:
         """Return a stamp in seconds from the start of the recording."""
@@ -42,13 +41,13 @@ def document(
             'duration_s': record.duration_s,
             'samples': sum(len(series) for series in record.values()),
             'level_time_s': {
-                level.label: row_s * summary.level_rows[level.label] for level in Level
+                level.label: row_s * found.level_rows[level.label] for level in Level
             },
             'region_time_s': {
-                region.label: row_s * summary.region_rows[region.label] for region in Region
+                region.label: row_s * found.region_rows[region.label] for region in Region
             },
-            'reason_time_s': {words: row_s * n for words, n in summary.reason_rows.most_common()},
-            'max_amplitude_m': known(summary.max_amplitude_m),
+            'reason_time_s': {words: row_s * n for words, n in found.reason_rows.most_common()},
+            'max_amplitude_m': known(found.max_amplitude_m),
             'forecast': _forecast(found.forecast),
         },
         'events': [
@@ -93,12 +92,11 @@ def lines_of(
         texts |= {'stamp_ns': str(event.stamp_ns), 'event': event.event, 'message': event.cause}
         lines.append(event_line(texts, record.start_ns))
     row_s = config.period_ns / 1e9
-    summary = found.summary
-    times = ', '.join(f'{name} {row_s * n:.1f} s' for name, n in summary.level_rows.items())
-    largest = 1e3 * summary.max_amplitude_m
+    times = ', '.join(f'{name} {row_s * n:.1f} s' for name, n in found.level_rows.items())
+    largest = 1e3 * found.max_amplitude_m
     most = f'{largest:.3f} mm' if math.isfinite(largest) else '-'
     lines.append(f'{record.duration_s:.1f} s: {times}; largest amplitude {most}')
-    for words, rows in summary.reason_rows.most_common():
+    for words, rows in found.reason_rows.most_common():
         lines.append(f'  {row_s * rows:8.1f} s  {words}')
     forecast = found.forecast
     if forecast is not None and forecast.critical_speed is None:

@@ -142,7 +142,7 @@ class AlarmHistory:
         """How long it hunted, until the hunting was over, h."""
         return self._hunting_rows * self._period_ns / (3600.0 * NANOSECONDS)
 
-    def update(self, rows: NDArray[np.void], events: Sequence[Event]) -> bool:
+    def update(self, rows: NDArray[np.void], events: Sequence[Event]) -> None:
         """
         Take in rows and their events.
 
@@ -152,18 +152,13 @@ class AlarmHistory:
             m > 0.
         events : sequence of Event
             Their transitions, in order.
-
-        Returns
-        -------
-        bool
-            True where an alarm began, went further or was over.
         """
         if not self.since_ns:
             self.since_ns = int(rows['stamp_ns'][0])
         hunting = rows['state'] >= State.ESCAPING
         told = [event for event in events if event.event in _TOLD]
         if not (told or self._lasts or hunting.any()):
-            return False
+            return
         self._hunting_rows += int(np.count_nonzero(hunting))
         begin = 0
         for event in told:
@@ -172,7 +167,6 @@ class AlarmHistory:
             self._take(event, rows[end])
             begin = end
         self._measure(rows[begin:])
-        return bool(told)
 
     def _take(self, event: Event, row: np.void) -> None:
         """Begin an alarm at a row, go on with the one that lasts, or end it."""

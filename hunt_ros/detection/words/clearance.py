@@ -23,7 +23,7 @@ from hunt_ros.detection.output import blank_rows
 from hunt_ros.detection.regions import Region, State
 from hunt_ros.detection.words.reasons import reason_counts
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
-from hunt_ros.samples import CHANNELS, NANOSECONDS, known
+from hunt_ros.samples import CHANNELS, NANOSECONDS, as_json
 
 #: Of a rig that hunts at `REFERENCE_HZ`, s: the time constant of the noise floor, some sixty
 #: periods, which tell a mean square to 13 %. As many periods of any other rig.
@@ -88,15 +88,7 @@ class Clearance:
 
     def to_json(self) -> dict[str, Any]:
         """Return it as JSON types; what is unknown is None, and so is a margin without end."""
-        return {
-            'begin_ns': self.begin_ns,
-            'speed_mps': known(self.speed_mps),
-            'held_s': self.held_s,
-            'margin': known(self.margin),
-            'escape_chance': known(self.escape_chance),
-            'cleared': self.cleared,
-            'reason': self.reason,
-        }
+        return {**as_json(self), 'cleared': self.cleared}
 
     @property
     def values(self) -> dict[str, object]:

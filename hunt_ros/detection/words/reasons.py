@@ -241,8 +241,7 @@ def reason_counts(rows: NDArray[np.void]) -> Counter[str]:
     for name in CHANNELS:
         for bit, words in health.WORDS.items():
             found[f'{name}: {words}'] = (rows[f'{name}_wrong'] & np.uint32(bit)) != 0
-    counts = {words: int(np.count_nonzero(which)) for words, which in found.items()}
-    return Counter({words: count for words, count in counts.items() if count})
+    return +Counter({words: int(np.count_nonzero(which)) for words, which in found.items()})
 
 
 #: What each doubt is called, and what gives its numbers; in the order in which they are told.

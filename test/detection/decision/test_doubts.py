@@ -111,7 +111,7 @@ def test_the_largest_amplitude_is_one_that_was_known(channels, dies, recorded, t
         record[dies] = Series(stamps, np.where(stamps > 30_000_000_000, 0.0, values))
     record = Record({name: record[name] for name in channels})
     detector = HuntingDetector(DetectorConfig(channels=channels), true_form)
-    found = collect(watch(record, detector)).summary
+    found = collect(watch(record, detector))
     assert found.max_amplitude_m == pytest.approx(true, rel=0.1)
 
 
