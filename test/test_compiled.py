@@ -345,7 +345,8 @@ for missing in ('', *channels):
             channel = record[name]
             second = channel.stamps_ns // 1_000_000_000
             part = second - second[0] == begin_s
-            companions.update(detector.update(name, channel.stamps_ns[part], channel.values[part]))
+            output = detector.update(name, channel.stamps_ns[part], channel.values[part])
+            companions.update(output.motion)
 assert len(c.KERNELS) > 15, c.KERNELS
 c.load()
 c.load()

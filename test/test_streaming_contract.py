@@ -320,9 +320,10 @@ def _make_companions() -> Any:
 
 
 def _feed_companions(companions: Any, record: Any, begin: int, end: int) -> Outputs:
-    from hunt_ros.detection.output import Motion
+    from hunt_ros.detection.output import MOTION_DTYPE
 
-    verdicts = companions.take(Motion(*(column[begin:end] for column in record)))
+    columns = [column[begin:end] for column in record]
+    verdicts = companions.update(np.rec.fromarrays(columns, dtype=MOTION_DTYPE))
     return [
         np.array([[v.stamp_ns, v.exceeded, v.index] for v in verdicts if v.criterion == name])
         .reshape(-1, 3)

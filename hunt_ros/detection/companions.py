@@ -2,7 +2,7 @@
 What runs beside the detector on the same samples: the railway criteria and the forecast of v_c.
 
     companions = Companions(CompanionConfig(criteria=('cfr_213_333',)))
-    verdicts = companions.update(detect(HuntingDetector(), record))
+    verdicts = companions.update(detect(HuntingDetector(), record).motion)
 
 They are fed with what the detector gives out, after its door: what is late, silent or
 stuck is so for them as well, and a replay of a live run tells them what the run told.
@@ -14,10 +14,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hunt_ros.criteria import CRITERIA, CriteriaPanel, Verdict
 from hunt_ros.detection.configuration import DetectorConfig, with_frequencies
 from hunt_ros.detection.estimates import roller_diameter, shafts
-from hunt_ros.detection.output import Event, Motion, Output
+from hunt_ros.detection.output import Event
 from hunt_ros.detection.regions import Level
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.errors import ConfigError
@@ -131,22 +134,18 @@ class Companions:
             if part is not None:
                 part.reset()
 
-    def update(self, output: Output) -> tuple[Verdict, ...]:
+    def update(self, motion: NDArray[np.void]) -> tuple[Verdict, ...]:
         """
-        Take what the detector has given out.
+        Take samples (MOTION_DTYPE) that the detector has given out.
 
         Returns
         -------
         tuple of Verdict
             Criteria that began or ceased to exceed their limit.
         """
-        return tuple(verdict for motion in output.motion for verdict in self.take(motion))
-
-    def take(self, motion: Motion) -> tuple[Verdict, ...]:
-        """Do what `update` does, for one stretch of samples."""
-        samples = motion.stamps_ns, motion.values, motion.speed
+        samples = motion['stamps_ns'], motion['values'], motion['speed']
         if self._forecast is not None:
-            self._forecast.update(*samples, motion.roller_angle, motion.quiet)
+            self._forecast.update(*samples, motion['roller_angle'], motion['quiet'])
         return () if self._criteria is None else self._criteria.update(*samples)
 
     def finish(self) -> Forecast | None:

@@ -293,4 +293,4 @@ class HuntingDetector:
         self.history.update(rows, events)
         self._sequence += rows.size
         self._last_row = rows[-1]
-        return Output(rows, tuple(events), motion=(motion,))
+        return Output(rows, tuple(events), motion=motion)

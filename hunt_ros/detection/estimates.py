@@ -16,7 +16,7 @@ from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.door import Block
 from hunt_ros.detection.health import ChannelHealth
 from hunt_ros.detection.judged import Agreement, Turning
-from hunt_ros.detection.output import TRACKER_FIELDS, Motion, blank_rows
+from hunt_ros.detection.output import MOTION_DTYPE, TRACKER_FIELDS, blank_rows
 from hunt_ros.detection.second_opinion import SecondOpinion
 from hunt_ros.detection.slow import SlowChannel, SpeedCheck
 from hunt_ros.dynamics.mode_shape import ModeShape
@@ -107,7 +107,7 @@ class Estimator:
 
     def run(
         self, rows_ns: NDArray[np.int64], blocks: dict[str, Block]
-    ) -> tuple[NDArray[np.void], NDArray[np.bool_], Motion]:
+    ) -> tuple[NDArray[np.void], NDArray[np.bool_], NDArray[np.void]]:
         """
         Take samples, and estimate.
 
@@ -124,7 +124,7 @@ class Estimator:
             Without what the decisions say.
         disagree : ndarray of bool, shape (m,)
             True where filter and Hilbert envelope differ on the amplitude.
-        motion : Motion
+        motion : ndarray of MOTION_DTYPE, shape (n,)
             The usable samples of the motion.
         """
         rows = blank_rows(rows_ns)
@@ -153,8 +153,8 @@ class Estimator:
             rows['speed_wrong'][contrary] |= np.uint32(health.CONTRADICTED)
         own = np.flatnonzero(sensor == self._motion.index(next(iter(self._opinions))))
         quiet = np.ones(own.size, dtype=np.bool_)
-        encoder = slow['roller'][:count]
-        motion = Motion(stamp[own], value[own], speed[own], encoder[own], quiet)
+        samples = [stamp[own], value[own], speed[own], slow['roller'][:count][own], quiet]
+        motion = np.rec.fromarrays(samples, dtype=MOTION_DTYPE)
         turning, changed = self._turning.update(rows_ns, slow['angle'][count:])
         self._agreement.update(rows, track, turning, changed)
         if self.config.measures('lateral'):

@@ -183,7 +183,7 @@ def collect(
             found.add(output.estimates)
         events = list(output.events)
         if companions is not None:
-            verdicts = companions.update(output)
+            verdicts = companions.update(output.motion)
             found.verdicts += verdicts
             events += [_event_of(verdict, output.estimates) for verdict in verdicts]
             if verdicts:

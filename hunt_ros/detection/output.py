@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.detection.journal import JournalEntry
-from hunt_ros.detection.regions import Level, State
+from hunt_ros.detection.regions import Level
 from hunt_ros.estimation.kalman import TRACK_DTYPE
 from hunt_ros.samples import CHANNELS, NANOSECONDS
 from hunt_ros.sensors import COORDINATES, DISPLACEMENTS, MOTION
@@ -184,61 +184,23 @@ class Event:
             **self.numbers,
         }
 
-    @property
-    def speed_mps(self) -> float:
-        """Speed, m/s; NaN where unknown."""
-        return self.numbers.get('speed_mps', math.nan)
-
-    @property
-    def amplitude_m(self) -> float:
-        """Lateral amplitude of the hunting, m; NaN where unknown."""
-        return self.numbers.get('amplitude_m', math.nan)
-
-    @property
-    def growth_rate_per_s(self) -> float:
-        """Growth rate of the hunting, 1/s; NaN where unknown."""
-        return self.numbers.get('growth_rate_per_s', math.nan)
+    def number(self, key: str) -> float:
+        """Return one of the numbers behind it, e.g. 'amplitude_m'; NaN: unknown."""
+        return self.numbers.get(key, math.nan)
 
 
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """
-    Merged samples: the motion with speed and roller angle of the same moment.
-
-    What runs beside the detector (`hunt_ros.detection.companions`) is fed with these, so
-    that it hears the same live and in a replay.
-
-    Parameters
-    ----------
-    stamps_ns : ndarray of int64, shape (n,)
-    values : ndarray, shape (n,)
-        Lateral displacement, m; yaw, rad, where there is no lateral sensor. Samples that
-        are not finite, or of a sensor that is stuck, are left out.
-    speed : ndarray, shape (n,)
-        m/s; NaN where it is not known.
-    roller_angle : ndarray, shape (n,)
-        By its encoder, rad; NaN where there is none.
-    quiet : ndarray of bool, shape (n,)
-        False while the wheelset hunts.
-    """
-
-    stamps_ns: NDArray[np.int64]
-    values: NDArray[np.float64]
-    speed: NDArray[np.float64]
-    roller_angle: NDArray[np.float64]
-    quiet: NDArray[np.bool_]
-
-    def told(self, rows: NDArray[np.void]) -> Motion:
-        """Return the same with what the rows (ESTIMATE_DTYPE, at least one) say of the state."""
-        row = np.searchsorted(rows['stamp_ns'], self.stamps_ns)
-        states = rows['state'][np.minimum(row, rows.size - 1)]
-        return replace(self, quiet=states <= State.DISTURBED)
-
-    @classmethod
-    def joined(cls, motions: Sequence[Motion]) -> Motion:
-        """Return several stretches, at least one, as one."""
-        names = [item.name for item in fields(cls)]
-        return cls(*(np.concatenate([getattr(part, name) for part in motions]) for name in names))
+#: Merged samples of the motion, what runs beside the detector (`hunt_ros.detection.companions`) is
+#: fed with, so that it hears the same live and in a replay: stamp; lateral displacement, m (yaw,
+#: rad, where there is no lateral sensor), without what is not finite, or of a sensor that is
+#: stuck; of the same moment the speed, m/s, and the angle of the roller by its encoder, rad, NaN
+#: where unknown; and False while the wheelset hunts.
+MOTION_DTYPE: np.dtype[np.void] = np.dtype(
+    [
+        ('stamps_ns', np.int64),
+        *((name, np.float64) for name in ('values', 'speed', 'roller_angle')),
+        ('quiet', np.bool_),
+    ]
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,14 +216,14 @@ class Output:
         Transitions, in order.
     journal : tuple of JournalEntry
         What a replay needs beside the samples.
-    motion : tuple of Motion
+    motion : ndarray of MOTION_DTYPE, shape (n,)
         The samples that the rows were made of, in order.
     """
 
     estimates: NDArray[np.void]
     events: tuple[Event, ...] = ()
     journal: tuple[JournalEntry, ...] = ()
-    motion: tuple[Motion, ...] = ()
+    motion: NDArray[np.void] = field(default_factory=lambda: np.zeros(0, dtype=MOTION_DTYPE))
 
     @classmethod
     def joined(cls, outputs: list[Output]) -> Output:
@@ -273,7 +235,7 @@ class Output:
             np.concatenate([output.estimates for output in full]),
             tuple(event for output in full for event in output.events),
             tuple(entry for output in full for entry in output.journal),
-            tuple(motion for output in full for motion in output.motion),
+            np.concatenate([output.motion for output in full]),
         )
 
 

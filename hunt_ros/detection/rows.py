@@ -23,7 +23,6 @@ from hunt_ros.detection.decision.rules import rules_of
 from hunt_ros.detection.door import Block
 from hunt_ros.detection.estimates import Estimator
 from hunt_ros.detection.judged import JudgedChannel
-from hunt_ros.detection.output import Motion
 from hunt_ros.detection.regions import Level, State
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
@@ -135,7 +134,7 @@ class RowMaker:
 
     def make(
         self, rows_ns: NDArray[np.int64], blocks: dict[str, Block]
-    ) -> tuple[NDArray[np.void], Motion]:
+    ) -> tuple[NDArray[np.void], NDArray[np.void]]:
         """
         Make rows.
 
@@ -149,14 +148,15 @@ class RowMaker:
         Returns
         -------
         rows : ndarray of ESTIMATE_DTYPE, shape (m,)
-        motion : Motion
+        motion : ndarray of MOTION_DTYPE, shape (n,)
             The usable samples of the motion.
         """
         rows, disagree, motion = self._estimator.run(rows_ns, blocks)
         if rows.size:
             self._decide(rows, self._trusted(rows), disagree)
             self._levels(rows)
-            motion = motion.told(rows)
+            row = np.searchsorted(rows['stamp_ns'], motion['stamps_ns'])
+            motion['quiet'] = rows['state'][np.minimum(row, rows.size - 1)] <= State.DISTURBED
         return rows, motion
 
     def _trusted(self, rows: NDArray[np.void]) -> NDArray[np.bool_]:

@@ -14,7 +14,9 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 from queue import SimpleQueue
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
+from numpy.typing import NDArray
 from rclpy.lifecycle import State, TransitionCallbackReturn
 from std_msgs.msg import String
 
@@ -24,7 +26,7 @@ from hunt_ros.detection.acceptance import objections
 from hunt_ros.detection.companions import CompanionConfig, Companions, criterion_event
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.detector import HuntingDetector
-from hunt_ros.detection.output import EVENT_NUMBERS, Event, Motion, Output
+from hunt_ros.detection.output import EVENT_NUMBERS, Event, Output
 from hunt_ros.detection.regions import Level
 from hunt_ros.detection.words.status import DetectorStatus
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
@@ -92,7 +94,7 @@ class CompanionWorker:
         self._companions = Companions(config, detector, rig)
         self._tell = tell
         self._diagnostics = diagnostics
-        self._queue: SimpleQueue[Motion | None] = SimpleQueue()
+        self._queue: SimpleQueue[NDArray[np.void] | None] = SimpleQueue()
         self._worker: Worker | None = None
         if not self._companions.idle:
             self._worker = Worker(diagnostics.failed, _TASK, self._work)
@@ -105,8 +107,7 @@ class CompanionWorker:
     def offer(self, output: Output) -> None:
         """Hand over what the detector has given out; returns at once."""
         if self._worker is not None:
-            for motion in output.motion:
-                self._queue.put(motion)
+            self._queue.put(output.motion)
 
     def reset(self) -> None:
         """Begin anew with the next samples."""
@@ -128,7 +129,7 @@ class CompanionWorker:
                         self._diagnostics.done(_TASK)
                         continue
                     known = [motion for motion in motions if motion is not None]
-                    for verdict in self._companions.take(Motion.joined(known)):
+                    for verdict in self._companions.update(np.concatenate(known)):
                         self._tell(verdict)
             except Exception as error:  # any: numbers of a rig that nobody has seen
                 self._diagnostics.failed(_TASK, error)
@@ -223,8 +224,8 @@ class HuntingDetectorNode(ManagedNode):
         """Publish a transition, and log it."""
         self._events.publish(event_message(event, self._rig))
         self._diagnostics.told = True
-        text = f'{event.event} at {event.speed_mps:.2f} m/s, {1e3 * event.amplitude_m:.3f} mm: '
-        text += event.cause
+        speed_mps, amplitude_mm = event.number('speed_mps'), 1e3 * event.number('amplitude_m')
+        text = f'{event.event} at {speed_mps:.2f} m/s, {amplitude_mm:.3f} mm: {event.cause}'
         log(self, event.level.label, text)
 
     def _publish_status(self) -> None:

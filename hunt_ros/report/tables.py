@@ -304,9 +304,9 @@ def events(seen: Mapping[str, Sequence[Event]], records: Sequence[Record]) -> st
             escape(record.source),
             f'{(event.stamp_ns - record.start_ns) / NANOSECONDS:.2f}',
             escape(': '.join(filter(None, (sentence(event.event), event.cause)))),
-            shown(event.speed_mps, digits=3),
-            shown(event.amplitude_m, 1e3, digits=3),
-            shown(event.growth_rate_per_s, digits=3),
+            shown(event.number('speed_mps'), digits=3),
+            shown(event.number('amplitude_m'), 1e3, digits=3),
+            shown(event.number('growth_rate_per_s'), digits=3),
             f'<span class="level-{event.level.label}">{event.level.label}</span>',
         ]
         for record in records

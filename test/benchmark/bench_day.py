@@ -139,7 +139,10 @@ def contradicting(output: Output) -> Iterator[str]:
     """Yield the events whose word their own numbers contradict."""
     for event in output.events:
         chance = event.numbers.get('escape_probability', math.nan)
-        growth, std = event.growth_rate_per_s, event.numbers.get('growth_rate_std_per_s', 0.0)
+        growth, std = (
+            event.number('growth_rate_per_s'),
+            event.numbers.get('growth_rate_std_per_s', 0.0),
+        )
         at = f'{event.stamp_ns * 1e-9:.1f} s {event.event}: '
         if event.event == 'limit_cycle' and event.test == 'stable_amplitude' and chance < 0.05:
             yield f'{at}P {chance:.2f}'

@@ -151,7 +151,7 @@ def replayed(bag: Path) -> tuple[list[_Said], int, float]:
     if run is None:
         raise SystemExit(f'{bag}: the start of the detector is not in it')
     output = detect(HuntingDetector(run.config), record, run.journal)
-    said = [(one.stamp_ns, one.event, str(one.amplitude_m)) for one in output.events]
+    said = [(one.stamp_ns, one.event, str(one.number('amplitude_m'))) for one in output.events]
     lack = sum(sum(counts.values()) for counts in samples_apart(record, run.journal))
     for series in record.values():  # the simulated rig samples evenly
         steps = np.diff(series.stamps_ns)

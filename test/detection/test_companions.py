@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from hunt_ros.criteria import Verdict
 from hunt_ros.detection import CompanionConfig, Companions, DetectorConfig, HuntingDetector, detect
 from hunt_ros.detection.offline import collect, config_for
-from hunt_ros.detection.output import Motion, Output
+from hunt_ros.detection.output import Output
 from hunt_ros.detection.replay import watch
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile import Hold, Profile
@@ -50,7 +48,7 @@ def test_the_forecast_is_made_from_what_the_detector_merged(staircase) -> None:
     for channels in (('lateral', 'yaw', 'roller', 'speed'), ('yaw', 'roller', 'speed')):
         config = DetectorConfig(channels=channels)
         companions = Companions(CompanionConfig(), config, live=False)
-        companions.update(detect(HuntingDetector(config), staircase))
+        companions.update(detect(HuntingDetector(config), staircase).motion)
         forecast = companions.finish()
         assert forecast is not None
         assert forecast.critical_speed is not None, forecast.reason
@@ -62,10 +60,10 @@ def test_a_criterion_speaks_when_its_limit_is_passed_and_after_reset_again(hunti
     config, _ = config_for(hunting, DetectorConfig())
     companions = Companions(HUNTING, config)
     output = detect(HuntingDetector(config), hunting)
-    first = companions.update(output)
+    first = companions.update(output.motion)
     assert [verdict.exceeded for verdict in first] == [True]
     companions.reset()
-    assert companions.update(output) == first
+    assert companions.update(output.motion) == first
     assert companions.finish() is None
 
 
@@ -78,23 +76,23 @@ def test_live_with_ticks_and_its_replay_say_what_the_whole_record_says(hunting) 
     for now in range(0, hunting.end_ns + 1, 50_000_000):
         for name, series in hunting.between(now, now + 50_000_000).items():
             outputs.append(detector.update(name, series.stamps_ns, series.values))
-            verdicts += live.update(outputs[-1])
+            verdicts += live.update(outputs[-1].motion)
         outputs.append(detector.tick(now + 50_000_000))
-        verdicts += live.update(outputs[-1])
+        verdicts += live.update(outputs[-1].motion)
     assert verdicts == whole.verdicts != []
     again = detect(HuntingDetector(config), hunting, Output.joined(outputs).journal)
-    assert list(Companions(HUNTING).update(again)) == verdicts
+    assert list(Companions(HUNTING).update(again.motion)) == verdicts
 
 
 def test_hunting_says_nothing_of_the_quiet_response(recorded, true_form) -> None:
     record = recorded(7.2, 20.0, kicks=[(3.0, 400e-6)])
     output = detect(HuntingDetector(normal_form=true_form), record)
-    quiet = np.concatenate([motion.quiet for motion in output.motion])
-    stamps = np.concatenate([motion.stamps_ns for motion in output.motion])
+    quiet = output.motion['quiet']
+    stamps = output.motion['stamps_ns']
     assert quiet[stamps < 3_000_000_000].all()
     assert not quiet[stamps > 8_000_000_000].any()
     companions = Companions(CompanionConfig())
-    companions.update(output)
+    companions.update(output.motion)
     forecast = companions.finish()
     assert forecast is not None
     assert forecast.levels == 0
@@ -107,14 +105,14 @@ def test_a_stuck_sensor_and_a_missing_speed_are_not_heard(recorded) -> None:
     output = detect(
         HuntingDetector(), Record({**record, 'lateral': Series(lateral.stamps_ns, stuck)})
     )
-    assert max(int(motion.stamps_ns[-1]) for motion in output.motion) < 3_300_000_000
+    assert int(output.motion['stamps_ns'][-1]) < 3_300_000_000
     channels = tuple(name for name in record if name != 'speed')
     output = detect(HuntingDetector(DetectorConfig(channels=channels)), record)
-    assert all(np.isnan(motion.speed).all() for motion in output.motion)
+    assert np.isnan(output.motion['speed']).all()
     companions = Companions(
         CompanionConfig(criteria=('uic_518',)), DetectorConfig(channels=channels)
     )
-    assert companions.update(output) == ()
+    assert companions.update(output.motion) == ()
 
 
 def test_what_cannot_be_run_is_refused() -> None:
@@ -124,28 +122,25 @@ def test_what_cannot_be_run_is_refused() -> None:
         Companions(HUNTING, DetectorConfig(channels=('yaw', 'speed')))
 
 
-def forecast_of(motions: list[Motion], config: DetectorConfig) -> Forecast:
+def forecast_of(motion: np.ndarray, config: DetectorConfig) -> Forecast:
     companions = Companions(CompanionConfig(), config, live=False)
-    for motion in motions:
-        companions.take(motion)
+    companions.update(motion)
     found = companions.finish()
     assert found is not None
     return found
 
 
 @pytest.fixture(scope='module')
-def merged(staircase) -> list[Motion]:
-    output = detect(HuntingDetector(), staircase)
-    return list(output.motion)
+def merged(staircase) -> np.ndarray:
+    return detect(HuntingDetector(), staircase).motion
 
 
 @pytest.mark.parametrize('encoder', [True, False])
 def test_the_forecast_leaves_out_the_lines_that_the_detector_is_told_of(merged, encoder) -> None:
-    lines = []
-    for motion in merged:
-        forced = 5e-5 * np.cos(0.61 * motion.roller_angle)
-        angle = motion.roller_angle if encoder else np.full(forced.size, np.nan)
-        lines.append(replace(motion, values=motion.values + forced, roller_angle=angle))
+    lines = merged.copy()
+    lines['values'] += 5e-5 * np.cos(0.61 * merged['roller_angle'])
+    if not encoder:
+        lines['roller_angle'] = np.nan
     channels = ('lateral', 'yaw', 'roller', 'speed') if encoder else ('lateral', 'yaw', 'speed')
     told = DetectorConfig(lines=(1.0, 0.61), roller_diameter_m=0.3, channels=channels)
     found, plain = forecast_of(lines, told), forecast_of(merged, DetectorConfig())
@@ -157,11 +152,8 @@ def test_the_forecast_leaves_out_the_lines_that_the_detector_is_told_of(merged, 
 
 @pytest.mark.parametrize('faster', [12.0, 0.25])
 def test_the_levels_of_the_forecast_are_periods_long(merged, faster) -> None:
-    start = int(merged[0].stamps_ns[0])
-    quick = [
-        replace(one, stamps_ns=start + np.round((one.stamps_ns - start) / faster).astype(np.int64))
-        for one in merged
-    ]
+    quick, stamps = merged.copy(), merged['stamps_ns']
+    quick['stamps_ns'] = stamps[0] + np.round((stamps - stamps[0]) / faster).astype(np.int64)
     config = DetectorConfig(
         hunting_frequency_hz=2.84 * faster,
         hunting_frequency_min_hz=1.0 * faster,

@@ -91,8 +91,8 @@ def test_critical_speeds_alone_give_the_regions(recorded) -> None:
         'hysteresis_entered',
         'hysteresis_left',
     ]
-    assert regions[0].speed_mps == pytest.approx(6.4, abs=0.15)
-    assert regions[1].speed_mps == pytest.approx(8.0, abs=0.15)
+    assert regions[0].number('speed_mps') == pytest.approx(6.4, abs=0.15)
+    assert regions[1].number('speed_mps') == pytest.approx(8.0, abs=0.15)
 
 
 @pytest.mark.parametrize('channels', [('lateral',), ('yaw',), ('lateral', 'speed')])

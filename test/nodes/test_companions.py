@@ -12,7 +12,7 @@ pytest.importorskip('rclpy', reason='the extra ros is not installed')
 
 from hunt_ros.criteria import Verdict
 from hunt_ros.detection import CompanionConfig, DetectorConfig
-from hunt_ros.detection.output import Motion
+from hunt_ros.detection.output import MOTION_DTYPE
 from hunt_ros.nodes.hunting_detector import CompanionWorker
 
 CRITERION = CompanionConfig(criteria=('cfr_213_333',), criteria_scale=0.02, forecast='off')
@@ -37,7 +37,8 @@ def _shaking(begin_s: int) -> SimpleNamespace:
     stamps = begin_s * SECOND + np.arange(0, 8 * SECOND, 2_000_000)
     values = 2e-3 * np.sin(2.0 * np.pi * 2.8e-9 * (stamps - stamps[0]))
     there = np.ones(stamps.size)
-    return SimpleNamespace(motion=[Motion(stamps, values, 9.0 * there, there * np.nan, there < 0)])
+    columns = [stamps, values, 9.0 * there, there * np.nan, there < 0]
+    return SimpleNamespace(motion=np.rec.fromarrays(columns, dtype=MOTION_DTYPE))
 
 
 def test_an_error_in_the_thread_is_told_and_the_next_samples_are_judged(machine) -> None:

@@ -108,6 +108,8 @@ class AlarmHistory:
 
     Attributes
     ----------
+    alarms : deque of Alarm
+        Those that are kept, the oldest first.
     count : int
         Alarms so far, also those that are no longer kept.
     since_ns : int
@@ -118,7 +120,7 @@ class AlarmHistory:
 
     def __init__(self, period_ns: int) -> None:
         self._period_ns = period_ns
-        self._alarms: deque[Alarm] = deque(maxlen=KEPT)
+        self.alarms: deque[Alarm] = deque(maxlen=KEPT)
         self._lasts = False
         self._decays = False
         self._hunting_rows = 0
@@ -127,14 +129,9 @@ class AlarmHistory:
         self.highest = {name: math.nan for _, name in _COLUMNS}
 
     @property
-    def alarms(self) -> tuple[Alarm, ...]:
-        """Those that are kept, the oldest first."""
-        return tuple(self._alarms)
-
-    @property
     def codes(self) -> list[str]:
         """Codes of those that nobody has acknowledged (docs/alarm.md)."""
-        open_ones = [alarm for alarm in self._alarms if not alarm.acknowledged_by]
+        open_ones = [alarm for alarm in self.alarms if not alarm.acknowledged_by]
         return [each.test if each.reached == _FAR[0] else each.reached for each in open_ones]
 
     @property
@@ -174,7 +171,7 @@ class AlarmHistory:
         reached = event.event
         if event.test.startswith('alarm_') and event.event == 'limit_exceeded':
             reached = _FAR[0]
-        alarm = self._alarms[-1] if self._lasts else None
+        alarm = self.alarms[-1] if self._lasts else None
         if reached in _FAR:
             if alarm and self._decays and alarm.acknowledged_by:
                 # It was taken back while it decayed: this is another one.
@@ -184,7 +181,7 @@ class AlarmHistory:
             else:
                 self.count += 1
                 began_ns, cause, test = event.since_ns, event.cause, event.test
-                self._alarms.append(Alarm(began_ns, event.stamp_ns, cause, test, reached))
+                self.alarms.append(Alarm(began_ns, event.stamp_ns, cause, test, reached))
                 self._lasts = True
         elif alarm and row['state'] < State.ESCAPING and not above:
             alarm.over_ns, self._lasts = event.stamp_ns, False
@@ -199,13 +196,13 @@ class AlarmHistory:
             # Where lateral is that of yaw through the mode shape, its own sensors may be dead.
             sure = amplitude[~rows[f'{channel}_blind'] & (std < _SURE * amplitude)]
             if sure.size:
-                alarm, highest = self._alarms[-1], float(sure.max())
+                alarm, highest = self.alarms[-1], float(sure.max())
                 self.highest[name] = float(np.fmax(self.highest[name], highest))
                 setattr(alarm, name, float(np.fmax(getattr(alarm, name), highest)))
 
     def acknowledge(self, now_ns: int, by: str) -> None:
         """Note who has acknowledged all alarms there are."""
-        for alarm in self._alarms:
+        for alarm in self.alarms:
             if not alarm.acknowledged_by:
                 alarm.acknowledged_ns, alarm.acknowledged_by = now_ns, by or UNKNOWN
 
@@ -215,7 +212,7 @@ class AlarmHistory:
         return {
             'since_s': since_ns / NANOSECONDS if self.since_ns else None,
             **self.totals(),
-            'alarms': [alarm.to_json(origin_ns) for alarm in self._alarms],
+            'alarms': [alarm.to_json(origin_ns) for alarm in self.alarms],
         }
 
     def totals(self) -> dict[str, Any]:

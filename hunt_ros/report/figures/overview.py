@@ -91,7 +91,7 @@ def _mark_events(axes: Axes, events: Sequence[Event], start_ns: int) -> None:
         if chosen:
             axes.plot(
                 [(one.stamp_ns - start_ns) / NANOSECONDS for one in chosen],
-                style.MILLIMETRES * np.nan_to_num([one.amplitude_m for one in chosen]),
+                style.MILLIMETRES * np.nan_to_num([one.number('amplitude_m') for one in chosen]),
                 marker,
                 color=style.UNSTABLE,
                 markerfacecolor='none',

@@ -87,10 +87,10 @@ def test_blocks_a_pause_and_a_replay_do_not_change_the_history() -> None:
     feed(rig, 0.0, blocks=173)
     assert parted.history.to_text() == whole.history.to_text()
     rig.outputs.append(parted.acknowledge(26 * SECOND, 'Mia'))
-    before = parted.history.alarms
+    before = list(parted.history.alarms)
     parted.restart()
     feed(rig, 100.0)
-    assert parted.history.alarms[:1] == before
+    assert list(parted.history.alarms)[:1] == before
     assert parted.history.count == 2
     again = rig.assert_replayed()
     again.reset()
