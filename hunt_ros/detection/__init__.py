@@ -15,22 +15,18 @@ if TYPE_CHECKING:
     from hunt_ros.detection.configuration import DetectorConfig
     from hunt_ros.detection.detector import HuntingDetector
     from hunt_ros.detection.journal import JournalEntry
-    from hunt_ros.detection.output import Event, Output
-    from hunt_ros.detection.regions import Level, Region, State
+    from hunt_ros.detection.output import Event
+    from hunt_ros.detection.regions import Level, State
     from hunt_ros.detection.replay import detect
-    from hunt_ros.detection.words.status import DetectorStatus
 
 __all__ = [
     'CompanionConfig',
     'Companions',
     'DetectorConfig',
-    'DetectorStatus',
     'Event',
     'HuntingDetector',
     'JournalEntry',
     'Level',
-    'Output',
-    'Region',
     'State',
     'detect',
 ]
@@ -45,10 +41,7 @@ __getattr__ = lazily(
         'JournalEntry': 'journal',
         'detect': 'replay',
         'Event': 'output',
-        'Output': 'output',
         'Level': 'regions',
-        'Region': 'regions',
         'State': 'regions',
-        'DetectorStatus': 'words.status',
     },
 )

@@ -339,8 +339,8 @@ class Door:
 
     def _first_ns(self) -> int | None:
         """Oldest stamp waiting in the present epoch, ns."""
-        firsts = [channel.queues[0].first_ns for channel in self.channels.values()]
-        return min((first for first in firsts if first is not None), default=None)
+        waiting = [channel.queues[0].stamps for channel in self.channels.values()]
+        return min((int(stamps[0]) for stamps in waiting if stamps.size), default=None)
 
     def _epoch_ends(self) -> bool:
         """True where the next epoch begins: all is said in this one, and more waits."""
@@ -373,9 +373,11 @@ class Door:
 
     def _end_of_epoch_ns(self) -> int | None:
         """Newest stamp waiting in the present epoch, or the position where nothing waits."""
-        ends = [channel.queues[0].last_ns for channel in self.channels.values()]
-        known = [end for end in (*ends, self.position_ns) if end is not None]
-        return max(known, default=None)
+        waiting = [channel.queues[0].stamps for channel in self.channels.values()]
+        ends = [int(stamps[-1]) for stamps in waiting if stamps.size]
+        if self.position_ns is not None:
+            ends.append(self.position_ns)
+        return max(ends, default=None)
 
     def _next_epoch(self) -> None:
         """Leave the present epoch; what still waits in it is given up."""

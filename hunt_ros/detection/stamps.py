@@ -56,14 +56,6 @@ class _Queue:
         """Stamps of the waiting samples, ns, shape (n,); valid until the next call."""
         return self._arrays[0][self._head : self._tail]
 
-    @property
-    def first_ns(self) -> int | None:
-        return int(self._arrays[0][self._head]) if len(self) else None
-
-    @property
-    def last_ns(self) -> int | None:
-        return int(self._arrays[0][self._tail - 1]) if len(self) else None
-
     def leapt_beyond(self, stamp_ns: int) -> bool:
         """Return True if the present run began with a leap over a stamp."""
         if self.run_ns is None or self.before_run_ns is None:
@@ -82,21 +74,17 @@ class _Queue:
         self._tail += count
         return self._tail - count
 
-    def push_one(self, stamp_ns: int, value: float, mark: int) -> None:
-        """Append one sample; after a leap it begins a new run."""
-        place = self._room(1)
-        stamps, values, marks = self._arrays
-        stamps[place], values[place], marks[place] = stamp_ns, value, mark
-        if self.newest_ns is None or stamp_ns - self.newest_ns > _STAMP_JUMP_NS:
-            self.run_ns, self.before_run_ns = stamp_ns, self.newest_ns
-        self.newest_ns = stamp_ns
-
-    def push(self, stamps_ns: Stamps, values: Values, marks: Marks | int = 0) -> None:
-        """Append samples without a leap, arrays of shape (n,), n > 0."""
-        place = self._room(stamps_ns.size)
-        for array, new in zip(self._arrays, (stamps_ns, values, marks), strict=True):
+    def push(
+        self, stamps_ns: Stamps | int, values: Values | float, marks: Marks | int = 0
+    ) -> None:
+        """Append samples, n > 0, or one, without a leap but for the first: it begins a run."""
+        stamps = np.atleast_1d(stamps_ns)
+        place, first = self._room(stamps.size), int(stamps[0])
+        for array, new in zip(self._arrays, (stamps, values, marks), strict=True):
             array[place : self._tail] = new
-        self.newest_ns = int(stamps_ns[-1])
+        if self.newest_ns is None or first - self.newest_ns > _STAMP_JUMP_NS:
+            self.run_ns, self.before_run_ns = first, self.newest_ns
+        self.newest_ns = int(stamps[-1])
 
     def extend(self, later: _Queue) -> None:
         """Append all that waits in another queue, at least one; its runs go on here."""
@@ -326,7 +314,7 @@ class Channel:
 
     def _accept(self, stamp_ns: int, value: float) -> None:
         self._drop_behind()
-        self.queues[-1].push_one(stamp_ns, value, self._mark)
+        self.queues[-1].push(stamp_ns, value, self._mark)
         self._mark = self.refused_since = 0
 
     def _refuse(self, reason: int) -> None:
@@ -359,9 +347,10 @@ class Channel:
         if len(self.queues) < 2:
             return None
         old, new = self.queues[:2]
-        first, newest = new.first_ns, old.newest_ns
-        if first is None or newest is None:
+        newest = old.newest_ns
+        if not len(new) or newest is None:
             return None
+        first = int(new.stamps[0])
         if old.leapt_beyond(first):
             away, since = newest - (old.run_ns or 0), first - (old.before_run_ns or 0)
             return first if abs(away - since) <= _STAMP_JUMP_NS else None

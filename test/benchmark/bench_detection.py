@@ -26,7 +26,8 @@ from scipy.signal import butter, hilbert, sosfiltfilt
 from tables import asked, markdown, publish
 
 from hunt_ros.criteria import CRITERIA, make_criterion
-from hunt_ros.detection import DetectorConfig, HuntingDetector, Output, State, detect
+from hunt_ros.detection import DetectorConfig, HuntingDetector, State, detect
+from hunt_ros.detection.output import Output
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.simulation import RollerRig, SimulatedBlock
 from hunt_ros.samples import Record, Series

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, Region, detect
+from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, detect
 from hunt_ros.detection.output import Output
+from hunt_ros.detection.regions import Region
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.profile import Profile, Sweep
