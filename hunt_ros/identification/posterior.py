@@ -10,22 +10,57 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds
 from hunt_ros.dynamics.growth_law import GrowthLaw, normal_form_of
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, NormalForm
 from hunt_ros.identification.uncertainty import summary
-from hunt_ros.samples import Uncertain
+from hunt_ros.samples import Uncertain, as_json
 
 Array = NDArray[np.float64]
 BranchName = Literal['stable', 'unstable']
 
 #: What is drawn together, in the order of `Posterior.table`.
 QUANTITIES: tuple[str, ...] = ('v_c', 'v_n', 'fold_amplitude', *COEFFICIENTS)
+#: Step that spreads points evenly over an interval, however many there are.
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+#: Speeds at which the branches are given.
+_BRANCH_POINTS = 41
+#: Draws that stand in the parameter file.
+_SAMPLE = 64
+
+
+@dataclass(frozen=True)
+class BranchPoint:
+    """
+    The two limit cycles at one speed, with their intervals; None where there is none.
+
+    Parameters
+    ----------
+    speed : float
+        m/s.
+    stable, unstable : Uncertain or None
+        m.
+    """
+
+    speed: float
+    stable: Uncertain | None
+    unstable: Uncertain | None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the entry of `branches`."""
+        entry: dict[str, Any] = {'speed_mps': self.speed}
+        for name, number in (('stable', self.stable), ('unstable', self.unstable)):
+            told = as_json(number) or dict.fromkeys(('value', 'std', 'ci95'))
+            entry[f'{name}_amplitude_m'] = told['value']
+            entry |= {f'{name}_{what}_m': told[what] for what in ('std', 'ci95')}
+        return entry
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,6 +201,92 @@ class Posterior:
         unstable = np.where(below & np.isnan(unstable), end, unstable)
         stable = np.where(below & np.isnan(stable), end, stable)
         return np.stack([unstable, stable], axis=1)
+
+    def numbers(self, speed_std: float) -> dict[str, Uncertain | None]:
+        """
+        Return the numbers of a law, each with the spread that the draws give it.
+
+        Parameters
+        ----------
+        speed_std : float
+            Deviation of a speed by the resolution of its reading, m/s.
+
+        Returns
+        -------
+        dict of str to Uncertain or None
+            By the key of the JSON, SI units; None where too few draws have it.
+        """
+        v_c, v_n = self.chosen[:2]
+        both = self.table[:, :2]
+        return {
+            'v_c': self.number('v_c', speed_std),
+            'v_n': self.number('v_n', speed_std),
+            'fold_amplitude_m': self.number('fold_amplitude'),
+            'hysteresis_width': summary(
+                v_c - v_n, both[:, 0] - both[:, 1], math.sqrt(2.0) * speed_std
+            ),
+            **{f'coefficients.{name}': self.number(name) for name in COEFFICIENTS},
+        }
+
+    def identified(self, speed_std: float) -> IdentifiedNormalForm | None:
+        """Return the normal form of the law chosen, with its covariance; None without one."""
+        form = normal_form_of(self.law, *self.speeds)
+        if form is None:
+            return None
+        known = [form for form in self.forms if form is not None]
+        rows = np.array([IdentifiedNormalForm(form).vector for form in known])
+        matrix = _rank_covariance(rows)
+        matrix[0, 0] += speed_std**2
+        provenance = {'method': 'trajectory likelihood', 'law': self.law.name}
+        sample = rows[np.linspace(0, len(rows) - 1, _SAMPLE).round().astype(np.intp)]
+        sample[:, 0] += speed_std * np.random.default_rng(0).standard_normal(_SAMPLE)
+        sample = np.vectorize(lambda x: float(f'{x:.6g}'))(sample)  # as short as it is sure
+        return IdentifiedNormalForm(form, matrix, provenance, sample=sample)
+
+    def branch_points(self) -> tuple[BranchPoint, ...]:
+        """Both limit cycles over the speeds of the data."""
+        low, high = self.speeds
+        speeds, fold = np.linspace(low, high, _BRANCH_POINTS), self.chosen[1]
+        if low < fold < high:
+            speeds = np.unique(np.concatenate([speeds, fold + np.array([1e-4, 0.01, 0.03, 0.1])]))
+        found = self.branches(speeds)
+        return tuple(map(BranchPoint, speeds.tolist(), found['stable'], found['unstable']))
+
+    def disturbance(self, observed: ObservedCriticalSpeeds) -> Uncertain | None:
+        """Disturbance that explains the observed jump up: A_u there, Appendix A."""
+        low, high = observed.v_c_between
+        if observed.v_c is None or low is None or high is None:
+            return None
+        law, laws = self.law, self.laws
+        value = float(law.steady_amplitudes(observed.v_c)[0][0])
+        # The jump lies anywhere between the two states: each draw has it elsewhere.
+        share = (np.arange(len(laws.p)) * _GOLDEN) % 1.0
+        sample = laws.steady_amplitudes(low + share[:, None] * (high - low))[0][:, 0]
+        return summary(value, sample, least=0.5)
+
+
+def _rank_covariance(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """
+    Covariance with the deviations that `summary` gives, and the correlations of normal scores.
+
+    Far draws of a direction that the data leave open neither stretch nor turn it.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (n, k)
+        Draws.
+
+    References
+    ----------
+    Liu, H., Lafferty, J., Wasserman, L. (2009), J. Mach. Learn. Res. 10, 2295-2328: normal
+    scores of the ranks.
+    """
+    below, above = np.percentile(rows, [15.87, 84.13], axis=0)
+    scores = normal_scores(rows)
+    correlation = scores.T @ scores / len(rows)
+    std = 0.5 * (above - below)
+    covariance: NDArray[np.float64] = correlation * np.outer(std, std)
+    return covariance
 
 
 def normal_scores(rows: Array) -> Array:

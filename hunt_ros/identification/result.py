@@ -28,7 +28,7 @@ from hunt_ros.dynamics.normal_form import COEFFICIENTS, Criticality
 from hunt_ros.errors import HuntError, IdentificationError
 from hunt_ros.identification.bracket import Bracket
 from hunt_ros.identification.four_point import FourPoint
-from hunt_ros.identification.posterior import QUANTITIES, BranchName, Posterior
+from hunt_ros.identification.posterior import QUANTITIES, BranchName, BranchPoint, Posterior
 from hunt_ros.identification.record.envelope import Envelope
 from hunt_ros.identification.record.segments import Segment
 from hunt_ros.samples import Record, Uncertain, Unknown, as_json, counted, key, known
@@ -52,33 +52,6 @@ _UNITS = 'SI: m, m/s, s, 1/s, Hz, rad; noise intensity m^2/s; stamps in ns'
 
 #: Coefficients that hold for the speeds and amplitudes measured; the others are Taylor's.
 EFFECTIVE = ('D7', 'D10', 'D15')
-
-
-@dataclass(frozen=True)
-class BranchPoint:
-    """
-    The two limit cycles at one speed, with their intervals; None where there is none.
-
-    Parameters
-    ----------
-    speed : float
-        m/s.
-    stable, unstable : Uncertain or None
-        m.
-    """
-
-    speed: float
-    stable: Uncertain | None
-    unstable: Uncertain | None
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the entry of `branches`."""
-        entry: dict[str, Any] = {'speed_mps': self.speed}
-        for name, number in (('stable', self.stable), ('unstable', self.unstable)):
-            told = as_json(number) or dict.fromkeys(('value', 'std', 'ci95'))
-            entry[f'{name}_amplitude_m'] = told['value']
-            entry |= {f'{name}_{what}_m': told[what] for what in ('std', 'ci95')}
-        return entry
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,6 @@ from hunt_ros.dynamics.simulation import (
 from hunt_ros.identification import Identification
 from hunt_ros.identification.posterior import Posterior
 from hunt_ros.identification.result import FitSummary
-from hunt_ros.identification.verdict.quantities import branches, identified, numbers_of
 from hunt_ros.samples import Record, Series
 
 ORIGIN_NS = 1_700_000_000_000_000_000
@@ -140,9 +139,9 @@ def identification_of_the_paper(seed: int = 1) -> Identification:
     p = law.p + np.abs(law.p) * vague * rng.standard_normal((400, TERMS))
     intensity = 5e-12 * np.exp(0.2 * rng.standard_normal(400))
     posterior = Posterior(law, p, intensity, (6.0, 8.8))
-    numbers = numbers_of(posterior, 0.0)
+    numbers = posterior.numbers(0.0)
     return Identification(
-        normal_form=identified(posterior, 0.0),
+        normal_form=posterior.identified(0.0),
         v_c=numbers['v_c'],
         v_n=numbers['v_n'],
         hysteresis_width=numbers['hysteresis_width'],
@@ -152,7 +151,7 @@ def identification_of_the_paper(seed: int = 1) -> Identification:
         time_scale=scales.time_scale,
         scales_from={'length': 'given', 'time': 'given'},
         speeds=(6.0, 8.8),
-        branches=branches(posterior),
+        branches=posterior.branch_points(),
         steady_states=(),
         observed=ObservedCriticalSpeeds(),
         disturbance=None,

@@ -13,7 +13,8 @@ from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds, SteadyState
 from hunt_ros.dynamics.identified import PARAMETERS, IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.identification.four_point import FourPoint
-from hunt_ros.identification.result import BranchPoint, FitSummary, Identification
+from hunt_ros.identification.posterior import BranchPoint
+from hunt_ros.identification.result import FitSummary, Identification
 from hunt_ros.identification.verdict.reasons import unknown_of
 from hunt_ros.samples import Uncertain
 

@@ -44,12 +44,6 @@ from hunt_ros.identification.verdict.lack_of_fit import (
     misfit_of,
     missed_transients,
 )
-from hunt_ros.identification.verdict.quantities import (
-    branches,
-    disturbance,
-    identified,
-    numbers_of,
-)
 from hunt_ros.identification.verdict.reasons import reasons, unknown_of
 from hunt_ros.samples import Uncertain
 
@@ -197,9 +191,9 @@ def conclude(
     speed_std = settings.speed_resolution_mps / math.sqrt(12.0)
     given = {
         name: None if why[name] else number
-        for name, number in numbers_of(posterior, speed_std).items()
+        for name, number in posterior.numbers(speed_std).items()
     }
-    form = None if why['correlations'] else identified(posterior, speed_std)
+    form = None if why['correlations'] else posterior.identified(speed_std)
     criticality = None if why['criticality'] else best.law.criticality
     bracket = evidence.bracket
     if bracket.coexistence is not None and criticality == 'supercritical':
@@ -223,10 +217,10 @@ def conclude(
             'time': GIVEN if settings.time_scale_s else PAPERS,
         },
         speeds=evidence.speeds,
-        branches=() if why['branches'] else branches(posterior),
+        branches=() if why['branches'] else posterior.branch_points(),
         steady_states=tuple(evidence.states),
         observed=observed,
-        disturbance=None if why['disturbance_m'] else disturbance(posterior, evidence.observed),
+        disturbance=None if why['disturbance_m'] else posterior.disturbance(evidence.observed),
         four_point=four if isinstance(four, FourPoint) else None,
         fit=_summary(evidence, misfit, lacks),
         segments=tuple(evidence.segments),

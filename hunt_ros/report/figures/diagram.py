@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from hunt_ros.analysis.steady_state import SteadyState
-    from hunt_ros.identification.result import BranchPoint
+    from hunt_ros.identification.posterior import BranchPoint
 
 Array = NDArray[np.float64]
 #: 'stable', 'unstable' -> speed (m/s), lower and upper edge (m), each shape (n,).

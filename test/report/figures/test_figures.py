@@ -17,7 +17,8 @@ from hunt_ros.detection import Event
 from hunt_ros.detection.regions import Level
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
-from hunt_ros.identification.result import BranchPoint, Identification
+from hunt_ros.identification.posterior import BranchPoint
+from hunt_ros.identification.result import Identification
 from hunt_ros.report.choice import either_side, four_states
 from hunt_ros.report.figures.bifurcation import hysteresis_loop, identified_diagram
 from hunt_ros.report.figures.diagram import (

@@ -7,8 +7,6 @@ from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds
 from hunt_ros.dynamics.growth_law import GrowthLaw, GrowthScales, from_normal_form, lawful
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.identification.posterior import Posterior
-from hunt_ros.identification.verdict.quantities import branches as branches_of
-from hunt_ros.identification.verdict.quantities import disturbance, numbers_of
 
 SCALES = GrowthScales(7.4, 7e-4, 0.0485, 1.0 / 25.91, 2.84)
 LAW = GrowthLaw(lawful(from_normal_form(PAPER_NORMAL_FORM, SCALES)), SCALES)
@@ -26,12 +24,12 @@ def posterior():
 
 @pytest.fixture(scope='module')
 def branches(posterior):
-    return branches_of(posterior)
+    return posterior.branch_points()
 
 
 def test_a_jump_known_to_half_a_step_leaves_the_disturbance_as_open(posterior):
     fine, coarse = (
-        disturbance(posterior, ObservedCriticalSpeeds(7.4, v_c_between=(7.4 - half, 7.4 + half)))
+        posterior.disturbance(ObservedCriticalSpeeds(7.4, v_c_between=(7.4 - half, 7.4 + half)))
         for half in (0.001, 0.2)
     )
     assert coarse.value == fine.value
@@ -76,5 +74,5 @@ def test_draws_that_have_lost_the_branch_beyond_v_c_pull_its_lower_edge_to_zero(
 @pytest.mark.parametrize('count', [0, 3])
 def test_of_hardly_a_draw_nothing_is_said(count):
     drawn = Posterior(LAW, np.tile(LAW.p, (count, 1)), np.full(count, np.nan), (6.2, 8.8))
-    assert set(numbers_of(drawn, 0.0).values()) == {None}
+    assert set(drawn.numbers(0.0).values()) == {None}
     assert not np.isfinite(drawn.correlations()).any()
