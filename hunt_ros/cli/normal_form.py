@@ -13,14 +13,13 @@ from hunt_ros.dynamics.center_manifold import ComplexNormalForm, normal_form_of
 from hunt_ros.dynamics.limit_cycle import Branch, cycles_of
 from hunt_ros.dynamics.normal_form import COEFFICIENTS
 from hunt_ros.dynamics.parameters import RigParameters
-from hunt_ros.files import write_whole
-from hunt_ros.report.figures import style
 from hunt_ros.report.figures.diagram import (
     MODEL_COLOURS,
     bifurcation_diagram,
     branch_curve,
     form_curve,
 )
+from hunt_ros.report.figures.style import write_picture
 
 EXAMPLE = 'hunt normal-form config/wheelset.yaml --plot diagram.png'
 
@@ -100,6 +99,4 @@ def _plot(form: ComplexNormalForm, branch: Branch | None, path: Path) -> None:
         highest = 1.25 * float(branch.amplitude[inside].max())
     label, colour = 'normal form at the Hopf point', MODEL_COLOURS[1]
     curves.append(form_curve(form.amplitude_coordinate, low, high, label, colour=colour))
-    figure = bifurcation_diagram(curves, low, high, highest=highest)
-    vector = path.suffix == '.svg'
-    write_whole(path, style.svg(figure) if vector else style.png(figure, 200), 'picture')
+    write_picture(bifurcation_diagram(curves, low, high, highest=highest), path)

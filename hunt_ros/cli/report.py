@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
             alone=alone,
             loads=loads,
             clearances=clearances,
-            **({'title': arguments.title} if arguments.title else {}),
+            title=arguments.title or Report.title,
         )
         drawings = report.drawings()
         advance(0.6)

@@ -11,9 +11,8 @@ from hunt_ros.cli.support.output import progress, tell
 from hunt_ros.cli.support.recordings import add_recordings, records_of, settings_of
 from hunt_ros.detection import DetectorConfig
 from hunt_ros.errors import ConfigError
-from hunt_ros.files import write_whole
 from hunt_ros.identification import identify
-from hunt_ros.report.figures import style
+from hunt_ros.report.figures.style import write_picture
 from hunt_ros.report.tuning import Outcome, Truth, picture, tune, usual_grid
 
 EXAMPLE = 'hunt tune bags/kick_escapes bags/kick_decays --grid alarm_lateral_mm=0.1,0.3'
@@ -47,9 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
     with progress('replaying') as advance:
         truths, outcomes = tune(found, config, form, grid, settings.cluster, advance)
     if arguments.out and outcomes[0].harmless_s:
-        drawn = picture(outcomes)
-        vector = arguments.out.suffix == '.svg'
-        write_whole(arguments.out, style.svg(drawn) if vector else style.png(drawn), 'picture')
+        write_picture(picture(outcomes), arguments.out)
     tell(
         arguments.json,
         lambda: {'truth': _truth(truths), 'settings': [one.to_json() for one in outcomes]},

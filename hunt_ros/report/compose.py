@@ -19,10 +19,7 @@ from hunt_ros.report import comparison, tables, words
 from hunt_ros.report.alarms import AlarmLoad, alarm_table
 from hunt_ros.report.choice import either_side, four_states
 from hunt_ros.report.figures import style
-from hunt_ros.report.figures.bifurcation import (
-    hysteresis_loop,
-    identified_diagram,
-)
+from hunt_ros.report.figures.bifurcation import hysteresis_loop, identified_diagram
 from hunt_ros.report.figures.overview import run_overview
 from hunt_ros.report.figures.response_panels import poincare_pair, response_panels
 from hunt_ros.report.numbers import shown
@@ -260,47 +257,37 @@ class Report:
 
         form = words.EQUATION + tables.coefficients(one)
         form += pick('fig10') or _unknown(one.why('coefficients.D4').reason)
-        sections = [
-            Section('result', 'Result', tables.critical_speeds(one)),
-            Section('run', 'The recordings', tables.recordings(one.records) + pick('run')),
-            *([Section('alarms', 'Alarms', alarm_table(self.loads))] if self.loads else []),
-            *(
-                [Section('clearances', 'Clearance', tables.clearances(self.clearances))]
-                if self.clearances
-                else []
-            ),
-            Section('events', 'Events', tables.events(self.events, one.records)),
-            Section(
-                'hysteresis', 'Hysteresis', pick('fig06', _unknown('no steady state was found'))
-            ),
-            Section('normal-form', 'Normal form', form),
-        ]
-        if self.alone:
-            body = pick('compared') + comparison.comparison_table(self.alone)
-            sections.append(Section('compared', 'Side by side', body))
         panels = f'<div class="grid">{pick("fig05")}</div>' + tables.responses(self.responses)
         lists = tables.folded('Steady amplitudes', tables.steady_states(one))
         lists += tables.folded('Stretches of the recordings', tables.segments(one))
-        return [
-            *sections,
-            Section('together', 'What is known together', tables.correlations(one)),
-            Section('disturbance', 'Disturbance', words.disturbance(one)),
-            Section(
-                'response',
-                'Response at four speeds',
-                panels if self.responses else _unknown('no steady stretch was found'),
+        loop = pick('fig06', _unknown('no steady state was found'))
+        either_side = pick('fig07', _unknown('no settled state on both sides of it, speed up'))
+        if not self.responses:
+            panels = _unknown('no steady stretch was found')
+        sections = [
+            ('result', 'Result', tables.critical_speeds(one)),
+            ('run', 'The recordings', tables.recordings(one.records) + pick('run')),
+            ('alarms', 'Alarms', self.loads and alarm_table(self.loads)),
+            ('clearances', 'Clearance', self.clearances and tables.clearances(self.clearances)),
+            ('events', 'Events', tables.events(self.events, one.records)),
+            ('hysteresis', 'Hysteresis', loop),
+            ('normal-form', 'Normal form', form),
+            (
+                'compared',
+                'Side by side',
+                self.alone and pick('compared') + comparison.comparison_table(self.alone),
             ),
-            Section(
-                'poincare',
-                'Either side of the critical speed',
-                pick('fig07', _unknown('no settled state on both sides of it, speed up')),
-            ),
-            Section('fit', 'Fit', tables.fit_quality(one)),
-            Section('tables', 'Measured amplitudes and stretches', lists),
-            Section('warnings', 'Warnings', tables.warnings(one)),
-            Section('unknown', 'What is not known', tables.unknowns(one)),
-            Section('file', 'Parameter file', _parameter_file(one)),
+            ('together', 'What is known together', tables.correlations(one)),
+            ('disturbance', 'Disturbance', words.disturbance(one)),
+            ('response', 'Response at four speeds', panels),
+            ('poincare', 'Either side of the critical speed', either_side),
+            ('fit', 'Fit', tables.fit_quality(one)),
+            ('tables', 'Measured amplitudes and stretches', lists),
+            ('warnings', 'Warnings', tables.warnings(one)),
+            ('unknown', 'What is not known', tables.unknowns(one)),
+            ('file', 'Parameter file', _parameter_file(one)),
         ]
+        return [(anchor, title, str(body)) for anchor, title, body in sections if body]
 
 
 def _unknown(reason: str) -> str:

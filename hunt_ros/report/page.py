@@ -11,11 +11,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from html import escape
-from typing import Any
+from typing import Any, TypeAlias
 
 from hunt_ros.report.figures.style import palette_css
+
+#: A section of the page: anchor (letters and hyphens), title (plain text), body (HTML).
+Section: TypeAlias = tuple[str, str, str]
 
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
@@ -80,26 +82,6 @@ details summary { cursor: pointer; color: var(--stable); }
 """
 
 
-@dataclass(frozen=True)
-class Section:
-    """
-    One section of the page.
-
-    Parameters
-    ----------
-    anchor : str
-        Letters and hyphens; the target of the contents.
-    title : str
-        Plain text.
-    body : str
-        HTML.
-    """
-
-    anchor: str
-    title: str
-    body: str
-
-
 def render(title: str, lead: str, sections: Sequence[Section], document: Mapping[str, Any]) -> str:
     """
     Return the whole page.
@@ -118,12 +100,11 @@ def render(title: str, lead: str, sections: Sequence[Section], document: Mapping
     """
     css = _CSS.replace('LIGHT', palette_css(False)).replace('DARK', palette_css(True))
     contents = ''.join(
-        f'<li><a href="#{section.anchor}">{escape(section.title)}</a></li>' for section in sections
+        f'<li><a href="#{anchor}">{escape(name)}</a></li>' for anchor, name, _ in sections
     )
     body = '\n'.join(
-        f'<section id="{section.anchor}"><h2>{escape(section.title)}</h2>\n'
-        f'{section.body}</section>'
-        for section in sections
+        f'<section id="{anchor}"><h2>{escape(name)}</h2>\n{text}</section>'
+        for anchor, name, text in sections
     )
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'

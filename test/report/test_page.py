@@ -10,7 +10,7 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hunt_ros.report.page import Section, figure, render
+from hunt_ros.report.page import figure, render
 
 DOCUMENT = {'v_c': {'value': 0.1 + 0.2, 'std': 1e-17}, 'v_n': None, 'warnings': ['a < b']}
 
@@ -81,7 +81,7 @@ def assert_self_contained(page: str) -> Outline:
 
 def a_page(document: dict[str, Any], title: str = 'A run', text: str = '') -> str:
     drawing = figure('<svg role="img"></svg>', 'Fig. 6', 'A <b>loop</b>.')
-    return render(title, '<p>Lead.</p>', [Section('loop', f'Loop {text}', drawing)], document)
+    return render(title, '<p>Lead.</p>', [('loop', f'Loop {text}', drawing)], document)
 
 
 def test_the_page_needs_nothing_but_itself() -> None:

@@ -12,7 +12,6 @@ from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.limit_cycle import Branch, limit_cycles
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.files import write_whole
 from hunt_ros.identification import Identification, identify
 from hunt_ros.report.figures import style
 from hunt_ros.report.figures.diagram import (
@@ -56,14 +55,16 @@ def show_results(bag: Path, refitted: Path, folder: Path, view: View) -> None:
         cells = ['' if each is None else f'{each:.4g}' for each in (true, published)]
         view.say(f'  {name:10}{found or "not known"!s:>24}{cells[0]:>10}{cells[1]:>13}')
     picture = folder / 'bifurcation.png'
-    write_whole(picture, _picture(options.read_form(refitted), result, truth), 'picture')
+    _draw(options.read_form(refitted), result, truth, picture)
     view.say('')
     for what, path in (('recording', bag), ('normal form', refitted), ('diagram', picture)):
         view.say(f'  {what:12} {path}')
     view.say(f'\nNext: hunt info {bag}\n      hunt report {bag} --out report.html')
 
 
-def _picture(identified: IdentifiedNormalForm, result: Identification, truth: Branch) -> bytes:
+def _draw(
+    identified: IdentifiedNormalForm, result: Identification, truth: Branch, picture: Path
+) -> None:
     """Draw the refitted branches over the measured amplitudes, the truth and the paper's."""
     low, high = _DRAWN
     dots = {'linestyle': (0, (1, 1.2)), 'linewidth': 0.8}
@@ -75,4 +76,5 @@ def _picture(identified: IdentifiedNormalForm, result: Identification, truth: Br
         replace(paper, quiet_unstable=None, colour=style.MUTED, look=dashes),
     ]
     measured = {'': result.steady_states}
-    return style.png(bifurcation_diagram(curves, low, high, measured, columns=4), 200)
+    figure = bifurcation_diagram(curves, low, high, measured, columns=4)
+    style.write_picture(figure, picture)

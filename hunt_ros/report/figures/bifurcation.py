@@ -130,16 +130,8 @@ def identified_diagram(one: Identification) -> Figure:
 
 def _critical_speed(axes: Axes, name: str, speed: Uncertain) -> None:
     """Mark a critical speed of the form, with its 95 % interval as a bar at the bottom."""
-    axes.axvline(speed.value, color=style.MUTED, linewidth=0.5, linestyle=':', zorder=0)
-    axes.annotate(
-        f'${name}$',
-        (speed.value, 1.0),
-        xycoords=('data', 'axes fraction'),
-        xytext=(2, -1),
-        textcoords='offset points',
-        va='top',
-        color=style.MUTED,
-    )
+    line = {'linewidth': 0.5, 'linestyle': ':', 'zorder': 0}
+    style.upright(axes, speed.value, f'${name}$', style.MUTED, line, xytext=(2, -1))
     if math.isfinite(speed.low + speed.high):
         left, right = axes.get_xlim()
         axes.plot(
@@ -206,17 +198,9 @@ def _observed_speeds(axes: Axes, one: Identification) -> None:
             sides[key] = 'right'
         if step:
             axes.axvspan(speed - step / 2, speed + step / 2, color=style.GRID, lw=0, zorder=0)
-        axes.axvline(speed, color=style.MUTED, linewidth=0.6, linestyle=(0, (4, 2)), zorder=1)
-        axes.annotate(
-            f'${key}$ observed\n{speed:.2f} m/s',
-            (speed, 1.0),
-            xycoords=('data', 'axes fraction'),
-            xytext=(0, -1),
-            textcoords='offset points',
-            ha=sides[key],
-            va='top',
-            fontsize=6.5,
-            color=style.MUTED,
-            backgroundcolor=style.PAPER,
-        )
+        line = {'linewidth': 0.6, 'linestyle': (0, (4, 2)), 'zorder': 1}
+        style.upright(
+            axes, speed, f'${key}$ observed\n{speed:.2f} m/s', style.MUTED, line,
+            xytext=(0, -1), ha=sides[key], fontsize=6.5, backgroundcolor=style.PAPER,
+        )  # fmt: skip
     axes.set_xlim(left, right)

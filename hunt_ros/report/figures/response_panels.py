@@ -128,19 +128,9 @@ def _spectrum(axes: Axes, response: Response) -> None:
         hunting = line.name == 'hunting'
         colour = style.STABLE if hunting else style.ROUGHNESS
         order = '' if hunting else line.name.removeprefix('roughness').strip()
-        axes.axvline(
-            line.frequency_hz, color=colour, linewidth=0.7, linestyle=(0, (3, 2)), zorder=0
-        )
-        axes.annotate(
-            r'$f_h$' if hunting else rf'${order}f_r$',
-            (line.frequency_hz, 1.0),
-            xycoords=('data', 'axes fraction'),
-            xytext=(1.5, 0),
-            textcoords='offset points',
-            va='top',
-            fontsize=6.5,
-            color=colour,
-        )
+        name = r'$f_h$' if hunting else rf'${order}f_r$'
+        look = {'linewidth': 0.7, 'linestyle': (0, (3, 2)), 'zorder': 0}
+        style.upright(axes, line.frequency_hz, name, colour, look, xytext=(1.5, 0), fontsize=6.5)
 
 
 def _portrait(axes: Axes, response: Response) -> None:

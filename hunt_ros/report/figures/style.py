@@ -141,6 +141,32 @@ def legend_above(axes: Axes, columns: int = 2) -> None:
     )
 
 
+def upright(
+    axes: Axes, x: float, text: str, colour: str, line: Mapping[str, Any], **words: Any
+) -> None:
+    """
+    Draw an upright line, with words at its upper end.
+
+    Parameters
+    ----------
+    axes : Axes
+        To draw into.
+    x : float
+        In data.
+    text : str
+        The words.
+    colour : str
+        Of both.
+    line : mapping
+        Further properties of the line.
+    **words
+        Of the words; `xytext` is how far they stand from the end of the line, points.
+    """
+    axes.axvline(x, color=colour, **line)
+    place = {'xycoords': ('data', 'axes fraction'), 'textcoords': 'offset points', 'va': 'top'}
+    axes.annotate(text, (x, 1.0), **{**place, **words}, color=colour)
+
+
 def svg(figure: Figure, salt: str = 'hunt') -> str:
     """
     Return the figure as a standalone SVG document on white.
@@ -199,7 +225,7 @@ def palette_css(dark: bool) -> str:
     return ' '.join(f'--{role}: {pair[int(dark)]};' for role, pair in COLOURS.items())
 
 
-def save_figures(figures: Mapping[str, Figure], folder: Path, dpi: int = 300) -> list[Path]:
+def save_figures(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
     """
     Write every figure as SVG and as PNG.
 
@@ -209,8 +235,6 @@ def save_figures(figures: Mapping[str, Figure], folder: Path, dpi: int = 300) ->
         Name of the file without its ending -> figure.
     folder : Path
         Made where it does not exist.
-    dpi : int
-        Resolution of the PNG.
 
     Returns
     -------
@@ -226,7 +250,7 @@ def save_figures(figures: Mapping[str, Figure], folder: Path, dpi: int = 300) ->
     written: dict[Path, bytes] = {}
     for name, figure in figures.items():  # drawn before the first is written
         written[folder / f'{name}.svg'] = svg(figure, salt=name).encode('utf-8')
-        written[folder / f'{name}.png'] = png(figure, dpi)
+        written[folder / f'{name}.png'] = png(figure)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for path, raw in written.items():
@@ -240,9 +264,21 @@ def save_figures(figures: Mapping[str, Figure], folder: Path, dpi: int = 300) ->
     return list(written)
 
 
-def png(figure: Figure, dpi: int = 300) -> bytes:
-    """Return the figure as a PNG on white."""
+def write_picture(figure: Figure, path: Path) -> None:
+    """
+    Write a figure as SVG or PNG, by the ending of the name.
+
+    Raises
+    ------
+    HuntError
+        If the file cannot be written.
+    """
+    write_whole(path, svg(figure) if path.suffix == '.svg' else png(figure), 'picture')
+
+
+def png(figure: Figure) -> bytes:
+    """Return the figure as a PNG on white, 300 dots an inch."""
     buffer = io.BytesIO()
     with journal_style():
-        figure.savefig(buffer, format='png', dpi=dpi, facecolor='white')
+        figure.savefig(buffer, format='png', dpi=300, facecolor='white')
     return buffer.getvalue()

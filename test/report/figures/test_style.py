@@ -93,7 +93,7 @@ def test_drawing_leaves_the_settings_of_the_process_alone() -> None:
 
 
 def test_figures_are_written_as_svg_and_png(tmp_path: Path) -> None:
-    written = style.save_figures({'fig06': drawing()}, tmp_path / 'new' / 'folder', dpi=80)
+    written = style.save_figures({'fig06': drawing()}, tmp_path / 'new' / 'folder')
     assert [path.name for path in written] == ['fig06.svg', 'fig06.png']
     assert ElementTree.parse(written[0]).getroot().tag.endswith('svg')
     assert written[1].read_bytes().startswith(b'\x89PNG')
