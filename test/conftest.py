@@ -20,10 +20,12 @@ import tty
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from importlib.util import find_spec
+from pathlib import Path
 
 import hypothesis
 import pytest
 
+sys.path.insert(0, str(Path(__file__).parent))  # for what tests of several rooms share
 # Before numpy is imported: the matrices here are small, and threads that wait for each other
 # cost more than they compute where the cores have other work too.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import subprocess
 import sys
 import textwrap
 from pathlib import Path
 
 import numpy as np
 import pytest
+from made import python
 
 from hunt_ros.compiled import F1, HAVE_COMPILER, compile_all, compiled
 
@@ -43,14 +43,8 @@ HIDE_NUMBA = textwrap.dedent(
 
 def run(script: str, hide: bool) -> str:
     """Run a script in a Python of its own, with or without numba; return what it printed."""
-    done = subprocess.run(
-        [sys.executable, '-W', 'error::RuntimeWarning', '-c', HIDE_NUMBA * hide + script],
-        capture_output=True,
-        text=True,
-        env={**os.environ, 'OMP_NUM_THREADS': '1'},
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    words = ['-W', 'error::RuntimeWarning', '-c', HIDE_NUMBA * hide + script]
+    return python(*words, OMP_NUM_THREADS='1').stdout
 
 
 def decay(values: F1, factor: float) -> float:
@@ -185,14 +179,8 @@ def total(folder: Path, part: str = PART, **environment: str) -> list[str]:
     """Write the kernel above and its part, run it, and return the lines that it prints."""
     (folder / 'part.py').write_text(part)
     (folder / 'kernel.py').write_text(KERNEL)
-    done = subprocess.run(
-        [sys.executable, str(folder / 'kernel.py')],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, 'NUMBA_CACHE_DIR': str(folder / 'cache'), **environment},
-    )
-    assert done.returncode == 0, done.stderr
+    cache = {'NUMBA_CACHE_DIR': str(folder / 'cache')}
+    done = python(folder / 'kernel.py', **cache | environment)
     return done.stdout.splitlines() + done.stderr.splitlines()
 
 
@@ -226,10 +214,8 @@ def test_where_nothing_can_be_written_kernels_work_and_one_line_says_so(tmp_path
     *lines, last = total(tmp_path, PYTHONPATH=str(tree), **nowhere)
     assert lines == ['compiling', '4.0']
     assert 'NUMBA_CACHE_DIR' in last
-    words = [sys.executable, '-m', 'hunt_ros.cli.main', 'compile']
-    env = {**os.environ, 'PYTHONPATH': str(tree), **nowhere}
-    done = subprocess.run(words, capture_output=True, text=True, check=False, env=env, cwd=tree)
-    assert done.returncode == 1
+    words = ['-m', 'hunt_ros.cli.main', 'compile']
+    done = python(*words, cwd=tree, code=1, PYTHONPATH=str(tree), **nowhere)
     assert 'NUMBA_CACHE_DIR' in done.stderr
 
 
@@ -244,14 +230,8 @@ def test_every_kernel_is_compiled_ahead_and_a_copy_of_the_package_finds_it(tmp_p
         path.unlink()
     (gone := folder / f'hunt_ros.room.gone.{sys.implementation.cache_tag}.0.code').touch()
     script = 'import hunt_ros.compiled as c; print(c.__file__, c.compile_all(), c.is_complete())'
-    done = subprocess.run(
-        [sys.executable, '-c', script],
-        capture_output=True,
-        text=True,
-        check=True,
-        cwd=tmp_path,
-        env={**os.environ, 'PYTHONPATH': str(tmp_path), 'XDG_CACHE_HOME': str(tmp_path)},
-    )
+    place = {'PYTHONPATH': str(tmp_path), 'XDG_CACHE_HOME': str(tmp_path)}
+    done = python('-c', script, cwd=tmp_path, **place)
     assert done.stdout.split() == [str(tmp_path / 'hunt_ros' / 'compiled.py'), '0', 'True']
     assert not gone.exists()
 
@@ -271,14 +251,8 @@ print(c.HAVE_COMPILER, len(c.KERNELS))
 def test_a_live_process_compiles_nothing(tmp_path) -> None:
     tree = tmp_path / 'tree'
     copy_of_the_package(tree)
-    done = subprocess.run(
-        [sys.executable, '-c', LIVE],
-        capture_output=True,
-        text=True,
-        check=True,
-        cwd=tree,
-        env={**os.environ, 'PYTHONPATH': str(tree), 'XDG_CACHE_HOME': str(tmp_path / 'home')},
-    )
+    place = {'PYTHONPATH': str(tree), 'XDG_CACHE_HOME': str(tmp_path / 'home')}
+    done = python('-c', LIVE, cwd=tree, **place)
     said, background, last = done.stdout.splitlines()
     assert 'not compiled' in said
     assert background == 'hunt_ros.cli.main compile --background'
@@ -287,9 +261,8 @@ def test_a_live_process_compiles_nothing(tmp_path) -> None:
 
 
 def test_a_verb_works_with_the_compiler_switched_off() -> None:
-    words = [sys.executable, '-m', 'hunt_ros.cli.main', 'replay', str(BAG)]
-    env = {**os.environ, 'NUMBA_DISABLE_JIT': '1'}
-    done = subprocess.run(words, capture_output=True, text=True, check=False, env=env)
+    words = ['-m', 'hunt_ros.cli.main', 'replay', BAG]
+    done = python(*words, code=None, NUMBA_DISABLE_JIT='1')
     assert done.returncode in (0, 1), done.stderr  # 1: no form
     assert 'Traceback' not in done.stderr
 
@@ -298,8 +271,7 @@ def test_a_verb_works_with_the_compiler_switched_off() -> None:
 @pytest.mark.parametrize('verb', ['replay', 'identify'])
 def test_a_verb_compiles_nothing_where_hunt_compile_has_run(verb) -> None:
     compile_all()
-    words = [sys.executable, '-m', 'hunt_ros.cli.main', verb, str(BAG)]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    done = python('-m', 'hunt_ros.cli.main', verb, BAG, code=None)
     assert done.returncode in (0, 1), done.stderr  # 1: no form
     assert 'compiling' not in done.stderr
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import resolve_name
@@ -13,6 +11,7 @@ from typing import Any
 
 import pytest
 import yaml
+from made import python
 
 from hunt_ros.detection import HuntingDetector
 from hunt_ros.detection.output import EVENT_NUMBERS, PUBLIC
@@ -101,13 +100,7 @@ def test_what_the_reference_names_is_there_and_has_a_docstring() -> None:
 @pytest.mark.skipif(find_spec('mkdocs') is None, reason='needs the extra docs: make docs')
 def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
     words = ['-m', 'mkdocs', 'build', '--strict', '--config-file', str(SITE / 'mkdocs.yml')]
-    done = subprocess.run(
-        [sys.executable, *words, '--site-dir', str(tmp_path / 'site')],
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-    assert done.returncode == 0, done.stderr
+    python(*words, '--site-dir', tmp_path / 'site')
     assert (tmp_path / 'site' / 'index.html').is_file()
 
 

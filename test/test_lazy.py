@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from importlib import import_module
 
 import pytest
+from made import python
 
 LAZY = ('hunt_ros.detection', 'hunt_ros.identification')
 
@@ -23,5 +22,4 @@ def test_every_public_name_is_there_and_no_other(name: str) -> None:
 @pytest.mark.parametrize('name', LAZY)
 def test_a_package_alone_imports_no_numerics(name: str) -> None:
     words = f'import sys, {name}; print(sorted(set(sys.modules) & {{"numpy", "scipy", "numba"}}))'
-    ran = subprocess.run([sys.executable, '-c', words], capture_output=True, text=True, check=True)
-    assert ran.stdout.strip() == '[]'
+    assert python('-c', words).stdout.strip() == '[]'

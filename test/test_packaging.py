@@ -23,6 +23,7 @@ from typing import Any
 from unittest import mock
 
 import pytest
+from made import python
 from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parents[1]
@@ -155,8 +156,7 @@ ABSENT = ('rosbags', 'lz4', 'zstandard', 'filterpy', 'mcap', 'numba')
 def run_without(*lines: str, absent: tuple[str, ...] = ABSENT) -> subprocess.CompletedProcess[str]:
     """Run lines of Python where these libraries are not installed."""
     missing = f'import sys; sys.modules.update(dict.fromkeys({absent}))'
-    words = [sys.executable, '-c', '\n'.join((missing, *lines))]
-    return subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    return python('-c', '\n'.join((missing, *lines)), cwd=ROOT, code=None)
 
 
 @pytest.mark.ros

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made import record_of
 
 from hunt_ros.bag import read_record, write_record
 from hunt_ros.cli.main import main
 from hunt_ros.detection import DetectorConfig
 from hunt_ros.errors import ConfigError
 from hunt_ros.rig import PARAMETERS, Rig
-from hunt_ros.samples import Record, Series
 from hunt_ros.settings import Settings
 from hunt_ros.suite import NODES, PAGE, SENSORS
 
@@ -35,11 +35,9 @@ def _file(folder: Path, text: str, section: str = '/**') -> Path:
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory) -> Path:
     """A recording of rig A, with the lateral displacement in millimetres under another name."""
-    stamps = 10**9 + np.arange(400) * 10_000_000
     motion = 1e-3 * np.sin(2.0 * np.pi * 2.8 * np.arange(400) / 100.0)
-    series = {'lateral': Series(stamps, motion), 'speed': Series(stamps, np.full(400, 7.0))}
-    folder = tmp_path_factory.mktemp('bags') / 'bag'
-    return write_record(folder, Record(series), notes={'rig': 'rig A'})
+    record = record_of(1.0 + np.arange(400) / 100.0, lateral=motion, speed=7.0)
+    return write_record(tmp_path_factory.mktemp('bags') / 'bag', record, notes={'rig': 'rig A'})
 
 
 def test_the_file_of_the_package_describes_a_rig_of_every_parameter() -> None:

@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from made import rig_settings
 
 Outputs = Sequence[np.ndarray]
 
@@ -145,25 +146,26 @@ def _bad_envelope_input(make: Callable[[], Any]) -> None:
 def _make_rig() -> Any:
     from hunt_ros.dynamics.parameters import paper_rig
     from hunt_ros.dynamics.simulation import RollerRig
-    from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, SimulationSettings
+    from hunt_ros.dynamics.simulation.settings import (
+        DriveModel,
+        Roughness,
+        SensorModel,
+        SimulationSettings,
+    )
 
-    sensor = SensorModel(noise=5e-6)
     settings_ = SimulationSettings(
-        initial_speed=7.2,
-        broadband=8e-6,
-        roughness=Roughness((5e-5,)),
-        lateral_sensor=sensor,
-        yaw_sensor=sensor,
+        initial_speed=7.0,
+        roughness=Roughness((40e-6, 10e-6), (3e-6,)),
+        broadband=1e-5,
+        lateral_sensor=SensorModel(5e-6, 1e-6),
+        yaw_sensor=SensorModel(2e-5),
+        drive=DriveModel(speed_noise=1e-3, speed_gain=1.002),
     )
     return RollerRig(paper_rig(), settings_, seed=3)
 
 
 def _feed_rig(rig: Any, targets: np.ndarray, begin: int, end: int) -> Outputs:
-    block = rig.advance(end - begin, targets[begin:end])
-    return [
-        getattr(block, name)
-        for name in ('stamps_ns', 'lateral', 'yaw', 'speed', 'roller_angle', 'true_yaw')
-    ]
+    return list(vars(rig.advance(end - begin, targets[begin:end])).values())
 
 
 def _bad_rig_input(make: Callable[[], Any]) -> None:
@@ -201,12 +203,15 @@ def _criterion(name: str) -> Stream:
 
 
 def _displacement(seed: int) -> tuple[np.ndarray, ...]:
-    """8 s of lateral displacement and speed, with a few samples missing."""
+    """8 s of lateral displacement and speed; samples are missing, and the clock is set."""
     rng = np.random.default_rng(seed)
     t = np.arange(1, 4001) / 500.0
     y = 3e-4 * np.cos(17.8 * t) + 5e-6 * rng.normal(size=t.size)
     y[rng.integers(1000, t.size, 10)] = np.nan
-    return (t * 1e9).round().astype(np.int64), y, np.full(t.size, 7.2)
+    stamps = (t * 1e9).round().astype(np.int64)
+    stamps[2500:] += 200_000_000  # a hole
+    stamps[3200:] -= 5_000_000_000  # a clock that is set back
+    return stamps, y, np.full(t.size, 7.2)
 
 
 def _make_detector() -> Any:
@@ -260,14 +265,8 @@ def _climb(seed: int) -> tuple[np.ndarray, ...]:
     """44 s of quiet response at four speeds, and a short blow of hunting."""
     from hunt_ros.dynamics.parameters import paper_rig
     from hunt_ros.dynamics.simulation import RollerRig
-    from hunt_ros.dynamics.simulation.settings import SensorModel, SimulationSettings
 
-    settings_ = SimulationSettings(
-        sample_rate_hz=100.0,
-        initial_speed=4.0,
-        broadband=2e-5,
-        lateral_sensor=SensorModel(noise=5e-6),
-    )
+    settings_ = rig_settings(100.0, 2e-5, initial_speed=4.0)
     targets = np.repeat([4.0, 5.0, 6.0, 7.0], 1100)
     block = RollerRig(paper_rig(), settings_, seed=seed).advance(targets.size, targets)
     quiet = np.ones(targets.size, dtype=np.bool_)

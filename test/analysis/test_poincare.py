@@ -4,15 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from scipy.stats import binom
+from made import at_most, rig_settings
 
 from hunt_ros.analysis.phase_portrait import phase_portrait
 from hunt_ros.analysis.poincare import own_section, poincare_section
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.simulation import (
     RollerRig,
-    Roughness,
-    SensorModel,
     SimulationSettings,
 )
 from hunt_ros.errors import IdentificationError
@@ -22,17 +20,8 @@ RATE = 250.0
 
 def running(speed: float, kick: float = 0.0, broadband: float = 8e-6, seed: int = 0):
     """Displacement and roller angle of a minute of running, 15 s after a kick."""
-    rig = RollerRig(
-        paper_rig(),
-        SimulationSettings(
-            sample_rate_hz=RATE,
-            initial_speed=speed,
-            broadband=broadband,
-            roughness=Roughness(amplitudes=(30e-6, 10e-6)),
-            lateral_sensor=SensorModel(noise=5e-6),
-        ),
-        seed,
-    )
+    settings = rig_settings(RATE, broadband, (30e-6, 10e-6), initial_speed=speed)
+    rig = RollerRig(paper_rig(), settings, seed)
     if kick:
         rig.kick(lateral_m=kick)
     block = rig.advance(round(75 * RATE))
@@ -119,11 +108,6 @@ def test_few_revolutions_decide_nothing():
     lateral, angle = running(8.3, 1e-3)
     count = round(3 * RATE)
     assert poincare_section(lateral[:count], RATE, angle[:count]).kind == 'undecided'
-
-
-def at_most(rate: float, trials: int) -> int:
-    """Return how many of the trials may go wrong by chance, but for one suite in ten thousand."""
-    return int(binom.ppf(1.0 - 1e-4, trials, rate))
 
 
 @pytest.mark.parametrize('speed', [7.0, 7.8])

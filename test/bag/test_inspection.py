@@ -73,9 +73,8 @@ def test_a_clock_that_jumps_back_is_found(tmp_path: Path) -> None:
 def test_events_at_any_time_are_no_gaps(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     stamps = 10**18 + np.sort(rng.integers(0, 10**11, size=200))
-    record = Record(
-        {'lateral': Series(stamps, np.zeros(200)), 'speed': Series(stamps, np.zeros(200))}
-    )
+    still = Series(stamps, np.zeros(200))
+    record = Record({'lateral': still, 'speed': still})
     assert kinds(write_record(tmp_path / 'run', record)) == []
 
 

@@ -19,8 +19,9 @@ from pathlib import Path
 import numpy as np
 from day_rigs import Day, random_day
 from numpy.typing import NDArray
+from tables import markdown
 
-from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect
+from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, detect
 from hunt_ros.detection.output import Output
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 from hunt_ros.samples import Record, Series
@@ -34,7 +35,7 @@ LASTS, OFF, STEADY = 20.0, 4.0, 10.0
 IN, OUT = 0.85, 0.35
 #: A cycle that stands less clear of the quiet motion is none that anybody could tell from it.
 CLEAR = 5.0
-_HUNTING = (State.ESCAPING, State.LIMIT_CYCLE)
+
 
 _B = NDArray[np.bool_]
 
@@ -201,17 +202,14 @@ def main() -> int:
             f' {marks.missed} of {marks.cycles}, flips {marks.flips}, OK in doubt'
             f' {marks.ok_in_doubt_s:.1f} s, {"; ".join(marks.contradictions)}'
         )
-    head = ('hours', 'false alarms', 'ERROR s', 'cycles', 'missed', 's, median', '90 %')
-    print('\n| days | ' + ' | '.join((*head, 'flips', 'OK in doubt, s', 'contradict')) + ' |')
-    print('|' + '---|' * 11)
+    head = ['days', 'hours', 'false alarms', 'ERROR s', 'cycles', 'missed', 's, median', '90 %']
+    rows: list[list[object]] = []
     for name, marks in kinds.items():
-        delays = np.array(marks.delays or [math.nan])
-        print(
-            f'| {name} | {marks.sound_s / 3600.0:.1f} | {marks.false_alarms} | {marks.false_s:.0f}'
-            f' | {marks.cycles} | {marks.missed} | {np.median(delays):.1f}'
-            f' | {np.quantile(delays, 0.9):.1f} | {marks.flips} | {marks.ok_in_doubt_s:.0f}'
-            f' | {len(marks.contradictions)} |'
-        )
+        delays = np.quantile(marks.delays or [math.nan], [0.5, 0.9]).tolist()
+        rows.append([name, marks.sound_s / 3600.0, marks.false_alarms, marks.false_s])
+        rows[-1] += [marks.cycles, marks.missed, *delays, marks.flips, marks.ok_in_doubt_s]
+        rows[-1].append(len(marks.contradictions))
+    print('\n' + markdown([*head, 'flips', 'OK in doubt, s', 'contradict'], rows))
     wing()
     return 0
 

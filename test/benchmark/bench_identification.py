@@ -18,12 +18,12 @@ from runpy import run_path
 
 import numpy as np
 from identification_rigs import flutter, others
+from made import up_and_down
 from scipy import stats
 from tables import asked, markdown, publish
 
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile import Hold, Profile
 from hunt_ros.dynamics.simulation import SimulationSettings, simulate
 from hunt_ros.identification import Identification, IdentificationSettings, identify
 from hunt_ros.samples import Record, Uncertain
@@ -68,8 +68,7 @@ def covered(task: tuple[int, bool]) -> tuple[np.ndarray, float]:
 def stepped(seed: int, broadband: float, roughness: float) -> Record:
     """One staircase of the full model up and down, 0.2 m/s steps, 25 s holds."""
     settings = replace(_MAKERS['rig_settings'](roughness), broadband=broadband)
-    up = np.arange(6.0, 8.9, 0.2)
-    profile = Profile(tuple(Hold(float(v), 25.0) for v in (*up, *up[-2::-1])))
+    profile = up_and_down(np.arange(6.0, 8.9, 0.2), 25.0)
     return simulate(paper_rig(), settings, profile, seed=seed)
 
 
@@ -185,8 +184,7 @@ def full_model(count: int, pool: ProcessPoolExecutor) -> str:
 
 def an_hour(seed: int) -> Record:
     """Three channels at 1 kHz, an hour: 0.1 m/s steps, 62 s holds."""
-    up = np.arange(6.0, 8.9, 0.1)
-    profile = Profile(tuple(Hold(float(v), 62.0) for v in (*up, *up[-2::-1])))
+    profile = up_and_down(np.arange(6.0, 8.9, 0.1), 62.0)
     settings = SimulationSettings(sample_rate_hz=1000.0, broadband=8e-6, drive_rate_hz=1000.0)
     return simulate(paper_rig(), settings, profile, seed=seed)
 

@@ -18,31 +18,6 @@ from numpy.typing import NDArray
 from hunt_ros.errors import ConfigError
 
 
-def growth_std_bound(amplitude: float, noise: float, step_s: float, window_s: float) -> float:
-    """
-    Least standard deviation of a growth rate |s| T << 1 from one window.
-
-    var(s) >= 24 sigma^2 dt / (A^2 T^3), amplitude and phase unknown.
-
-    Parameters
-    ----------
-    amplitude, noise : float
-        A, and standard deviation of the white noise of a sample, in one unit.
-    step_s, window_s : float
-        Spacing of the samples and length of the window, s.
-
-    Returns
-    -------
-    float
-        1/s.
-
-    References
-    ----------
-    Kay, Statistical Signal Processing: Estimation Theory, 1993, ch. 3.
-    """
-    return math.sqrt(24.0 * noise**2 * step_s / (amplitude**2 * window_s**3))
-
-
 def sign_time_bound(
     growth_rate: float,
     amplitude: float,
@@ -53,12 +28,17 @@ def sign_time_bound(
     """
     Least time to know the sign of a growth rate, s: where the bound meets |s| / sigmas.
 
+    For |s| T << 1, amplitude and phase unknown: var(s) >= 24 sigma^2 dt / (A^2 T^3); Kay,
+    Statistical Signal Processing: Estimation Theory, 1993, ch. 3.
+
     Parameters
     ----------
     growth_rate : float
         1/s, not zero.
-    amplitude, noise, step_s : float
-        As for `growth_std_bound`.
+    amplitude, noise : float
+        A, and standard deviation of the white noise of a sample, in one unit.
+    step_s : float
+        Spacing of the samples, s.
     sigmas : float
         Standard deviations asked for.
     """

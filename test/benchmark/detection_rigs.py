@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
-from runpy import run_path
 
 import numpy as np
 from bench_forecast import other_rig
+from fitted_form import fitted_form
+from mode_shapes import shape_of
 
 from hunt_ros.dynamics.center_manifold import normal_form_of
 from hunt_ros.dynamics.limit_cycle import Branch, limit_cycles
@@ -21,8 +21,7 @@ from hunt_ros.dynamics.simulation import RollerRig
 from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, SimulationSettings
 
 RATE_HZ = 500.0
-_THEORY = run_path(str(Path(__file__).parents[1] / 'mode_shapes.py'))
-_FITTED = run_path(str(Path(__file__).parents[1] / 'fitted_form.py'))
+
 #: What of the state a kick adds to.
 WAYS = ('y', 'dy/dt', 'psi', 'dpsi/dt')
 
@@ -56,14 +55,12 @@ class Bench:
     def form(self) -> NormalForm:
         """The quintic form that fits the full model's limit cycles best: the true form."""
         within = (0.825 * self.v_c, 1.05 * self.v_c)
-        form: NormalForm = _FITTED['fitted_form'](normal_form_of(self.rig), self.branch, within)
-        return form
+        return fitted_form(normal_form_of(self.rig), self.branch, within)
 
     @cached_property
     def shape(self) -> ModeShape:
         """Mode shape from the equations of motion."""
-        shape: ModeShape = _THEORY['shape_of'](self.rig, self.branch)
-        return shape
+        return shape_of(self.rig, self.branch)
 
     @cached_property
     def cycle(self) -> float:

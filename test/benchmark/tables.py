@@ -10,9 +10,11 @@ from __future__ import annotations
 import argparse
 import os
 import platform
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parents[1]))  # for what tests share
 PAGE = Path(__file__).parents[2] / 'docs' / 'benchmarks.md'
 
 

@@ -7,11 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made import record_of
 
 from hunt_ros.bag import write_record
 from hunt_ros.cli.main import main
-from hunt_ros.samples import Record, Series
 
+#: Times of short recordings, s.
+THREE_S = 1.0 + np.arange(300) / 100.0
 #: What may be wrong with a file that is named.
 FAULTS = ('missing', 'folder', 'binary', 'empty', 'unreadable')
 #: Every argument of every verb that names a file to read; FILE stands for it.
@@ -68,9 +70,8 @@ NUMBERS = {
 
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory) -> Path:
-    stamps = 10**9 + np.arange(300) * 10_000_000
-    series = {name: Series(stamps, np.full(300, 7.0)) for name in ('lateral', 'speed')}
-    return write_record(tmp_path_factory.mktemp('bags') / 'bag', Record(series))
+    record = record_of(THREE_S, lateral=7.0, speed=7.0)
+    return write_record(tmp_path_factory.mktemp('bags') / 'bag', record)
 
 
 @pytest.fixture
@@ -86,10 +87,8 @@ def refused(bag, tmp_path, capsys):
     here['NESTED'].write_text('[' * 20_000)
     here['FORM'] = tmp_path / 'form.yaml'
     here['FORM'].write_text('normal_form: {v_c: 8.0, D1: fast}')
-    stamps = 10**9 + np.arange(300) * 10_000_000
     for word, channel in (('STILL', 'lateral'), ('MUTE', 'speed')):
-        alone = Record({channel: Series(stamps, np.full(300, 7.0))})
-        here[word] = write_record(tmp_path / channel, alone)
+        here[word] = write_record(tmp_path / channel, record_of(THREE_S, **{channel: 7.0}))
 
     def check(command: str, **places: object) -> str:
         """Run a command that must be refused; return the one line it prints."""
@@ -258,9 +257,7 @@ def test_times_that_are_too_coarse_are_named(refused, tmp_path, times) -> None:
 
 
 def test_channels_that_are_not_there_are_told_with_those_that_are(refused, tmp_path) -> None:
-    stamps = 10**9 + np.arange(300) * 10_000_000
-    record = Record({'yaw': Series(stamps, np.full(300, 1e-3))})
-    bag = write_record(tmp_path / 'yaw', record)
+    bag = write_record(tmp_path / 'yaw', record_of(THREE_S, yaw=1e-3))
     for verb in ('replay', 'identify', 'plan', 'report'):
         line = refused(f'{verb} FILE', FILE=bag)
         assert 'is not in it, expected a topic named' in line
@@ -271,9 +268,8 @@ def test_channels_that_are_not_there_are_told_with_those_that_are(refused, tmp_p
 def test_a_recording_in_millimetres_is_neither_sound_nor_judged(
     refused, tmp_path, capsys, amplitude
 ) -> None:
-    stamps = 10**9 + np.arange(1000) * 10_000_000
     wave = amplitude * np.sin(0.18 * np.arange(1000))
-    record = Record({'lateral': Series(stamps, wave), 'speed': Series(stamps, 0 * wave + 7.0)})
+    record = record_of(1.0 + np.arange(1000) / 100.0, lateral=wave, speed=7.0)
     bag = write_record(tmp_path / 'mm', record)
     for verb in ('replay', 'identify'):
         assert 'lateral is beyond' in refused(f'{verb} FILE', FILE=bag)

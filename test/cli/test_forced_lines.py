@@ -7,23 +7,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made import record_of, rig_settings, up_and_down
 
 from hunt_ros.bag import write_record
 from hunt_ros.cli.main import main
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile import Hold, Profile
 from hunt_ros.dynamics.simulation import Kick, simulate
-from hunt_ros.dynamics.simulation.settings import SensorModel, SimulationSettings
 from hunt_ros.samples import Record, Series
 
 TIME = np.arange(0.0, 30.0, 0.005)
 
 
-def warnings_of(path: Path, lateral: np.ndarray, speed: np.ndarray, capsys) -> list[str]:
-    """Replay displacements, m, and speeds, m/s, without a form; return the warnings."""
-    stamps = np.round(TIME * 1e9).astype(np.int64)
+def warnings_of(path: Path, lateral: np.ndarray, capsys) -> list[str]:
+    """Replay displacements, m, at 7 m/s without a form; return the warnings."""
     noise = 5e-6 * np.random.default_rng(3).normal(size=TIME.size)
-    record = Record({'lateral': Series(stamps, lateral + noise), 'speed': Series(stamps, speed)})
+    record = record_of(TIME, lateral=lateral + noise, speed=7.0)
     bag = write_record(path / 'bag', record)
     main(['replay', str(bag), '--json', '-'])
     found: list[str] = json.loads(capsys.readouterr().out)['warnings']
@@ -42,7 +40,7 @@ def hit(frequency: float, rate: float) -> np.ndarray:
 @pytest.mark.parametrize('line', [2e-4, 4e-3])
 def test_a_steady_line_beside_a_hit_is_not_the_hunting(tmp_path, capsys, rate, line) -> None:
     steady = line * np.sin(2.0 * np.pi * 19.4 * TIME)
-    found = warnings_of(tmp_path, hit(2.9, rate) + steady, np.full(TIME.size, 7.0), capsys)
+    found = warnings_of(tmp_path, hit(2.9, rate) + steady, capsys)
     assert not any('taken for the hunting' in words for words in found)
     assert any(words.startswith('line at 19.4 Hz: forced, not hunting') for words in found)
 
@@ -50,19 +48,9 @@ def test_a_steady_line_beside_a_hit_is_not_the_hunting(tmp_path, capsys, rate, l
 @pytest.mark.parametrize('rate', [-0.5, 0.2])
 def test_a_hit_outside_the_usual_range_is_the_hunting(tmp_path, capsys, rate) -> None:
     steady = 2e-4 * np.sin(2.0 * np.pi * 19.4 * TIME)
-    found = warnings_of(tmp_path, hit(8.0, rate) + steady, np.full(TIME.size, 7.0), capsys)
+    found = warnings_of(tmp_path, hit(8.0, rate) + steady, capsys)
     (words,) = (words for words in found if 'taken for the hunting' in words)
     assert float(words.split(' Hz')[0].split()[-1]) == pytest.approx(8.0, rel=0.02)
-
-
-def test_lines_over_the_steps_of_a_staircase_are_named(tmp_path, capsys) -> None:
-    speed = np.interp(TIME, [0.0, 9.0, 10.0, 19.0, 20.0, 30.0], [5.0, 5.0, 6.0, 6.0, 7.2, 7.2])
-    turning = 3e-4 * np.cos(2.0 * np.pi * 1.06 * np.cumsum(speed) * 0.005)
-    fixed = 2e-4 * np.sin(2.0 * np.pi * 12.5 * TIME)
-    found = warnings_of(tmp_path, turning + fixed, speed, capsys)
-    assert any(words.startswith('line at 1.06 v Hz: forced, not hunting') for words in found)
-    assert any(words.startswith('line at 12.5 Hz: forced, not hunting') for words in found)
-    assert not any('taken for the hunting' in words for words in found)
 
 
 #: Turns of the roller in a metre of way: a diameter that nobody would assume.
@@ -73,15 +61,8 @@ TURNS = 1.0 / (np.pi * DIAMETER)
 @pytest.fixture(scope='module')
 def staircase() -> Record:
     """Up into the hysteresis and down, with a bump on the way; without roughness."""
-    up = [5.6, 6.4, 7.2, 8.0]
-    profile = Profile(tuple(Hold(float(v), 20.0) for v in (*up, *up[-2::-1])))
-    settings = SimulationSettings(
-        sample_rate_hz=100.0,
-        initial_speed=up[0],
-        broadband=8e-6,
-        lateral_sensor=SensorModel(noise=5e-6),
-        yaw_sensor=SensorModel(noise=2e-5),
-    )
+    profile = up_and_down([5.6, 6.4, 7.2, 8.0], 20.0)
+    settings = rig_settings(100.0, initial_speed=5.6)
     kicks = [Kick(50.0, lateral_m=5e-4)]
     return simulate(paper_rig(), settings, profile, profile.duration_s, kicks, seed=1)
 

@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
+from made import FLUTTER
 
 from hunt_ros.bag.record_writer import write_record
 from hunt_ros.cli.main import main
@@ -57,9 +57,6 @@ def test_json_alone_stands_on_standard_output(bag, capsys):
     )
     document = json.loads(capsys.readouterr().out)
     assert np.isclose(document['v_c']['value'], 8.0, atol=0.15)
-
-
-FLUTTER = Path(__file__).parents[2] / '../shared/data/flutter_rig'
 
 
 @pytest.mark.skipif(not FLUTTER.is_dir(), reason='the flutter recordings are not on this machine')

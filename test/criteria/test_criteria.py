@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -43,26 +41,6 @@ def test_the_index_of_a_steady_oscillation_is_its_acceleration_and_a_scaled_limi
     assert rows['exceeded'][-1]
     assert scaled.exceeded
     assert np.array_equal(rows['exceeded'], rows['index'] > scaled.limit)
-
-
-@each
-@settings(max_examples=15, deadline=None)
-@given(cuts=st.lists(st.integers(0, 6000), max_size=6), seed=st.integers(0, 2**32 - 1))
-def test_blocks_give_the_numbers_of_the_whole(name, cuts, seed):
-    generator = np.random.default_rng(seed)
-    stamps, lateral = sine(0.5e-3, 2.8, 12.0)
-    stamps = stamps + generator.integers(-STEP // 3, STEP // 3, stamps.size)
-    stamps[3000:] += 200_000_000  # a hole
-    stamps[5000:] -= 5_000_000_000  # a clock that is set back
-    lateral = lateral + generator.normal(0.0, 5e-6, lateral.size)
-    lateral[generator.random(lateral.size) < 0.05] = np.nan
-    rows = make_criterion(name, RATE).update(stamps, lateral, SPEED)
-    split = make_criterion(name, RATE)
-    edges = [0, *sorted(cuts), *range(5900, stamps.size + 1)]
-    parts = [split.update(stamps[a:b], lateral[a:b], SPEED) for a, b in pairwise(sorted(edges))]
-    assert np.concatenate(parts).tobytes() == rows.tobytes()
-    split.reset()
-    assert split.update(stamps, lateral, SPEED).tobytes() == rows.tobytes()
 
 
 @each

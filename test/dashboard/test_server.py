@@ -114,71 +114,69 @@ def guarded(tmp_path):
     rules, own = Access(TOKENS, frozenset({'localhost'})), Recordings(tmp_path)
     page = web.PageServer('127.0.0.1', 0, rules, command, 'rig', own)
     page.calls, page.secret = calls, rules.secret
+    page.url = f'http://127.0.0.1:{page.site.port}/'
     page.publish(View({'status': Section(1, 'secret')}))
     yield page
     page.close()
 
 
-def log_in(url: str, token: str):
-    """Return an opener with the cookie that a token gives."""
+def log_in(url: str, token: str, **more: str):
+    """Return an opener with the cookie that a token gives; its `page` is where that leads."""
     opener = urllib.request.build_opener(urllib.request.HTTPCookieProcessor(CookieJar()))
-    form = urllib.parse.urlencode({'token': token}).encode()
+    form = urllib.parse.urlencode({'token': token, **more}).encode()
     with opener.open(url + 'login', form, timeout=20) as answer:
         assert token not in answer.url, 'an address is logged'
+        opener.page = answer.url
     return opener
 
 
 def test_without_a_token_there_is_only_the_form_for_one(guarded) -> None:
-    url = f'http://127.0.0.1:{guarded.site.port}/'
-    assert 'type="password"' in ask(url)[1]
-    assert 'type="password"' in ask(url + 'recordings')[1]
-    assert ask(url + 'recordings.json')[0] == 401
-    assert ask(url + 'report/run')[0] == 401
-    assert ask(url + 'command', {'word': 'rearm'})[0] == 403
+    assert 'type="password"' in ask(guarded.url)[1]
+    assert 'type="password"' in ask(guarded.url + 'recordings')[1]
+    assert ask(guarded.url + 'recordings.json')[0] == 401
+    assert ask(guarded.url + 'report/run')[0] == 401
+    assert ask(guarded.url + 'command', {'word': 'rearm'})[0] == 403
     with pytest.raises(HTTPClientError, match='401'):
-        first_messages(url)
-    assert 'type="password"' in ask(url, opener=log_in(url, 'c' * 16))[1]
-    assert 'type="password"' in ask(f'{url}?token={"b" * 16}')[1], 'none in an address'
+        first_messages(guarded.url)
+    assert 'type="password"' in ask(guarded.url, opener=log_in(guarded.url, 'c' * 16))[1]
+    assert 'type="password"' in ask(f'{guarded.url}?token={"b" * 16}')[1], 'none in an address'
     assert guarded.calls == []
 
 
 def test_one_token_lets_view_and_the_other_command(guarded) -> None:
-    url = f'http://127.0.0.1:{guarded.site.port}/'
-    viewer, operator = (log_in(url, letter * 16) for letter in 'ab')
-    assert 'content="view"' in ask(url, opener=viewer)[1]
-    assert ask(url + 'recordings.json', opener=viewer)[0] == 200
-    assert ask(url + 'command', {'word': 'rearm'}, opener=viewer)[0] == 403
+    viewer, operator = (log_in(guarded.url, letter * 16) for letter in 'ab')
+    assert 'content="view"' in ask(guarded.url, opener=viewer)[1]
+    assert ask(guarded.url + 'recordings.json', opener=viewer)[0] == 200
+    assert ask(guarded.url + 'command', {'word': 'rearm'}, opener=viewer)[0] == 403
     assert guarded.calls == []
-    assert ask(url + 'command', {'word': 'rearm'}, opener=operator)[0] == 200
+    assert ask(guarded.url + 'command', {'word': 'rearm'}, opener=operator)[0] == 200
     assert guarded.calls == ['rearm']
 
 
 def test_a_session_ends_and_leaves_the_emergency_stop_alone(guarded) -> None:
-    url = f'http://127.0.0.1:{guarded.site.port}/'
-    viewer, operator = (log_in(url, letter * 16) for letter in 'ab')
+    viewer, operator = (log_in(guarded.url, letter * 16) for letter in 'ab')
     guarded.site.session_s = -1.0
     for opener in (viewer, operator):
-        page = ask(url, opener=opener)[1]
+        page = ask(guarded.url, opener=opener)[1]
         assert 'type="password"' in page
         assert 'The session has ended' in page
-        assert ask(url + 'recordings.json', opener=opener)[0] == 401
-        code, text = ask(url + 'command', {'word': 'rearm'}, opener=opener)
+        assert ask(guarded.url + 'recordings.json', opener=opener)[0] == 401
+        code, text = ask(guarded.url + 'command', {'word': 'rearm'}, opener=opener)
         assert code == 401
         assert 'sign in again' in json.loads(text)['message']
-        told = json.loads(ask(url + 'session', opener=opener)[1])
+        told = json.loads(ask(guarded.url + 'session', opener=opener)[1])
         assert (told['right'], 'sign in again' in told['message']) == ('', True)
     assert guarded.calls == []
     stop = {'word': 'emergency-stop'}
-    assert ask(url + 'command', stop, opener=viewer)[0] == 401
-    assert ask(url + 'command', stop, opener=operator)[0] == 200
-    assert ask(url + 'command', stop)[0] == 403, 'never signed in'
+    assert ask(guarded.url + 'command', stop, opener=viewer)[0] == 401
+    assert ask(guarded.url + 'command', stop, opener=operator)[0] == 200
+    assert ask(guarded.url + 'command', stop)[0] == 403, 'never signed in'
     assert guarded.calls == ['emergency-stop']
 
 
 def test_a_forged_cookie_gives_no_right(guarded) -> None:
-    url = f'http://127.0.0.1:{guarded.site.port}/'
     cookie = f'hunt_ros_{guarded.site.port}=command'
-    assert ask(url + 'command', {'word': 'rearm'}, Cookie=cookie)[0] == 403
+    assert ask(guarded.url + 'command', {'word': 'rearm'}, Cookie=cookie)[0] == 403
 
 
 def test_a_cookie_of_a_right_that_no_token_gives_is_refused(guarded) -> None:
@@ -190,9 +188,8 @@ def test_a_cookie_of_a_right_that_no_token_gives_is_refused(guarded) -> None:
             guarded.secret, f'hunt_ros_{port}', f'{right} {time.time():.0f}'
         ).decode()
         cookie = f'hunt_ros_{port}={signed}'
-        url = f'http://127.0.0.1:{port}/'
-        assert ask(url + 'recordings.json', Cookie=cookie)[0] == code
-        assert ask(url + 'command', {'word': 'emergency-stop'}, Cookie=cookie)[0] == 403
+        assert ask(guarded.url + 'recordings.json', Cookie=cookie)[0] == code
+        assert ask(guarded.url + 'command', {'word': 'emergency-stop'}, Cookie=cookie)[0] == 403
     assert guarded.calls == []
 
 
@@ -228,7 +225,7 @@ def test_a_viewer_that_takes_nothing_is_dropped_and_the_others_do_not_notice(
         time.sleep(0.05)
     assert not guarded.site.live.viewers
     guarded.publish(View({'status': Section(0, 'after')}))
-    _, whole = first_messages(f'http://127.0.0.1:{guarded.site.port}/')
+    _, whole = first_messages(guarded.url)
     assert 'status' in whole['sections']
     link.close()
 
@@ -298,12 +295,11 @@ def test_who_asks_for_too_much_at_a_time_is_refused_and_the_stop_never(
         assert stop.result()[0] == 200
         codes = sorted(each.result()[0] for each in asked)
         assert codes == [200] * 16 + [503]
-        url = f'http://127.0.0.1:{guarded.site.port}/login'
         form = urllib.parse.urlencode({'token': 'c' * 16}).encode()
 
         def guess() -> int:
             try:
-                return urllib.request.urlopen(url, form, timeout=20).status
+                return urllib.request.urlopen(guarded.url + 'login', form, timeout=20).status
             except urllib.error.HTTPError as error:
                 return error.code
 
@@ -311,10 +307,6 @@ def test_who_asks_for_too_much_at_a_time_is_refused_and_the_stop_never(
 
 
 def test_who_signs_in_comes_to_the_page_that_was_asked_for(guarded) -> None:
-    url = f'http://127.0.0.1:{guarded.site.port}/'
-    assert 'name="back" value="recordings"' in ask(url + 'recordings')[1]
+    assert 'name="back" value="recordings"' in ask(guarded.url + 'recordings')[1]
     for back, page in (('recordings', 'recordings'), ('index', ''), ('//evil.example', '')):
-        form = urllib.parse.urlencode({'token': 'a' * 16, 'back': back}).encode()
-        opener = urllib.request.build_opener(urllib.request.HTTPCookieProcessor(CookieJar()))
-        with opener.open(url + 'login', form, timeout=20) as answer:
-            assert answer.url == url + page
+        assert log_in(guarded.url, 'a' * 16, back=back).page == guarded.url + page

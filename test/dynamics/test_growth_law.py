@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made import LAW, SCALES
 
 from hunt_ros.dynamics.growth_law import (
     FELT,
     QUINTIC,
     GrowthLaw,
-    GrowthScales,
     from_normal_form,
     lawful,
     normal_form_of,
@@ -19,8 +19,7 @@ from hunt_ros.dynamics.growth_law import (
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM, NormalForm
 
-SCALES = GrowthScales(7.4, 7e-4, 0.0485, 1.0 / 25.91, 2.84)
-PAPER = lawful(from_normal_form(PAPER_NORMAL_FORM, SCALES))
+PAPER = LAW.p
 
 
 @given(

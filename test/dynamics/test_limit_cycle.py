@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from runpy import run_path
 from typing import Any
 
 import numpy as np
 import pytest
+from fitted_form import fitted_form
 from scipy.integrate import solve_ivp
 
 from hunt_ros.dynamics.center_manifold import normal_form_of
@@ -143,7 +143,7 @@ def test_the_quintic_form_nearest_to_the_branch_follows_it_through_the_fold(
     branch: Branch,
 ) -> None:
     theory = normal_form_of(paper_rig())
-    fitted_form = run_path(str(Path(__file__).parents[1] / 'fitted_form.py'))['fitted_form']
+
     taylor, fitted = theory.amplitude_coordinate, fitted_form(theory, branch, (6.4, 9.0))
     v_n = branch.nonlinear_critical_speed
     assert taylor.nonlinear_critical_speed > v_n + 0.5  # the expansion does not reach the fold

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from runpy import run_path
-
 import numpy as np
 import pytest
+from mode_shapes import cycle_ratio, shape_of
 
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.limit_cycle import limit_cycles
@@ -15,9 +13,6 @@ from hunt_ros.dynamics.mode_shape import ModeShape, fitted_shape
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.errors import ConfigError
-
-_THEORY = run_path(str(Path(__file__).parents[1] / 'mode_shapes.py'))
-shape_of, cycle_ratio = _THEORY['shape_of'], _THEORY['cycle_ratio']
 
 
 @pytest.fixture(scope='module')

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from made import python
 from scipy.integrate import quad
 
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
@@ -131,4 +130,4 @@ def test_a_coefficient_that_is_no_number_is_named(name: str) -> None:
 def test_a_normal_form_is_known_without_scipy() -> None:
     # Every node and verb imports it; scipy costs them 0.5 s and 50 MB.
     words = 'import sys, hunt_ros.dynamics.identified; sys.exit("scipy" in sys.modules)'
-    assert subprocess.run([sys.executable, '-c', words]).returncode == 0
+    python('-c', words)

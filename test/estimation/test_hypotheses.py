@@ -43,18 +43,6 @@ def test_a_kick_is_followed_and_a_step_of_the_level_is_not(
     assert np.mean(np.array(stays) < 0.2) >= 0.9
 
 
-def test_wrong_samples_are_told_from_a_kick_however_many_they_are(hunting_signal) -> None:
-    off = []
-    for seed in range(SEEDS):
-        signal = hunting_signal(seed, duration=8.0, rate=200.0, noise=NOISE, roughness=0.0)
-        rng = np.random.default_rng(seed)
-        wrong = (signal.stamps * 1e-9 > 2.0) & (rng.random(signal.stamps.size) < 0.05)
-        signal.lateral[wrong] += 1e-3 * rng.normal(size=wrong.sum())
-        seconds, rows, true = tracked(signal, (0,))
-        off.append(np.abs(rows['lateral_amplitude'] / true - 1.0)[seconds > 5.0] > 0.05)
-    assert np.mean(off) < 0.01
-
-
 def test_while_it_is_open_what_has_happened_the_deviation_says_so(hunting_signal) -> None:
     """The first sample after a kick may be a wrong one: the deviation grows with it already."""
     grown, back = [], []

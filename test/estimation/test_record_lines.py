@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made import record_of, rig_settings
 
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile import Corners, Profile
 from hunt_ros.dynamics.simulation import Kick, simulate
-from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, SimulationSettings
 from hunt_ros.estimation.record_lines import RecordLines, motion_of
-from hunt_ros.samples import Record, Series
 
 
 @pytest.mark.parametrize('speed', [6.8, 7.4])
@@ -21,13 +20,7 @@ def test_in_a_record_most_of_which_is_one_speed_the_hunting_is_not_forced(
 ) -> None:
     """In way it is a line as it is in time: what it does at other speeds tells them apart."""
     profile = Profile([Corners((0.0, 5.0, 45.0, 240.0), (0.5, 0.5, speed, speed))])
-    settings = SimulationSettings(
-        sample_rate_hz=200.0,
-        initial_speed=0.5,
-        broadband=8e-6,
-        roughness=Roughness(roughness),
-        lateral_sensor=SensorModel(noise=5e-6),
-    )
+    settings = rig_settings(200.0, roughness=roughness, initial_speed=0.5)
     record = simulate(paper_rig(), settings, profile, 240.0, kicks, seed=1)
     lines = RecordLines([motion_of(record)])
     assert lines.forced() == []
@@ -41,12 +34,11 @@ def test_a_line_follows_the_speed_once_it_is_seen_at_speeds_far_enough_apart(
 ) -> None:
     """Speeds within half the width of the window, and beyond: there alone is it named."""
     rng = np.random.default_rng(0)
-    stamps = (np.arange(1, 24_001) * 10_000_000).astype(np.int64)
     speed = 6.0 * np.where(np.arange(24_000) < 12_000, 1.0 - apart, 1.0 + apart)
     turned = 1.2 * np.cumsum(speed) * 0.01
-    lateral = 1e-4 * np.cos(2.0 * np.pi * turned) + 5e-6 * rng.normal(size=stamps.size)
-    channels = {'lateral': Series(stamps, lateral), 'speed': Series(stamps, speed)}
-    lines = RecordLines([motion_of(Record(channels))]).forced()
+    lateral = 1e-4 * np.cos(2.0 * np.pi * turned) + 5e-6 * rng.normal(size=speed.size)
+    record = record_of(np.arange(1, 24_001) / 100.0, lateral=lateral, speed=speed)
+    lines = RecordLines([motion_of(record)]).forced()
     assert [line.turns_per_metre for line in lines] == pytest.approx([1.2] * forced, rel=0.01)
 
 
@@ -55,11 +47,10 @@ def test_hunting_of_the_kinematic_wavelength_is_no_forced_line(grown, forced) ->
     """Klingel (1883): its frequency follows the speed; what tells it is that it comes and goes."""
     rng = np.random.default_rng(0)
     count = 48_000
-    stamps = (np.arange(1, count + 1) * 10_000_000).astype(np.int64)
     speed = 6.0 + 2.5 * np.sin(np.pi * np.arange(count) / count)
     turned = 0.42 * np.cumsum(speed) * 0.01
     size = 2e-5 * np.where(speed > 7.0, grown, 1.0)
     lateral = size * np.cos(2.0 * np.pi * turned) + 1e-6 * rng.normal(size=count)
-    channels = {'lateral': Series(stamps, lateral), 'speed': Series(stamps, speed)}
-    lines = RecordLines([motion_of(Record(channels))]).forced()
+    record = record_of(np.arange(1, count + 1) / 100.0, lateral=lateral, speed=speed)
+    lines = RecordLines([motion_of(record)]).forced()
     assert [line.turns_per_metre for line in lines] == pytest.approx([0.42] * forced, rel=0.01)

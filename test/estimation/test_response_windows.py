@@ -7,23 +7,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from made import changed, rig_settings
 
 from hunt_ros.dynamics.linear_stability import critical_speed, hunting_mode
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile import Hold, Profile
 from hunt_ros.dynamics.simulation import simulate
-from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, SimulationSettings
 from hunt_ros.estimation.response_windows import measured_ratio
 from hunt_ros.samples import Record, Series
 
 LEVELS = 0.75, 0.8, 0.85, 0.9, 0.95
-SETTINGS = SimulationSettings(
-    sample_rate_hz=200.0,
-    broadband=8e-6,
-    roughness=Roughness((20e-6, 10e-6)),
-    lateral_sensor=SensorModel(noise=5e-6),
-    yaw_sensor=SensorModel(noise=2e-5),
-)
+SETTINGS = rig_settings(200.0, roughness=(20e-6, 10e-6))
 
 
 def quiet(**changes: Any) -> Record:
@@ -31,15 +25,6 @@ def quiet(**changes: Any) -> Record:
     v_c = critical_speed(paper_rig())
     profile = Profile(tuple(Hold(v_c * level, 60.0, 1.0) for level in LEVELS))
     return simulate(paper_rig(), replace(SETTINGS, **changes), profile, seed=0)
-
-
-def changed(record: Record, **values: Any) -> Record:
-    """Return the record with other values, or another series, in some channels."""
-    series = {
-        name: one if isinstance(one, Series) else Series(record[name].stamps_ns, one)
-        for name, one in values.items()
-    }
-    return Record({**record, **series})
 
 
 @pytest.fixture(scope='module')
@@ -50,8 +35,7 @@ def record() -> Record:
 def test_a_sensor_that_stands_still_tells_nothing(record) -> None:
     for name in ('lateral', 'yaw'):
         for level in (0.0, 0.01):
-            still = changed(record, **{name: np.full(len(record[name]), level)})
-            assert measured_ratio(still, 2.8).size == 0
+            assert measured_ratio(changed(record, **{name: level}), 2.8).size == 0
 
 
 def test_a_rig_in_reverse_and_stamps_out_of_order_say_the_same(record) -> None:
@@ -61,8 +45,8 @@ def test_a_rig_in_reverse_and_stamps_out_of_order_say_the_same(record) -> None:
     for name, one in record.items():
         order = rng.permutation(len(one))
         shuffled[name] = Series(one.stamps_ns[order], one.values[order])
-    backward = {name: -record[name].values for name in ('speed', 'roller')}
-    for other in (Record(shuffled), changed(record, **backward)):
+    backward = changed(record, speed=np.negative, roller=np.negative)
+    for other in (Record(shuffled), backward):
         found = measured_ratio(other, 2.8)
         assert np.allclose(found['ratio'], expected['ratio'], rtol=1e-6)
         assert np.allclose(found['speed'], expected['speed'], rtol=1e-6)

@@ -4,15 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made import rig_settings
 
 from hunt_ros.dynamics.linear_stability import critical_speed as theory
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile import Corners, Hold, Profile
 from hunt_ros.dynamics.simulation import (
     RollerRig,
-    Roughness,
-    SensorModel,
-    SimulationSettings,
 )
 from hunt_ros.forecast import COLLECTING, NO_EXCITATION, CriticalSpeedForecast, critical_speed
 from hunt_ros.samples import Uncertain
@@ -25,17 +23,8 @@ SPEEDS = np.arange(4.0, 7.3, 0.4)
 def staircase(broadband: float, seed: int = 0, rig=None, speeds=SPEEDS):
     """Columns stamps, lateral, speed, angle of a staircase with 30 s holds."""
     profile = Profile(tuple(Hold(float(v), 30.0) for v in speeds))
-    stream = RollerRig(
-        paper_rig() if rig is None else rig,
-        SimulationSettings(
-            sample_rate_hz=RATE,
-            initial_speed=float(speeds[0]),
-            broadband=broadband,
-            roughness=Roughness(amplitudes=(40e-6, 10e-6)),
-            lateral_sensor=SensorModel(noise=5e-6),
-        ),
-        seed,
-    )
+    settings = rig_settings(RATE, broadband, (40e-6, 10e-6), initial_speed=float(speeds[0]))
+    stream = RollerRig(paper_rig() if rig is None else rig, settings, seed)
     count = round(profile.duration_s * RATE)
     block = stream.advance(count, np.interp(np.arange(count) / RATE, *profile.corners()))
     return block.stamps_ns, block.lateral, block.speed, block.roller_angle
@@ -46,6 +35,13 @@ def climb():
     return staircase(2e-5)
 
 
+def forecast_of(columns, rig=None, **more):
+    """Return what is said at the end of a stretch."""
+    forecast = CriticalSpeedForecast(rig, **more)
+    forecast.update(*columns)
+    return forecast.finish()
+
+
 def rough_guess():
     """Return the rig with creep coefficients that are far off."""
     rig = paper_rig()
@@ -54,9 +50,7 @@ def rough_guess():
 
 @pytest.mark.parametrize('law', ['wheelset', 'smooth'])
 def test_v_c_is_forecast_before_it_is_reached(climb, law):
-    forecast = CriticalSpeedForecast(rig=rough_guess() if law == 'wheelset' else None)
-    forecast.update(*climb)
-    found = forecast.finish()
+    found = forecast_of(climb, rough_guess() if law == 'wheelset' else None)
     assert found.law == law
     assert found.critical_speed is not None
     assert found.critical_speed.low < TRUTH < found.critical_speed.high
@@ -83,9 +77,7 @@ def test_another_rig_that_hunts_at_twice_the_speed(law):
     assert truth > 12.0
     columns = staircase(2e-5, rig=rig, speeds=np.linspace(0.5 * truth, 0.9 * truth, 9))
     guess = rig.with_linear(1.5, 3.0) if law == 'wheelset' else None
-    forecast = CriticalSpeedForecast(guess, live=False)
-    forecast.update(*columns)
-    found = forecast.finish()
+    found = forecast_of(columns, guess, live=False)
     assert found.law == law
     assert found.critical_speed is not None
     assert found.critical_speed.low < truth < found.critical_speed.high
@@ -94,9 +86,7 @@ def test_another_rig_that_hunts_at_twice_the_speed(law):
 def test_without_excitation_there_is_no_number():
     columns = staircase(0.0)
     for rig in (rough_guess(), None):
-        forecast = CriticalSpeedForecast(rig=rig)
-        forecast.update(*columns)
-        found = forecast.finish()
+        found = forecast_of(columns, rig)
         assert found.critical_speed is None
         assert found.reason == NO_EXCITATION
 
@@ -137,20 +127,14 @@ def test_a_sweep_through_v_c_of_a_supercritical_rig_is_not_forecast_too_high(law
     rig = replace(paper_rig(), beta={'30': -250.0}, name='supercritical')
     # To where no test of hunting has spoken yet.
     profile = Profile((Corners((0.0, 10.0, 250.0), (6.0, 6.0, 8.4)),))
-    options = SimulationSettings(
-        sample_rate_hz=100.0,
-        initial_speed=6.0,
-        broadband=2e-5,
-        lateral_sensor=SensorModel(noise=5e-6),
-    )
+    options = rig_settings(100.0, 2e-5, initial_speed=6.0)
     found = []
     for seed in range(6):
         stream = RollerRig(rig, options, seed)
         block = stream.advance(25_000, np.interp(np.arange(25_000) / 100.0, *profile.corners()))
         guess = rough_guess() if law == 'wheelset' else None
-        forecast = CriticalSpeedForecast(guess, live=False)
-        forecast.update(block.stamps_ns, block.lateral, block.speed, block.roller_angle)
-        found.append(forecast.finish().critical_speed)
+        columns = block.stamps_ns, block.lateral, block.speed, block.roller_angle
+        found.append(forecast_of(columns, guess, live=False).critical_speed)
     given = [one for one in found if one is not None]
     assert len(given) >= 4
     # Of 95 % intervals fewer than four of six hold with a probability of 1 in 450.
@@ -165,8 +149,6 @@ def test_rest_excludes_a_critical_speed_far_below_it(climb, monkeypatch, value, 
     """A law may say so where the friction damps least at middle amplitudes."""
     said = Uncertain(value, 0.1)
     monkeypatch.setattr(critical_speed, 'critical_interval', lambda *fit: said)
-    forecast = CriticalSpeedForecast(live=False)
-    forecast.update(*climb)
-    found = forecast.finish()
+    found = forecast_of(climb, live=False)
     assert (found.critical_speed == said) is told
     assert (found.reason == critical_speed.RESTED) is not told

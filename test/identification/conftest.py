@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
+import made
 import numpy as np
 import pytest
 
@@ -19,12 +20,10 @@ from hunt_ros.dynamics.growth_law import (
 )
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile import Corners, Hold, Profile
+from hunt_ros.dynamics.profile import Corners, Profile
 from hunt_ros.dynamics.simulation import (
     DriveModel,
     Kick,
-    Roughness,
-    SensorModel,
     SimulationSettings,
     simulate,
 )
@@ -104,20 +103,13 @@ def trajectories(seed: int, noise: float = 2e-5, roughness: float = 0.0) -> list
 
 def rig_settings(roughness: float = 3e-5) -> SimulationSettings:
     """The default rig with roughness, random forcing and sensor noise."""
-    return SimulationSettings(
-        sample_rate_hz=200.0,
-        roughness=Roughness((roughness,)) if roughness else Roughness(),
-        broadband=8e-6,
-        lateral_sensor=SensorModel(noise=5e-6),
-        yaw_sensor=SensorModel(noise=2e-5),
-        drive=DriveModel(speed_noise=0.01),
-    )
+    lines = (roughness,) if roughness else ()
+    return made.rig_settings(200.0, roughness=lines, drive=DriveModel(speed_noise=0.01))
 
 
 def staircase(seed: int) -> Record:
     """One staircase of the full model up and down, 0.2 m/s steps, 25 s holds."""
-    up = np.arange(6.0, 8.9, 0.2)
-    profile = Profile(tuple(Hold(float(v), 25.0) for v in (*up, *up[-2::-1])))
+    profile = made.up_and_down(np.arange(6.0, 8.9, 0.2), 25.0)
     return simulate(paper_rig(), rig_settings(), profile, seed=seed)
 
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made import LAW
 
-from hunt_ros.dynamics.growth_law import GrowthLaw, GrowthScales, from_normal_form, lawful
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.identification import identify
 from hunt_ros.identification.bracket import Bracket, bracket_of, contradicts, refutations
@@ -16,8 +16,7 @@ from hunt_ros.identification.preparation import Recording, runs_in
 from hunt_ros.identification.settings import IdentificationSettings
 
 V_N = PAPER_NORMAL_FORM.nonlinear_critical_speed
-SCALES = GrowthScales(7.4, 7e-4, 0.0485, 1.0 / 25.91, 2.84)
-LAW = GrowthLaw(lawful(from_normal_form(PAPER_NORMAL_FORM, SCALES)), SCALES)
+
 SOFT = replace(PAPER_NORMAL_FORM, D4=-2000.0, D10=0.0)
 
 

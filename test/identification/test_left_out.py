@@ -4,23 +4,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import made
 import numpy as np
 import pytest
 
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile import Hold, Profile
 from hunt_ros.dynamics.simulation import SimulationSettings, simulate
 from hunt_ros.errors import ConfigError, IdentificationError
 from hunt_ros.identification import IdentificationSettings, identify
-from hunt_ros.samples import Record, Series
 
 
 def changed(record, change):
     """The record with other lateral readings: a function of time (s) and value (m)."""
     lateral = record['lateral']
-    time = lateral.seconds(record.start_ns)
-    channels = dict(record) | {'lateral': Series(lateral.stamps_ns, change(time, lateral.values))}
-    return Record(channels, record.source)
+    return made.changed(record, lateral=change(lateral.seconds(record.start_ns), lateral.values))
 
 
 @pytest.fixture(scope='module')
@@ -81,8 +78,7 @@ def test_a_limit_cycle_of_one_amplitude_at_every_speed_asks_for_the_flange(power
     speed = 6.8 + 0.2 * np.floor(time / 20.0)
     size = np.where(speed > 7.3, 1.5e-3 * (speed / 8.0) ** power, 1e-5)
     lateral = size * np.cos(17.6 * time) + 1e-5 * rng.standard_normal(time.size)
-    stamps = np.round(1e9 * time).astype(np.int64)
-    record = Record({'lateral': Series(stamps, lateral), 'speed': Series(stamps, speed)})
+    record = made.record_of(time, lateral=lateral, speed=speed)
     asked = [line for line in identify(record).warnings if 'flange_clearance_m' in line]
     assert bool(asked) is said
 
@@ -90,8 +86,7 @@ def test_a_limit_cycle_of_one_amplitude_at_every_speed_asks_for_the_flange(power
 @pytest.mark.parametrize('seed', [1, 2, 3])
 def test_the_frequency_is_that_of_hunting_and_not_of_contact_with_a_flange_that_is_told(seed):
     clearance = 0.65e-3
-    up = np.arange(6.0, 8.81, 0.4)
-    profile = Profile(tuple(Hold(float(v), 12.0) for v in (*up, *up[-2::-1])))
+    profile = made.up_and_down(np.arange(6.0, 8.81, 0.4), 12.0)
     rig = replace(paper_rig(), flange_clearance_m=clearance, flange_stiffness_n_per_m=1e7)
     settings = SimulationSettings(sample_rate_hz=200.0, initial_speed=6.0, broadband=1.5e-5)
     record = simulate(rig, settings, profile, seed=seed)

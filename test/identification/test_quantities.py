@@ -2,14 +2,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made import LAW
 
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds
-from hunt_ros.dynamics.growth_law import GrowthLaw, GrowthScales, from_normal_form, lawful
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.identification.posterior import Posterior
-
-SCALES = GrowthScales(7.4, 7e-4, 0.0485, 1.0 / 25.91, 2.84)
-LAW = GrowthLaw(lawful(from_normal_form(PAPER_NORMAL_FORM, SCALES)), SCALES)
 
 
 @pytest.fixture(scope='module')

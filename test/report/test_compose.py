@@ -5,27 +5,23 @@ from __future__ import annotations
 import json
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from made import FLUTTER, held, numbers, record_of, rig_settings, up_and_down
 
 from hunt_ros.cli.main import main
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile import Hold, Profile
 from hunt_ros.dynamics.simulation import (
-    Roughness,
-    SensorModel,
     SimulationSettings,
     simulate,
 )
 from hunt_ros.identification import identify
 from hunt_ros.report.compose import Drawing, Report
 from hunt_ros.report.events import events_of, sentence
-from hunt_ros.samples import Record, Series
+from hunt_ros.samples import Record
 
 FIGURES = {
     'run01',
@@ -41,15 +37,8 @@ FIGURES = {
 
 def staircase(source: str = 'day & night <1>.mcap') -> Record:
     """Return a run up and down in steps of 0.4 m/s, with roughness, noise and forcing."""
-    settings = SimulationSettings(
-        sample_rate_hz=200.0,
-        roughness=Roughness((3e-5,)),
-        broadband=1e-5,
-        lateral_sensor=SensorModel(noise=5e-6),
-        yaw_sensor=SensorModel(noise=2e-5),
-    )
-    up = [6.0, 6.4, 6.8, 7.2, 7.6, 8.0, 8.4, 8.8]
-    profile = Profile(tuple(Hold(float(v), 25.0) for v in (*up, *up[-2::-1])))
+    profile = up_and_down([6.0, 6.4, 6.8, 7.2, 7.6, 8.0, 8.4, 8.8], 25.0)
+    settings = rig_settings(200.0, 1e-5, (3e-5,))
     record = simulate(paper_rig(), settings, profile, profile.duration_s, seed=5)
     return Record(dict(record), source, {'operator': '<b>A & B</b>'})
 
@@ -88,14 +77,6 @@ class Elements(HTMLParser):
         if tag == 'data':
             self.values.add(float(dict(attrs)['value'] or ''))
         self.addresses += [v or '' for k, v in attrs if k in ('src', 'href', 'xlink:href')]
-
-
-def numbers(entry: Any) -> Iterator[float]:
-    below = entry.values() if isinstance(entry, dict) else entry if isinstance(entry, list) else ()
-    for one in below:
-        yield from numbers(one)
-    if isinstance(entry, int | float):
-        yield float(entry)
 
 
 def test_every_number_of_the_page_is_of_the_identification_or_an_event(
@@ -201,7 +182,7 @@ def test_the_lines_of_the_spectrum_are_hunting_and_roughness(report: Report) -> 
 
 def test_a_quiet_run_makes_a_report_that_says_what_cannot_be_known() -> None:
     settings = SimulationSettings(sample_rate_hz=100.0, initial_speed=6.2, broadband=8e-6)
-    record = simulate(paper_rig(), settings, Profile((Hold(6.2, 0.0),)), 60.0, seed=1)
+    record = simulate(paper_rig(), settings, held(6.2), 60.0, seed=1)
     one = Report(identify([record]))
     assert one.identification.normal_form is None
     page = one.html(one.drawings())
@@ -237,9 +218,6 @@ def test_the_command_writes_page_figures_and_json(
     assert not list(tmp_path.glob('*.part'))
 
 
-FLUTTER = Path(__file__).parents[2].parent / 'shared' / 'data' / 'flutter_rig'
-
-
 @pytest.mark.skipif(not FLUTTER.is_dir(), reason='the flutter-rig recordings are not there')
 def test_a_campaign_on_a_real_rig_claims_no_fold_and_draws_what_was_measured() -> None:
     from scipy.io import loadmat
@@ -247,10 +225,9 @@ def test_a_campaign_on_a_real_rig_claims_no_fold_and_draws_what_was_measured() -
     records = []
     for path in sorted(FLUTTER.glob('17092018_CBC_V???_*HB.mat')):
         data = loadmat(path)['data']
-        stamps = np.arange(data.shape[1]) * 4_000_000
-        airspeed = np.full(data.shape[1], float(path.name.split('_V')[1][:3]) / 10.0)
-        channels = {'yaw': data[0], 'lateral': 0.47 * data[1], 'speed': airspeed}
-        records.append(Record({k: Series(stamps, v) for k, v in channels.items()}, path.stem))
+        speed, t = float(path.name.split('_V')[1][:3]) / 10.0, np.arange(data.shape[1]) / 250.0
+        heave = 0.47 * data[1]
+        records.append(record_of(t, path.stem, yaw=data[0], lateral=heave, speed=speed))
     report = Report(identify(records))
     page = report.html(report.drawings())
     # The quintic form does not fit this rig: no fold may be claimed.

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import pytest
+from made import numbers
 
 from hunt_ros.detection import Event
 from hunt_ros.detection.regions import Level
@@ -31,14 +32,6 @@ def everything(one: Identification) -> str:
             words.disturbance,
         )
     )  # fmt: skip
-
-
-def numbers(entry: Any) -> Iterator[float]:
-    below = entry.values() if isinstance(entry, dict) else entry if isinstance(entry, list) else ()
-    for one in below:
-        yield from numbers(one)
-    if isinstance(entry, int | float):
-        yield float(entry)
 
 
 def test_every_number_shown_is_a_number_of_the_json_and_every_quantity_is_shown(

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made import FLUTTER
 from scipy.io import savemat
 
 from hunt_ros.bag import read_record, write_record
@@ -21,7 +22,6 @@ def import_file(file: Path, out: Path, *channels, **options) -> Path:
     return write_record(out, load_record(file, *channels, **options))
 
 
-FLUTTER = Path(__file__).parents[3] / '../shared/data/flutter_rig'
 MAPPING = ['yaw=data[0]', 'lateral=data[1]*0.47', 'speed=16.3']
 
 

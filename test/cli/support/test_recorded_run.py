@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made import record_of
 
 from hunt_ros.bag import BagWriter
 from hunt_ros.bag.record_writer import record_rows
 from hunt_ros.cli.main import main
 from hunt_ros.detection import DetectorConfig, JournalEntry
-from hunt_ros.samples import Record, Series
 
 UNKNOWN = 'settings of the recording that this version does not have: '
 
@@ -23,9 +23,8 @@ def _bag(
     path: Path, journal: list[JournalEntry], parameters: dict[str, object] | None = None
 ) -> str:
     """Write three quiet seconds with the journal of their live run."""
-    stamps = 1_000_000_000 + 10_000_000 * np.arange(300)
-    noise = 1e-5 * np.random.default_rng(1).standard_normal(stamps.size)
-    record = Record({'lateral': Series(stamps, noise), 'speed': Series(stamps, 0.0 * noise + 7.0)})
+    noise = 1e-5 * np.random.default_rng(1).standard_normal(300)
+    record = record_of(1.0 + np.arange(300) / 100.0, lateral=noise, speed=7.0)
     with BagWriter(path) as bag:
         if parameters is not None:
             section = {'/rig/hunting_detector': {'ros__parameters': parameters}}

@@ -1,4 +1,4 @@
-"""The simulated rig: stream equals batch, settled start, finite kicks, sensors, drive."""
+"""The simulated rig: settled start, finite kicks, sensors, drive; streams: the contract."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from hunt_ros.dynamics.linear_stability import quiet_covariance
@@ -24,7 +22,6 @@ from hunt_ros.dynamics.simulation import (
     experiment,
     simulate,
 )
-from hunt_ros.dynamics.simulation import kernel as simulation_kernel
 from hunt_ros.dynamics.wheelset import Wheelset
 from hunt_ros.errors import ConfigError
 
@@ -49,16 +46,6 @@ FIELDS = (
 
 def numbers(blocks: list[SimulatedBlock]) -> dict[str, np.ndarray]:
     return {name: np.concatenate([getattr(b, name) for b in blocks]) for name in FIELDS}
-
-
-@given(sizes=st.lists(st.integers(0, 40), min_size=1, max_size=12), seed=st.integers(0, 99))
-@settings(max_examples=20, deadline=None)
-def test_any_blocks_give_the_numbers_of_the_whole_bit_for_bit(sizes: list[int], seed: int) -> None:
-    whole = numbers([RollerRig(paper_rig(), BUSY, seed).advance(sum(sizes))])
-    stream = RollerRig(paper_rig(), BUSY, seed)
-    parts = numbers([stream.advance(size) for size in sizes])
-    for name in FIELDS:
-        assert whole[name].tobytes() == parts[name].tobytes(), name
 
 
 def test_a_record_is_the_stream_with_its_kicks_and_profile(
@@ -206,27 +193,6 @@ def test_the_drive_obeys_its_limit_and_its_lag() -> None:
     standing = stream.advance(10_000)
     assert standing.speed[-1] < 1e-3
     assert np.isfinite(standing.true_lateral).all()
-
-
-def test_the_kernel_gives_the_same_without_the_compiler() -> None:
-    stream = RollerRig(paper_rig(), BUSY, 3)
-    state, n = stream._state.copy(), 400
-    wanted = stream.advance(n)
-    streams = np.random.SeedSequence(3).spawn(4)
-    forcing = np.random.default_rng(streams[0])
-    out = np.empty((4, n))
-    plain = getattr(simulation_kernel.advance, 'py_func', simulation_kernel.advance)
-    plain(
-        state,
-        np.full(n, 7.0),
-        forcing.standard_normal((n, 1)),
-        stream._model,
-        stream._terms,
-        stream._harmonics,
-        out,
-    )
-    np.testing.assert_allclose(out[2], wanted.true_lateral, rtol=1e-9, atol=1e-15)
-    np.testing.assert_allclose(out[3], wanted.true_yaw, rtol=1e-9, atol=1e-15)
 
 
 @pytest.mark.parametrize(

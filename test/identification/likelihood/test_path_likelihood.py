@@ -2,16 +2,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import made
 import numpy as np
 import pytest
+from made import SCALES
 
-from hunt_ros.dynamics.growth_law import FELT, GrowthLaw, GrowthScales, from_normal_form, lawful
+from hunt_ros.dynamics.growth_law import FELT, GrowthLaw, lawful
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.identification.likelihood import path_likelihood
 from hunt_ros.identification.likelihood.path_likelihood import Path, innovations, sensitivities
 
-SCALES = GrowthScales(7.4, 7e-4, 0.0485, 1.0 / 25.91, 2.84)
-LAW = lawful(from_normal_form(PAPER_NORMAL_FORM, SCALES))
+LAW = made.LAW.p
 QUIET = np.array([0.0, 0.0, -30.0, -12.0, -20.0])
 
 

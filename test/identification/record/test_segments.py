@@ -1,14 +1,12 @@
 from __future__ import annotations
 
 import numpy as np
+from made import record_of, rig_settings
 
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile import Corners, Profile
 from hunt_ros.dynamics.simulation import (
     Kick,
-    Roughness,
-    SensorModel,
-    SimulationSettings,
     simulate,
 )
 from hunt_ros.identification.record.channels import channels_of
@@ -21,7 +19,6 @@ from hunt_ros.identification.record.segments import (
     steady_part,
 )
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.samples import Record, Series
 
 SETTINGS = IdentificationSettings()
 
@@ -84,12 +81,7 @@ def test_kicks_and_free_transients_of_a_sweep_are_found_where_they_were(records)
 def test_a_small_kick_into_the_noise_next_to_the_critical_speed_is_found():
     """Taken for free growth, one in ten demos was refused its normal form."""
     profile = Profile((Corners((0.0, 60.0), (7.3, 7.9)),))
-    rig = SimulationSettings(
-        sample_rate_hz=200.0,
-        roughness=Roughness((2e-5,)),
-        broadband=8e-6,
-        lateral_sensor=SensorModel(noise=5e-6),
-    )
+    rig = rig_settings(200.0, roughness=(2e-5,))
     kicks = [Kick(40.0, lateral_m=8e-5)]
     found = []
     for seed in range(4):
@@ -112,11 +104,10 @@ def test_a_hole_in_the_samples_is_a_gap_that_is_not_used(make):
 def test_a_reading_that_stands_still_is_no_amplitude():
     # A motion below one step of a coarse sensor: then the amplitude is zero.
     time = np.arange(0.0, 120.0, 0.01)
-    stamps = (1e9 * time).astype(np.int64)
     motion = np.where(time > 40.0, 2e-3, 2e-5) * np.sin(2.0 * np.pi * 2.8 * time)
     lateral = np.round(motion / 1e-4) * 1e-4
     speed = 7.0 + 0.2 * np.floor(time / 41.0)
-    record = Record({'lateral': Series(stamps, lateral), 'speed': Series(stamps, speed)})
+    record = record_of(time, lateral=lateral, speed=speed)
     segments, states = analysed(record)
     assert [s.used for s in segments if s.kind == 'plateau'] == [False, True, True]
     assert [round(1e3 * s.amplitude, 2) for s in states if s.kind == 'plateau'] == [2.0, 2.0]

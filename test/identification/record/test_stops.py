@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made import changed, record_of
 
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification import identify
 from hunt_ros.identification.record.stops import end_of_range, measuring
-from hunt_ros.samples import Record, Series
 
 RATE = 200.0
 
@@ -26,9 +26,7 @@ def motion(seed, seconds=60.0, hz=2.8, size=6e-4, roughness=3e-5, noise=5e-6):
 
 
 def record(lateral, **others):
-    stamps = (np.arange(lateral.size) * (1e9 / RATE)).astype(np.int64)
-    values = {'lateral': lateral, **others}
-    return Record({name: Series(stamps, value) for name, value in values.items()}, 'one')
+    return record_of(np.arange(lateral.size) / RATE, 'one', lateral=lateral, **others)
 
 
 def quantised(values, step):
@@ -143,9 +141,7 @@ def test_a_record_of_nothing_but_stops_is_refused_by_name():
 @pytest.mark.parametrize('sides', [(-4.5e-4, 4.5e-4), (-np.inf, 4.5e-4)])
 def test_what_is_said_of_a_clipped_recording_is_true_or_not_said(records, sides):
     loop = records['sweep'][0]
-    lateral = loop['lateral']
-    clipped = Series(lateral.stamps_ns, np.clip(lateral.values, *sides))
-    result = identify([Record({**loop, 'lateral': clipped}, loop.source)])
+    result = identify([changed(loop, lateral=lambda y: np.clip(y, *sides))])
     assert any('saturated' in line for line in result.warnings)
     whole = identify([loop])
     for name in ('v_c', 'v_n'):

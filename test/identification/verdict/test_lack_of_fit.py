@@ -6,17 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made import LAW
 from scipy import stats
 
 from hunt_ros.analysis.steady_state import SteadyState
-from hunt_ros.dynamics.growth_law import GrowthLaw, GrowthScales, from_normal_form, lawful
-from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+from hunt_ros.dynamics.growth_law import lawful
 from hunt_ros.identification import identify
 from hunt_ros.identification.verdict.lack_of_fit import lack_of_fit
 from hunt_ros.samples import Record, Series
 
-SCALES = GrowthScales(7.4, 7e-4, 0.0485, 1.0 / 25.91, 2.84)
-LAW = GrowthLaw(lawful(from_normal_form(PAPER_NORMAL_FORM, SCALES)), SCALES)
 SPEEDS = np.linspace(6.7, 9.0, 24)
 SCATTER = 2e-3
 #: What transients and the quiet state tell of each coefficient, 1/s.

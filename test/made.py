@@ -1,0 +1,142 @@
+"""Records, rigs and profiles that tests of several rooms make."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import binom
+
+from hunt_ros.detection import HuntingDetector
+from hunt_ros.detection.output import Output
+from hunt_ros.dynamics.growth_law import GrowthLaw, GrowthScales, from_normal_form, lawful
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+from hunt_ros.dynamics.profile import Hold, Profile
+from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, SimulationSettings
+from hunt_ros.samples import Record, Series
+
+SECOND = 1_000_000_000
+#: The normal form of the paper, taken as exact.
+PAPER = IdentifiedNormalForm(PAPER_NORMAL_FORM)
+#: Its law, in scales near its own.
+SCALES = GrowthScales(7.4, 7e-4, 0.0485, 1.0 / 25.91, 2.84)
+LAW = GrowthLaw(lawful(from_normal_form(PAPER_NORMAL_FORM, SCALES)), SCALES)
+
+#: Recordings of a real rig with the same bifurcation, where they are.
+FLUTTER = Path(__file__).parents[2] / 'shared' / 'data' / 'flutter_rig'
+
+Values = np.ndarray | float | Series | Callable[[np.ndarray], np.ndarray]
+
+
+def stamps_of(seconds: np.ndarray) -> np.ndarray:
+    """Return stamps, ns."""
+    return np.round(1e9 * np.asarray(seconds)).astype(np.int64)
+
+
+def record_of(seconds: np.ndarray, source: str = '', **values: np.ndarray | float) -> Record:
+    """Return channels that share their times, s; a number is a channel that does not change."""
+    stamps = stamps_of(seconds)
+    channels = {n: Series(stamps, np.full(stamps.shape, v)) for n, v in values.items()}
+    return Record(channels, source)
+
+
+def changed(record: Record, **values: Values) -> Record:
+    """Return a record with other values in some channels: new ones, or a function of the old."""
+    series = {}
+    for name, value in values.items():
+        old = record[name]
+        if isinstance(value, Series):
+            series[name] = value
+        else:
+            new = value(old.values) if callable(value) else value
+            series[name] = Series(old.stamps_ns, np.full(old.values.shape, new))
+    return Record({**record, **series}, record.source, record.notes)
+
+
+def without(record: Record, *names: str) -> Record:
+    """Return a record that lacks some channels."""
+    return Record({key: one for key, one in record.items() if key not in names}, record.source)
+
+
+def dead(record: Record, channel: str, from_s: float = 0.0, value: float = np.nan) -> Record:
+    """Return a record in which a channel reads one value from some time on, s."""
+    series = record[channel]
+    values = np.where(series.stamps_ns >= from_s * SECOND, value, series.values)
+    return changed(record, **{channel: values})
+
+
+def rig_settings(
+    rate_hz: float = 500.0,
+    broadband: float = 8e-6,
+    roughness: Sequence[float] = (),
+    **more: object,
+) -> SimulationSettings:
+    """Return the simulated rig with the noise of its two sensors."""
+    return SimulationSettings(
+        sample_rate_hz=rate_hz,
+        broadband=broadband,
+        roughness=Roughness(tuple(roughness)),
+        lateral_sensor=SensorModel(noise=5e-6),
+        yaw_sensor=SensorModel(noise=2e-5),
+        **more,  # type: ignore[arg-type]
+    )
+
+
+def up_and_down(speeds: Sequence[float], hold_s: float) -> Profile:
+    """Return a staircase over these speeds, m/s, and back."""
+    up = [float(speed) for speed in speeds]
+    return Profile(tuple(Hold(speed, hold_s) for speed in (*up, *up[-2::-1])))
+
+
+def held(speed: float) -> Profile:
+    """Return one speed, m/s, for as long as the record is."""
+    return Profile((Hold(speed, 0.0),))
+
+
+def words(output: Output) -> list[str]:
+    """Return the words of the events."""
+    return [event.event for event in output.events]
+
+
+def ticked(
+    detector: HuntingDetector, record: Record, step_ns: int = SECOND // 10
+) -> Iterator[Output]:
+    """Feed a record as it comes live, with a tick after each step."""
+    for begin in range(record.start_ns, record.end_ns + 1, step_ns):
+        for name in detector.channels:
+            part = record[name].between(begin, begin + step_ns)
+            yield detector.update(name, part.stamps_ns, part.values)
+        yield detector.tick(begin + step_ns)
+
+
+def numbers(entry: object) -> Iterator[float]:
+    """Yield every number of a document."""
+    below = entry.values() if isinstance(entry, dict) else entry if isinstance(entry, list) else ()
+    for one in below:
+        yield from numbers(one)
+    if isinstance(entry, int | float):
+        yield float(entry)
+
+
+def python(*words: object, cwd: Path | None = None, code: int | None = 0, **environment: str):
+    """Run Python in a process of its own; return what came of it. `code` None: any exit code."""
+    done = subprocess.run(
+        [sys.executable, *map(str, words)],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        env={**os.environ, **environment},
+        timeout=900,
+    )
+    assert code is None or done.returncode == code, done.stdout[-4000:] + done.stderr[-2000:]
+    return done
+
+
+def at_most(rate: float, trials: int) -> int:
+    """Return how many of the trials may go wrong by chance, but for one suite in ten thousand."""
+    return int(binom.ppf(1.0 - 1e-4, trials, rate))
