@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.signal import lfilter
 
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.decision import decisions
@@ -13,6 +14,26 @@ from hunt_ros.detection.decision.rules import Rules, rules_of
 from hunt_ros.detection.output import blank_rows
 
 RULES = rules_of(DetectorConfig(), 6.4, 8.0)
+ROWS = 100  # in a second
+QUIET = 20e-6  # r.m.s. of the quiet motion, m
+
+
+def noise(
+    seconds: float,
+    damping: float = 0.35,
+    rms: float = QUIET,
+    seed: int | np.random.Generator = 1,
+    lag_s: float = 0.0,
+) -> np.ndarray:
+    """Return the phasor of narrow-band noise, m, seen through a filter of so much lag."""
+    rng = np.random.default_rng(seed)
+    keep = math.exp(-damping / ROWS)
+    shocks = rng.normal(size=(round(seconds * ROWS), 2)) @ np.array([1.0, 1j])
+    z = lfilter([math.sqrt(0.5 * (1.0 - keep**2))], [1.0, -keep], rms * shocks)
+    if lag_s:
+        last = math.exp(-1.0 / ROWS / lag_s)
+        z = lfilter([1.0 - last], [1.0, -last], z)
+    return np.asarray(z)
 
 
 def decided(

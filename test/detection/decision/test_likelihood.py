@@ -6,28 +6,13 @@ import math
 
 import numpy as np
 import pytest
-from decided import decided
-from scipy.signal import lfilter
+from decided import QUIET, ROWS, decided, noise
 
 from hunt_ros.detection import DetectorConfig, State
 from hunt_ros.detection.decision import decisions
 from hunt_ros.detection.decision.rules import rules_of
 
-ROWS = 100  # in a second
-QUIET = 20e-6  # r.m.s. of the quiet motion, m
 HUNTING = (State.ESCAPING, State.LIMIT_CYCLE)
-
-
-def noise(seconds: float, damping: float, lag_s: float = 0.0, seed: int = 1) -> np.ndarray:
-    """Return the phasor of narrow-band noise, m, seen through a filter of so much lag."""
-    rng = np.random.default_rng(seed)
-    keep = math.exp(-damping / ROWS)
-    shocks = rng.normal(size=(round(seconds * ROWS), 2)) @ np.array([1.0, 1j])
-    z = lfilter([math.sqrt(0.5 * (1.0 - keep**2))], [1.0, -keep], QUIET * shocks)
-    if lag_s:
-        last = math.exp(-1.0 / ROWS / lag_s)
-        z = lfilter([1.0 - last], [1.0, -last], z)
-    return np.asarray(z)
 
 
 def judged(phasor: np.ndarray, **settings: float) -> np.ndarray:
@@ -45,7 +30,7 @@ def seconds_to_alarm(states: np.ndarray) -> float:
 @pytest.mark.parametrize('lag_s', [0.0, 0.25])
 @pytest.mark.parametrize('damping', [0.1, 0.4, 2.0])
 def test_narrow_band_noise_is_no_hunting(damping: float, lag_s: float) -> None:
-    assert math.isinf(seconds_to_alarm(judged(noise(3600.0, damping, lag_s))))
+    assert math.isinf(seconds_to_alarm(judged(noise(3600.0, damping, lag_s=lag_s))))
 
 
 @pytest.mark.parametrize('lag_s', [0.0, 0.15])
@@ -54,7 +39,7 @@ def test_the_intensity_is_right_and_its_spread_is_honest(damping: float, lag_s: 
     true, memory, off = 0.5 * damping * QUIET**2, decisions.fresh_memory(), []
     for seed in range(40):
         memory[:] = decisions.fresh_memory()
-        rows = decided(np.abs(noise(20.0, damping, lag_s, seed)), memory=memory)
+        rows = decided(np.abs(noise(20.0, damping, seed=seed, lag_s=lag_s)), memory=memory)
         off.append(math.log(rows['noise_intensity'][-1] / true))
     assert abs(np.mean(off)) < 0.4
     assert 0.5 < np.std(off) / memory['floor']['spread'][0] < 1.5
