@@ -57,6 +57,8 @@ from hunt_ros.samples import Record
 #: Share of the work that is done when all is read, when the envelopes are seen, and when the fit
 #: stands.
 _READ, _SEEN, _FITTED = 0.3, 0.6, 0.8
+#: Steps of speed readings below this share of the speed are averaged out by its own noise.
+_FINE_STEP = 1e-3
 #: Amplitude of the fit's unit, of the largest one: however little of the time a rig hunts.
 _NEAR_TOP = 0.9
 #: Instants over which the power of the roller's lines is taken to be one.
@@ -101,6 +103,7 @@ def identify(
     warnings: list[str] = []
     with mapper(settings.cluster) as mapped:
         recordings = _usable(sources, settings, mapped, warnings, lambda part: tell(_READ * part))
+        settings = _with_resolution(settings, recordings, warnings)
         frequency, bare, forced = _hunting_frequency(recordings, settings, mapped, warnings)
         work = partial(runs_in, bare=bare, frequency_hz=frequency, forced=forced)
         tell_seen: Tell = lambda part: tell(_READ + (_SEEN - _READ) * part)  # noqa: E731
@@ -122,6 +125,21 @@ def identify(
             result = replace(result, normal_form=replace(found, mode_shape=shape))
     tell(1.0)
     return result
+
+
+def _with_resolution(
+    settings: IdentificationSettings, recordings: Sequence[Recording], warnings: list[str]
+) -> IdentificationSettings:
+    """Return the settings with the step that the readings of the speed show."""
+    step = max(one.digest.speed_step for one in recordings)
+    highest = max(stretch.speed for one in recordings for stretch in one.digest.stretches)
+    if step <= max(settings.speed_resolution_mps, _FINE_STEP * highest):
+        return settings
+    warnings.append(
+        f'speed readings in steps of {step:.3g} m/s: the deviations of critical speeds hold'
+        f' {step / math.sqrt(12.0):.2g} m/s for it'
+    )
+    return replace(settings, speed_resolution_mps=step)
 
 
 def _sources(given: Source | Iterable[Source]) -> list[Source]:

@@ -37,6 +37,7 @@ from hunt_ros.identification.record.screening import (
     free_of_contact,
     moving,
     sketch_of,
+    step_of,
     without_contact,
 )
 from hunt_ros.identification.record.segments import Run, analyse_record, find_kicks
@@ -109,6 +110,7 @@ class Recording:
             turns_per_metre=turns_per_metre(
                 record if is_assumed(turning) else turning, settings.roller_diameter_m
             ),
+            speed_step=step_of(record['speed']) if 'speed' in record else 0.0,
             stretches=tuple(map(Stretch.of, channels)),
         )
         return record, turning, channels, digest

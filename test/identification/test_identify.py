@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -234,6 +235,21 @@ def test_resolution_and_scale_of_the_speed_enter_the_intervals(records, from_swe
     # A branch at a speed is as uncertain as the speed is.
     wide, narrow = (one.branch('stable', [7.0]) for one in (coarse, from_sweep))
     assert wide[2][0] - wide[1][0] > 2.0 * (narrow[2][0] - narrow[1][0])
+
+
+def test_a_coarse_reading_of_the_speed_is_seen_and_enters_the_intervals(records, from_sweep):
+    step = 0.05
+    coarse = [
+        replace(one, channels={**one, 'speed': Series(
+            one['speed'].stamps_ns, step * np.round(one['speed'].values / step)
+        )})
+        for one in records['sweep']
+    ]  # fmt: skip
+    result = identify(coarse)
+    assert any('in steps of 0.05 m/s' in warning for warning in result.warnings)
+    assert not any('in steps of' in warning for warning in from_sweep.warnings)
+    added = math.sqrt(max(result.v_n.std**2 - from_sweep.v_n.std**2, 0.0))
+    assert added == pytest.approx(step / math.sqrt(12.0), rel=0.3)
 
 
 def test_scales_are_only_units(records, from_sweep):

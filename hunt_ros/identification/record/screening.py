@@ -28,6 +28,8 @@ from hunt_ros.samples import NANOSECONDS, Record, Series
 _STANDING = 0.05
 #: A longer time without a sample parts a record, s: what went on meanwhile is not known.
 _GAP_S = 60.0
+#: Speeds that differ by this share or more are levels that somebody told, not steps of readings.
+_LARGEST_STEP = 0.012
 #: Lateral motion larger or smaller than these in units of d0, and speeds outside this
 #: range (m/s), are rather a wrong unit.
 _LATERAL_RANGE = (2e-5, 5.0)
@@ -114,6 +116,8 @@ class Digest:
         Whether the lateral sensor measures at all.
     turns_per_metre : float
         Of the roller, 1/m; NaN where not known.
+    speed_step : float
+        Smallest step of the speed readings, m/s; see `step_of`.
     stretches : tuple of Stretch
         In which the rig runs.
     """
@@ -128,7 +132,17 @@ class Digest:
     refused: str
     measures: bool
     turns_per_metre: float
+    speed_step: float
     stretches: tuple[Stretch, ...]
+
+
+def step_of(speed: Series) -> float:
+    """Return the smallest step of speed readings, m/s; 0 where the speed was told, not read."""
+    values = np.unique(speed.finite().values)
+    steps = np.diff(values)
+    steps = steps[steps > 1e-6 * np.abs(values).max(initial=0.0)]  # scaled numbers are rounded
+    step = float(steps.min(initial=math.inf))
+    return step if step < _LARGEST_STEP * values.max(initial=0.0) else 0.0
 
 
 def sketch_of(lateral: Series) -> Series:

@@ -1,5 +1,5 @@
 """
-Stretches in which a sensor does not measure: at the end of its range, or standing still.
+Where a sensor does not measure: a spike, the end of its range, a reading that stands still.
 
 A sine dwells at its tops, but it fills the values just below them too. Where nearly
 everything that comes near the largest reading is the largest reading, the sensor has
@@ -9,6 +9,7 @@ out, and said: what they would show is an amplitude that the sensor made.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from itertools import pairwise
 
@@ -18,11 +19,15 @@ from numpy.typing import NDArray
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.record.segments import runs
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.samples import Record, Series
+from hunt_ros.samples import GAP_STEPS, Record, Series, counted
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+#: A reading off the mean of its neighbours by so many times what is usual, in as many samples
+#: around, is a spike where the neighbours follow on each other, to a share of it: Gaussian noise
+#: does so once in 1e11 readings, and a kick, which the motion goes on from, never.
+_SPIKE, _AROUND, _FOLLOW = 10.0, 64, 0.2
 #: Readings at the end of the range over those in a band of the same width below it. A sine
 #: has 2.4; one with its top flattened by its third harmonic as far as it stays single, 5.3.
 _PILED = 8.0
@@ -121,9 +126,14 @@ def _without_stops(series: Series, limit: float) -> tuple[Series, str]:
     time, readings = known.seconds(), known.values
     if readings.size < _FEWEST or float(np.ptp(readings)) == 0.0:
         return series, ''  # a channel that is dead throughout is refused by that name
-    step, lost, said = float(np.median(np.diff(time))), _standing(time, readings), []
+    said = []
+    step, lost = float(np.median(np.diff(time))), _standing(time, readings)
+    spikes = _spikes(readings) & _followed(time, step)
+    if spikes.any():
+        said.append(f'has {counted(int(spikes.sum()), "spike")} of one sample')
     if lost.any():
         said.append(f'is stuck at one reading for {step * lost.sum():.3g} s')
+    lost |= spikes
     moves = np.flatnonzero(~lost)
     clipped = np.zeros(readings.size, dtype=bool)
     levels = []
@@ -137,6 +147,27 @@ def _without_stops(series: Series, limit: float) -> tuple[Series, str]:
     values = series.values.copy()
     values[np.flatnonzero(np.isfinite(values))[lost | clipped]] = np.nan
     return (Series(series.stamps_ns, values) if said else series), ' and '.join(said)
+
+
+def _spikes(readings: Array) -> Mask:
+    """Return the readings that leave their neighbours alone, which go on as if they were not."""
+    off = readings[1:-1] - 0.5 * (readings[:-2] + readings[2:])
+    size = np.abs(off)
+    around = np.pad(size, (0, -size.size % _AROUND), mode='edge').reshape(-1, _AROUND)
+    usual = np.repeat(np.median(around, axis=1), _AROUND)[: size.size]
+    # The step of a reading that seldom changes is none; nor is what is small beside the motion.
+    step = float(size[size > 1e-9 * size.max()].min(initial=math.inf))
+    least = max(0.2 * float(np.quantile(size, 0.9)), step)
+    found = size > _SPIKE * np.maximum(usual, least)
+    for beside in (np.roll(off, 1), np.roll(off, -1)):
+        found &= np.abs(beside + 0.5 * off) < _FOLLOW * size
+    return np.pad(found, 1)
+
+
+def _followed(time: Array, step: float) -> Mask:
+    """Return where two samples before and two behind are in their places."""
+    near = np.pad(np.diff(time) < GAP_STEPS * step, 2)
+    return np.asarray(np.all([near[k : k + time.size] for k in range(4)], axis=0))
 
 
 def end_of_range(values: Array, limit: float = 0.0) -> Mask:

@@ -11,6 +11,7 @@ from made import changed, record_of
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification import identify
 from hunt_ros.identification.record.stops import end_of_range, measuring
+from hunt_ros.samples import Record, Series
 
 RATE = 200.0
 
@@ -161,3 +162,24 @@ def test_what_is_said_of_a_clipped_recording_is_true_or_not_said(records, sides)
         assert low <= point.stable.high
     assert not foretold or any('is a forecast: no amplitude' in w for w in result.warnings)
     assert not any('is a forecast: no amplitude' in line for line in whole.warnings)
+
+
+@pytest.mark.parametrize('step', [0.0, 2e-6])
+def test_spikes_are_left_out_and_a_kick_and_gaps_are_not(step):
+    rng = np.random.default_rng(4)
+    lateral = motion(4)
+    kicked = np.arange(lateral.size) / RATE - 12.0
+    lateral += np.where(kicked > 0.0, 1e-3 * np.exp(-kicked) * np.sin(17.6 * kicked), 0.0)
+    lateral = quantised(lateral, step)
+    said = []
+    kept = np.ones(lateral.size, dtype=bool)
+    kept[rng.integers(0, lateral.size, 200)] = False  # samples that never came
+    whole = record(lateral)['lateral']
+    gaps = Record({'lateral': Series(whole.stamps_ns[kept], whole.values[kept])}, 'one')
+    assert measuring(gaps, said)['lateral'] is gaps['lateral']
+    places = 100 + 300 * np.arange(30)
+    spiky = lateral.copy()
+    spiky[places] += rng.choice([-1.0, 1.0], 30) * rng.uniform(2e-3, 1e-2, 30)
+    cleaned = measuring(record(spiky), said)['lateral'].values
+    assert said == ['one: lateral has 30 spikes of one sample: left out']
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(cleaned)), places)
