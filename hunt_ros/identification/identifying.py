@@ -132,7 +132,7 @@ def _with_resolution(
 ) -> IdentificationSettings:
     """Return the settings with the step that the readings of the speed show."""
     step = max(one.digest.speed_step for one in recordings)
-    highest = max(stretch.speed for one in recordings for stretch in one.digest.stretches)
+    highest = max(abs(part.speed) for one in recordings for part in one.digest.stretches)
     if step <= max(settings.speed_resolution_mps, _FINE_STEP * highest):
         return settings
     warnings.append(

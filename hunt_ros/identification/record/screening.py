@@ -139,10 +139,10 @@ class Digest:
 def step_of(speed: Series) -> float:
     """Return the smallest step of speed readings, m/s; 0 where the speed was told, not read."""
     values = np.unique(speed.finite().values)
-    steps = np.diff(values)
-    steps = steps[steps > 1e-6 * np.abs(values).max(initial=0.0)]  # scaled numbers are rounded
-    step = float(steps.min(initial=math.inf))
-    return step if step < _LARGEST_STEP * values.max(initial=0.0) else 0.0
+    steps, highest = np.diff(values), float(np.abs(values).max(initial=0.0))
+    # Numbers that went through a scale are rounded.
+    step = float(steps[steps > 1e-6 * highest].min(initial=math.inf))
+    return step if step < _LARGEST_STEP * highest else 0.0
 
 
 def sketch_of(lateral: Series) -> Series:
