@@ -202,6 +202,18 @@ def test_a_guard_that_stands_still_is_started_again_unless_all_are_silent(
         os.kill(supervisor.pids()['alarm_outputs'], signal.SIGKILL)  # it hears nothing else
 
 
+def test_one_that_ends_while_it_is_looked_at_does_not_stand_still(tmp_path, monkeypatch) -> None:
+    with Supervisor('rig', tmp_path / 'logs', private=False) as supervisor:
+        supervisor.start(_Sleeper('yaw_sensor'))
+        pid = supervisor.pids()['yaw_sensor']
+        os.kill(pid, signal.SIGKILL)
+        os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT)  # dead, and nobody has asked
+        with monkeypatch.context() as patch:
+            patch.setattr(_Child, 'runs', True)
+            patch.setattr(_Child, 'ended', lambda child: None)
+            assert supervisor.look() == []
+
+
 def test_the_console_which_tells_no_health_does_not_stand_still() -> None:
     child = _Child(NodeSpec('console', piped=True), lambda process: None)
     with subprocess.Popen(['sleep', '1000'], text=True) as child.process:

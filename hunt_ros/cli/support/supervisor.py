@@ -85,8 +85,9 @@ class _Child:
             return False
         if sys.platform == 'linux':
             stopped = os.WSTOPPED | os.WNOHANG | os.WNOWAIT
-            if os.waitid(os.P_PID, self.process.pid, stopped) is not None:
-                return True
+            with contextlib.suppress(ChildProcessError):  # it has ended since
+                if os.waitid(os.P_PID, self.process.pid, stopped) is not None:
+                    return True
         # The console tells no health.
         silent = sum(count >= self.patience for count in self.others.values()) >= 2
         return silent and not self.spec.piped
