@@ -60,6 +60,7 @@ class _OneLineParser(argparse.ArgumentParser):
         return found, rest
 
     def error(self, message: str) -> NoReturn:
+        """Refuse the command line in one line."""
         raise _UsageError(f'{self.prog}: {message} (see {self.prog} --help)')
 
 

@@ -102,6 +102,7 @@ class _Queue:
         return stamps, values, marks, following
 
     def mark_first(self, mark: int) -> None:
+        """Add a mark to the sample that waits longest."""
         self._arrays[2][self._head] |= mark
 
     def drop(self, begin: int, end: int, mark: int) -> int:

@@ -46,6 +46,7 @@ class _Bounded(ReadDataStream):
         self._count = 0
 
     def read(self, length: int) -> Any:
+        """Return the next bytes; raises ValueError where there are not so many."""
         end = self._count + length
         if end > len(self._data):
             raise ValueError(f'a field of {length} bytes reaches behind its record')

@@ -117,6 +117,7 @@ class _Second:
 
     @classmethod
     def of(cls, rows: NDArray[np.void]) -> _Second:
+        """Sum up the rows of a second."""
         wrong = np.bitwise_or.reduce([rows[f'{name}_wrong'] for name in CHANNELS])
         hunting = (rows['state'] == State.ESCAPING) | (rows['state'] == State.LIMIT_CYCLE)
         bad = (rows['doubts'] & ~np.uint32(_JUDGED)) | (wrong & ~np.uint32(health.ABSENT))
