@@ -16,7 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.rig import Rig
-from hunt_ros.samples import CLOCK_OFFSET_NS, GAP_STEPS, NANOSECONDS, Record, Series
+from hunt_ros.samples import (
+    CLOCK_OFFSET_NS,
+    GAP_STEPS,
+    NANOSECONDS,
+    Record,
+    Series,
+    smallest_step,
+)
 from hunt_ros.sensors import MOTION, SENSORS
 
 OK, WARN, FAIL, UNKNOWN = 'ok', 'warn', 'fail', 'unknown'
@@ -201,8 +208,7 @@ def _readings(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
         return
     unit = next((s.unit for s in SENSORS if s.name == channel), '')
     unit = unit or {'roller': 'rad', 'speed': 'm/s'}[channel]
-    different = np.unique(values)
-    if different.size == 1:
+    if float(np.ptp(values)) == 0.0:
         text = f'every reading is {float(values[0]):.4g} {unit}'
         advice = 'the sensor is stuck or not connected: move it, and look again'
         yield _judged('noise', channel, channel in MOTION, text, advice, 0.0, unit)
@@ -217,7 +223,7 @@ def _readings(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
         )
         yield _judged('noise', channel, 0.0 < most < noise, text, advice, noise, unit)
     if channel != 'roller':
-        yield _resolution(channel, different, noise, unit, rig)
+        yield _resolution(channel, smallest_step(values), noise, unit, rig)
     limit = float(getattr(rig, f'{channel}_range_{"rad" if channel == "yaw" else "m"}', 0.0))
     largest = float(np.abs(values).max())
     if 0.0 < limit <= largest:
@@ -235,14 +241,8 @@ def _noise(values: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.mean(second**2) / 6.0))
 
 
-def _resolution(
-    channel: str, different: NDArray[np.float64], noise: float, unit: str, rig: Rig
-) -> Finding:
+def _resolution(channel: str, step: float, noise: float, unit: str, rig: Rig) -> Finding:
     """Return the smallest step of the readings, and whether it hides the motion."""
-    steps = np.diff(different)
-    # Numbers that went through a scale differ by rounding.
-    steps = steps[steps > 1e-9 * float(np.abs(different).max())]
-    step = float(steps.min()) if steps.size else 0.0
     stated = {
         'lateral': rig.lateral_resolution_m,
         'yaw': rig.yaw_resolution_rad,

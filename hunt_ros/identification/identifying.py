@@ -106,8 +106,14 @@ def identify(
         settings = _with_resolution(settings, recordings, warnings)
         frequency, bare, forced = _hunting_frequency(recordings, settings, mapped, warnings)
         work = partial(runs_in, bare=bare, frequency_hz=frequency, forced=forced)
-        tell_seen: Tell = lambda part: tell(_READ + (_SEEN - _READ) * part)  # noqa: E731
-        runs = _runs(recordings, work, settings.flange_clearance_m, mapped, warnings, tell_seen)
+        runs = _runs(
+            recordings,
+            work,
+            settings.flange_clearance_m,
+            mapped,
+            warnings,
+            lambda part: tell(_READ + (_SEEN - _READ) * part),
+        )
         states = [state for run in runs for state in run.states]
         bracket = bracket_of([run.seen for run in runs], [run.kicked for run in runs])
         kicks = [*bracket.kicks, *(kick for run in runs for kick in run.kicks)]

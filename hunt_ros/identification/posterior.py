@@ -147,20 +147,12 @@ class Posterior:
         return summary(self.chosen[k], self.table[:, k], extra_std)
 
     def correlations(self) -> Array:
-        """
-        Rank correlations of `QUANTITIES`, shape (8, 8); NaN for what too few draws have.
-
-        Normal scores of the ranks: far draws of a direction that the data leave open neither
-        stretch nor turn it (Liu, Lafferty and Wasserman 2009).
-        """
+        """Rank correlations of `QUANTITIES`, shape (8, 8); NaN for what too few draws have."""
         known = np.isfinite(self.table)
+        often = np.flatnonzero(known.sum(axis=0) >= max(0.5 * len(known), 10))
         matrix = np.full((len(QUANTITIES), len(QUANTITIES)), np.nan)
-        for i in range(len(QUANTITIES)):
-            for j in range(i + 1):
-                both = known[:, i] & known[:, j]
-                if both.sum() >= max(0.5 * len(both), 10):
-                    pair = normal_scores(self.table[both][:, [i, j]])
-                    matrix[i, j] = matrix[j, i] = float(np.mean(pair[:, 0] * pair[:, 1]))
+        rows = self.table[known[:, often].all(axis=1)][:, often]
+        matrix[np.ix_(often, often)] = rank_correlations(rows)
         return matrix
 
     def branches(self, speeds: ArrayLike) -> dict[BranchName, list[Uncertain | None]]:
@@ -235,7 +227,9 @@ class Posterior:
             return None
         known = [form for form in self.forms if form is not None]
         rows = np.array([IdentifiedNormalForm(form).vector for form in known])
-        matrix = _rank_covariance(rows)
+        below, above = np.percentile(rows, [15.87, 84.13], axis=0)
+        std = 0.5 * (above - below)
+        matrix = rank_correlations(rows) * np.outer(std, std)
         matrix[0, 0] += speed_std**2
         provenance = {'method': 'trajectory likelihood', 'law': self.law.name}
         sample = rows[np.linspace(0, len(rows) - 1, _SAMPLE).round().astype(np.intp)]
@@ -265,11 +259,11 @@ class Posterior:
         return summary(value, sample, least=0.5)
 
 
-def _rank_covariance(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+def rank_correlations(rows: Array) -> Array:
     """
-    Covariance with the deviations that `summary` gives, and the correlations of normal scores.
+    Correlations of the normal scores of the ranks, shape (k, k).
 
-    Far draws of a direction that the data leave open neither stretch nor turn it.
+    Far draws of a direction that the data leave open neither stretch nor turn them.
 
     Parameters
     ----------
@@ -281,17 +275,7 @@ def _rank_covariance(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     Liu, H., Lafferty, J., Wasserman, L. (2009), J. Mach. Learn. Res. 10, 2295-2328: normal
     scores of the ranks.
     """
-    below, above = np.percentile(rows, [15.87, 84.13], axis=0)
-    scores = normal_scores(rows)
-    correlation = scores.T @ scores / len(rows)
-    std = 0.5 * (above - below)
-    covariance: NDArray[np.float64] = correlation * np.outer(std, std)
-    return covariance
-
-
-def normal_scores(rows: Array) -> Array:
-    """Ranks of each column as quantiles of a normal distribution of variance one, shape (n, k)."""
     ranks = np.argsort(np.argsort(rows, axis=0), axis=0)
     scores = stats.norm.ppf((ranks + 0.5) / len(rows))
-    found: Array = scores / np.sqrt(np.mean(scores[:, :1] ** 2))
+    found: Array = scores.T @ scores / np.sum(scores[:, 0] ** 2)
     return found

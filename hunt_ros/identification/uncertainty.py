@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.dynamics.covariance_root import covariance_root, inverse_of
-from hunt_ros.dynamics.growth_law import PAPER_TERMS, TERMS, GrowthLaw, reading
+from hunt_ros.dynamics.growth_law import TERMS, GrowthLaw, reading
 from hunt_ros.identification.fit import FittedLaw
 from hunt_ros.identification.likelihood.trajectory_fit import TrajectoryFit
 from hunt_ros.identification.settings import IdentificationSettings
@@ -33,76 +33,27 @@ _TRIES = 8
 _NEGLIGIBLE = 0.02
 
 
-@dataclass(frozen=True, eq=False)
-class Covariance:
+def law_covariance(fit: TrajectoryFit) -> NDArray[np.float64]:
     """
-    Covariance of the growth law.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (11, 11)
-    degrees : float
-        Degrees of freedom of its variances: draws are Student's.
-    condition_number : float
-        Of the information on the paper's form, scaled to unit diagonal.
-    """
-
-    matrix: NDArray[np.float64]
-    degrees: float
-    condition_number: float
-
-
-def law_covariance(fit: TrajectoryFit) -> Covariance:
-    """
-    Covariance of the growth law by the information of its fit.
+    Covariance of the growth law by the information of its fit, shape (11, 11).
 
     Parameters
     ----------
     fit : TrajectoryFit
         At a maximum.
-
-    Returns
-    -------
-    Covariance
     """
     if not np.isfinite(fit.information).all():
         # A law that ran away says nothing: so wide that every guard sees it.
-        return Covariance(1e6 * np.eye(TERMS), 2.0, math.inf)
-    covariance = np.asarray(inverse_of(fit.information)[:TERMS, :TERMS], dtype=np.float64)
-    degrees = _DEGREES
-    if fit.spread[1:3].max() > _APART:
-        degrees = min(degrees, float(max(len(fit.own) - 1, 2)))
-    paper = fit.information[:PAPER_TERMS, :PAPER_TERMS]
-    diagonal = np.sqrt(np.maximum(np.diag(paper), 1e-300))
-    scaled = paper / np.outer(diagonal, diagonal)
-    return Covariance(covariance, degrees, float(np.linalg.cond(scaled)))
+        return 1e6 * np.eye(TERMS)
+    return np.asarray(inverse_of(fit.information)[:TERMS, :TERMS], dtype=np.float64)
 
 
-def critical_speed_bound(fitted: FittedLaw) -> float:
-    """
-    Smallest deviation v_c can have under the law, m/s: by the information alone.
-
-    Parameters
-    ----------
-    fitted : FittedLaw
-        The law.
-
-    Returns
-    -------
-    float
-        NaN where the law has no critical speed.
-
-    References
-    ----------
-    Cramer, H. (1946), Mathematical Methods of Statistics, Sect. 32.3.
-    """
-    u_c = fitted.law.critical_speed
-    if u_c is None or not np.isfinite(fitted.fit.information).all():
-        return math.nan
-    u = float(fitted.law.detuning(u_c))
-    inverse = inverse_of(fitted.fit.information)[:TERMS, :TERMS]
-    way = fitted.law.scales.speed / fitted.law.linear_slope(u) * fitted.law.linear_terms(u)
-    return math.sqrt(max(float(way @ inverse @ way), 0.0))
+def _degrees(fit: TrajectoryFit) -> float:
+    """Degrees of freedom of the variances of a law: draws of it are Student's."""
+    if not np.isfinite(fit.information).all():
+        return 2.0
+    apart = fit.spread[1:3].max() > _APART
+    return min(_DEGREES, float(max(len(fit.own) - 1, 2))) if apart else _DEGREES
 
 
 def draw_laws(
@@ -139,11 +90,10 @@ def draw_laws(
     for number, one in enumerate(kept):
         share = max(round(_DRAWS * one.weight / total), 1)
         wanted = len(drawn) + share
-        covariance = law_covariance(one.fit)
-        root = covariance_root(covariance.matrix)
+        root, degrees = covariance_root(law_covariance(one.fit)), _degrees(one.fit)
         generator = np.random.default_rng([settings.seed, number])
         normal = generator.standard_normal((_TRIES * share, TERMS))
-        scale = np.sqrt(covariance.degrees / generator.chisquare(covariance.degrees, len(normal)))
+        scale = np.sqrt(degrees / generator.chisquare(degrees, len(normal)))
         for p in one.law.p + stretch * (normal * scale[:, None]) @ root.T:
             tried += 1
             if admissible is None or admissible(replace(one.law, p=p)):

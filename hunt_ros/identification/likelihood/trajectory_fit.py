@@ -119,6 +119,15 @@ class TrajectoryFit:
         return self.remaining < _REACHED
 
     @property
+    def condition_number(self) -> float:
+        """Of the information on the paper's form, scaled to unit diagonal."""
+        paper = self.information[:PAPER_TERMS, :PAPER_TERMS]
+        if not np.isfinite(paper).all():
+            return float('inf')
+        size = np.sqrt(np.maximum(np.diag(paper), 1e-300))
+        return float(np.linalg.cond(paper / np.outer(size, size)))
+
+    @property
     def law(self) -> NDArray[np.float64]:
         """Coefficients of the growth law, freed from the bias of the damping."""
         law: NDArray[np.float64] = self.theta[:-NOISE_TERMS] + self.correction

@@ -22,7 +22,7 @@ from hunt_ros.identification.record.channels import Channels, channels_of, refus
 from hunt_ros.identification.record.envelope import Envelope
 from hunt_ros.identification.record.segments import runs
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.samples import NANOSECONDS, Record, Series
+from hunt_ros.samples import NANOSECONDS, Record, Series, smallest_step
 
 #: Below this share of its highest speed a rig stands: there is nothing to learn there.
 _STANDING = 0.05
@@ -138,11 +138,9 @@ class Digest:
 
 def step_of(speed: Series) -> float:
     """Return the smallest step of speed readings, m/s; 0 where the speed was told, not read."""
-    values = np.unique(speed.finite().values)
-    steps, highest = np.diff(values), float(np.abs(values).max(initial=0.0))
-    # Numbers that went through a scale are rounded.
-    step = float(steps[steps > 1e-6 * highest].min(initial=math.inf))
-    return step if step < _LARGEST_STEP * highest else 0.0
+    values = speed.finite().values
+    step = smallest_step(values)
+    return step if step < _LARGEST_STEP * float(np.abs(values).max(initial=0.0)) else 0.0
 
 
 def sketch_of(lateral: Series) -> Series:

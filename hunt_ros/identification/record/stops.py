@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.record.segments import runs
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.samples import GAP_STEPS, Record, Series, counted
+from hunt_ros.samples import GAP_STEPS, Record, Series, counted, smallest_step
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -195,10 +195,8 @@ def end_of_range(values: Array, limit: float = 0.0) -> Mask:
     if values.size < _FEWEST or float(np.ptp(values)) == 0.0:
         return nothing
     top, span = float(values.max()), float(np.ptp(values))
-    levels = np.diff(np.unique(values[values > top - span / 2.0]))
-    levels = levels[levels > 1e-9 * span]
     # No finer than the readings' own resolution, or each of their steps is a pile.
-    width = max(1.01 * float(levels.min()) if levels.size else 0.0, span / 2.0**_FINEST)
+    width = max(1.01 * smallest_step(values[values > top - span / 2.0]), span / 2.0**_FINEST)
     while width <= span / 2.0**_COARSEST:
         at_end: Mask = values > top - width
         below = int(np.sum(values > top - 2.0 * width)) - int(at_end.sum())

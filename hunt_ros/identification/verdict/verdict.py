@@ -34,7 +34,6 @@ from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.uncertainty import (
     ENOUGH_DRAWS,
     EXISTS,
-    critical_speed_bound,
     draw_laws,
     law_covariance,
 )
@@ -400,7 +399,7 @@ def _growth_there(best: FittedLaw, speed: float) -> str:
     """Linear growth rate at one speed, where the motion shows its sign; or that it does not."""
     u = float(best.law.detuning(speed))
     rate, slopes = float(best.law.linear(u)), best.law.linear_terms(u)
-    variance = float(slopes @ law_covariance(best.fit).matrix @ slopes)
+    variance = float(slopes @ law_covariance(best.fit) @ slopes)
     if not variance < (_VAGUE * rate) ** 2:
         return 'this motion does not show its linear growth rate'
     return f'linear growth rate {rate:.2g} +/- {math.sqrt(variance):.1g} 1/s'
@@ -530,8 +529,7 @@ def _summary(evidence: Evidence, misfit: LackOfFit, lacks: Sequence[str]) -> Fit
         lack_of_fit_because=tuple(lacks),
         lack_of_fit_p=misfit.p,
         converged=best.fit.converged,
-        condition_number=law_covariance(best.fit).condition_number,
-        v_c_bound=critical_speed_bound(best),
+        condition_number=best.fit.condition_number,
     )
 
 
