@@ -114,9 +114,12 @@ class SecondOpinion:
         envelope, disagree = np.empty(size), np.zeros(size, dtype=np.bool_)
         if not size:
             return envelope, disagree
-        count, means, noise = np.zeros(size, dtype=np.int64), np.zeros(size), np.empty(size)
-        rows_ns = np.ascontiguousarray(rows_ns)
-        _mean(rows_ns, stamps_ns, values, count, means)
+        noise = np.empty(size)
+        row = np.searchsorted(rows_ns, stamps_ns)  # the first that is not before the reading
+        row, values = row[row < size], values[row < size]
+        count = np.bincount(row, minlength=size)
+        sums = np.bincount(row, values, size)
+        means = np.divide(sums, count, out=np.full(size, math.nan), where=count > 0)
         steps = np.diff(rows_ns, prepend=rows_ns[0] if self._last_ns is None else self._last_ns)
         cuts = np.flatnonzero(steps > self._period_ns).tolist()
         for begin, end in zip([0, *cuts], [*cuts, size], strict=True):
@@ -140,18 +143,6 @@ class SecondOpinion:
             )
         self._last_ns = int(rows_ns[-1])
         return envelope, disagree
-
-
-@compiled
-def _mean(rows: I1, stamps: I1, values: F1, count: I1, means: F1) -> None:
-    """Average the values up to each row and after the one before; NaN where there is none."""
-    n = 0
-    for i in range(rows.size):
-        while n < stamps.size and stamps[n] <= rows[i]:
-            means[i] += values[n]
-            count[i] += 1
-            n += 1
-        means[i] = means[i] / count[i] if count[i] > 0 else math.nan
 
 
 @compiled

@@ -9,15 +9,12 @@ no diameter need be known.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import B1, F1, I1, R1, compiled, compiled_part
+from hunt_ros.compiled import F1, I1, R1, compiled, compiled_part
 from hunt_ros.detection import health
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.regions import HELD, hold
 from hunt_ros.samples import GAP_STEPS, NANOSECONDS
 
 _Stamps = NDArray[np.int64]
@@ -38,24 +35,6 @@ _CELLS, _MORE = 2.0, 4.0
 _TURNING = 4.0 * math.pi
 #: ... and one that turns slower than this part of that may be an encoder that dithers.
 _DITHER = 0.05
-
-_MEMORY: np.dtype[np.void] = np.dtype(
-    [
-        ('cell', np.int64),
-        ('stamp', np.int64),
-        ('angle', np.float64),
-        ('turned', np.float64),  # in the cell, rad, and the time it took, s
-        ('covered', np.float64),
-        ('speed', np.float64),  # sum over the rows
-        ('rows', np.float64),
-        ('before', np.float64),  # roller rate of the cell before, rad/s
-        ('cross', np.float64),  # sums of rate x speed and speed^2 over the cells of the ratio
-        ('square', np.float64),
-        ('cells', np.float64),
-        ('contradicted', HELD),
-    ],
-    align=True,
-)
 
 #: Stands for the stamp of a sample that there is not.
 _NEVER = -(2**62)
@@ -217,14 +196,20 @@ class SpeedCheck:
 
     def __init__(self, config: DetectorConfig) -> None:
         diameter = config.roller_diameter_m
-        self._ratio = 2.0 / diameter if diameter > 0.0 else math.nan
+        self._given = 2.0 / diameter if diameter > 0.0 else math.nan
         self._period_s = config.period_ns * 1e-9
-        self._memory = np.zeros(1, dtype=_MEMORY)
-        self._memory['angle'] = self._memory['before'] = math.nan
+        #: Stamps, angles and speeds of the row before the cell that is not complete, and of its own.
+        unknown = np.full(1, math.nan)
+        self._open = np.full(1, _NEVER), unknown, unknown
+        self._before = math.nan  # roller rate of the cell before, rad/s
+        self._forget()
+        self._contradicted, self._waited = False, 0
 
-    def update(
-        self, rows_ns: NDArray[np.int64], angle: NDArray[np.float64], speed: NDArray[np.float64]
-    ) -> NDArray[np.bool_]:
+    def _forget(self) -> None:
+        """Learn the ratio anew: sums of rate x speed and of speed^2 over so many cells."""
+        self._cross = self._square = self._cells = 0.0
+
+    def update(self, rows_ns: _Stamps, angle: _Values, speed: _Values) -> NDArray[np.bool_]:
         """
         Take rows; tell at which of them the two contradict each other.
 
@@ -239,75 +224,54 @@ class SpeedCheck:
         -------
         ndarray of bool, shape (m,)
         """
-        found = np.zeros(rows_ns.size, dtype=np.bool_)
-        _check(rows_ns, angle, speed, self._ratio, self._period_s, self._memory, found)
+        before = self._open
+        stamps, angle, speed = (
+            np.concatenate(both) for both in zip(before, (rows_ns, angle, speed), strict=True)
+        )
+        found, begin = np.full(rows_ns.size, self._contradicted), 1
+        for end in (np.flatnonzero(np.diff(stamps[1:] // _CELL_NS)) + 2).tolist():
+            self._judge(stamps[begin - 1 : end], angle[begin - 1 : end], speed[begin:end])
+            found[end - before[0].size :] = self._contradicted
+            begin = end
+        self._open = stamps[begin - 1 :], angle[begin - 1 :], speed[begin - 1 :]
         return found
 
-
-@compiled
-def _check(
-    stamps: I1,
-    angle: R1,
-    speed: Annotated[NDArray[np.float64], 1, 'A'],
-    ratio: float,
-    period_s: float,
-    memory: Annotated[NDArray[np.void], 1, _MEMORY],
-    found: B1,
-) -> None:
-    """Run `SpeedCheck.update`; the ratio in rad/m, NaN: it is learnt."""
-    m = memory[0]
-    for k in range(stamps.size):
-        cell = stamps[k] // _CELL_NS
-        if cell != m['cell']:
-            _judge(ratio, period_s, m)
-            m['cell'] = cell
-            m['turned'] = m['covered'] = m['speed'] = m['rows'] = 0.0
-        dt = (stamps[k] - m['stamp']) * 1e-9
-        step = angle[k] - m['angle']
-        if np.isfinite(step) and dt <= GAP_STEPS * period_s:
-            m['turned'] += step
-            m['covered'] += dt
-        m['stamp'] = stamps[k]
-        m['angle'] = angle[k]
-        if np.isfinite(speed[k]):
-            m['speed'] += speed[k]
-            m['rows'] += 1.0
-        found[k] = m['contradicted']['word'] > 0
-
-
-@compiled_part
-def _judge(given: float, period_s: float, m: Any) -> None:
-    """Compare the rate and the speed of the cell that is complete."""
-    rate, before = math.nan, m['before']
-    if m['covered'] >= _COVERED_S:
-        rate = abs(m['turned']) / m['covered']
-    m['before'] = rate
-    if m['rows'] * period_s < _COVERED_S:
-        return
-    v = m['speed'] / m['rows']
-    stands = v <= health.STANDSTILL_MPS
-    ratio, learnt_at = given, 0.0  # given at any speed
-    if math.isnan(ratio) and m['cells'] >= _CELLS:
-        ratio = m['cross'] / m['square']
-        learnt_at = m['cells'] / (m['cells'] + _MORE) * math.sqrt(m['square'] / m['cells'])
-    if stands and not rate > _DITHER * _TURNING:  # an encoder at rest tells no rate
-        m['cross'] = m['square'] = m['cells'] = 0.0
-        contrary = False
-    elif math.isnan(rate):
-        return
-    elif math.isnan(ratio):
-        contrary = stands and rate > _TURNING
-    else:
-        larger = max(v, rate / ratio)
-        tolerance = TOLERANCE_MPS * (max(1.0, larger / learnt_at) if learnt_at > 0.0 else 1.0)
-        tolerance += _TOLERANCE_SHARE * larger
-        if not math.isnan(before):
-            tolerance += abs(rate - before) / ratio
-        contrary = abs(rate / ratio - v) > tolerance
-    told = m['contradicted']
-    wait_s = health.FAULT_HOLD_S if told['word'] > 0 else CONTRADICTED_S
-    hold(told, int(contrary), round(wait_s * NANOSECONDS / _CELL_NS), m['stamp'])
-    if not (stands or contrary) and rate > 0.0:  # least squares, so that high speeds count
-        m['cross'] += v * rate
-        m['square'] += v * v
-        m['cells'] += 1.0
+    def _judge(self, stamps: _Stamps, angle: _Values, speed: _Values) -> None:
+        """Compare the rate and the speed of a cell: the former with the row before it."""
+        steps, seconds = np.diff(angle), np.diff(stamps) * 1e-9
+        good = np.isfinite(steps) & (seconds <= GAP_STEPS * self._period_s)
+        covered_s, speed = float(seconds[good].sum()), speed[np.isfinite(speed)]
+        before, rate = self._before, math.nan
+        if covered_s >= _COVERED_S:
+            rate = abs(float(steps[good].sum())) / covered_s
+        self._before = rate
+        if speed.size * self._period_s < _COVERED_S:
+            return
+        v = float(speed.mean())
+        stands = v <= health.STANDSTILL_MPS
+        ratio, learnt_at = self._given, 0.0  # given at any speed
+        if math.isnan(ratio) and self._cells >= _CELLS:
+            ratio = self._cross / self._square
+            learnt_at = self._cells / (self._cells + _MORE) * math.sqrt(self._square / self._cells)
+        if stands and not rate > _DITHER * _TURNING:  # an encoder at rest tells no rate
+            self._forget()
+            contrary = False
+        elif math.isnan(rate):
+            return
+        elif math.isnan(ratio):
+            contrary = stands and rate > _TURNING
+        else:
+            larger = max(v, rate / ratio)
+            tolerance = TOLERANCE_MPS * (max(1.0, larger / learnt_at) if learnt_at > 0.0 else 1.0)
+            tolerance += _TOLERANCE_SHARE * larger
+            if not math.isnan(before):
+                tolerance += abs(rate - before) / ratio
+            contrary = abs(rate / ratio - v) > tolerance
+        wait_s = health.FAULT_HOLD_S if self._contradicted else CONTRADICTED_S
+        self._waited = self._waited + 1 if contrary != self._contradicted else 0
+        if self._waited > wait_s * NANOSECONDS / _CELL_NS:
+            self._contradicted, self._waited = contrary, 0
+        if not (stands or contrary) and rate > 0.0:  # least squares, so that high speeds count
+            self._cross += v * rate
+            self._square += v * v
+            self._cells += 1.0
