@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import B1, F1, F2, I1, R1, compiled, compiled_part
+from hunt_ros.compiled import F1, R1, compiled
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.estimation.hilbert import HilbertEnvelope
 
@@ -28,7 +28,7 @@ _PERIODS = 10.0
 #: What the hunting left in a phasor at the start is forgotten after so many of these times.
 _SETTLED = 3.0
 #: Where the phasors begin in the memory of the kernels.
-_LINES = 6
+_LINES = 5
 #: Frequencies at which the gain of the envelope is tabulated.
 _FREQUENCIES = 400
 
@@ -61,10 +61,10 @@ class SecondOpinion:
         self._late = round(self._envelope.delay_s * self._rate)
         self._orders = np.array([0.0, *orders])
         self._memory = _PERIODS * self._rate / config.hunting_frequency_hz
-        grid = np.linspace(0.0, 0.5 * self._rate, _FREQUENCIES)
-        self._gains = np.stack([self._envelope.gain(grid), self._envelope.gain(-grid)])
-        # Rows that were taken in, mean square of the third difference, the three values before,
-        # the place in the ring; then the phasors of the lines, the first of which is the mean.
+        self._grid = np.linspace(0.0, 0.5 * self._rate, _FREQUENCIES)
+        self._gains = self._envelope.gain(self._grid), self._envelope.gain(-self._grid)
+        # Rows that were taken in, mean square of the third difference, the three values before;
+        # then the phasors of the lines, the first of which is the mean.
         self._state = np.zeros(_LINES + 2 * self._orders.size)
         self._state[_LINES] = np.nan
         self._last_ns: int | None = None
@@ -73,9 +73,8 @@ class SecondOpinion:
     def _start_again(self) -> None:
         """Begin anew behind missing rows, from the mean and the lines that there were before."""
         self._envelope.reset()
-        # What was said, and the part that a line may take, in a ring as long as the envelope is
-        # late.
-        self._said = np.full((self._late, 5), np.nan)
+        # What the envelope is to be compared with, for as many rows as it is late.
+        self._said = np.full((4, self._late), np.nan)
         self._state[:_LINES] = 0.0
         self._state[2:5] = np.nan
 
@@ -129,20 +128,35 @@ class SecondOpinion:
             tuned = self._orders, self._memory, self._state
             _take_out(means[part], angle[part], *tuned, noise[part])
             envelope[part] = self._envelope.update(means[part])
-            _compare(
-                envelope[part],
-                self._envelope.noise_gain * noise[part],
-                count[part],
-                turning[part],
-                np.stack([column[part] for column in said]),
-                *tuned,
-                self._said,
-                self._gains,
-                self._rate,
-                disagree[part],
-            )
+            self._say(count[part], turning[part], *(column[part] for column in said))
+            disagree[part] = self._differ(envelope[part], self._envelope.noise_gain * noise[part])
         self._last_ns = int(rows_ns[-1])
         return envelope, disagree
+
+    def _say(
+        self, count: NDArray[np.int64], turning: _F, amplitude: _F, std: _F, hz: _F, beside: _F
+    ) -> None:
+        """Keep what the envelope of rows of so many readings will be compared with."""
+        width = self._rate / (math.pi * self._memory)
+        away = np.abs(hz - np.multiply.outer(self._orders[1:], turning))
+        near = np.fmin.reduce(away, axis=0, initial=math.inf)
+        taken = width / np.fmax(near, 1e-3 * width)
+        # Mean of n samples over a row: sin(x) / (n sin(x / n)), x = pi f T.
+        turn, n = np.fmax(math.pi * hz / self._rate, 1e-9), np.fmax(count, 1)
+        mean = np.sin(turn) / (n * np.sin(turn / n))
+        passed, image = (mean * np.interp(hz, self._grid, gain) for gain in self._gains)
+        then = passed * amplitude
+        said = then, passed * std, image * amplitude + beside, (_SHARE + taken) * then
+        self._said = np.concatenate([self._said, np.stack(said)], axis=1)
+
+    def _differ(self, envelope: _F, noise: _F) -> NDArray[np.bool_]:
+        """Compare the envelope of each row with what the filter said then; NaN: nothing."""
+        then, deviation, beside, share = self._said[:, : envelope.size]
+        self._said = self._said[:, envelope.size :]
+        away = np.abs(envelope - then) - beside
+        spread = np.maximum(_SIGMA * np.hypot(deviation, noise), share)
+        differs: NDArray[np.bool_] = away > spread
+        return differs
 
 
 @compiled
@@ -178,52 +192,3 @@ def _take_out(values: F1, angle: R1, orders: F1, memory: float, state: F1, noise
                     state[_LINES + 1 + 2 * k] += gain * math.sin(orders[k] * angle[i])
             values[i] = value
         noise[i] = math.sqrt(state[1]) if state[0] >= _SETTLED * memory else math.nan
-
-
-@compiled
-def _compare(
-    envelope: R1,
-    noise: R1,
-    count: I1,
-    turning: R1,
-    says: F2,
-    orders: F1,
-    memory: float,
-    state: F1,
-    said: F2,
-    gains: F2,
-    rate_hz: float,
-    disagree: B1,
-) -> None:
-    """Compare the envelope of each row with what the filter said then."""
-    width = rate_hz / (math.pi * memory)
-    for i in range(envelope.size):
-        near = math.inf
-        for k in range(1, orders.size):
-            apart = abs(says[2, i] - orders[k] * turning[i])
-            if apart < near:
-                near = apart
-        old = said[int(state[5])]
-        then, deviation, frequency, beside, taken = old[0], old[1], old[2], old[3], old[4]
-        old[:4] = says[:, i]
-        old[4] = width / max(near, 1e-3 * width)
-        state[5] = (state[5] + 1.0) % said.shape[0]
-        # Mean of n samples over a row: sin(x) / (n sin(x / n)), x = pi f T.
-        turn, n = math.pi * frequency / rate_hz, max(count[i], 1)
-        mean = math.sin(turn) / (n * math.sin(turn / n)) if turn > 0.0 else 1.0
-        passed = mean * _gain_at(gains[0], frequency, rate_hz)
-        image = mean * _gain_at(gains[1], frequency, rate_hz)
-        away = abs(envelope[i] - passed * then) - image * then - beside
-        spread = _SIGMA * math.hypot(passed * deviation, noise[i])
-        # NaN: one of the two says nothing.
-        disagree[i] = away > spread and away > (_SHARE + taken) * passed * then
-
-
-@compiled_part
-def _gain_at(gains: _F, frequency_hz: float, rate_hz: float) -> float:
-    """Interpolate a gain tabulated from 0 to half the rate; NaN where the frequency is."""
-    if math.isnan(frequency_hz):
-        return math.nan
-    place = max(2.0 * frequency_hz / rate_hz, 0.0) * (gains.size - 1)
-    low = min(int(place), gains.size - 2)
-    return float(gains[low] + min(place - low, 1.0) * (gains[low + 1] - gains[low]))
