@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from hunt_ros.detection import doubts, health
 from hunt_ros.detection.configuration import DetectorConfig, nominal_hz, with_frequencies
 from hunt_ros.detection.decision import decisions, states
-from hunt_ros.detection.decision.form import OutlookTable, form_numbers
+from hunt_ros.detection.decision.form import form_numbers
 from hunt_ros.detection.decision.limits import ALARMS
+from hunt_ros.detection.decision.outlook import OutlookTable
 from hunt_ros.detection.decision.rules import rules_of
 from hunt_ros.detection.door import Block
 from hunt_ros.detection.estimates import Estimator

@@ -9,6 +9,7 @@ no diameter need be known.
 from __future__ import annotations
 
 import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -198,7 +199,7 @@ class SpeedCheck:
         diameter = config.roller_diameter_m
         self._given = 2.0 / diameter if diameter > 0.0 else math.nan
         self._period_s = config.period_ns * 1e-9
-        #: Stamps, angles and speeds of the row before the cell that is not complete, and of its own.
+        #: Stamps, angles and speeds of the cell that is not complete, and of the row before it.
         unknown = np.full(1, math.nan)
         self._open = np.full(1, _NEVER), unknown, unknown
         self._before = math.nan  # roller rate of the cell before, rad/s

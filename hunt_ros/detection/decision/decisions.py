@@ -3,8 +3,8 @@ The decisions, row by row: what is quiet, what the form says, and what follows.
 
 One compiled kernel over a block of rows, with its memory in a record, so that an hour
 of rows costs a fraction of a second and the live detector runs the very same code on one
-row. Its parts are `likelihood` (what quiet is), `form` (what the form says), `states` and `limits`
-(what follows).
+row. Its parts are `likelihood` and `noise_floor` (what quiet is), `form` (what the form says),
+`states` and `limits` (what follows).
 """
 
 from __future__ import annotations
@@ -17,10 +17,8 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import B1, R1, compiled, compiled_part
 from hunt_ros.detection import doubts
-from hunt_ros.detection.decision import likelihood, limits, states
+from hunt_ros.detection.decision import likelihood, limits, noise_floor, states
 from hunt_ros.detection.decision.form import (
-    NO_OUTLOOK,
-    OUTLOOK,
     SMALLEST,
     FormNumbers,
     growth_at,
@@ -28,6 +26,7 @@ from hunt_ros.detection.decision.form import (
     predict,
     time_to_cycle,
 )
+from hunt_ros.detection.decision.outlook import NO_OUTLOOK, OUTLOOK
 from hunt_ros.detection.decision.rules import Rules, rows_of
 from hunt_ros.detection.output import ESTIMATE_DTYPE
 from hunt_ros.detection.regions import HELD, hold, region_of, switched
@@ -36,7 +35,7 @@ from hunt_ros.detection.regions import HELD, hold, region_of, switched
 #: the causes of an alarm that last, the latched alarm, and that it has been acknowledged.
 MEMORY: np.dtype[np.void] = np.dtype(
     [
-        ('floor', likelihood.NOISE_FLOOR),
+        ('floor', noise_floor.NOISE_FLOOR),
         ('ratios', likelihood.LIKELIHOOD),
         ('outlook', OUTLOOK),
         ('region', HELD),
@@ -194,20 +193,20 @@ def _learn(
         likelihood.begin_anew(m['ratios'], v)
         learns = not predictable or m['outlook']['quiet'] > 0.5  # else there is none to learn
         if learns and not likelihood.settled(m['ratios']):
-            likelihood.forget_floor(m['floor'])
+            noise_floor.forget(m['floor'])
     if math.isnan(a):
         likelihood.interrupt(m['ratios'])
     else:
         drift = growth_at(form, v, a) if predictable else math.nan
         likelihood.watch(rules, m['ratios'], a, math.hypot(s, 0.5 * out['step']), drift)
-        likelihood.observe(rules, m['floor'], a)
+        noise_floor.observe(rules, m['floor'], a)
         if idle:
             # By the form, what grows from here is hunting that begins.
             sure = rules.probability_in
             beyond = out['escape_probability'] > sure
             beyond |= predictable and m['outlook']['quiet'] < 1.0 - sure
-            likelihood.learn(rules, m['floor'], m['ratios'], a, not beyond)
-    out['noise_floor'] = likelihood.floor_of(m['floor'], m['ratios'], s)
+            noise_floor.learn(rules, m['floor'], m['ratios'], a, not beyond)
+    out['noise_floor'] = noise_floor.amplitude_of(m['floor'], m['ratios'], s)
     out['noise_intensity'] = m['floor']['intensity']
 
 

@@ -43,7 +43,7 @@ from typing import Any
 import numpy as np
 
 from hunt_ros.compiled import compiled_part
-from hunt_ros.detection.decision import likelihood
+from hunt_ros.detection.decision import likelihood, noise_floor
 from hunt_ros.detection.decision.rules import Rules, rows_of
 from hunt_ros.detection.regions import HELD, State, hold, switched
 
@@ -188,7 +188,7 @@ def _follow(rules: Rules, memory: Any, floor: Any, changed: bool, a: float, s: f
     if changed or math.isnan(memory['reference']):
         memory['reference'] = a if changed or sure else math.nan
         if changed and hunting == LIMIT_CYCLE:
-            likelihood.reconsider(floor, a)
+            noise_floor.reconsider(floor, a)
     elif hunting == ESCAPING:
         memory['reference'] = max(memory['reference'], a)
     elif sure:

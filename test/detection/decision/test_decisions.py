@@ -10,7 +10,8 @@ from decided import decided
 
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.decision import decisions, states
-from hunt_ros.detection.decision.form import OutlookTable, form_numbers
+from hunt_ros.detection.decision.form import form_numbers
+from hunt_ros.detection.decision.outlook import OutlookTable
 from hunt_ros.detection.decision.rules import rules_of
 from hunt_ros.detection.regions import State
 from hunt_ros.dynamics.identified import IdentifiedNormalForm

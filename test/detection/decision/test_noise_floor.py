@@ -9,7 +9,7 @@ import pytest
 from decided import ROWS, decided, noise
 
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.decision import decisions, likelihood
+from hunt_ros.detection.decision import decisions, likelihood, noise_floor
 from hunt_ros.detection.decision.rules import rules_of
 
 RULES = rules_of(DetectorConfig(), math.nan, math.nan)
@@ -70,9 +70,9 @@ def test_what_the_form_calls_escaping_neither_begins_nor_raises_the_floor() -> N
     def learn(amplitude: np.ndarray, basin: bool) -> float:
         for a in amplitude:
             likelihood.watch(RULES, memory['ratios'], a, 1e-6, math.nan)
-            likelihood.observe(RULES, memory['floor'], a)
-            likelihood.learn(RULES, memory['floor'], memory['ratios'], a, basin)
-        return float(likelihood.floor_of(memory['floor'], memory['ratios'], 1e-6))
+            noise_floor.observe(RULES, memory['floor'], a)
+            noise_floor.learn(RULES, memory['floor'], memory['ratios'], a, basin)
+        return float(noise_floor.amplitude_of(memory['floor'], memory['ratios'], 1e-6))
 
     learn(quiet(8.0, 80e-6), False)
     assert math.isnan(memory['floor']['square'])

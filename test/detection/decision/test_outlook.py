@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import cumulative_trapezoid, trapezoid
 
-from hunt_ros.detection.decision.form import OutlookTable, form_numbers
+from hunt_ros.detection.decision.form import form_numbers
+from hunt_ros.detection.decision.outlook import OutlookTable
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 

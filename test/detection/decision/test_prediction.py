@@ -11,13 +11,8 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from hunt_ros.detection.decision import form
-from hunt_ros.detection.decision.form import (
-    NO_OUTLOOK,
-    OUTLOOK,
-    QUANTILES,
-    FormNumbers,
-    form_numbers,
-)
+from hunt_ros.detection.decision.form import FormNumbers, form_numbers
+from hunt_ros.detection.decision.outlook import NO_OUTLOOK, OUTLOOK, QUANTILES
 from hunt_ros.detection.output import blank_rows
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM

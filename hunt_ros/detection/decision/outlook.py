@@ -1,0 +1,342 @@
+"""
+How the motion will end, under noise, by a form that is known with an uncertainty.
+
+Averaged over a cycle the amplitude obeys
+
+    dA = (A s(A) + D / A) dt + sqrt(2 D) dW
+
+with s the growth rate of Eq. (24) and D the noise intensity.
+The chance that it reaches the limit cycle before it is quiet again, the committor, is the ratio
+of two scale functions, with the density exp(-int s A dA / D) / A. It is averaged over draws of
+the form, and of D, and grows with the amplitude from 0 to the share of the draws that have a
+limit cycle: it is the distribution of the amplitude at which the outcome is decided. A table
+keeps quantiles of that, so that a row with a Gaussian amplitude takes the mean of a few normal
+distributions; and of the committors that 2.5 % of the draws exceed and fall short of, which are
+its interval. Nothing here asks whether there is a fold or a quiet state: draws differ in it.
+
+The tables are made in Python; what follows from them for a row is `chance_beyond`, part of the
+kernel of the decisions.
+"""
+
+from __future__ import annotations
+
+import math
+from statistics import NormalDist
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hunt_ros.compiled import F1, compiled, compiled_part
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import NormalForm, steady_radii
+
+_F = NDArray[np.float64]
+
+#: Draws of the form.
+_PATHS = 64
+#: Quantiles of the deciding amplitude that are kept.
+QUANTILES = 64
+#: Amplitudes at which the committor is computed, from this part of the limit cycle on.
+_AMPLITUDES, _LEAST = 384, 1e-3
+#: Spacing of the speeds of the table, and a change that asks for another outlook, relative to v_c.
+_SPEED_CELL, _SPEED_STEP = 0.005, 0.0025
+#: Width of the cells of the spread of the noise intensity, and of the logarithms of this, of the
+#: quiet amplitude and of the roughness, in which an outlook is taken as constant.
+_CELL = 0.1
+#: Where no noise is known it is this much, m^2/s: the edge is sharp.
+_NO_NOISE = 1e-18
+#: A limit cycle stands this many standard deviations of its amplitude clear of what is quiet.
+_WANDERS = 2.0
+#: Where growth has no end the motion has grown at this many times the amplitude from which on
+#: it grows.
+_GROWN = 2.0
+#: Exponents beyond this are taken as infinite.
+_LARGEST_EXPONENT = 600.0
+#: The longest time, s, and the largest exponent of one step: their product does not overflow.
+_LONGEST, _STEEPEST = 1e270, 50.0
+#: Draws on either side of the interval of 95 %, of all of them.
+_OUTSIDE = round(0.025 * _PATHS)
+#: Outlooks that are kept for when they are asked for again.
+_KEPT = 1000
+#: Standard deviations beyond which a normal distribution is 0 or 1.
+_SETTLED = 4.0
+
+#: What the kernel of the decisions reads: quantiles of the amplitude at which the outcome is
+#: decided (m; inf: nowhere), and of those of the draws that escape latest and earliest; escapes
+#: from the quiet state per second; the share of the draws that have a quiet state.
+OUTLOOK: np.dtype[np.void] = np.dtype(
+    [
+        ('decides', np.float64, (QUANTILES,)),
+        ('latest', np.float64, (QUANTILES,)),
+        ('earliest', np.float64, (QUANTILES,)),
+        ('rate', np.float64),
+        ('quiet', np.float64),
+    ],
+    align=True,
+)
+
+_QUANTILES = ('decides', 'latest', 'earliest')
+_UNKNOWN = (math.nan,) * QUANTILES
+#: Nothing is known.
+NO_OUTLOOK: NDArray[np.void] = np.array(
+    [(_UNKNOWN, _UNKNOWN, _UNKNOWN, math.nan, math.nan)], dtype=OUTLOOK
+)
+
+
+def drawn(identified: IdentifiedNormalForm, count: int) -> list[NormalForm]:
+    """Draws of the form; the form itself where it is taken as exact."""
+    return identified.draws(count) if identified.covariance.any() else [identified.form]
+
+
+class OutlookTable:
+    """
+    Outlooks by speed, noise, quiet amplitude and roughness, computed when first asked for.
+
+    All but the speed are rounded to cells first. The answer depends on what is asked alone, not
+    on what was asked before.
+
+    Parameters
+    ----------
+    identified : IdentifiedNormalForm or None
+        None: there is no outlook, NaN throughout.
+    """
+
+    def __init__(self, identified: IdentifiedNormalForm | None) -> None:
+        self._known: dict[tuple[float, ...], NDArray[np.void]] = {}
+        self._speed_cell = self._speed_step = math.inf
+        if identified is None:
+            return
+        self._speed_cell = _SPEED_CELL * identified.form.critical_speed
+        self._speed_step = _SPEED_STEP * identified.form.critical_speed
+        names = ('critical_speed', 'D1', 'D7', 'D4', 'D10', 'D15')
+        own, *others = (
+            np.array([getattr(form, name) for name in names])
+            for form in (identified.form, *drawn(identified, _PATHS))
+        )
+        forms = np.array(others)
+        if not len(identified.sample):
+            # With its mirror image to each, the draws have the mean of the form.
+            half = forms[: _PATHS // 2]
+            forms = np.concatenate([half, 2.0 * own - half])
+        # Each draw has its own noise; an exact form is drawn as often as the noise is.
+        self._forms = np.resize(forms[forms[:, 0] > 0.0], (_PATHS, len(names))).T
+        self._size = 2.0 * identified.form.length_scale
+        self._time_scale = identified.form.time_scale
+        normal = NormalDist()
+        levels = [normal.inv_cdf((k + 0.5) / _PATHS) for k in range(_PATHS)]
+        self._noise = np.random.default_rng(0).permutation(levels)
+        # Before the form is in force: no row of a live run waits for machine code.
+        self.at(1.02 * identified.form.critical_speed, math.nan, 0.0, math.nan, 0.0)
+
+    def differ(self, speeds: _F, speed: float) -> NDArray[np.bool_]:
+        """Return True for each speed, m/s, whose outlook is another one than that of `speed`."""
+        return np.asarray((speeds != speed) & ~(np.abs(speeds - speed) <= self._speed_step))
+
+    def at(
+        self, speed: float, intensity: float, spread: float, quiet: float, roughness: float
+    ) -> NDArray[np.void]:
+        """
+        Look up, or compute; from one speed of the table to the next linear in 1 / amplitude.
+
+        Parameters
+        ----------
+        speed : float
+            m/s.
+        intensity, spread : float
+            Noise intensity D, m^2/s, NaN or zero where it is not known, and the standard
+            deviation of its logarithm.
+        quiet : float
+            Amplitude below which the motion counts as quiet, m; NaN where it is not known.
+        roughness : float
+            Amplitude of the roughness line, m.
+
+        Returns
+        -------
+        ndarray of OUTLOOK, shape (1,)
+        """
+        if not math.isfinite(speed) or self._speed_cell == math.inf:
+            return NO_OUTLOOK
+        place = speed / self._speed_cell
+        number = math.floor(place)
+        part = place - number
+        cells = (
+            _cell(intensity),
+            round(spread / _CELL) if intensity > 0.0 else 0,
+            _cell(quiet),
+            _cell(roughness),
+        )
+        below, above = self._entry(number, *cells), self._entry(number + 1, *cells)
+        found = np.zeros(1, dtype=OUTLOOK)
+        with np.errstate(divide='ignore'):
+            for name in _QUANTILES:
+                found[name] = 1.0 / ((1.0 - part) * below[name] + part * above[name])
+        for name in ('rate', 'quiet'):
+            found[name] = (1.0 - part) * below[name] + part * above[name]
+        return found
+
+    def _entry(self, *cell: float) -> NDArray[np.void]:
+        """An entry of the table: OUTLOOK with the reciprocals of its amplitudes."""
+        if cell not in self._known:
+            if len(self._known) >= _KEPT:
+                self._known.clear()
+            number, intensity, spread, quiet, roughness = cell
+            self._known[cell] = self._compute(
+                number * self._speed_cell,
+                _middle(intensity) or _NO_NOISE,
+                spread * _CELL,
+                _middle(quiet),
+                _middle(roughness),
+            )
+            for name in _QUANTILES:
+                self._known[cell][name] **= -1.0
+        return self._known[cell]
+
+    def _compute(
+        self, speed: float, intensity: float, spread: float, quiet: float, roughness: float
+    ) -> NDArray[np.void]:
+        v_c, d1, d7, d4, d10, d15 = self._forms
+        eps = speed / v_c - 1.0
+        # Growth rate as a polynomial of A^2. Roughness of amplitude B acts on the mean of the
+        # cubic term: A^2 -> A^2 + 2 B^2.
+        line = 2.0 * (roughness / self._size) ** 2
+        first, second = d1 * eps + d7 * eps**2, d4 + d10 * eps
+        first, second = first + line * (second + line * d15), second + 2.0 * line * d15
+        first, second, third = (
+            part / (self._time_scale * self._size**power)
+            for part, power in ((first, 0), (second, 2), (d15, 4))
+        )
+        noise = intensity * np.exp(spread * self._noise)
+        low, high = _ends(first, second, third, intensity, quiet)
+        found = np.zeros(1, dtype=OUTLOOK)
+        found['quiet'] = np.mean(first < 0.0)
+        if np.isnan(high).all():
+            for name in _QUANTILES:
+                found[name] = math.inf
+            return found
+        top = float(np.nanmax(high))
+        grid = np.geomspace(_LEAST * top, top, _AMPLITUDES)
+        risen, rate = _committors(first, second, third, noise, low, high, grid)
+        found['rate'] = rate.mean()
+        found['decides'] = _deciding(risen.mean(axis=0), grid)
+        risen.partition((_OUTSIDE, _PATHS - 1 - _OUTSIDE), axis=0)
+        found['latest'] = _deciding(risen[_OUTSIDE], grid)
+        found['earliest'] = _deciding(risen[_PATHS - 1 - _OUTSIDE], grid)
+        return found
+
+
+def _cell(value: float) -> float:
+    """Cell of the logarithm of a positive number; -inf where there is none."""
+    return round(math.log(value) / _CELL) if value > 0.0 else -math.inf
+
+
+def _middle(cell: float) -> float:
+    """Middle of a cell; 0 where there is none."""
+    return math.exp(cell * _CELL)
+
+
+def _ends(first: _F, second: _F, third: _F, intensity: float, quiet: float) -> tuple[_F, _F]:
+    """Amplitudes at which it is quiet again, and hunts, m; the latter NaN where it never does."""
+    unstable, stable = steady_radii(first, second, third)
+    # An unstable branch beyond the limit cycle is not on the way to it.
+    edge = np.nan_to_num(np.where(unstable > stable, math.nan, unstable))
+    leading = np.where(third != 0.0, third, np.where(second != 0.0, second, first))
+    endless = np.isnan(stable) & (leading > 0.0)
+    high = np.where(endless, _GROWN * np.fmax(edge, quiet), 0.5 * (edge + stable))
+    # Where what is quiet is not known yet, and no branch tells, only the cycle itself counts.
+    low = np.full_like(high, quiet) if quiet > 0.0 else np.where(edge > 0.0, 0.5 * edge, high)
+    with np.errstate(all='ignore'):
+        pull = -(2.0 * second * stable**2 + 4.0 * third * stable**4)
+        clear = stable - _WANDERS * np.sqrt(intensity / pull) > low
+    high = np.fmax(high, low)
+    high[~((clear | endless) & (high > 0.0))] = math.nan
+    return low, high
+
+
+def _deciding(risen: _F, grid: _F) -> _F:
+    """Quantiles of a distribution over a grid of amplitudes, m; inf beyond its end."""
+    levels = (np.arange(QUANTILES) + 0.5) / QUANTILES
+    place = np.exp(np.interp(levels, risen, np.log(grid)))
+    return np.where(levels <= risen[-1], place, math.inf)
+
+
+@compiled
+def _committors(
+    first: F1, second: F1, third: F1, noise: F1, low: F1, high: F1, grid: F1
+) -> tuple[_F, _F]:
+    """
+    Committor, and escapes per second, of each draw.
+
+    Parameters
+    ----------
+    first, second, third : ndarray, shape (n,)
+        Growth rate by powers of A^2: 1/s, 1/(s m^2), 1/(s m^4).
+    noise : ndarray, shape (n,)
+        Noise intensity, m^2/s.
+    low, high : ndarray, shape (n,)
+        Amplitudes at which it is quiet, and on the limit cycle, m; `high` NaN where there is
+        none.
+    grid : ndarray, shape (m,)
+        Amplitudes, m, evenly spaced in their logarithm.
+
+    Returns
+    -------
+    risen : ndarray, shape (n, m)
+    rate : ndarray, shape (n,)
+        1/s; the mean time to the cycle is that from amplitude zero.
+
+    References
+    ----------
+    C. W. Gardiner, Handbook of Stochastic Methods (2004), Eqs. (5.2.159), (5.2.189).
+    """
+    risen = np.zeros((noise.size, grid.size))
+    rate = np.zeros(noise.size)
+    exponent = np.empty(grid.size)
+    step = math.log(grid[-1] / grid[0]) / (grid.size - 1)
+    for k in range(noise.size):
+        if math.isnan(high[k]):
+            continue
+        largest = -math.inf
+        for i in range(grid.size):
+            a2 = grid[i] * grid[i]
+            growth = a2 * (first[k] / 2.0 + a2 * (second[k] / 4.0 + a2 * third[k] / 6.0))
+            exponent[i] = -growth / noise[k]
+            if low[k] <= grid[i] <= high[k]:
+                largest = max(largest, exponent[i])
+        total, before = 0.0, 0.0
+        time, lasted = 0.0, 0.5 * grid[0] * grid[0] / noise[k]
+        for i in range(grid.size):
+            density = 0.0
+            if low[k] <= grid[i] <= high[k]:
+                density = math.exp(max(exponent[i] - largest, -_LARGEST_EXPONENT))
+                total += 0.5 * step * (before + density)
+            before = density
+            risen[k, i] = total
+            if i > 0 and grid[i] <= high[k]:
+                rise = min(max(exponent[i] - exponent[i - 1], -_STEEPEST), _STEEPEST)
+                share = 0.5 * step / noise[k]
+                lasted = (lasted + share * grid[i - 1] ** 2) * math.exp(rise)
+                lasted = min(lasted + share * grid[i] ** 2, _LONGEST)
+                time += step * lasted
+        for i in range(grid.size):
+            if total > 0.0:
+                risen[k, i] /= total
+            else:
+                risen[k, i] = 1.0 if grid[i] > low[k] else 0.0
+        rate[k] = 1.0 / time
+    return risen, rate
+
+
+@compiled_part
+def chance_beyond(decides: _F, a: float, s: float) -> float:
+    """Chance that an amplitude known to within `s` is beyond the one that decides."""
+    if math.isnan(decides[0]):
+        return math.nan
+    total = 0.0
+    for edge in decides:
+        if a - edge > _SETTLED * s:
+            total += 1.0
+        elif edge - a >= _SETTLED * s:
+            break  # they are in order
+        else:
+            total += 0.5 * math.erfc((edge - a) / (s * math.sqrt(2.0)))
+    return total / decides.size
