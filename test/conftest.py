@@ -93,12 +93,21 @@ class Machine:
         """Return the end of a wait; `timeout_s` is in seconds of a quick idle machine."""
         return Deadline(self, timeout_s)
 
+    def until(
+        self,
+        done: Callable[[], object],
+        timeout_s: float = 30.0,
+        told: Callable[[], object] = lambda: '',
+    ) -> None:
+        """Wait until a condition holds; `told` is for the failing assertion."""
+        deadline = self.deadline(timeout_s)
+        while not done():
+            assert not deadline.passed, f'in vain {deadline}; {told()}'
+            time.sleep(0.02)
+
     def wait_for(self, process: subprocess.Popen, timeout_s: float = 30.0) -> int:
         """Return the exit code of a process that is expected to end."""
-        deadline = self.deadline(timeout_s)
-        while process.poll() is None:
-            assert not deadline.passed, f'{process.args} runs on {deadline}'
-            time.sleep(0.02)
+        self.until(lambda: process.poll() is not None, timeout_s, lambda: process.args)
         return process.returncode
 
 

@@ -11,13 +11,21 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import binom
 
+from hunt_ros.bag import write_record
 from hunt_ros.detection import HuntingDetector
 from hunt_ros.detection.output import Output
 from hunt_ros.dynamics.growth_law import GrowthLaw, GrowthScales, from_normal_form, lawful
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-from hunt_ros.dynamics.profile import Hold, Profile
-from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, SimulationSettings
+from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.profile import Corners, Hold, Profile
+from hunt_ros.dynamics.simulation import (
+    Kick,
+    Roughness,
+    SensorModel,
+    SimulationSettings,
+    simulate,
+)
 from hunt_ros.samples import Record, Series
 
 SECOND = 1_000_000_000
@@ -93,6 +101,14 @@ def up_and_down(speeds: Sequence[float], hold_s: float) -> Profile:
     return Profile(tuple(Hold(speed, hold_s) for speed in (*up, *up[-2::-1])))
 
 
+def sweep_bag(folder: Path, seed: int) -> Path:
+    """Write a sweep of the simulated rig up and down, with bumps on the way up; return it."""
+    profile = Profile((Corners((0.0, 140.0, 280.0), (6.0, 8.8, 6.0)),))
+    kicks = [Kick(at, lateral_m=1e-4) for at in (30.0, 60.0, 90.0)]
+    record = simulate(paper_rig(), rig_settings(100.0), profile, kicks=kicks, seed=seed)
+    return write_record(folder / f'sweep_{seed}', record)
+
+
 def held(speed: float) -> Profile:
     """Return one speed, m/s, for as long as the record is."""
     return Profile((Hold(speed, 0.0),))
@@ -140,3 +156,13 @@ def python(*words: object, cwd: Path | None = None, code: int | None = 0, **envi
 def at_most(rate: float, trials: int) -> int:
     """Return how many of the trials may go wrong by chance, but for one suite in ten thousand."""
     return int(binom.ppf(1.0 - 1e-4, trials, rate))
+
+
+def install_driver(folder: Path, name: str, code: str, entry: str = '') -> None:
+    """Put a driver of a third party into a folder, as pip does; `entry`: of its setup.py."""
+    (folder / f'{name}.py').write_text(code)
+    info = folder / f'{name}-1.0.dist-info'
+    info.mkdir()
+    (info / 'METADATA').write_text(f'Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n')
+    entry = entry or f'{name} = {name}'
+    (info / 'entry_points.txt').write_text(f'[hunt_ros.drivers]\n{entry}\n')

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -23,16 +22,11 @@ FILES = {
     'replay --rig': 'replay BAG --rig FILE',
     'replay --mapping': 'replay BAG --mapping FILE',
     'check': 'check FILE',
-    'check --rig': 'check BAG --rig FILE',
     'identify': 'identify FILE',
-    'identify --rig': 'identify BAG --rig FILE',
-    'identify --mapping': 'identify BAG --mapping FILE',
     'report': 'report FILE --out OUT.html',
     'info': 'info FILE',
     'info --repair': 'info FILE --repair OUT',
     'export': 'export FILE OUT.csv',
-    'export --rig': 'export BAG OUT.csv --rig FILE',
-    'export --mapping': 'export BAG OUT.csv --mapping FILE',
     'import': 'import FILE.csv OUT',
     'import .mat': 'import FILE.mat OUT',
     'import .npy': 'import FILE.npy OUT',
@@ -63,7 +57,6 @@ NUMBERS = {
     'plan --rearm': 'plan BAG --rearm X',
     'plan --max-escape': 'plan BAG --max-escape X',
     'report --roller-diameter': 'report BAG --out OUT.html --roller-diameter X',
-    'export --from': 'export BAG OUT.csv --from X',
     'import --rate': 'import TABLE OUT --rate X',
 }
 
@@ -118,13 +111,10 @@ def test_a_file_that_cannot_be_used_is_named(refused, tmp_path, command, fault) 
     place = tmp_path / f'given{ending}'
     if fault == 'folder':
         place.mkdir()
+    elif fault == 'unreadable':
+        place.symlink_to('/proc/self/mem')  # an error of input, for every user
     elif fault != 'missing':
-        content = {'binary': bytes(range(256)) * 8, 'empty': b'', 'unreadable': b'a: 1\n'}[fault]
-        place.write_bytes(content)
-    if fault == 'unreadable':
-        place.chmod(0)
-        if os.access(place, os.R_OK):
-            pytest.skip('this user reads everything')
+        place.write_bytes({'binary': bytes(range(256)) * 8, 'empty': b''}[fault])
     assert 'given' in refused(command, FILE=file)
 
 
@@ -155,7 +145,6 @@ def test_a_number_that_makes_no_sense_is_named_with_its_option(refused, command,
         ('replay STILL', 'speed'),
         ('replay MUTE', 'lateral'),
         ('replay BAG --set margin_in=-1', 'margin_in'),
-        ('replay BAG --set margin_in=soon', 'margin_in'),
         ('replay BAG --set nonsense=1', 'nonsense'),
         ('replay BAG --set channels=[lateral,smell]', 'smell'),
         ('replay BAG --normal-form FORM', 'form.yaml: D1'),
@@ -169,21 +158,14 @@ def test_a_number_that_makes_no_sense_is_named_with_its_option(refused, command,
         ('export BAG OUT.csv --channel a=/rig/lateral.effort[0]', 'there is no [0]'),
         ('replay BAG --live --from 10 --to 5', '--to'),
         ('replay BAG --from 1', '--from: only with --live'),
-        ('replay BAG --to 1', '--to: only with --live'),
-        ('replay BAG --pace 2', '--pace: only with --live'),
-        ('replay BAG --loop', '--loop: only with --live'),
-        ('replay BAG --page', '--page: only with --live'),
         ('replay BAG --namespace lab', '--namespace: only with --live'),
         ('export BAG OUT.csv --from 2 --to 1', '--to'),
         ('simulate OUT --profile PROFILE --kick 2:1000', 'throws the wheelset off'),
         ('simulate OUT --profile SEESAW', 'seesaw.yaml, step 1 (seesaw): duration_s is missing'),
-        ('run --simulated --directory TABLE', 'table.csv'),
         ('run --simulated --directory TABLE/sub', 'table.csv'),
         ('demo --out TABLE', 'table.csv'),
         ('demo --out /proc/nobody', '/proc/nobody'),
         ('simulate TABLE/sub --profile PROFILE', 'table.csv'),
-        ('import TABLE TABLE/sub --rate 100', 'table.csv'),
-        ('info BAG --repair TABLE/sub', 'table.csv'),
         ('export BAG TABLE/sub.csv', 'table.csv'),
         ('normal-form config/wheelset.yaml --json TABLE/sub', 'table.csv'),
         ('call dance', 'dance'),
@@ -192,12 +174,8 @@ def test_a_number_that_makes_no_sense_is_named_with_its_option(refused, command,
         ('identify BAG --ignore 5:2', 'FROM first'),
         ('identify BAG --sensor-range -1', '--sensor-range'),
         ('identify BAG --ignore 7', 'expected FROM:TO'),
-        ('identify BAG --ignore 2:10:20:3', 'expected FROM:TO'),
-        ('identify BAG --ignore 2:10:5', 'FROM first'),
         ('identify BAG --frequency-min 3 --frequency-max 2', 'must be above'),
         ('identify BAG --prior-v-c 8', 'expected value and standard deviation'),
-        ('plan BAG --out FOLDER/gone/p.yaml', 'gone/p.yaml'),
-        ('report BAG --out FOLDER/gone/r.html', 'gone/r.html'),
         ('report BAG --figures TABLE/sub', 'table.csv'),
         ('report BAG --compare --out OUT.html', '--compare: 1 recording, expected 2 to'),
         ('normal-form config/wheelset.yaml --plot FOLDER', 'expected a file in a folder'),
@@ -205,19 +183,12 @@ def test_a_number_that_makes_no_sense_is_named_with_its_option(refused, command,
         ('plan BAG --start 100 --speed-ceiling 9', 'above the ceiling'),
         ('replay BAG --rig bags/paper.yaml', 'is a normal form, expected --normal-form'),
         ('check BAG --namespace x', '--namespace: only for live topics'),
-        ('check BAG --directory y', '--directory: only for live topics'),
-        ('replay BAG --normal-form NESTED', 'nested'),
-        ('replay BAG --rig NESTED', 'nested'),
-        ('replay BAG --mapping NESTED', 'nested'),
-        ('simulate OUT --profile NESTED', 'nested'),
-        ('simulate OUT --wheelset NESTED', 'nested'),
         ('normal-form NESTED', 'nested'),
         ("replay BAG --set '", 'NAME=VALUE'),
         ('replay BAG --set margin_in=[', 'margin_in'),
         ('replay BAG --channel heave=/a.b', 'heave'),
         ('run --simulated --namespace 1/2', '--namespace'),
         ('identify BAG --cluster tcp://127.0.0.1:1', '127.0.0.1:1'),
-        ('identify BAG --cluster tcp://127.0.0.1:99999', '127.0.0.1:99999'),
         ('identify BAG --cluster nonsense', 'nonsense'),
     ],
 )

@@ -5,27 +5,17 @@ import re
 
 import numpy as np
 import pytest
-from made import FLUTTER
+from made import FLUTTER, sweep_bag
 
-from hunt_ros.bag.record_writer import write_record
 from hunt_ros.cli.main import main
 from hunt_ros.dynamics.growth_law import GrowthLaw
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile import Corners, Profile
-from hunt_ros.dynamics.simulation import Kick, SensorModel, SimulationSettings, simulate
 from hunt_ros.identification import Identification
 
 
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory):
-    settings = SimulationSettings(
-        sample_rate_hz=100.0, broadband=8e-6, lateral_sensor=SensorModel(noise=5e-6)
-    )
-    profile = Profile((Corners((0.0, 140.0, 280.0), (6.0, 8.8, 6.0)),))
-    kicks = [Kick(30.0, lateral_m=1e-4), Kick(60.0, lateral_m=1e-4), Kick(90.0, lateral_m=1e-4)]
-    record = simulate(paper_rig(), settings, profile, kicks=kicks, seed=4)
-    return write_record(tmp_path_factory.mktemp('bags') / 'sweep.mcap', record)
+    return sweep_bag(tmp_path_factory.mktemp('bags'), 4)
 
 
 def test_a_bag_gives_json_and_a_parameter_file(bag, tmp_path, capsys):
@@ -43,18 +33,8 @@ def test_a_bag_gives_json_and_a_parameter_file(bag, tmp_path, capsys):
 
 
 def test_json_alone_stands_on_standard_output(bag, capsys):
-    main(
-        [
-            'identify',
-            str(bag),
-            '--json',
-            '-',
-            '--prior-v-c',
-            '8.0:0.05',
-            '--prior-D1',
-            '0.12:0.012',
-        ]
-    )
+    priors = ['--prior-v-c', '8.0:0.05', '--prior-D1', '0.12:0.012']
+    main(['identify', str(bag), '--json', '-', *priors])
     document = json.loads(capsys.readouterr().out)
     assert np.isclose(document['v_c']['value'], 8.0, atol=0.15)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made import record_of
+from made import PAPER, record_of
 
 from hunt_ros.bag import read_record, write_record
 from hunt_ros.cli.main import VERBS, main, module_of, parser_of
@@ -35,10 +35,7 @@ def test_the_program_lists_its_verbs(capsys) -> None:
 
 def test_replay_of_a_simulated_bump_tells_what_happened(capsys, tmp_path) -> None:
     bag, form = tmp_path / 'bump', tmp_path / 'form.yaml'
-    from hunt_ros.dynamics.identified import IdentifiedNormalForm
-    from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-
-    form.write_text(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml())
+    form.write_text(PAPER.to_yaml())
     held = 'profile: [{hold: {speed_mps: 7.2, duration_s: 40}}]'
     profile = ['--profile', held, '--rate', '200', '--kick', '20:0.0006']
     assert main(['simulate', str(bag), *profile, '--seed', '4']) == 0

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from made import python
 
 from hunt_ros.bag import BagWriter, read_record, write_record
 from hunt_ros.bag.record_writer import serialise
@@ -100,16 +100,10 @@ def test_a_live_replay_plays_what_the_offline_one_reads(daq, monkeypatch, words)
 def test_a_terminal_without_the_signs_of_a_name_prints_all_the_same(tmp_path: Path) -> None:
     record = Record({'lateral': Series(STAMPS, np.sin(np.arange(500.0)))}, '', {'rig': 'ä ☃'})
     bag = write_record(tmp_path / 'ke ä ☃', record)
-    program = 'from hunt_ros.cli.main import main; raise SystemExit(main())'
-    ended = subprocess.run(
-        [sys.executable, '-c', program, 'info', str(bag)],
-        capture_output=True,
-        encoding='latin-1',
-        env={**os.environ, 'PYTHONIOENCODING': 'latin-1'},
-    )
+    words = ['-m', 'hunt_ros.cli.main', 'info', bag]
+    ended = python(*words, code=1, PYTHONIOENCODING='ascii')
     assert 'Traceback' not in ended.stderr
-    assert ended.returncode == 1, ended.stderr
-    assert 'ke ä ?' in ended.stdout
+    assert 'ke ? ?' in ended.stdout
 
 
 def test_an_empty_list_of_a_setting_is_empty() -> None:
@@ -121,8 +115,7 @@ def test_an_empty_list_of_a_setting_is_empty() -> None:
 def test_a_closed_pipe_is_no_failure(tmp_path: Path) -> None:
     series = {name: Series(STAMPS, np.full(500, 1e-3)) for name in ('lateral', 'speed')}
     bag = write_record(tmp_path / 'run', Record(series))
-    program = 'from hunt_ros.cli.main import main; raise SystemExit(main())'
-    words = [sys.executable, '-u', '-c', program, 'export', str(bag), str(tmp_path / 'run.csv')]
+    words = [sys.executable, '-u', '-m', 'hunt_ros.cli.main', 'export', bag, tmp_path / 'run.csv']
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
         assert child.stdout is not None
         child.stdout.close()

@@ -93,3 +93,11 @@ def live(tmp_path: Path) -> Iterator[Live]:
     page = Live(access('127.0.0.1', ''), tmp_path)
     yield page
     page.close()
+
+
+@pytest.fixture
+def guarded(tmp_path: Path) -> Iterator[Live]:
+    """A page with a token that lets command, and one that lets view."""
+    page = Live(Access((('command', 'b' * 16), ('view', 'a' * 16))), tmp_path)
+    yield page
+    page.close()

@@ -3,22 +3,13 @@
 from __future__ import annotations
 
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from made import install_driver
 
-from hunt_ros.drivers.base import DriveDriver, SensorDriver, driver_class
+from hunt_ros.drivers.base import driver_class
 from hunt_ros.errors import ConfigError
-
-
-def _install(folder: Path, name: str, code: str) -> None:
-    """Put a package of a third party into a folder, as pip does."""
-    (folder / f'{name}.py').write_text(code)
-    info = folder / f'{name}-1.0.dist-info'
-    info.mkdir()
-    (info / 'METADATA').write_text(f'Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n')
-    (info / 'entry_points.txt').write_text(f'[hunt_ros.drivers]\n{name} = {name}\n')
 
 
 @pytest.fixture
@@ -28,26 +19,11 @@ def third_party(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 
     def install(name: str, code: str) -> None:
         installed.append(name)
-        _install(tmp_path, name, code)
+        install_driver(tmp_path, name, code)
 
     yield install
     for name in installed:
         sys.modules.pop(name, None)
-
-
-@pytest.mark.parametrize('name', ['simulated', 'modbus', 'serial_line', 'nidaqmx', 'topic'])
-def test_our_own_drivers_are_found_like_any_other(name) -> None:
-    if name == 'topic' and find_spec('rclpy') is None:
-        pytest.skip('the extra ros is not installed')
-    assert issubclass(driver_class(name, 'Sensor'), SensorDriver)
-    if name in ('simulated', 'modbus'):
-        assert issubclass(driver_class(name, 'Drive'), DriveDriver)
-
-
-def test_an_unknown_driver_is_one_line_with_those_there_are() -> None:
-    with pytest.raises(ConfigError, match=r"driver 'telepathy': unknown.*simulated") as caught:
-        driver_class('telepathy', 'Sensor')
-    assert '\n' not in str(caught.value)
 
 
 def test_a_module_that_cannot_be_imported_is_named_with_the_reason(third_party) -> None:

@@ -58,28 +58,6 @@ class Watched:
         return ' '.join(change.event for change in events if change)
 
 
-@pytest.mark.parametrize('mode', ['protect', 'measure', 'off'])
-@pytest.mark.parametrize(
-    ('what', 'trips'),
-    [
-        ({'level': 'WARN'}, ()),
-        ({'level': 'ERROR'}, ('protect',)),
-        ({'level': 'STALE'}, ('protect', 'measure')),
-        ({'amplitude_m': 0.9e-3}, ('protect', 'measure')),
-        ({'amplitude_m': math.nan}, ()),
-        ({'rows': 0}, ('protect', 'measure')),
-    ],
-)
-def test_the_mode_says_what_trips_it(mode, what, trips) -> None:
-    watched = Watched(mode, flange_clearance_m=0.8e-3)
-    assert watched.run(4.0) == ''
-    expected = 'interlock_tripped' if mode in trips else ''
-    assert watched.run(2.0, **what) == expected
-    assert watched.interlock.state == {'': 'armed', 'interlock_tripped': 'tripped'}[expected] or (
-        mode == 'off'
-    )
-
-
 def test_silence_trips_it_once_with_a_sentence_and_the_moment_of_the_last_word() -> None:
     watched = Watched()
     watched.run(4.0)
@@ -225,16 +203,11 @@ def test_hunting_whose_end_nobody_saw_is_not_over(blind) -> None:
     assert watched.interlock.goal_mps == pytest.approx(5.9)
 
 
-def test_the_displacement_itself_trips_it_without_any_estimate() -> None:
-    watched = Watched('measure', amplitude_limit_m=3e-3)
-    watched.run(4.0)
-    watched.interlock.displacement_m = 5e-3
-    assert watched.run(0.1, amplitude_m=1e-6) == 'interlock_tripped'
-    assert 'displacement 5.000 mm above the limit, 3.000 mm' in watched.interlock.cause
-    # Before the detector was ever heard, too.
-    watched = Watched('protect', flange_clearance_m=3e-3)
+def test_the_clearance_of_the_flange_limits_the_displacement() -> None:
+    watched = Watched('measure', flange_clearance_m=3e-3)
     watched.interlock.displacement_m = 5e-3
     assert watched.silence(0.1) == 'interlock_tripped'
+    assert 'displacement 5.000 mm above the limit, 3.000 mm' in watched.interlock.cause
 
 
 def test_a_safe_speed_above_v_n_is_none_and_said() -> None:
@@ -271,6 +244,7 @@ def test_it_can_be_disarmed_and_is_awake_at_once_when_armed() -> None:
 def test_the_mode_off_is_disarmed_and_cannot_be_armed_by_the_service() -> None:
     watched = Watched('off')
     assert watched.interlock.state == 'disarmed'
+    assert watched.run(1.0, level='ERROR', amplitude_m=math.inf) == ''
     assert 'parameter' in watched.interlock.arm(0, True)[1]
     settings = replace(watched.interlock.settings, interlock='measure')
     assert watched.interlock.reconfigure(0, settings).event == 'interlock_armed'
@@ -278,22 +252,12 @@ def test_the_mode_off_is_disarmed_and_cannot_be_armed_by_the_service() -> None:
     assert watched.interlock.reconfigure(0, settings).event == 'interlock_disarmed'
 
 
-def test_statuses_that_fall_behind_trip_it_and_clocks_that_are_set_or_drift_do_not() -> None:
-    watched = Watched(status_timeout_s=1.0)
+def test_a_clock_that_drifts_does_not_trip_it() -> None:
+    watched = Watched()
     watched.run(5.0)
-    watched.stamp_ns += 3600 * S  # the machine of the detector is set ahead
-    assert watched.run(5.0) == ''
-    watched.stamp_ns -= 7200 * S
-    assert watched.run(5.0) == ''
-    for _ in range(600):  # half an hour of a clock that runs slow by 500 ppm
+    for _ in range(600):  # half an hour, slow by 500 ppm
         watched.stamp_ns -= round(3.0 * 500e-6 * S)
         assert watched.run(3.0) == ''
-    events = ''
-    for _ in range(60):  # a queue that grows by a tenth of a second each second
-        watched.stamp_ns -= S // 10
-        events += watched.run(1.0)
-    assert events == 'interlock_tripped'
-    assert 'late' in watched.interlock.cause
 
 
 def test_a_profile_sees_nothing_of_a_detector_that_is_silent() -> None:

@@ -142,7 +142,6 @@ def test_closing_ends_a_read_under_way(terminal) -> None:
     [
         ({'columns': 2, 'column': 2}, 'column 2 of 2'),
         ({'scale': 0.0}, 'scale: 0'),
-        ({'baud_rate': 0}, 'baud_rate: 0 is below 300'),
     ],
 )
 def test_impossible_settings_are_one_line(settings, words) -> None:

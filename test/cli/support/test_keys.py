@@ -53,7 +53,6 @@ class _View:
 @pytest.fixture
 def pressed(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., tuple[list[str], _View]]]:
     """Return what presses keys, one burst after the other: it gives the calls and the screen."""
-    pytest.importorskip('termios')
     keyboard, terminal = os.openpty()
     with os.fdopen(terminal) as stdin:
         monkeypatch.setattr('sys.stdin', stdin)
