@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 from scipy.ndimage import median_filter
 
-from hunt_ros.compiled import F1, F2, R1, compiled
 from hunt_ros.estimation.record_lines import ForcedLine
 from hunt_ros.identification.record.channels import Channels
 
@@ -85,17 +84,35 @@ def free_of_lines(
 def _phasors(time: _F, values: _F, phase: _F, angles: _F, step: float) -> NDArray[np.complex128]:
     """Solve for the phasors of the lines at their knots: shape (cells + 1, k)."""
     cells = max(int(np.ceil(time[-1] / (_EVERY * step))), 1)
-    lines, hunting, width = _places(cells, len(angles))
-    count = len(hunting) - 1
-    at, knot = step * np.arange(count + 1), np.minimum((time / step).astype(np.int64), count - 1)
+    count = cells * _EVERY
+    knot = np.minimum((time / step).astype(np.int64), count - 1)
     seen = np.maximum(np.bincount(knot, minlength=count), 1)
-    turning = np.exp(1j * angles)
+    # A value reads hunting and bias at the two knots about it, the lines at the ends of its cell.
+    near, far = time / step - knot, time / (_EVERY * step) - knot // _EVERY
+    mode = [np.cos(phase), -np.sin(phase), np.ones(time.size)]
+    turning = [part(angle) for angle in angles for part in (np.cos, np.sin)]
+    sides = (1.0 - near, mode), (near, mode), (1.0 - far, turning), (far, turning)
+    basis = [share * wave for share, waves in sides for wave in waves]
+    # Lines stand before the hunting of their cell, so that the equations are a narrow band.
+    k, lines = np.arange(count + 1), np.arange(len(turning))
+    lines = (3 * _EVERY + lines.size) * np.arange(cells + 1)[:, None] + lines
+    hunting = (3 * k + len(turning) * (k // _EVERY + 1))[:, None] + np.arange(3)
+    cell = k[:-1] // _EVERY
+    places = np.hstack([hunting[:-1], hunting[1:], lines[cell], lines[cell + 1]]).T
+    size, width = int(hunting[-1, -1]) + 1, 3 * (_EVERY + 1) + 2 * len(turning)
+    one, other = np.triu_indices(len(basis))
+    entries = np.abs(places[one] - places[other]) * size + np.minimum(places[one], places[other])
+    # What the values of each interval add to the equations, whatever their weight.
+    squares = np.array(
+        [np.bincount(knot, basis[a] * basis[b], count) for a, b in zip(one, other, strict=True)]
+    )
+    moments = np.array([np.bincount(knot, column * values, count) for column in basis])
     start = np.full(count, 1e-3 * time.size / count)
     weights, loose = np.ones(count), start
     for _ in range(_ROUNDS):
-        right = np.zeros(int(hunting[-1, -1]) + 1)
-        band = np.zeros((width, right.size))
-        _normal_equations(time, values, phase, angles, step, weights, band, right)
+        summed = np.bincount(entries.ravel(), (weights * squares).ravel(), width * size)
+        band = np.asarray(summed, dtype=np.float64).reshape(width, size)
+        right = np.bincount(places.ravel(), (weights * moments).ravel(), size)
         for part in hunting.T:
             _tie(band, part, loose)
         for part in lines.T:
@@ -103,29 +120,16 @@ def _phasors(time: _F, values: _F, phase: _F, angles: _F, step: float) -> NDArra
         # What cannot be told from bias or hunting at all, as of a roller that stands, is no line.
         band[0, lines] += 1e-3 * start[0]
         found = solveh_banded(band, right, lower=True)
-        sizes: NDArray[np.complex128] = found[lines[:, 0::2]] - 1j * found[lines[:, 1::2]]
-        mode, bias = found[hunting[:, 0]] + 1j * found[hunting[:, 1]], found[hunting[:, 2]]
-        left = values - np.interp(time, at, bias)
-        left -= (np.interp(time, at, mode) * np.exp(1j * phase)).real
-        for wave, size in zip(turning, sizes.T, strict=True):
-            left -= (np.interp(time, at[::_EVERY], size) * wave).real
+        left = values - sum(wave * found[at][knot] for wave, at in zip(basis, places, strict=True))
         # Within what rounding leaves to be told.
         noise = np.bincount(knot, left**2, count) / seen
         usual = max(float(np.median(noise)), 1e-12 * float(np.mean(values**2)), 1e-300)
         weights = usual / (usual + noise)
-        steps = np.abs(np.diff(mode)) ** 2
+        steps = np.square(np.diff(found[hunting[:, :2]], axis=0)).sum(axis=1)
         steps += median_filter(steps, size=_EVERY + 1)
         loose = np.clip(usual / np.maximum(steps, 1e-300), 1e-5 * start, 1e5 * start)
+    sizes: NDArray[np.complex128] = found[lines[:, 0::2]] - 1j * found[lines[:, 1::2]]
     return sizes
-
-
-def _places(cells: int, count: int) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
-    """Return where the knots of the lines and of the hunting stand, and how far apart they act."""
-    k = np.arange(cells * _EVERY + 1)
-    hunting = 3 * k + 2 * count * (k // _EVERY + 1)
-    lines = (3 * _EVERY + 2 * count) * np.arange(cells + 1)
-    width = 3 * _EVERY + 4 * count + 3
-    return lines[:, None] + np.arange(2 * count), hunting[:, None] + np.arange(3), width
 
 
 def _tie(band: _F, places: NDArray[np.int64], weights: _F) -> None:
@@ -134,47 +138,3 @@ def _tie(band: _F, places: NDArray[np.int64], weights: _F) -> None:
     np.add.at(band[0], here, weights)
     np.add.at(band[0], after, weights)
     band[after - here, here] -= weights
-
-
-@compiled
-def _normal_equations(
-    time: R1,
-    values: R1,
-    phase: R1,
-    angles: F2,
-    step: float,
-    weights: R1,
-    band: F2,
-    right: F1,
-) -> None:
-    """Fill in the lower band of the normal equations, each interval of the knots by its weight."""
-    lines = 2 * angles.shape[0]
-    block = 3 * _EVERY + lines
-    cells = (right.size - 3 - lines) // block
-    places = np.zeros(6 + 2 * lines, dtype=np.int64)
-    basis = np.zeros(6 + 2 * lines)
-    for i in range(time.size):
-        x = time[i] / step
-        knot = min(int(x), cells * _EVERY - 1)
-        cell = knot // _EVERY
-        near, far = x - knot, x / _EVERY - cell
-        waves = (np.cos(phase[i]), -np.sin(phase[i]), 1.0)
-        for side in range(2):
-            share = near if side else 1.0 - near
-            at = 3 * (knot + side) + lines * ((knot + side) // _EVERY + 1)
-            for c in range(3):
-                places[3 * side + c] = at + c
-                basis[3 * side + c] = share * waves[c]
-            share = far if side else 1.0 - far
-            for h in range(angles.shape[0]):
-                k = 6 + lines * side + 2 * h
-                places[k] = block * (cell + side) + 2 * h
-                places[k + 1] = places[k] + 1
-                basis[k] = share * np.cos(angles[h, i])
-                basis[k + 1] = share * np.sin(angles[h, i])
-        for a in range(places.size):
-            weighted = weights[knot] * basis[a]
-            right[places[a]] += weighted * values[i]
-            for b in range(places.size):
-                if places[a] >= places[b]:
-                    band[places[a] - places[b], places[b]] += weighted * basis[b]
