@@ -10,7 +10,7 @@ forced. Records that are steady throughout do not tell it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,6 +63,8 @@ _FASTER, _SAME_SIZE = 0.1, 0.02
 _GROWS = 10.0
 #: Samples in a period of the highest frequency that is looked at.
 _SAMPLES = 8.0
+#: Kinds of the power of a line.
+_MEAN, _CHANGING, _LASTING = range(3)
 
 
 @dataclass(frozen=True)
@@ -137,11 +139,21 @@ class Motion:
         values: _F = np.fft.irfft(self._spectrum, self._size)[: self.weight.size]
         return values
 
-    def line(self, frequency: float, width: float = _WINDOW) -> _Line:
-        """Return the line of a frequency, in cycles a second or a metre, by so wide a window."""
+    def line(self, frequency: float, width: float = _WINDOW) -> tuple[float, float, _C, _F]:
+        """
+        Return the line of a frequency, in cycles a second or a metre, by so wide a window.
+
+        Returns
+        -------
+        centre, step : float
+            What its phasors turn against, in cycles a second or a metre; their distance, s or m:
+            about a period.
+        phasor, speed : ndarray, shape (n,)
+            m, NaN in gaps; m/s, NaN where it is not known.
+        """
         periods = self.weight.size * frequency / self.rate
         if periods <= 2.0 * _REACH * width or self.rate <= 3.0 * frequency:
-            return _Line(frequency, 1.0, np.zeros(0, dtype=np.complex128), np.zeros(0))
+            return frequency, 1.0, np.zeros(0, dtype=np.complex128), np.zeros(0)
         centre, bins, window = self._window(frequency, width)
         order = np.argsort(bins % bins.size)
         step = self._size / bins.size
@@ -151,7 +163,7 @@ class Motion:
         held = np.fft.ifft((window * self._held[bins])[order])[: place.size]
         share = held.real / step
         known = np.where(share > 0.45, 2.0 * smooth / step / np.maximum(share, 0.1), math.nan)
-        return _Line(centre * self.rate / self._size, step / self.rate, known, self.speed[place])
+        return centre * self.rate / self._size, step / self.rate, known, self.speed[place]
 
     def remove(self, frequency: float) -> None:
         """Take a line out."""
@@ -191,47 +203,32 @@ class Motion:
         return Motion(self.rate, values, self.weight, self.speed, self.lowest)
 
 
-@dataclass(frozen=True)
-class _Line:
+def _powers(motions: Sequence[Motion], frequency: float, width: float = _WINDOW) -> _F:
     """
-    Phasors of one line in one record, about one a period, NaN in gaps.
+    Return the power of a line in all records, m^2, shape (3,).
 
-    Parameters
-    ----------
-    centre, step : float
-        What the phasors turn against, in cycles a second or a metre; distance, s or m.
-    phasor, speed : ndarray, shape (n,)
-        m; m/s, NaN where it is not known.
+    That of its mean amplitude, what is more than that, and what lasts.
     """
+    amplitude, _ = _amplitudes(motions, frequency, width)
+    known = amplitude[np.isfinite(amplitude)]
+    if known.size < 2:
+        return np.zeros(3)
+    lasting = np.quantile(known, _WEAKER) ** 2
+    return 0.5 * np.array([known.mean() ** 2, known.var(), lasting])
 
-    centre: float
-    step: float
-    phasor: _C
-    speed: _F
+
+def _amplitudes(
+    motions: Sequence[Motion], frequency: float, width: float = _WINDOW
+) -> tuple[_F, _F]:
+    """Return amplitude, m, NaN in gaps, and speed of a line in all records, in a row."""
+    lines = [motion.line(frequency, width) for motion in motions]
+    phasor, speed = (np.concatenate([np.zeros(0), *(one[k] for one in lines)]) for k in (2, 3))
+    return np.abs(phasor), speed
 
 
-@dataclass(frozen=True)
-class _Power:
-    """Power of a line, m^2: of its mean amplitude, what is more than that, and what lasts."""
-
-    steady: float
-    changing: float
-    lasting: float
-
-    @property
-    def is_steady(self) -> bool:
-        """Return True if the amplitude does not change."""
-        return self.changing < _STEADY * (self.steady + self.changing)
-
-    @classmethod
-    def of(cls, motions: Sequence[Motion], frequency: float, width: float = _WINDOW) -> _Power:
-        """Return that of one line in all records."""
-        amplitude, _ = _amplitudes([motion.line(frequency, width) for motion in motions])
-        known = amplitude[np.isfinite(amplitude)]
-        if known.size < 2:
-            return cls(0.0, 0.0, 0.0)
-        least = float(np.quantile(known, _WEAKER))
-        return cls(0.5 * float(known.mean()) ** 2, 0.5 * float(known.var()), 0.5 * least**2)
+def _is_steady(power: _F) -> bool:
+    """Return True if the amplitude of a line does not change."""
+    return bool(power[_CHANGING] < _STEADY * power[:_LASTING].sum())
 
 
 class RecordLines:
@@ -272,11 +269,11 @@ class RecordLines:
     @property
     def hunting_hz(self) -> float | None:
         """Frequency of the mode whose power changes most, Hz; None where all is steady."""
-        changing = np.array([power.changing for power in self._powers])
+        changing = self._powers[:, _CHANGING]
         for place in _lines(changing):
             frequency = _between(changing, place)
             if self._range[0] <= frequency <= self._range[1]:
-                return None if self._powers[place].is_steady else frequency
+                return None if _is_steady(self._powers[place]) else frequency
         return None
 
     def forced(self) -> list[ForcedLine]:
@@ -301,62 +298,45 @@ class RecordLines:
 
     def _follow(self) -> None:
         """Look at the motion as it is now, against time and against the way."""
-        self._powers = [_Power.of(self._motions, frequency) for frequency in _GRID.tolist()]
+        self._powers = np.array([_powers(self._motions, one) for one in _GRID.tolist()])
         self._ways = [motion.by_way() for motion in self._motions]
 
     def _find_fixed(self) -> bool:
         """Find the lines of one frequency, and take them out; return False if there is none."""
-        lasting = np.array([power.lasting for power in self._powers])
-        found = []
-        for place in _lines(lasting):
-            frequency = _between(lasting, place)
-            if _has(self._fixed, frequency):
-                continue
-            stays = (width for width in (_WINDOW, _LONG) if self._stays(frequency, width))
-            width = next(stays, 0.0)
-            if width:
-                found.append(_exact(self._motions, frequency, width))
-        for frequency in found:
-            for motion in self._motions:
-                motion.remove(frequency)
-        self._fixed += found
-        return bool(found)
+
+        def width(frequency: float, power: float) -> float:
+            """Return the width of the window by which a line stays as it is; 0: by none."""
+            stays = (one for one in (_WINDOW, _LONG) if self._stays(frequency, one))
+            return next(stays, 0.0)
+
+        return _take_out(self._motions, self._powers[:, _LASTING], 1.0, self._fixed, width)
 
     def _find_orders(self) -> bool:
         """Find those that follow the speed, and take them out; return False if there is none."""
         ways = [way for way in self._ways if way is not None]
-        speed = np.concatenate([np.zeros(0), *(way.speed for way in ways)])
-        if not speed.size:
+        if not ways:
             return False
         # What a frequency of the grid is in way, with one mean speed of all records.
         mean = _GRID[0] / float(np.mean([way.lowest for way in ways]))
-        slow, fast = np.percentile(speed, [1.0, 99.0]) / mean
-        lasting = np.array([_Power.of(ways, one / mean).lasting for one in _GRID.tolist()])
-        found: list[float] = []
-        for place in _lines(lasting):
-            frequency = _between(lasting, place)
-            if _has(self._orders, frequency / mean):
-                continue
-            # Over time it would be somewhere between these.
-            others = self._near(0.95 * slow * frequency, 1.05 * fast * frequency)
-            clear = lasting[place] > _FOLLOWS * max(power.lasting for power in others)
-            if clear and self._turns(ways, frequency / mean):
-                found.append(_exact(ways, frequency / mean))
-        for order in found:
-            for way in ways:
-                way.remove(order)
-        self._orders += found
+        speed = np.concatenate([way.speed for way in ways])
+        slow, fast = np.percentile(speed, [1.0, 99.0]) * (0.95, 1.05)
+
+        def width(order: float, power: float) -> float:
+            """Return the width of the window if a line is that of something that turns, else 0."""
+            # Over time it would be somewhere between these, or beside them.
+            first, last = np.searchsorted(_GRID, [slow * order, fast * order])
+            others = self._powers[max(int(first) - 1, 0) : int(last) + 1, _LASTING]
+            clear = power > _FOLLOWS * others.max()
+            return _WINDOW if clear and self._turns(ways, order) else 0.0
+
+        lasting = np.array([_powers(ways, one / mean)[_LASTING] for one in _GRID.tolist()])
+        found = _take_out(ways, lasting, mean, self._orders, width)
         if found:
             self._motions = [
                 motion if way is None else motion.by_time(way)
                 for motion, way in zip(self._motions, self._ways, strict=True)
             ]
-        return bool(found)
-
-    def _near(self, low: float, high: float) -> list[_Power]:
-        """Return the powers against time between two frequencies, Hz, and beside them."""
-        first, last = np.searchsorted(_GRID, [low, high])
-        return self._powers[max(int(first) - 1, 0) : int(last) + 1]
+        return found
 
     def _turns(self, ways: Sequence[Motion], order: float) -> bool:
         """
@@ -367,7 +347,7 @@ class RecordLines:
         """
         if self._is_known(order):
             return True
-        amplitude, speed = _amplitudes([way.line(order) for way in ways])
+        amplitude, speed = _amplitudes(ways, order)
         known = np.isfinite(amplitude) & np.isfinite(speed)
         weight = amplitude[known] ** 2
         if not weight.sum() > 0.0:
@@ -381,11 +361,11 @@ class RecordLines:
 
     def _stays(self, frequency: float, width: float) -> bool:
         """Return True if a line is the same always, also where a limit cycle would not be."""
-        if not _Power.of(self._motions, frequency, width).is_steady:
+        if not _is_steady(_powers(self._motions, frequency, width)):
             return False
         if not self._range[0] <= frequency <= self._range[1]:
             return True
-        amplitude, speed = _amplitudes([motion.line(frequency, width) for motion in self._motions])
+        amplitude, speed = _amplitudes(self._motions, frequency, width)
         known = np.isfinite(amplitude) & np.isfinite(speed)
         if known.sum() < 3:
             return False
@@ -427,27 +407,43 @@ def turns_per_metre(record: Record, diameter_m: float) -> float:
     )
 
 
-def _has(found: Sequence[float], frequency: float) -> bool:
-    """Return True if a line is what is left of one that was taken out."""
-    return any(abs(math.log(frequency / one)) < _LEFT for one in found)
+def _take_out(
+    motions: Sequence[Motion],
+    lasting: _F,
+    unit: float,
+    known: list[float],
+    width_of: Callable[[float, float], float],
+) -> bool:
+    """
+    Find forced lines among the peaks of the lasting power, and take them out.
 
-
-def _amplitudes(lines: Sequence[_Line]) -> tuple[_F, _F]:
-    """Return amplitude, m, NaN in gaps, and speed of a line in all records, in a row."""
-    amplitude = np.concatenate([np.zeros(0), *(np.abs(line.phasor) for line in lines)])
-    return amplitude, np.concatenate([np.zeros(0), *(line.speed for line in lines)])
+    `width_of` a line and its power is that of its window, 0 where it is not forced; what is left
+    of the known ones is none. The grid is in cycles a second, a line in those of the motions.
+    """
+    found = []
+    for place in _lines(lasting):
+        line = _between(lasting, place) / unit
+        if not any(abs(math.log(line / one)) < _LEFT for one in known) and (
+            width := width_of(line, float(lasting[place]))
+        ):
+            found.append(_exact(motions, line, width))
+    for line in found:
+        for motion in motions:
+            motion.remove(line)
+    known += found
+    return bool(found)
 
 
 def _exact(motions: Sequence[Motion], frequency: float, width: float = _WINDOW) -> float:
     """Return the frequency of a line by how its phasors turn, in cycles a second or a metre."""
     found, weight = 0.0, 0.0
     for motion in motions:
-        line = motion.line(frequency, width)
+        centre, step, phasor, _ = motion.line(frequency, width)
         # Each period counts alike: where hunting passes through the line it is the larger one.
-        angle = np.angle(line.phasor[1:] * np.conj(line.phasor[:-1]))
+        angle = np.angle(phasor[1:] * np.conj(phasor[:-1]))
         turn = complex(np.exp(1j * angle[np.isfinite(angle)]).sum())
         turns = math.atan2(turn.imag, turn.real) / (2.0 * math.pi)
-        found += abs(turn) * (line.centre + turns / line.step)
+        found += abs(turn) * (centre + turns / step)
         weight += abs(turn)
     return found / weight if weight > 0.0 else frequency
 
