@@ -33,6 +33,8 @@ _WINDOW = 2.0
 #: A line that does not stay as it is by that window may by this one: it tells lines a fortieth
 #: apart, so that hunting a quarter away, which comes and goes, does not lend a hum its changes.
 _LONG = 8.0
+#: Fewest values in a period of a line that is looked for.
+_FASTEST = 2.2
 #: How far the window is followed, in its standard deviations, in time and in frequency.
 _REACH, _BAND = 3.0, 5.0
 #: A line stands so many times (power) above the middle of its surroundings, which reach from
@@ -152,14 +154,17 @@ class Motion:
             m, NaN in gaps; m/s, NaN where it is not known.
         """
         periods = self.weight.size * frequency / self.rate
-        if periods <= 2.0 * _REACH * width or self.rate <= 3.0 * frequency:
+        if periods <= 2.0 * _REACH * width or self.rate <= _FASTEST * frequency:
             return frequency, 1.0, np.zeros(0, dtype=np.complex128), np.zeros(0)
         centre, bins, window = self._window(frequency, width)
         order = np.argsort(bins % bins.size)
         step = self._size / bins.size
         place = (np.arange(bins.size) * step).astype(np.int64)
         place = place[place < self.weight.size]
-        smooth = np.fft.ifft((window * self._spectrum[centre + bins])[order])[: place.size]
+        band = np.zeros(bins.size, dtype=np.complex128)  # nothing above half the rate
+        part = self._spectrum[centre + bins[0] : centre + bins[-1] + 1]
+        band[: part.size] = part * window[: part.size]
+        smooth = np.fft.ifft(band[order])[: place.size]
         held = np.fft.ifft((window * self._held[bins])[order])[: place.size]
         share = held.real / step
         known = np.where(share > 0.45, 2.0 * smooth / step / np.maximum(share, 0.1), math.nan)
@@ -167,9 +172,10 @@ class Motion:
 
     def remove(self, frequency: float) -> None:
         """Take a line out."""
-        if self.rate > 3.0 * frequency:
+        if self.rate > _FASTEST * frequency:
             centre, bins, window = self._window(frequency)
-            self._spectrum[centre + bins] *= 1.0 - window
+            part = self._spectrum[centre + bins[0] : centre + bins[-1] + 1]
+            part *= 1.0 - window[: part.size]
 
     def _window(
         self, frequency: float, width: float = _WINDOW
@@ -270,11 +276,33 @@ class RecordLines:
     def hunting_hz(self) -> float | None:
         """Frequency of the mode whose power changes most, Hz; None where all is steady."""
         changing = self._powers[:, _CHANGING]
-        for place in _lines(changing):
-            frequency = _between(changing, place)
-            if self._range[0] <= frequency <= self._range[1]:
-                return None if _is_steady(self._powers[place]) else frequency
+        for place, frequency in self._in_range(changing, _CLEAR):
+            return None if _is_steady(self._powers[place]) else frequency
         return None
+
+    @property
+    def strongest_hz(self) -> float | None:
+        """
+        Frequency of the hunting, Hz, also where all is steady; None where nothing is seen.
+
+        Where all is steady the strongest line that is none of the known ones is the limit cycle.
+        """
+        lines = self._in_range(self._powers[:, _MEAN], 0.0)
+        unknown = (hz for _, hz in lines if not self._is_known(hz / self._speed))
+        return self.hunting_hz or next(unknown, None)
+
+    def _in_range(self, power: _F, clear: float) -> Iterator[tuple[int, float]]:
+        """Give place and frequency, Hz, of the lines where hunting is looked for."""
+        for place in _lines(power, clear):
+            frequency = _between(power, place)
+            if self._range[0] <= frequency <= self._range[1]:
+                yield place, frequency
+
+    @property
+    def _speed(self) -> float:
+        """Median of the speeds, m/s; NaN where none is known."""
+        speeds = [float(np.median(motion.speed)) for motion in self._motions]
+        return float(np.median(speeds)) if speeds else math.nan
 
     def forced(self) -> list[ForcedLine]:
         """Return the forced lines: those that follow the speed, then those of one frequency."""
@@ -284,13 +312,11 @@ class RecordLines:
     def unknown(self) -> list[ForcedLine]:
         """Return those of the forced lines that are none of the known ones."""
         # At one speed a known line is at one frequency.
-        speeds = [float(np.median(motion.speed)) for motion in self._motions]
-        speed = float(np.median(speeds)) if speeds else math.nan
         return [
             line
             for line in self.forced()
             if not self._is_known(line.turns_per_metre)
-            and not self._is_known(line.frequency_hz / speed)
+            and not self._is_known(line.frequency_hz / self._speed)
         ]
 
     def _is_known(self, order: float) -> bool:
@@ -457,13 +483,13 @@ def _between(power: _F, place: int) -> float:
     return float(_GRID[place] * ratio ** min(max(shift, -0.5), 0.5))
 
 
-def _lines(power: _F) -> Iterator[int]:
+def _lines(power: _F, clear: float = _CLEAR) -> Iterator[int]:
     """Give the places of the lines, peaks that are clear of their surroundings, largest first."""
     inner = power[1:-1]
     peaks = 1 + np.flatnonzero((inner >= power[:-2]) & (inner > power[2:]))
     for place in peaks[np.argsort(-power[peaks])].tolist():
         around = (_GRID[place] / _AROUND < _GRID) & (_GRID[place] * _AROUND > _GRID) & (power > 0)
-        if power[place] > _CLEAR * float(np.median(power[around])):
+        if power[place] > clear * float(np.median(power[around])):
             yield place
 
 

@@ -27,7 +27,6 @@ from hunt_ros.identification.preparation import (
     Recording,
     Source,
     motion_in,
-    powers_in,
     ratio_in,
     runs_in,
 )
@@ -38,7 +37,7 @@ from hunt_ros.identification.record.envelope import (
     WINDOW_VARIANCE,
     Envelope,
 )
-from hunt_ros.identification.record.hunting_frequency import frequency_grid, looked_at, strongest
+from hunt_ros.identification.record.hunting_frequency import looked_at
 from hunt_ros.identification.record.screening import (
     Stretch,
     above_noise,
@@ -261,21 +260,13 @@ def _hunting_frequency(
     roller = float(np.median(seen)) if seen else math.nan
     known = [order * roller for order in settings.orders.tolist() if seen]
     lines = RecordLines(list(motions), settings.frequency_range_hz, known)
-    grid = frequency_grid(lines, settings)
-
-    def found(bare: bool) -> float:
-        """Return the strongest frequency; `bare`: without lines that nobody named."""
-        if settings.hunting_frequency_hz:
-            return settings.hunting_frequency_hz
-        work = partial(powers_in, bare=bare, grid=grid, forced=lines.forced())
-        return strongest(grid, [power for some in mapped(work, recordings) for power in some])
-
-    frequency, bare = found(bare=False), False
+    frequency = settings.hunting_frequency_hz or lines.strongest_hz
+    if not frequency:
+        raise IdentificationError('no stretch of the lateral channel is free of drop-outs')
+    bare = False
     if any(stretch.assumed for stretch in stretches):
         # A line of a roller that nobody named must not be the hunting itself.
-        plain = found(bare=True)
-        bare = not lines_above(stretches, settings, min(frequency, plain))
-        frequency = plain if bare else frequency
+        bare = not lines_above(stretches, settings, frequency)
         warnings.append(
             f'no roller angle, and a roller of {RigParameters.roller_diameter_m:g} m assumed: its'
             f' lines {"would be near the hunting, none is" if bare else "are"} removed'

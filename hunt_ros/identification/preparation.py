@@ -19,16 +19,14 @@ from numpy.typing import NDArray
 from hunt_ros.errors import IdentificationError
 from hunt_ros.estimation.record_lines import ForcedLine, Motion, turns_per_metre
 from hunt_ros.estimation.response_windows import measured_ratio
-from hunt_ros.identification.record.channels import Channels
+from hunt_ros.identification.record.channels import Channels, refuse
 from hunt_ros.identification.record.envelope import (
     FEWEST_SAMPLES,
     WINDOW_CYCLES,
     without_beat,
 )
 from hunt_ros.identification.record.hunting_frequency import (
-    Power,
     motion_of_channels,
-    power_on,
     tracked_envelope,
 )
 from hunt_ros.identification.record.screening import (
@@ -92,7 +90,11 @@ class Recording:
             measures = True
             turning = with_angle(record, settings)
             assumed = is_assumed(turning)
-            channels = [replace(one, assumed=assumed) for one in moving(turning)]
+            parts = moving(turning)
+            low, rate = settings.frequency_range_hz[0], parts[0].rate_hz
+            few = f'{rate:.3g} samples a second are too few for a mode of {low:g} Hz'
+            refuse(rate < 4.0 * low, parts[0].source, few)
+            channels = [replace(one, assumed=assumed) for one in parts]
         except IdentificationError as error:
             refused = str(error)
         digest = Digest(
@@ -138,15 +140,6 @@ def motion_in(recording: Recording, stretch: int) -> Motion | None:
     """Return the displacement in one of its stretches, in which lines are looked for."""
     channels = recording.stretches(bare=False)[stretch]
     return motion_of_channels(without_contact(channels, recording.settings))
-
-
-def powers_in(
-    recording: Recording, bare: bool, grid: NDArray[np.float64], forced: Sequence[ForcedLine]
-) -> list[Power]:
-    """Return the power on a grid of frequencies, of each of its stretches."""
-    settings = recording.settings
-    stretches = (without_contact(one, settings) for one in recording.stretches(bare))
-    return [power_on(one, grid, forced, settings) for one in stretches]
 
 
 def runs_in(

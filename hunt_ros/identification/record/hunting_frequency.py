@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.errors import IdentificationError
-from hunt_ros.estimation.record_lines import ForcedLine, Motion, RecordLines, motion_of
-from hunt_ros.estimation.spectrum import without_lines
+from hunt_ros.estimation.record_lines import ForcedLine, Motion, motion_of
 from hunt_ros.identification.record.channels import Channels
 from hunt_ros.identification.record.envelope import Envelope, envelope_of
 from hunt_ros.identification.record.lines import free_of_lines
@@ -19,19 +16,13 @@ from hunt_ros.identification.record.screening import Stretch
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import NANOSECONDS, Record, Series
 
-#: Length of a piece of the search, s: fine enough to tell lines 0.1 Hz apart.
-_PIECE_S = 10.24
 #: Lines are looked for in so much at least of what there is, s.
 _MOST_S = 7200.0
-#: The frequency of the power that changes is known to this, relative: the width of its window.
-_NEAR = 0.15
 #: Samples in a cycle of the first pass, at least.
 _COARSE = 40.0
 
 
 Array = NDArray[np.float64]
-#: Power of each frequency of a grid, added up over the pieces of a stretch, and how many.
-Power: TypeAlias = tuple[Array, int]
 
 
 def motion_of_channels(channels: Channels) -> Motion | None:
@@ -56,103 +47,6 @@ def looked_at(stretches: Sequence[Stretch]) -> list[int]:
     every = math.ceil(sum(one.duration_s for one in stretches) / _MOST_S)
     by_swing = sorted(range(len(stretches)), key=lambda k: (-stretches[k].swing, k))
     return sorted(by_swing[:: max(every, 1)])
-
-
-def frequency_grid(lines: RecordLines, settings: IdentificationSettings) -> Array:
-    """Return the frequencies at which the hunting is looked for, Hz."""
-    grid = np.arange(*settings.frequency_range_hz, 0.02)
-    if lines.hunting_hz is None:
-        return grid
-    near: Array = grid[np.abs(np.log(grid / lines.hunting_hz)) < _NEAR]
-    return near
-
-
-def strongest(grid: Array, powers: Sequence[Power]) -> float:
-    """
-    Frequency of the hunting, Hz: of the motion that changes most, or of the strongest line.
-
-    Where all records are steady the strongest line is the limit cycle.
-
-    Parameters
-    ----------
-    grid : ndarray, shape (n,)
-        As `frequency_grid` gives it, Hz.
-    powers : sequence of Power
-        On it, of each stretch.
-
-    Raises
-    ------
-    IdentificationError
-        If no stretch has a piece that is long enough.
-    """
-    if not sum(pieces for _, pieces in powers):
-        raise IdentificationError('no stretch of the lateral channel is free of drop-outs')
-    power = np.zeros(grid.size)
-    for one, _ in powers:
-        power += one
-    return float(grid[int(np.argmax(power))])
-
-
-def power_on(
-    record: Channels,
-    grid: Array,
-    forced: Sequence[ForcedLine],
-    settings: IdentificationSettings,
-) -> Power:
-    """
-    Power of the lateral displacement at the frequencies of a grid.
-
-    Each piece is freed from its trend, from the lines at the roller's own angle where that is
-    known, and from lines that are forced; the power of the pieces is added up.
-
-    Parameters
-    ----------
-    record : Channels
-        One stretch.
-    grid : ndarray, shape (n,)
-        Hz.
-    forced : sequence of ForcedLine
-        What is not hunting.
-    settings : IdentificationSettings
-        For the known lines and the range.
-
-    Raises
-    ------
-    IdentificationError
-        If the sampling is too slow for the range.
-    """
-    low, high = settings.frequency_range_hz
-    rate = min(record.rate_hz, 8.0 * high)
-    if rate < 4.0 * low:
-        raise IdentificationError(
-            f'{record.source}: {record.rate_hz:.3g} samples a second are too few for a mode'
-            f' of {low:g} Hz'
-        )
-    power, pieces = np.zeros(grid.size), 0
-    length = min(_PIECE_S, 0.9 * float(record.time[-1] - record.time[0]))
-    even = np.arange(length * rate) / rate
-    window = np.hanning(even.size)
-    known = np.isfinite(record.lateral)
-    way = np.concatenate([[0.0], np.cumsum(record.speed[1:] * np.diff(record.time))])
-    orders = settings.orders if record.roller.size else np.zeros(0)
-    for start in np.arange(record.time[0], record.time[-1] - length + 1e-6, 0.5 * length):
-        part = slice(*np.searchsorted(record.time, [start, start + length]))
-        here, time = known[part], record.time[part]
-        if here.sum() < max(0.6 * here.size, 30):
-            continue
-        piece = np.interp(start + even, time[here], record.lateral[part][here])
-        covered = np.interp(start + even, time, way[part])
-        angles = [2.0 * np.pi * line.turns(even, covered) for line in forced]
-        if orders.size:
-            angle = np.interp(start + even, time, record.roller[part])
-            angles += [order * angle for order in orders]
-        left = window * without_lines(piece, even, np.exp(1j * np.array(angles)), window)
-        size = 1 << (math.ceil(math.log2(left.size)) + 2)
-        spectrum = np.abs(np.fft.rfft(left, size)) ** 2
-        at_grid = np.interp(grid, np.fft.rfftfreq(size, 1.0 / rate), spectrum, right=0.0)
-        power += at_grid / left.size**2
-        pieces += 1
-    return power, pieces
 
 
 def tracked_envelope(
