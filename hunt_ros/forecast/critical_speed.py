@@ -256,9 +256,8 @@ class CriticalSpeedForecast:
         spectra = fit.spectra
         floor = math.exp(fit.theta[-1])
         flat = np.average(spectra.power, weights=spectra.weight)
-        flat_cost = float(np.sum(spectra.weight * (math.log(flat) + spectra.power / flat)))
         clear = np.max(fit.expected) > (1.0 + CLEARANCE) * floor
-        if not clear or flat_cost - fit.cost < LIKELIER:
+        if not clear or spectra.cost_of(flat) - fit.cost < LIKELIER:
             return NO_EXCITATION, None
         if fit.misfit > WORST_MISFIT:
             return NO_FIT, None

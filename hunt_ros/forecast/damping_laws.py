@@ -131,11 +131,7 @@ class WheelsetLaw:
                 excess = max(float(np.sum(spectra.power - spectra.floor)), 0.0)
                 ratio = max(excess, 0.01 * float(np.sum(spectra.power))) / float(np.sum(signal))
                 theta[4] = 0.5 * math.log(ratio)
-                expected = ratio * signal + spectra.floor
-                cost = float(
-                    np.sum(spectra.weight * (np.log(expected) + spectra.power / expected))
-                )
-                tried.append((cost, theta))
+                tried.append((spectra.cost_of(ratio * signal + spectra.floor), theta))
         tried.sort(key=lambda pair: pair[0])
         return [theta for _, theta in tried[:3]]
 

@@ -12,20 +12,23 @@ import math
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.forecast.levels import SpeedLevel
-from hunt_ros.forecast.whittle import Whittle
 from hunt_ros.samples import NORMAL_95, Uncertain
+
+_F = NDArray[np.float64]
 
 #: A fit is not refined with fewer bins than this.
 FEWEST_BINS = 30
 #: Share of a bin that must not be leakage.
 OWN = 0.9
+#: Of each parameter: step of its derivative, and the farthest it goes at once. Parameters are
+#: logarithms, or of the order of 1.
+_STEP, _FAR = 1e-5, 0.5
 #: Decay times in a window beyond which its bins count as independent.
 INDEPENDENT = 15.0
 
@@ -64,6 +67,10 @@ class Spectra:
         for name in ('level', 'omega', 'power', 'weight', 'gain'):
             setattr(part, name, getattr(self, name)[kept])
         return part
+
+    def cost_of(self, expected: _F) -> float:
+        """Return -ln of Whittle's likelihood of the periodogram expected, shape (bins,)."""
+        return float(np.sum(self.weight * (np.log(expected) + self.power / expected)))
 
     def of_modes(
         self,
@@ -164,12 +171,6 @@ def expected_periodogram(
     return expected if expected.min() > 0.0 and np.all(np.isfinite(expected)) else None
 
 
-def likelihood(law: ResponseLaw, spectra: Spectra) -> Whittle:
-    """Return the likelihood of a law, with its priors."""
-    expected = partial(expected_periodogram, law, spectra)
-    return Whittle(expected, spectra.power, spectra.weight, law.prior_mean, law.prior_std)
-
-
 def own_bins(law: ResponseLaw, spectra: Spectra, theta: NDArray[np.float64]) -> NDArray[np.bool_]:
     """
     Return which bins show their own frequency, and not leakage.
@@ -221,6 +222,94 @@ class ResponseLaw(Protocol):
         """Return the eigenvalue of the hunting mode, 1/s."""
 
 
+class Whittle:
+    """
+    Minus the logarithm of likelihood times prior of a law, and where it is least.
+
+    The bins of a periodogram are nearly independent, and distributed about the expected spectrum
+    as an exponential variable: the likelihood needs the expectation alone (Whittle 1953, J. R.
+    Stat. Soc. B 15, 125-139).
+
+    Parameters
+    ----------
+    law : ResponseLaw
+        Makes of parameters, shape (p,), the expected spectrum; and their priors.
+    spectra : Spectra
+        What was measured.
+    """
+
+    def __init__(self, law: ResponseLaw, spectra: Spectra) -> None:
+        self._law, self._spectra = law, spectra
+
+    def _expected(self, theta: _F) -> _F | None:
+        return expected_periodogram(self._law, self._spectra, theta)
+
+    def cost(self, theta: _F) -> float:
+        """Return -ln of likelihood times prior; infinite where there is none."""
+        expected = self._expected(theta)
+        if expected is None:
+            return math.inf
+        off = (theta - self._law.prior_mean) / self._law.prior_std
+        total = self._spectra.cost_of(expected) + 0.5 * float(np.sum(off**2))
+        return total if math.isfinite(total) else math.inf
+
+    def slopes(self, theta: _F) -> tuple[_F, _F, _F]:
+        """
+        Derivatives at parameters that have a likelihood.
+
+        Returns
+        -------
+        gradient : ndarray, shape (p,)
+            Of the cost.
+        information : ndarray, shape (p, p)
+            Fisher's, with that of the prior.
+        relative : ndarray, shape (p, n)
+            Derivatives of ln of the spectrum.
+        """
+        expected = self._expected(theta)
+        assert expected is not None
+        relative = np.zeros((theta.size, expected.size))
+        for k in range(theta.size):
+            for step in (_STEP, -_STEP):
+                moved = theta.copy()
+                moved[k] += step
+                there = self._expected(moved)
+                if there is not None:
+                    relative[k] = (there - expected) / (step * expected)
+                    break
+        law, weight = self._law, self._spectra.weight
+        gradient = relative @ (weight * (1.0 - self._spectra.power / expected))
+        gradient += (theta - law.prior_mean) / law.prior_std**2
+        information = (weight * relative) @ relative.T + np.diag(law.prior_std**-2.0)
+        return gradient, information, relative
+
+    def least(self, theta: _F, evaluations: int = 60) -> _F | None:
+        """
+        Return the parameters of least cost near others; None where those have no likelihood.
+
+        Fisher's scoring, damped as by Levenberg and Marquardt.
+        """
+        cost, damping = self.cost(theta), 1e-2
+        if not math.isfinite(cost):
+            return None
+        while evaluations > 0:
+            gradient, information, _ = self.slopes(theta)
+            # A parameter of no influence must not make it singular.
+            scale = np.diag(np.maximum(np.diag(information), 1e-12))
+            gain = 0.0
+            while gain <= 0.0 and damping < 1e8 and evaluations > 0:
+                step = np.linalg.solve(information + damping * scale, -gradient)
+                moved = theta + np.clip(step, -_FAR, _FAR)
+                gain = cost - self.cost(moved)
+                evaluations -= 1
+                damping = max(damping / 5.0, 1e-9) if gain > 0.0 else max(damping * 5.0, 1e-6)
+            if gain > 0.0:
+                theta, cost = moved, cost - gain
+            if gain < 1e-4:
+                break
+        return theta
+
+
 @dataclass(frozen=True, eq=False)
 class Fit:
     """
@@ -254,7 +343,7 @@ def fitted(
     law: ResponseLaw, spectra: Spectra, start: NDArray[np.float64], evaluations: int = 60
 ) -> Fit | None:
     """Return the fit of largest likelihood near `start`; None where that has none."""
-    whittle = likelihood(law, spectra)
+    whittle = Whittle(law, spectra)
     theta = whittle.least(start, evaluations)
     expected = None if theta is None else expected_periodogram(law, spectra, theta)
     if theta is None or expected is None:
@@ -291,7 +380,7 @@ def _covariance(law: ResponseLaw, fit: Fit) -> NDArray[np.float64]:
     H^-1 J H^-1 with J the variance of the score: equal to H^-1 for independent bins.
     """
     spectra = fit.spectra
-    _, fisher, relative = likelihood(law, spectra).slopes(fit.theta)
+    _, fisher, relative = Whittle(law, spectra).slopes(fit.theta)
     derivatives, inverse = relative.T, np.linalg.inv(fisher)
     modes = law.modes(spectra.speed, fit.theta)
     assert modes is not None  # theta was fitted

@@ -16,9 +16,9 @@ from hunt_ros.forecast.damping_laws import SmoothLaw, WheelsetLaw, held_growth
 from hunt_ros.forecast.levels import SpeedLevel
 from hunt_ros.forecast.response import (
     Spectra,
+    Whittle,
     best_fit,
     expected_periodogram,
-    likelihood,
     own_bins,
 )
 
@@ -99,7 +99,7 @@ def test_the_information_is_that_of_an_exponential_distribution():
     spectra = Spectra(flat_levels([6.0]), 1.0, 6.0)
     theta = law.prior_mean.copy()
     theta[4] = -60.0
-    _, matrix, _ = likelihood(law, spectra).slopes(theta)
+    _, matrix, _ = Whittle(law, spectra).slopes(theta)
     assert matrix[-1, -1] == pytest.approx(spectra.omega.size + law.prior_std[-1] ** -2, rel=1e-3)
 
 
