@@ -27,7 +27,6 @@ from hunt_ros.identification.preparation import (
     Recording,
     Source,
     motion_in,
-    ratio_in,
     runs_in,
 )
 from hunt_ros.identification.record.envelope import (
@@ -38,6 +37,7 @@ from hunt_ros.identification.record.envelope import (
     Envelope,
 )
 from hunt_ros.identification.record.hunting_frequency import looked_at
+from hunt_ros.identification.record.mode_ratio import measured_ratio
 from hunt_ros.identification.record.screening import (
     Stretch,
     above_noise,
@@ -126,7 +126,7 @@ def identify(
         result = conclude(Evidence(laws, runs, bracket, observed), settings, warnings)
         result = replace(result, records=_records(recordings))
         if (found := result.normal_form) is not None:
-            shape = _mode_shape(recordings, frequency, bare, mapped)
+            shape = _mode_shape(runs)
             result = replace(result, normal_form=replace(found, mode_shape=shape))
     tell(1.0)
     return result
@@ -314,16 +314,9 @@ def _runs(
     return runs
 
 
-def _mode_shape(
-    recordings: Sequence[Recording], frequency_hz: float, bare: bool, mapped: Mapper
-) -> ModeShape | None:
-    """Measure the shape wherever what can be used holds both sensors; None where nothing does."""
-    measuring = [one for one in recordings if one.digest.measures and not one.digest.refused]
-    work = partial(ratio_in, bare=bare, frequency_hz=frequency_hz)
-    found = list(mapped(work, measuring))
-    if not found:
-        return None
-    windows = np.concatenate(found)
+def _mode_shape(runs: Sequence[Run]) -> ModeShape | None:
+    """Measure the shape wherever both sensors show it; None where nothing does."""
+    windows = np.concatenate([measured_ratio(run.seen) for run in runs])
     return fitted_shape(
         windows['speed'],
         windows['amplitude'],

@@ -14,11 +14,9 @@ from functools import cached_property, lru_cache
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hunt_ros.errors import IdentificationError
 from hunt_ros.estimation.record_lines import ForcedLine, Motion, turns_per_metre
-from hunt_ros.estimation.response_windows import measured_ratio
 from hunt_ros.identification.record.channels import Channels, refuse
 from hunt_ros.identification.record.envelope import (
     FEWEST_SAMPLES,
@@ -175,6 +173,7 @@ def runs_in(
     runs: list[Run] = []
     said: list[str] = []
     for channels in recording.stretches(bare):
+        channels = channels.with_yaw(recording.samples[1])
         channels = replace(channels, source=recording.name or channels.source)
         seen, clean = tracked_envelope(channels, frequency_hz, settings, forced)
         envelope = free_of_contact(seen, clearance_m, said)
@@ -192,10 +191,3 @@ def runs_in(
         segments, states = analyse_record(channels, envelope, corrected, kicked, settings)
         runs.append(Run(seen, envelope, corrected, segments, states))
     return runs, said
-
-
-def ratio_in(recording: Recording, bare: bool, frequency_hz: float) -> NDArray[np.void]:
-    """Return what it shows of yaw over lateral motion, where it holds both."""
-    record, turning, _, _ = recording.samples
-    shown = record if bare and is_assumed(turning) else turning
-    return measured_ratio(shown, frequency_hz, recording.settings.orders.tolist())

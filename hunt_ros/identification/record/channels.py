@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.errors import IdentificationError
-from hunt_ros.samples import Record
+from hunt_ros.samples import NANOSECONDS, Record
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +25,8 @@ class Channels:
         Sample rate by the median spacing.
     assumed : bool
         True where the roller's angle rests on a diameter that nobody gave.
+    yaw : Channels or None
+        The same on the time of its yaw samples, which are its `lateral`, rad.
     """
 
     source: str
@@ -35,12 +37,27 @@ class Channels:
     roller: NDArray[np.float64]
     rate_hz: float
     assumed: bool = False
+    yaw: Channels | None = None
 
     def part(self, place: slice) -> Channels:
         """Return the samples of a slice; the time of the record stays."""
         names = ('time', 'lateral', 'speed', 'roller')
         parts = {name: getattr(self, name)[place] for name in names}
         return replace(self, **parts, rate_hz=self.rate_hz / (place.step or 1))
+
+    def with_yaw(self, record: Record) -> Channels:
+        """Return it with the yaw samples that its record has in the same time."""
+        start, end = (self.start_ns + round(NANOSECONDS * at) for at in self.time[[0, -1]])
+        yaw = record['yaw'].finite().between(start, end) if 'yaw' in record else None
+        if yaw is None or len(yaw) < 50:
+            return self
+        time = yaw.seconds(self.start_ns)
+        speed = np.interp(time, self.time, self.speed)
+        roller = np.interp(time, self.time, self.roller) if self.roller.size else self.roller
+        own = replace(
+            self, time=time, lateral=yaw.values, speed=speed, roller=roller, rate_hz=yaw.rate_hz
+        )
+        return replace(self, yaw=own)
 
 
 def refuse(bad: bool, name: str, words: str) -> None:

@@ -75,6 +75,8 @@ class Envelope:
         RMS of what the window leaves over, m: noise, and the trace of a kick.
     phase, roller : ndarray, shape (n,)
         Angle of the frame and of the roller, rad; NaN without a roller channel.
+    yaw : ndarray of complex, shape (n,)
+        The phasor of yaw, rad; NaN without a yaw channel.
     """
 
     source: str
@@ -88,6 +90,7 @@ class Envelope:
     residual: NDArray[np.float64]
     phase: NDArray[np.float64]
     roller: NDArray[np.float64]
+    yaw: NDArray[np.complex128]
 
     @property
     def amplitude(self) -> NDArray[np.float64]:
@@ -153,18 +156,11 @@ def envelope_of(
     centres = np.arange(time[0] + half, time[-1] - half + 1e-9, step)
     increments = np.diff(time, prepend=time[0]) * frequency
     phase = 2.0 * np.pi * np.cumsum(increments)
-    known = np.isfinite(channels.lateral)
-    instants, values = time[known], channels.lateral[known]
-    turning = np.exp(1j * phase[known])
-    # Weight of a full window, by the nominal rate: what is missing is missing from this.
-    full = 0.42 * 2.0 * half * channels.rate_hz
-    fits = []
-    for centre in centres:
-        inside = slice(*np.searchsorted(instants, [centre - half, centre + half]))
-        x = (instants[inside] - centre) / half
-        filled = x.size >= FEWEST_SAMPLES and window_weight(x).sum() >= LEAST_WEIGHT * full
-        fits.append(_local_fit(x, values[inside], turning[inside]) if filled else _UNKNOWN)
-    phasor, noise, residual = np.array(fits, dtype=np.complex128).reshape(-1, 3).T
+    phasor, noise, residual = _windows(channels, phase, centres, half)
+    yaw = np.full(centres.size, complex(math.nan, math.nan))
+    if channels.yaw is not None:
+        seen = np.interp(channels.yaw.time, time, phase)
+        yaw = _windows(channels.yaw, seen, centres, half)[0]
     edges = np.searchsorted(time, np.stack([centres - 0.5 * half, centres + 0.5 * half]))
     summed = np.concatenate([[0.0], np.cumsum(channels.speed)])
     spans = np.maximum(edges[1] - edges[0], 1)
@@ -183,7 +179,27 @@ def envelope_of(
         residual.real,
         np.interp(centres, time, phase),
         np.interp(centres, time, channels.roller) if lines else np.full(centres.size, np.nan),
+        yaw,
     )
+
+
+def _windows(
+    channels: Channels, phase: NDArray[np.float64], centres: NDArray[np.float64], half: float
+) -> NDArray[np.complex128]:
+    """Fit all windows; return phasor, noise and residual of each: shape (3, n)."""
+    known = np.isfinite(channels.lateral)
+    instants, values = channels.time[known], channels.lateral[known]
+    turning = np.exp(1j * phase[known])
+    # Weight of a full window, by the nominal rate: what is missing is missing from this.
+    full = 0.42 * 2.0 * half * channels.rate_hz
+    fits = []
+    for centre in centres:
+        inside = slice(*np.searchsorted(instants, [centre - half, centre + half]))
+        x = (instants[inside] - centre) / half
+        filled = x.size >= FEWEST_SAMPLES and window_weight(x).sum() >= LEAST_WEIGHT * full
+        fits.append(_local_fit(x, values[inside], turning[inside]) if filled else _UNKNOWN)
+    found: NDArray[np.complex128] = np.array(fits, dtype=np.complex128).reshape(-1, 3).T
+    return found
 
 
 def without_beat(envelope: Envelope) -> Envelope:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,7 +82,7 @@ def tracked_envelope(
     """
     # The first pass needs the turning alone: a few dozen samples a cycle show it.
     stride = max(int(record.rate_hz / (_COARSE * frequency_hz)), 1)
-    coarse = record.part(slice(None, None, stride))
+    coarse = replace(record.part(slice(None, None, stride)), yaw=None)
     constant = np.full(coarse.time.size, frequency_hz)
     first = envelope_of(free_of_lines(coarse, constant, settings.orders, forced)[0], constant)
     offset, along = _frequency_offset(first), np.full(record.time.size, frequency_hz)

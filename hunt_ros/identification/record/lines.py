@@ -37,7 +37,7 @@ def free_of_lines(
     channels: Channels, frequency: _F, orders: _F, forced: Sequence[ForcedLine] = ()
 ) -> tuple[Channels, _F]:
     """
-    Take lines out of the lateral displacement.
+    Take lines out of the lateral displacement, and of yaw where there is such a channel.
 
     Parameters
     ----------
@@ -78,7 +78,10 @@ def free_of_lines(
     power = np.full(time.size, np.nan)
     if own:
         power = (np.abs(phasors[: len(own)]) ** 2).sum(axis=0)
-    return replace(channels, lateral=channels.lateral - shown), power
+    yaw = channels.yaw
+    if yaw is not None:
+        yaw, _ = free_of_lines(yaw, np.interp(yaw.time, time, frequency), orders, forced)
+    return replace(channels, lateral=channels.lateral - shown, yaw=yaw), power
 
 
 def _phasors(time: _F, values: _F, phase: _F, angles: _F, step: float) -> NDArray[np.complex128]:

@@ -13,7 +13,9 @@ from hunt_ros.dynamics.linear_stability import critical_speed, hunting_mode
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile import Hold, Profile
 from hunt_ros.dynamics.simulation import simulate
-from hunt_ros.estimation.response_windows import measured_ratio
+from hunt_ros.identification.preparation import Recording, runs_in
+from hunt_ros.identification.record.mode_ratio import RATIO, measured_ratio
+from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import Record, Series
 
 LEVELS = 0.75, 0.8, 0.85, 0.9, 0.95
@@ -27,6 +29,12 @@ def quiet(**changes: Any) -> Record:
     return simulate(paper_rig(), replace(SETTINGS, **changes), profile, seed=0)
 
 
+def windows_of(record: Record, frequency_hz: float = 2.8) -> np.ndarray:
+    """Return the ratio in all windows of a record."""
+    runs, _ = runs_in(Recording(record, 1, IdentificationSettings()), False, frequency_hz, 0.0)
+    return np.concatenate([np.zeros(0, RATIO), *(measured_ratio(run.seen) for run in runs)])
+
+
 @pytest.fixture(scope='module')
 def record() -> Record:
     return quiet()
@@ -35,11 +43,11 @@ def record() -> Record:
 def test_a_sensor_that_stands_still_tells_nothing(record) -> None:
     for name in ('lateral', 'yaw'):
         for level in (0.0, 0.01):
-            assert measured_ratio(changed(record, **{name: level}), 2.8).size == 0
+            assert windows_of(changed(record, **{name: level})).size == 0
 
 
 def test_a_rig_in_reverse_and_stamps_out_of_order_say_the_same(record) -> None:
-    expected = measured_ratio(record, 2.8)
+    expected = windows_of(record)
     rng = np.random.default_rng(0)
     shuffled = {}
     for name, one in record.items():
@@ -47,19 +55,19 @@ def test_a_rig_in_reverse_and_stamps_out_of_order_say_the_same(record) -> None:
         shuffled[name] = Series(one.stamps_ns[order], one.values[order])
     backward = changed(record, speed=np.negative, roller=np.negative)
     for other in (Record(shuffled), backward):
-        found = measured_ratio(other, 2.8)
+        found = windows_of(other)
         assert np.allclose(found['ratio'], expected['ratio'], rtol=1e-6)
         assert np.allclose(found['speed'], expected['speed'], rtol=1e-6)
 
 
 def test_a_long_pause_costs_neither_memory_nor_windows(record) -> None:
-    whole = measured_ratio(record, 2.8)
+    whole = windows_of(record)
     middle = int(np.mean([one.stamps_ns.mean() for one in record.values()]))
     later = {
         name: Series(one.stamps_ns + (one.stamps_ns > middle) * 30 * 86_400 * 10**9, one.values)
         for name, one in record.items()
     }
-    assert abs(measured_ratio(Record(later), 2.8).size - whole.size) <= 3
+    assert abs(windows_of(Record(later)).size - whole.size) <= 3
 
 
 @pytest.mark.parametrize('every', [1, 5, 8])
@@ -71,7 +79,7 @@ def test_sensors_of_other_rates_and_stamps_see_one_motion(every: int) -> None:
     yaw = Series(
         full['yaw'].stamps_ns[every // 2 :: every], full['yaw'].values[every // 2 :: every]
     )
-    windows = measured_ratio(changed(full, yaw=yaw), frequency)
+    windows = windows_of(changed(full, yaw=yaw), frequency)
     assert windows.size > 60
     true = [hunting_mode(rig, float(v)).shape[2] / rig.length_scale for v in windows['speed']]
     off = np.abs(windows['ratio'] / true - 1.0) / np.sqrt(2.0)
@@ -81,7 +89,7 @@ def test_sensors_of_other_rates_and_stamps_see_one_motion(every: int) -> None:
 
 
 def test_lost_samples_are_bridged_and_gaps_are_left_out(record) -> None:
-    whole = measured_ratio(record, 2.8)
+    whole = windows_of(record)
     rng = np.random.default_rng(0)
     kept = {}
     for name in ('lateral', 'yaw'):
@@ -90,4 +98,4 @@ def test_lost_samples_are_bridged_and_gaps_are_left_out(record) -> None:
         keep &= (stamps < 100_000_000_000) | (stamps > 130_000_000_000)
         kept[name] = Series(stamps[keep], record[name].values[keep])
     torn = Record({**record, **kept})
-    assert 0.8 < measured_ratio(torn, 2.8).size / whole.size < 0.95
+    assert 0.8 < windows_of(torn).size / whole.size < 0.95
