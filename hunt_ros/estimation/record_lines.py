@@ -85,11 +85,6 @@ class ForcedLine:
     turns_per_metre: float = math.nan
     frequency_hz: float = math.nan
 
-    def turns(self, time: _F, way: _F) -> _F:
-        """Return the cycles since a start, of times, s, and ways since then, m."""
-        in_time = math.isfinite(self.frequency_hz)
-        return self.frequency_hz * time if in_time else self.turns_per_metre * way
-
     def words(self, roller: float = math.nan) -> str:
         """
         Return the line in words.

@@ -18,7 +18,7 @@ from hunt_ros.dynamics.growth_law import GrowthScales
 from hunt_ros.dynamics.mode_shape import ModeShape, fitted_shape
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import IdentificationError
-from hunt_ros.estimation.record_lines import ForcedLine, RecordLines
+from hunt_ros.estimation.record_lines import RecordLines
 from hunt_ros.identification.bracket import bracket_of
 from hunt_ros.identification.executors import Mapper, Tell, collected, mapper
 from hunt_ros.identification.fit import fit_laws
@@ -103,8 +103,8 @@ def identify(
     with mapper(settings.cluster) as mapped:
         recordings = _usable(sources, settings, mapped, warnings, lambda part: tell(_READ * part))
         settings = _with_resolution(settings, recordings, warnings)
-        frequency, bare, forced = _hunting_frequency(recordings, settings, mapped, warnings)
-        work = partial(runs_in, bare=bare, frequency_hz=frequency, forced=forced)
+        frequency, bare, fixed = _hunting_frequency(recordings, settings, mapped, warnings)
+        work = partial(runs_in, bare=bare, frequency_hz=frequency, fixed_hz=fixed)
         runs = _runs(
             recordings,
             work,
@@ -249,8 +249,8 @@ def _hunting_frequency(
     settings: IdentificationSettings,
     mapped: Mapper,
     warnings: list[str],
-) -> tuple[float, bool, list[ForcedLine]]:
-    """Return the frequency of the hunting, Hz, whether an angle nobody gave is left out, lines."""
+) -> tuple[float, bool, list[float]]:
+    """Return frequency of the hunting, Hz; whether an angle nobody gave is left out; lines, Hz."""
     places = _places(recordings)
     stretches = [stretch for _, _, stretch in places]
     chosen = [places[k] for k in looked_at(stretches)]
@@ -272,15 +272,15 @@ def _hunting_frequency(
             f' lines {"would be near the hunting, none is" if bare else "are"} removed'
             f'{"" if bare else " where the speed has them"}'
         )
-    forced = []
+    fixed = []
     for line in lines.unknown():
         at = [line.frequency_hz, *(line.turns_per_metre * one.speed for one in stretches)]
         # A limit cycle that stays as it is for most of the time looks forced.
         if not any(abs(math.log(hz / frequency)) < _ITSELF for hz in at):
             warnings.append(line.words(roller))
-            forced.append(line)
+            fixed.append(line.frequency_hz)
     # The way does not tell the angle of one that follows the speed well enough.
-    return frequency, bare, [line for line in forced if math.isfinite(line.frequency_hz)]
+    return frequency, bare, [hz for hz in fixed if math.isfinite(hz)]
 
 
 def _runs(

@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from hunt_ros.errors import IdentificationError
-from hunt_ros.estimation.record_lines import ForcedLine, Motion, turns_per_metre
+from hunt_ros.estimation.record_lines import Motion, turns_per_metre
 from hunt_ros.identification.record.channels import Channels, refuse
 from hunt_ros.identification.record.envelope import (
     FEWEST_SAMPLES,
@@ -145,7 +145,7 @@ def runs_in(
     bare: bool,
     frequency_hz: float,
     clearance_m: float,
-    forced: Sequence[ForcedLine] = (),
+    fixed_hz: Sequence[float] = (),
 ) -> tuple[list[Run], list[str]]:
     """
     Return envelope, segments and steady amplitudes of each of its stretches.
@@ -160,8 +160,8 @@ def runs_in(
         Of the hunting.
     clearance_m : float
         Amplitude at which a flange touches; 0: not known.
-    forced : sequence of ForcedLine
-        Lines that are taken out beside those of the roller.
+    fixed_hz : sequence of float
+        Lines of one frequency that are taken out beside those of the roller.
 
     Returns
     -------
@@ -175,7 +175,7 @@ def runs_in(
     for channels in recording.stretches(bare):
         channels = channels.with_yaw(recording.samples[1])
         channels = replace(channels, source=recording.name or channels.source)
-        seen, clean = tracked_envelope(channels, frequency_hz, settings, forced)
+        seen, clean = tracked_envelope(channels, frequency_hz, settings, fixed_hz)
         envelope = free_of_contact(seen, clearance_m, said)
         if np.isfinite(envelope.amplitude).sum() < 4:
             least = FEWEST_SAMPLES * frequency_hz / WINDOW_CYCLES

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.estimation.record_lines import ForcedLine, Motion, motion_of
+from hunt_ros.estimation.record_lines import Motion, motion_of
 from hunt_ros.identification.record.channels import Channels
 from hunt_ros.identification.record.envelope import Envelope, envelope_of
 from hunt_ros.identification.record.lines import free_of_lines
@@ -54,7 +54,7 @@ def tracked_envelope(
     record: Channels,
     frequency_hz: float,
     settings: IdentificationSettings,
-    forced: Sequence[ForcedLine] = (),
+    fixed_hz: Sequence[float] = (),
 ) -> tuple[Envelope, Channels]:
     """
     Envelope in a frame that follows the mode's own frequency.
@@ -71,8 +71,8 @@ def tracked_envelope(
         First guess.
     settings : IdentificationSettings
         Says which lines of the roller are taken out.
-    forced : sequence of ForcedLine
-        Others that are.
+    fixed_hz : sequence of float
+        Others that are, at the same frequency at every speed.
 
     Returns
     -------
@@ -84,13 +84,13 @@ def tracked_envelope(
     stride = max(int(record.rate_hz / (_COARSE * frequency_hz)), 1)
     coarse = replace(record.part(slice(None, None, stride)), yaw=None)
     constant = np.full(coarse.time.size, frequency_hz)
-    first = envelope_of(free_of_lines(coarse, constant, settings.orders, forced)[0], constant)
+    first = envelope_of(free_of_lines(coarse, constant, settings.orders, fixed_hz)[0], constant)
     offset, along = _frequency_offset(first), np.full(record.time.size, frequency_hz)
     if offset is not None:
         # Never beyond what the first pass could have seen without folding.
         limit = 0.3 / first.step
         along += np.clip(np.interp(record.time, first.time, offset), -limit, limit)
-    clean, line_power = free_of_lines(record, along, settings.orders, forced)
+    clean, line_power = free_of_lines(record, along, settings.orders, fixed_hz)
     return envelope_of(clean, along, line_power), clean
 
 

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 from scipy.ndimage import median_filter
 
-from hunt_ros.estimation.record_lines import ForcedLine
 from hunt_ros.identification.record.channels import Channels
 
 _F = NDArray[np.float64]
@@ -34,7 +33,7 @@ _ROUNDS = 4
 
 
 def free_of_lines(
-    channels: Channels, frequency: _F, orders: _F, forced: Sequence[ForcedLine] = ()
+    channels: Channels, frequency: _F, orders: _F, fixed_hz: Sequence[float] = ()
 ) -> tuple[Channels, _F]:
     """
     Take lines out of the lateral displacement, and of yaw where there is such a channel.
@@ -47,8 +46,8 @@ def free_of_lines(
         Of the hunting at each lateral sample, Hz, to a tenth or so.
     orders : ndarray, shape (k,)
         Of those of the roller, in its turns; they count where there is a roller channel.
-    forced : sequence of ForcedLine
-        Others.
+    fixed_hz : sequence of float
+        Of others, at the same frequency at every speed.
 
     Returns
     -------
@@ -61,26 +60,22 @@ def free_of_lines(
     some = slice(None, None, max(int(channels.rate_hz / (_SAMPLES * hz)), 1))
     known = np.isfinite(channels.lateral[some])
     steps = np.diff(time, prepend=time[0])
-    way = np.cumsum(channels.speed * steps)
     own = orders.tolist() if channels.roller.size else []
     turned = [order * channels.roller for order in own]
-    turned += [2.0 * np.pi * line.turns(time - time[0], way) for line in forced]
+    turned += [2.0 * np.pi * hz * (time - time[0]) for hz in fixed_hz]
     if not turned or known.sum() < _SAMPLES:
         return channels, np.full(time.size, np.nan)
     angles = np.array(turned)
     phase = 2.0 * np.pi * np.cumsum(steps * frequency)
     when, values, turn = (x[some][known] for x in (time - time[0], channels.lateral, phase))
-    looked_at = np.ascontiguousarray(angles[:, some][:, known])
-    knots = _phasors(when, values, turn, looked_at, _KNOT_CYCLES / hz)
-    place = np.linspace(0.0, len(knots) - 1.0, len(knots)) * (_EVERY * _KNOT_CYCLES / hz)
+    knots = _phasors(when, values, turn, angles[:, some][:, known], _KNOT_CYCLES / hz)
+    place = np.arange(len(knots)) * (_EVERY * _KNOT_CYCLES / hz)
     phasors = np.array([np.interp(time - time[0], place, size) for size in knots.T])
     shown = (phasors * np.exp(1j * angles)).real.sum(axis=0)
-    power = np.full(time.size, np.nan)
-    if own:
-        power = (np.abs(phasors[: len(own)]) ** 2).sum(axis=0)
+    power = (np.abs(phasors[: len(own)]) ** 2).sum(axis=0) if own else np.full(time.size, np.nan)
     yaw = channels.yaw
     if yaw is not None:
-        yaw, _ = free_of_lines(yaw, np.interp(yaw.time, time, frequency), orders, forced)
+        yaw, _ = free_of_lines(yaw, np.interp(yaw.time, time, frequency), orders, fixed_hz)
     return replace(channels, lateral=channels.lateral - shown, yaw=yaw), power
 
 
