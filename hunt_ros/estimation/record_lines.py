@@ -505,9 +505,8 @@ def motion_of(record: Record) -> Motion | None:
     usable = [name for name in ('lateral', 'yaw') if len(record.get(name, ())) > 100]
     if not usable:
         return None
-    series = record[usable[0]]
-    good = np.isfinite(series.values)
-    stamps, values = series.stamps_ns[good], series.values[good]
+    series = record[usable[0]].finite()
+    stamps, values = series.stamps_ns, series.values
     if stamps.size < 100 or np.any(np.diff(stamps) <= 0):  # clocks that were set back
         return None
     time = (stamps - stamps[0]) * 1e-9
@@ -529,11 +528,7 @@ def motion_of(record: Record) -> Motion | None:
 
 def _at(series: Series | None, stamps_ns: _F) -> _F:
     """Return a slow channel at stamps; NaN where there is none."""
-    if series is None:
+    told = None if series is None else series.finite()
+    if told is None or len(told) < 2:
         return np.full(stamps_ns.size, math.nan)
-    good = np.isfinite(series.values)
-    if good.sum() < 2:
-        return np.full(stamps_ns.size, math.nan)
-    stamps = series.stamps_ns[good].astype(np.float64)
-    found: _F = np.interp(stamps_ns, stamps, series.values[good])
-    return found
+    return np.interp(stamps_ns, told.stamps_ns, told.values)

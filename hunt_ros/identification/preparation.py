@@ -38,7 +38,7 @@ from hunt_ros.identification.record.screening import (
 )
 from hunt_ros.identification.record.segments import Run, analyse_record, find_kicks
 from hunt_ros.identification.record.stops import ignoring, measuring
-from hunt_ros.identification.record.turning import is_assumed, with_angle
+from hunt_ros.identification.record.turning import has_encoder, with_angle
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import Record, Series
 
@@ -81,13 +81,14 @@ class Recording:
         record = replace(record, channels={name: one.in_order() for name, one in record.items()})
         record, ignored = ignoring(record, self.number, settings)
         said: list[str] = []
-        refused, measures, turning = '', False, record
+        refused, measures, assumed, turning = '', False, False, record
         channels: list[Channels] = []
         try:
             record = measuring(record, said, settings.lateral_range_m)
             measures = True
             turning = with_angle(record, settings)
-            assumed = is_assumed(turning)
+            told = has_encoder(record) or settings.roller_diameter_m > 0.0
+            assumed = has_encoder(turning) and not told
             parts = moving(turning)
             low, rate = settings.frequency_range_hz[0], parts[0].rate_hz
             few = f'{rate:.3g} samples a second are too few for a mode of {low:g} Hz'
@@ -108,7 +109,7 @@ class Recording:
             refused=refused,
             measures=measures,
             turns_per_metre=turns_per_metre(
-                record if is_assumed(turning) else turning, settings.roller_diameter_m
+                record if assumed else turning, settings.roller_diameter_m
             ),
             speed_step=step_of(record['speed']) if 'speed' in record else 0.0,
             stretches=tuple(map(Stretch.of, channels)),

@@ -34,8 +34,6 @@ _STEADY_S = 8.0
 _WITHIN, _HALF = 2.5 * np.pi, 0.9 * np.pi
 #: Ratios of turning and speed that are tried: rollers of 0.05 to 3 m, 1/m.
 _RATIOS = (2.0 / 3.0, 2.0 / 0.05, 400)
-#: What the record says of itself where the diameter was not given.
-_ASSUMED = 'assumed'
 
 
 def with_angle(record: Record, settings: IdentificationSettings) -> Record:
@@ -58,8 +56,8 @@ def with_angle(record: Record, settings: IdentificationSettings) -> Record:
     Record
         With the channel `roller`.
     """
-    if 'roller' in record and np.isfinite(record['roller'].values).sum() > 10:
-        return _with_roller(record, _encoded(record, settings.roller_diameter_m), '')
+    if has_encoder(record):
+        return _with_roller(record, _encoded(record, settings.roller_diameter_m))
     if not all(name in record and len(record[name]) > 10 for name in ('lateral', 'speed')):
         return record
     motion, told = record['lateral'], record['speed'].finite()
@@ -70,9 +68,7 @@ def with_angle(record: Record, settings: IdentificationSettings) -> Record:
     turning = running * 2.0 / (settings.roller_diameter_m or RigParameters.roller_diameter_m)
     angle = np.concatenate([[0.0], np.cumsum(0.5 * (turning[1:] + turning[:-1]) * np.diff(time))])
     angle = follow_lines(time, lateral, angle, settings.orders)
-    return _with_roller(
-        record, Series(motion.stamps_ns, angle), '' if settings.roller_diameter_m else _ASSUMED
-    )
+    return _with_roller(record, Series(motion.stamps_ns, angle))
 
 
 def _encoded(record: Record, diameter_m: float) -> Series:
@@ -101,14 +97,13 @@ def _encoded(record: Record, diameter_m: float) -> Series:
     return Series(encoder.stamps_ns, encoder.values[0] + np.concatenate([[0.0], angle]))
 
 
-def _with_roller(record: Record, roller: Series, remark: str) -> Record:
-    notes = {**record.notes, 'roller_angle': remark}
-    return replace(record, channels={**record.channels, 'roller': roller}, notes=notes)
+def _with_roller(record: Record, roller: Series) -> Record:
+    return replace(record, channels={**record.channels, 'roller': roller})
 
 
-def is_assumed(record: Record) -> bool:
-    """Return True where the angle of `with_angle` rests on a diameter that nobody gave."""
-    return record.notes.get('roller_angle') == _ASSUMED
+def has_encoder(record: Record) -> bool:
+    """Return True if a record tells the angle of the roller itself."""
+    return 'roller' in record and len(record['roller'].finite()) > 10
 
 
 def follow_lines(time: _F, values: _F, angle: _F, orders: _F) -> _F:
