@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -17,8 +18,8 @@ import pytest
 rclpy = pytest.importorskip('rclpy', reason='the extra ros is not installed')
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
-from lifecycle_msgs.msg import State, Transition  # noqa: E402
-from lifecycle_msgs.srv import ChangeState, GetState  # noqa: E402
+from lifecycle_msgs.msg import Transition  # noqa: E402
+from lifecycle_msgs.srv import ChangeState  # noqa: E402
 from rcl_interfaces.srv import SetParameters  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
@@ -35,15 +36,6 @@ sys.path.insert(0, str(Path(__file__).parent))  # for what several tests share
 
 #: The tree under test, also for the nodes, which run in a folder of their own.
 ROOT = Path(__file__).resolve().parents[2]
-
-
-#: The state after a transition.
-_AFTER = {
-    Transition.TRANSITION_CONFIGURE: State.PRIMARY_STATE_INACTIVE,
-    Transition.TRANSITION_CLEANUP: State.PRIMARY_STATE_UNCONFIGURED,
-    Transition.TRANSITION_ACTIVATE: State.PRIMARY_STATE_ACTIVE,
-    Transition.TRANSITION_DEACTIVATE: State.PRIMARY_STATE_INACTIVE,
-}
 
 
 class Told(list[dict[str, str]]):
@@ -170,31 +162,9 @@ class Graph:
         answer = self.ask(SetParameters, f'{node}/set_parameters', parameters=wanted)
         return '; '.join(each.reason for each in answer.results if not each.successful)
 
-    def change_state(self, node: str, transition: int, timeout_s: float = 30.0) -> None:
-        change = self.client(ChangeState, f'{node}/change_state')
-        look = self.client(GetState, f'{node}/get_state')
-        self.spin_until(lambda: change.service_is_ready() and look.service_is_ready(), timeout_s)
-        request = ChangeState.Request()
-        request.transition.id = transition
-        changed, seen = change.call_async(request), look.call_async(GetState.Request())
-        asked_s = time.monotonic()
-
-        def reached() -> bool:
-            # The answer is lost where a busy node has not found yet who asks: its state tells.
-            nonlocal seen, asked_s
-            if changed.done() or (seen.done() and seen.result().current_state.id == goal):
-                return True
-            if time.monotonic() - asked_s > 1.0:
-                seen, asked_s = look.call_async(GetState.Request()), time.monotonic()
-            return False
-
-        goal = _AFTER[transition]
-        self.spin_until(reached, timeout_s)
-        assert not changed.done() or changed.result().success
-
-    def process(self, module: str) -> subprocess.Popen[str]:
-        """Return the process of a node that runs."""
-        return self._processes[module]
+    def change_state(self, node: str, transition: int) -> None:
+        wanted = Transition(id=transition)
+        assert self.ask(ChangeState, f'{node}/change_state', transition=wanted).success
 
     def end(self, module: str, number: int = signal.SIGINT, timeout_s: float = 15.0) -> int:
         self._processes[module].send_signal(number)
@@ -289,8 +259,8 @@ class Resident:
 class Called:
     """A program that alarm outputs call; `then` are lines of a shell that decide how it ends."""
 
-    def __init__(self, folder: Path, then: str = '') -> None:
-        self.program, self._log = folder / 'notify', folder / 'called'
+    def __init__(self, folder: Path, then: str = '', name: str = 'notify') -> None:
+        self.program, self._log = folder / name, folder / f'{name}.log'
         self.program.write_text(f'#!/bin/sh\necho "$1: $2" >> {self._log}\n{then}\n')
         self.program.chmod(0o755)
 
@@ -301,7 +271,7 @@ class Called:
 
 @pytest.fixture
 def called(tmp_path: Path) -> Callable[..., Called]:
-    return lambda then='': Called(tmp_path, then)
+    return partial(Called, tmp_path)
 
 
 @pytest.fixture

@@ -1,8 +1,16 @@
-"""The processes that a process has started."""
+"""What several tests of nodes share: processes, and messages."""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
+
+from sensor_msgs.msg import JointState
+
+from hunt_ros.nodes.support.conversions import to_time
+
+#: What starts the program.
+HUNT = [sys.executable, '-u', '-m', 'hunt_ros.cli.main']
 
 
 def children(parent: int, word: str) -> list[int]:
@@ -17,3 +25,10 @@ def children(parent: int, word: str) -> list[int]:
         if started_by == parent and word.encode() in words:
             found.append(int(path.name))
     return found
+
+
+def joint(name: str, stamp_ns: int, value: float) -> JointState:
+    """Return a reading."""
+    message = JointState(name=[name], position=[value])
+    message.header.stamp = to_time(stamp_ns)
+    return message

@@ -106,12 +106,6 @@ def node_on(drive: Drive) -> Callable[[], RollerSpeedNode]:
     return make
 
 
-def configure(graph, *, activate: bool) -> None:
-    graph.change_state('roller_speed', Transition.TRANSITION_CONFIGURE)
-    if activate:
-        graph.change_state('roller_speed', Transition.TRANSITION_ACTIVATE)
-
-
 class Rig:
     """A speed node on a drive in memory, and what it says."""
 
@@ -122,7 +116,8 @@ class Rig:
         # A machine that is busy must not look like a detector that is silent.
         patience = {'status_timeout_s': 20.0, **parameters}
         self.node = resident(node_on(drive), autostart=False, **patience)
-        configure(graph, activate=True)
+        graph.change_state('roller_speed', Transition.TRANSITION_CONFIGURE)
+        graph.change_state('roller_speed', Transition.TRANSITION_ACTIVATE)
         graph.spin_until(lambda: self._statuses)
 
     @property

@@ -8,6 +8,7 @@ import math
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import TwistStamped
+from processes import joint
 from rcl_interfaces.msg import Log
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
@@ -15,7 +16,7 @@ from std_msgs.msg import String
 
 from hunt_ros.cli.main import main
 from hunt_ros.nodes.hunting_detector import HuntingDetectorNode
-from hunt_ros.nodes.support.conversions import to_time
+from hunt_ros.nodes.support.conversions import twist
 from hunt_ros.nodes.support.qos import latched
 
 pytestmark = pytest.mark.ros
@@ -42,12 +43,8 @@ class Wheelset:
         while self._sent_ns < self._now():
             self._sent_ns += PERIOD_NS
             turn = 2.0 * math.pi * 2.84 * (self._sent_ns % 10**12) * 1e-9
-            lateral = JointState(name=['lateral'], position=[3e-4 * math.cos(turn)])
-            speed = TwistStamped()
-            speed.twist.linear.x = 7.2
-            for publisher, message in ((self._lateral, lateral), (self._speed, speed)):
-                message.header.stamp = to_time(self._sent_ns)
-                publisher.publish(message)
+            self._lateral.publish(joint('lateral', self._sent_ns, 3e-4 * math.cos(turn)))
+            self._speed.publish(twist(self._sent_ns, 7.2))
         return self._statuses.last
 
     def forget(self) -> None:

@@ -11,11 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip('rclpy', reason='the extra ros is not installed')
-
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
+from processes import joint
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -27,7 +25,7 @@ from std_srvs.srv import Trigger
 from hunt_ros.bag import Bag, read_columns, read_record
 from hunt_ros.bag.messages import read_statuses, read_texts
 from hunt_ros.bag.recording import RecordingState
-from hunt_ros.nodes.support.conversions import diagnostic, to_time
+from hunt_ros.nodes.support.conversions import diagnostic, twist
 from hunt_ros.nodes.support.qos import JOURNAL, latched
 
 pytestmark = pytest.mark.ros
@@ -37,17 +35,16 @@ BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-def joint(name: str, stamp_ns: int, value: float) -> JointState:
-    message = JointState(name=[name], position=[value])
-    message.header.stamp = to_time(stamp_ns)
-    return message
-
-
-def start(graph, **parameters: object) -> Path:
+def start(graph, **parameters: object) -> None:
     graph.start('bag_recorder', directory=str(graph.folder), **parameters)
-    closed = graph.folder
-    graph.spin_until(lambda: list(closed.glob('*.active')))
-    return closed
+    graph.spin_until(lambda: list(graph.folder.glob('*.active')))
+
+
+def stopped(graph) -> Path:
+    """Stop the recording, and return it."""
+    answer = graph.call('recording/stop')
+    assert answer.success, answer.message
+    return Path(answer.message)
 
 
 def test_a_node_that_is_still_starting_is_asked_again(graph, monkeypatch) -> None:
@@ -58,16 +55,12 @@ def test_a_node_that_is_still_starting_is_asked_again(graph, monkeypatch) -> Non
     )
     graph.node.declare_parameter('early', 1)
     graph.node.declare_parameter('empty', Parameter.Type.DOUBLE_ARRAY)
-    closed = graph.collect(String, 'recording/closed', LATCHED)
     start(graph)
     graph.spin_until(lambda: asked)
     graph.node.declare_parameter('late', 2)
     count = len(asked)
     graph.spin_until(lambda: len(asked) > count + 1)  # so the answers of the one before are there
-    answer = graph.call('recording/stop')
-    assert answer.success, answer.message
-    graph.spin_until(lambda: closed)
-    with Bag(Path(closed[-1].data)) as opened:
+    with Bag(stopped(graph)) as opened:
         text = dict(opened.strings('parameters'))['/rig/probe']
     assert 'early: 1' in text
     assert 'late: 2' in text
@@ -86,10 +79,7 @@ def test_everything_published_is_in_the_closed_bag_bit_for_bit(graph) -> None:
     values = np.random.default_rng(5).normal(size=500)
     for index, value in enumerate(values):
         lateral.publish(joint('lateral', BEGIN_NS + index, float(value)))
-        twist = TwistStamped()
-        twist.header.stamp = to_time(BEGIN_NS + index)
-        twist.twist.linear.x = float(index)
-        speed.publish(twist)
+        speed.publish(twist(BEGIN_NS + index, float(index)))
     # A topic that nobody announced.
     late = graph.node.create_publisher(Imu, 'frame/imu', 10)
     graph.spin_until(late.get_subscription_count)
@@ -98,11 +88,9 @@ def test_everything_published_is_in_the_closed_bag_bit_for_bit(graph) -> None:
     graph.spin_until(mark.get_subscription_count)
     mark.publish(String(data='bump at joint 3'))
     graph.spin(1.0)
-    answer = graph.call('recording/stop')
-    assert answer.success, answer.message
+    bag = stopped(graph)
     graph.spin_until(lambda: closed)
-
-    bag = Path(closed[-1].data)
+    assert closed[-1].data == str(bag)
     record = read_record(bag)
     np.testing.assert_array_equal(record['lateral'].values, values)
     np.testing.assert_array_equal(record['lateral'].stamps_ns, BEGIN_NS + np.arange(500))
@@ -135,7 +123,7 @@ def test_services_start_split_stop_and_mark_with_words_or_without(graph) -> None
         assert graph.call('recording/mark').success
     assert graph.call('recording/split').success
     assert graph.call('recording/mark').success
-    path = Path(graph.call('recording/stop').message)
+    path = stopped(graph)
     texts = [text for _, text in read_texts(path, 'recording/mark')]
     assert texts == ['mark', 'bump at joint 3', 'crane overhead', 'mark']
     assert path.name.startswith('run_')
@@ -174,8 +162,7 @@ def test_an_alarm_has_a_clip_while_the_recording_goes_on_and_when_it_ends(
     monkeypatch.setattr(clips, 'AFTER_S', 500.0)
     events.publish(alarm('interlock_tripped', 'ERROR'))
     graph.spin(0.5)
-    answer = graph.call('recording/stop')
-    assert answer.success, answer.message
+    stopped(graph)
     graph.spin_until(lambda: len(list(graph.folder.glob('*.mcap'))) == 1 and len(
         read_statuses(path, 'hunting/events')) == 6)  # fmt: skip
 
@@ -189,9 +176,7 @@ def test_an_event_that_nobody_can_read_ends_no_recording(graph) -> None:
     graph.spin(0.5)
     lateral.publish(joint('lateral', BEGIN_NS, 1.5))
     graph.spin(0.5)
-    answer = graph.call('recording/stop')
-    assert answer.success, answer.message
-    assert read_record(answer.message)['lateral'].values.tolist() == [1.5]
+    assert read_record(stopped(graph))['lateral'].values.tolist() == [1.5]
 
 
 def test_kill_loses_at_most_a_second_and_the_next_start_closes_the_rest(graph) -> None:
@@ -255,14 +240,12 @@ def test_a_topic_of_a_reliable_and_a_best_effort_publisher_is_recorded_once(grap
         loose.publish(joint('lateral', BEGIN_NS + 2 * index + 1, 2.0))
         estimate.publish(joint('lateral_amplitude', BEGIN_NS + index, 3.0))
         graph.spin(0.02)
-    answer = graph.call('recording/stop')
-    assert answer.success, answer.message
+    path = stopped(graph)
     # Of the best-effort publisher some may be lost; none of any publisher is there twice.
-    with Bag(Path(answer.message)) as bag:
+    with Bag(path) as bag:
         assert 50 < bag.topics['/rig/lateral'].messages <= 100
         assert '/rig/hunting/amplitude' not in bag.topics, 'a replay makes it again'
-    record = read_record(answer.message)['lateral']
-    assert np.count_nonzero(record.values == 1.0) == 50
+    assert np.count_nonzero(read_record(path)['lateral'].values == 1.0) == 50
 
 
 def test_simulated_time_without_a_clock_is_said(graph, monkeypatch) -> None:
@@ -286,10 +269,9 @@ def test_a_later_recording_begins_with_what_latched_topics_still_say(graph) -> N
         alarms.publish(String(data=f'{number} alarms'))
         assert alarms.wait_for_all_acked(Duration(seconds=30.0)), 'it keeps no more than one'
         journal.publish(String(data=f'entry {number}'))
-    first = graph.call('recording/stop').message
+    first = stopped(graph)
     assert graph.call('recording/start').success
-    second = graph.call('recording/stop').message
-    for path, numbers in ((first, range(5)), (second, [4])):
+    for path, numbers in ((first, range(5)), (stopped(graph), [4])):
         said = [text for _, text in read_texts(path, 'hunting/alarms')]
         assert said == [f'{number} alarms' for number in numbers]
         entries = [text for _, text in read_texts(path, 'hunting/journal')]

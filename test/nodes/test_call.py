@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 
 import pytest
-
-pytest.importorskip('rclpy', reason='the extra ros is not installed')
-
+from processes import HUNT
 from std_srvs.srv import SetBool, Trigger
 
 from hunt_ros.bag import Bag
@@ -75,7 +72,7 @@ def test_a_call_whose_answer_is_lost_is_repeated_where_that_does_no_harm(
 ) -> None:
     speed = graph.beside('roller_speed')
     service = speed.create_service(kind, SERVICES[word].name, lambda request, response: response)
-    words = [sys.executable, '-m', 'hunt_ros.cli.main', 'call', word, '--wait', '120']
+    words = [*HUNT, 'call', word, '--wait', '120']
     asked = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
     headers: list = []
 

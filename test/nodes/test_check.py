@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
+import time
 
 import numpy as np
 import pytest
 from geometry_msgs.msg import TwistStamped
+from processes import HUNT, joint
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
+
+from hunt_ros.nodes.support.conversions import twist
 
 pytestmark = pytest.mark.ros
 
@@ -22,21 +25,15 @@ def test_live_topics_two_publishers_and_a_clock_that_is_behind(graph) -> None:
     other = graph.beside('other')
     other.create_publisher(JointState, 'lateral', 10)
     speed = graph.node.create_publisher(TwistStamped, 'speed', 10)
-    words = [sys.executable, '-m', 'hunt_ros.cli.main', 'check', '--rig', str(rig)]
-    words += ['--duration', '2', '--json', '-', '--directory', str(graph.folder)]
+    words = [*HUNT, 'check', '--rig', str(rig), '--directory', str(graph.folder)]
+    words += ['--duration', '2', '--json', '-']
     asked = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
-    random, number = np.random.default_rng(3), 0
+    random = np.random.default_rng(3)
 
     def publish() -> None:
-        nonlocal number
-        number += 1
-        message = JointState(name=['lateral'], position=[1e-5 * random.standard_normal()])
-        message.header.stamp = graph.node.get_clock().now().to_msg()
-        lateral.publish(message)
-        twist = TwistStamped(header=message.header)
-        twist.header.stamp.sec -= 1
-        twist.twist.linear.x = 7.0
-        speed.publish(twist)
+        now_ns = time.time_ns()
+        lateral.publish(joint('lateral', now_ns, 1e-5 * random.standard_normal()))
+        speed.publish(twist(now_ns - 1_000_000_000, 7.0))
 
     graph.node.create_timer(0.005, publish)
     graph.spin_until(lambda: asked.poll() is not None, 60.0)

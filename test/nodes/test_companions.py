@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import time
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
-
-pytest.importorskip('rclpy', reason='the extra ros is not installed')
 
 from hunt_ros.criteria import Verdict
 from hunt_ros.detection import CompanionConfig, DetectorConfig
@@ -51,22 +47,15 @@ def test_an_error_in_the_thread_is_told_and_the_next_samples_are_judged(machine)
 
     told = Told()
     worker = CompanionWorker(CRITERION, DetectorConfig(), tell, told)
-    deadline = machine.deadline(30.0)
     try:
         worker.offer(_shaking(100))
-        while not told.failures:
-            assert not deadline.passed
-            time.sleep(0.02)
+        machine.until(lambda: told.failures)
         assert told.failures == ['criteria and forecast: nobody expected this']
         seen = len(verdicts)
         worker.offer(_shaking(200))
-        while len(verdicts) == seen:
-            assert not deadline.passed
-            time.sleep(0.02)
+        machine.until(lambda: len(verdicts) > seen)
         assert verdicts[-1].exceeded
         worker.reset()  # as an operator does, and a configuration
-        while told.failures:
-            assert not deadline.passed
-            time.sleep(0.02)
+        machine.until(lambda: not told.failures)
     finally:
         worker.close()

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 
 import pytest
+from made import python
 
-pytest.importorskip('rclpy', reason='the extra ros is not installed')
 pytestmark = pytest.mark.ros
 
 #: Answers come in another thread than what is heard.
@@ -26,7 +24,6 @@ for thread in threads: thread.join()
 
 
 def test_threads_that_speak_at_once_do_not_spoil_each_others_lines() -> None:
-    ran = subprocess.run([sys.executable, '-c', _TALK], capture_output=True, text=True, check=True)
-    said = [json.loads(line) for line in ran.stdout.splitlines()]
+    said = [json.loads(line) for line in python('-c', _TALK).stdout.splitlines()]
     for who in ('answer', 'heard', 'told'):
         assert [one['count'] for one in said if one['topic'] == who] == list(range(2000))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import socket
 import threading
@@ -12,8 +13,8 @@ import pytest
 
 pytest.importorskip('tornado', reason='the extra dashboard is not installed')
 
-import tornado.ioloop
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
+from processes import joint
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -21,39 +22,28 @@ from tornado.websocket import websocket_connect
 
 from hunt_ros.cli.support.suite import free_port
 from hunt_ros.nodes.dashboard import DashboardNode
+from hunt_ros.nodes.support.conversions import diagnostic
 from hunt_ros.nodes.support.qos import STATUS, latched, stream
 
 pytestmark = pytest.mark.ros
 
 
 class Viewer:
-    """A page: keeps what the server sends, and connects again."""
+    """A page: keeps what the server sends."""
 
     def __init__(self, port: int) -> None:
         self.sections: dict = {}
         self.rows: dict[str, list] = {}
-        self._url = f'ws://127.0.0.1:{port}/live'
-        self._running = True
-        threading.Thread(target=self._run, daemon=True).start()
+        url = f'ws://127.0.0.1:{port}/live'
+        threading.Thread(target=lambda: asyncio.run(self._listen(url)), daemon=True).start()
 
-    def close(self) -> None:
-        self._running = False
-
-    def _run(self) -> None:
-        tornado.ioloop.IOLoop(make_current=False).run_sync(self._listen)
-
-    async def _listen(self) -> None:
-        while self._running:
-            try:
-                link = await websocket_connect(self._url)
-            except OSError:
-                time.sleep(0.1)
-                continue
-            while self._running and (text := await link.read_message()) is not None:
-                message = json.loads(text)
-                self.sections |= message.get('sections', {})
-                for name, change in message.get('streams', {}).items():
-                    self.rows.setdefault(name, []).extend(change['rows'])
+    async def _listen(self, url: str) -> None:
+        link = await websocket_connect(url)
+        while (text := await link.read_message()) is not None:
+            message = json.loads(text)
+            self.sections |= message.get('sections', {})
+            for name, change in message.get('streams', {}).items():
+                self.rows.setdefault(name, []).extend(change['rows'])
 
     def level(self) -> str:
         return self.sections.get('status', {}).get('level', '')
@@ -66,14 +56,6 @@ def command(port: int, word: str, words: str = '') -> dict:
     )
     with urllib.request.urlopen(request, timeout=60) as answer:
         return json.load(answer)
-
-
-def status_message(node, level: bytes = DiagnosticStatus.OK, **values: str) -> DiagnosticArray:
-    message = DiagnosticArray()
-    message.header.stamp = node.get_clock().now().to_msg()
-    pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
-    message.status = [DiagnosticStatus(level=level, name='hunting', values=pairs)]
-    return message
 
 
 def test_the_page_shows_what_the_topics_say_and_calls_what_is_asked_for(graph, resident) -> None:
@@ -92,26 +74,22 @@ def test_the_page_shows_what_the_topics_say_and_calls_what_is_asked_for(graph, r
     lateral = graph.node.create_publisher(JointState, 'lateral', stream(100))
     status = graph.node.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
     drive = graph.node.create_publisher(DiagnosticArray, 'speed/status', latched())
-    drive.publish(status_message(graph.node, profile_state='running', emergency_stop='false'))
+    running = {'profile_state': 'running', 'emergency_stop': False}
+    drive.publish(diagnostic(0, 'roller_speed', 'OK', '', running, 'rig'))
 
-    def play(level: bytes) -> None:
-        message = JointState(name=['lateral'], position=[1e-3])
-        message.header.stamp = graph.node.get_clock().now().to_msg()
-        lateral.publish(message)
-        values = {'state': 'quiet', 'region': 'stable', 'speed_mps': '5.0', 'amplitude_m': '1e-4'}
-        status.publish(status_message(graph.node, level, **values))
+    def shown(level: str) -> bool:
+        lateral.publish(joint('lateral', time.time_ns(), 1e-3))
+        values = {'state': 'quiet', 'region': 'stable', 'speed_mps': 5.0, 'amplitude_m': 1e-4}
+        status.publish(diagnostic(time.time_ns(), 'hunting', level, '', values, 'rig'))
+        return viewer.level() == level and len(viewer.rows.get('lateral', ())) > 3
 
-    def shown(level: bytes, text: str) -> bool:
-        play(level)
-        return viewer.level() == text and len(viewer.rows.get('lateral', ())) > 3
-
-    graph.spin_until(lambda: shown(DiagnosticStatus.OK, 'OK'))
-    graph.spin_until(lambda: shown(DiagnosticStatus.ERROR, 'ERROR'))
+    graph.spin_until(lambda: shown('OK'))
+    graph.spin_until(lambda: shown('ERROR'))
     assert viewer.sections['drive']['profile_state'] == 'running'
     assert viewer.rows['lateral'][0][2] == 1.0
     graph.spin_until(lambda: viewer.level() == 'STALE')
     assert 'silent' in viewer.sections['status']['why']
-    graph.spin_until(lambda: shown(DiagnosticStatus.OK, 'OK'))
+    graph.spin_until(lambda: shown('OK'))
 
     answers: list[dict] = []
     asked = threading.Thread(
@@ -129,7 +107,6 @@ def test_the_page_shows_what_the_topics_say_and_calls_what_is_asked_for(graph, r
     # One that a test before this has killed is still announced for some seconds.
     assert 'roller_speed' in absent['message']
     assert not command(port, 'no-such-word')['done']
-    viewer.close()
 
 
 def test_a_port_in_use_ends_the_node_with_one_line(graph) -> None:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
+from processes import joint
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 
 from hunt_ros.nodes.hunting_detector import HuntingDetectorNode
-from hunt_ros.nodes.support.conversions import to_time
 
 pytestmark = pytest.mark.ros
 
@@ -32,9 +32,7 @@ def test_a_driver_with_the_profile_of_sensor_data_is_heard_if_told_so_and_named_
         nonlocal sent
         sent += 1
         for publisher, name in zip(publishers, ('lateral', 'yaw'), strict=True):
-            message = JointState(name=[name], position=[1e-6 * sent])
-            message.header.stamp = to_time(1_000_000_000 + sent * 10_000_000)
-            publisher.publish(message)
+            publisher.publish(joint(name, 1_000_000_000 + sent * 10_000_000, 1e-6 * sent))
         return health.last
 
     graph.spin_until(lambda: int(told().get('received', 0)) > 0)

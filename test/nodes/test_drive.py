@@ -11,7 +11,7 @@ from geometry_msgs.msg import TwistStamped
 from lifecycle_msgs.msg import Transition
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
-from speed_rig import UNGUARDED, Drive, Rig, configure, node_on
+from speed_rig import UNGUARDED, Drive, Rig, node_on
 
 from hunt_ros.nodes.support.conversions import to_time
 from hunt_ros.nodes.support.qos import latched
@@ -44,7 +44,7 @@ def test_an_emergency_stop_says_whether_the_drive_took_it_in_every_state(graph, 
     assert 'not configured' in unconfigured.message
     assert not drive.set_points
 
-    configure(graph, activate=False)
+    graph.change_state('roller_speed', Transition.TRANSITION_CONFIGURE)
     graph.spin_until(lambda: drive.set_points)
     assert set(drive.set_points) == {0.0}, 'the stop stays in force until the drive can take it'
     inactive = graph.call('speed/emergency_stop')

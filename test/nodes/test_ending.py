@@ -5,8 +5,6 @@ from __future__ import annotations
 import signal
 
 import pytest
-
-pytest.importorskip('rclpy', reason='the extra ros is not installed')
 from geometry_msgs.msg import TwistStamped
 
 pytestmark = pytest.mark.ros

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import TwistStamped
 from lifecycle_msgs.msg import Transition
+from processes import joint
 from sensor_msgs.msg import JointState
 from speed_rig import UNGUARDED, Drive, Rig
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from hunt_ros.nodes.support.conversions import to_time
 from hunt_ros.nodes.support.qos import latched, stream
 from hunt_ros.services import SERVICES
 
@@ -86,9 +86,8 @@ def test_five_millimetres_on_the_sensor_trip_it_though_no_detector_speaks(graph,
 
     def move() -> bool:
         for k in itertools.islice(count, 10):
-            message = JointState(name=['lateral'], position=[5e-3 * np.sin(0.1 * k)])
-            message.header.stamp = to_time(time.time_ns() + 2_000_000 * (k % 10))
-            lateral.publish(message)
+            stamp_ns = time.time_ns() + 2_000_000 * (k % 10)
+            lateral.publish(joint('lateral', stamp_ns, 5e-3 * np.sin(0.1 * k)))
         return rig.status['interlock_state'] == 'tripped'
 
     graph.spin_until(move)
@@ -239,7 +238,10 @@ def test_parameters_set_together_are_judged_together(graph, resident, detector) 
     taken, reason = rig.set(speed_ceiling_mps=5.0, profile=fast)
     assert not taken
     assert '8 m/s is above the ceiling, 5 m/s' in reason
-    assert rig.set(speed_ceiling_mps=5.0)[0]
+    graph.spin(0.5)
+    assert rig.status['speed_ceiling_mps'] == '12.0', 'what was refused has no effect'
+    assert rig.set(profile=fast) == (True, ''), 'nor later'
+    assert rig.set(speed_ceiling_mps=5.0, profile=fast.replace('8.0', '4.0')) == (True, '')
     assert rig.set(speed_ceiling_mps=12.0, profile=fast) == (True, '')
     # A ceiling below the profile alone is refused, too; 0 m/s forbids motion.
     assert not rig.set(speed_ceiling_mps=0.0)[0]

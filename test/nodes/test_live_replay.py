@@ -66,13 +66,13 @@ def test_a_recording_of_simulated_time_is_told_to_be_one_and_ends_no_detector(gr
     def told() -> list[dict[str, str]]:
         return [each for each in health if each['name'].endswith('/live_replay')]
 
-    graph.start('hunting_detector', use_sim_time=True)
+    detector = graph.start('hunting_detector', use_sim_time=True)
     graph.start('live_replay', bag=_bag(graph.folder, 60.0, 0))
     graph.spin_until(lambda: len(clock) > 300 and told())
     assert min(to_ns(message.clock) for message in clock) >= 0
     last = told()[-1]
     assert (last['bag'], last['length_s'], last['rate']) == ('bag', '59.995', '1.0')
-    assert graph.process('hunting_detector').poll() is None
+    assert detector.poll() is None
 
 
 def test_a_replay_waits_for_who_judges_and_not_for_the_page(graph) -> None:

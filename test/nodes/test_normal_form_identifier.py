@@ -2,31 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
+from made import sweep_bag
 from std_msgs.msg import String
 
-from hunt_ros.bag import write_record
 from hunt_ros.detection.acceptance import is_rolled_back
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile import Corners, Profile
-from hunt_ros.dynamics.simulation import Kick, SensorModel, SimulationSettings, simulate
 from hunt_ros.nodes.support.form_files import FormFiles
 from hunt_ros.nodes.support.qos import latched
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
-
-
-def _sweep_bag(folder: Path, seed: int) -> Path:
-    settings = SimulationSettings(
-        sample_rate_hz=100.0, broadband=8e-6, lateral_sensor=SensorModel(noise=5e-6)
-    )
-    profile = Profile((Corners((0.0, 140.0, 280.0), (6.0, 8.8, 6.0)),))
-    kicks = [Kick(at, lateral_m=1e-4) for at in (30.0, 60.0, 90.0)]
-    record = simulate(paper_rig(), settings, profile, kicks=kicks, seed=seed)
-    return write_record(folder / f'sweep_{seed}', record)
 
 
 def test_a_refit_rests_on_all_recordings_and_a_revert_leaves_the_last_one_out(graph) -> None:
@@ -34,7 +19,7 @@ def test_a_refit_rests_on_all_recordings_and_a_revert_leaves_the_last_one_out(gr
     forms = graph.collect(String, 'hunting/normal_form', latched())
     health = graph.told(of='identifier')
     directory = graph.folder / 'forms'
-    bags = [_sweep_bag(graph.folder, seed) for seed in (1, 2, 3)]
+    bags = [sweep_bag(graph.folder, seed) for seed in (1, 2, 3)]
     graph.start('normal_form_identifier', directory=directory)
 
     def close(count: int) -> IdentifiedNormalForm:

@@ -6,16 +6,15 @@ import re
 import signal
 import socket
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip('rclpy', reason='the extra ros is not installed')
+from processes import HUNT
 
 from hunt_ros.cli.support.suite import free_port
 from hunt_ros.drivers.safety_state import SafetyState
+from hunt_ros.nodes.support.sensor import SensorNode
 
 pytestmark = pytest.mark.ros
 
@@ -41,8 +40,7 @@ def _run(words: list[str], folder: Path, until: str, machine) -> str:
     """Run `hunt` until it ends or says this; return all that it and its nodes wrote."""
     screen = folder / 'screen'
     with screen.open('w') as out:
-        hunt = [sys.executable, '-u', '-m', 'hunt_ros.cli.main']
-        run = subprocess.Popen([*hunt, *words], stdout=out, stderr=out, cwd=folder)
+        run = subprocess.Popen([*HUNT, *words], stdout=out, stderr=out, cwd=folder)
     deadline = machine.deadline(120.0)
     try:
         while run.poll() is None and until not in screen.read_text():
@@ -78,13 +76,17 @@ def test_the_demo_is_quiet_until_the_rig_is_not(tmp_path, machine, domain) -> No
     assert [line for line in before.splitlines() if _LOUD.search(line)] == []
 
 
-def test_who_waits_for_a_neighbour_is_starting_and_later_in_trouble(graph, resident) -> None:
-    from hunt_ros.nodes.support.sensor import SensorNode
-
-    health = graph.told()
+def _sensor(graph, resident) -> SensorNode:
+    """Return a sensor of a rig that nobody simulates yet."""
     node = resident(lambda: SensorNode('yaw'), port=graph.port)
     node.trigger_configure()
     node.trigger_activate()
+    return node
+
+
+def test_who_waits_for_a_neighbour_is_starting_and_later_in_trouble(graph, resident) -> None:
+    health = graph.told()
+    node = _sensor(graph, resident)
 
     graph.spin_until(lambda: health.says('starting: ', level='OK'))
     assert not health.says(level='ERROR')
@@ -93,12 +95,8 @@ def test_who_waits_for_a_neighbour_is_starting_and_later_in_trouble(graph, resid
 
 
 def test_a_neighbour_that_has_just_come_and_not_spoken_yet_is_no_trouble(graph, resident) -> None:
-    from hunt_ros.nodes.support.sensor import SensorNode
-
     health = graph.told()
-    node = resident(lambda: SensorNode('yaw'), port=graph.port)
-    node.trigger_configure()
-    node.trigger_activate()
+    node = _sensor(graph, resident)
     graph.spin_until(lambda: health.says('cannot connect'))
     with socket.create_server(('127.0.0.1', graph.port)):
         graph.spin_until(lambda: node._found)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from made import python
 
 pytestmark = pytest.mark.ros
 
@@ -19,7 +20,6 @@ DEPTH = 'qos_overrides./rig/lateral.subscription.depth'
         ('roller_speed', {'driver': 'modbus'}, 'neither actual_register nor encoder_register'),
         ('roller_speed', {'profile': 'hold.yaml'}, 'step 1 (hold): duration_s: -1.0 is below 0'),
         ('rig_simulator', {'wheelset': 'binary.yaml'}, "wheelset 'binary.yaml': cannot read it"),
-        ('bag_recorder', {'chunk_s': 5.0}, 'chunk_s'),
         ('alarm_outputs', {}, 'none of sound, command and relay_coil'),
         ('alarm_outputs', {'command': '/nowhere/notify'}, "no program '/nowhere/notify'"),
         ('hunting_detector', {DEPTH: "'many'"}, DEPTH),
@@ -34,3 +34,8 @@ def test_what_a_node_refuses_ends_it_with_one_line(graph, node, parameters, word
     said = graph.log(node).read_text().strip()
     assert words in said.splitlines()[-1]
     assert 'Traceback' not in said
+
+
+def test_the_executable_of_several_nodes_asks_which() -> None:
+    (line,) = python('-m', 'hunt_ros.nodes.entry', code=2).stderr.splitlines()
+    assert 'bag_recorder' in line

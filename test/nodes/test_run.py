@@ -6,17 +6,17 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 import termios
+import time
 
 import pytest
+from made import PAPER, python
+from processes import HUNT, joint
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from hunt_ros.bag import read_columns
 from hunt_ros.cli.main import main
-from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 
 pytestmark = pytest.mark.ros
 
@@ -44,17 +44,15 @@ def test_a_run_without_a_rig_says_what_it_expects(capsys, tmp_path) -> None:
 
 
 @pytest.mark.slow
-def test_a_run_that_listens_records_without_a_clock_and_ends_at_sigterm(graph) -> None:
+def test_a_run_that_listens_records_without_a_clock_and_ends_at_sigterm(graph, called) -> None:
     folder = graph.folder / 'recordings'
     folder.mkdir()
     form = folder / 'normal_form.yaml'
-    form.write_text(IdentifiedNormalForm(PAPER_NORMAL_FORM).to_yaml())
-    program, called, rig = graph.folder / 'notify', graph.folder / 'called', folder / 'rig.yaml'
-    program.write_text(f'#!/bin/sh\necho "$PPID $1: $2" >> {called}\n')
-    program.chmod(0o755)
-    rig.write_text(f'/**/alarm_outputs: {{ros__parameters: {{command: {program}}}}}')
+    form.write_text(PAPER.to_yaml())
+    calls, rig = called(), folder / 'rig.yaml'
+    rig.write_text(f'/**/alarm_outputs: {{ros__parameters: {{command: {calls.program}}}}}')
     lateral = graph.node.create_publisher(JointState, 'lateral', 100)
-    words = [sys.executable, '-u', '-m', 'hunt_ros.cli.main', 'run', '--listen', '--one-process']
+    words = [*HUNT, 'run', '--listen', '--one-process']
     keyboard, terminal = os.openpty()
     taken = socket.create_server(('127.0.0.1', 0))  # the page ends at once: its port is in use
     words += ['--page', str(taken.getsockname()[1]), '--rig', str(rig)]
@@ -67,16 +65,11 @@ def test_a_run_that_listens_records_without_a_clock_and_ends_at_sigterm(graph) -
     try:
         graph.spin_until(lambda: lateral.get_subscription_count() == 2, 60.0)
         for number in range(50):
-            message = JointState(name=['lateral'], position=[float(number)])
-            message.header.stamp = graph.node.get_clock().now().to_msg()
-            lateral.publish(message)
+            lateral.publish(joint('lateral', time.time_ns(), float(number)))
             graph.spin(0.01)
         graph.spin_until(lambda: 'dashboard ended' in (graph.folder / 'screen').read_text(), 60.0)
-        graph.spin_until(lambda: called.exists() and called.read_text().endswith('\n'), 60.0)
-        assert ' doubt: STALE: ' in called.read_text(), 'no sensor speaks for long'
-        os.kill(int(called.read_text().split()[0]), signal.SIGKILL)
-        ended = 'alarm_outputs ended with exit code -9'
-        graph.spin_until(lambda: ended in (graph.folder / 'screen').read_text())
+        graph.spin_until(calls, 60.0)
+        assert calls()[0].startswith('doubt: STALE: '), 'no sensor speaks for long'
         # The terminal is in its key mode once the screen says what the keys do.
         graph.spin_until(lambda: 'q: quit' in (graph.folder / 'screen').read_text())
         os.write(keyboard, b'm')
@@ -104,6 +97,4 @@ def test_a_run_that_listens_records_without_a_clock_and_ends_at_sigterm(graph) -
 
 @pytest.mark.parametrize('program', [_LIGHT, _WITHOUT_SOLVERS])
 def test_nodes_import_no_more_numerics_than_they_use(program) -> None:
-    words = [sys.executable, '-c', program]
-    ran = subprocess.run(words, capture_output=True, text=True, check=True)
-    assert ran.stdout == '[]\n'
+    assert python('-c', program).stdout == '[]\n'

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import re
 import signal
 import struct
 import subprocess
-import sys
+import termios
 import threading
-import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
-from processes import children
+from processes import HUNT, children
 
 from hunt_ros.bag import read_record
-
-fcntl = pytest.importorskip('fcntl', reason='no pseudo-terminals here')
-termios = pytest.importorskip('termios', reason='no pseudo-terminals here')
-pytest.importorskip('rclpy', reason='the extra ros is not installed')
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -74,11 +69,12 @@ class Terminal:
 
     def wait(self, *words: str, timeout_s: float = 30.0) -> None:
         """Wait until all of these are in one drawing."""
-        deadline = self._machine.deadline(timeout_s)
-        while not all(word in '\n'.join(self.drawing()) for word in words):
-            assert not deadline.passed, f'{words} in vain {deadline}: {self.drawing()}'
+
+        def shown() -> bool:
             assert self.program.poll() is None, self.text[-3000:]
-            time.sleep(0.05)
+            return all(word in '\n'.join(self.drawing()) for word in words)
+
+        self._machine.until(shown, timeout_s, lambda: (words, self.drawing()))
 
     def left(self) -> str:
         """Return what the terminal shows after the program; it is as it was found."""
@@ -94,8 +90,7 @@ def on_terminal(machine, domain) -> Iterator[Callable[..., Terminal]]:
     started: list[Terminal] = []
 
     def start(*words: str) -> Terminal:
-        hunt = [sys.executable, '-m', 'hunt_ros.cli.main']
-        started.append(Terminal([*hunt, *words], machine))
+        started.append(Terminal([*HUNT, *words], machine))
         return started[-1]
 
     yield start
@@ -107,7 +102,6 @@ def on_terminal(machine, domain) -> Iterator[Callable[..., Terminal]]:
         os.close(made.theirs)
 
 
-@pytest.mark.skipif(not Path('/proc/self/stat').exists(), reason='looks for processes in /proc')
 def test_level_changes_are_seen_silence_is_loud_and_ctrl_c_restores_it(
     on_terminal, machine, tmp_path
 ) -> None:
@@ -119,15 +113,15 @@ def test_level_changes_are_seen_silence_is_loud_and_ctrl_c_restores_it(
     wait('▲ WARN', 'no normal form', 'no reason to trip', timeout_s=90.0)
     terminal.press('e')
     wait('EMERGENCY STOP IS IN FORCE')
-    deadline = machine.deadline(20.0)
-    while 'speed/emergency_stop' not in terminal.text:  # answered when the encoder confirms it
-        assert not deadline.passed, terminal.drawing()
-        time.sleep(0.05)
+    # Answered when the encoder confirms it.
+    machine.until(lambda: 'speed/emergency_stop' in terminal.text, told=terminal.drawing)
     terminal.resize(60, 12)
-    deadline = machine.deadline(20.0)
-    while len(terminal.drawing()) != 12 or max(map(len, terminal.drawing())) > 60:
-        assert not deadline.passed, terminal.drawing()
-        time.sleep(0.05)
+
+    def fits() -> bool:
+        rows = terminal.drawing()
+        return len(rows) == 12 and max(map(len, rows)) <= 60
+
+    machine.until(fits, told=terminal.drawing)
     wait('EMERGENCY STOP IS IN FORCE', '▲ WARN')
     (suite,) = children(terminal.program.pid, 'hunting_detector')
     os.kill(suite, signal.SIGSTOP)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made import install_driver
 from sensor_msgs.msg import JointState
 
 from hunt_ros.nodes.support.conversions import to_ns
@@ -26,11 +27,7 @@ def _install_example(folder: Path) -> None:
     )
     entry = re.search(r"'hunt_ros\.drivers': \['(.*?)'\]", setup)[1]
     name = re.search(r"py_modules=\['(.*?)'\]", setup)[1]
-    (folder / f'{name}.py').write_text(module)
-    info = folder / f'{name}-1.0.dist-info'
-    info.mkdir()
-    (info / 'METADATA').write_text(f'Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n')
-    (info / 'entry_points.txt').write_text(f'[hunt_ros.drivers]\n{entry}\n')
+    install_driver(folder, name, module, entry)
 
 
 def test_the_driver_of_the_docs_is_found_read_and_read_again_after_a_loss(

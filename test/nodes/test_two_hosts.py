@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 import threading
@@ -17,7 +16,6 @@ import pytest
 
 from hunt_ros.suite import SIMULATOR, SOURCES
 
-pytest.importorskip('rclpy', reason='the extra ros is not installed')
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -33,16 +31,12 @@ _PATIENCE_S = 16.0
 class Process:
     """A process on one of the hosts, and its lines as they come."""
 
-    def __init__(self, words: list[str], log: Path, **options: object) -> None:
+    def __init__(self, words: list[str], log: Path) -> None:
         self.lines: list[str] = []
+        pipe = subprocess.PIPE
         with log.open('w') as errors:
             self._process = subprocess.Popen(
-                words,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=errors,
-                text=True,
-                **options,
+                words, stdin=pipe, stdout=pipe, stderr=errors, text=True, cwd=log.parent
             )
         self.pid = self._process.pid
         threading.Thread(target=self._read, daemon=True).start()
@@ -76,14 +70,6 @@ class Hosts:
         self._started = ExitStack()
         self._holders: dict[str, int] = {}
         self._number = 0
-        self.environment = {
-            name: value
-            for name, value in os.environ.items()
-            if name not in ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOCALHOST_ONLY')
-        }
-        self.environment['PYTHONPATH'] = str(ROOT)
-        # Other hosts have no memory in common: the namespaces do.
-        self.environment['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
 
     def plug(self) -> None:
         """Make both and the cable; raises OSError with what the machine does not allow."""
@@ -95,16 +81,16 @@ class Hosts:
         )
         self._first_line(self.cable, 'plugged')
         for name, address in _ADDRESSES.items():
-            for words in (
-                ['link', 'set', 'lo', 'up'],
-                ['address', 'add', f'{address}/24', 'dev', 'cable0'],
-                ['link', 'set', 'cable0', 'up'],
-            ):
-                done = subprocess.run(
-                    [*_enter(self._holders[name]), 'ip', *words], capture_output=True, text=True
-                )
+            orders = (
+                'link set lo up',
+                f'address add {address}/24 dev cable0',
+                'link set cable0 up',
+            )
+            for order in orders:
+                words = [*_enter(self._holders[name]), 'ip', *order.split()]
+                done = subprocess.run(words, capture_output=True, text=True)
                 if done.returncode:
-                    raise OSError(f'ip {" ".join(words)}: {done.stderr.strip()}')
+                    raise OSError(f'ip {order}: {done.stderr.strip()}')
 
     def _hold(self, name: str, words: list[str]) -> int:
         """Start what keeps a namespace alive; return its process."""
@@ -115,30 +101,23 @@ class Hosts:
         return holder.pid
 
     def _first_line(self, process: Process, expected: str) -> None:
-        deadline = self._machine.deadline(10.0)
-        while not process.lines:
-            if process.ended or deadline.passed:
-                raise OSError(self._log().read_text().strip().splitlines()[-1:] or expected)
-            time.sleep(0.01)
-        assert process.lines[0] == expected
+        self.wait(lambda: process.lines or process.ended, 10.0)
+        if process.lines != [expected]:
+            raise OSError(self._log().read_text().strip().splitlines()[-1:] or expected)
 
     def _log(self) -> Path:
         return self._folder / f'{self._number}.log'
 
-    def _start(self, words: list[str], **options: object) -> Process:
+    def _start(self, words: list[str]) -> Process:
         self._number += 1
-        process = Process(words, self._log(), **options)
+        process = Process(words, self._log())
         self._started.callback(process.end)
         return process
 
     def start(self, host: str, *words: str) -> Process:
         """Start a process of nodes on one of them."""
         entry = [sys.executable, '-m', 'hunt_ros.nodes.entry', *words]
-        return self._start(
-            [*_enter(self._holders[host]), *entry, '-r', '__ns:=/rig'],
-            env=self.environment,
-            cwd=self._folder,
-        )
+        return self._start([*_enter(self._holders[host]), *entry, '-r', '__ns:=/rig'])
 
     def order(self, *words: object) -> None:
         """Tell the cable something; return when it has done so."""
@@ -150,11 +129,11 @@ class Hosts:
 
     def wait(self, done: Callable[[], object], timeout_s: float) -> None:
         """Wait until a condition holds; `timeout_s`: of a quick idle machine."""
-        deadline = self._machine.deadline(timeout_s)
-        while not done():
-            tails = (log.read_text()[-300:] for log in sorted(self._folder.glob('*.log')))
-            assert not deadline.passed, f'in vain {deadline}; {list(tails)}'
-            time.sleep(0.02)
+
+        def tails() -> list[str]:
+            return [log.read_text()[-300:] for log in sorted(self._folder.glob('*.log'))]
+
+        self._machine.until(done, timeout_s, tails)
 
     def close(self) -> None:
         self._started.close()
@@ -166,7 +145,12 @@ def _enter(pid: int) -> list[str]:
 
 
 @pytest.fixture
-def hosts(tmp_path, machine, domain) -> Iterator[Hosts]:
+def hosts(tmp_path, machine, domain, monkeypatch) -> Iterator[Hosts]:
+    monkeypatch.delenv('ROS_AUTOMATIC_DISCOVERY_RANGE')
+    monkeypatch.delenv('ROS_LOCALHOST_ONLY', raising=False)
+    monkeypatch.setenv('PYTHONPATH', str(ROOT))
+    # Other hosts have no memory in common: the namespaces do.
+    monkeypatch.setenv('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
     hosts = Hosts(tmp_path, machine)
     try:
         try:

@@ -5,9 +5,6 @@ from __future__ import annotations
 import math
 
 import pytest
-
-pytest.importorskip('rclpy', reason='the extra ros is not installed')
-
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from hypothesis import given
@@ -22,7 +19,6 @@ from hunt_ros.nodes.support.conversions import (
     joint_writer,
     read_diagnostic,
     to_ns,
-    to_time,
     twist,
 )
 from hunt_ros.sensors import JOINT_STATE
@@ -40,30 +36,17 @@ def test_a_written_joint_state_is_read_by_ros(stamp, values, frame) -> None:
     assert message.header.frame_id == frame
     assert tuple(message.position) == values
     assert len(message.velocity) == len(message.effort) == 0
-    wire = joint_writer(['margin'], frame, effort=True)(stamp, *values)
-    message = deserialize_message(wire, JointState)
-    assert (message.position[0], message.effort[0]) == values
-    assert len(message.velocity) == 0
 
 
 @pytest.mark.parametrize(('velocity', 'effort'), [(0, 0), (1, 0), (0, 1), (1, 1)])
 def test_a_written_joint_state_has_no_byte_too_many(velocity, effort) -> None:
-    values = range(2 * (1 + velocity + effort))
+    values = [float(value) for value in range(2 * (1 + velocity + effort))]
     wire = joint_writer(['a', 'b'], 'rig', velocity, effort)(5, *values)
     standard_types().deserialize_cdr(wire, JOINT_STATE)  # refuses what is left over
     message = deserialize_message(wire, JointState)
     assert len(message.velocity) == 2 * velocity
     assert len(message.effort) == 2 * effort
-
-
-@given(stamp=stamps, value=numbers, rate=numbers)
-def test_a_joint_state_of_ros_is_read_fast_and_right(stamp, value, rate) -> None:
-    message = JointState(name=['roller'], position=[value], velocity=[rate])
-    message.header.stamp = to_time(stamp)
-    wire = joint_writer(['roller'], '', velocity=True)(stamp, value, rate)
-    reader = ChannelReader('roller')
-    assert reader.read(wire) == (stamp, value)
-    assert reader.read(wire) == (stamp, value)
+    assert sorted([*message.position, *message.velocity, *message.effort]) == values
 
 
 def test_a_joint_is_found_among_others_and_its_absence_is_noticed() -> None:
@@ -75,7 +58,7 @@ def test_a_joint_is_found_among_others_and_its_absence_is_noticed() -> None:
 
 def test_another_layout_in_between_is_read_too() -> None:
     reader = ChannelReader('lateral')
-    first = joint_writer(['lateral'], 'rig')(1, 0.5)
+    first = joint_writer(['lateral'], 'rig', velocity=True)(1, 0.5, 7.0)
     other = joint_writer(['lateral'], 'another_frame')(2, 0.75)
     assert [reader.read(wire) for wire in (first, other, first)] == [(1, 0.5), (2, 0.75), (1, 0.5)]
 

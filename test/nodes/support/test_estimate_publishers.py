@@ -7,9 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip('rclpy', reason='the extra ros is not installed')
-
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 

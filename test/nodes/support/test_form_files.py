@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -19,10 +20,16 @@ def v_c(path_text: str) -> float:
     return IdentifiedNormalForm.from_yaml(path_text).form.critical_speed
 
 
-def test_earlier_forms_stay_under_their_numbers_in_the_order_of_time(tmp_path) -> None:
-    files = FormFiles(tmp_path / 'rig')
-    for speed in (7.0, 7.5, 8.0):
+def kept(folder: Path, *speeds: float) -> FormFiles:
+    """Return the files of a folder once forms of these critical speeds, m/s, were kept."""
+    files = FormFiles(folder)
+    for speed in speeds:
         files.keep(text(speed))
+    return files
+
+
+def test_earlier_forms_stay_under_their_numbers_in_the_order_of_time(tmp_path) -> None:
+    files = kept(tmp_path / 'rig', 7.0, 7.5, 8.0)
     assert v_c(files.newest.read_text()) == 8.0
     assert [v_c(path.read_text()) for path in files.earlier()] == [7.0, 7.5]
     assert [path.name for path in files.earlier()] == [
@@ -32,9 +39,7 @@ def test_earlier_forms_stay_under_their_numbers_in_the_order_of_time(tmp_path) -
 
 
 def test_going_back_walks_through_all_of_them_and_deletes_nothing(tmp_path) -> None:
-    files = FormFiles(tmp_path)
-    for speed in (7.0, 7.5, 8.0):
-        files.keep(text(speed))
+    files = kept(tmp_path, 7.0, 7.5, 8.0)
     for speed in (7.5, 7.0):
         back = files.go_back()
         assert is_rolled_back(IdentifiedNormalForm.from_yaml(back))
@@ -42,14 +47,12 @@ def test_going_back_walks_through_all_of_them_and_deletes_nothing(tmp_path) -> N
         assert files.newest.read_text() == back
     with pytest.raises(HuntError, match='no earlier normal form'):
         files.go_back()
-    kept = sorted(v_c(path.read_text()) for path in tmp_path.iterdir())
-    assert kept == [7.0, 7.5, 8.0]
+    there = sorted(v_c(path.read_text()) for path in tmp_path.iterdir())
+    assert there == [7.0, 7.5, 8.0]
 
 
 def test_a_new_form_after_going_back_does_not_overwrite_one(tmp_path) -> None:
-    files = FormFiles(tmp_path)
-    for speed in (7.0, 7.5):
-        files.keep(text(speed))
+    files = kept(tmp_path, 7.0, 7.5)
     files.go_back()
     files.keep(text(8.5))
     assert v_c(files.newest.read_text()) == 8.5
@@ -58,9 +61,7 @@ def test_a_new_form_after_going_back_does_not_overwrite_one(tmp_path) -> None:
 
 
 def test_an_earlier_form_that_cannot_be_read_changes_nothing(tmp_path) -> None:
-    files = FormFiles(tmp_path)
-    for speed in (7.0, 7.5):
-        files.keep(text(speed))
+    files = kept(tmp_path, 7.0, 7.5)
     files.earlier()[-1].write_text('half a file: [')
     before = {path.name: path.read_text() for path in tmp_path.iterdir()}
     with pytest.raises(HuntError):
@@ -69,13 +70,12 @@ def test_an_earlier_form_that_cannot_be_read_changes_nothing(tmp_path) -> None:
 
 
 def test_the_identification_beside_a_form_goes_where_the_form_goes(tmp_path) -> None:
-    kept = tmp_path / 'kept'
-    files = FormFiles(kept)
+    files = FormFiles(tmp_path / 'kept')
     for speed in (7.0, 7.5, 8.0):
         whole = tmp_path / f'{speed}.npz'
         whole.write_text(str(speed))
         files.keep(text(speed), whole)
     files.go_back()
-    for path in kept.glob('*.yaml'):
+    for path in (tmp_path / 'kept').glob('*.yaml'):
         assert path.with_suffix('.npz').read_text() == str(v_c(path.read_text()))
-    assert len(list(kept.iterdir())) == 6
+    assert len(list((tmp_path / 'kept').iterdir())) == 6

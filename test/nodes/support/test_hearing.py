@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import pytest
+from std_msgs.msg import String
 
-rclpy = pytest.importorskip('rclpy', reason='the extra ros is not installed')
-
-from std_msgs.msg import String  # noqa: E402
-
-from hunt_ros.nodes.support.hearing import Missed, waiting  # noqa: E402
-from hunt_ros.nodes.support.node import SuiteNode  # noqa: E402
-from hunt_ros.nodes.support.qos import stream  # noqa: E402
-from hunt_ros.nodes.support.runtime import cheapest_executor  # noqa: E402
+from hunt_ros.nodes.support.hearing import Missed, waiting
+from hunt_ros.nodes.support.node import SuiteNode
+from hunt_ros.nodes.support.qos import stream
+from hunt_ros.nodes.support.runtime import cheapest_executor
 
 pytestmark = pytest.mark.ros
 

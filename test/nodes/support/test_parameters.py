@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import fields
 
 import pytest
-from rclpy.node import Node
-from rclpy.parameter import Parameter
 
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.drivers.command import DriveLimits
 from hunt_ros.drivers.interlock import InterlockSettings
-from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.bag_recorder import BagRecorderNode
 from hunt_ros.nodes.hunting_detector import HuntingDetectorNode
 from hunt_ros.nodes.normal_form_identifier import NormalFormIdentifierNode
 from hunt_ros.nodes.rig_simulator import RigSimulatorNode
 from hunt_ros.nodes.roller_speed import RollerSpeedNode
-from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.sensor import SensorNode
-from hunt_ros.settings import Settings, setting
+from hunt_ros.settings import Settings
 
 pytestmark = pytest.mark.ros
 
@@ -27,85 +23,6 @@ pytestmark = pytest.mark.ros
 _WIDEST = 1e9
 #: Parameters that rclpy declares by itself.
 _OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
-
-
-@dataclass(frozen=True)
-class Two(Settings):
-    """Two thresholds, one above the other."""
-
-    low: float = setting(1.0, 'lower', unit='m', low=0.0)
-    high: float = setting(2.0, 'upper', unit='m', low=0.0, high=10.0)
-    words: tuple[str, ...] = setting((), 'words', fixed=True)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not self.low < self.high:
-            raise ConfigError(f'low: {self.low} must lie below high ({self.high})')
-
-
-@dataclass(frozen=True)
-class Other(Settings):
-    """Settings of the same node, of another class."""
-
-    size: int = setting(3, 'size', low=1)
-
-
-@dataclass
-class Followed:
-    """A node that follows two classes of settings."""
-
-    node: Node
-    busy: bool = False
-    taken: list[Settings] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        declare(self.node, Two, self.taken.append, self.check)
-        declare(self.node, Other, self.taken.append)
-
-    def check(self, two: Two) -> None:
-        if self.busy:
-            raise ConfigError('the node is busy')
-
-    def set(self, **values: object) -> tuple[bool, str]:
-        words = [Parameter(name, value=value) for name, value in values.items()]
-        result = self.node.set_parameters_atomically(words)
-        return result.successful, result.reason
-
-
-@pytest.fixture
-def followed(resident) -> Followed:
-    return Followed(resident(lambda: Node('toy')))
-
-
-def test_what_was_refused_has_no_effect_then_or_later(followed: Followed) -> None:
-    followed.busy = True
-    assert followed.set(high=5.0) == (False, 'the node is busy')
-    followed.busy = False
-    assert followed.set(low=1.5) == (True, '')
-    assert followed.taken == [Two(low=1.5, high=2.0)]
-
-
-def test_settings_of_two_classes_are_taken_together_or_not_at_all(followed: Followed) -> None:
-    followed.busy = True
-    assert not followed.set(size=4, high=5.0)[0]
-    assert not followed.taken
-    followed.busy = False
-    assert followed.set(size=4, high=5.0)[0]
-    assert followed.taken == [Two(high=5.0), Other(size=4)]
-    refused, reason = followed.set(size=0)
-    assert not refused
-    assert 'below 1' in reason
-
-
-def test_a_range_is_a_range_or_words_and_an_empty_list_is_empty(followed: Followed) -> None:
-    low, high, words, size = followed.node.describe_parameters(['low', 'high', 'words', 'size'])
-    assert not low.floating_point_range
-    assert 'at least 0' in low.additional_constraints
-    assert high.floating_point_range[0].to_value == 10.0
-    assert words.read_only
-    assert 'start' in words.additional_constraints
-    assert 'at least 1' in size.additional_constraints
-    assert not followed.node.get_parameter_or('words').value
 
 
 def _taken(kind: type[Settings]) -> set[str]:
@@ -153,3 +70,11 @@ def test_a_parameter_without_effect_is_read_only(graph, resident, make, paramete
             assert -_WIDEST <= bounds.from_value < bounds.to_value <= _WIDEST, each.name
         value = node.get_parameter_or(each.name).value
         assert value not in ([''], [-1.0], -1.0), f'{each.name}: a number or word that means none'
+
+
+def test_a_limit_with_one_end_is_said_in_words(graph, resident) -> None:
+    node = resident(RollerSpeedNode, port=graph.port)
+    both, one = node.describe_parameters(['safe_margin_mps', 'amplitude_limit_m'])
+    assert both.floating_point_range[0].to_value == 100.0
+    assert not one.floating_point_range
+    assert one.additional_constraints == 'at least 1e-06'

@@ -6,7 +6,6 @@ import os
 
 import pytest
 
-pytest.importorskip('rclpy', reason='the extra ros is not installed')
 pytestmark = pytest.mark.ros
 
 
