@@ -301,13 +301,6 @@ def test_what_holds_the_drive_is_no_large_ok_and_rearm_is_held_down_far_from_the
             },
             'EMERGENCY STOP IS IN FORCE, until rearmed; no answer of the drive', True,
         ),
-        (
-            {
-                'interlock_state': 'tripped', 'interlock_cause': 'hunting', 'level': 'ERROR',
-                'message': 'interlock tripped: hunting; the safe set point is sent again',
-            },
-            'INTERLOCK TRIPPED, until rearmed: hunting; the safe set point is sent again', True,
-        ),
         ({'alarm_kept': 'limit cycle at 7.2 m/s'}, 'ALARM NOT ACKNOWLEDGED', True),
         ({'interlock_state': 'of a later version'}, '', False),
     ],

@@ -94,7 +94,6 @@ def _call(level: str, causes: str = '', **drive: str) -> Call:
 @pytest.mark.parametrize(
     ('level', 'causes', 'drive', 'condition', 'cause'),
     [
-        ('OK', '', {}, WELL, 'OK: why'),
         ('WARN', '', {}, WELL, 'WARN: why'),
         ('STALE', 'yaw_stuck', {}, DOUBT, 'STALE: why'),
         ('ERROR', 'limit_cycle', {}, ALARM, 'ERROR: why'),
