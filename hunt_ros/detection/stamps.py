@@ -273,9 +273,11 @@ class Channel:
         self._old = len(self.runs[0])
         self.received += stamps_ns.size
         self.received_ns = int(stamps_ns[-1])
-        stamps, steps = stamps_ns + shift, np.diff(stamps_ns)
-        odd = np.flatnonzero((steps <= 0) | (steps > _STAMP_JUMP_NS)) + 1
-        for begin, end in itertools.pairwise([0, *odd.tolist(), stamps.size]):
+        stamps, ends = stamps_ns + shift, [stamps_ns.size]
+        if stamps.size > 1:
+            steps = np.diff(stamps)
+            ends[:0] = (np.flatnonzero((steps <= 0) | (steps > _STAMP_JUMP_NS)) + 1).tolist()
+        for begin, end in itertools.pairwise([0, *ends]):
             self._take(stamps[begin:end], values[begin:end], position_ns)
         run, _ = after = self._sequence
         if after != before:
@@ -289,8 +291,9 @@ class Channel:
 
     def _take(self, stamps_ns: Stamps, values: Values, position_ns: int | None) -> None:
         """Take samples without a leap among them."""
-        run, old = self._run_of(int(stamps_ns[0]), position_ns), 0
-        if run.newest_ns is not None:
+        first_ns = int(stamps_ns[0])
+        run, old = self._run_of(first_ns, position_ns), 0
+        if run.newest_ns is not None and first_ns <= run.newest_ns:
             old = int(np.searchsorted(stamps_ns, run.newest_ns, side='right'))
         if old:
             repeated = int(stamps_ns[old - 1] == run.newest_ns)
