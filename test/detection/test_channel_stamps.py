@@ -110,3 +110,23 @@ def test_a_clock_that_is_set_back_or_a_channel_that_was_off_has_not_leapt() -> N
     after_a_pause = [100 * SECOND + k * step for k in range(600)]
     back = [50 * SECOND + k * step for k in range(400)]
     assert [len(run) for run in _fed(forward + after_a_pause + back, []).runs] == [800, 400]
+
+
+def test_a_leap_that_was_given_out_already_is_not_taken_back() -> None:
+    stamps = np.array(_leap(3600), dtype=np.int64)
+    channel = Channel(SECOND)
+    channel.push(stamps[:400], np.zeros(400))
+    position_ns = int(stamps[399])  # the others leapt as well
+    channel.runs[0].take(position_ns)
+    channel.push(stamps[400:], np.zeros(200), position_ns)
+    assert channel.set_back
+    assert [len(run) for run in channel.runs] == [0, 200]
+
+
+def test_a_leap_ahead_counts_once_it_has_lasted() -> None:
+    channel = Channel(SECOND)
+    stamps = np.array(_leap(3), dtype=np.int64)
+    channel.push(stamps[:250], np.zeros(250))  # half a second of it
+    assert channel.newest_ns == stamps[199]
+    channel.push(stamps[250:350], np.zeros(100))
+    assert channel.newest_ns == stamps[349]
