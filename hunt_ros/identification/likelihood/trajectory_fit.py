@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from hunt_ros.dynamics.covariance_root import inverse_of
 from hunt_ros.dynamics.growth_law import FELT, PAPER_TERMS, TERMS, reading
-from hunt_ros.identification.likelihood.damping_bias import damping_correction
 from hunt_ros.identification.likelihood.path_likelihood import (
     ALL_TERMS,
     NOISE_TERMS,
@@ -90,11 +89,8 @@ class TrajectoryFit:
     log_likelihood : float
         With the priors, and the mean over what the recordings have of their own.
     innovations : ndarray, shape (n, 4)
-    iterations : int
     remaining : float
         Gain of the log likelihood that the last step still promises, within the bounds.
-    correction : ndarray, shape (11,)
-        What to add to the law for the bias of the damping of its quiet motion.
     own : ndarray, shape (recordings, 5)
         What each recording has of its own: logarithms of measured over true amplitude and of
         true over measured speed, shift of its v_c over v_ref, logarithms of its forcing Q and
@@ -107,9 +103,7 @@ class TrajectoryFit:
     information: NDArray[np.float64]
     log_likelihood: float
     innovations: NDArray[np.float64]
-    iterations: int
     remaining: float
-    correction: NDArray[np.float64]
     own: NDArray[np.float64]
     spread: NDArray[np.float64]
 
@@ -129,9 +123,8 @@ class TrajectoryFit:
 
     @property
     def law(self) -> NDArray[np.float64]:
-        """Coefficients of the growth law, freed from the bias of the damping."""
-        law: NDArray[np.float64] = self.theta[:-NOISE_TERMS] + self.correction
-        return law
+        """Coefficients of the growth law."""
+        return self.theta[:-NOISE_TERMS]
 
 
 def as_read(theta: Array, own: Array) -> Array:
@@ -182,7 +175,6 @@ class _Expansion:
     gradient: Array
     information: Array
     innovations: Array
-    derivative: Array
     own_slope: Array
     own_block: Array
     cross: Array
@@ -257,7 +249,7 @@ class _Problem:
         """Value, gradient, and expected information."""
         n, parts = theta.size, self.path.recordings
         gradient, information = np.zeros(n), np.zeros((n, n))
-        base, derivative = [], []
+        base = []
         slopes, blocks = np.zeros((len(parts), _OWN)), np.tile(np.eye(_OWN), (len(parts), 1, 1))
         cross = np.zeros((len(parts), n, _OWN))
         for r, (one, part) in enumerate(zip(own, parts, strict=True)):
@@ -280,7 +272,6 @@ class _Problem:
             gradient += point[:n] - lean @ slopes[r]
             information += whole[:n, :n] - lean @ cross[r].T
             base.append(out)
-            derivative.append(np.tensordot(way[:, :n].T, d_e, axes=1))
         k = self.told
         gradient[k] -= self.away(theta) / self.std[k]
         information[k, k] += 1.0 / self.std[k] ** 2
@@ -298,16 +289,7 @@ class _Problem:
                 information += np.outer(slope, slope) / std**2
         joined = np.concatenate(base)
         value = self.value(theta, own, joined)
-        return _Expansion(
-            value,
-            gradient,
-            information,
-            joined,
-            np.concatenate(derivative, axis=1),
-            slopes,
-            blocks,
-            cross,
-        )
+        return _Expansion(value, gradient, information, joined, slopes, blocks, cross)
 
 
 def _remaining(theta: Array, at: _Expansion) -> float:
@@ -411,9 +393,9 @@ def fit_path(
     own = np.zeros((len(path.recordings), _OWN)) if own is None else own
     current = problem.expand(theta, own)
     damping = 1e-3
-    count = 0
-    while count < iterations and _remaining(theta, current) > _GAIN:
-        count += 1
+    for _ in range(iterations):
+        if _remaining(theta, current) <= _GAIN:
+            break
         # What a bound holds stays there: a step that is cut at a bound leads nowhere.
         free = _free(theta, current.gradient) & problem.varied
         block = current.information[np.ix_(free, free)]
@@ -458,9 +440,7 @@ def fit_path(
         current.information,
         -current.value - unknown,
         current.innovations,
-        count,
         _remaining(theta, current),
-        damping_correction(theta, path, current.derivative, current.information),
         own,
         spread,
     )
