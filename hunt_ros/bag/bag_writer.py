@@ -82,16 +82,24 @@ class BagWriter:
                 raise BagError(f'{name}: exists already, expected a name for a new recording')
         with self._writing():
             self.active.mkdir(parents=True)
-            self._file = self._open()
+            try:
+                self._file = self._open()
+            except OSError:
+                self.active.rmdir()
+                raise
 
     def _open(self) -> McapWriter:
-        name = f'{self.path.name}_{len(self._files)}.mcap'
-        file = McapWriter(self.active / name, self._compression, self._chunk_bytes)
-        for record_name, strings in self._metadata.items():
-            if strings:
-                file.add_metadata(record_name, strings)
-        for topic in self._topics.values():
-            file.add_topic(topic)
+        path = self.active / f'{self.path.name}_{len(self._files)}.mcap'
+        try:
+            file = McapWriter(path, self._compression, self._chunk_bytes)
+            for name, strings in self._metadata.items():
+                if strings:
+                    file.add_metadata(name, strings)
+            for topic in self._topics.values():
+                file.add_topic(topic)
+        except OSError:
+            path.unlink(missing_ok=True)  # on a full disk: a file with no message, or empty
+            raise
         return file
 
     def topic(

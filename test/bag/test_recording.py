@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import shutil
 import signal
 import threading
@@ -123,8 +124,6 @@ def test_a_disk_that_refuses_to_write_leaves_whole_chunks(tmp_path: Path) -> Non
     reader, writer = os.pipe()
     child = os.fork()
     if child == 0:  # the limit is for the process, so it has one of its own
-        import resource
-
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
         recording = Recording(tmp_path / 'run', compression='')
@@ -146,6 +145,17 @@ def test_a_disk_that_refuses_to_write_leaves_whole_chunks(tmp_path: Path) -> Non
     values = read_record(tmp_path / 'run.active')['lateral'].values
     assert values.size > 500
     np.testing.assert_array_equal(values, np.arange(float(values.size)))
+
+
+def test_a_disk_without_room_for_the_beginning_is_left_as_it_was(tmp_path: Path) -> None:
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10, limit[1]))
+    try:
+        with pytest.raises(BagError, match='File too large'):
+            Recording(tmp_path / 'run')
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    assert not list(tmp_path.iterdir())
 
 
 def test_kill_9_loses_at_most_a_second(tmp_path: Path) -> None:
