@@ -18,7 +18,7 @@ from hunt_ros.dynamics.growth_law import GrowthScales
 from hunt_ros.dynamics.mode_shape import ModeShape, fitted_shape
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import IdentificationError
-from hunt_ros.estimation.record_lines import RecordLines
+from hunt_ros.estimation.record_lines import ForcedLine, RecordLines
 from hunt_ros.identification.bracket import bracket_of
 from hunt_ros.identification.executors import Mapper, Tell, collected, mapper
 from hunt_ros.identification.fit import fit_laws
@@ -46,6 +46,7 @@ from hunt_ros.identification.record.screening import (
     repeated,
 )
 from hunt_ros.identification.record.segments import Run
+from hunt_ros.identification.record.segments import runs as segments
 from hunt_ros.identification.record.turning import lines_above
 from hunt_ros.identification.result import Identification
 from hunt_ros.identification.settings import IdentificationSettings
@@ -55,12 +56,12 @@ from hunt_ros.samples import Record
 #: Share of the work that is done when all is read, when the envelopes are seen, and when the fit
 #: stands.
 _READ, _SEEN, _FITTED = 0.3, 0.6, 0.8
-#: Steps of speed readings below this share of the speed are averaged out by its own noise.
-_FINE_STEP = 1e-3
 #: Amplitude of the fit's unit, of the largest one: however little of the time a rig hunts.
 _NEAR_TOP = 0.9
 #: Instants over which the power of the roller's lines is taken to be one.
 _LINE_SPAN = 9
+#: Windows in a row with the same coarse speed from which on it is held.
+_HELD = 6
 #: Distance of a line from the hunting, relative, within which it is the hunting.
 _ITSELF = 0.15
 
@@ -102,7 +103,16 @@ def identify(
     with mapper(settings.cluster) as mapped:
         recordings = _usable(sources, settings, mapped, warnings, lambda part: tell(_READ * part))
         settings = _with_resolution(settings, recordings, warnings)
-        frequency, bare, fixed = _hunting_frequency(recordings, settings, mapped, warnings)
+        frequency, bare, forced, said = _hunting_frequency(recordings, settings, mapped)
+        if rolled := _rolled(recordings, settings.orders, forced, frequency):
+            # The line of the roller tells its diameter, and that the line's angle.
+            settings = replace(settings, roller_diameter_m=rolled)
+            recordings = [one.with_settings(roller_diameter_m=rolled) for one in recordings]
+            frequency, bare, forced, said = _hunting_frequency(recordings, settings, mapped)
+            warnings.append(f'no roller angle: a roller of {rolled:.3g} m by its line')
+        warnings += said
+        # The way alone does not tell the angle of one that follows the speed well enough.
+        fixed = [line.frequency_hz for line in forced if math.isfinite(line.frequency_hz)]
         work = partial(runs_in, bare=bare, frequency_hz=frequency, fixed_hz=fixed)
         runs = _runs(
             recordings,
@@ -123,7 +133,7 @@ def identify(
         laws = fit_laws(path, scales, settings, observed.v_c)
         tell(_FITTED)
         result = conclude(Evidence(laws, runs, bracket, observed), settings, warnings)
-        result = replace(result, records=_records(recordings))
+        result = replace(result, records=_given(recordings))
         if (found := result.normal_form) is not None:
             shape = _mode_shape(runs)
             result = replace(result, normal_form=replace(found, mode_shape=shape))
@@ -136,8 +146,7 @@ def _with_resolution(
 ) -> IdentificationSettings:
     """Return the settings with the step that the readings of the speed show."""
     step = max(one.digest.speed_step for one in recordings)
-    highest = max(abs(part.speed) for one in recordings for part in one.digest.stretches)
-    if step <= max(settings.speed_resolution_mps, _FINE_STEP * highest):
+    if step <= settings.speed_resolution_mps:
         return settings
     warnings.append(
         f'speed readings in steps of {step:.3g} m/s: the deviations of critical speeds hold'
@@ -217,8 +226,7 @@ def _distinct(given: Sequence[Recording], warnings: list[str]) -> list[Recording
             warnings.append(f'left out: {one.digest.source}{cut}: the same samples as {whose}')
             if not cut:
                 continue
-            ignore = (*one.settings.ignore, (low, high, 0))
-            one = Recording(one.source, one.number, replace(one.settings, ignore=ignore))
+            one = one.with_settings(ignore=(*one.settings.ignore, (low, high, 0)))
         kept.append(one)
     kept.sort(key=lambda one: one.number)
     named: dict[str, int] = {}
@@ -237,19 +245,21 @@ def _places(recordings: Sequence[Recording]) -> list[tuple[Recording, int, Stret
     return [(one, k, part) for one in recordings for k, part in enumerate(one.digest.stretches)]
 
 
-def _records(recordings: Sequence[Recording]) -> tuple[Record, ...]:
+def _given(recordings: Sequence[Recording]) -> tuple[Record, ...]:
     """Return those that were given as records; what a callable read stays where it was read."""
     given = [one for one in recordings if isinstance(one.source, Record) and one.digest.measures]
     return tuple(replace(one.samples[0], source=one.name) for one in given)
 
 
 def _hunting_frequency(
-    recordings: Sequence[Recording],
-    settings: IdentificationSettings,
-    mapped: Mapper,
-    warnings: list[str],
-) -> tuple[float, bool, list[float]]:
-    """Return frequency of the hunting, Hz; whether an angle nobody gave is left out; lines, Hz."""
+    recordings: Sequence[Recording], settings: IdentificationSettings, mapped: Mapper
+) -> tuple[float, bool, list[ForcedLine], list[str]]:
+    """
+    Return frequency of the hunting, Hz; whether an angle nobody gave is left out; lines.
+
+    The last is what is to be said of them.
+    """
+    said: list[str] = []
     places = _places(recordings)
     stretches = [stretch for _, _, stretch in places]
     chosen = [places[k] for k in looked_at(stretches)]
@@ -266,20 +276,37 @@ def _hunting_frequency(
     if any(stretch.assumed for stretch in stretches):
         # A line of a roller that nobody named must not be the hunting itself.
         bare = not lines_above(stretches, settings, frequency)
-        warnings.append(
+        said.append(
             f'no roller angle, and a roller of {RigParameters.roller_diameter_m:g} m assumed: its'
             f' lines {"would be near the hunting, none is" if bare else "are"} removed'
             f'{"" if bare else " where the speed has them"}'
         )
-    fixed = []
+    forced = []
     for line in lines.unknown():
         at = [line.frequency_hz, *(line.turns_per_metre * one.speed for one in stretches)]
         # A limit cycle that stays as it is for most of the time looks forced.
         if not any(abs(math.log(hz / frequency)) < _ITSELF for hz in at):
-            warnings.append(line.words(roller))
-            fixed.append(line.frequency_hz)
-    # The way does not tell the angle of one that follows the speed well enough.
-    return frequency, bare, [hz for hz in fixed if math.isfinite(hz)]
+            said.append(line.words(roller))
+            forced.append(line)
+    return frequency, bare, forced, said
+
+
+def _rolled(
+    recordings: Sequence[Recording],
+    orders: NDArray[np.float64],
+    forced: Sequence[ForcedLine],
+    frequency_hz: float,
+) -> float:
+    """
+    Return the diameter of a roller that nobody gave, by its line, m; 0 where none is needed.
+
+    The windows see the hunting free of what is at twice its frequency, or above.
+    """
+    stretches = [stretch for _, _, stretch in _places(recordings) if stretch.assumed]
+    turns = [line.turns_per_metre for line in forced if math.isfinite(line.turns_per_metre)]
+    lowest = min(turns, default=math.inf)
+    near = any(lowest * stretch.slow < 2.0 * frequency_hz for stretch in stretches)
+    return float(orders.min()) / (math.pi * lowest) if near else 0.0
 
 
 def _runs(
@@ -332,6 +359,11 @@ def _path(
     speed = np.concatenate([run.envelope.speed for run in runs])
     sizes = [run.envelope.time.size for run in runs]
     names = list(dict.fromkeys(run.envelope.source for run in runs))
+    recording = np.repeat([names.index(run.envelope.source) for run in runs], sizes)
+    hold_std = settings.speed_resolution_mps / math.sqrt(12.0) if len(runs) == 1 else 0.0
+    if hold_std:
+        recording = _holds(runs[0])
+        hold_std *= bool(recording.any())
     # A kick begins a new segment, as a gap does.
     joined = np.concatenate([np.where(run.kicked, np.nan, run.corrected.phasor) for run in runs])
     scales = GrowthScales(
@@ -350,9 +382,17 @@ def _path(
         blur=WINDOW_VARIANCE * half**2,
         reach=WINDOW_REACH * half,
         line=np.concatenate([_line(run.envelope) for run in runs]) / scales.amplitude**2,
-        recording=np.repeat([names.index(run.envelope.source) for run in runs], sizes),
+        recording=recording,
+        hold_std=hold_std / scales.speed,
     )
     return path, scales
+
+
+def _holds(run: Run) -> NDArray[np.int64]:
+    """Number holds, where the speed of a run stays the same, and what is between, shape (n,)."""
+    held = segments(np.diff(run.envelope.speed) == 0.0)
+    changes = [at for ends in held if ends[1] - ends[0] >= _HELD for at in ends]
+    return np.searchsorted(changes, np.arange(run.envelope.time.size), side='right')
 
 
 def _line(envelope: Envelope) -> NDArray[np.float64]:

@@ -17,7 +17,7 @@ import numpy as np
 
 from hunt_ros.errors import IdentificationError
 from hunt_ros.estimation.record_lines import Motion, turns_per_metre
-from hunt_ros.identification.record.channels import Channels, refuse
+from hunt_ros.identification.record.channels import Channels, refuse, speed_step
 from hunt_ros.identification.record.envelope import (
     FEWEST_SAMPLES,
     WINDOW_CYCLES,
@@ -33,7 +33,6 @@ from hunt_ros.identification.record.screening import (
     free_of_contact,
     moving,
     sketch_of,
-    step_of,
     without_contact,
 )
 from hunt_ros.identification.record.segments import Run, analyse_record, find_kicks
@@ -65,6 +64,12 @@ class Recording:
 
     def __init__(self, source: Source, number: int, settings: IdentificationSettings) -> None:
         self.source, self.number, self.settings = source, number, settings
+
+    def with_settings(self, **changes: Any) -> Recording:
+        """Return it with other settings, to be read anew."""
+        other = Recording(self.source, self.number, replace(self.settings, **changes))
+        other.name = self.name
+        return other
 
     def __reduce__(self) -> tuple[Any, ...]:
         given = self.source, self.number, self.settings
@@ -111,7 +116,7 @@ class Recording:
             turns_per_metre=turns_per_metre(
                 record if assumed else turning, settings.roller_diameter_m
             ),
-            speed_step=step_of(record['speed']) if 'speed' in record else 0.0,
+            speed_step=speed_step(record['speed']) if 'speed' in record else 0.0,
             stretches=tuple(map(Stretch.of, channels)),
         )
         return record, turning, channels, digest

@@ -237,19 +237,47 @@ def test_resolution_and_scale_of_the_speed_enter_the_intervals(records, from_swe
     assert wide[2][0] - wide[1][0] > 2.0 * (narrow[2][0] - narrow[1][0])
 
 
+def read_in_steps(record: Record, step: float) -> Record:
+    speed = record['speed']
+    coarse = Series(speed.stamps_ns, step * np.round(speed.values / step))
+    return replace(record, channels={**record, 'speed': coarse})
+
+
 def test_a_coarse_reading_of_the_speed_is_seen_and_enters_the_intervals(records, from_sweep):
     step = 0.05
-    coarse = [
-        replace(one, channels={**one, 'speed': Series(
-            one['speed'].stamps_ns, step * np.round(one['speed'].values / step)
-        )})
-        for one in records['sweep']
-    ]  # fmt: skip
-    result = identify(coarse)
+    result = identify([read_in_steps(one, step) for one in records['sweep']])
     assert any('in steps of 0.05 m/s' in warning for warning in result.warnings)
     assert not any('in steps of' in warning for warning in from_sweep.warnings)
     added = math.sqrt(max(result.v_n.std**2 - from_sweep.v_n.std**2, 0.0))
     assert added == pytest.approx(step / math.sqrt(12.0), rel=0.3)
+
+
+def staircase_of(make, forcing: float) -> Record:
+    up = np.linspace(5.7, 8.5, 12)
+    levels = np.repeat(np.concatenate([up, up[::-1]]), 2)
+    times = (20.0 * np.arange(24.0)[:, None] + [0.0, 18.0]).ravel()
+    return make(lambda t: np.interp(t, times, levels), 480.0, 1, forcing=forcing)
+
+
+def test_each_hold_of_a_coarse_speed_has_a_speed_of_its_own(make):
+    """Limit cycles are known much better than such a speed: they would bend the law to it."""
+    fine = staircase_of(make, 3e-6)
+    coarse = identify(read_in_steps(fine, 0.08))
+    assert coarse.v_c.value == pytest.approx(identify(fine).v_c.value, abs=0.03)
+    assert coarse.v_n.low < PAPER_NORMAL_FORM.nonlinear_critical_speed < coarse.v_n.high
+
+
+def test_the_line_of_a_roller_tells_its_diameter_where_nobody_did(make):
+    plain = staircase_of(make, 2e-5)
+    lateral, speed = plain['lateral'], plain['speed']
+    running = np.interp(lateral.seconds(), speed.seconds(), speed.values)
+    angle = np.cumsum(running) * 0.01 * 2.0 / 1.3
+    rough = Series(lateral.stamps_ns, lateral.values + 1e-4 * np.cos(angle))
+    record = replace(plain, channels={'lateral': rough, 'speed': speed})
+    found = identify(record)
+    assert any('a roller of 1.3 m by its line' in warning for warning in found.warnings)
+    told = identify(record, IdentificationSettings(roller_diameter_m=1.3))
+    assert found.v_c.value == pytest.approx(told.v_c.value, abs=0.02)
 
 
 def test_scales_are_only_units(records, from_sweep):

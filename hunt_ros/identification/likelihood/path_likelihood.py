@@ -59,6 +59,9 @@ class Path:
         Power (B / A_ref)^2 of the lines that the roller forces on y beside hunting.
     recording : ndarray of int, shape (n,), optional
         Recording each instant belongs to, 0-based and in a row; all to one where it is not given.
+        Of one recording whose speed is coarse: the hold.
+    hold_std : float
+        Standard deviation of the true speed of a hold about the coarse one, over v_ref; 0: fine.
     """
 
     time: NDArray[np.float64]
@@ -69,6 +72,7 @@ class Path:
     reach: float = 0.0
     line: NDArray[np.float64] | None = None
     recording: NDArray[np.int64] | None = None
+    hold_std: float = 0.0
 
     @cached_property
     def recordings(self) -> list[Path]:

@@ -3,7 +3,8 @@ The fit: maximum likelihood of the measured paths, by Fisher scoring.
 
 With negligible process noise it is the trajectory fit by nonlinear least squares. Recordings of
 one rig differ: each has a gain, a scale of the speed, a critical speed, forcing and noise of its
-own, whose spread is learnt from them (`learnt`). What is kept of them beside their values is the
+own, whose spread is learnt from them (`learnt`). So do holds where the speed is read in coarse
+steps. What is kept of them beside their values is the
 information that they leave on the law.
 """
 
@@ -166,9 +167,8 @@ class _Expansion:
     """
     The log likelihood about a point.
 
-    `gradient` and `information` are those of the law alone; `own_slope` and `own_block` (its
-    prior in it) and `cross` are those of what the recordings have of their own, by which they were
-    reduced.
+    `gradient` and `information` are those of the law, `own_slope` and `own_block` (its prior in
+    it) and `cross` those of what the recordings have of their own.
     """
 
     value: float
@@ -179,11 +179,22 @@ class _Expansion:
     own_block: Array
     cross: Array
 
+    def reduced(self, damping: float = 0.0) -> tuple[Array, Array]:
+        """Return gradient and information of the law where what the recordings have follows it."""
+        lean = _solved(self._damped(damping), self.cross.transpose(0, 2, 1))
+        with np.errstate(over='ignore', invalid='ignore'):  # of a law that runs away
+            gradient = self.gradient - np.einsum('rki,rk->i', lean, self.own_slope)
+            return gradient, self.information - np.einsum('rjk,rki->ji', self.cross, lean)
+
     def follow(self, step: Array, damping: float) -> Array:
         """Return the step of what the recordings have that goes with one of the law."""
         wanted = self.own_slope - np.einsum('rjk,j->rk', self.cross, step)
-        matrix = self.own_block * (1.0 + damping * np.eye(_OWN))
-        return _solved(matrix, wanted[..., None])[..., 0]
+        return _solved(self._damped(damping), wanted[..., None])[..., 0]
+
+    def _damped(self, damping: float) -> Array:
+        """Return the blocks as Levenberg's method damps all of the problem."""
+        damped: Array = self.own_block * (1.0 + damping * np.eye(_OWN))
+        return damped
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,14 +274,12 @@ class _Problem:
             wide = d_l.reshape(n, -1)
             with np.errstate(over='ignore', invalid='ignore'):  # of a law that runs away
                 whole = way.T @ (mean @ mean.T + 0.5 * wide @ wide.T) @ way
-            lean = np.zeros((n, _OWN))
             if self.differ:
                 slopes[r] = point[n:] - one / self.spread**2
                 blocks[r] = whole[n:, n:] + np.diag(self.spread**-2)
                 cross[r] = whole[:n, n:]
-                lean = _solved(blocks[r], cross[r].T).T
-            gradient += point[:n] - lean @ slopes[r]
-            information += whole[:n, :n] - lean @ cross[r].T
+            gradient += point[:n]
+            information += whole[:n, :n]
             base.append(out)
         k = self.told
         gradient[k] -= self.away(theta) / self.std[k]
@@ -300,10 +309,11 @@ def _remaining(theta: Array, at: _Expansion) -> float:
     ----------
     Boyd, S., Vandenberghe, L., Convex Optimization (2004), Sect. 9.5.1.
     """
-    if not (np.isfinite(at.information).all() and np.isfinite(at.gradient).all()):
+    if not all(np.isfinite(one).all() for one in (at.information, at.gradient, at.own_block)):
         return float('inf')
-    free = _free(theta, at.gradient)
-    pull, block = at.gradient[free], at.information[np.ix_(free, free)]
+    gradient, information = at.reduced()
+    free = _free(theta, gradient)
+    pull, block = gradient[free], information[np.ix_(free, free)]
     own = _solved(at.own_block, at.own_slope[..., None])[..., 0]
     return 0.5 * float(pull @ inverse_of(block) @ pull + np.sum(at.own_slope * own))
 
@@ -382,8 +392,12 @@ def fit_path(
     Fisher scoring with Levenberg's damping; the likelihood is that of the extended Kalman
     filter (Ljung, L., System Identification, 1999, Sect. 7.4).
     """
-    several = len(path.recordings) > 1
-    spread = _USUAL * several if spread is None else spread
+    if spread is None:
+        spread = _USUAL * (len(path.recordings) > 1)
+    if path.hold_std:
+        # They are of one recording, and differ by no more than the steps of the reading.
+        spread = _SPREADS[:, 0].copy()
+        spread[2] = path.hold_std
     problem = _Problem(path, prior, priors, spread)
     low, high = _bounds()
     theta = np.array(start, dtype=np.float64)
@@ -396,14 +410,15 @@ def fit_path(
     for _ in range(iterations):
         if _remaining(theta, current) <= _GAIN:
             break
-        # What a bound holds stays there: a step that is cut at a bound leads nowhere.
-        free = _free(theta, current.gradient) & problem.varied
-        block = current.information[np.ix_(free, free)]
         stalled = True
         for _ in range(12):
+            gradient, information = current.reduced(damping)
+            # What a bound holds stays there: a step that is cut at a bound leads nowhere.
+            free = _free(theta, gradient) & problem.varied
+            block = information[np.ix_(free, free)]
             matrix = block + damping * np.diag(np.maximum(np.diag(block), 1e-9))
             step = np.zeros(theta.size)
-            step[free] = np.linalg.solve(matrix, current.gradient[free])
+            step[free] = np.linalg.solve(matrix, gradient[free])
             # A law an order away from the last one has left the hill it was climbing.
             size = np.maximum(np.abs(theta[:FELT]), 0.05 * prior.std[:FELT])
             longest = np.max(np.abs(step[:FELT]) / np.where(size > 0.0, size, np.inf))
@@ -437,7 +452,7 @@ def fit_path(
         unknown = 0.5 * _log_widths(current.own_block, spread) if known else float('inf')
     return TrajectoryFit(
         theta,
-        current.information,
+        current.reduced()[1],
         -current.value - unknown,
         current.innovations,
         _remaining(theta, current),
@@ -462,7 +477,7 @@ def learnt(
     Pinheiro, J. C., Bates, D. M., Mixed-Effects Models in S and S-PLUS (2000), Sect. 7.2.
     """
     count = len(path.recordings)
-    if count < 2:
+    if count < 2 or path.hold_std:
         return fit
     for turn in range(_ROUNDS):
         spread = _likeliest(path, fit, prior, priors)
@@ -483,11 +498,8 @@ def _likeliest(path: Path, fit: TrajectoryFit, prior: LawPrior, priors: Sequence
     if not all(np.isfinite(one).all() for one in (at.information, at.own_block, at.cross)):
         return fit.spread  # of a law that ran away
     bare = at.own_block - precision
-    lean = _solved(at.own_block, at.cross.transpose(0, 2, 1))
-    # The information on the law and its gradient with what the recordings have held, at zero.
-    law = at.information + np.einsum('rjk,rki->ji', at.cross, lean)
-    pull = at.gradient + np.einsum('rki,rk->i', lean, at.own_slope)
-    pull = pull + np.einsum('rjk,rk->j', at.cross, fit.own)
+    # With what the recordings have held, at zero.
+    law, pull = at.information, at.gradient + np.einsum('rjk,rk->j', at.cross, fit.own)
     wanted = at.own_slope + fit.own / fit.spread**2 + np.einsum('rjk,rk->rj', bare, fit.own)
     free = np.flatnonzero(np.diag(law) > 0.0)
 

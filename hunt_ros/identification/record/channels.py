@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.errors import IdentificationError
-from hunt_ros.samples import NANOSECONDS, Record
+from hunt_ros.samples import NANOSECONDS, Record, Series, smallest_step
+
+#: Steps of speed readings below this share of the speed are averaged out by its own noise; of this
+#: share or more they are levels that somebody told.
+_FINE_STEP, _LARGEST_STEP = 1e-3, 0.012
+#: A reading that stands so many times longer than those beside it is that of a hold; one that
+#: stands for less than so much of what is usual is on the way to another one.
+_HOLD, _BRIEF = 3.0, 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +81,46 @@ def refuse(bad: bool, name: str, words: str) -> None:
         raise IdentificationError(f'{name}: {words}')
 
 
+def speed_step(speed: Series) -> float:
+    """
+    Return the step of coarse speed readings, m/s; 0 where their own noise averages it out.
+
+    Readings further apart than `_LARGEST_STEP` are levels that somebody told.
+    """
+    values = speed.finite().values
+    step, highest = smallest_step(values), float(np.abs(values).max(initial=0.0))
+    return step if _FINE_STEP * highest < step < _LARGEST_STEP * highest else 0.0
+
+
+def between_steps(
+    time: NDArray[np.float64], speed: NDArray[np.float64], step: float
+) -> NDArray[np.float64]:
+    """
+    Return the speed behind readings in steps, m/s: it passes evenly what they step through.
+
+    A reading that stands for much longer than those beside it is that of a hold, and stays.
+    """
+    first = np.flatnonzero(np.diff(speed, prepend=math.nan))
+    begin, end = time[first], time[np.append(first[1:], speed.size) - 1]
+    # Where it passes from one to the next it may go to and fro.
+    longest = np.sort(end - begin)[::-1]
+    usual = longest[np.searchsorted(np.cumsum(longest), 0.5 * longest.sum())]
+    stands = np.flatnonzero(end - begin >= _BRIEF * usual)
+    begin, end, level = begin[stands], end[stands], speed[first[stands]]
+    other = np.flatnonzero(np.diff(level, prepend=math.nan))
+    begin, end, level = begin[other], end[np.append(other[1:], level.size) - 1], level[other]
+    passes, rises = 0.5 * (end[:-1] + begin[1:]), np.diff(level)
+    lasts = np.diff(passes, prepend=time[0], append=time[-1])
+    found: NDArray[np.float64] = speed.copy()
+    for k, rise in enumerate(rises[1:], start=1):
+        near = max(abs(rise), abs(rises[k - 1])) < 1.5 * step and rise * rises[k - 1] > 0.0
+        if near and lasts[k] <= _HOLD * min(lasts[k - 1], lasts[k + 1]):
+            inside = slice(*np.searchsorted(time, passes[k - 1 : k + 1]))
+            ends = level[k] - 0.5 * rises[k - 1], level[k] + 0.5 * rise
+            found[inside] = np.interp(time[inside], passes[k - 1 : k + 1], ends)
+    return found
+
+
 def channels_of(record: Record) -> Channels:
     """
     Bring a record, its channels in order, onto the time of its lateral samples.
@@ -93,7 +141,10 @@ def channels_of(record: Record) -> Channels:
     few = f'{time.size} lateral samples over {time[-1]:.1f} s are too few'
     refuse(time.size < 50 or time[-1] < 3.0, name, f'{few}, expected at least 50 over 3 s')
     told = record['speed'].finite()
-    speed = np.interp(time, told.seconds(start_ns), told.values)
+    when, read = told.seconds(start_ns), told.values
+    if step := speed_step(told):
+        read = between_steps(when, read, step)
+    speed = np.interp(time, when, read)
     roller = np.zeros(0)
     if 'roller' in record and np.isfinite(record['roller'].values).sum() > 10:
         angle = record['roller'].finite()

@@ -22,14 +22,12 @@ from hunt_ros.identification.record.channels import Channels, channels_of, refus
 from hunt_ros.identification.record.envelope import Envelope
 from hunt_ros.identification.record.segments import runs
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.samples import NANOSECONDS, Record, Series, smallest_step
+from hunt_ros.samples import NANOSECONDS, Record, Series
 
 #: Below this share of its highest speed a rig stands: there is nothing to learn there.
 _STANDING = 0.05
 #: A longer time without a sample parts a record, s: what went on meanwhile is not known.
 _GAP_S = 60.0
-#: Speeds that differ by this share or more are levels that somebody told, not steps of readings.
-_LARGEST_STEP = 0.012
 #: Lateral motion larger or smaller than these in units of d0, and speeds outside this
 #: range (m/s), are rather a wrong unit.
 _LATERAL_RANGE = (2e-5, 5.0)
@@ -117,7 +115,7 @@ class Digest:
     turns_per_metre : float
         Of the roller, 1/m; NaN where not known.
     speed_step : float
-        Smallest step of the speed readings, m/s; see `step_of`.
+        Step of coarse speed readings, m/s; 0: they are fine.
     stretches : tuple of Stretch
         In which the rig runs.
     """
@@ -134,13 +132,6 @@ class Digest:
     turns_per_metre: float
     speed_step: float
     stretches: tuple[Stretch, ...]
-
-
-def step_of(speed: Series) -> float:
-    """Return the smallest step of speed readings, m/s; 0 where the speed was told, not read."""
-    values = speed.finite().values
-    step = smallest_step(values)
-    return step if step < _LARGEST_STEP * float(np.abs(values).max(initial=0.0)) else 0.0
 
 
 def sketch_of(lateral: Series) -> Series:

@@ -120,10 +120,13 @@ class Evidence:
 
     def alike(self) -> Evidence:
         """Return it with the recordings brought to one gain and one scale of the speed."""
-        own = np.exp(self.laws[0].fit.own[:, :2])
-        sources = dict.fromkeys(run.envelope.source for run in self.runs)
-        given = {source: tuple(one) for source, one in zip(sources, own.tolist(), strict=True)}
-        return replace(self, runs=[run.read(*given[run.envelope.source]) for run in self.runs])
+        best = self.laws[0]
+        ends = np.cumsum([run.envelope.time.size for run in self.runs])
+        own = np.split(best.fit.own[best.path.recording, :2], ends[:-1])
+        given = [np.exp(one.mean(axis=0)).tolist() for one in own]
+        return replace(
+            self, runs=[run.read(*one) for run, one in zip(self.runs, given, strict=True)]
+        )
 
     @property
     def hunting(self) -> list[SteadyState]:
