@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -12,15 +12,19 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from hunt_ros.analysis.steady_state import SteadyState
-from hunt_ros.dynamics.growth_law import GrowthLaw
+from hunt_ros.dynamics.covariance_root import inverse_of
+from hunt_ros.dynamics.growth_law import TERMS, GrowthLaw
 from hunt_ros.identification.fit import FittedLaw
-from hunt_ros.identification.likelihood.stationary import stationary_amplitude
+from hunt_ros.identification.likelihood.stationary import forcing, stationary_amplitude
 from hunt_ros.identification.record.segments import Run
 
 #: A discrepancy is a lack of fit if chance makes it in one case of a hundred, and it is
 #: more than this share of the amplitude.
 _LEVEL = 0.01
 _SHARE = 0.01
+#: Share of its variance that a direction of the residuals keeps at least: the covariance of a
+#: fit is not known to better.
+_LEAST_LEFT = 0.05
 #: Amplitudes are not known to better than this share.
 _FLOOR = 1e-4
 #: Logarithm of the amplitude that a state counts as off where the law has no limit cycle.
@@ -61,6 +65,7 @@ def lack_of_fit(
     law: GrowthLaw,
     states: Sequence[SteadyState],
     noise: NDArray[np.float64] | None = None,
+    covariance: NDArray[np.float64] | None = None,
 ) -> LackOfFit:
     """
     Test the stable branch of a law against steady amplitudes.
@@ -78,6 +83,8 @@ def lack_of_fit(
     noise : ndarray, shape (5,), optional
         Forcing found beside the law: the states are then compared with the mean amplitude
         of the forced motion, which near a critical speed is not that of the branch.
+    covariance : ndarray, shape (11, 11), optional
+        Of the law's coefficients, where it was fitted to these states: by the likelihood.
 
     Returns
     -------
@@ -91,10 +98,11 @@ def lack_of_fit(
     amplitude = np.array([state.amplitude for state in states])
     if len(states) < 8 or np.ptp(speed) < 0.02 * float(np.mean(speed)):
         return LackOfFit()
-    expected = _expected(law, states, noise)
-    told = ~np.isinf(expected)
-    residual = np.log(amplitude / np.where(told, expected, np.nan))
+    expected, error = _expected(law, states, noise)
+    with np.errstate(invalid='ignore'):
+        residual = np.log(amplitude / expected)
     residual = np.clip(np.where(np.isfinite(residual), residual, _ABSENT), -_ABSENT, _ABSENT)
+    told = np.isfinite(error)
     # Also just below the data: a line forced by the roller moves the fold a little.
     lowest = float(speed[told].min(initial=math.inf))
     fold = law.saddle_node((1.0 - 2.0 * _LINGERING) * lowest) if told.sum() >= 8 else None
@@ -103,27 +111,126 @@ def lack_of_fit(
         told &= np.abs(speed / fold - 1.0) > _LINGERING
     if told.sum() < 8:
         return LackOfFit()
-    speed, residual = speed[told], residual[told]
-    basis = np.vander((speed - speed.mean()) / max(float(np.ptp(speed)), 1e-9), 4)
-    fitted = basis @ np.linalg.lstsq(basis, residual, rcond=None)[0]
+    bent = _bent(law, states, covariance)
+    return _against_curve(speed[told], residual[told], error[told], bent[told])
+
+
+def _against_curve(
+    speed: NDArray[np.float64],
+    residual: NDArray[np.float64],
+    error: NDArray[np.float64],
+    bent: NDArray[np.float64],
+) -> LackOfFit:
+    """
+    Regress the residuals on a cubic in the speed; what scatters about it is pure error.
+
+    A law that was fitted to these states has bent towards them. Of each direction of the cubic
+    the residuals then hold only what the fit could not take up, and count for as much.
+
+    Parameters
+    ----------
+    speed : ndarray, shape (n,)
+        m/s.
+    residual : ndarray, shape (n,)
+        ln of the measured over the expected amplitude.
+    error : ndarray, shape (n,)
+        Standard deviation of each that is expected of random motion.
+    bent : ndarray, shape (n, k)
+        Change of ln of each expected amplitude with k independent directions of the law's
+        coefficients, by one deviation each.
+
+    Returns
+    -------
+    LackOfFit
+
+    References
+    ----------
+    Satterthwaite, F. E. (1946), Biometrics Bulletin 2, 110-114: degrees of freedom of a sum of
+    squares of unequal variances.
+    """
+    x = (speed - speed.mean()) / max(float(np.ptp(speed)), 1e-9)
+    basis = np.vander(x, 4)
     freedom = residual.size - 4
-    # A floor: amplitudes are not known to better than this.
-    pure = max(float(np.sum((residual - fitted) ** 2)) / freedom, _FLOOR**2)
-    # A law that was fitted to these states has bent towards them: p is rather too large.
-    ratio = float(np.sum(fitted**2)) / 4.0 / pure
-    return LackOfFit(float(stats.f.sf(ratio, 4, freedom)), float(np.sqrt(np.mean(fitted**2))))
+    pure = np.inf
+    # Once for the scatter of all alike, once more with the wandering of each beside it.
+    for _ in range(2):
+        weight = np.ones(residual.size) if pure == np.inf else _weights(pure, error)
+        rows = basis * weight[:, None]
+        fitted = basis @ np.linalg.lstsq(rows, residual * weight, rcond=None)[0]
+        # A floor: amplitudes are not known to better than this.
+        pure = max(float(np.sum((weight * (residual - fitted)) ** 2)) / freedom, _FLOOR**2)
+    directions = np.linalg.qr(basis * weight[:, None])[0]
+    taken = directions.T @ (weight[:, None] * bent)
+    left = np.clip(1.0 - np.linalg.svd(taken, compute_uv=False) ** 2 / pure, _LEAST_LEFT, 1.0)
+    left = np.concatenate([left, np.ones(4 - left.size)])
+    ratio = float(np.sum((weight * fitted) ** 2)) / float(left.sum()) / pure
+    terms = float(left.sum() ** 2 / np.sum(left**2))
+    return LackOfFit(float(stats.f.sf(ratio, terms, freedom)), float(np.sqrt(np.mean(fitted**2))))
+
+
+def _weights(pure: float, error: NDArray[np.float64]) -> NDArray[np.float64]:
+    """
+    Weights of states that wander, of which all together scatter by `pure`.
+
+    A law that does not fit finds a forcing that is too strong, and would be excused by it:
+    what the states wander by is a part of what they are seen to scatter by, not more.
+    """
+    wandering = error**2
+    mean = max(float(np.mean(wandering)), _FLOOR**2)
+    variance = max(pure - mean, 0.0) + wandering * min(1.0, pure / mean)
+    weights: NDArray[np.float64] = np.sqrt(pure / np.maximum(variance, 1e-2 * pure))
+    return weights
+
+
+def _bent(
+    law: GrowthLaw, states: Sequence[SteadyState], covariance: NDArray[np.float64] | None
+) -> NDArray[np.float64]:
+    """Change of ln A of the stable branch with each direction of the law that is open, (n, k)."""
+    if covariance is None:
+        return np.zeros((len(states), 1))
+    speed = np.array([state.speed for state in states])
+    line = np.array([state.line_power for state in states])
+    open_to = np.diag(covariance) > 0.0
+    size = np.where(open_to, np.sqrt(np.abs(np.diag(covariance))), 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
+    changes = []
+    for value, vector in zip(values, vectors.T, strict=True):
+        step = size * vector * math.sqrt(max(float(value), 0.0))
+        # A tenth of a deviation: the branch bends little, and is still there.
+        above, below = (
+            replace(law, p=law.p + side * 0.1 * step).steady_amplitudes(speed, line)[1]
+            for side in (1.0, -1.0)
+        )
+        changes.append(np.nan_to_num(np.log(above / below) / 0.2))
+    return np.stack(changes, axis=1)
 
 
 def _expected(
     law: GrowthLaw, states: Sequence[SteadyState], noise: NDArray[np.float64] | None
-) -> NDArray[np.float64]:
-    """Amplitudes that the law expects, m; inf for one that wanders too far to be compared."""
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Amplitudes that the law expects, m, and by how much a plateau's mean may be off, of it."""
     speed = np.array([state.speed for state in states])
     line = np.array([state.line_power for state in states])
     if noise is None:
-        return law.steady_amplitudes(speed, line)[1]
+        return law.steady_amplitudes(speed, line)[1], np.zeros(speed.size)
     mean, std = stationary_amplitude(law, noise, speed, line)
-    return np.where(std > _WANDERS * mean, np.inf, mean)
+    seconds = np.array([max(state.end_ns - state.start_ns, 1) / 1e9 for state in states])
+    u, w = law.detuning(speed), (mean / law.scales.amplitude) ** 2
+    push = law.scales.amplitude**2 * forcing(noise, u, np.nan_to_num(w))
+    # An amplitude held weakly wanders slowly: std^2 = Q / 2 rate, and few of its turns fit in.
+    share = np.minimum(1.0, 4.0 * std**2 / (push * seconds))
+    error = std / mean * np.sqrt(share)
+    blurred = std > _WANDERS * mean
+    return mean, np.nan_to_num(np.where(blurred, np.inf, error), nan=0.0, posinf=np.inf)
+
+
+def misfit_of(fitted: FittedLaw, states: Sequence[SteadyState]) -> LackOfFit:
+    """Test the stable branch of a fitted law against the steady amplitudes it was fitted to."""
+    information = fitted.fit.information
+    covariance = None
+    if np.isfinite(information).all():
+        covariance = inverse_of(information)[:TERMS, :TERMS]
+    return lack_of_fit(fitted.law, states, fitted.noise, covariance)
 
 
 def missed_transients(fitted: FittedLaw, runs: Sequence[Run]) -> tuple[int, int]:

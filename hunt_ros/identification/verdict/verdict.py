@@ -40,7 +40,7 @@ from hunt_ros.identification.uncertainty import (
 from hunt_ros.identification.verdict.lack_of_fit import (
     LackOfFit,
     contradictions,
-    lack_of_fit,
+    misfit_of,
     missed_transients,
 )
 from hunt_ros.identification.verdict.reasons import reasons, unknown_of
@@ -167,7 +167,7 @@ def conclude(
     """
     best = evidence.laws[0]
     alike = evidence.alike()
-    misfit = lack_of_fit(best.law, alike.hunting, best.noise)
+    misfit = misfit_of(best, alike.hunting)
     failed = _misfits(best, evidence, alike, misfit, warnings)
     lacks = [failed[name] for name in ('fits', 'believed', 'agree') if name in failed]
     # A misfit is a systematic error, in its proportion.
@@ -278,8 +278,7 @@ def _misfits(
         failed['believed'] = astray
         warnings.append(f'lack of fit: {astray}')
     # The paper's form may miss what a richer one follows: that too is to be known.
-    paper = next(one for one in evidence.laws if one.departure == 0.0)
-    quintic = lack_of_fit(paper.law, alike.hunting, paper.noise)
+    quintic = next(misfit_of(one, alike.hunting) for one in evidence.laws if one.departure == 0.0)
     if quintic.flagged and not misfit.flagged:
         warnings.append(
             f'lack of fit of the quintic form ({100.0 * quintic.share:.1f} %); further terms are'

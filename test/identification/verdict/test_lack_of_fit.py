@@ -1,12 +1,62 @@
-"""A limit cycle that no form follows bends no critical speed."""
+"""The test of a law against the limit cycle it was fitted to is one: its p is a probability."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from made import LAW
+from scipy import stats
 
+from hunt_ros.analysis.steady_state import SteadyState
+from hunt_ros.dynamics.growth_law import lawful
 from hunt_ros.identification import identify
+from hunt_ros.identification.verdict.lack_of_fit import lack_of_fit
 from hunt_ros.samples import Record, Series
+
+SPEEDS = np.linspace(6.7, 9.0, 24)
+SCATTER = 2e-3
+#: What transients and the quiet state tell of each coefficient, 1/s.
+KNOWN = np.array([0.02, 0.1, 0.3, 0.1, 0.3, 0.1])
+
+
+def logs(p: np.ndarray) -> np.ndarray:
+    """Logarithms of the stable branch of a law."""
+    return np.log(replace(LAW, p=lawful(p)).steady_amplitudes(SPEEDS)[1])
+
+
+@pytest.fixture(scope='module')
+def probabilities() -> np.ndarray:
+    """Of 200 sets of states made by the law itself, each with the law that was fitted to it."""
+    rng = np.random.default_rng(0)
+    paper = LAW.p[:6]
+    slopes = [(logs(paper + h) - logs(paper - h)) / 2e-4 for h in 1e-4 * np.eye(6)]
+    sensitivity = np.stack(slopes, axis=1)
+    other = np.diag(KNOWN**-2)
+    covariance = np.linalg.inv(sensitivity.T @ sensitivity / SCATTER**2 + other)
+    found = []
+    for _ in range(200):
+        error = SCATTER * rng.standard_normal(SPEEDS.size)
+        told = KNOWN * rng.standard_normal(6)
+        p = paper + covariance @ (sensitivity.T @ error / SCATTER**2 + other @ told)
+        amplitude = np.exp(logs(paper) + error)
+        states = [
+            SteadyState(v, a, 1e-6, 'up', 70) for v, a in zip(SPEEDS, amplitude, strict=True)
+        ]
+        held = np.pad(covariance, (0, 5))
+        found.append(lack_of_fit(replace(LAW, p=lawful(p)), states, None, held).p)
+    return np.array(found)
+
+
+@pytest.mark.parametrize('level', [0.05, 0.2, 0.5, 0.8])
+def test_the_degrees_of_freedom_that_the_fit_took_are_charged(probabilities, level):
+    below = int(np.sum(probabilities < level))
+    # Three deviations of a binomial; and an approximation that is allowed a fifth of the level.
+    low = stats.binom.ppf(0.0013, probabilities.size, 0.8 * level)
+    high = stats.binom.ppf(0.9987, probabilities.size, min(1.2 * level, 0.95))
+    assert low <= below <= high
+
 
 _STEPS = (*np.arange(6.2, 9.01, 0.2), *np.arange(8.8, 6.19, -0.2))
 _HOLD_S = 14.0
