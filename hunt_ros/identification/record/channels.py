@@ -102,7 +102,7 @@ def between_steps(
     """
     first = np.flatnonzero(np.diff(speed, prepend=math.nan))
     begin, end = time[first], time[np.append(first[1:], speed.size) - 1]
-    # Where it passes from one to the next it may go to and fro.
+    # Where it passes from one to the next it may waver.
     longest = np.sort(end - begin)[::-1]
     usual = longest[np.searchsorted(np.cumsum(longest), 0.5 * longest.sum())]
     stands = np.flatnonzero(end - begin >= _BRIEF * usual)
