@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from scipy.signal import lfilter
 from scipy.stats import binom
 
 from hunt_ros.bag import write_record
@@ -66,6 +67,20 @@ def changed(record: Record, **values: Values) -> Record:
     return Record({**record, **series}, record.source, record.notes)
 
 
+def flutter_runs(pattern: str) -> list[Record]:
+    """Return recordings of `FLUTTER`: heave and airspeed, the day in the notes."""
+    from scipy.io import loadmat
+
+    runs = []
+    for path in sorted(FLUTTER.glob(pattern)):
+        data = loadmat(path)['data']
+        seconds = np.arange(data.shape[1]) / 250.0
+        airspeed = float(path.name.split('_V')[1][:3]) / 10.0
+        record = record_of(seconds, path.name, lateral=0.47 * data[1], speed=airspeed)
+        runs.append(Record(record, path.name, {'day': path.name[:8]}))
+    return runs
+
+
 def without(record: Record, *names: str) -> Record:
     """Return a record that lacks some channels."""
     return Record({key: one for key, one in record.items() if key not in names}, record.source)
@@ -76,6 +91,21 @@ def dead(record: Record, channel: str, from_s: float = 0.0, value: float = np.na
     series = record[channel]
     values = np.where(series.stamps_ns >= from_s * SECOND, value, series.values)
     return changed(record, **{channel: values})
+
+
+def forced_mode(
+    rng: np.random.Generator,
+    count: int,
+    step_s: float,
+    damping: float,
+    std: float,
+    hz: float = 0.0,
+) -> np.ndarray:
+    """Return a damped mode that noise drives, exact at the steps; `std` is that of each part."""
+    keep = np.exp((-damping + 2j * np.pi * hz) * step_s)
+    push = std * (rng.standard_normal((count, 2)) @ np.array([1.0, 1.0j]))
+    push[1:] *= np.sqrt(1.0 - abs(keep) ** 2)
+    return lfilter([1.0], [1.0, -keep], push)
 
 
 def rig_settings(

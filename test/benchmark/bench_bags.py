@@ -7,32 +7,28 @@ Reading recordings: columns against rosbags and mcap, in one run on the same fil
 from __future__ import annotations
 
 import shutil
-import sys
 import tempfile
 import time
 import tracemalloc
 from collections.abc import Callable
-from operator import itemgetter
 from pathlib import Path
+from runpy import run_path
 
 import numpy as np
 from mcap.reader import make_reader
 from mcap.writer import Writer
-from rosbags.rosbag2 import Reader, StoragePlugin
-from rosbags.rosbag2 import Writer as RosbagsWriter
+from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
-
-sys.path.insert(0, str(Path(__file__).parent))
 from tables import asked, markdown, publish
 
 from hunt_ros.bag import read_columns, read_record, write_record
 from hunt_ros.bag.record_writer import serialise
 from hunt_ros.bag.recording import Recording, RecordingLimits
 from hunt_ros.samples import Record, Series
-from hunt_ros.sensors import CHANNEL_FIELDS
 
 BEGIN_NS = 1_700_000_000_000_000_000
 STORE = get_typestore(Stores.ROS2_JAZZY)
+write_rosbags = run_path(str(Path(__file__).parents[1] / 'bag' / 'conftest.py'))['write_rosbags']
 COLUMNS = ['a=/rig/lateral', 'b=/rig/yaw']
 #: Messages a second of a rig: lateral, yaw and speed at 1 kHz.
 RIG_RATE = 3000
@@ -98,19 +94,6 @@ def mcap_raw(path: Path) -> int:
         return sum(1 for _ in make_reader(file).iter_messages())
 
 
-def sqlite_written(path: Path, record: Record) -> Path:
-    """Write a record as an SQLite bag, by rosbags."""
-    rows = []
-    with RosbagsWriter(path, version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
-        for name, series in record.items():
-            topic = writer.add_connection(f'/rig/{name}', CHANNEL_FIELDS[name][0], typestore=STORE)
-            messages = map(bytes, serialise(name, series))
-            rows += zip(series.stamps_ns.tolist(), [topic] * len(series), messages, strict=True)
-        for at, topic, message in sorted(rows, key=itemgetter(0)):
-            writer.write(topic, at, message)
-    return path
-
-
 def compare(folder: Path, count: int) -> tuple[list[list[object]], dict[str, float]]:
     """Columns, raw iteration and deserialisation for each compression, and for SQLite."""
     record = two_channels(count)
@@ -119,7 +102,7 @@ def compare(folder: Path, count: int) -> tuple[list[list[object]], dict[str, flo
     for compression in ('', 'lz4', 'zstd', 'SQLite'):
         path = folder / f'two_{compression}'
         if compression == 'SQLite':
-            sqlite_written(path, record)
+            write_rosbags(path, record)
         else:
             write_record(path, record, compression=compression)
         read_columns(path, COLUMNS)  # the file is in the page cache for all

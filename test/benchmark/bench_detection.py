@@ -10,30 +10,31 @@ from __future__ import annotations
 
 import itertools
 import math
-import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from multiprocessing import get_context
-from typing import TypeVar
+from typing import Any
 from zlib import crc32
 
 import numpy as np
 from detection_rigs import BENCHES, RATE_HZ, WAYS, Bench
+from made import dead
 from scipy.signal import butter, hilbert, sosfiltfilt
-from tables import asked, markdown, publish
+from tables import asked, mapped, markdown, publish
 
 from hunt_ros.criteria import CRITERIA, make_criterion
 from hunt_ros.detection import DetectorConfig, HuntingDetector, State, detect
 from hunt_ros.detection.output import Output
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.simulation import RollerRig, SimulatedBlock
+from hunt_ros.dynamics.simulation.experiment import record_of
 from hunt_ros.samples import Record, Series
 
-_T = TypeVar('_T')
-_R = TypeVar('_R')
+#: From a label, what is to be done, and the tasks to the results.
+Work = Callable[..., list[Any]]
 
 #: What scale 1 means: hours of quiet running, kicks of a kind, limit cycles of a speed.
 HOURS = {'paper': 24.0, '14 m/s': 3.0, 'supercritical': 4.0}
@@ -77,10 +78,7 @@ class Told:
             if self.damage == 'missing':
                 keep = rng.random(len(series)) > 0.05
                 kept[name] = Series(series.stamps_ns[keep], series.values[keep])
-            elif self.damage == name:  # dead from 2 s on
-                values = np.where(series.stamps_ns > 2e9, math.nan, series.values)
-                kept[name] = Series(series.stamps_ns, values)
-        return Record(kept)
+        return dead(record, self.damage, 2.0) if self.damage in record else Record(kept)
 
 
 @cache
@@ -105,23 +103,6 @@ CONDITIONS = (
     Told('', 'yaw dead', damage='yaw'),
     Told('', '5 % missing', damage='missing'),
 )
-
-
-def recording(blocks: list[SimulatedBlock]) -> Record:
-    """Put blocks together as a Record; speed and roller at a fifth of the rate."""
-
-    def joined(name: str) -> np.ndarray:
-        return np.concatenate([getattr(block, name) for block in blocks])
-
-    stamps, slow = joined('stamps_ns'), slice(None, None, 5)
-    return Record(
-        {
-            'lateral': Series(stamps, joined('lateral')),
-            'yaw': Series(stamps, joined('yaw')),
-            'roller': Series(stamps[slow], joined('roller_angle')[slow]),
-            'speed': Series(stamps[slow], joined('speed')[slow]),
-        }
-    )
 
 
 # --- quiet running --------------------------------------------------------------------------
@@ -168,7 +149,8 @@ def watch(case: Quiet) -> Watch:
         top = 0.9 * rig.stable(nearest) + 1.5 * rig.scale * case.roughness
     else:  # there is no edge: forced as the paper's rig
         level = BENCHES['paper'].broadband(max(case.speed, 6.6), case.ratio)
-    roller = RollerRig(rig.rig, rig.settings(case.speed, level, case.roughness), case.seed)
+    settings = rig.settings(case.speed, level, case.roughness)
+    roller = RollerRig(rig.rig, settings, case.seed)
     detector = Told(case.bench).detector()
     criteria = {name: make_criterion(name, RATE_HZ) for name in CRITERIA}
     found = Watch([], {name: [] for name in CRITERIA})
@@ -176,7 +158,7 @@ def watch(case: Quiet) -> Watch:
         block = roller.advance(int(60.0 * RATE_HZ))
         if float(np.abs(block.true_lateral).max()) > top:
             break
-        record = recording([block])
+        record = record_of([block], settings, '')
         output = Output.joined(
             [detector.update(name, one.stamps_ns, one.values) for name, one in record.items()]
         )
@@ -286,7 +268,7 @@ def judge(task: tuple[Kick, Told, dict[str, float]]) -> Verdict:
         foretold.append(risen / CLONES)
     blocks.append(roller.advance(int(AFTER_S * RATE_HZ) - done))
     escaped = rig.escapes(roller, kick.speed)
-    record, kick_ns = recording(blocks), int(blocks[1].stamps_ns[0])
+    record, kick_ns = record_of(blocks, settings, ''), int(blocks[1].stamps_ns[0])
     rows = detect(told.detector(), told.received(record, kick.seed)).estimates
     since = (rows['stamp_ns'] - kick_ns) * 1e-9
     hunting = np.isin(rows['state'], HUNTING) & (since >= 0.0)
@@ -358,11 +340,12 @@ def cycle_error(task: tuple[Told, float, int]) -> float:
     """Relative error of the mean amplitude in the limit cycle; NaN where it is unknown."""
     told, speed, seed = task
     rig = BENCHES[told.bench]
-    roller = RollerRig(rig.rig, rig.settings(speed, 8e-6, 30e-6), 30_000 + seed)
+    settings = rig.settings(speed, 8e-6, 30e-6)
+    roller = RollerRig(rig.rig, settings, 30_000 + seed)
     blocks = [roller.advance(int(4.0 * RATE_HZ))]
     rig.kick(roller, 'y', 1.1 * rig.stable(speed))
     blocks.append(roller.advance(int(50.0 * RATE_HZ)))
-    rows = detect(told.detector(), told.received(recording(blocks), seed)).estimates
+    rows = detect(told.detector(), told.received(record_of(blocks, settings, ''), seed)).estimates
     # Clear of the ends, where the true amplitude is not known.
     end_ns = int(blocks[1].stamps_ns[-1]) - 2_000_000_000
     inside = rows[(rows['stamp_ns'] > end_ns - 20_000_000_000) & (rows['stamp_ns'] < end_ns)]
@@ -384,26 +367,11 @@ def true_amplitude(bench: Bench, block: SimulatedBlock) -> np.ndarray:
 # --- all of it ------------------------------------------------------------------------------
 
 
-class Workers:
-    """Processes that share the work, and say on standard error how far they are."""
-
-    def __init__(self, pool: ProcessPoolExecutor) -> None:
-        self._pool = pool
-
-    def __call__(self, label: str, work: Callable[[_T], _R], tasks: Sequence[_T]) -> list[_R]:
-        found: list[_R] = []
-        for result in self._pool.map(work, tasks):
-            found.append(result)
-            if len(found) == len(tasks) or not len(found) % max(1, len(tasks) // 10):
-                print(f'{label}: {len(found)}/{len(tasks)}', file=sys.stderr)
-        return found
-
-
 def row(name: str, wanted: str, measured: str, met: bool) -> list[object]:
     return [name, wanted, measured, 'yes' if met else '**no**']
 
 
-def quiet_running(work: Workers, scale: float) -> tuple[list[list[object]], dict[str, float]]:
+def quiet_running(work: Work, scale: float) -> tuple[list[list[object]], dict[str, float]]:
     """Rows of the goals, and the limits of the criteria on the paper's rig."""
     rows, found = [], {}
     for bench, hours in HOURS.items():
@@ -416,7 +384,7 @@ def quiet_running(work: Workers, scale: float) -> tuple[list[list[object]], dict
 
 
 def kicks(
-    work: Workers, scale: float, limit: dict[str, float]
+    work: Work, scale: float, limit: dict[str, float]
 ) -> tuple[list[list[object]], list[str]]:
     """Rows of the goals, and the tables beside the criteria and of P."""
     keys = [
@@ -493,7 +461,7 @@ def beside_criteria(found: list[Verdict]) -> str:
     )
 
 
-def cycles(work: Workers, scale: float) -> list[list[object]]:
+def cycles(work: Work, scale: float) -> list[list[object]]:
     """Rows of the goals: amplitude in the limit cycle, the rigs side by side."""
     rows = []
     for condition in CONDITIONS:
@@ -520,7 +488,7 @@ def main() -> None:
     """Measure, print and publish."""
     found = asked(__doc__, scale=(1.0, 0.001))
     with ProcessPoolExecutor(found.jobs, mp_context=get_context('spawn')) as pool:
-        work = Workers(pool)
+        work = partial(mapped, pool)
         rows, limit = quiet_running(work, found.scale)
         more, tables = kicks(work, found.scale, limit)
         rows += [*more, *cycles(work, found.scale)]

@@ -7,11 +7,10 @@ depend on the machine.
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from runpy import run_path
 
 import numpy as np
 from bounds import (
@@ -25,13 +24,7 @@ from tables import markdown, publish
 from hunt_ros.compiled import HAVE_COMPILER
 from hunt_ros.estimation.kalman import HuntingTracker, ModePoint, TrackerConfig
 
-_SPEC = importlib.util.spec_from_file_location(
-    'signals', Path(__file__).parents[1] / 'estimation' / 'conftest.py'
-)
-signals = importlib.util.module_from_spec(_SPEC)
-sys.modules['signals'] = signals
-_SPEC.loader.exec_module(signals)
-hunting_signal = signals._signal
+hunting_signal = run_path(str(Path(__file__).parents[1] / 'estimation' / 'conftest.py'))['_signal']
 
 BOTH, LATERAL = (0, 1), (0,)
 RATIO = -3.94 + 2.37j

@@ -7,7 +7,6 @@ real rig, and how often the intervals hold. Progress goes to stderr.
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -20,7 +19,7 @@ import numpy as np
 from identification_rigs import flutter, others
 from made import up_and_down
 from scipy import stats
-from tables import asked, markdown, publish
+from tables import asked, mapped, markdown, publish
 
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
@@ -42,27 +41,18 @@ FULL_STABLE = ((7.2, 634.47e-6), (8.0, 676.98e-6), (8.8, 701.37e-6))
 STAIRCASES = ((8e-6, 3e-5), (1.2e-5, 3e-5), (1.2e-5, 0.0), (2e-5, 3e-5), (3e-5, 3e-5))
 
 
-def say(text: str) -> None:
-    """Show how far the work is."""
-    print(text, file=sys.stderr, flush=True)
-
-
 def covered(task: tuple[int, bool]) -> tuple[np.ndarray, float]:
     """Whether each 95 % interval of one realisation at 20 um holds the truth; and lack of fit."""
     seed, told = task
     form = PAPER_NORMAL_FORM
-    settings = IdentificationSettings(prior_v_c=(8.0, 1e-3) if told else None)
+    settings = IdentificationSettings(prior_v_c=(8.0, 1e-3) if told else ())
     result = identify(_MAKERS['trajectories'](seed, 2e-5), settings)
     wanted = [(result.coefficients[name], getattr(form, name)) for name in COEFFICIENTS]
     wanted += [(result.v_n, form.nonlinear_critical_speed), (result.v_c, 8.0)]
-    speeds = [point.speed for point in result.branches if point.unstable is not None]
-    bands = [point.unstable for point in result.branches if point.unstable is not None]
     inside = [x is not None and x.low <= truth <= x.high for x, truth in wanted]
-    for speed in UNSTABLE_AT:
-        low = np.interp(speed, speeds, [band.low for band in bands])
-        high = np.interp(speed, speeds, [band.high for band in bands])
-        inside.append(bool(low <= float(form.unstable_amplitude(speed)) <= high))
-    return np.array(inside), result.fit.lack_of_fit_p
+    _, low, high = result.branch('unstable', UNSTABLE_AT)
+    truth = form.unstable_amplitude(UNSTABLE_AT)
+    return np.array([*inside, *(low <= truth) & (truth <= high)]), result.fit.lack_of_fit_p
 
 
 def stepped(seed: int, broadband: float, roughness: float) -> Record:
@@ -78,13 +68,8 @@ def staircase(task: tuple[int, float, float]) -> list[float]:
     form = None if result.normal_form is None else result.normal_form.form
     if form is None or result.v_n is None or result.v_c is None:
         return [np.nan] * 6
-    speeds = [point.speed for point in result.branches if point.unstable is not None]
-    bands = [point.unstable for point in result.branches if point.unstable is not None]
-    inside = []
-    for speed, truth in FULL_UNSTABLE:
-        low = np.interp(speed, speeds, [band.low for band in bands])
-        high = np.interp(speed, speeds, [band.high for band in bands])
-        inside.append(low <= truth <= high)
+    speeds, truth = np.array(FULL_UNSTABLE).T
+    _, low, high = result.branch('unstable', speeds)
     stable = max(abs(float(form.stable_amplitude(v)) / a - 1.0) for v, a in FULL_STABLE)
     unstable = max(abs(float(form.unstable_amplitude(v)) / a - 1.0) for v, a in FULL_UNSTABLE)
     return [
@@ -93,7 +78,7 @@ def staircase(task: tuple[int, float, float]) -> list[float]:
         result.v_c.std,
         stable,
         unstable,
-        float(np.mean(inside)),
+        float(np.mean((low <= truth) & (truth <= high))),
     ]
 
 
@@ -104,12 +89,10 @@ def coverage(count: int, pool: ProcessPoolExecutor) -> str:
     for told in (False, True):
         inside = np.zeros(len(COEFFICIENTS) + 4, dtype=int)
         tasks = [(seed, told) for seed in range(1000, 1000 + count)]
-        for done, (held, p) in enumerate(pool.map(covered, tasks), start=1):
+        for held, p in mapped(pool, 'coverage', covered, tasks):
             inside += held
             if not told and np.isfinite(p):
                 probabilities.append(p)
-            if done % 20 == 0:
-                say(f'coverage: {done} of {count}: {list(inside)}')
         rows.append(['told' if told else 'not told', *inside])
     header = ['v_c', *COEFFICIENTS, 'v_n', 'v_c', 'A_u 7.0', 'A_u 7.6']
     goal = f'{round(0.91 * count)} to {round(0.985 * count)}'
@@ -139,7 +122,7 @@ def full_model(count: int, pool: ProcessPoolExecutor) -> str:
     columns = []
     for broadband, roughness in STAIRCASES:
         tasks = [(seed, broadband, roughness) for seed in range(count)]
-        found = np.array(list(pool.map(staircase, tasks)))
+        found = np.array(mapped(pool, f'broadband {broadband:g}', staircase, tasks))
         known = found[np.isfinite(found[:, 0])]
         v_n, v_c, std, stable, unstable, inside = known.T
         columns.append(
@@ -155,7 +138,6 @@ def full_model(count: int, pool: ProcessPoolExecutor) -> str:
                 f'{np.median(stable):.1%}, {np.median(unstable):.1%}',
             ]
         )
-        say(f'staircases at broadband {broadband:g}: {columns[-1]}')
     labels = [
         ('answers', 'all'),
         ('v_n within 0.05 m/s', '90 %'),
@@ -196,7 +178,7 @@ def of_hour(seed: int) -> tuple[float, Identification]:
 def hours(count: int, pool: ProcessPoolExecutor) -> str:
     """Return how long an hour of three channels at 1 kHz takes, and how often intervals hold."""
     list(pool.map(warm, range(4)))
-    done = list(pool.map(of_hour, range(1, count + 1)))
+    done = mapped(pool, 'hours', of_hour, range(1, count + 1))
     held: dict[str, int] = {}
     for _, result in done:
         for row in compared(result):
@@ -204,22 +186,18 @@ def hours(count: int, pool: ProcessPoolExecutor) -> str:
     holds = ', '.join(f'{name} {times}' for name, times in held.items())
     record = an_hour(1)
     median = float(np.median([cpu for cpu, _ in done]))
+    header = ['', 'identified', '95 % interval', 'true', 'off, in deviations', 'interval holds']
+    first = markdown(header, compared(done[0][1]))
     return (
         f'{record.duration_s / 60.0:.0f} minutes of three channels at 1 kHz: {median:.1f} s of CPU'
         f' in the median (goal 6 s). Intervals that hold the'
-        f' truth, of {count} seeds (goal all): {holds}. The first:\n\n{beside_truth(done[0][1])}'
+        f' truth, of {count} seeds (goal all): {holds}. The first:\n\n{first}'
     )
 
 
 def warm(seed: int) -> None:
     """Compile before the clock starts."""
     identify([stepped(seed, 8e-6, 0.0)])
-
-
-def beside_truth(result: Identification) -> str:
-    """Return the table of what was identified from the full model, each beside its truth."""
-    header = ['', 'identified', '95 % interval', 'true', 'off, in deviations', 'interval holds']
-    return markdown(header, compared(result))
 
 
 def compared(result: Identification) -> list[list[str]]:
@@ -257,18 +235,15 @@ def main() -> None:
     arguments = asked(__doc__, seeds=(20, 1), coverage=(200, 2))
     count = arguments.seeds
     with ProcessPoolExecutor(arguments.jobs, mp_context=get_context('spawn')) as pool:
-        parts = []
-        for part in (
-            lambda: full_model(count, pool),
-            lambda: others(count, pool, say),
-            lambda: hours(count, pool),
-            flutter,
-            lambda: coverage(arguments.coverage, pool),
-        ):
-            parts.append(part())
-            say(parts[-1])
+        parts = [
+            full_model(count, pool),
+            others(count, pool),
+            hours(count, pool),
+            flutter(),
+            coverage(arguments.coverage, pool),
+            FALLS_SHORT,
+        ]
     text = '\n\n'.join(parts)
-    text = f'{text}\n\n{FALLS_SHORT}'
     publish('bench-identification', 'Identification', text, arguments.publish)
 
 

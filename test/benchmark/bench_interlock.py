@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -115,32 +114,6 @@ class Loop:
         self.command.trip(self.interlock.safe_speed_mps(), self.measured)
 
 
-def watcher(way: str) -> Callable[[Loop, str, float], bool]:
-    """Return who says that the roller must be slowed: gets loop, trouble, time since the kick."""
-    alarmed = [math.inf]
-
-    def protect(loop: Loop, trouble: str, since_s: float) -> bool:
-        return bool(trouble)
-
-    def operator(loop: Loop, trouble: str, since_s: float) -> bool:
-        if trouble:
-            alarmed[0] = min(alarmed[0], since_s)
-        return since_s >= alarmed[0] + REACTION_S
-
-    def criterion(loop: Loop, trouble: str, since_s: float) -> bool:
-        return any(loop.indices[name] > MARGIN * loop.highest[name] for name in CRITERIA)
-
-    def nobody(loop: Loop, trouble: str, since_s: float) -> bool:
-        return False
-
-    return {
-        'protect': protect,
-        'operator': operator,
-        'criteria': criterion,
-        'nobody': nobody,
-    }[way]
-
-
 @dataclass(frozen=True)
 class Course:
     """What came of a kick: whether it hunted, and when the roller was slowed, s after it."""
@@ -151,14 +124,23 @@ class Course:
 
 
 def course(loop: Loop, way: str, cycle_m: float) -> Course:
-    """Go on after the kick until it hunts, or is quiet again."""
-    says, acted_s, largest = watcher(way), math.inf, 0.0
+    """Go on after the kick until it hunts or is quiet again; `way`: who slows the roller."""
+    alarmed_s = acted_s = math.inf
+    largest = 0.0
     v_n = loop.detector.status.number('v_n_mps')
     recent: list[float] = []
     for number in range(round(PATIENCE_S / STEP_S)):
         trouble = loop.step()
         since_s = (number + 1) * STEP_S
-        if math.isinf(acted_s) and says(loop, trouble, since_s):
+        if trouble:
+            alarmed_s = min(alarmed_s, since_s)
+        says = {
+            'nobody': False,
+            'protect': bool(trouble),
+            'operator': since_s >= alarmed_s + REACTION_S,
+            'criteria': any(loop.indices[n] > MARGIN * loop.highest[n] for n in CRITERIA),
+        }
+        if math.isinf(acted_s) and says[way]:
             acted_s = since_s
             loop.stop()
         motion = loop.roller.motion

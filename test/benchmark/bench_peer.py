@@ -6,7 +6,6 @@ pysindy is the extra `bench`; without it only our rows are printed.
 
 from __future__ import annotations
 
-import sys
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -18,7 +17,7 @@ from runpy import run_path
 
 import numpy as np
 from sindy_peer import sindy
-from tables import asked, markdown, publish
+from tables import asked, mapped, markdown, publish
 
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.identification import IdentificationSettings, identify
@@ -71,7 +70,11 @@ def comparison(count: int, pool: ProcessPoolExecutor) -> str:
     text = []
     truth = numbers(PAPER_NORMAL_FORM)
     for noise, roughness in SETS:
-        trials = list(pool.map(trial, [(s, noise, roughness, peers) for s in range(count)]))
+        label, tasks = (
+            f'{1e6 * noise:.0f} um',
+            [(s, noise, roughness, peers) for s in range(count)],
+        )
+        trials = mapped(pool, label, trial, tasks)
         rows: list[list[object]] = []
         rms: dict[str, np.ndarray] = {}
         for name in trials[0]:
@@ -88,7 +91,6 @@ def comparison(count: int, pool: ProcessPoolExecutor) -> str:
         if peers:
             best = np.nanmin([rms[name] for name in rms if name != 'ours'], axis=0)
             rows.append(['best peer / ours', 'rms', *(best / rms['ours']), ''])
-        print(f'{1e6 * noise:.0f} um: done', file=sys.stderr, flush=True)
         text.append(
             f'Noise {1e6 * noise:.0f} um, roughness line {1e6 * roughness:.0f} um; error in %'
             f' of the true value over {count} realisations:\n\n'
@@ -102,9 +104,8 @@ def main() -> None:
     arguments = asked(__doc__, seeds=(20, 3))
     with ProcessPoolExecutor(arguments.jobs, mp_context=get_context('spawn')) as pool:
         text = comparison(arguments.seeds, pool)
-    print(text)
-    if arguments.publish:
-        publish('bench-peer', 'Identification beside its peer', f'{text}\n\n{HOW}')
+    title = 'Identification beside its peer'
+    publish('bench-peer', title, f'{text}\n\n{HOW}', arguments.publish)
 
 
 HOW = (

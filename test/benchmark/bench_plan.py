@@ -20,9 +20,9 @@ from pathlib import Path
 from runpy import run_path
 
 import numpy as np
-from tables import asked, markdown, publish
+from detection_rigs import BENCHES
+from tables import asked, mapped, markdown, publish
 
-from hunt_ros.dynamics.limit_cycle import limit_cycles
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.dynamics.profile import Motion, Profile, Scene
 from hunt_ros.dynamics.simulation import RollerRig, SimulatedBlock, simulate
@@ -40,9 +40,7 @@ NAMES = ('v_n (m/s)', 'v_c (m/s)', *(f'A_u({v:g}) (um)' for v in AT))
 TIMES = (150.0, 250.0, 370.0)
 FIRST = 'profile:\n- sweep: {low_mps: 6.0, high_mps: 8.8, rate_mps2: 0.1}\n'
 STAIRCASE = 'profile:\n- staircase: {low_mps: 6.0, high_mps: 8.8}\n'
-REACTING = {
-    'see-saw': 'profile: [{seesaw: {duration_s: 240}}]',
-}
+SEESAW = 'profile: [{seesaw: {duration_s: 240}}]'
 #: Length of a stretch that is planned at once, s, and of the blocks in which the rig is run.
 STRETCH_S, BLOCK_S = 80.0, 0.1
 
@@ -139,10 +137,10 @@ def staircase(task: tuple[int, RigParameters]) -> list[np.ndarray]:
     return [*found, numbers(identified(bench.record()))]
 
 
-def reacting(task: tuple[int, RigParameters, str]) -> tuple[float, np.ndarray]:
-    """Run a profile that reacts; how long it took, s, and the numbers at its end."""
-    seed, rig, text = task
-    record = simulate(rig, _MAKERS['rig_settings'](), Profile.from_yaml(text), seed=seed)
+def reacting(task: tuple[int, RigParameters]) -> tuple[float, np.ndarray]:
+    """Run the profile that reacts; how long it took, s, and the numbers at its end."""
+    seed, rig = task
+    record = simulate(rig, _MAKERS['rig_settings'](), Profile.from_yaml(SEESAW), seed=seed)
     return record.duration_s, numbers(identified(record))
 
 
@@ -177,15 +175,6 @@ def planned(task: tuple[int, RigParameters]) -> list[np.ndarray]:
     return found
 
 
-def truth(rig: RigParameters) -> np.ndarray:
-    """Return the true value of each quantity, by harmonic balance of the full model."""
-    branch = limit_cycles(rig)
-    part = ~branch.stable
-    order = np.argsort(branch.speed[part])
-    unstable = np.interp(AT, branch.speed[part][order], branch.amplitude[part][order])
-    return np.array([branch.nonlinear_critical_speed, 8.0, *(1e6 * unstable)])
-
-
 def row(label: str, found: list[np.ndarray], true: np.ndarray) -> list[object]:
     """Rms error / rms of the stated deviation, and how many are within two deviations."""
     rows = np.array(found)
@@ -209,27 +198,23 @@ def main() -> None:
     count = arguments.seeds
     rig = paper_rig()
     tasks = [(seed, rig) for seed in range(count)]
-    ways: dict[str, list[list[np.ndarray]]] = {'planned': [], 'staircase': []}
     with ProcessPoolExecutor(arguments.jobs, mp_context=get_context('spawn')) as pool:
-        for name, work in (('planned', planned), ('staircase', staircase)):
-            for done, one in enumerate(pool.map(work, tasks), 1):
-                ways[name].append(one)
-                print(f'{name}: {done} of {count}', file=sys.stderr, flush=True)
-                print(np.array2string(np.array(one), precision=3), file=sys.stderr, flush=True)
-        reacted = {
-            name: list(pool.map(reacting, [(*task, text) for task in tasks]))
-            for name, text in REACTING.items()
+        ways = {
+            name: mapped(pool, name, work, tasks)
+            for name, work in (('planned', planned), ('staircase', staircase))
         }
-    true = truth(rig)
+        reacted = mapped(pool, 'see-saw', reacting, tasks)
+    bench = BENCHES['paper']
+    unstable = [1e6 * bench.unstable(speed) for speed in AT]
+    true = np.array([bench.branch.nonlinear_critical_speed, bench.v_c, *unstable])
     rows = [
         row(f'{name}, {time:.0f} s', [one[k] for one in ways[name]], true)
         for k, time in enumerate(TIMES)
         for name in ('planned', 'staircase')
     ]
     rows.append(row('staircase, whole', [one[-1] for one in ways['staircase']], true))
-    for name, found in reacted.items():
-        lasted_s = np.mean([seconds for seconds, _ in found])
-        rows.append(row(f'{name}, {lasted_s:.0f} s', [one for _, one in found], true))
+    lasted_s = np.mean([seconds for seconds, _ in reacted])
+    rows.append(row(f'see-saw, {lasted_s:.0f} s', [one for _, one in reacted], true))
     rows.append(['truth', '', *(f'{value:.4g}' for value in true)])
     text = (
         'Full model with roughness 30 um, forcing 8e-6, noise 5 um; rms error / rms of the stated'

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -14,8 +13,8 @@ from runpy import run_path
 
 import numpy as np
 from bench_forecast import other_rig
-from scipy.io import loadmat
-from tables import markdown
+from made import FLUTTER, flutter_runs, up_and_down, without
+from tables import mapped, markdown
 
 from hunt_ros.dynamics.limit_cycle import limit_cycles
 from hunt_ros.dynamics.linear_stability import critical_speed
@@ -25,14 +24,11 @@ from hunt_ros.dynamics.profile import Corners, Hold, Profile
 from hunt_ros.dynamics.simulation import simulate
 from hunt_ros.errors import HuntError
 from hunt_ros.identification import Identification, IdentificationSettings, identify
-from hunt_ros.samples import Record, Series, Uncertain
+from hunt_ros.samples import Record, Uncertain
 
-FLUTTER = Path(__file__).parents[2] / '../shared/data/flutter_rig'
 _MAKERS = run_path(str(Path(__file__).parents[1] / 'identification' / 'conftest.py'))
 #: Where the unstable amplitude is compared, as a share of the hysteresis region above v_n.
 _SHARES = (0.3, 0.6)
-#: How the warnings say what the amplitude alone cannot tell.
-_FLANGE = re.compile(r'flange')
 
 
 @dataclass(frozen=True)
@@ -98,8 +94,7 @@ def steps(rig: RigParameters, seed: int, low: float, high: float, rise: float) -
     size = rig.half_gauge_m / paper_rig().half_gauge_m
     settings = _MAKERS['rig_settings'](3e-5 * size)
     sensor = replace(settings.lateral_sensor, noise=5e-6 * size)
-    up = np.arange(low, high + 0.5 * rise, rise)
-    profile = Profile(tuple(Hold(float(v), 25.0) for v in (*up, *up[-2::-1])))
+    profile = up_and_down(np.arange(low, high + 0.5 * rise, rise), 25.0)
     return simulate(rig, replace(settings, lateral_sensor=sensor), profile, seed=seed)
 
 
@@ -121,21 +116,15 @@ def strongly_subcritical(seed: int, by: float) -> list[Record]:
     starts = np.exp(rng.uniform(math.log(5e-5), math.log(8e-4), 30))
     return [
         _MAKERS['amplitude_record'](
-            lambda t, v=speeds[i % 8]: np.full_like(t, v),
-            30.0, 1000 * seed + i, form=form, start=float(start),
+            speeds[i % 8], 30.0, 1000 * seed + i, form=form, start=float(start)
         )
         for i, start in enumerate(starts)
-    ]  # fmt: skip
+    ]
 
 
 def stronger(by: float) -> NormalForm:
     """Return the paper's form with D4 and D15 `by` times as large."""
     return replace(PAPER_NORMAL_FORM, D4=by * PAPER_NORMAL_FORM.D4, D15=by * PAPER_NORMAL_FORM.D15)
-
-
-def bare(record: Record) -> Record:
-    """Return it without roller angle and yaw."""
-    return Record({name: record[name] for name in ('lateral', 'speed')}, record.source)
 
 
 #: The limit cycle of the full model is 0.6 to 0.7 mm large.
@@ -147,7 +136,7 @@ _STAIRS = (6.0, 8.8, 0.2)
 CASES = (
     Case(
         'staircase at 200 Hz, lateral and speed only',
-        lambda seed: [bare(steps(paper_rig(), seed, *_STAIRS))],
+        lambda seed: [without(steps(paper_rig(), seed, *_STAIRS), 'roller', 'yaw')],
         _PAPER,
     ),
     Case(
@@ -200,7 +189,7 @@ def one(task: tuple[int, int]) -> Found:
     try:
         result = identify(case.records(seed), replace(case.settings, seed=seed))
     except HuntError as refused:
-        return Found(None, None, None, (), False, bool(_FLANGE.search(str(refused))), str(refused))
+        return Found(None, None, None, (), False, 'flange' in str(refused), str(refused))
     low, high = result.branch('unstable', list(truth.unstable) or [truth.v_c])[1:]
     inside = [
         bool(low[k] <= amplitude <= high[k])
@@ -213,7 +202,7 @@ def one(task: tuple[int, int]) -> Found:
         result.criticality,
         tuple(inside),
         result.fit.lack_of_fit,
-        any(_FLANGE.search(line) for line in result.warnings),
+        any('flange' in line for line in result.warnings),
         '' if result.v_n else result.unknown.get('v_n', ''),
     )
 
@@ -232,11 +221,11 @@ def accuracy(numbers: Sequence[Uncertain | None], truth: float | None) -> list[s
     ]
 
 
-def others(count: int, pool: Executor, say: Callable[[str], None]) -> str:
+def others(count: int, pool: Executor) -> str:
     """Return the table of the cases, `count` seeds each."""
     rows = []
     for number, case in enumerate(CASES):
-        found = list(pool.map(one, [(number, seed) for seed in range(count)]))
+        found = mapped(pool, case.name, one, [(number, seed) for seed in range(count)])
         truth = case.truth()
         inside = [held for each in found for held in each.inside]
         kinds = Counter(each.criticality or 'not known' for each in found)
@@ -261,7 +250,6 @@ def others(count: int, pool: Executor, say: Callable[[str], None]) -> str:
                 '; '.join(said),
             ]
         )
-        say(f'{case.name}: {rows[-1]}')
     header = ['', 'v_c', 'given', 'bias, rms', 'holds']
     header += ['v_n', 'given', 'bias, rms', 'holds', 'A_u in its band', 'said']
     return (
@@ -275,16 +263,7 @@ def flutter() -> str:
     """Return what the real recordings of a flutter rig give, each day and all."""
     if not FLUTTER.is_dir():
         return 'The recordings of the flutter rig are not on this machine.'
-    runs = []
-    for path in sorted(FLUTTER.glob('*.mat')):
-        data = loadmat(path)['data']
-        speed = float(re.search(r'_V(\d+)_', path.name).group(1)) / 10.0  # type: ignore[union-attr]
-        stamps = np.arange(data.shape[1], dtype=np.int64) * 4_000_000
-        channels = {
-            'lateral': Series(stamps, 0.47 * data[1]),
-            'speed': Series(stamps[::25], np.full(stamps[::25].size, speed)),
-        }
-        runs.append(Record(channels, path.name, {'day': path.name[:8]}))
+    runs = flutter_runs('*.mat')
     settings = IdentificationSettings(length_scale_m=0.1)
     rows = []
     days = sorted({run.notes['day'] for run in runs})

@@ -11,11 +11,15 @@ import argparse
 import os
 import platform
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
+from typing import TypeVar
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # for what tests share
 PAGE = Path(__file__).parents[2] / 'docs' / 'benchmarks.md'
+_T = TypeVar('_T')
+_R = TypeVar('_R')
 
 
 def asked(doc: str, /, **numbers: tuple[float, float]) -> argparse.Namespace:
@@ -49,6 +53,16 @@ def asked(doc: str, /, **numbers: tuple[float, float]) -> argparse.Namespace:
             setattr(found, name, fast if found.fast else full)
         whole &= getattr(found, name) >= full
     found.publish |= whole and not found.fast
+    return found
+
+
+def mapped(pool: Executor, label: str, work: Callable[[_T], _R], tasks: Sequence[_T]) -> list[_R]:
+    """Do the tasks in other processes; say on standard error how far they are."""
+    found: list[_R] = []
+    for result in pool.map(work, tasks):
+        found.append(result)
+        if len(found) == len(tasks) or not len(found) % max(1, len(tasks) // 10):
+            print(f'{label}: {len(found)} of {len(tasks)}', file=sys.stderr, flush=True)
     return found
 
 

@@ -10,23 +10,11 @@ import numpy as np
 import pytest
 
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds
-from hunt_ros.dynamics.growth_law import (
-    QUINTIC,
-    TERMS,
-    GrowthLaw,
-    GrowthScales,
-    from_normal_form,
-    lawful,
-)
+from hunt_ros.dynamics.growth_law import QUINTIC, TERMS, lawful
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile import Corners, Profile
-from hunt_ros.dynamics.simulation import (
-    DriveModel,
-    Kick,
-    SimulationSettings,
-    simulate,
-)
+from hunt_ros.dynamics.simulation import DriveModel, Kick, SimulationSettings, simulate
 from hunt_ros.identification import Identification
 from hunt_ros.identification.posterior import Posterior
 from hunt_ros.identification.result import FitSummary
@@ -36,7 +24,7 @@ ORIGIN_NS = 1_700_000_000_000_000_000
 
 
 def amplitude_record(
-    speed: Callable[[np.ndarray], np.ndarray],
+    speed: Callable[[np.ndarray], np.ndarray] | float,
     duration_s: float,
     seed: int,
     form: NormalForm = PAPER_NORMAL_FORM,
@@ -51,7 +39,7 @@ def amplitude_record(
     rng = np.random.default_rng(seed)
     n, dt = int(duration_s * rate_hz), 1.0 / rate_hz
     time = np.arange(n) * dt
-    v = np.broadcast_to(speed(time), time.shape).astype(float)
+    v = np.broadcast_to(speed(time) if callable(speed) else speed, time.shape).astype(float)
     z = start * np.exp(1j * rng.uniform(0.0, 2.0 * np.pi))
     pushes = rng.standard_normal((n, 2)) @ np.array([1.0, 1.0j]) * forcing * math.sqrt(dt)
     blows = {round(at * rate_hz): size for at, size in kicks}
@@ -90,7 +78,7 @@ def trajectories(seed: int, noise: float = 2e-5, roughness: float = 0.0) -> list
     speeds = np.linspace(6.2, 9.0, 8)
     return [
         amplitude_record(
-            lambda t, v=speeds[i % 8]: np.full_like(t, v),
+            speeds[i % 8],
             30.0,
             1000 * seed + i,
             start=float(np.exp(rng.uniform(math.log(5e-5), math.log(8e-4)))),
@@ -124,8 +112,7 @@ def sweep(seed: int) -> Record:
 
 def identification_of_the_paper(seed: int = 1) -> Identification:
     """What is known of the paper's form: v_n to 0.03 m/s and v_c to 0.1 m/s, without a fit."""
-    scales = GrowthScales(7.4, 7e-4, 0.0485, 1.0 / 25.91, 2.835)
-    law = GrowthLaw(lawful(from_normal_form(PAPER_NORMAL_FORM, scales)), scales)
+    law, scales = made.LAW, made.SCALES
     rng = np.random.default_rng(seed)
     vague = lawful([0.03, 0.03, 0.1, 0.02, 0.05, 0.02], felt=0.0)
     p = law.p + np.abs(law.p) * vague * rng.standard_normal((400, TERMS))

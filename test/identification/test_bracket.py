@@ -32,7 +32,7 @@ def seen_in(*records):
 
 def held(make, speed, kick, seed, form=PAPER_NORMAL_FORM):
     kicks = [(25.0, kick)] if kick else []
-    return make(lambda t: np.full_like(t, speed), 90.0, seed, form=form, forcing=4e-6, kicks=kicks)
+    return make(speed, 90.0, seed, form=form, forcing=4e-6, kicks=kicks)
 
 
 def kicked_holds(make, seed, form=PAPER_NORMAL_FORM):

@@ -4,17 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made import record_of, rig_settings, stamps_of, up_and_down, without
 from scipy.stats import chi2
 
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile import Hold, Profile
-from hunt_ros.dynamics.simulation import simulate
-from hunt_ros.dynamics.simulation.settings import (
-    DriveModel,
-    Roughness,
-    SensorModel,
-    SimulationSettings,
-)
+from hunt_ros.dynamics.simulation import DriveModel, simulate
 from hunt_ros.errors import ConfigError
 from hunt_ros.identification import IdentificationSettings, identify
 from hunt_ros.identification.record.channels import channels_of
@@ -27,18 +21,9 @@ TRUTH = 1.005 * 8.0
 
 
 def _staircase(seed: int) -> Record:
-    up = np.arange(5.6, 9.01, 0.3).tolist()
-    profile = Profile(tuple(Hold(float(v), 10.0) for v in (*up, *up[-2::-1])))
-    settings = SimulationSettings(
-        sample_rate_hz=200.0,
-        initial_speed=up[0],
-        broadband=1.5e-5,
-        roughness=Roughness((5e-5,)),
-        lateral_sensor=SensorModel(noise=5e-6),
-        yaw_sensor=SensorModel(noise=2e-5),
-        drive=DriveModel(speed_gain=1.005, speed_noise=0.01),
-    )
-    return simulate(paper_rig(), settings, profile, profile.duration_s, seed=seed)
+    drive = DriveModel(speed_gain=1.005, speed_noise=0.01)
+    settings = rig_settings(200.0, 1.5e-5, (5e-5,), drive=drive)
+    return simulate(paper_rig(), settings, up_and_down(np.arange(5.6, 9.01, 0.3), 10.0), seed=seed)
 
 
 @pytest.mark.slow
@@ -46,8 +31,7 @@ def test_staircases_without_the_rollers_angle_tell_as_much_as_with_it() -> None:
     off = []
     for seed in SEEDS:
         record = _staircase(seed)
-        bare = Record({name: series for name, series in record.items() if name != 'roller'})
-        known, found = identify(record).v_c, identify(bare).v_c
+        known, found = identify(record).v_c, identify(without(record, 'roller')).v_c
         # The samples are the same: only the angle of the lines is another.
         assert found.std < 1.3 * known.std, seed
         assert abs(found.value - known.value) < known.std, seed
@@ -76,13 +60,11 @@ def test_the_angle_follows_the_lines(scale: float) -> None:
 def test_the_angle_of_a_record_is_continuous_and_forward(
     sense: float, running: float, pulses: int
 ) -> None:
-    stamps = np.arange(1000) * 10_000_000
     step = 0.17
     angle = np.mod(sense * step * np.arange(1000), 2.0 * np.pi)
     if pulses:
         angle = np.floor(angle * pulses / (2.0 * np.pi)) * 2.0 * np.pi / pulses
-    values = {'lateral': np.zeros(1000), 'speed': np.full(1000, running), 'roller': angle}
-    record = Record({name: Series(stamps, value) for name, value in values.items()})
+    record = record_of(0.01 * np.arange(1000), lateral=0.0, speed=running, roller=angle)
     got = channels_of(with_angle(record, IdentificationSettings())).roller
     # A coarse encoder tells its angle to within a sample.
     off = got - got[0] - step * np.arange(1000)
@@ -97,14 +79,9 @@ def test_an_encoder_that_wraps_between_two_readings_is_unwrapped_by_the_speed(
     time = np.arange(0.0, 120.0, 0.01)
     speed = 6.0 + 0.02 * time
     angle = np.cumsum(speed) * 0.01 / 0.15
-    stamps = np.round(1e9 * time).astype(np.int64)
     every = round(100.0 / rate_hz)
-    channels = {
-        'lateral': Series(stamps, np.zeros(time.size)),
-        'speed': Series(stamps, 1.003 * speed),
-        'roller': Series(stamps[::every], -np.mod(angle[::every], 2.0 * np.pi)),
-    }
-    record = Record(channels)
+    read = Series(stamps_of(time[::every]), -np.mod(angle[::every], 2.0 * np.pi))
+    record = Record({**record_of(time, lateral=0.0, speed=1.003 * speed), 'roller': read})
     got = with_angle(record, IdentificationSettings(roller_diameter_m=diameter_m))['roller']
     off = np.abs(got.values - got.values[0]) - (angle[::every] - angle[0])
     assert np.ptp(off) < 1e-6

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from made import forced_mode
 
 from hunt_ros.dynamics.growth_law import lawful
 from hunt_ros.identification.likelihood.path_likelihood import Path
@@ -22,13 +22,11 @@ RATE_HZ, SECONDS, FREQUENCY_HZ, NOISE, UNIT = 100.0, 500.0, 2.75, 5e-6, 1e-4
 PRIOR = LawPrior(lawful(np.zeros(6)), np.array([20.0, *np.zeros(10)]))
 
 
-def forced_mode(damping: float, rng: np.random.Generator) -> np.ndarray:
-    """Lateral motion of one forced mode, 20 um, exact at the samples, as a sensor gives it."""
-    keep = np.exp((-damping + 2j * np.pi * FREQUENCY_HZ) / RATE_HZ)
-    push = rng.standard_normal((round(SECONDS * RATE_HZ), 2)) @ np.array([1.0, 1.0j])
-    push[1:] *= np.sqrt(1.0 - abs(keep) ** 2)
-    lateral = 2e-5 * lfilter([1.0], [1.0, -keep], push).real
-    return lateral + NOISE * rng.standard_normal(lateral.size)
+def quiet_motion(damping: float, rng: np.random.Generator) -> np.ndarray:
+    """Lateral motion of one forced mode, 20 um, as a sensor gives it."""
+    count = round(SECONDS * RATE_HZ)
+    motion = forced_mode(rng, count, 1.0 / RATE_HZ, damping, 2e-5, FREQUENCY_HZ)
+    return motion.real + NOISE * rng.standard_normal(count)
 
 
 def damping_found(lateral: np.ndarray) -> float:
@@ -65,6 +63,6 @@ def damping_found(lateral: np.ndarray) -> float:
     ],
 )
 def test_the_damping_of_forced_motion_is_found_through_the_window(damping):
-    found = [damping_found(forced_mode(damping, np.random.default_rng(k))) for k in range(8)]
+    found = [damping_found(quiet_motion(damping, np.random.default_rng(k))) for k in range(8)]
     error = np.std(found, ddof=1) / np.sqrt(len(found))
     assert abs(np.mean(found) - damping) < 0.06 * damping + 2.0 * error

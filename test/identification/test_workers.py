@@ -8,11 +8,11 @@ from functools import partial
 
 import numpy as np
 import pytest
+from made import up_and_down
 
 from hunt_ros.bag import read_record, write_record
 from hunt_ros.cli.main import main
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile import Hold, Profile
 from hunt_ros.dynamics.simulation import SimulationSettings, simulate
 from hunt_ros.errors import BagError, IdentificationError
 from hunt_ros.identification import IdentificationSettings, identify
@@ -25,8 +25,7 @@ distributed = pytest.importorskip('distributed', reason='the extra cluster is no
 
 def recording(seed: int) -> Record:
     """A short staircase of the simulated rig."""
-    up = np.arange(6.0, 8.9, 0.4)
-    profile = Profile(tuple(Hold(float(v), 12.0) for v in (*up, *up[-2::-1])))
+    profile = up_and_down(np.arange(6.0, 8.9, 0.4), 12.0)
     settings = SimulationSettings(sample_rate_hz=100.0, broadband=2e-5)
     return simulate(paper_rig(), settings, profile, seed=seed)
 

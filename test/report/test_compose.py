@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made import FLUTTER, held, numbers, record_of, rig_settings, up_and_down
+from made import FLUTTER, flutter_runs, held, numbers, rig_settings, up_and_down
 
 from hunt_ros.cli.main import main
 from hunt_ros.dynamics.parameters import paper_rig
@@ -220,15 +220,7 @@ def test_the_command_writes_page_figures_and_json(
 
 @pytest.mark.skipif(not FLUTTER.is_dir(), reason='the flutter-rig recordings are not there')
 def test_a_campaign_on_a_real_rig_claims_no_fold_and_draws_what_was_measured() -> None:
-    from scipy.io import loadmat
-
-    records = []
-    for path in sorted(FLUTTER.glob('17092018_CBC_V???_*HB.mat')):
-        data = loadmat(path)['data']
-        speed, t = float(path.name.split('_V')[1][:3]) / 10.0, np.arange(data.shape[1]) / 250.0
-        heave = 0.47 * data[1]
-        records.append(record_of(t, path.stem, yaw=data[0], lateral=heave, speed=speed))
-    report = Report(identify(records))
+    report = Report(identify(flutter_runs('17092018_CBC_V???_*HB.mat')))
     page = report.html(report.drawings())
     # The quintic form does not fit this rig: no fold may be claimed.
     assert report.identification.v_n is None

@@ -16,6 +16,12 @@ LAW = made.LAW.p
 QUIET = np.array([0.0, 0.0, -30.0, -12.0, -20.0])
 
 
+def steady_path(phasor: np.ndarray, step: float, u: float = 0.0, **more) -> Path:
+    """Path at one speed, without a restart."""
+    n = phasor.size
+    return Path(np.arange(n) * step, np.full(n, u), phasor, np.arange(n) == 0, **more)
+
+
 def path_of(speed: float, start: float, step: float = 0.5, count: int = 60) -> Path:
     """Exact path of Eq. (24) by fine steps."""
     amplitude, fine, values = start, 400, []
@@ -26,15 +32,8 @@ def path_of(speed: float, start: float, step: float = 0.5, count: int = 60) -> P
             half = amplitude * np.exp(0.5 * step / fine * rate)
             rate = float(PAPER_NORMAL_FORM.growth_rate(speed, half))
             amplitude *= np.exp(step / fine * rate)
-    n = len(values)
-    restart = np.zeros(n, dtype=bool)
-    restart[0] = True
-    return Path(
-        time=np.arange(n) * step,
-        u=np.full(n, speed / SCALES.speed - 1.0),
-        phasor=np.array(values) / SCALES.amplitude * np.exp(0.7j),
-        restart=restart,
-    )
+    phasor = np.array(values) / SCALES.amplitude * np.exp(0.7j)
+    return steady_path(phasor, step, speed / SCALES.speed - 1.0)
 
 
 @pytest.mark.parametrize(('speed', 'start'), [(7.2, 2e-4), (7.2, 3e-4), (8.6, 8e-4), (6.2, 5e-4)])
@@ -69,16 +68,9 @@ def test_a_restart_frees_the_amplitude():
 def test_innovations_are_white_and_of_unit_variance_under_the_true_law():
     rng = np.random.default_rng(3)
     n, step, noise, forcing, damping = 20_000, 0.5, 2e-3, 5e-3, 0.4
-    z = np.zeros(n, dtype=complex)
-    push = rng.standard_normal((n, 2)) @ np.array([1.0, 1.0j])
-    keep = np.exp(-damping * step)
-    size = forcing * np.sqrt((1.0 - keep**2) / (2.0 * damping))
-    for k in range(1, n):
-        z[k] = keep * z[k - 1] + size * push[k]
+    z = made.forced_mode(rng, n, step, damping, forcing / np.sqrt(2.0 * damping))
     seen = z + noise * (rng.standard_normal((n, 2)) @ np.array([1.0, 1.0j]))
-    restart = np.zeros(n, dtype=bool)
-    restart[0] = True
-    path = Path(np.arange(n) * step, np.zeros(n), seen, restart)
+    path = steady_path(seen, step)
     logs = [2 * np.log(forcing), 2 * np.log(noise), -40.0]
     theta = np.array([*lawful([-damping, 0, 0, 0, 0, 0]), 0, 0, *logs])
     out = innovations(theta, path)[10:, :2]
@@ -101,15 +93,9 @@ def test_a_line_beside_hunting_acts_in_the_likelihood_as_in_the_law(more, felt):
         rate = float(law.growth_rate(speed, amplitude[k - 1], line))
         half = amplitude[k - 1] * np.exp(0.5 * step * rate)
         amplitude[k] = amplitude[k - 1] * np.exp(step * float(law.growth_rate(speed, half, line)))
-    restart = np.zeros(n, dtype=bool)
-    restart[0] = True
-    path = Path(
-        np.arange(n) * step,
-        np.full(n, speed / SCALES.speed - 1.0),
-        amplitude / SCALES.amplitude + 0j,
-        restart,
-        line=np.full(n, line / SCALES.amplitude**2),
-    )
+    beside = np.full(n, line / SCALES.amplitude**2)
+    phasor = amplitude / SCALES.amplitude + 0j
+    path = steady_path(phasor, step, speed / SCALES.speed - 1.0, line=beside)
     out = innovations(np.concatenate([p, QUIET]), path)
     assert np.abs(out[:, 0]).max() < 0.02
     without = innovations(np.concatenate([p, QUIET]), replace(path, line=None))

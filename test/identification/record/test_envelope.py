@@ -3,7 +3,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hunt_ros.errors import IdentificationError
 from hunt_ros.estimation.record_lines import RecordLines
 from hunt_ros.identification.record.channels import channels_of
 from hunt_ros.identification.record.envelope import envelope_of
@@ -81,18 +80,3 @@ def test_noise_of_the_phasor_is_what_the_window_leaves():
     channels = channels_of(record(time, hunting(time) + 2e-5 * rng.standard_normal(time.size)))
     envelope = envelope_of(channels, np.full(time.size, 2.8))
     assert np.std(envelope.amplitude) == pytest.approx(np.median(envelope.noise), rel=0.15)
-
-
-@pytest.mark.parametrize('missing', ['lateral', 'speed'])
-def test_a_missing_channel_is_named(missing):
-    time = np.arange(0, 40, 0.005)
-    whole = record(time, hunting(time))
-    part = Record({name: whole[name] for name in whole if name != missing}, 'part')
-    with pytest.raises(IdentificationError, match=f"part: no channel '{missing}'"):
-        channels_of(part)
-
-
-def test_a_channel_without_a_finite_sample_is_named():
-    time = np.arange(0, 40, 0.005)
-    with pytest.raises(IdentificationError, match='no finite sample among 8000'):
-        channels_of(record(time, np.full(time.size, np.nan)))

@@ -94,7 +94,7 @@ def test_a_small_kick_into_the_noise_next_to_the_critical_speed_is_found():
 
 
 def test_a_hole_in_the_samples_is_a_gap_that_is_not_used(make):
-    record = make(lambda t: np.full_like(t, 8.6), 60.0, 0, start=7e-4)
+    record = make(8.6, 60.0, 0, start=7e-4)
     record['lateral'].values[2000:2500] = np.nan
     gaps = [s for s in analysed(record)[0] if s.kind == 'gap']
     assert len(gaps) == 1
