@@ -22,7 +22,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-from conftest import write_messages, write_rosbags
+from conftest import make_record, write_messages, write_rosbags
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from hunt_ros.bag import Bag, read_record
@@ -32,7 +32,7 @@ from hunt_ros.bag.mcap.records import records
 from hunt_ros.bag.messages import read_raw, read_texts
 from hunt_ros.bag.repair import repair
 from hunt_ros.errors import BagError
-from hunt_ros.samples import Record, Series
+from hunt_ros.samples import Record
 
 #: Memory that a case may take beyond what the program holds, and its time.
 MEMORY_BYTES = 3 << 30
@@ -47,21 +47,10 @@ class TooSlowError(Exception):
     """A case took longer than it may."""
 
 
-def make_record() -> Record:
-    rng = np.random.default_rng(1)
-    stamps = 1_700_000_000_000_000_000 + np.arange(60) * 1_000_000
-    return Record(
-        {
-            'lateral': Series(stamps, rng.normal(size=60)),
-            'speed': Series(stamps[::10], np.full(6, 7.0)),
-        }
-    )
-
-
 def originals(folder: Path) -> dict[str, Path]:
     """Small recordings of every kind."""
-    record = make_record()
-    found = {}
+    whole = make_record(0.06)
+    record, found = Record({name: whole[name] for name in ('lateral', 'speed')}), {}
     for compression in ('', 'lz4', 'zstd'):
         name = f'mcap_{compression or "none"}'
         path = write_messages(folder / name, record, compression=compression, chunk_bytes=2500)

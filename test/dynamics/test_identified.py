@@ -108,13 +108,11 @@ def test_a_bad_number_is_named_with_the_file(name: str, value: object) -> None:
     ('covariance', 'complaint'),
     [
         ([1.0] * 20, '21 numbers'),
-        ([[1.0] * 6] * 6, '21 numbers'),
         ([-1.0] + [0.0] * 20, 'negative variance'),
         ([math.nan] * 21, 'finite'),
         ([math.inf] + [0.0] * 20, 'finite'),
         (['wide'] * 21, '21 numbers'),
         ('wide', '21 numbers'),
-        ({'D1': 1.0}, '21 numbers'),
         ([[1.0], [1.0, 2.0]], '21 numbers'),
     ],
 )

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
+from html.parser import HTMLParser
 from typing import Any
 
 import numpy as np
@@ -78,6 +80,75 @@ def identification_of(form: NormalForm = PAPER_NORMAL_FORM, **more: Any) -> Iden
     )
     found = replace(found, **more)
     return replace(found, unknown=unknown_of(found.to_json(), {}) | dict(more.get('unknown', {})))
+
+
+VOID = {'meta', 'br', 'img', 'link', 'input', 'hr'}
+
+
+class Outline(HTMLParser):
+    """
+    Checks that every element is closed, and collects what a browser would fetch or run.
+
+    `values` are those of the `data` elements.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(convert_charrefs=True)
+        self.open: list[str] = []
+        self.addresses: list[str] = []
+        self.handlers: list[str] = []
+        self.identifiers: list[str] = []
+        self.scripts: list[str | None] = []
+        self.values: set[float] = set()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        for name, value in attrs:
+            if name in ('src', 'href', 'xlink:href', 'data', 'action', 'poster', 'srcset'):
+                self.addresses.append(value or '')
+            if name.startswith('on'):
+                self.handlers.append(name)
+            if name == 'id':
+                self.identifiers.append(value or '')
+        if tag == 'data':
+            self.values.add(float(dict(attrs)['value'] or ''))
+        if tag == 'script':
+            self.scripts.append(dict(attrs).get('type'))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open, f'</{tag}> closes nothing'
+        assert self.open.pop() == tag
+
+
+def assert_self_contained(page: str) -> Outline:
+    """Nothing is loaded from anywhere, nothing runs."""
+    parsed = Outline()
+    parsed.feed(page)
+    parsed.close()
+    assert parsed.open == []
+    assert all(address.startswith('#') for address in parsed.addresses), parsed.addresses
+    assert parsed.handlers == []
+    assert set(parsed.scripts) <= {'application/json'}
+    style = ''.join(re.findall(r'<style>(.*?)</style>', page, re.DOTALL))
+    assert 'url(' not in style
+    assert '@import' not in style
+    assert "default-src 'none'" in page
+    assert len(parsed.identifiers) == len(set(parsed.identifiers))
+    targets = [address[1:] for address in parsed.addresses]
+    assert set(targets) <= set(parsed.identifiers)
+    return parsed
+
+
+@pytest.fixture(scope='session')
+def self_contained() -> Callable[[str], Outline]:
+    """Check that a page loads nothing and runs nothing; return what is in it."""
+    return assert_self_contained
 
 
 @pytest.fixture

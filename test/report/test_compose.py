@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import xml.etree.ElementTree as ElementTree
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
@@ -62,31 +61,14 @@ def page(report: Report, drawn: dict[str, Drawing]) -> str:
     return report.html(drawn)
 
 
-class Elements(HTMLParser):
-    """Collects the values of the `data` elements, the addresses and the tags of a page."""
-
-    def __init__(self, page: str) -> None:
-        super().__init__()
-        self.values: set[float] = set()
-        self.addresses: list[str] = []
-        self.tags: set[str] = set()
-        self.feed(page)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.add(tag)
-        if tag == 'data':
-            self.values.add(float(dict(attrs)['value'] or ''))
-        self.addresses += [v or '' for k, v in attrs if k in ('src', 'href', 'xlink:href')]
-
-
 def test_every_number_of_the_page_is_of_the_identification_or_an_event(
-    report: Report, page: str
+    report: Report, page: str, self_contained
 ) -> None:
     known = set(numbers(report.identification.to_json()))
     known |= {x for events in report.events.values() for event in events
               for x in event.numbers.values()}  # fmt: skip
     known |= set(numbers(report.document['clearances']))
-    values = Elements(page).values
+    values = self_contained(page).values
     assert {report.identification.v_c.value, report.identification.observed.v_c} <= values
     assert values <= known
 
@@ -118,10 +100,7 @@ def test_the_figures_of_the_paper_are_on_the_page(drawn: dict[str, Drawing], pag
     assert page.count('<svg ') == page.count('</svg>') == len(drawn)
 
 
-def test_nothing_is_loaded_from_anywhere(page: str) -> None:
-    elements = Elements(page)
-    assert all(address.startswith('#') for address in elements.addresses)
-    assert not elements.tags & {'link', 'img', 'iframe', 'object', 'embed', 'base'}
+def test_no_address_stands_in_the_page(page: str) -> None:
     assert 'http' not in page.replace('http-equiv', '')
 
 
@@ -194,7 +173,7 @@ def test_a_quiet_run_makes_a_report_that_says_what_cannot_be_known() -> None:
 
 @pytest.mark.slow
 def test_the_command_writes_page_figures_and_json(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], self_contained
 ) -> None:
     from hunt_ros.bag.record_writer import write_record
 
@@ -214,12 +193,14 @@ def test_the_command_writes_page_figures_and_json(
             assert path.read_bytes().startswith(b'\x89PNG')
     page = out.read_text(encoding='utf-8')
     assert '<h1>Run &lt;7&gt;</h1>' in page
-    assert json.loads(result.read_text())['v_c']['value'] in Elements(page).values
+    assert json.loads(result.read_text())['v_c']['value'] in self_contained(page).values
     assert not list(tmp_path.glob('*.part'))
 
 
 @pytest.mark.skipif(not FLUTTER.is_dir(), reason='the flutter-rig recordings are not there')
-def test_a_campaign_on_a_real_rig_claims_no_fold_and_draws_what_was_measured() -> None:
+def test_a_campaign_on_a_real_rig_claims_no_fold_and_draws_what_was_measured(
+    self_contained,
+) -> None:
     report = Report(identify(flutter_runs('17092018_CBC_V???_*HB.mat')))
     page = report.html(report.drawings())
     # The quintic form does not fit this rig: no fold may be claimed.
@@ -229,7 +210,7 @@ def test_a_campaign_on_a_real_rig_claims_no_fold_and_draws_what_was_measured() -
     amplitudes = [state.amplitude for state in report.identification.steady_states]
     assert len(amplitudes) >= 20
     assert 0.02 < min(amplitudes) < max(amplitudes) < 0.15
-    assert set(amplitudes) <= Elements(page).values
+    assert set(amplitudes) <= self_contained(page).values
     assert '<b>Fig. 6</b>' in page
     # There is no roller: nothing may be called its roughness.
     assert all(

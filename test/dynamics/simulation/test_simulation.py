@@ -17,7 +17,6 @@ from hunt_ros.dynamics.simulation import (
     RollerRig,
     Roughness,
     SensorModel,
-    SimulatedBlock,
     SimulationSettings,
     experiment,
     simulate,
@@ -33,19 +32,6 @@ BUSY = SimulationSettings(
     yaw_sensor=SensorModel(2e-5),
     drive=DriveModel(speed_noise=1e-3, speed_gain=1.002),
 )
-FIELDS = (
-    'stamps_ns',
-    'lateral',
-    'yaw',
-    'speed',
-    'roller_angle',
-    'true_lateral',
-    'true_yaw',
-)
-
-
-def numbers(blocks: list[SimulatedBlock]) -> dict[str, np.ndarray]:
-    return {name: np.concatenate([getattr(b, name) for b in blocks]) for name in FIELDS}
 
 
 def test_a_record_is_the_stream_with_its_kicks_and_profile(
@@ -56,15 +42,14 @@ def test_a_record_is_the_stream_with_its_kicks_and_profile(
     record = simulate(paper_rig(), BUSY, profile, kicks=[Kick(1.0011, lateral_m=2e-4)], seed=7)
     stream = RollerRig(paper_rig(), replace(BUSY, initial_speed=6.5), 7)
     count = 1001
-    parts = [stream.advance(501, np.interp(np.arange(501) / 500, *profile.corners()))]
+    targets = np.interp(np.arange(count) / 500, *profile.corners())
+    parts = [stream.advance(501, targets[:501])]
     stream.kick(2e-4)
-    parts.append(
-        stream.advance(count - 501, np.interp(np.arange(501, count) / 500, *profile.corners()))
-    )
-    whole = numbers(parts)
-    np.testing.assert_array_equal(record['lateral'].values, whole['lateral'])
-    np.testing.assert_array_equal(record['lateral'].stamps_ns, whole['stamps_ns'])
-    np.testing.assert_array_equal(record['roller'].values, whole['roller_angle'][::5])
+    parts.append(stream.advance(count - 501, targets[501:]))
+    whole = experiment.record_of(parts, BUSY, '')
+    for name, series in record.items():
+        np.testing.assert_array_equal(series.values, whole[name].values)
+        np.testing.assert_array_equal(series.stamps_ns, whole[name].stamps_ns)
     assert record['speed'].rate_hz == pytest.approx(100)
     assert record.duration_s == pytest.approx(2.0, rel=1e-4)
 
@@ -122,17 +107,6 @@ def test_the_roughness_line_has_the_amplitude_asked_for_from_the_first_sample(
         assert np.hypot(*fit) == pytest.approx(wanted, rel=0.02)
         rest = block.true_lateral[part] - design @ fit
         assert np.abs(rest).max() < 0.03 * wanted  # nothing rings: the start is settled
-
-
-def test_a_cold_start_would_jump_where_the_settled_one_stays() -> None:
-    rough = Roughness((140e-6,), reference_speed=7.2)
-    fast = SimulationSettings(initial_speed=7.2, roughness=rough)
-    settled = RollerRig(paper_rig(), fast)
-    assert np.abs(settled.advance(30_000).true_lateral).max() < 0.2e-3
-    cold = RollerRig(paper_rig(), fast)
-    y, v, p, w = cold.motion
-    cold.kick(-y, -p, -v, -w)  # at rest on rollers that are rough already
-    assert np.abs(cold.advance(30_000).true_lateral).max() > 0.5e-3
 
 
 def test_roughness_lines_follow_the_roller_and_the_wheel() -> None:

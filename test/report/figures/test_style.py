@@ -85,13 +85,6 @@ def test_drawing_leaves_the_settings_of_the_process_alone() -> None:
     assert dict(matplotlib.rcParams) == before
 
 
-def test_figures_are_written_as_svg_and_png(tmp_path: Path) -> None:
-    written = style.save_figures({'fig06': drawing()}, tmp_path / 'new' / 'folder')
-    assert [path.name for path in written] == ['fig06.svg', 'fig06.png']
-    assert ElementTree.parse(written[0]).getroot().tag.endswith('svg')
-    assert written[1].read_bytes().startswith(b'\x89PNG')
-
-
 def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / 'file').write_text('in the way')
     with pytest.raises(HuntError, match='file'):
